@@ -14,9 +14,9 @@ from provenance import write_page
 
 from equipoise import Precise, RobotModel, load_robot, nominal_stance
 from equipoise.conventions import FloatArray
+from equipoise.estimator.problem import prior_rows
 from equipoise.precise.plan import Plan, make_plan
 from equipoise.precise.planning.candidates import Candidates
-from equipoise.precise.posterior import prior_rows
 from equipoise.result.findings import Link
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics

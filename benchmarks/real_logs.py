@@ -24,14 +24,14 @@ from provenance import write_page
 
 from equipoise import Precise, RobotModel, load_robot
 from equipoise.errors import EquipoiseError
+from equipoise.estimator.measurements.evidence import RunEvidence
+from equipoise.estimator.posterior_evidence import PosteriorEvidence
+from equipoise.estimator.problem import MapProblem
+from equipoise.estimator.solve import solve
 from equipoise.logs.log import Log
 from equipoise.logs.offline import LogEstimate, estimate_log
 from equipoise.logs.reader import read_log
 from equipoise.logs.tables.columns import Columns
-from equipoise.precise.gauss_newton import solve
-from equipoise.precise.measurements.evidence import RunEvidence
-from equipoise.precise.posterior import MapProblem
-from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.result.held_out import FOUND, MODEL
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import components

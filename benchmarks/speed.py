@@ -53,8 +53,8 @@ PARTS = {  # of a calibration, by files of which one is at work: the first that 
     "planning lifts": ("/precise/planning/", "/precise/plan.py", "/precise/predict.py"),
     "looking for collisions": ("/equipoise/clearance/",),
     "estimating, half-way and at the end": (
-        "/precise/posterior", "/precise/gauss_newton.py", "/precise/blocks/", "/precise/measurements/",
-        "/precise/checks.py", "/precise/findings/", "/precise/reading.py", "/precise/screening.py",
+        "/precise/posterior", "/precise/gauss_newton.py", "/estimator/blocks/", "/estimator/measurements/",
+        "/precise/checks.py", "/estimator/diagnostics/", "/precise/reading.py", "/precise/screening.py",
     ),
     "sensing, gains, samples": ("/equipoise/simulation/",),
     "paths of motions: inverse kinematics, torques": ("/equipoise/experiments/", "/precise/trials.py"),

@@ -38,7 +38,7 @@ from equipoise import (
 )  # fmt: skip
 from equipoise.calibration.weighing import weigh
 from equipoise.errors import EquipoiseError, ModelWarning
-from equipoise.precise.known.known_run import KnownRun
+from equipoise.estimator.known.known_run import KnownRun
 from equipoise.result.body import inertia_from_dict, inertia_to_dict
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 

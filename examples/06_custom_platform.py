@@ -2,7 +2,8 @@
 
     python examples/06_custom_platform.py
 
-This one counts the commands to a simulated robot; yours talks to a robot."""
+This one counts the commands to a simulated robot; yours talks to a robot.
+"""
 
 from equipoise import calibrate, load_robot, simulate
 from equipoise.lab.static.method import Static

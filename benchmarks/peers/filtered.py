@@ -18,8 +18,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.measurements.lift_samples import attitudes, read_lift
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.lift_samples import attitudes, read_lift
 from equipoise.recording.event import TRIAL
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial

@@ -18,10 +18,10 @@ sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from formulas import with_formulas
 from provenance import RESULTS, Page
 
-from equipoise.precise.blocks.planted import PlantedBlock
-from equipoise.precise.blocks.tilt import TiltBlock
-from equipoise.precise.blocks.torque import TorqueBlock
-from equipoise.precise.unknowns import Priors
+from equipoise.estimator.blocks.planted import PlantedBlock
+from equipoise.estimator.blocks.tilt import TiltBlock
+from equipoise.estimator.blocks.torque import TorqueBlock
+from equipoise.estimator.unknowns import Priors
 from equipoise.simulation.effects import SensorErrors
 
 ROOT = Path(__file__).parents[2]

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from equipoise.drivers.catalog import Driver
     from equipoise.drivers.hardware import RobotConnection
     from equipoise.errors import CommunicationError, EquipoiseError, RecordingError, SettingsError
+    from equipoise.estimator.known.two_runs import ScaleReadings
     from equipoise.experiments.sway import SwaySettings
     from equipoise.exports.formats import Format, export
     from equipoise.exports.subject import Subject
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from equipoise.platform.stepping import play_by_stepping
     from equipoise.platform.tilt_limit import TiltLimit
     from equipoise.precise.method import Precise
-    from equipoise.precise.two_runs import ScaleReadings
     from equipoise.recording.recording import Recording
     from equipoise.result.body import Body
     from equipoise.result.calibration import Calibration
@@ -83,7 +83,7 @@ _HOME = {
     "RobotModel": "robot.model",
     "RobotState": "platform.platform",
     "RunFolder": "calibration.run_folder",
-    "ScaleReadings": "precise.two_runs",
+    "ScaleReadings": "estimator.known.two_runs",
     "SensorErrors": "simulation.effects",
     "SettingsError": "errors",
     "Simulation": "simulation.simulation",

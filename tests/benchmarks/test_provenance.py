@@ -66,7 +66,7 @@ def test_code_and_data_count_and_comments_layout_and_docstrings_do_not(path, con
 
 def test_sources_of_a_real_benchmark_are_its_own():
     found = sources("benchmarks/real_logs.py", tree_of())
-    assert {"benchmarks/real_logs.py", f"{PACKAGE}/precise/posterior.py", f"{PACKAGE}/logs/tables/streams.py"} <= {
+    assert {"benchmarks/real_logs.py", f"{PACKAGE}/estimator/problem.py", f"{PACKAGE}/logs/tables/streams.py"} <= {
         *found
     }
     assert f"{PACKAGE}/robot/models/a1.urdf" in found

@@ -10,9 +10,9 @@ from equipoise import Paper, Precise, RunFolder, ScaleReadings, calibrate, find_
 from equipoise.calibration.delta import _payload
 from equipoise.cli import main
 from equipoise.errors import RecordingError, SettingsError
-from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.two_runs import _TwoProblems
-from equipoise.precise.unknowns import Priors
+from equipoise.estimator.known.two_runs import _TwoProblems
+from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.unknowns import Priors
 from equipoise.recording.trials import LiftTrial
 from equipoise.result.body import Body
 from equipoise.robot.inertial import InertialParameters

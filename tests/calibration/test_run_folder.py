@@ -26,10 +26,10 @@ from equipoise import (
     simulate,
 )
 from equipoise.errors import FallError, OutputError, RecordingError
+from equipoise.estimator.unknowns import Priors
 from equipoise.lab.static.method import Static
 from equipoise.platform.logged import Logged
 from equipoise.precise.plan import Goals
-from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Event, ImuStream, JointStream, Recording
 from equipoise.recording.run_log import RunLog
 

@@ -14,6 +14,7 @@ from tilting import pendulum
 
 from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import MissingDependencyError, ReachError
+from equipoise.estimator.measurements.evidence import read_evidence
 from equipoise.experiments import tipping
 from equipoise.experiments.lift import tipping_from
 from equipoise.experiments.motion import Target
@@ -24,7 +25,6 @@ from equipoise.experiments.tipping import SAFE, Pendulum
 from equipoise.platform.ramp import smooth_step
 from equipoise.precise import lift_design, safe_lift
 from equipoise.precise.lift_design import LiftDesign, check_lift, offset_of
-from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.safe_lift import doubt_after_a_lift, found_doubt, unknown_doubt
 from equipoise.precise.trials import PreciseTrials
 from equipoise.robot.inertial import composite_parameters

@@ -11,11 +11,11 @@ from guarded import simulated
 from equipoise import Calibration, Precise, calibrate, load_robot
 from equipoise.cli import main
 from equipoise.errors import RecordingError, SensorError
+from equipoise.estimator.diagnostics.screening import screen_log
 from equipoise.guard.sample_filter import SampleFilter
 from equipoise.platform.platform import RobotState
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
-from equipoise.precise.screening import screen_log
 from equipoise.recording.recording import Recording
 from equipoise.simulation.simulation import simulate
 

@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from equipoise import Precise, SwaySettings, calibrate, estimate, load_robot, nominal_stance, simulate
 from equipoise.errors import ImuMountingError, MissingDependencyError, RecordingError
+from equipoise.estimator.diagnostics.checks import shift_without
+from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.problem import estimate_posterior
+from equipoise.estimator.unknowns import Priors
 from equipoise.paper.method import estimate_sways
-from equipoise.precise.checks import shift_without
-from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.posterior import estimate_posterior
-from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import PHASE
 from equipoise.recording.trials import DesignedLift
 from equipoise.robot.description import RobotDescription

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 from equipoise import Precise, simulate
 from equipoise.cli import main
 from equipoise.errors import ImuMountingError, LogError, RecordingError
+from equipoise.estimator.measurements.lift_samples import attitudes
+from equipoise.estimator.unknowns import Priors
 from equipoise.experiments.stand import stand_up
 from equipoise.logs.joint_names import map_joints
 from equipoise.logs.log import Log, RawImu, RawJoints, RawLog, assemble
 from equipoise.logs.offline import estimate_log
-from equipoise.precise.measurements.lift_samples import attitudes
-from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial
 from equipoise.robot.inertial import COMPONENTS, components

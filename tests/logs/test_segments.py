@@ -10,6 +10,7 @@ from foreign_logs import as_log, every, shifted, without
 
 from equipoise import nominal_stance, simulate
 from equipoise.errors import ImuMountingError, RecordingError
+from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.logs.motions.foot_paths import FootPaths
 from equipoise.logs.motions.gyroscope import compare_gyroscope
@@ -17,7 +18,6 @@ from equipoise.logs.motions.oscillation import find_oscillation
 from equipoise.logs.motions.rests import find_rests
 from equipoise.logs.motions.segments import find_segments, usable
 from equipoise.logs.motions.track import Integral, Track
-from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.recording.runs import true_runs

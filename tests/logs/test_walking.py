@@ -12,6 +12,11 @@ from scipy.spatial.transform import Rotation
 from equipoise import Precise, load_robot, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import ImuMountingError, LogError, RecordingError, SettingsError
+from equipoise.estimator.diagnostics import contradicted
+from equipoise.estimator.measurements.evidence import RunEvidence
+from equipoise.estimator.measurements.walking import gyro_bias_of_walks, up_between_steps
+from equipoise.estimator.problem import MapProblem
+from equipoise.estimator.solve import solve
 from equipoise.lab.gaits.trot import trot
 from equipoise.logs.joint_names import JointMap
 from equipoise.logs.log import Log
@@ -19,11 +24,6 @@ from equipoise.logs.motions import gyroscope
 from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import find_segments
 from equipoise.logs.offline import estimate_log
-from equipoise.precise.findings import contradicted
-from equipoise.precise.gauss_newton import solve
-from equipoise.precise.measurements.evidence import RunEvidence
-from equipoise.precise.measurements.walking import gyro_bias_of_walks, up_between_steps
-from equipoise.precise.posterior import MapProblem
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.recording.trials import TwoFeet, WalkTrial, read_trial
 from equipoise.report.contents import run_contents

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from equipoise import Precise, calibrate, nominal_stance, simulate
+from equipoise.estimator.blocks.block import LEFT_OUT
+from equipoise.estimator.blocks.planted import PlantedBlock
 from equipoise.method.together import Together, of_the_base
 from equipoise.motors.equations import motor_samples
 from equipoise.motors.fit import fit_motors
 from equipoise.motors.legs import legs_in_swing
 from equipoise.motors.method import Motors
-from equipoise.precise.blocks.block import LEFT_OUT
-from equipoise.precise.blocks.planted import PlantedBlock
 from equipoise.recording.trials import MotorTrial
 from equipoise.robot.links import link_names
 

@@ -7,10 +7,10 @@ import pytest
 
 from equipoise import nominal_stance
 from equipoise.errors import ReachError
+from equipoise.estimator.unknowns import Priors
 from equipoise.precise.plan import make_plan
 from equipoise.precise.planning import nominal as kept
 from equipoise.precise.planning.candidates import Candidates
-from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import composite_parameters
 from equipoise.user_cache import VARIABLE
 

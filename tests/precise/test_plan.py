@@ -13,18 +13,18 @@ from tilting import rolling_feet
 
 from equipoise import Precise, nominal_stance
 from equipoise.errors import ReachError, SettingsError
-from equipoise.precise import posterior
-from equipoise.precise.blocks.table import BLOCKS
-from equipoise.precise.blocks.tilt import TiltBlock
+from equipoise.estimator import problem
+from equipoise.estimator.blocks.table import BLOCKS
+from equipoise.estimator.blocks.tilt import TiltBlock
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.lift_samples import attitudes
+from equipoise.estimator.problem import estimate_posterior
+from equipoise.estimator.unknowns import Priors
 from equipoise.precise.lift_design import LiftDesign
-from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.measurements.lift_samples import attitudes
 from equipoise.precise.plan import Durations, Goals, make_plan, name_components
 from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.planning.gains import Steps
-from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.predict import Predictor
-from equipoise.precise.unknowns import Priors
 from equipoise.recording.trials import DesignedLift, PostureTrial
 from equipoise.robot.inertial import COMPONENTS, components, composite_parameters
 from equipoise.robot.kinematics import foot_positions
@@ -226,7 +226,7 @@ def test_a_plan_says_about_what_a_run_then_finds(a1, precise_run, candidates, mo
         if isinstance(trial, PostureTrial)
     ]
     moves = list(itertools.pairwise([BodyPosture(), *postures]))
-    monkeypatch.setattr(posterior, "BLOCKS", (FittedTiltBlock.of, *BLOCKS[1:]))
+    monkeypatch.setattr(problem, "BLOCKS", (FittedTiltBlock.of, *BLOCKS[1:]))
     evidence = candidates.predictor.evidence(lifts, moves)
     expected = estimate_posterior(
         a1, precise_run.stance, evidence, mass=(a1.mass, precise_run.result.composite.deviations[0]), rounds=0

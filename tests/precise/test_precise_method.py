@@ -10,10 +10,10 @@ from equipoise import Calibration, Precise, calibrate, estimate, simulate
 from equipoise.cli import main
 from equipoise.cli.settings import seconds
 from equipoise.errors import RecordingError, SettingsError
+from equipoise.estimator.unknowns import Priors
 from equipoise.precise import routine as precise_routine
 from equipoise.precise.plan import make_plan
 from equipoise.precise.routine import PreciseRoutine
-from equipoise.precise.unknowns import Priors
 from equipoise.recording.trials import LiftTrial, PostureTrial
 from equipoise.robot.inertial import COMPONENTS
 from equipoise.terminal.calibration import print_calibration

@@ -8,10 +8,10 @@ import pytest
 from equipoise import Calibration, Precise, calibrate, estimate, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import SettingsError
+from equipoise.estimator.unknowns import Priors
 from equipoise.precise.lift_design import LiftDesign, lift_feet, lift_settings
 from equipoise.precise.plan import make_plan
 from equipoise.precise.planning.candidates import Candidates
-from equipoise.precise.unknowns import Priors
 from equipoise.recording.event import TRIAL, Event
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.recording.trials import DesignedLift

@@ -12,22 +12,22 @@ from test_plan import candidates_of
 from equipoise import Precise, RunFolder, calibrate, estimate, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import ReachError, SettingsError
+from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.measurements.heading import angle_turned, facing
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.momenta import model_parameters
+from equipoise.estimator.measurements.planted_moves import PlantedRows
+from equipoise.estimator.measurements.tilt_equation import TiltEquation
+from equipoise.estimator.measurements.traced import Traced
+from equipoise.estimator.unknowns import Priors, by_the_model
 from equipoise.experiments.stand import stand_up
 from equipoise.platform.logged import Logged
 from equipoise.platform.platform import TURNS
 from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.precise import method as precise_method
-from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.measurements.heading import angle_turned, facing
-from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.measurements.momenta import model_parameters
-from equipoise.precise.measurements.planted_moves import PlantedRows
-from equipoise.precise.measurements.tilt_equation import TiltEquation
-from equipoise.precise.measurements.traced import Traced
 from equipoise.precise.plan import make_plan
 from equipoise.precise.trials import PreciseTrials
-from equipoise.precise.unknowns import Priors, by_the_model
 from equipoise.recording.trials import DesignedLift, TurnTrial, read_trial
 from equipoise.robot.inertial import composite_parameters
 from equipoise.simulation.effects import SensorErrors

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.precise.known.both_runs import both_runs
-from equipoise.precise.known.known_run import KnownRun
-from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.parameters import base_vector
-from equipoise.precise.posterior_evidence import PosteriorEvidence
-from equipoise.precise.screening import screen
-from equipoise.precise.two_runs import ScaleReadings, TwoRuns, estimate_two_runs
-from equipoise.precise.unknowns import Priors
+from equipoise.estimator.diagnostics.screening import screen
+from equipoise.estimator.known.both_runs import both_runs
+from equipoise.estimator.known.known_run import KnownRun
+from equipoise.estimator.known.two_runs import ScaleReadings, TwoRuns, estimate_two_runs
+from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.parameters import base_vector
+from equipoise.estimator.posterior_evidence import PosteriorEvidence
+from equipoise.estimator.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.result.body import Body, parameters_to_dict
 from equipoise.result.statistics import NORMAL_95

@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 from equipoise.calibration.delta import Delta, find_delta_since
 from equipoise.errors import NotEstimatedError
-from equipoise.precise.known.known_run import KnownRun
-from equipoise.precise.posterior_evidence import PosteriorEvidence
+from equipoise.estimator.known.known_run import KnownRun
+from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.result.calibration import Calibration
 from equipoise.result.requirements import verdicts
 from equipoise.result.statistics import NORMAL_95

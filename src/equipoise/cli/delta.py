@@ -15,8 +15,8 @@ from equipoise.user_file import write_file
 
 if TYPE_CHECKING:
     from equipoise.calibration.run_folder import RunFolder
+    from equipoise.estimator.known.two_runs import ScaleReadings
     from equipoise.precise.method import Precise
-    from equipoise.precise.two_runs import ScaleReadings
     from equipoise.robot.model import RobotModel
 
 
@@ -99,7 +99,7 @@ def _precise(folder: RunFolder) -> Precise:
 def _scale(
     methods: tuple[Precise, Precise], given: tuple[float | None, float | None], gain: float, noise: float
 ) -> ScaleReadings:
-    from equipoise.precise.two_runs import ScaleReadings
+    from equipoise.estimator.known.two_runs import ScaleReadings
 
     before, after = (mass if mass is not None else method.mass for method, mass in zip(methods, given, strict=True))
     return ScaleReadings((before, after), gain, noise)

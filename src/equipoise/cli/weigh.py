@@ -20,7 +20,7 @@ from equipoise.user_file import write_file
 
 if TYPE_CHECKING:
     from equipoise.calibration.weighing import Weighing
-    from equipoise.precise.known.known_run import KnownRun
+    from equipoise.estimator.known.known_run import KnownRun
 
 _FLAGS = {
     "known": "known",

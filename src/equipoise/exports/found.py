@@ -6,8 +6,8 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from equipoise.precise.unknown import Unknown
-from equipoise.precise.unknowns import Priors
+from equipoise.estimator.unknown import Unknown
+from equipoise.estimator.unknowns import Priors
 from equipoise.result.calibration import Calibration
 from equipoise.result.findings import Part, SensorFinding
 from equipoise.result.quantity import Quantity

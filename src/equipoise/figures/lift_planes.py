@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from equipoise.estimator.posterior_evidence import PosteriorEvidence
+from equipoise.estimator.reading import planes_through_com
 from equipoise.method.reading import LiftPlane
 from equipoise.paper.evidence import SearchEvidence
-from equipoise.precise.posterior_evidence import PosteriorEvidence
-from equipoise.precise.reading import planes_through_com
 from equipoise.result.calibration import Calibration
 
 LiftPlanes = Sequence[LiftPlane]

@@ -13,7 +13,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.precise.measurements.smoothing import fit_spline
+from equipoise.estimator.measurements.smoothing import fit_spline
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import JointStream, Recording
 from equipoise.recording.trials import MotorTrial

@@ -35,6 +35,7 @@ from scipy.sparse import csr_array
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
+from equipoise.estimator.measurements.smoothing import fit_spline
 from equipoise.motors.delay import (
     THOUGHT_DELAY,
     command_at,
@@ -44,7 +45,6 @@ from equipoise.motors.delay import (
     position_loop_delays,
 )
 from equipoise.motors.stribeck import SPEEDS, stribeck_terms
-from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import ImuStream, Recording
 from equipoise.robot.model import RobotModel

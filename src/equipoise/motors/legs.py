@@ -20,11 +20,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.estimator.measurements.leg_swing import LegSwing
+from equipoise.estimator.measurements.torque_balance import columns_of_links
 from equipoise.motors.delay import motor_trial
 from equipoise.motors.equations import MotorSamples
 from equipoise.motors.fit import MotorFit, positive_size, prior_deviations, size
-from equipoise.precise.measurements.leg_swing import LegSwing
-from equipoise.precise.measurements.torque_balance import columns_of_links
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale

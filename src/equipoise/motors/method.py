@@ -12,6 +12,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError, RecordingError, SettingsError
+from equipoise.estimator.measurements.leg_swing import SwingEvidence
 from equipoise.experiments.legs_up import legs_up
 from equipoise.experiments.one_leg_up import legs_in_turn
 from equipoise.experiments.planted import PlantedRobot
@@ -25,7 +26,6 @@ from equipoise.motors.equations import motor_samples
 from equipoise.motors.fit import MotorFit, fit_motors
 from equipoise.motors.legs import legs_in_swing
 from equipoise.motors.nominal import nominal_swing
-from equipoise.precise.measurements.leg_swing import SwingEvidence
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial
 from equipoise.result.body import Body

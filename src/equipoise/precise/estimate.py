@@ -10,22 +10,22 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.precise.budget import budget_of
-from equipoise.precise.checks import HELD_OUT_CHECK, half_difference, judge
-from equipoise.precise.findings.contradicted import assumed_imu_position, estimate_uncontradicted, not_believed
-from equipoise.precise.findings.held_out import held_out, predict_held_out
-from equipoise.precise.findings.link_findings import link_findings
-from equipoise.precise.findings.sensor_findings import sensor_findings
-from equipoise.precise.findings.torque_mass import assumed_mass, compare_estimate
-from equipoise.precise.findings.witness import SwayWitness
-from equipoise.precise.known.changes import Change, check_of_changes, estimate_after
-from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
-from equipoise.precise.posterior import Posterior, body_jacobian, estimate_posterior
-from equipoise.precise.posterior_evidence import PosteriorEvidence
-from equipoise.precise.screening import screen
+from equipoise.estimator.diagnostics.budget import budget_of
+from equipoise.estimator.diagnostics.checks import HELD_OUT_CHECK, half_difference, judge
+from equipoise.estimator.diagnostics.contradicted import assumed_imu_position, estimate_uncontradicted, not_believed
+from equipoise.estimator.diagnostics.held_out import held_out, predict_held_out
+from equipoise.estimator.diagnostics.link_findings import link_findings
+from equipoise.estimator.diagnostics.screening import screen
+from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
+from equipoise.estimator.diagnostics.torque_mass import assumed_mass, compare_estimate
+from equipoise.estimator.diagnostics.witness import SwayWitness
+from equipoise.estimator.known.changes import Change, check_of_changes, estimate_after
+from equipoise.estimator.measurements.evidence import RunEvidence, read_evidence
+from equipoise.estimator.posterior_evidence import PosteriorEvidence
+from equipoise.estimator.problem import Posterior, body_jacobian, estimate_posterior
+from equipoise.estimator.unknowns import Priors
 from equipoise.precise.settings import PreciseSettings
 from equipoise.precise.trial_rows import trial_row
-from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, model_facts

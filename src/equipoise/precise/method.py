@@ -7,22 +7,22 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from equipoise.errors import ReachError
+from equipoise.estimator.diagnostics.torque_mass import compare_at_rest
+from equipoise.estimator.measurements.leg_swing import SwingEvidence
+from equipoise.estimator.measurements.scale_reading import check_mass_of
+from equipoise.estimator.reading import PreciseReading
 from equipoise.experiments.dip import dip
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course
 from equipoise.precise.estimate import estimate_run
-from equipoise.precise.findings.torque_mass import compare_at_rest
-from equipoise.precise.known.short_plan import forecast_after
-from equipoise.precise.known.short_routine import ShortRoutine
-from equipoise.precise.measurements.leg_swing import SwingEvidence
-from equipoise.precise.measurements.scale_reading import check_mass_of
 from equipoise.precise.plan import Durations, Plan
-from equipoise.precise.reading import PreciseReading
 from equipoise.precise.rehearse import rehearse
 from equipoise.precise.routine import PreciseRoutine, plan_ahead
 from equipoise.precise.settings import PreciseSettings
+from equipoise.precise.short_plan import forecast_after
+from equipoise.precise.short_routine import ShortRoutine
 from equipoise.recording.recording import Recording
 from equipoise.result.calibration import Calibration, Evidence
 from equipoise.result.mass_comparison import MassComparison

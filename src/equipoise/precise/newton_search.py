@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from equipoise.errors import ReachError
+from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.measurements.support_planes import CentreShift, centre_shift
 from equipoise.precise.lift_design import LiftDesign
-from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.measurements.support_planes import CentreShift, centre_shift
 from equipoise.precise.safe_lift import doubt_after_a_lift
 from equipoise.precise.trials import PreciseTrials
 from equipoise.recording.phases import Phase

@@ -18,11 +18,11 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
-from equipoise.precise.findings.link_findings import link_findings
+from equipoise.estimator.diagnostics.link_findings import link_findings
+from equipoise.estimator.problem import body_jacobian, prior_rows
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.planning.gains import Steps
-from equipoise.precise.posterior import body_jacobian, prior_rows
 from equipoise.result.findings import Link
 from equipoise.robot.inertial import COMPONENTS, components
 from equipoise.robot.model import DIAGONALS

@@ -12,6 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.estimator.measurements.evidence import MotionReading, RunEvidence
+from equipoise.estimator.measurements.lift_samples import KNOT, REACH, LiftSamples, attitudes
+from equipoise.estimator.measurements.planted_moves import PlantedMove, RestReading
+from equipoise.estimator.measurements.smoothing import fit_spline
 from equipoise.experiments.posture import check_posture, feet_in_posture, stance_line
 from equipoise.precise.lift_design import (
     LiftDesign,
@@ -20,10 +24,6 @@ from equipoise.precise.lift_design import (
     lift_settings,
     offset_of,
 )
-from equipoise.precise.measurements.evidence import MotionReading, RunEvidence
-from equipoise.precise.measurements.lift_samples import KNOT, REACH, LiftSamples, attitudes
-from equipoise.precise.measurements.planted_moves import PlantedMove, RestReading
-from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_jacobians, inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel

@@ -8,18 +8,18 @@ from functools import lru_cache
 import numpy as np
 
 from equipoise.errors import EquipoiseError, MotionError, ReachError
+from equipoise.estimator.blocks.leg_swing import LegSwingBlock
+from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.measurements.leg_swing import LegSwing
+from equipoise.estimator.problem import Posterior, estimate_posterior, prior_rows
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
 from equipoise.experiments.turn import check_turn
-from equipoise.precise.blocks.leg_swing import LegSwingBlock
 from equipoise.precise.lift_design import LiftDesign
-from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.measurements.leg_swing import LegSwing
 from equipoise.precise.newton_search import find_com_fast, loaded_robot
 from equipoise.precise.plan import FEW_LIFTS, Durations, Plan, make_plan
 from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.planning.nominal import nominal_candidates
-from equipoise.precise.posterior import Posterior, estimate_posterior, prior_rows
 from equipoise.precise.safe_lift import found_doubt
 from equipoise.precise.settings import PreciseSettings
 from equipoise.precise.sway import sway_all_axes, sway_time

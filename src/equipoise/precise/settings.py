@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from equipoise.errors import SettingsError
-from equipoise.precise.known.known_run import SCALE_GAIN, SCALE_NOISE, KnownRun
-from equipoise.precise.measurements.leg_swing import LegSwing
-from equipoise.precise.measurements.scale_reading import check_mass
+from equipoise.estimator.known.known_run import SCALE_GAIN, SCALE_NOISE, KnownRun
+from equipoise.estimator.measurements.leg_swing import LegSwing
+from equipoise.estimator.measurements.scale_reading import check_mass
+from equipoise.estimator.unknowns import Priors
 from equipoise.precise.plan import Goals
-from equipoise.precise.unknowns import Priors
 from equipoise.robot.stance import Stance
 
 _BUDGET, _BUDGET_AFTER = 120.0, 30.0  # [s] on an A1; where an earlier run is known

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from equipoise.precise.measurements.evidence import MotionReading
+from equipoise.estimator.measurements.evidence import MotionReading
+from equipoise.estimator.problem import Posterior
 from equipoise.precise.planning.candidates import describe
-from equipoise.precise.posterior import Posterior
 from equipoise.recording.trials import (
     CommandedLift,
     DesignedLift,

@@ -6,6 +6,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError, ReachError
+from equipoise.estimator.measurements.heading import angle_turned
 from equipoise.experiments.lift import (
     LiftSettings,
     come_to_rest,
@@ -32,7 +33,6 @@ from equipoise.precise.lift_design import (
     lift_settings,
     offset_of,
 )
-from equipoise.precise.measurements.heading import angle_turned
 from equipoise.precise.safe_lift import safe_stop, unknown_doubt
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording

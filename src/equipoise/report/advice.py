@@ -8,11 +8,11 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError
+from equipoise.estimator.posterior_evidence import PosteriorEvidence
+from equipoise.estimator.problem import Posterior, body_jacobian, total_mass
 from equipoise.precise.method import Precise
 from equipoise.precise.plan import Plan, Visit, make_plan
 from equipoise.precise.planning.candidates import Candidates, describe
-from equipoise.precise.posterior import Posterior, body_jacobian, total_mass
-from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.precise.routine import plan_ahead
 from equipoise.report.blocks import Block, items, table, text
 from equipoise.report.parts import motors_alone

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.precise.posterior import Posterior, body_jacobian
-from equipoise.precise.posterior_evidence import PosteriorEvidence
+from equipoise.estimator.posterior_evidence import PosteriorEvidence
+from equipoise.estimator.problem import Posterior, body_jacobian
 from equipoise.report.blocks import Block, axes, figure, line
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import NORMAL_95

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.figures.lift_planes import LiftPlanes
-from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.report.blocks import SERIES, Block, Cell, axes, figure, line, plain, short, table, text
 from equipoise.result.calibration import Calibration
 from equipoise.result.held_out import FOUND

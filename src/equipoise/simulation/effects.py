@@ -5,7 +5,7 @@ values are drawn, its size in each preset and why, what it grows with on another
 draws, studies, refusals and the documents follow from it. A new effect is a row here, and its name where it acts.
 
 The estimator knows nothing of this table, and reads no number of it: what is believed beforehand is said, with sources of
-its own, in `precise/unknowns.py`.
+its own, in `estimator/unknowns.py`.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import GRAVITY, FloatArray
-from equipoise.precise.measurements.leg_motion import LegChains, cross
+from equipoise.estimator.measurements.leg_motion import LegChains, cross
 from equipoise.robot.kinematics import feet_and_forces
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import FallError
+from equipoise.estimator.unknowns import finding_names
 from equipoise.lab.balance.posture import line_through, stance_legs
 from equipoise.platform.platform import RobotState
-from equipoise.precise.unknowns import finding_names
 from equipoise.result.calibration import Calibration
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import Kinematics

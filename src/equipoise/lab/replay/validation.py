@@ -18,12 +18,12 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import MissingDependencyError, NotEstimatedError, SettingsError
+from equipoise.estimator.blocks.tilt import TiltBlock
+from equipoise.estimator.diagnostics.held_out import LiftPrediction
+from equipoise.estimator.measurements.lift_samples import LiftSamples
+from equipoise.estimator.measurements.tilt_equation import SensedLift, integral
+from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.lab.replay.motion import TwoFootMotion
-from equipoise.precise.blocks.tilt import TiltBlock
-from equipoise.precise.findings.held_out import LiftPrediction
-from equipoise.precise.measurements.lift_samples import LiftSamples
-from equipoise.precise.measurements.tilt_equation import SensedLift, integral
-from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.result.calibration import Calibration
 from equipoise.result.held_out import FOUND, MODEL
 from equipoise.robot.inertial import InertialParameters

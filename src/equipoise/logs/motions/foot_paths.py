@@ -12,10 +12,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.estimator.measurements.leg_motion import LegChains, cross
+from equipoise.estimator.measurements.lift_samples import attitudes
 from equipoise.logs.motions.rests import LoggedRest
 from equipoise.logs.motions.track import Track, at_once
-from equipoise.precise.measurements.leg_motion import LegChains, cross
-from equipoise.precise.measurements.lift_samples import attitudes
 from equipoise.recording.runs import true_runs
 from equipoise.robot.model import LEG_NAMES
 from equipoise.robot.stance import Stance

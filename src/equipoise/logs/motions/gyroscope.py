@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
+from equipoise.estimator.diagnostics.screening import GYROSCOPE_MISTAKES, RIGHT_ANGLE_TURNS, mounted_turned
+from equipoise.estimator.measurements.leg_motion import LegChains, cross, cross_matrix
+from equipoise.estimator.measurements.walking import CONTEXT, gyro_bias_of_walks
 from equipoise.logs.motions.track import STEP, Integral, Track, at_once
 from equipoise.logs.motions.walking import find_steps
-from equipoise.precise.measurements.leg_motion import LegChains, cross, cross_matrix
-from equipoise.precise.measurements.walking import CONTEXT, gyro_bias_of_walks
-from equipoise.precise.screening import GYROSCOPE_MISTAKES, RIGHT_ANGLE_TURNS, mounted_turned
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import TwoFeet

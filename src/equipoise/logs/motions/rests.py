@@ -12,8 +12,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from equipoise.conventions import FloatArray
+from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.logs.motions.track import STEP, Track
-from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.recording.runs import true_runs
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import RobotModel

@@ -17,6 +17,9 @@ from typing import Literal
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.estimator.diagnostics.screening import screen
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.walking import CONTEXT, gyro_bias_of_walks
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.motions.diagonal_stances import SHORTEST_STANCE, diagonal_stances, why_no_lift
 from equipoise.logs.motions.foot_paths import FootPaths
@@ -25,9 +28,6 @@ from equipoise.logs.motions.oscillation import Oscillation, find_oscillation
 from equipoise.logs.motions.rests import LoggedRest, find_rests, why_not_carried
 from equipoise.logs.motions.track import Track
 from equipoise.logs.motions.walking import SHORTEST_ON_THREE, WalkingFeet, crawls, walks
-from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.measurements.walking import CONTEXT, gyro_bias_of_walks
-from equipoise.precise.screening import screen
 from equipoise.recording.event import PHASE, TRIAL, Event
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.phases import Phase

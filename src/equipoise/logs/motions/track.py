@@ -12,7 +12,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from equipoise.conventions import FloatArray
-from equipoise.precise.measurements.smoothing import noise_in_motion
+from equipoise.estimator.measurements.smoothing import noise_in_motion
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 

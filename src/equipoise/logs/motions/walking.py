@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
+from equipoise.estimator.measurements.leg_motion import LegChains, cross
+from equipoise.estimator.measurements.walking import CONTEXT, up_between_steps
 from equipoise.logs.motions.rests import LOWEST
 from equipoise.logs.motions.track import Track, at_once
-from equipoise.precise.measurements.leg_motion import LegChains, cross
-from equipoise.precise.measurements.walking import CONTEXT, up_between_steps
 from equipoise.recording.runs import true_runs
 from equipoise.recording.trials import ThreeFeet, TwoFeet
 from equipoise.robot.model import LEG_NAMES, PAIRS

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.logs.orientation import angle_from_up, quaternions_of
 from equipoise.logs.tables.columns import UNITS
-from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import RobotModel
 from equipoise.robot.statics import PLAUSIBLE_LOAD, carried_mass

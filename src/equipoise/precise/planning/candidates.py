@@ -11,13 +11,13 @@ import numpy as np
 
 from equipoise.conventions import SWINGS, FloatArray
 from equipoise.errors import ReachError
-from equipoise.precise.blocks.planted import PlantedBlock
-from equipoise.precise.blocks.tilt import TiltBlock
+from equipoise.estimator.blocks.planted import PlantedBlock
+from equipoise.estimator.blocks.tilt import TiltBlock
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.parameters import Unknowns
+from equipoise.estimator.unknowns import Priors
 from equipoise.precise.lift_design import AMPLITUDES, LiftChecks, LiftDesign
-from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import Unknowns
 from equipoise.precise.predict import Predictor
-from equipoise.precise.unknowns import Priors
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance

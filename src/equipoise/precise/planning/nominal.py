@@ -19,11 +19,11 @@ import numpy as np
 
 import equipoise
 from equipoise._version import __version__
+from equipoise.estimator.parameters import Unknowns
+from equipoise.estimator.unknowns import Priors
 from equipoise.precise.lift_design import LiftDesign
-from equipoise.precise.parameters import Unknowns
 from equipoise.precise.planning.candidates import Candidates
 from equipoise.precise.predict import Predictor
-from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.posture import BodyPosture

@@ -1,0 +1,201 @@
+"""Lifts and steps: the tilt equation, its noise that of the readings that it multiplies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.estimator.blocks.block import MotionBlock, whitening_of
+from equipoise.estimator.measurements.evidence import RunEvidence
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.lift_samples import LiftSamples
+from equipoise.estimator.measurements.tilt_equation import TiltEquation, integral
+from equipoise.estimator.parameters import INERTIAL, Unknowns
+
+_FREE_CONSTANT = 0.25  # [rad2/s2] variance of a trial's unknown constant: as good as infinite
+# Lifts that say what one says of what noise does not explain: a model's errors are the same in several of them.
+_SHARED = 2.5
+# What sensor noise does not explain of an ideal robot's residual: contacts that give [rad/s], and a bias of the accelerometer
+# that is not the same in all lifts [m/s2].
+_TILT_FLOOR, _BIAS_FLOOR = 3e-4, 2e-3
+# Noise, over what readings explain, up to which what they do not is taken for an angular velocity: lifts of ordinary robots
+# are below, and their inertia is unbiased so. What is beyond are moments, of feet that hardly roll. Over an inertia that grows
+# a moment shrinks: did its noise not, estimates would run away to two or three times the truth.
+_MOST_OF_VELOCITY = 4.0
+
+
+class TiltBlock(MotionBlock):
+    """Rows of the tilt equation of all lifts and steps, whitened."""
+
+    depends_on = (*INERTIAL, *TiltEquation.DEPENDS_ON)
+    shared = _SHARED
+
+    def __init__(self, unknowns: Unknowns, legs: LegChains, lifts: Sequence[tuple[int, LiftSamples]]) -> None:
+        self.lifts = [lift for _, lift in lifts]
+        self.equation = TiltEquation(unknowns.robot, legs, self.lifts)
+        motions = [(index, rows) for (index, _), rows in zip(lifts, self.equation.trials, strict=True)]
+        super().__init__(unknowns, motions)
+        self._sensors = [TiltNoise.of(lift) for lift in self.lifts]
+        self._noise = self._sensors
+        self._unexplained = np.zeros(motions[-1][1].stop)
+
+    @classmethod
+    def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> TiltBlock | None:
+        """All lifts of a run and all steps; None if there is none."""
+        lifts = [(motion.index, lift) for motion in evidence.motions for lift in motion.on_two_feet]
+        return cls(unknowns, legs, lifts) if lifts else None
+
+    def prepare(self, x: FloatArray) -> None:
+        """Noise of each trial: that of its readings, and what they do not explain."""
+        levers = self.equation.levers(self.unknowns.values(x), self.unknowns.inertial(x))
+        self._noise = [
+            sensors.raised(scale, gains)
+            for scale, sensors, gains in zip(self.scale, self._sensors, (levers[1:] / levers[0]).T, strict=True)
+        ]
+
+    def fit(self, x: FloatArray) -> None:
+        """Take the lifts to obey the equation at x: predicted ones are near enough for derivatives, and for no more."""
+        y, levers = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
+        self._unexplained = np.concatenate(
+            [_centred(y[trial]) / inertia for trial, inertia in zip(self.equation.trials, levers[0], strict=True)]
+        )
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        return np.concatenate(
+            [
+                noise.whitening(gains) @ residual
+                for noise, (residual, gains) in zip(self._noise, self._residuals(x), strict=True)
+            ]
+        )
+
+    def _residuals(self, x: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """(n,) residual of each trial [rad/s], and its (1 + 3 + nj,) gains."""
+        y, levers = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
+        inertia, gains = levers[0], levers[1:] / levers[0]
+        return [
+            (_centred(y[trial]) / inertia[index] - self._unexplained[trial], gains[:, index])
+            for index, trial in enumerate(self.equation.trials)
+        ]
+
+    def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        values, inertial = self.unknowns.values(x), self.unknowns.inertial(x)
+        y, levers, by_y, by_levers = self.equation.linearise(values, inertial, self.open)
+        columns, lever_columns = self._by_unknowns(x, by_y), self._by_unknowns(x, by_levers)
+        inertia, gains, by_inertia = levers[0], levers[1:] / levers[0], lever_columns[0]
+        by_gains = (lever_columns[1:] - gains[..., None] * by_inertia) / inertia[:, None]
+        residuals: list[FloatArray] = []
+        jacobians: list[FloatArray] = []
+        for index, (noise, trial) in enumerate(zip(self._noise, self.equation.trials, strict=True)):
+            whitening = noise.whitening(gains[:, index])
+            moved = _centred(y[trial]) / inertia[index]
+            residuals.append(whitening @ (moved - self._unexplained[trial]))
+            derivative = (_centred(columns[trial]) - np.outer(moved, by_inertia[index])) / inertia[index]
+            grown = noise.growth(gains[:, index], by_gains[:, index], whitening.T @ residuals[-1])
+            jacobians.append(whitening @ (derivative - grown))
+        return np.concatenate(residuals), np.concatenate(jacobians)
+
+    def unwhitened(self, x: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Of each lift's residual: (n, len(columns)) derivative [rad/s], and (n, n) covariance of the noise [rad2/s2]."""
+        _, jacobian = self.linearise(x)
+        levers = self.equation.levers(self.unknowns.values(x), self.unknowns.inertial(x))
+        for (_, rows), noise, gains in zip(self.motions, self._noise, (levers[1:] / levers[0]).T, strict=True):
+            derivative = np.linalg.solve(noise.whitening(gains), jacobian[rows])
+            yield np.asarray(derivative, dtype=float), noise.covariance(gains)
+
+    def normalised_residual(self, x: FloatArray) -> FloatArray:
+        return np.array(
+            [
+                np.sqrt(np.sum((sensors.whitening(gains) @ residual) ** 2) / sensors.explains(gains))
+                for sensors, (residual, gains) in zip(self._sensors, self._residuals(x), strict=True)
+            ]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class TiltNoise:
+    """Noise of a lift's residual, from that of its sensors.
+
+    A reading that is off shifts the residual by as much as it is multiplied by, which hangs on the unknowns. So does the
+    noise: with fixed weights a reading's noise would draw what it is multiplied by towards zero, legs that move towards no
+    mass. That the covariance changes with the unknowns undoes this (total least squares; Fuller, Measurement Error Models,
+    chapter 1), without the determinant that a likelihood has: what was read is not drawn from a population.
+
+    Attributes:
+        specific_force: (n, n) covariance of the specific force's integral, along any axis [m2/s2].
+        angular_velocity: (n, n) covariance of any axis of the gyroscope [rad2/s2].
+        joint_velocity: (n, n) covariance of any joint's velocity [rad2/s2].
+        beside: (n, n) covariance of what is not a reading's [rad2/s2].
+    """
+
+    specific_force: FloatArray
+    angular_velocity: FloatArray
+    joint_velocity: FloatArray
+    beside: FloatArray
+
+    @classmethod
+    def of(cls, lift: LiftSamples) -> TiltNoise:
+        """Of a lift as its sensors are at rest."""
+        count = len(lift.joint_position)
+        integrate = integral(count, lift.step)
+        ramp = _BIAS_FLOOR * lift.step * np.arange(count)
+        force = integrate @ lift.acceleration_noise @ integrate.T + np.outer(ramp, ramp)
+        return cls(force, lift.angular_velocity_noise, lift.velocity_noise, _TILT_FLOOR**2 * np.eye(count))
+
+    def raised(self, factor: float, gains: FloatArray) -> TiltNoise:
+        """The noise of residuals that are so many times larger than readings explain.
+
+        Args:
+            gains: as of `covariance`.
+        """
+        covariance, of_velocity = self.covariance(gains), min(factor, _MOST_OF_VELOCITY)
+        moments = (factor**2 - of_velocity**2) * covariance / gains[0] ** 2
+        return replace(
+            self,
+            specific_force=self.specific_force + moments,
+            beside=self.beside + (of_velocity**2 - 1) * covariance,
+        )
+
+    def covariance(self, gains: FloatArray) -> FloatArray:
+        """(n, n) covariance [rad2/s2].
+
+        Args:
+            gains: (1 + 3 + nj,) what the specific force [1/m], each axis of the gyroscope and each joint's velocity are
+                multiplied by.
+        """
+        force, turning, moving = gains[0] ** 2, gains[1:4] @ gains[1:4], gains[4:] @ gains[4:]
+        return (
+            force * self.specific_force + turning * self.angular_velocity + moving * self.joint_velocity + self.beside
+        )
+
+    def explains(self, gains: FloatArray) -> float:
+        """Whitened squares of a residual that readings alone make: smoothed, they have fewer freedoms than samples."""
+        white = self.whitening(gains)
+        read = self.covariance(gains) - self.beside
+        return float(np.einsum("ij,jk,ik->", white, read, white))
+
+    def whitening(self, gains: FloatArray) -> FloatArray:
+        """(n, n) matrix that turns residuals into white ones, but for a constant."""
+        return whitening_of(self.covariance(gains) + _FREE_CONSTANT)
+
+    def growth(self, gains: FloatArray, by_gains: FloatArray, weighted: FloatArray) -> FloatArray:
+        """(n, size) half the covariance's derivative by the unknowns, times a residual.
+
+        Args:
+            gains: as of `covariance`.
+            by_gains: (1 + 3 + nj, size) derivatives of these.
+            weighted: (n,) residual times the covariance's inverse.
+        """
+        parts = (
+            (self.specific_force, slice(0, 1)), (self.angular_velocity, slice(1, 4)), (self.joint_velocity, slice(4, None)),
+        )  # fmt: skip
+        return np.asarray(
+            sum(np.outer(part @ weighted, gains[own] @ by_gains[own]) for part, own in parts), dtype=float
+        )
+
+
+def _centred(rows: FloatArray) -> FloatArray:
+    """(n, ...) rows less their mean."""
+    return np.asarray(rows - rows.mean(axis=0), dtype=float)

@@ -1,0 +1,434 @@
+"""What a result says about itself: questions whose answer can be no."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from statistics import NormalDist
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.estimator.diagnostics.score import ScoreTest, score_tests
+from equipoise.estimator.diagnostics.witness import SwayWitness
+from equipoise.estimator.measurements.evidence import RunEvidence
+from equipoise.estimator.measurements.support_planes import com_by_planes
+from equipoise.estimator.problem import Misfit, Posterior, body_jacobian, prior_rows
+from equipoise.recording.trials import DesignedLift, LiftTrial
+from equipoise.result.findings import Check
+from equipoise.result.held_out import FOUND, MODEL, HeldOut
+from equipoise.result.mass_comparison import MassComparison
+from equipoise.result.shown import called
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.inertial import COMPONENTS, composite_parameters
+from equipoise.robot.model import RobotModel
+
+# Residual over what the sensors' noise explains: fault-free runs have medians of 0.4 to 1.4, and single motions up to 2.
+_LARGE_MISFIT, _LARGE_MEDIAN = 3.0, 2.0
+_OUTLIERS = 0.25  # of all lifts or moves: one of four is too many
+_FEWEST_LIFTS = 4
+# Standard deviations. The largest of ten parameters times some forty motions is 2 to 4 by chance.
+_OUTLYING_SHIFT, _STEADY = 5.0, 5.0
+# Chance that any row that is held is called wrong in a run where none is: 2.9 normal deviates if three are tested, 3.6 if
+# thirty are. Clean development runs came to 1.9 and to 2.5 (perfect sensors: contacts that give).
+_UNLIKELY = 5e-3
+# Chance that predictions as good as their intervals say are called worse: lifts in one posture count as one.
+_UNPREDICTED = 1e-2
+_CAUSES = 3  # what is wrong of one thing pulls at what is alike
+_FEWEST_SIDE = 3  # motions before and after a change: one or two that differ are outliers
+_CHANGE = 0.1  # of what is not known of the base beforehand: what moves on a robot is no new robot
+_SMALL_SHIFT = 0.1  # of a posterior standard deviation: first order is not surer than that, and nobody minds less
+_IMPLAUSIBLE = 4.0  # prior standard deviations: some sixty sensor errors are looked at
+_TOLD = 0.05  # variance that a run took away at least; in units of the prior
+_TORQUE_MISFIT = 1.4  # of the torque balance: 1.0 to 1.1 in fault-free runs
+_LEGS_DIFFER = 4.0
+# [m] on an A1, planar and height: the geometric reading knows no sensor biases; 1.4 and 4 mm rms in fault-free runs.
+_PLANES_AGREE = (7e-3, 25e-3)
+_NOT_THERE = 2.5  # standard deviations that a sway has the IMU elsewhere by
+_IMPOSSIBLE = 3.0  # standard deviations below zero: clean runs come to 1.1, feet with edges and liquids to 3.7
+# What an estimate without a word for it takes for something else.
+_OUTSIDE = "a safety sling, hose or cable carries load"
+_SHAPES = f"feet are wide or worn flat, a load swings or flows, or {_OUTSIDE}"
+HELD_OUT_CHECK = "held out"
+_SAYS_NOTHING = 0.02  # [m] on an A1: a sway about one axis does not tell the place along it
+
+
+def judge(
+    robot: RobotModel,
+    evidence: RunEvidence,
+    posterior: Posterior,
+    predicted: HeldOut | None = None,
+    masses: MassComparison | None = None,
+) -> list[Check]:
+    """All checks, in the order in which a user should read them: causes before what they cause.
+
+    Args:
+        predicted: the lifts, each predicted by an estimate without it; None: they were not predicted.
+        masses: given mass and mass that the joint torques carry; None: there is nothing to compare.
+    """
+    return [
+        _enough(evidence, posterior),
+        _feet_stay(evidence, posterior),
+        _lifts_fit(evidence, posterior.lifts),
+        _torques_carry_the_mass(posterior, masses),
+        _converged(posterior),
+        _held_fits(posterior),
+        _file_is_of_this_robot(posterior),
+        _imu_is_there(evidence, posterior),
+        _halves_agree(posterior),
+        _no_motion_outweighs(evidence, posterior),
+        *([] if predicted is None else [_predicts(predicted)]),
+        _sensors_plausible(posterior),
+        _physically_possible(posterior),
+        _left_and_right_agree(robot, posterior),
+        _planes_agree(robot, evidence, posterior),
+    ]
+
+
+def shift_without(posterior: Posterior, motions: Collection[int]) -> tuple[FloatArray, FloatArray]:
+    """How the whole robot's parameters move if motions are left out, to first order.
+
+    Returns:
+        (10,) shifts in the order of COMPONENTS, and (10,) in standard deviations that such a shift has by chance.
+    """
+    shifts, deviations = _shifts_without(posterior, [motions])
+    return shifts[0], deviations[0]
+
+
+def _shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> tuple[FloatArray, FloatArray]:
+    """(n, 10) `shift_without` each of n groups of motions."""
+    to_body = body_jacobian(posterior.unknowns, posterior.x, posterior.unknowns.robot_body)
+    floor = _SMALL_SHIFT**2 * np.diag(posterior.robot_covariance)
+    shifts: list[FloatArray] = []
+    deviations: list[FloatArray] = []
+    for group in groups:
+        step, covariance = posterior.without(group)
+        shift = to_body @ step
+        variance = np.diag(to_body @ (covariance - posterior.covariance) @ to_body.T)
+        shifts.append(shift)
+        deviations.append(shift / np.sqrt(np.maximum(variance, floor)))
+    return np.array(shifts), np.array(deviations)
+
+
+def half_difference(posterior: Posterior) -> FloatArray:
+    """Return the (size,) unknowns by the first half of the motions less those by the second half, to first order."""
+    motions = sorted(posterior.information)
+    middle = len(motions) // 2
+    first, second = (posterior.without(half)[0] for half in (motions[middle:], motions[:middle]))
+    return first - second
+
+
+def _enough(evidence: RunEvidence, posterior: Posterior) -> Check:
+    steps = sum(misfit.used for misfit in posterior.lifts if evidence.motions[misfit.motion].steps)
+    used = sum(misfit.used for misfit in posterior.lifts)
+    left_out = [motion for motion in evidence.motions if motion.left_out]
+    reasons = sorted({str(motion.left_out) for motion in left_out})
+    told = [f"{used - steps} lifts", *([f"{steps} steps of a walk"] if steps else [])]
+    message = f"{', '.join(told)} and {sum(m.used for m in posterior.moves)} planted moves are used"
+    if left_out:
+        message += f"; {len(left_out)} motions could not be read: {'; '.join(reasons)}"
+    lifts = used - steps
+    tried = lifts + sum(isinstance(motion.trial, LiftTrial) for motion in left_out)
+    return Check("evidence", used >= _FEWEST_LIFTS and lifts >= 0.7 * tried, message)
+
+
+def _lifts_fit(evidence: RunEvidence, lifts: tuple[Misfit, ...]) -> Check:
+    if not lifts:
+        return Check("lifts", False, "there is no lift of two feet: what is found is what joint torques say")
+    message = _misfits(evidence, lifts, "step" if all(evidence.motions[one.motion].steps for one in lifts) else "lift")
+    passed = _fit(lifts)
+    if not passed:
+        message += f". Feet slip, {_OUTSIDE}, a load shifts, samples are missing, or the model or a sensor is wrong"
+    return Check("lifts", passed, message)
+
+
+def _feet_stay(evidence: RunEvidence, posterior: Posterior) -> Check:
+    moves = posterior.moves
+    if not moves:
+        if any(motion.steps for motion in evidence.motions) and not any(motion.lift for motion in evidence.motions):
+            return Check("planted feet", True, "it walks: intervals are as wide as joint zeros are unknown")
+        return Check(
+            "planted feet", False, "there is no move over planted feet: joint zeros cannot be told from the CoM"
+        )
+    message = _misfits(evidence, moves, "move")
+    passed = _fit(moves)
+    if not passed:
+        message += (
+            ". The feet do not keep their places: they slip, the legs are not the model's (lengths, foot frames), a joint's "
+            f"encoder is wrong, or {_OUTSIDE}"
+        )
+    return Check("planted feet", passed, message)
+
+
+def _fit(misfits: tuple[Misfit, ...]) -> bool:
+    residuals = np.array([misfit.normalised_residual for misfit in misfits])
+    return bool(np.mean(residuals > _LARGE_MISFIT) < _OUTLIERS and np.median(residuals) < _LARGE_MEDIAN)
+
+
+def _converged(posterior: Posterior) -> Check:
+    message = "the estimate settled"
+    if not posterior.converged:
+        message = (
+            "the estimate did not converge: something does not fit at all, and intervals and shifts mean nothing. Feet slip, "
+            f"{_OUTSIDE}, or the model file is another robot's"
+        )
+    return Check("convergence", posterior.converged, message)
+
+
+def _misfits(evidence: RunEvidence, misfits: tuple[Misfit, ...], kind: str) -> str:
+    residuals = np.array([misfit.normalised_residual for misfit in misfits])
+    worst = misfits[int(np.argmax(residuals))]
+    trial = evidence.motions[worst.motion].trial
+    words = trial.diagonal if isinstance(trial, LiftTrial) else ""
+    if isinstance(trial, DesignedLift) and trial.meanwhile != "passive":
+        words += f", {trial.meanwhile}"
+    message = (
+        f"{kind}s fit with {np.median(residuals):.1f} times their noise (median); worst: motion {worst.motion}"
+        f"{f' ({words})' if words else ''} with {worst.normalised_residual:.1f}"
+    )
+    out = [str(misfit.motion) for misfit in misfits if not misfit.used]
+    return message + (f"; left out: {', '.join(out)}" if out else "")
+
+
+def _no_motion_outweighs(evidence: RunEvidence, posterior: Posterior) -> Check:
+    motions = sorted(posterior.information)
+    _, sds = _shifts_without(posterior, [[motion] for motion in motions])
+    row, component = np.unravel_index(int(np.argmax(np.abs(sds))), sds.shape)
+    largest, culprit = float(abs(sds[row, component])), motions[int(row)]
+    trial = evidence.motions[culprit].trial
+    kind = "motion" if trial is None else trial.kind
+    message = (
+        f"without {kind} {culprit} {called(COMPONENTS[component])} would move by {largest:.1f} times what chance explains, "
+        "more than without any other motion"
+    )
+    return Check("leave one out", largest < _OUTLYING_SHIFT, message)
+
+
+def _predicts(predicted: HeldOut) -> Check:
+    """Whether what was found predicts lifts that it has not seen as well as its intervals say."""
+    sizes = NORMAL_95 * np.array([lift.intervals[FOUND] for lift in predicted.lifts])
+    size = float(np.sqrt(np.mean(sizes**2)))
+    limit = _rms_by_chance(predicted.folds)
+    passed = size < limit
+    message = (
+        f"{predicted.sentence()}; errors are {size:.1f} times their standard deviation, {limit:.1f} by chance at most"
+    )
+    if passed and predicted.error(FOUND) > predicted.error(MODEL):
+        message += ". The model file predicts them as well: the run is too short to distinguish the robot from its file"
+    if not passed:
+        message += (
+            ". One posture contradicts the others: the legs are not the model's (lengths, hips), something bends or swings, a "
+            f"foot slips, {_OUTSIDE}, or the floor is uneven"
+        )
+    return Check(HELD_OUT_CHECK, passed, message)
+
+
+def _rms_by_chance(count: int) -> float:
+    """Root mean square that so many normal deviates exceed with that chance (Wilson and Hilferty 1931)."""
+    spread = 2 / (9 * count)
+    return (1 - spread + NormalDist().inv_cdf(1 - _UNPREDICTED) * spread**0.5) ** 1.5
+
+
+def _held_fits(posterior: Posterior) -> Check:
+    """Whether something that the estimate takes for the model's is not so."""
+    tests = [test for test in score_tests(posterior) if test.deviate > -np.inf]
+    if not tests:
+        return Check("what is held", True, "nothing that the run could see is held at the model's value")
+    limit = NormalDist().inv_cdf(1 - _UNLIKELY / len(tests))
+    far = [test for test in tests if test.deviate > limit]
+    if not far:
+        message = (
+            f"what is held fits; {tests[0].row.name} least, to {tests[0].deviate:.1f} of {limit:.1f} normal deviates"
+        )
+        return Check("what is held", True, message)
+    return Check("what is held", False, "; or ".join(_cause(posterior, test) for test in far[:_CAUSES]))
+
+
+def _cause(posterior: Posterior, test: ScoreTest) -> str:
+    row, unknowns = test.row, posterior.unknowns
+    index = int(np.argmax(np.abs(test.values)))
+    most = f"{row.label.format(each=unknowns.labels(row)[index])} {test.values[index]:+.2g} {row.unit}".strip()
+    opened = f"{row.opened_by} or " if row.opened_by else ""
+    return (
+        f"{row.cause} ({test.deviate:.1f} normal deviates; {most}). It is held at the model's: make it unknown with "
+        f"{opened}{row.name} = {row.usual:g} in --priors"
+    )
+
+
+def _file_is_of_this_robot(posterior: Posterior) -> Check:
+    """What is wrong of one kind is found. What pulls at several may be something that nobody looks for, as feet that slip."""
+    rows = posterior.unknowns.priors.not_of_this_robot
+    if not rows:
+        return Check("model file", True, "nothing speaks against legs and IMU being where the file has them")
+    message = "; ".join(row.cause for row in rows)
+    if len(rows) > 1:
+        return Check("model file", False, f"{message}: it may be the file of another robot, or feet slip. Look at both")
+    return Check("model file", True, f"{message}: found without it")
+
+
+def _imu_is_there(evidence: RunEvidence, posterior: Posterior) -> Check:
+    """Whether the IMU, by a sway over planted feet, sits where the estimate has it: no inertia goes into that."""
+    name, witness = "place of the IMU", SwayWitness.of(evidence, posterior)
+    if witness is None:
+        return Check(name, True, "there is no sway about all axes, to see where the IMU sits by")
+    passed = witness.deviates < _NOT_THERE
+    told = witness.deviation < _SAYS_NOTHING * posterior.unknowns.stance.scale.length
+
+    def shown(vector: FloatArray) -> str:
+        sizes = zip("xyz", 1000 * vector, told, strict=True)
+        return ", ".join(f"{axis} {size:+.1f}" for axis, size, tells in sizes if tells) or "nothing is told"
+
+    message = (
+        f"by the sway the IMU sits elsewhere than the estimate has it by {shown(witness.apart)} mm (base axes), at most "
+        f"{witness.deviates:.1f} standard deviations"
+    )
+    if not passed:
+        message += (
+            f": it is not where the model file has it, but {shown(witness.place)} mm from there, or legs are as much longer "
+            "or shorter. Moments of inertia hang on it: measure it, and correct the file, or imu_position in the robot's "
+            "description"
+        )
+    return Check(name, passed, message)
+
+
+def _halves_agree(posterior: Posterior) -> Check:
+    """Whether the base is another body after some motion than before it, with the same sensors, legs and joints.
+
+    A score test at every motion: what the later motions pull at the base with, over what they would let it move by.
+    """
+    unknowns, covariance = posterior.unknowns, posterior.covariance
+    base, motions = unknowns["base"], sorted(posterior.information)
+    to_body = body_jacobian(unknowns, posterior.x, unknowns.robot_body)[:, base]
+    prior = prior_rows(unknowns, posterior.x, None)[1][:, base] / _CHANGE
+    floor = _SMALL_SHIFT**2 * np.diag(posterior.robot_covariance)
+    later, pull = np.zeros((10, unknowns.size)), np.zeros(10)
+    largest, component, change, start = 0.0, 0, 0.0, 0
+    for motion in reversed(motions[_FEWEST_SIDE:]):
+        later += posterior.information[motion][base]
+        pull += posterior.gradient[motion][base]
+        if motion > motions[-_FEWEST_SIDE]:
+            continue
+        told = later[:, base] - later @ covariance @ later.T
+        gain = to_body @ np.linalg.inv(told + prior.T @ prior)
+        changes = -gain @ pull
+        sds = np.abs(changes) / np.sqrt(np.maximum(np.diag(gain @ told @ gain.T), floor))
+        index = int(np.argmax(sds))
+        if sds[index] > largest:
+            largest, component, change, start = float(sds[index]), index, float(changes[index]), motion
+    unit = "kg" if component == 0 else "m" if component < 4 else "kg m2"
+    message = (
+        f"from motion {start} on {called(COMPONENTS[component])} seems to be {change:+.4f} {unit} other than before, "
+        f"{largest:.1f} times what chance explains"
+    )
+    passed = largest < _STEADY
+    if not passed:
+        message += f": a payload or something else on the robot moved, its sensors drift, or {_OUTSIDE}"
+    return Check("halves", passed, message)
+
+
+def _sensors_plausible(posterior: Posterior) -> Check:
+    unknowns = posterior.unknowns
+    far = [
+        (abs(float(value)), row.label.format(each=label))
+        for row in unknowns.rows
+        if row.judged
+        for value, label in zip(posterior.x[unknowns[row.name]], unknowns.labels(row), strict=True)
+    ]
+    worst = sorted(far, reverse=True)
+    named = ", ".join(f"{name} ({size:.1f} sd)" for size, name in worst[:3])
+    passed = worst[0][0] < _IMPLAUSIBLE
+    message = f"farthest from what was expected beforehand: {named}"
+    if not passed:
+        message += (
+            f". So large an error is unlikely: that sensor is at fault, the model is not this robot's, or {_OUTSIDE}"
+        )
+    return Check("sensor errors", passed, message)
+
+
+def _physically_possible(posterior: Posterior) -> Check:
+    """Test that compliance, backlash, rolling resistance and friction are not negative beyond their uncertainty."""
+    lowest = sorted(
+        (value / deviation, row.label.format(each=label))
+        for row in posterior.unknowns.rows
+        if row.nonnegative and row.name in posterior.informed
+        for label, value, deviation in posterior.of_row(row)
+    )
+    if not lowest:
+        return Check("physical parameters", True, "no compliance, backlash or friction is estimated")
+    shown = [f"{name} ({size:+.1f} standard deviations)" for size, name in lowest]
+    negative = [words for words, (size, _) in zip(shown, lowest, strict=True) if size < -_IMPOSSIBLE]
+    if not negative:
+        return Check(
+            "physical parameters", True, f"none is negative by {_IMPOSSIBLE:g} standard deviations; lowest: {shown[0]}"
+        )
+    message = f"negative, which is impossible: {', '.join(negative)}. Possible causes: {_SHAPES}"
+    return Check("physical parameters", False, message)
+
+
+def _torques_carry_the_mass(posterior: Posterior, masses: MassComparison | None) -> Check:
+    """The joint torques must balance, with gains that do not all err to one side: that is how a wrong mass looks."""
+    if posterior.torque_misfit is None:
+        return Check("mass", True, "no joint torques to compare a scale with")
+    unknowns = posterior.unknowns
+    gains = unknowns["torque_gain"]
+    if not unknowns.estimates("torque_gain"):
+        balance = (
+            f"joint torques balance to {posterior.torque_misfit:.1f} times their noise; the motors' gains are held"
+        )
+        return Check("mass", posterior.torque_misfit < _TORQUE_MISFIT, balance)
+    # The best estimate of an error that all gains have in common. An estimated gain is drawn to zero as far as the run does
+    # not tell it (most joints of a standing robot carry little), and by chance has the variance that the run took away.
+    mean, before = unknowns.believed("torque_gain")
+    told = float((before - posterior.covariance[gains, gains]).sum())
+    if unknowns.belief is not None:  # what half a minute adds may be less than rounding
+        told = max(told, _TOLD)
+    common = float((posterior.x[gains] - mean).sum())
+    size = abs(common) / float(np.sqrt(told))
+    off = common / told * unknowns.priors.torque_gain
+    compared = "" if masses is None else f"{masses.sentence}; "
+    message = (
+        f"{compared}joint torques would have to be {off:+.1%} off to carry the mass of {posterior.robot_body.mass:.2f} kg "
+        f"({size:.1f} standard deviations), and balance to {posterior.torque_misfit:.1f} times their noise"
+    )
+    agree = masses is None or not masses.disagrees
+    passed = agree and size < _IMPLAUSIBLE and posterior.torque_misfit < _TORQUE_MISFIT
+    if not passed:
+        message += f". The given mass is wrong, the reported torques are not those of the joints in Nm, or {_OUTSIDE}"
+    return Check("mass", passed, message)
+
+
+def _left_and_right_agree(robot: RobotModel, posterior: Posterior) -> Check:
+    """Legs of a mirrored pair are built alike: what is found of their links must agree within its intervals."""
+    unknowns = posterior.unknowns
+    if not unknowns.estimates("leg_mass"):
+        return Check("left and right", True, "the legs' masses are held at the file's")
+    links = len(robot.legs["FL"].joint_ids)
+    block = posterior.covariance[unknowns["leg_mass"], unknowns["leg_mass"]]
+    worst, name = 0.0, ""
+    for left, right in ((0, 1), (2, 3)):
+        for link in range(links):
+            a, b = left * links + link, right * links + link
+            difference = float(posterior.x[unknowns["leg_mass"]][a] - posterior.x[unknowns["leg_mass"]][b])
+            # Two legs may differ by what the prior allows each, less what is not known of the difference.
+            allowed = float(np.sqrt(max(2.0 - (block[a, a] + block[b, b] - 2 * block[a, b]), 0.05)))
+            if abs(difference) / allowed > worst:
+                worst, name = abs(difference) / allowed, ("front" if left == 0 else "rear") + f" link {link + 1}"
+    message = f"left and right legs differ most in the mass of {name or 'no link'}: {worst:.1f} times what is usual"
+    return Check("left and right", worst < _LEGS_DIFFER, message)
+
+
+def _planes_agree(robot: RobotModel, evidence: RunEvidence, posterior: Posterior) -> Check:
+    """The same lifts read another way: where their support planes meet."""
+    stance = posterior.unknowns.stance
+    lifts = [motion.lift for motion in evidence.motions if motion.lift is not None]
+    reading = com_by_planes(robot, composite_parameters(robot, stance.joint_position).com, lifts)
+    if reading is None:
+        return Check("support planes", True, "too few lifts to tell where their support planes meet")
+    off = reading.com - posterior.robot_body.com
+    x, y, z = 1000 * off
+    planar, height = (stance.scale.length * limit for limit in _PLANES_AGREE)
+    passed = np.hypot(*off[:2]) < planar and abs(off[2]) < height
+    message = (
+        f"the support planes of {len(lifts)} lifts, read without sensor biases, meet {x:+.1f} {y:+.1f} {z:+.1f} mm from the "
+        "centre of mass found"
+    )
+    return Check("support planes", bool(passed), message)

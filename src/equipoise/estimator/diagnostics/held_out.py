@@ -1,0 +1,185 @@
+"""Every lift, and every step of a walk, predicted by what other motions say: the check on data that the estimate has not seen.
+
+Motions in one posture are left out together; one by one in short runs, of which a posture is much. Without them, of
+information H_k and gradient g_k, the estimate x of information H becomes, to first order,
+
+    x_k = x + (H - H_k)^-1 g_k.
+
+The tilt equation is then evaluated anew at x_k. Its residual is the angular velocity about the support line that was measured,
+less the one predicted, but for a constant; from the first sample on, integrated, it is an error of the tilt.
+
+The same is done with the body of the model file, or of an earlier run, in place of the one found: sensors and floor are those
+of x_k in all, so that what is compared is the body alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.conventions import FloatArray
+from equipoise.estimator.blocks.tilt import TiltBlock
+from equipoise.estimator.known.known_run import KnownRun, shared_places
+from equipoise.estimator.measurements.evidence import MotionReading, RunEvidence
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.lift_samples import LiftSamples
+from equipoise.estimator.measurements.tilt_equation import integral
+from equipoise.estimator.parameters import INERTIAL, Unknowns
+from equipoise.estimator.problem import Posterior
+from equipoise.recording.trials import DesignedLift, PostureTrial
+from equipoise.result.held_out import EARLIER, FOUND, MODEL, HeldOut, HeldOutLift
+from equipoise.result.statistics import NORMAL_95
+
+_LARGEST = 0.3  # of all lifts, in one posture: without more an estimate is another one, and not to first order
+
+
+@dataclass(frozen=True, eq=False)
+class LiftPrediction:
+    """One lift over time, predicted without the motions in its posture.
+
+    Attributes:
+        motion: index of the recording.
+        fold: index of the motions that were left out together.
+        height: height of the CoM above the support line [m].
+        time: (n,) time since the first sample with two feet up [s].
+        tilt: (n,) rotation about the support line since then, as measured; positive forward [rad].
+        errors: (n,) measured less predicted tilt, by whose body predicts [rad].
+        deviation: (n,) standard deviation of such an error, of the body found [rad].
+        kind: kind of motion, "lift" or "step".
+    """
+
+    motion: int
+    fold: int
+    height: float
+    time: FloatArray
+    tilt: FloatArray
+    errors: Mapping[str, FloatArray]
+    deviation: FloatArray
+    kind: str
+
+    def at_the_end(self) -> HeldOutLift:
+        """What the result keeps of it."""
+        ends = {body: float(error[-1]) for body, error in self.errors.items()}
+        half = NORMAL_95 * float(self.deviation[-1])
+        return HeldOutLift(
+            self.motion, self.fold, float(self.tilt[-1]), {body: self.height * end for body, end in ends.items()},
+            {body: abs(end) / half for body, end in ends.items()}, self.kind,
+        )  # fmt: skip
+
+
+def held_out(predictions: Sequence[LiftPrediction]) -> HeldOut | None:
+    """What the result keeps; None where there is no lift."""
+    return HeldOut(tuple(prediction.at_the_end() for prediction in predictions)) if predictions else None
+
+
+def predict_held_out(
+    evidence: RunEvidence, posterior: Posterior, known: KnownRun | None = None
+) -> tuple[LiftPrediction, ...]:
+    """Every lift that the estimate uses, predicted without the motions in its posture.
+
+    Args:
+        known: the earlier run that the estimate began with.
+    """
+    block = next((block for block in posterior.problem.blocks if isinstance(block, TiltBlock)), None)
+    if block is None:
+        return ()
+    unknowns, x = posterior.unknowns, posterior.x
+    folds = folds_of(evidence.motions, posterior)
+    of_lifts = [next(index for index, fold in enumerate(folds) if motion in fold) for motion, _ in block.motions]
+    without = [posterior.without(fold) for fold in folds]
+    estimates = x + np.array([without[fold][0] for fold in of_lifts])
+    errors = {
+        name: tilt_errors(block, unknowns, at) for name, at in _with_each_body(unknowns, estimates, known).items()
+    }
+    deviations = _deviations(block, x, [without[fold][1] for fold in of_lifts])
+    heights = block.equation.levers(unknowns.values(x), unknowns.inertial(x))[1] / posterior.robot_body.mass
+    legs, walked = LegChains(unknowns.robot), {motion.index for motion in evidence.motions if motion.steps}
+    return tuple(
+        LiftPrediction(
+            motion, of_lifts[index], float(heights[index]), _times(lift), _tilt(unknowns, legs, lift),
+            {name: error[index] for name, error in errors.items()}, deviations[index], "step" if motion in walked else "lift",
+        )
+        for index, (misfit, (motion, _), lift) in enumerate(zip(posterior.lifts, block.motions, block.lifts, strict=True))
+        if misfit.used
+    )  # fmt: skip
+
+
+def folds_of(motions: Sequence[MotionReading], posterior: Posterior) -> list[list[int]]:
+    """Indices of the motions in each posture; of each motion, where a posture has too many or does not say which it is."""
+    told = [motion for motion in motions if motion.index in posterior.information]
+    folds: dict[object, list[MotionReading]] = {}
+    for motion in told:
+        posture = motion.trial.posture if isinstance(motion.trial, DesignedLift | PostureTrial) else None
+        folds.setdefault(motion.index if posture is None else posture, []).append(motion)
+    most = max(sum(len(motion.on_two_feet) for motion in fold) for fold in folds.values())
+    if most > _LARGEST * sum(len(motion.on_two_feet) for motion in told):
+        return [[motion.index] for motion in told]
+    return [[motion.index for motion in fold] for fold in folds.values()]
+
+
+def _with_each_body(unknowns: Unknowns, estimates: FloatArray, known: KnownRun | None) -> dict[str, FloatArray]:
+    """(lifts, size) estimates with the body, legs included, of each that is compared."""
+    bodies = {MODEL: unknowns.start()}
+    if known is not None:
+        bodies[EARLIER] = _earlier(unknowns, known)
+    columns = unknowns.columns(*INERTIAL)
+    return {name: _replaced(estimates, columns, body[columns]) for name, body in bodies.items()} | {FOUND: estimates}
+
+
+def _earlier(unknowns: Unknowns, known: KnownRun) -> FloatArray:
+    """(size,) the model's values, but for what the earlier run found and kept."""
+    x, (mean, _, layout) = unknowns.start(), known.earlier(unknowns)
+    here, there = shared_places(unknowns, layout)
+    x[unknowns["base"]], x[here] = mean[layout["base"]], mean[there]
+    return x
+
+
+def _replaced(rows: FloatArray, columns: NDArray[np.intp], values: FloatArray) -> FloatArray:
+    replaced = rows.copy()
+    replaced[:, columns] = values
+    return replaced
+
+
+def tilt_errors(block: TiltBlock, unknowns: Unknowns, estimates: FloatArray) -> list[FloatArray]:
+    """(n,) measured less foretold tilt of each lift, by an estimate of its own [rad]."""
+    y, inertia = block.equation.evaluate_each(
+        [unknowns.values(x) for x in estimates], [unknowns.inertial(x) for x in estimates]
+    )
+    return [
+        _since_the_start(lift) @ y[rows] / about
+        for lift, rows, about in zip(block.lifts, block.equation.trials, inertia, strict=True)
+    ]
+
+
+def _deviations(block: TiltBlock, x: FloatArray, covariances: Sequence[FloatArray]) -> list[FloatArray]:
+    """(n,) standard deviation of each lift's error, by the lift's noise and by what the others leave open [rad]."""
+    own = np.ix_(block.columns, block.columns)
+    found: list[FloatArray] = []
+    for lift, covariance, (derivative, noise) in zip(block.lifts, covariances, block.unwhitened(x), strict=True):
+        since = _since_the_start(lift)
+        variance = np.diag(since @ (noise + derivative @ covariance[own] @ derivative.T) @ since.T)
+        found.append(np.sqrt(np.maximum(variance, 0.0)))
+    return found
+
+
+def _since_the_start(lift: LiftSamples) -> FloatArray:
+    """(n, n) matrix from angular velocities to what they turn by beyond what the first one does."""
+    since = np.eye(len(lift.joint_position))
+    since[:, 0] -= 1.0
+    return np.asarray(integral(len(since), lift.step) @ since, dtype=float)
+
+
+def _times(lift: LiftSamples) -> FloatArray:
+    return np.asarray(lift.step * np.arange(len(lift.joint_position)), dtype=float)
+
+
+def _tilt(unknowns: Unknowns, legs: LegChains, lift: LiftSamples) -> FloatArray:
+    """(n,) rotation about the line between the standing feet since the first sample, by the gyroscope [rad]."""
+    feet, (left, right) = legs.feet(lift.joint_position), lift.stance_feet
+    line = feet[:, left] - feet[:, right]
+    turning = lift.angular_velocity_in_imu @ np.array(unknowns.robot.imu_in_base.rotation).T
+    rate = np.einsum("ni,ni->n", line, turning) / np.linalg.norm(line, axis=1)
+    return np.asarray(integral(len(rate), lift.step) @ rate, dtype=float)

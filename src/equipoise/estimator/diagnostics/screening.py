@@ -1,0 +1,343 @@
+"""Sensors that cannot be believed at all: noticed before anything is estimated, and named.
+
+Each sensor is held against another that sees the same: encoders against commands, joint velocities against encoders, the
+gyroscope against how the accelerometer turned. Last, whatever a planted robot does, the plane through its feet is the
+floor, as level as floors are: the encoders' idea of the floor's normal must agree with the accelerometer's idea of up, in
+every posture. Where they do not, the usual mistakes are tried one after the other, and the one that makes them agree is
+named.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.spatial.transform import Rotation
+
+from equipoise.conventions import ACCELERATION_AT_REST, AT_REST_IN_UNITS_OF_G, GRAVITY, FloatArray
+from equipoise.errors import ImuMountingError, RecordingError
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.lift_samples import attitudes
+from equipoise.recording.encoder_steps import frozen_travel, smallest_steps
+from equipoise.recording.gaps import split_at_gaps
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
+from equipoise.recording.runs import true_runs
+from equipoise.robot.floor import floor_normals_by_fit
+from equipoise.robot.model import LEG_NAMES, RobotModel
+from equipoise.robot.statics import PLAUSIBLE_LOAD
+
+_BEYOND_LIMIT = 1.0  # [rad]: what no joint's zero and no hard stop explains
+_FROZEN_TIME = 0.15  # [s] of identical samples
+_FROZEN_MOVE = 0.02  # [rad] that was commanded meanwhile; more with coarse encoders
+_VELOCITY_BLOCK = 0.04  # [s]: short against motions, and encoder noise over it is small
+_VELOCITY_MOVE = 1e-3  # [rad] rms per block below which a joint did not move enough to tell
+_VELOCITY_RATIO = (0.6, 1.6)  # of reported velocity over the encoder's; delays and filters take off a tenth
+_NUDGE = 1e-6  # [rad]
+# Angles that are off by more are no sensor's noise: floors, joint zeros and IMUs are off by 5 to 10 mrad, all together.
+_DISAGREEMENT = 0.06  # [rad], rms
+_SUSPICIOUS = 0.025  # [rad], if undoing a usual mistake makes it go away: noise does not go away like that
+_CURED = 0.35  # of the disagreement that is left when a mistake is undone, at most
+_TURNED = np.radians(12)  # more than floors slope
+_RIGHT_ANGLE = np.radians(10)  # IMUs are mounted turned by right angles, and about so far off that
+_FEWEST_RESTS = 4
+
+GYROSCOPE_MISTAKES: tuple[tuple[str, FloatArray], ...] = (
+    ("is it in degrees per second?", np.full(3, np.pi / 180)),
+    ("do all axes have the wrong sign?", -np.ones(3)),
+    *((f"does its {axis} have the wrong sign?", 1 - 2 * np.eye(3)[index]) for index, axis in enumerate("xyz")),
+)
+"""What people do wrong, as a question, and the (3,) factors that undo it."""
+
+
+def _right_angle_turns() -> Iterator[FloatArray]:
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1, -1), repeat=3):
+            matrix = np.eye(3)[list(order)] * np.array(signs)
+            if np.linalg.det(matrix) > 0 and np.trace(matrix) < 3:
+                yield matrix
+
+
+RIGHT_ANGLE_TURNS = tuple(_right_angle_turns())
+"""The 23 (3, 3) rotations by right angles but none: as IMUs are mounted that are mounted turned."""
+
+
+def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
+    """Raise for what no estimate can use.
+
+    Raises:
+        RecordingError: a frozen encoder, degrees instead of radians, g instead of m/s2, a sensor with the wrong sign, legs
+            that are swapped, torques that carry no such robot.
+        ImuMountingError: the IMU is mounted turned.
+    """
+    rests = [recording.phase(Phase.REST) for recording in recordings if recording.has_phase(Phase.REST)]
+    if not rests:
+        return
+    position = np.array([rest.joints.position.mean(axis=0) for rest in rests])
+    acceleration = np.array([rest.imu.acceleration_in_imu.mean(axis=0) for rest in rests])
+    _check_gravity(acceleration)
+    _check_radians(robot, position)
+    for recording in recordings:
+        _check_frozen(recording)
+    _check_velocity(recordings)
+    _check_gyroscope(recordings)
+    if len(rests) >= _FEWEST_RESTS:
+        _check_floor(robot, position, acceleration)
+    torques = [None if rest.joints.torque is None else rest.joints.torque.mean(axis=0) for rest in rests]
+    weighed = np.array([torque is not None for torque in torques])
+    if weighed.any():
+        known = np.array([torque for torque in torques if torque is not None])
+        _check_torques(robot, position[weighed], known, acceleration[weighed])
+
+
+def screen_log(robot: RobotModel, log: Recording) -> None:
+    """Raise for units that cannot be right in a whole log, before anything is looked for in it.
+
+    Raises:
+        RecordingError: degrees instead of radians, g instead of m/s2, a dead gyroscope or encoder, wrong velocities.
+    """
+    _check_gravity(log.imu.acceleration_in_imu)
+    if not np.ptp(log.imu.angular_velocity_in_imu, axis=0).any():
+        raise RecordingError("the gyroscope reads the same throughout the log: it is dead, or was not logged")
+    # Of a log most samples count: one that is far off is a glitch.
+    levels = [np.quantile(position, (0.05, 0.5, 0.95)) for position in log.joints.position.T]
+    _check_radians(robot, np.column_stack(levels))
+    _check_frozen(log)
+    _check_velocity([piece.recording for piece in split_at_gaps(log)])
+
+
+def _check_gravity(acceleration: FloatArray) -> None:
+    size = float(np.median(np.linalg.norm(acceleration, axis=1)))
+    if not ACCELERATION_AT_REST[0] < size < ACCELERATION_AT_REST[1]:
+        in_g = AT_REST_IN_UNITS_OF_G[0] < size < AT_REST_IN_UNITS_OF_G[1]
+        unit = " (is it in units of g?)" if in_g else ""
+        raise RecordingError(f"the accelerometer reads {size:.3g} at rest; it must read about {GRAVITY} m/s2{unit}")
+
+
+def _check_radians(robot: RobotModel, position: FloatArray) -> None:
+    def beyond(position: FloatArray) -> FloatArray:
+        return np.maximum(robot.lower_limit - position, position - robot.upper_limit).max(axis=0)
+
+    worst = int(np.argmax(beyond(position)))
+    if beyond(position)[worst] <= _BEYOND_LIMIT:
+        return
+    hint = ""
+    if np.abs(position).max() > 2 * np.pi:
+        hint = " (are joint positions in degrees?)"
+    elif beyond(-position)[worst] <= 0:
+        hint = " (does it have the wrong sign?)"
+    raise RecordingError(
+        f"joint {robot.joint_names[worst]!r} reads {position[:, worst].mean():.2f}; its limits are "
+        f"{robot.lower_limit[worst]:.2f} to {robot.upper_limit[worst]:.2f} rad{hint}"
+    )
+
+
+def _check_frozen(recording: Recording) -> None:
+    """A joint that reads exactly the same while it is commanded elsewhere."""
+    joints, commands = recording.joints, recording.commands
+    if commands is None or len(joints.time) < 3:
+        return
+    needed = max(2, round(_FROZEN_TIME / float(np.median(np.diff(joints.time)))))
+    travel = frozen_travel(_FROZEN_MOVE, smallest_steps(joints.position))
+    for joint in range(joints.position.shape[1]):
+        same = np.diff(joints.position[:, joint]) == 0
+        for first, last in true_runs(same):
+            if last - first < needed:
+                continue
+            start, end = joints.time[first], joints.time[last]
+            meant = commands.position[(commands.time >= start) & (commands.time <= end), joint]
+            if len(meant) and float(np.ptp(meant)) > travel[joint]:
+                raise RecordingError(
+                    f"the encoder of joint {recording.joint_names[joint]!r} is frozen: it reads "
+                    f"{joints.position[first, joint]:.4f} rad from t = {start:.2f} s to {end:.2f} s while the joint was sent "
+                    f"through {np.ptp(meant):.2f} rad"
+                )
+
+
+def _check_velocity(recordings: Sequence[Recording]) -> None:
+    """Reported velocities, integrated over short blocks, must be what the encoders moved by."""
+    moved: list[FloatArray] = []
+    integrated: list[FloatArray] = []
+    for recording in recordings:
+        joints = recording.joints
+        if joints.velocity is None or len(joints.time) < 3:
+            continue
+        block = max(1, round(_VELOCITY_BLOCK / float(np.median(np.diff(joints.time)))))
+        # A joint at a time: that takes little memory.
+        paths = [cumulative_trapezoid(velocity, joints.time, initial=0)[::block] for velocity in joints.velocity.T]
+        moved.append(np.diff(joints.position[::block], axis=0))
+        integrated.append(np.diff(np.column_stack(paths), axis=0))
+    if not moved:
+        return
+    by_encoder, by_velocity = np.concatenate(moved), np.concatenate(integrated)
+    power = np.mean(by_encoder**2, axis=0)
+    ratio = np.mean(by_encoder * by_velocity, axis=0) / np.maximum(power, _VELOCITY_MOVE**2)
+    wrong = (power > _VELOCITY_MOVE**2) & ~((ratio > _VELOCITY_RATIO[0]) & (ratio < _VELOCITY_RATIO[1]))
+    if wrong.any():
+        worst = int(np.argmax(np.where(wrong, np.abs(ratio - 1), 0.0)))
+        hint = " (is it in degrees per second?)" if 45 < ratio[worst] < 70 else ""
+        hint = " (does one of them have the wrong sign?)" if ratio[worst] < -0.5 else hint
+        raise RecordingError(
+            f"the velocity of joint {recordings[0].joint_names[worst]!r} is {ratio[worst]:.2g} times the rate at which its "
+            f"encoder moves; it must be in rad/s{hint}"
+        )
+
+
+def _check_gyroscope(recordings: Sequence[Recording]) -> None:
+    """From rest to rest, the accelerometer's up must turn as the gyroscope says."""
+    moves = [
+        recording for recording in recordings if recording.has_phase(Phase.BEFORE) and recording.has_phase(Phase.REST)
+    ]
+    if not moves:
+        return
+    rests = [(move.phase(Phase.BEFORE).imu, move.phase(Phase.REST).imu) for move in moves]
+    bias = np.median([after.angular_velocity_in_imu.mean(axis=0) for _, after in rests], axis=0)
+
+    def disagreement(factor: FloatArray) -> float:
+        angles: list[float] = []
+        for move, (before, after) in zip(moves, rests, strict=True):
+            imu = move.between(before.time[0], after.time[0]).imu
+            path = attitudes(imu.time, (imu.angular_velocity_in_imu - bias) * factor)
+            up, then = before.acceleration_in_imu.mean(axis=0), after.acceleration_in_imu.mean(axis=0)
+            cosine = up @ path.as_matrix()[-1] @ then / np.linalg.norm(up) / np.linalg.norm(then)
+            angles.append(float(np.arccos(np.clip(cosine, -1, 1))))
+        return float(np.sqrt(np.mean(np.square(angles))))
+
+    now = disagreement(np.ones(3))
+    if now < _DISAGREEMENT:
+        return
+    left, what = min((disagreement(factor), what) for what, factor in GYROSCOPE_MISTAKES)
+    hint = what if left < _CURED * now else "are their axes the same?"
+    raise RecordingError(
+        f"from rest to rest the gyroscope and the accelerometer disagree by {np.degrees(now):.0f} deg about how the robot "
+        f"turned: the gyroscope must be in rad/s, in the accelerometer's axes ({hint})"
+    )
+
+
+def _check_torques(robot: RobotModel, position: FloatArray, torque: FloatArray, acceleration: FloatArray) -> None:
+    """What the joints say that they carry: raising the base costs its weight, however the legs pull at each other."""
+    legs = LegChains(robot)
+    up = acceleration @ np.array(robot.imu_in_base.rotation).T
+    weight = np.zeros(len(position))
+    columns = [
+        [(legs.feet(position + _NUDGE * np.eye(position.shape[1])[joint])[:, leg] - foot) / _NUDGE for joint in joints]
+        for leg, (joints, foot) in enumerate(zip(legs.joints, np.moveaxis(legs.feet(position), 1, 0), strict=True))
+    ]
+    for joints, column in zip(legs.joints, columns, strict=True):
+        jacobian = np.stack(column, axis=-1)
+        raising = -np.einsum("nji,ni->nj", np.linalg.pinv(jacobian), up)
+        weight += np.einsum("nj,nj->n", torque[:, joints], raising)
+    mass = float(np.median(weight / np.einsum("ni,ni->n", up, up)))
+    if not PLAUSIBLE_LOAD[0] * robot.mass < mass < PLAUSIBLE_LOAD[1] * robot.mass:
+        hint = (
+            "have they the wrong sign?"
+            if mass < -PLAUSIBLE_LOAD[0] * robot.mass
+            else "are they those of the joints, in Nm?"
+        )
+        raise RecordingError(
+            f"at rest the joint torques carry {mass:.3g} kg, and the model weighs {robot.mass:.3g} kg: {hint} Leave torques "
+            "out of the recordings if the robot does not measure them"
+        )
+
+
+def _check_floor(robot: RobotModel, position: FloatArray, acceleration: FloatArray) -> None:
+    legs = LegChains(robot)
+    up = acceleration @ np.array(robot.imu_in_base.rotation).T
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    feet = legs.feet(position)
+    now = _disagreement(feet, up)
+    if now < _SUSPICIOUS:
+        return
+    turn, _ = Rotation.align_vectors(floor_normals_by_fit(feet)[0], up)
+    if _disagreement(feet, turn.apply(up)) < _CURED * now:
+        if now < _DISAGREEMENT:
+            return  # a tilt that the estimate finds and corrects
+        doubt = "" if turn.magnitude() > _TURNED else ", or the floor slopes as much"
+        raise mounted_turned(
+            robot,
+            turn.as_matrix(),
+            f"the accelerometer's up and the feet's floor disagree by {np.degrees(now):.0f} deg",
+            doubt,
+        )
+    left, what = min((_disagreement(legs.feet(cured), up), what) for what, cured in _mistakes(robot, legs, position))
+    if left >= _CURED * now:
+        if now < _DISAGREEMENT:
+            return
+        without = [_disagreement(np.delete(feet, leg, axis=1), up) for leg in range(len(LEG_NAMES))]
+        leg = int(np.argmin(without))
+        which = f" of {LEG_NAMES[leg]}" if without[leg] < _CURED * now else ""
+        what = f"an encoder{which}, or the model of the legs, is wrong"
+    raise RecordingError(
+        f"the accelerometer's up and the floor as the encoders place the feet disagree by {np.degrees(now):.0f} deg: {what}"
+    )
+
+
+def mounted_turned(robot: RobotModel, turn: FloatArray, seen: str, doubt: str = "") -> ImuMountingError:
+    """The error that names an IMU that is turned by (3, 3) from where the model has it.
+
+    Args:
+        seen: what says so.
+        doubt: what else it may be.
+    """
+    roll, pitch, yaw = _mounting(robot, turn)
+    return ImuMountingError(
+        f"{seen}: the IMU is mounted turned, by roll {roll:.0f}, pitch {pitch:.0f}, yaw {yaw:.0f} deg to the base{doubt}; "
+        "give its pose under imu_rpy in a robot description"
+    )
+
+
+def _mounting(robot: RobotModel, turn: FloatArray) -> tuple[float, float, float]:
+    """Roll, pitch and yaw of the IMU in the base [deg], if it is turned by (3, 3) from where the model has it."""
+    nearest = max(RIGHT_ANGLE_TURNS, key=lambda matrix: float(np.trace(matrix.T @ turn)))
+    if np.trace(nearest.T @ turn) > 1 + 2 * np.cos(_RIGHT_ANGLE):
+        turn = nearest
+    matrix = turn @ np.array(robot.imu_in_base.rotation)
+    # SciPy's angles warn at a pitch of 90 deg, where roll may as well be zero.
+    level = float(np.hypot(matrix[0, 0], matrix[1, 0]))
+    pitch = np.arctan2(-matrix[2, 0], level)
+    if level < 1e-6:
+        roll, yaw = 0.0, np.arctan2(-matrix[0, 1], matrix[1, 1])
+    else:
+        roll, yaw = np.arctan2(matrix[2, 1], matrix[2, 2]), np.arctan2(matrix[1, 0], matrix[0, 0])
+    degrees = np.degrees([roll, pitch, yaw]) + 0.0  # no minus zero
+    return float(degrees[0]), float(degrees[1]), float(degrees[2])
+
+
+def _mistakes(robot: RobotModel, legs: LegChains, position: FloatArray) -> list[tuple[str, FloatArray]]:
+    """What people do wrong, and the (n, nj) joint positions if they had not [rad]."""
+    found: list[tuple[str, FloatArray]] = []
+
+    def flip(what: str, joints: Sequence[int]) -> None:
+        flipped = position.copy()
+        flipped[:, joints] *= -1
+        found.append((f"{what} the wrong sign", flipped))
+
+    def swap(what: str, pairs: Sequence[tuple[int, int]]) -> None:
+        swapped = position.copy()
+        for a, b in pairs:
+            swapped[:, legs.joints[a]] = position[:, legs.joints[b]]
+            swapped[:, legs.joints[b]] = position[:, legs.joints[a]]
+        found.append((f"the legs {what} seem to be swapped", swapped))
+
+    for joint, name in enumerate(robot.joint_names):
+        flip(f"joint {name!r} seems to have", [joint])
+    for place in range(legs.joints.shape[1]):
+        for several in ((0, 1), (2, 3), (0, 2), (1, 3), (0, 1, 2, 3)):
+            joints = [int(legs.joints[leg, place]) for leg in several]
+            flip(f"joints {', '.join(robot.joint_names[joint] for joint in joints)} seem to have", joints)
+    for a, b in itertools.combinations(range(4), 2):
+        swap(f"{LEG_NAMES[a]} and {LEG_NAMES[b]}", [(a, b)])
+    swap("of the left and the right side", [(0, 1), (2, 3)])
+    swap("of the front and the rear", [(0, 2), (1, 3)])
+    swap("FL and RR, and FR and RL,", [(0, 3), (1, 2)])
+    return found
+
+
+def _disagreement(feet: FloatArray, up: FloatArray) -> float:
+    """Rms angle between up and the plane of (n, 3 or 4, 3) feet, and by which the feet are off their plane [rad]."""
+    normal, unevenness = floor_normals_by_fit(feet)
+    cosine: FloatArray = np.asarray(np.einsum("ni,ni->n", normal, up), dtype=float)
+    angle = np.arccos(np.clip(cosine, -1, 1))
+    return float(np.sqrt(np.mean(angle**2 + unevenness**2)))

@@ -1,0 +1,261 @@
+"""A lift trial as the precise estimators read it: the time on two feet, smoothed, and the rest before it.
+
+Without contact sensors: the encoders and the gyroscope tell when both lifted feet were off the floor.
+
+All that is read is a mean about its moment, by the same weights. The tilt equation joins gyroscope, accelerometer and
+encoders, and what one of them shows of a fast motion and another does not looks like a momentum: an IMU has a low pass,
+encoders have none, and velocities that are read as well make a spline stiffer. Below some ten hertz all show the same, but
+for a delay. Without the mean, moments of inertia came out 2 to 6 % low in simulation, 0 to 1 % with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from equipoise.conventions import FloatArray
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.smoothing import fit_spline
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
+from equipoise.recording.runs import true_runs
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, PAIRS, RobotModel
+from equipoise.robot.stance import Stance
+
+# What sensors show of fast motions does not hang on how large a robot is: these are the same on all.
+REACH = 0.03  # [s] to either side of a moment, that readings are means over: 19 Hz are halved
+KNOT = 0.015  # [s] between the knots of the splines through readings
+
+# On an A1; lengths and times are multiplied by those of the stance's scale.
+_CLEAR = 2.5e-3  # [m] that lifted feet must be above the floor
+_STEP = 0.010  # [s]
+_SHORTEST = 0.06  # [s]
+_LONGEST_GAP = 0.02  # [s] without a sample
+_FEWEST = 10  # samples
+_PAD = 0.06  # [s] fitted beyond either end of the time on two feet, where a spline is less sure
+
+
+@dataclass(frozen=True, eq=False)
+class LiftSamples:
+    """The time on two feet of one lift, or of one step. Gyroscope readings are less the gyroscope's bias.
+
+    Attributes:
+        pair: name of the feet that the robot stood on, a diagonal in a lift.
+        start: time of the first sample [s].
+        step: time between samples [s].
+        joint_position, joint_velocity, joint_acceleration: (n, nj) joint positions and their derivatives, smoothed [rad],
+            [rad/s], [rad/s2].
+        angular_velocity_in_imu, angular_acceleration_in_imu: (n, 3) angular velocity and acceleration of the IMU,
+            smoothed [rad/s], [rad/s2].
+        acceleration_in_imu: (n, 3) specific force at the IMU, smoothed [m/s2].
+        up_in_imu: (n, 3) direction against gravity, by the accelerometer at rest and the gyroscope since.
+        velocity_noise: (n, n) covariance of any joint's smoothed velocity [rad2/s2].
+        angular_velocity_noise: (n, n) covariance of any axis' smoothed angular velocity [rad2/s2].
+        acceleration_noise: (n, n) covariance of any axis' smoothed specific force [m2/s4].
+        when: time since the middle of the run over the run's duration.
+        heading: angle by which the robot was turned in the room since the run began, to its left [rad].
+    """
+
+    pair: str
+    start: float
+    step: float
+    joint_position: FloatArray
+    joint_velocity: FloatArray
+    joint_acceleration: FloatArray
+    angular_velocity_in_imu: FloatArray
+    angular_acceleration_in_imu: FloatArray
+    acceleration_in_imu: FloatArray
+    up_in_imu: FloatArray
+    velocity_noise: FloatArray
+    angular_velocity_noise: FloatArray
+    acceleration_noise: FloatArray
+    when: float = 0.0
+    heading: float = 0.0
+
+    @property
+    def stance_feet(self) -> tuple[int, int]:
+        """Indices of the left and the right stance foot: the support line's direction runs from right to left.
+
+        Of two feet on one side the front one is taken for the left.
+        """
+        left, right = sorted(PAIRS[self.pair], key=lambda leg: leg[1])
+        return LEG_NAMES.index(left), LEG_NAMES.index(right)
+
+
+def read_lift(
+    robot: RobotModel, legs: LegChains, recording: Recording, diagonal: str, stance: Stance, gyro_bias: FloatArray
+) -> LiftSamples | str:
+    """The time on two feet of a lift trial, or why there is none.
+
+    Args:
+        robot: model of the robot.
+        legs: leg chains of the robot.
+        recording: recording with phases "rest", "unload" and "lower".
+        diagonal: diagonal that the robot stood on.
+        stance: nominal stance of the robot.
+        gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
+    """
+    clock = stance.scale.time
+    rest = recording.phase(Phase.REST)
+    moving = recording.phase(Phase.REST, until=Phase.LOWER)
+    imu, joints = moving.imu, moving.joints
+    rest_acceleration = rest.imu.acceleration_in_imu.mean(axis=0)
+    gyro = imu.angular_velocity_in_imu - gyro_bias
+    path = attitudes(imu.time, gyro)
+    up_in_imu = path.inv().apply(rest_acceleration / np.linalg.norm(rest_acceleration))
+    up = at_times(joints.time, imu.time, up_in_imu @ np.array(robot.imu_in_base.rotation).T)
+    window = _time_on_two_feet(legs, rest, moving, up, diagonal, _CLEAR * stance.scale.length)
+    if window is None:
+        return "the lifted feet did not leave the floor"
+    noise = SensorNoise.of(rest, _white_noise, _LEAST)
+    return on_two_feet(moving, diagonal, window, gyro, up_in_imu, noise, clock, _SHORTEST)
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of what is white in the sensors' readings.
+
+    Attributes:
+        encoder: of joint positions [rad].
+        velocity: of joint velocities; infinite where there are none [rad/s].
+        gyroscope: of an axis [rad/s].
+        accelerometer: of an axis [m/s2].
+    """
+
+    encoder: float
+    velocity: float
+    gyroscope: float
+    accelerometer: float
+
+    @classmethod
+    def of(cls, recording: Recording, spread: Callable[[FloatArray], float], least: SensorNoise) -> SensorNoise:
+        """Of the sensors of a recording, and no less than some.
+
+        Args:
+            spread: standard deviation of what is white in (n, k) samples.
+        """
+        joints, imu = recording.joints, recording.imu
+        return cls(
+            max(spread(joints.position), least.encoder),
+            np.inf if joints.velocity is None else max(spread(joints.velocity), least.velocity),
+            max(spread(imu.angular_velocity_in_imu), least.gyroscope),
+            max(spread(imu.acceleration_in_imu), least.accelerometer),
+        )
+
+
+_LEAST = SensorNoise(2e-5, 2e-3, 2e-4, 5e-3)  # quantised or simulated sensors may show none at rest
+
+
+def on_two_feet(
+    moving: Recording,
+    pair: str,
+    window: tuple[float, float],
+    gyro: FloatArray,
+    up_in_imu: FloatArray,
+    noise: SensorNoise,
+    clock: float,
+    shortest: float,
+) -> LiftSamples | str:
+    """The time on two feet, or why it cannot be read.
+
+    Args:
+        moving: recording of it and of what is around it.
+        pair: name of the two feet.
+        window: first and last time with the other two off the floor [s].
+        gyro: (n, 3) angular velocity at the IMU's samples, less the bias [rad/s].
+        up_in_imu: (n, 3) direction against gravity at these.
+        noise: noise of the sensors.
+        clock: factor on times, of the robot's scale; one on an A1.
+        shortest: time that must be left between the means at both ends, on an A1 [s].
+    """
+    imu, joints = moving.imu, moving.joints
+    low, high = window[0] - _PAD * clock, window[1] + _PAD * clock
+    joint_part = (joints.time >= low) & (joints.time <= high)
+    imu_part = (imu.time >= low) & (imu.time <= high)
+    streams = [joints.time[joint_part], imu.time[imu_part]]
+    if min(map(len, streams)) <= _FEWEST:
+        return "samples are missing"
+    step = _STEP * clock
+    start = max(window[0], *(float(stream[0]) for stream in streams)) + REACH
+    end = min(window[1], *(float(stream[-1]) for stream in streams)) - REACH
+    if end - start < shortest * clock:
+        return f"two feet were up for only {max(0.0, window[1] - window[0]):.2f} s"
+    time: FloatArray = np.asarray(start + step * np.arange(int((end - start) / step + 1e-9) + 1), dtype=float)
+    longest = max(float(np.diff(stream).max()) for stream in streams)
+    if longest > _LONGEST_GAP * clock:
+        return f"samples are missing for {longest * 1000:.0f} ms"
+    position = fit_spline(
+        joints.time[joint_part], joints.position[joint_part], KNOT,
+        None if joints.velocity is None else joints.velocity[joint_part], noise.encoder / noise.velocity,
+        REACH,
+    )  # fmt: skip
+    felt = np.hstack([gyro, imu.acceleration_in_imu])[imu_part]  # read at the same times: one fit
+    of_imu = fit_spline(imu.time[imu_part], felt, KNOT, reach=REACH)
+    angular_velocity, acceleration = np.hsplit(of_imu.at(time), 2)
+    imu_noise = of_imu.noise(time)
+    return LiftSamples(
+        pair,
+        float(start),
+        step,
+        position.at(time),
+        position.at(time, derivative=1),
+        position.at(time, derivative=2),
+        angular_velocity,
+        of_imu.at(time, derivative=1)[:, :3],
+        acceleration,
+        at_times(time, imu.time, up_in_imu),
+        noise.encoder**2 * position.noise(time, derivative=1),
+        noise.gyroscope**2 * imu_noise,
+        noise.accelerometer**2 * imu_noise,
+    )
+
+
+def _white_noise(samples: FloatArray) -> float:
+    """Standard deviation of what changes from sample to sample at rest, the median over columns."""
+    return float(np.median(np.diff(samples, axis=0).std(axis=0)) / np.sqrt(2))
+
+
+def attitudes(time: FloatArray, angular_velocity: FloatArray) -> Rotation:
+    """(n) rotations from a body's axes at each time to its axes at the first, by integrating its angular velocity.
+
+    Args:
+        time: (n,) times [s].
+        angular_velocity: (n, 3) angular velocity of the body, in its own axes [rad/s].
+    """
+    steps = Rotation.from_rotvec(
+        (angular_velocity[1:] + angular_velocity[:-1]) / 2 * np.diff(time)[:, None]
+    ).as_matrix()
+    matrices = np.empty((len(time), 3, 3))
+    matrices[0] = np.eye(3)
+    for now, step, then in zip(matrices, steps, matrices[1:], strict=False):
+        np.dot(now, step, out=then)  # half as long as with "@"
+    return Rotation.from_matrix(matrices)
+
+
+def at_times(time: FloatArray, sampled: FloatArray, vectors: FloatArray) -> FloatArray:
+    """(n, k) vectors, sampled at other times, at n times: linear in between."""
+    return np.column_stack([np.interp(time, sampled, vectors[:, column]) for column in range(vectors.shape[1])])
+
+
+def _time_on_two_feet(
+    legs: LegChains, rest: Recording, moving: Recording, up: FloatArray, diagonal: str, clear: float
+) -> tuple[float, float] | None:
+    """First and last time of the longest run of samples with both lifted feet off the floor.
+
+    Args:
+        up: (n, 3) direction against gravity in the base frame, at each joint sample.
+        clear: height above the floor that counts as off it [m].
+    """
+    time = moving.joints.time
+    before = legs.feet(rest.joints.position.mean(axis=0)[None])[0] @ up[0]
+    heights = np.einsum("nli,ni->nl", legs.feet(moving.joints.position), up) - before
+    standing = np.array([leg in DIAGONALS[diagonal] for leg in LEG_NAMES])
+    up_in_air = heights[:, ~standing].min(axis=1) > heights[:, standing].mean(axis=1) + clear
+    runs = true_runs(up_in_air)
+    if not runs:
+        return None
+    first, last = max(runs, key=lambda run: run[1] - run[0])
+    return float(time[first]), float(time[last - 1])

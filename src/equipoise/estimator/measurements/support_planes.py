@@ -1,0 +1,100 @@
+"""The geometric reading: every lift puts the CoM at a distance from a support plane, and three planes meet in a point.
+
+One lift gives a Newton step of the search. Lifts in tilted postures have planes that lean, so that all of them together give
+the CoM in three dimensions: without sensor biases and with the model's inertia, so to a few millimetres only, but
+independent of the posterior that does better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.lift_samples import LiftSamples
+from equipoise.estimator.measurements.momenta import model_parameters
+from equipoise.estimator.measurements.tilt_equation import TiltEquation
+from equipoise.estimator.unknowns import by_the_model
+from equipoise.robot.model import RobotModel
+
+_FEWEST_PLANES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class CentreShift:
+    """What one lift says of the CoM, with everything else by the model.
+
+    Attributes:
+        normal: (3,) normal of the support plane at rest, in the base frame, pointing forward.
+        distance: distance by which the CoM is farther along the normal than the model has it [m].
+    """
+
+    normal: FloatArray
+    distance: float
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneReading:
+    """The CoM by support planes.
+
+    Attributes:
+        com: (3,) CoM at the nominal stance, in the base frame [m].
+        deviation: (3,) standard deviations, from how well the planes meet [m].
+    """
+
+    com: FloatArray
+    deviation: FloatArray
+
+
+def com_by_planes(robot: RobotModel, com: FloatArray, lifts: Sequence[LiftSamples]) -> PlaneReading | None:
+    """The point nearest to all support planes (least squares); None if there are fewer than six lifts.
+
+    Args:
+        robot: model whose base gives the CoM that is thought to be.
+        com: (3,) CoM of that model at the nominal stance, in the base frame [m].
+        lifts: lifts in postures that lean.
+    """
+    shifts = centre_shifts(robot, lifts)
+    if len(shifts) < _FEWEST_PLANES:
+        return None
+    normals = np.array([shift.normal for shift in shifts])
+    distances = np.array([shift.distance for shift in shifts])
+    solution = np.linalg.lstsq(normals, distances, rcond=None)[0]
+    misses = distances - normals @ solution
+    variance = float(misses @ misses) / max(1, len(misses) - 3)
+    covariance = variance * np.linalg.pinv(normals.T @ normals)
+    return PlaneReading(com + solution, np.sqrt(np.diag(covariance)))
+
+
+def centre_shift(robot: RobotModel, lift: LiftSamples) -> CentreShift:
+    """`centre_shifts` of one lift."""
+    return centre_shifts(robot, [lift])[0]
+
+
+def centre_shifts(robot: RobotModel, lifts: Sequence[LiftSamples]) -> list[CentreShift]:
+    """Solve the tilt equation of each lift for a shift of the CoM along the support plane's normal.
+
+    Args:
+        robot: model whose base gives the CoM that is thought to be.
+        lifts: passive lifts.
+    """
+    if not lifts:
+        return []
+    legs = LegChains(robot)
+    equation = TiltEquation(robot, legs, lifts)
+    rows, _ = equation.rows(by_the_model(robot))
+    inertial, rotation = model_parameters(robot), np.array(robot.imu_in_base.rotation)
+    found: list[CentreShift] = []
+    for lift, trial in zip(lifts, equation.trials, strict=True):
+        left_foot, right_foot = lift.stance_feet
+        feet = legs.feet(lift.joint_position[:1])[0]
+        normal = np.cross(feet[left_foot] - feet[right_foot], rotation @ lift.up_in_imu[0])
+        normal /= np.linalg.norm(normal)
+        own = rows[trial]
+        design = np.column_stack([own[:, 1:4] @ normal * robot.mass, np.ones(len(own))])
+        solution = np.linalg.lstsq(design, -own @ inertial, rcond=None)[0]
+        found.append(CentreShift(normal, float(solution[0])))
+    return found

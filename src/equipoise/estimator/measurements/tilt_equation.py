@@ -1,0 +1,208 @@
+"""The tilt equation: angular momentum about the support line of a robot on two feet, free of torques and forces.
+
+In base axes, with l the support line's direction, o a point on it, P and L_o the robot's linear momentum and angular
+momentum about o as seen from the base's origin (which is taken to stand still), r a body's CoM, and f the specific force that
+the accelerometer feels there, gravity and the origin's own acceleration in one:
+
+    d/dt (l . L_o) = - l . sum (r - o) x m f  -  l . (do/dt x P)  +  dl/dt . L_o
+
+Contact forces have no moment about l. Integrated, what is constant over a trial is
+
+    y(t) = l . L_o(t) - integral of the right side,
+
+linear in the inertial parameters of base and links. All derivatives of o and l are inertial ones written in base axes.
+
+The equation holds as well with the origin's velocity in the momenta and gravity in place of f. That velocity would come from
+the encoders of the standing legs; what these do not see, springs, play, soft feet, is then taken for the robot's inertia.
+
+The rotors of geared motors turn with a momentum of their own, about the joints' axes: it is added to L_o.
+
+What has a moment about l is added to the right side: feet resist rolling, by a length times the weight that they carry,
+and a cable pulls at the base. The cable's force and the floor's slope stay in the room when the robot is turned in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from scipy.integrate import cumulative_simpson
+
+from equipoise.conventions import FloatArray
+from equipoise.estimator.measurements.drive_train import DRIVE_TRAIN
+from equipoise.estimator.measurements.imu_frame import ACCELEROMETER, GYRO
+from equipoise.estimator.measurements.leg_motion import LEG_SHAPE, LegChains
+from equipoise.estimator.measurements.lift_samples import LiftSamples
+from equipoise.estimator.measurements.momenta import BASE
+from equipoise.estimator.measurements.tilt_samples import TiltSamples
+from equipoise.estimator.measurements.traced import Traced
+from equipoise.estimator.unknowns import TracedValues, Values, inputs_of
+from equipoise.robot.model import RobotModel
+
+Derivatives = Mapping[str, FloatArray]
+"""(rows, size) derivatives by each unknown, by its name, and by "inertial"."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensedLift:
+    """The time on two feet of one trial, less the errors of its sensors.
+
+    Attributes:
+        joint_position, joint_velocity: (n, nj) joint positions of the links [rad] and velocities [rad/s].
+        up_in_base: (n, 3) direction against gravity.
+        angular_velocity_base_in_base: (n, 3) angular velocity of the base [rad/s].
+        line_in_base: (n, 3) direction of the support line, from the right foot to the left.
+    """
+
+    joint_position: FloatArray
+    joint_velocity: FloatArray
+    up_in_base: FloatArray
+    angular_velocity_base_in_base: FloatArray
+    line_in_base: FloatArray
+
+
+class TiltEquation:
+    """y(t) of a set of trials, at any values of what it depends on.
+
+    The inertial parameters are those of `momenta`.
+
+    Attributes:
+        DEPENDS_ON: names of the unknowns beside the inertial parameters.
+        trials: slices of the rows, by trial.
+    """
+
+    DEPENDS_ON = (
+        *DRIVE_TRAIN,
+        "imu_tilt",
+        "imu_position",
+        *ACCELEROMETER,
+        *GYRO,
+        "clock_offset",
+        *LEG_SHAPE,
+        "foot_radius",
+        "foot_radius_each",
+        "sag",
+        "pull",
+        "floor_slope",
+        "rolling",
+        "rotor_spin",
+    )
+
+    def __init__(self, robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> None:
+        self.legs = legs
+        counts = [len(lift.joint_position) for lift in lifts]
+        ends = np.cumsum(counts)
+        self.trials = [slice(int(end - count), int(end)) for end, count in zip(ends, counts, strict=True)]
+        # Integration is linear: one matrix per trial is faster than a call per trial and evaluation.
+        self._integrals = [integral(len(lift.joint_position), lift.step) for lift in lifts]
+        self._samples = TiltSamples.of(robot, legs, lifts)
+        self._first = self._samples.at(np.array([trial.start for trial in self.trials], dtype=np.intp))
+        self._middles = [(trial.start + trial.stop) // 2 for trial in self.trials]
+        self._one_by_one = self._samples.one_by_one(self._middles)
+
+    def evaluate(self, values: Values, inertial: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """y(t), and what it is multiplied by.
+
+        Returns:
+            (n,) y(t), with an arbitrary constant per trial [kg m2/s];
+            (2 + 3 + nj, trials) levers of each trial: l . I_o l at its first sample [kg m2]; M times the height of the CoM
+            above the line, which an error of the specific force is multiplied by [kg m]; and how l . L_o changes at its middle
+            with what each axis of the gyroscope, and each joint's velocity, reads [kg m2].
+        """
+        momentum, rate = self._samples.momentum_and_rate(self._inputs(values, inertial, self._samples))
+        return self._integrated(momentum.value, rate.value), self.levers(values, inertial)
+
+    def evaluate_each(self, values: Sequence[Values], inertial: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """(n,) y(t), and (trials,) inertia l . I_o l at each first sample [kg m2]; each trial at values of its own."""
+        own = {name: np.stack([of[name] for of in values], axis=1) for name in self.DEPENDS_ON}
+        own["inertial"] = np.stack(inertial, axis=1)
+        counts = [trial.stop - trial.start for trial in self.trials]
+        repeated = {name: np.repeat(value, counts, axis=1) for name, value in own.items()}
+        momentum, rate = self._samples.momentum_and_rate(inputs_of(repeated, [*own], self._samples.count))
+        inertia, _ = self._first.inertia_and_moment(inputs_of(own, [*own], self._first.count))
+        return self._integrated(momentum.value, rate.value), inertia.value
+
+    def sensed(self, values: Values) -> list[SensedLift]:
+        """Each trial as its sensors have it, less their errors."""
+        inputs = self._inputs(values, np.zeros(BASE + 4 * self.legs.links), self._samples)
+        parts = self._samples.less_errors(inputs)
+        return [SensedLift(*(part.value[:, trial].T for part in parts)) for trial in self.trials]
+
+    def levers(self, values: Values, inertial: FloatArray) -> FloatArray:
+        """The second part of `evaluate`."""
+        about = self._first.inertia_and_moment(self._inputs(values, inertial, self._first))
+        read = self._one_by_one.momentum(self._inputs(values, inertial, self._one_by_one))
+        return self._stacked(*(part.value for part in (*about, read)))
+
+    @cached_property
+    def _middle(self) -> TiltSamples:
+        return self._samples.at(np.array(self._middles, dtype=np.intp))
+
+    def lean(self, values: Values, names: Sequence[str] = ()) -> tuple[FloatArray, Derivatives]:
+        """(trials,) sine of the angle at which each line rises to its left foot, over the floor, at the middle; derivatives.
+
+        Zero where feet, IMU and floor are as the values say.
+        """
+        inputs = inputs_of(values, self.DEPENDS_ON, self._middle.count, names)
+        lean = self._middle.lean(inputs)
+        return lean.value, _gradients(lean, inputs, names)
+
+    def linearise(
+        self, values: Values, inertial: FloatArray, names: Sequence[str] = DEPENDS_ON
+    ) -> tuple[FloatArray, FloatArray, Derivatives, Derivatives]:
+        """`evaluate`, and the derivatives of both by the inertial parameters and by the unknowns named."""
+        names = ("inertial", *names)
+        samples, first, one_by_one = (
+            self._inputs(values, inertial, part, names) for part in (self._samples, self._first, self._one_by_one)
+        )
+        momentum, rate = self._samples.momentum_and_rate(samples)
+        about, read = self._first.inertia_and_moment(first), self._one_by_one.momentum(one_by_one)
+        by_momentum, by_rate = (_gradients(part, samples, names) for part in (momentum, rate))
+        by_levers = (*(_gradients(part, first, names) for part in about), _gradients(read, one_by_one, names))
+        return (
+            self._integrated(momentum.value, rate.value),
+            self._stacked(*(part.value for part in (*about, read))),
+            {name: self._integrated(by_momentum[name], by_rate[name]) for name in names},
+            {name: self._stacked(*(by_lever[name] for by_lever in by_levers)) for name in names},
+        )
+
+    def rows(self, values: Values) -> tuple[FloatArray, FloatArray]:
+        """What y and the inertia about the line are linear in the inertial parameters by.
+
+        Returns:
+            (n, 10 + 4 links) and (trials, 10 + 4 links) columns.
+        """
+        _, _, by_y, by_levers = self.linearise(values, np.zeros(BASE + 4 * self.legs.links), names=())
+        return by_y["inertial"], by_levers["inertial"][0]
+
+    def _stacked(self, inertia: FloatArray, moment: FloatArray, read: FloatArray) -> FloatArray:
+        """(2 + 3 + nj, trials, ...) of those at the first samples, and those reading by reading."""
+        return np.concatenate([inertia[None], moment[None], read.reshape(-1, *inertia.shape)])
+
+    def _inputs(
+        self, values: Values, inertial: FloatArray, samples: TiltSamples, by: Sequence[str] = ()
+    ) -> TracedValues:
+        return inputs_of({**values, "inertial": inertial}, ("inertial", *self.DEPENDS_ON), samples.count, by)
+
+    def _integrated(self, momentum: FloatArray, rate: FloatArray) -> FloatArray:
+        """y(t) of l . L_o and of the right side, or derivatives of y of those of both."""
+        y = momentum.copy()
+        for trial, integral in zip(self.trials, self._integrals, strict=True):
+            y[trial] -= integral @ rate[trial]
+        return y
+
+
+@lru_cache(maxsize=256)  # lifts that are planned have all the same
+def integral(count: int, step: float) -> FloatArray:
+    """(count, count) matrix that integrates samples a step [s] apart, from the first one to each."""
+    matrix = np.asarray(cumulative_simpson(np.eye(count), dx=step, axis=0, initial=0))
+    matrix.setflags(write=False)
+    return matrix
+
+
+def _gradients(of: Traced, by: TracedValues, names: Sequence[str]) -> Derivatives:
+    """(n, size) derivatives of (n,) values by each input."""
+    gradients = of.gradients(np.ones(of.value.shape), [by[name] for name in names])
+    return {name: gradient.T for name, gradient in zip(names, gradients, strict=True)}

@@ -1,0 +1,72 @@
+"""The precise method's reading of trials while they come: the posterior of those so far."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.estimator.known.changes import estimate_after
+from equipoise.estimator.known.known_run import KnownRun
+from equipoise.estimator.measurements.evidence import MotionReading, RunEvidence, read_evidence
+from equipoise.estimator.measurements.support_planes import centre_shift
+from equipoise.estimator.problem import estimate_posterior
+from equipoise.estimator.unknowns import Priors
+from equipoise.experiments.tilt import SupportPlane
+from equipoise.method.reading import ComEstimate, LiftPlane
+from equipoise.recording.recording import Recording
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+
+def planes_through_com(robot: RobotModel, com: FloatArray, motions: Sequence[MotionReading]) -> list[LiftPlane]:
+    """Where each lift puts the CoM, with everything else by the model.
+
+    Args:
+        robot: model that everything else is taken from.
+        com: (3,) CoM of that model at the nominal stance, in the base frame [m].
+        motions: readings of the trials.
+    """
+    lifts = [(motion.index, motion.lift) for motion in motions if motion.lift]
+    shifts = [(index, lift.pair, centre_shift(robot, lift)) for index, lift in lifts]
+    return [
+        LiftPlane(index, diagonal, SupportPlane(com + shift.distance * shift.normal, shift.normal))
+        for index, diagonal, shift in shifts
+    ]
+
+
+class PreciseReading:
+    """See `equipoise.method.reading.Reading`."""
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        stance: Stance,
+        recordings: Sequence[Recording],
+        priors: Priors,
+        scale: tuple[float, float] | None,
+        known: KnownRun | None = None,
+    ) -> None:
+        self._known = known
+        self._robot, self._stance, self._priors, self._scale = robot, stance, priors, scale
+        self._motions = read_evidence(robot, stance, recordings).motions
+
+    def planes(self) -> list[LiftPlane]:
+        """See `planes_through_com`."""
+        com = composite_parameters(self._robot, self._stance.joint_position).com
+        return planes_through_com(self._robot, com, self._motions)
+
+    def estimate(self, trials: int) -> ComEstimate:
+        """The posterior of the first trials."""
+        motions = self._motions[:trials]
+        told = (self._robot, self._stance, RunEvidence(motions), self._priors, self._scale)
+        lifts = any(motion.lift for motion in motions)
+        if self._known is None:
+            posterior = estimate_posterior(*told, lifts_needed=lifts)
+        else:
+            posterior, _ = estimate_after(*told, self._known, lifts_needed=lifts)
+        covariance = posterior.robot_covariance[1:4, 1:4]
+        return ComEstimate(trials, posterior.robot_body.com, NORMAL_95 * np.sqrt(np.diag(covariance)), covariance)

@@ -1,0 +1,63 @@
+"""Where the uncertainty comes from: shares that add up, of sources that are all there is."""
+
+import json
+
+import numpy as np
+import pytest
+
+from equipoise import Calibration
+from equipoise.estimator.diagnostics.budget import GROUPS
+from equipoise.estimator.unknowns import Priors
+from equipoise.report.uncertainty import uncertainty_blocks
+from equipoise.robot.inertial import COMPONENTS
+from equipoise.terminal.uncertainty import print_budget
+
+
+def test_every_unknown_is_in_one_group():
+    named = [row for group in GROUPS for row in group.rows]
+    assert sorted(named) == sorted(row.name for row in Priors.rows())
+
+
+def test_shares_are_positive_and_add_up(precise_run):
+    shares = np.array([source.shares for source in precise_run.result.budget])
+    assert (shares > -1e-9).all()
+    assert shares.sum(axis=0) == pytest.approx(np.ones(10), abs=1e-9)
+
+
+def test_a_share_is_what_an_error_of_the_source_does_to_the_estimate(precise_run):
+    """Against estimates whose prior is off by one standard deviation, all else as it was, one unknown after another."""
+    posterior = precise_run.result.evidence.posterior
+    problem, unknowns = posterior.problem, posterior.unknowns
+    names = ("link_length", "link_length_common", "hip_position", "foot_radius", "foot_radius_each")
+    equations = problem.normal_equations(posterior.x)
+    moved = []
+    for column in unknowns.columns(*names):
+        gradient = equations.gradient.copy()
+        gradient[column] -= 1.0  # of 1/2 (x - 1)^2 in place of 1/2 x^2
+        x = posterior.x - np.linalg.solve(equations.information, gradient - equations.gradient)
+        moved.append(unknowns.robot_body(x).com - posterior.robot_body.com)
+    (source,) = (one for one in precise_run.result.budget if one.name.startswith("lengths of the legs"))
+    variance = np.diag(posterior.robot_covariance)[1:4]
+    assert np.square(moved).sum(axis=0) / variance == pytest.approx(source.shares[1:4], rel=0.05)
+
+
+def test_it_is_saved_read_and_shown(precise_run, tmp_path, capsys):
+    result = precise_run.result
+    result.save(tmp_path / "a1.json")
+    again = Calibration.load(tmp_path / "a1.json")
+    assert [source.name for source in again.budget] == [source.name for source in result.budget]
+    assert again.budget[0].shares == pytest.approx(result.budget[0].shares, abs=1e-4)
+    saved = json.loads((tmp_path / "a1.json").read_text(encoding="utf-8"))["budget"]
+    assert list(saved[0]["variance_shares"]) == list(COMPONENTS)
+    print_budget(again)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "masses and CoMs of the legs" in shown
+    assert "CoM z [mm]: +- " in shown
+    percents, remedies = uncertainty_blocks(again)
+    assert len(percents["rows"]) == len(result.budget)
+    assert len(remedies["items"]) == 7
+
+
+def test_a_method_without_a_budget_says_so(paper_result, capsys):
+    print_budget(paper_result)
+    assert "does not say where its uncertainty comes from" in capsys.readouterr().out

@@ -1,0 +1,127 @@
+"""Lifts predicted by estimates that have not seen them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from equipoise import Calibration
+from equipoise.errors import RecordingError
+from equipoise.estimator.blocks.tilt import TiltBlock
+from equipoise.estimator.blocks.torque import TorqueBlock
+from equipoise.estimator.diagnostics.checks import HELD_OUT_CHECK, judge
+from equipoise.estimator.diagnostics.held_out import folds_of, tilt_errors
+from equipoise.estimator.measurements.evidence import RunEvidence, read_evidence
+from equipoise.estimator.problem import MapProblem
+from equipoise.estimator.solve import descend
+from equipoise.precise.estimate import _refuse_worse_than_file
+from equipoise.recording.phases import Phase
+from equipoise.result.findings import Check
+from equipoise.result.held_out import FOUND, MODEL, HeldOut
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.posture import BodyPosture
+
+
+@pytest.fixture(scope="module")
+def evidence(a1, precise_run):
+    return read_evidence(a1, precise_run.stance, precise_run.recordings)
+
+
+@pytest.fixture(scope="module")
+def predictions(precise_run):
+    return precise_run.result.evidence.predictions
+
+
+@pytest.fixture(scope="module")
+def posterior(precise_run):
+    return precise_run.result.evidence.posterior
+
+
+def refit_without(posterior, evidence, motions):
+    """The estimate made anew without some motions, at the noise levels of the whole run."""
+    left = RunEvidence(tuple(motion for motion in evidence.motions if motion.index not in motions))
+    whole, unknowns = posterior.problem, posterior.unknowns
+    problem = MapProblem(unknowns.robot, unknowns.stance, left, unknowns.priors, whole.mass, lifts_needed=True)
+    problem.anchored = False
+    for block, of_all in zip(problem.blocks, whole.blocks, strict=True):
+        if isinstance(block, TorqueBlock):
+            block.normalised_residual = of_all.normalised_residual
+        else:
+            block.scale = of_all.scale[[index not in motions for index, _ in of_all.motions]]
+    return descend(problem, posterior.x)[0]
+
+
+def test_estimates_made_anew_without_a_lift_predict_it_nearly_the_same(evidence, posterior, predictions):
+    """To a third of what a prediction is unsure by: to first order, and the noise of lifts depends on the body."""
+    block = next(block for block in posterior.problem.blocks if isinstance(block, TiltBlock))
+    motions = [motion for motion, _ in block.motions]
+
+    def missed(of):
+        x = refit_without(posterior, evidence, [of.motion])
+        errors = tilt_errors(block, posterior.unknowns, np.tile(x, (len(motions), 1)))
+        return (errors[motions.index(of.motion)][-1] - of.errors[FOUND][-1]) / of.deviation[-1]
+
+    assert np.sqrt(np.mean([missed(lift) ** 2 for lift in predictions[::3]])) < 0.33
+
+
+def test_motions_in_one_posture_are_left_out_together_unless_that_is_much_of_the_run(evidence, posterior):
+    alone = folds_of(evidence.motions, posterior)
+    assert alone == [[index] for index in sorted(posterior.information)]
+    lift = next(motion for motion in evidence.motions if motion.lift is not None)
+    leaning = [
+        replace(lift, index=index, trial=replace(lift.trial, posture=BodyPosture(roll=0.1 * (index // 2))))
+        for index in range(10)
+    ]
+    told = replace(posterior, information=dict.fromkeys(range(10), np.zeros((0, 0))))
+    assert folds_of(leaning, told) == [[0, 1], [2, 3], [4, 5], [6, 7], [8, 9]]
+
+
+def test_a_payload_is_predicted_and_the_model_file_does_not_know_of_it(precise_run):
+    found = precise_run.result.held_out
+    assert found.error(MODEL) > 10 * found.error(FOUND)
+    assert found.inside(FOUND) >= 0.9 * len(found.lifts)
+    assert found.inside(MODEL) <= 0.4 * len(found.lifts)
+
+
+def test_a_tilt_is_the_one_that_was_measured(precise_run, predictions):
+    for lift in predictions:
+        imu = precise_run.recordings[lift.motion].phase(Phase.REST, until=Phase.LOWER).imu
+        turned = np.linalg.norm(np.cumsum(imu.angular_velocity_in_imu, axis=0) * np.diff(imu.time).mean(), axis=1).max()
+        assert abs(lift.tilt[-1]) < turned
+        assert lift.tilt[0] == lift.errors[FOUND][0] == lift.deviation[0] == 0
+
+
+def test_the_check_allows_what_its_chance_is_and_no_more(a1, evidence, posterior, precise_run):
+    found = precise_run.result.held_out
+    limit = np.sqrt(chi2.isf(0.01, found.folds) / found.folds)
+
+    def verdict(sizes):
+        lifts = [replace(lift, intervals={**lift.intervals, FOUND: sizes / NORMAL_95}) for lift in found.lifts]
+        checks = judge(a1, evidence, posterior, HeldOut(tuple(lifts)))
+        return next(check for check in checks if check.name == "held out").passed
+
+    assert verdict(0.98 * limit)
+    assert not verdict(1.02 * limit)
+
+
+def test_an_estimate_that_predicts_worse_than_the_model_file_is_refused(precise_run):
+    predicted = precise_run.result.held_out
+    exchanged = HeldOut(
+        tuple(replace(lift, errors={MODEL: lift.errors[FOUND], FOUND: lift.errors[MODEL]}) for lift in predicted.lifts)
+    )
+    found, file = (f"{1000 * exchanged.error(body):.2f}" for body in (FOUND, MODEL))
+    passed, failed = (Check(HELD_OUT_CHECK, passes, "predicted badly") for passes in (True, False))
+    _refuse_worse_than_file(predicted, [failed])
+    _refuse_worse_than_file(exchanged, [passed])  # worse by chance
+    with pytest.raises(
+        RecordingError, match=f"no estimate is shown.*within {found} mm rms, the model file within {file}"
+    ):
+        _refuse_worse_than_file(exchanged, [failed])
+    with pytest.raises(RecordingError, match="Checks that failed: lifts: bad; held out: predicted badly"):
+        _refuse_worse_than_file(exchanged, [Check("lifts", False, "bad"), failed, Check("halves", True, "fine")])
+
+
+def test_it_is_in_the_json_form(precise_run, tmp_path):
+    precise_run.result.save(tmp_path / "found.json")
+    assert Calibration.load(tmp_path / "found.json").held_out == precise_run.result.held_out

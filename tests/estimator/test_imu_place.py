@@ -1,0 +1,99 @@
+"""Where the IMU sits, by a sway over planted feet: found where it is, whatever the file says and whatever the robot weighs."""
+
+import re
+
+import numpy as np
+import pytest
+
+from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.measurements.imu_place import imu_by_sway
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.parameters import Unknowns
+from equipoise.estimator.unknowns import Priors
+from equipoise.robot.description import RobotDescription
+
+
+@pytest.fixture(scope="module")
+def swaying(a1):
+    """Recordings of a short run with its sway: a realistic A1 with a payload that nobody knows of."""
+    recordings = []
+    with simulate(a1, "realistic", "2,0.1,0,0.1", seed=5) as simulation:
+        calibrate(simulation.platform, a1, Precise(budget=60), recordings.append)
+    return recordings
+
+
+def with_imu_at(shift):
+    place = np.array(load_robot("unitree_a1").imu_in_base.translation) + shift
+    return load_robot("unitree_a1", RobotDescription(imu_position=tuple(place.tolist())))
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (0.0, 0.0, 0.02), (-0.03, 0.015, -0.01)])
+def test_it_is_found_where_it_is(swaying, shift):
+    robot = with_imu_at(shift)
+    stance = nominal_stance(robot)
+    evidence = read_evidence(robot, stance, swaying)
+    (sway,) = (motion.sway for motion in evidence.motions if motion.sway is not None)
+    unknowns = Unknowns(robot, stance, Priors())
+    values = unknowns.values(unknowns.start())
+    place, deviation = imu_by_sway(robot, LegChains(robot), sway, values, stance.scale)
+    assert place == pytest.approx(-np.array(shift), abs=4e-3)
+    assert np.all(deviation < 2e-3)
+
+
+@pytest.mark.parametrize("up", [0.01, 0.02])
+def test_a_file_that_has_it_too_high_is_not_believed(swaying, up):
+    """A minute on two feet takes it for inertia. The sway is heard, and it is as with a right file."""
+    right, wrong = (with_imu_at((0.0, 0.0, shift)) for shift in (0.0, up))
+    expected, found = (Precise(budget=60).estimate(robot, swaying, nominal_stance(robot)) for robot in (right, wrong))
+    assert found.trustworthy
+    assert "the IMU sits elsewhere than in the file, which the run contradicts" in found.assumptions
+    (height,) = (finding.value for finding in found.sensors if finding.name == "IMU position z")
+    assert height == pytest.approx(-up, abs=4e-3)
+    apart = found.composite.values - expected.composite.values
+    assert np.all(np.abs(apart) < 0.7 * expected.composite.deviations)
+    assert sum(source.name == "where the sway sees the IMU" for source in found.budget) == 1
+    assert sum(source.shares for source in found.budget) == pytest.approx(np.ones(10))
+
+
+def test_a_sway_that_says_what_the_tilts_say_stays_a_witness(swaying):
+    robot = with_imu_at((0.0, 0.0, 0.0))
+    result = Precise(budget=60).estimate(robot, swaying, nominal_stance(robot))
+    (check,) = (check for check in result.checks if check.name == "place of the IMU")
+    assert check.passed
+    assert all(source.name != "where the sway sees the IMU" for source in result.budget)
+
+
+def test_who_trusts_the_legs_hears_the_sway_at_once(swaying):
+    """Nothing else looks like an IMU that sits elsewhere, then: moments hang less on what is believed of it."""
+    robot = with_imu_at((0.0, 0.0, 0.0))
+    shares, deviations = [], []
+    for legs in ("unknown", "trusted"):
+        result = Precise(budget=60, mass=14.5, legs=legs).estimate(robot, swaying, nominal_stance(robot))
+        shares.append([source.name for source in result.budget].count("where the sway sees the IMU"))
+        (height,) = (finding.deviation for finding in result.sensors if finding.name == "IMU position z")
+        deviations.append(height)
+    assert shares == [0, 1]
+    assert deviations[1] < 0.9 * deviations[0]
+
+
+def test_who_says_that_it_is_there_is_told_that_it_is_not(swaying):
+    """A place that somebody vouches for is not doubted, and the check says what the sway says."""
+    robot = with_imu_at((0.0, 0.0, 0.02))
+    vouched = Precise(budget=60, priors=Priors().holding("imu_position"))
+    result = vouched.estimate(robot, swaying, nominal_stance(robot))
+    (check,) = (check for check in result.checks if check.name == "place of the IMU")
+    assert not check.passed
+    assert not result.trustworthy
+    away = re.search(
+        r"it is not where the model file has it, but x \S+, y \S+, z (-\d+\.\d) mm from there", check.message
+    )
+    assert away is not None
+    assert float(away[1]) == pytest.approx(-20, abs=4)
+    assert "imu_position" in check.message
+
+
+def test_without_a_sway_nobody_knows(precise_run):
+    (check,) = (check for check in precise_run.result.checks if check.name == "place of the IMU")
+    assert check.passed
+    assert check.message == "there is no sway about all axes, to see where the IMU sits by"

@@ -1,0 +1,75 @@
+"""Runs of robots that something else holds up, or whose feet are not round: checks fail, and name what may be the cause."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from equipoise import Precise, calibrate, simulate
+from equipoise.errors import RecordingError
+from equipoise.estimator.diagnostics import checks
+from equipoise.estimator.diagnostics.checks import half_difference
+from equipoise.estimator.problem import body_jacobian
+
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
+
+def run_with(robot, effect):
+    with simulate(robot, "realistic", "1,0.03,0.02,0.08", seed=21, effects={effect: None}) as simulation:
+        return calibrate(simulation.platform, robot, Precise(mass=simulation.truth.composite.mass))
+
+
+@pytest.fixture(scope="module")
+def in_a_sling(a1, coarse_engine):
+    return run_with(a1, "sling")
+
+
+def failed(result):
+    return {check.name: check.message for check in result.checks if not check.passed}
+
+
+def test_checks_that_a_safety_sling_fails_name_it(in_a_sling):
+    messages = failed(in_a_sling)
+    assert messages
+    assert all("a safety sling, hose or cable carries load" in message for message in messages.values())
+
+
+@pytest.mark.parametrize("body", ["composite", "base", "stance_effective"])
+def test_no_standard_deviation_of_a_failed_run_is_below_the_difference_of_its_halves(in_a_sling, body):
+    posterior = in_a_sling.evidence.posterior
+    of = {"composite": "robot_body", "base": "base_body"}.get(body, "stance_effective_body")
+    jacobian = body_jacobian(posterior.unknowns, posterior.x, getattr(posterior.unknowns, of))
+    difference = np.abs(jacobian @ half_difference(posterior))
+    found = getattr(in_a_sling, body)
+    assert np.all(found.deviations >= difference - 1e-12)
+    assert np.allclose(np.sqrt(np.diag(found.covariance)), found.deviations)
+    assert (difference > 1.5 * np.sqrt(np.diag(getattr(posterior, f"{of.removesuffix('_body')}_covariance")))).any()
+    assert {one.verdict for one in found} <= {"doubtful", "not identified"}
+
+
+def test_feet_that_are_cylinders_are_no_result_or_have_parameters_that_cannot_be(a1):
+    """A body of the file's predicts such a robot's lifts about as well as the one found."""
+    try:
+        message = failed(run_with(a1, "foot_width"))["physical parameters"]
+    except RecordingError as error:
+        message = str(error)
+        assert re.search(r"no estimate is shown: it predicts \d+ lifts from other postures within .* mm rms", message)
+    assert "negative, which is impossible" in message
+    assert "feet are wide or worn flat, a load swings or flows" in message
+
+
+def test_a_negative_backlash_is_a_failed_check_from_three_standard_deviations_on(precise_run):
+    posterior = precise_run.result.evidence.posterior
+    column = posterior.unknowns["play"].start
+    sd = np.sqrt(posterior.covariance[column, column])
+
+    def check_at(size):
+        x = posterior.x.copy()
+        x[column] = size * sd
+        return checks._physically_possible(replace(posterior, x=x))
+
+    assert check_at(-2.9).passed
+    assert not check_at(-3.1).passed
+    assert "(-3.1 standard deviations)" in check_at(-3.1).message
+    assert check_at(8.0).passed

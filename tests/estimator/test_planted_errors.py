@@ -1,0 +1,256 @@
+"""Errors planted in the recordings of a realistic run, as the sensors would show them: they are found, and the body stays."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.signal import savgol_filter
+
+from equipoise import Precise, load_robot
+from equipoise.estimator.diagnostics import contradicted
+from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.problem import estimate_posterior
+from equipoise.estimator.unknowns import Priors
+from equipoise.robot.description import RobotDescription
+from equipoise.robot.inertial import components
+
+GYRO = ("gyro_gain", "gyro_misalignment")
+LENGTHS = ("link_length", "link_length_common")
+
+
+OTHERS = (
+    "leg_mass_common", "link_com", "link_com_common", "compliance", "play", "accelerometer_gain", *GYRO, "rolling",
+    "foot_radius_each", "sag", *LENGTHS, "hip_position", "pull", "torque_gain_common", "rotor_spin", "eccentricity",
+    "accelerometer_drift", "gyro_drift", "imu_position",
+)  # fmt: skip
+
+
+def told(*names):
+    """Beliefs of somebody who knows the robot but for these, joint zeros, the IMU's mounting and the like."""
+    return Priors().holding(*(name for name in OTHERS if name not in names))
+
+
+def posterior_of(a1, run, recordings, beliefs):
+    evidence = read_evidence(a1, run.stance, recordings)
+    return estimate_posterior(a1, run.stance, evidence, beliefs, (run.truth.composite.mass, 0.06))
+
+
+def moved(found, plain):
+    """Of the body's ten parameters, in standard deviations that are reported."""
+    return (components(found.robot_body) - components(plain.robot_body)) / np.sqrt(np.diag(found.robot_covariance))
+
+
+def gained(found, plain, name):
+    """How much more of an unknown is found than was there before."""
+    return found.unknowns.value(found.x, name) - plain.unknowns.value(plain.x, name)
+
+
+def with_gyroscope(recordings, error):
+    """Readings of which (1 - error) is true."""
+    read = np.linalg.inv(np.eye(3) - error)
+
+    def seen(recording):
+        imu = recording.imu
+        return replace(recording, imu=replace(imu, angular_velocity_in_imu=imu.angular_velocity_in_imu @ read.T))
+
+    return [seen(recording) for recording in recordings]
+
+
+@pytest.mark.parametrize("beliefs", [told(*GYRO), Priors()], ids=["all else known", "as usual"])
+def test_gains_and_misalignment_of_the_gyroscope(a1, precise_run, beliefs):
+    gains, beside = np.array([0.012, -0.01, 0.008]), np.array([6e-3, -4e-3, -7e-3, 5e-3, 3e-3, -6e-3])
+    error = np.diag(gains)
+    error[~np.eye(3, dtype=bool)] = beside
+    recordings = with_gyroscope(precise_run.recordings, error)
+    plain = posterior_of(a1, precise_run, precise_run.recordings, beliefs)
+    found = posterior_of(a1, precise_run, recordings, beliefs)
+    for name, planted in (("gyro_gain", gains), ("gyro_misalignment", beside)):
+        off = (gained(found, plain, name) - planted) / found.deviation(name)
+        assert np.abs(off).max() < 1.5, name
+    assert (found.deviation("gyro_gain") < (0.65 if beliefs != Priors() else 0.7) * 0.01).all()
+    assert np.abs(moved(found, plain)).max() < 1
+    # Lifts integrate no attitude: it takes worse axes to shift the body.
+    worse = with_gyroscope(precise_run.recordings, 3 * error)
+    held = posterior_of(a1, precise_run, worse, beliefs.holding(*GYRO))
+    assert np.abs(moved(held, plain)).max() > 2
+
+
+def with_drive_train(recordings, give, play):
+    """Encoders on motors: springs and hard play lie between them and the links that the recordings are of."""
+
+    def seen(recording):
+        joints = recording.joints
+        acting = savgol_filter(joints.torque, 31, 3, axis=0)  # noise of the torque sensors bends no gear
+        rate = np.gradient(acting, joints.time, axis=0)
+        position = joints.position + np.tile(give, 4) * acting + np.tile(play, 4) / 2 * np.sign(acting)
+        return replace(
+            recording,
+            joints=replace(joints, position=position, velocity=joints.velocity + np.tile(give, 4) * rate),
+        )
+
+    return [seen(recording) for recording in recordings]
+
+
+@pytest.mark.parametrize(
+    ("beliefs", "surer"), [(told("compliance"), 0.85), (Priors(), 0.95)], ids=["all else known", "as usual"]
+)
+def test_springs_of_the_drive_train(a1, precise_run, beliefs, surer):
+    """An A1 has the same joints in every leg, hip, thigh and calf. What is not told of them leaves the body where it is."""
+    give = np.array([1 / 2500, 1 / 4000, 1 / 3000])
+    recordings = with_drive_train(precise_run.recordings, give, np.zeros(3))
+    plain = posterior_of(a1, precise_run, precise_run.recordings, beliefs)
+    found = posterior_of(a1, precise_run, recordings, beliefs)
+    assert np.abs((gained(found, plain, "compliance") - give) / found.deviation("compliance")).max() < 1.5
+    prior = found.unknowns.scale[found.unknowns["compliance"]]
+    assert (found.deviation("compliance") < surer * prior).all()
+    assert np.abs(moved(found, plain)).max() < 0.7
+    held = posterior_of(a1, precise_run, recordings, beliefs.holding("compliance"))
+    assert np.abs(moved(held, plain)).max() < 0.7
+
+
+@pytest.mark.parametrize("beliefs", [told("compliance", "play"), Priors()], ids=["all else known", "as usual"])
+def test_play_of_the_drive_train(a1, precise_run, beliefs):
+    """It turns over hard, at a torque of zero, and not smoothly as the estimate has it: products of inertia suffer."""
+    play = np.array([2e-3, 2e-3, 0.0])
+    recordings = with_drive_train(precise_run.recordings, np.zeros(3), play)
+    plain = posterior_of(a1, precise_run, precise_run.recordings, beliefs)
+    found = posterior_of(a1, precise_run, recordings, beliefs)
+    off = (gained(found, plain, "play") - play)[:2]
+    assert np.abs(off / found.deviation("play")[:2]).max() < 1.5
+    assert (found.deviation("play")[:2] < 1.9e-3).all()
+    assert abs(off[1]) < 1e-3  # thighs turn over most
+    assert np.abs(moved(found, plain)[:7]).max() < 1
+
+
+def another_model(a1):
+    """Of an A1, whose Pinocchio model can be changed."""
+    return a1.with_base(a1.pinocchio.inertias[1])
+
+
+def off(found, run):
+    """Mass, CoM and principal moments less the truth, in the standard deviations that are reported."""
+    error = components(found.robot_body) - components(run.truth.composite)
+    return (error / np.sqrt(np.diag(found.robot_covariance)))[:7]
+
+
+# The recordings stay, and the model is changed: the robot is the same, and must be within what is said of it.
+
+
+def test_legs_that_are_heavier_and_hang_lower_than_the_model_says(a1, precise_run):
+    model, recordings = another_model(a1), precise_run.recordings
+    for leg in model.legs.values():
+        for joint in leg.joint_ids:
+            link = model.pinocchio.inertias[joint]
+            lever = np.array(link.lever) + (0.0 if joint == leg.joint_ids[0] else np.array([0.0, 0.0, 5e-3]))
+            model.pinocchio.inertias[joint] = pin.Inertia(link.mass / 1.1, lever, link.inertia / 1.1)
+    plain, found = (posterior_of(robot, precise_run, recordings, Priors()) for robot in (a1, model))
+    assert np.abs(moved(found, plain)).max() < 1
+    assert np.abs(off(found, precise_run)).max() < 3
+    trusting = Precise(legs="trusted").beliefs
+    plain, held = (posterior_of(robot, precise_run, recordings, trusting) for robot in (a1, model))
+    assert np.abs(moved(held, plain)).max() > 2.4
+    assert np.abs(off(held, precise_run)).max() > 2
+
+
+@pytest.mark.parametrize("beliefs", [told("imu_position"), Priors()], ids=["all else known", "as usual"])
+def test_an_imu_that_sits_elsewhere_than_the_model_says(a1, precise_run, beliefs):
+    beside = np.array([3e-3, -3e-3, 2e-3])
+    model, recordings = load_robot("unitree_a1", RobotDescription(imu_position=tuple(beside))), precise_run.recordings
+    plain, found = (posterior_of(robot, precise_run, recordings, beliefs) for robot in (a1, model))
+    missed = gained(found, plain, "imu_position") + beside
+    assert np.abs(missed / found.deviation("imu_position")).max() < 1.5
+    assert np.abs(moved(found, plain)).max() < 1.2
+    assert np.abs(off(found, precise_run)).max() < 2.5
+    held = posterior_of(model, precise_run, recordings, beliefs.holding("imu_position"))
+    assert np.abs(moved(held, plain)).max() > 1.4
+
+
+def with_longer_legs(robot, longer):
+    """A model of which thighs and calves are longer [m]."""
+    model = another_model(robot)
+    for leg in model.legs.values():
+        calf, foot = model.pinocchio.jointPlacements[leg.joint_ids[-1]], model.pinocchio.frames[leg.foot_frame_id]
+        placement = foot.placement
+        for part in (calf, placement):
+            part.translation = part.translation * (1 + longer / np.linalg.norm(part.translation))
+        foot.placement = placement
+    return model
+
+
+def test_legs_that_are_shorter_than_the_model_says(a1, precise_run):
+    model, recordings = with_longer_legs(a1, 2e-3), precise_run.recordings
+    for beliefs in (told(*LENGTHS), Priors()):
+        plain, found = (posterior_of(robot, precise_run, recordings, beliefs) for robot in (a1, model))
+        longer = gained(found, plain, "link_length_common") + [
+            part.mean() for part in gained(found, plain, "link_length").reshape(4, 2).T
+        ]
+        np.testing.assert_allclose(longer, -2e-3, atol=1.4e-3)
+        assert np.abs(off(found, precise_run)).max() < 2.5
+    assert np.abs(moved(found, plain)).max() < 0.7
+
+
+def estimated(model, run, beliefs=None):
+    """By the method, which asks the run whether it contradicts the beliefs."""
+    mass = run.truth.composite.mass
+    return Precise(mass=mass, mass_sd=0.06, priors=beliefs or Priors()).estimate(model, run.recordings, run.stance)
+
+
+def test_a_place_of_the_imu_that_the_run_contradicts_is_found_without_the_files(a1, precise_run):
+    """Three centimetres: by the usual prior they are split between the place and the inertia, and nothing else is unfit."""
+    beside = np.array([0.02, -0.01, 0.03])
+    model = load_robot("unitree_a1", RobotDescription(imu_position=tuple(beside)))
+    plain, found = estimated(a1, precise_run), estimated(model, precise_run)
+    place = [next(one for one in found.sensors if one.name == f"IMU position {axis}") for axis in "xyz"]
+    assert all(abs(one.value + off) < 3 * one.deviation for one, off in zip(place, beside, strict=True))
+    assert max(one.deviation for one in place) < 1e-2
+    assert found.assumptions[1:] == ("the IMU sits elsewhere than in the file, which the run contradicts",)
+    assert plain.assumptions[1:] == ()
+    apart = (found.composite.values - plain.composite.values) / found.composite.deviations
+    assert np.abs(apart).max() < 1.5
+    believed = estimated(model, precise_run, Priors(imu_position=2.1e-3))  # who says so is believed
+    assert believed.assumptions[1:] == ()
+    wrong = (believed.composite.values - plain.composite.values) / believed.composite.deviations
+    assert np.abs(wrong).max() > 4
+
+
+def test_a_place_of_the_imu_that_hides_behind_its_prior_is_found(a1, precise_run, monkeypatch):
+    """At the usual prior what does not fit makes all noise seem larger, and the place seem likely enough."""
+    model = load_robot("unitree_a1", RobotDescription(imu_position=(0.0, 0.0, 0.027)))
+    found = estimated(model, precise_run)
+    assert found.assumptions[1:] == ("the IMU sits elsewhere than in the file, which the run contradicts",)
+    assert np.abs(off(found.evidence.posterior, precise_run)).max() < 2.5
+    monkeypatch.setattr(contradicted, "_SUSPECTED", contradicted._CONTRADICTED)
+    unseen = estimated(model, precise_run)  # likely enough at the usual prior
+    assumed = unseen.assumptions[1:]  # behind the given mass
+    assert [one.split(":")[0] for one in assumed] == [
+        "the IMU is where the model file has it, within 2 mm (standard deviation)"
+    ]
+    off_by_a_centimetre = float(assumed[0].removesuffix("%").rsplit(maxsplit=1)[-1]) / 100
+    share = unseen.composite.values[4] / found.composite.values[4] - 1
+    np.testing.assert_allclose(abs(share), 2.7 * off_by_a_centimetre, rtol=0.3)
+
+
+def test_a_body_is_composed_with_hips_as_they_are_found(a1, precise_run):
+    """A centimetre each way: with legs at the file's hips Iyy and Izz would be three and four percent too large."""
+    model = another_model(a1)
+    for leg in model.legs.values():
+        place = model.pinocchio.jointPlacements[leg.joint_ids[0]]
+        place.translation = place.translation + 0.01 * np.sign(place.translation) * [1, 0, 0]
+    found, right = estimated(model, precise_run), estimated(a1, precise_run)
+    assert "hips sit elsewhere than in the file, which the run contradicts" in found.assumptions
+    apart = found.composite.values / right.composite.values - 1
+    assert np.abs(apart[4:7]).max() < 0.015
+    assert np.abs(off(found.evidence.posterior, precise_run)).max() < 2.5
+
+
+def test_legs_of_another_length_are_found_without_the_files(a1, precise_run):
+    """Thighs and calves of a robot that is larger by 15 mm in both."""
+    found = estimated(with_longer_legs(a1, 15e-3), precise_run)
+    lengths = [
+        next(one for one in found.sensors if one.name == f"length of the {kind}") for kind in ("thighs", "calves")
+    ]
+    assert all(abs(one.value + 15e-3) < 4e-3 for one in lengths)
+    assert any("in all legs alike" in assumption for assumption in found.assumptions)
+    error = found.composite.values - components(precise_run.truth.composite)
+    assert np.abs(error / found.composite.deviations).max() < 3

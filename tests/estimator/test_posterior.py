@@ -1,0 +1,497 @@
+"""The estimate of everything at once, on a short run of a realistic simulated robot."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tilting import moving_robot
+
+from equipoise import nominal_stance
+from equipoise.errors import RecordingError
+from equipoise.estimator.blocks.planted import PlantedBlock
+from equipoise.estimator.blocks.tilt import TiltBlock, TiltNoise
+from equipoise.estimator.blocks.torque import TorqueBlock
+from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
+from equipoise.estimator.measurements.evidence import RunEvidence, read_evidence
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.tilt_equation import TiltEquation
+from equipoise.estimator.parameters import Unknowns
+from equipoise.estimator.problem import MapProblem, body_jacobian, estimate_posterior, prior_rows
+from equipoise.estimator.unknowns import Priors
+from equipoise.recording.recording import JointStream
+from equipoise.robot.inertial import COMPONENTS, components
+from equipoise.simulation.effects import PRESETS
+from equipoise.simulation.sensors import DrawnErrors
+
+READINGS = {
+    "velocity_noise": "joint_velocity",
+    "angular_velocity_noise": "angular_velocity_in_imu",
+    "acceleration_noise": "acceleration_in_imu",
+}
+SURE = 5.0  # standard deviations: a fixed seed of a test that may fail once in a million
+
+
+@pytest.fixture(scope="module")
+def evidence(a1, precise_run):
+    return read_evidence(a1, precise_run.stance, precise_run.recordings)
+
+
+@pytest.fixture(scope="module")
+def posterior(a1, precise_run, evidence):
+    return estimate_posterior(a1, precise_run.stance, evidence)
+
+
+@pytest.fixture(scope="module")
+def drawn(a1, precise_run):
+    """The simulated robot's own errors."""
+    sizes = PRESETS["realistic"].scaled_to(precise_run.stance.scale)
+    return DrawnErrors.draw(sizes, 12, precise_run.seed)
+
+
+def lifts_of(evidence):
+    return [motion.lift for motion in evidence.motions if motion.lift is not None]
+
+
+def blocks_of(a1, unknowns, evidence):
+    legs, rotation = LegChains(a1), np.array(a1.imu_in_base.rotation)
+    lifts = [(motion.index, motion.lift) for motion in evidence.motions if motion.lift is not None]
+    moves = [(motion.index, motion.move) for motion in evidence.motions if motion.move is not None]
+    torques = [(motion.index, torque) for motion in evidence.motions for torque in motion.torques]
+    return {
+        "tilt": TiltBlock(unknowns, legs, lifts),
+        "planted": PlantedBlock(unknowns, legs, rotation, moves),
+        "torque": TorqueBlock(unknowns, torques),
+    }
+
+
+# --- derivatives
+
+
+@pytest.fixture(scope="module")
+def blocks(a1, posterior, evidence):
+    return blocks_of(a1, posterior.unknowns, evidence)
+
+
+@pytest.fixture(scope="module")
+def steady_blocks(a1, posterior, evidence):
+    """Blocks whose noise does not hang on the unknowns: nothing is off that the tilt equation multiplies by them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("equipoise.estimator.blocks.tilt._BIAS_FLOOR", 0.0)
+        motions = [
+            motion if motion.lift is None else replace(motion, lift=without_noise(motion.lift))
+            for motion in evidence.motions
+        ]
+        unknowns = posterior.problem.with_all_open(posterior.x)[0].unknowns
+        return blocks_of(a1, unknowns, RunEvidence(tuple(motions)))
+
+
+def without_noise(lift):
+    return replace(lift, **{name: np.zeros_like(getattr(lift, name)) for name in READINGS})
+
+
+def away_from(posterior):
+    """Where residuals are not small."""
+    deviation = np.sqrt(np.diag(posterior.covariance))
+    return posterior.x + np.random.default_rng(1).standard_normal(posterior.unknowns.size) * deviation
+
+
+@pytest.mark.parametrize("name", ["tilt", "planted", "torque"])
+def test_derivatives_are_central_differences_by_every_unknown(steady_blocks, posterior, name):
+    block = steady_blocks[name]
+    unknowns = block.unknowns
+    _, x, _ = posterior.problem.with_all_open(away_from(posterior))
+    x[x == 0] = 0.5
+    block.prepare(x)
+    residual, jacobian = block.linearise(x)
+    np.testing.assert_allclose(residual, block.residual(x), rtol=1e-9, atol=1e-9)
+    whole = np.zeros((len(residual), unknowns.size))  # of what the block does not depend on, columns of zeros
+    whole[:, block.columns] = jacobian
+    for column, unit in enumerate(1e-4 * np.eye(unknowns.size)):
+        difference = (block.residual(x + unit) - block.residual(x - unit)) / 2e-4
+        close = 1e-6 * np.abs(difference).max() + 1e-7
+        np.testing.assert_allclose(whole[:, column], difference, atol=close, err_msg=str(column))
+
+
+@pytest.mark.parametrize("worst", [2.0, 20.0])
+def test_noise_that_grows_with_the_unknowns_is_in_the_gradient(a1, posterior, evidence, worst):
+    """By every unknown, the derivative of half the squared residual; more noise than there is makes most of it."""
+    unknowns, x = posterior.unknowns, away_from(posterior)
+    lifts = [replace(lift, **{name: 30 * getattr(lift, name) for name in READINGS}) for lift in lifts_of(evidence)]
+    block = TiltBlock(unknowns, LegChains(a1), list(enumerate(lifts)))
+    block.scale = np.linspace(1.0, worst, len(lifts))
+    block.prepare(x)
+
+    def half_square(x):
+        residual = block.residual(x)
+        return residual @ residual / 2
+
+    gradient = sum(part for _, _, part in block.by_motion(x))
+    differences = [(half_square(x + unit) - half_square(x - unit)) / 2e-4 for unit in 1e-4 * np.eye(unknowns.size)]
+    np.testing.assert_allclose(gradient, differences, rtol=1e-4, atol=1e-6 * np.abs(differences).max())
+
+
+@pytest.mark.parametrize("mass", [None, (13.0, 0.1)])
+def test_priors_pull_to_the_model_and_their_jacobian_is_that_of_differences(posterior, mass):
+    unknowns, x = posterior.unknowns, posterior.x
+    _, jacobian = prior_rows(unknowns, x, mass)
+    for column, unit in enumerate(1e-6 * np.eye(unknowns.size)):
+        ahead, behind = (prior_rows(unknowns, x + sign * unit, mass)[0] for sign in (1, -1))
+        np.testing.assert_allclose(jacobian[:, column], (ahead - behind) / 2e-6, rtol=1e-5, atol=1e-6)
+    residual, _ = prior_rows(unknowns, unknowns.start(), mass)
+    assert np.count_nonzero(np.abs(residual) > 1e-9) == (mass is not None)
+
+
+def test_bodies_jacobians_are_those_of_larger_differences(posterior):
+    unknowns, x = posterior.unknowns, posterior.x
+    jacobian = body_jacobian(unknowns, x, unknowns.robot_body)
+    direction = np.random.default_rng(2).standard_normal(unknowns.size)
+    ahead, behind = (components(unknowns.robot_body(x + sign * 1e-3 * direction)) for sign in (1, -1))
+    np.testing.assert_allclose(jacobian @ direction, (ahead - behind) / 2e-3, rtol=1e-3, atol=1e-5)
+    assert not jacobian[:, unknowns["joint_zero"].start :].any()
+
+
+def test_a_long_motions_torques_as_few_rows_say_the_same(a1, posterior, precise_run, monkeypatch):
+    """The same information, gradients and noise by motion as all rows have, however many samples are looked at at once."""
+    monkeypatch.setattr("equipoise.estimator.measurements.torque_balance._STEP", 0.02)  # more rows than unknowns
+    evidence = read_evidence(a1, precise_run.stance, precise_run.recordings)
+
+    def told(x):
+        block = blocks_of(a1, posterior.unknowns, evidence)["torque"]
+        block.prepare(x)
+        before = list(block.by_motion(x))
+        block.renew_noise(x + 0.5)
+        return before, block.normalised_residual, len(block.residual(x))
+
+    few, noise, count = told(posterior.x)
+    monkeypatch.setattr("equipoise.estimator.blocks.torque._SAMPLES_AT_ONCE", 50)
+    pieces, same_noise, _ = told(posterior.x)
+    monkeypatch.setattr("equipoise.estimator.blocks.torque._few_rows", lambda system: system)
+    many, all_noise, all_rows = told(posterior.x)
+    assert count < all_rows
+    assert noise == pytest.approx(all_noise, rel=1e-9) == pytest.approx(same_noise, rel=1e-9)
+    for one in (few, pieces):
+        for (motion, information, gradient), (other, expected, slope) in zip(one, many, strict=True):
+            assert motion == other
+            np.testing.assert_allclose(information, expected, atol=1e-9 * np.abs(expected).max())
+            np.testing.assert_allclose(gradient, slope, atol=1e-8 * np.abs(slope).max())
+
+
+# --- the torques of a robot whose motors and friction are known
+
+
+def test_known_gains_friction_and_armature_leave_no_torque(a1):
+    """Signs and units of every torque-like unknown, in one balance."""
+    generator, unknowns = np.random.default_rng(3), Unknowns(a1, nominal_stance(a1), Priors())
+    samples = moving_robot(a1, 5)
+    x = unknowns.start()
+    for name in ("torque_gain", "coulomb", "viscous", "armature"):
+        x[unknowns[name]] = generator.uniform(0.3, 1.5, len(x[unknowns[name]]))
+    value = {name: unknowns.value(x, name) for name in ("torque_gain", "coulomb", "viscous", "armature")}
+    lost = value["coulomb"] * np.tanh(samples.joint_velocity / 0.03)
+    lost += value["viscous"] * samples.joint_velocity + value["armature"] * samples.joint_acceleration
+    reported = (samples.joint_torque + lost) / (1 + value["torque_gain"])
+    block = TorqueBlock(unknowns, [(0, replace(samples, joint_torque=reported))])
+    block.prepare(x)
+    assert np.abs(block.residual(x)).max() < 1e-8
+    for name in value:
+        other = x.copy()
+        other[unknowns[name]] = 0
+        assert np.abs(block.residual(other)).max() > 1e-3
+
+
+def test_rows_of_several_motions_belong_to_their_motions(a1):
+    few = Priors().holding("leg_mass_common", "link_com", "link_com_common")  # fewer than rows
+    unknowns = Unknowns(a1, nominal_stance(a1), few)
+    block = TorqueBlock(unknowns, [(4, moving_robot(a1, 5)), (7, moving_robot(a1, 6)), (7, moving_robot(a1, 7))])
+    block.prepare(unknowns.start())
+    (first, rows), (second, others) = block.motions
+    assert (first, rows, second, others.start) == (4, slice(0, 24), 7, 24)
+    assert others.stop == len(block.residual(unknowns.start())) < 72  # as many as there are columns say the same
+
+
+# --- the estimate against the truth
+
+
+def step_left(posterior):
+    """The largest change that a Gauss-Newton step would still make, in standard deviations."""
+    residual, rows = prior_rows(posterior.unknowns, posterior.x, None)
+    gradient = rows.T @ residual + sum(posterior.gradient.values())
+    return np.abs(posterior.covariance @ gradient / np.sqrt(np.diag(posterior.covariance))).max()
+
+
+@pytest.mark.parametrize("body", ["composite", "base", "stance_effective"])
+def test_the_estimate_is_within_what_it_says_of_itself(precise_run, body):
+    truth = components(getattr(precise_run.truth, body))
+    found = getattr(precise_run.result, body)
+    off = (found.values - truth) / found.deviations
+    assert np.abs(off).max() < SURE, dict(zip(COMPONENTS, off, strict=True))
+
+
+def test_the_estimate_is_good(precise_run):
+    off = components(precise_run.result.composite.parameters()) - components(precise_run.truth.composite)
+    assert np.abs(off[1:3]).max() < 2e-3
+    assert abs(off[3]) < 5e-3
+    assert abs(off[0]) < 0.1 * precise_run.truth.composite.mass  # without a scale
+
+
+def test_sensors_are_calibrated_on_the_way(posterior, drawn, precise_run):
+    truths = {
+        "joint_zero": drawn.joint_zero,
+        "imu_tilt": drawn.imu_tilt,
+        "accelerometer_bias": drawn.accelerometer_bias,
+        "clock_offset": np.array([0.5e-3]),
+        "leg_mass": drawn.leg_mass_scale - 1,
+        "torque_gain": drawn.torque_gain - 1,
+    }
+    for name, truth in truths.items():
+        found, deviation = posterior.unknowns.value(posterior.x, name), posterior.deviation(name)
+        if name not in {"leg_mass", "torque_gain"}:
+            assert np.abs((found - truth) / deviation).max() < SURE, name
+        prior = posterior.unknowns.scale[posterior.unknowns[name]]
+        assert (deviation <= prior * (1 + 1e-9)).all(), name
+    found = posterior.unknowns.value(posterior.x, "joint_zero")
+    assert np.linalg.norm(found - drawn.joint_zero) < 0.9 * np.linalg.norm(drawn.joint_zero)
+
+
+def test_every_body_can_exist(posterior):
+    for body in (posterior.base_body, posterior.robot_body, posterior.stance_effective_body):
+        assert body.physical_defect() is None
+
+
+def test_the_estimate_has_converged_and_its_covariance_is_the_informations_inverse(posterior):
+    _, rows = prior_rows(posterior.unknowns, posterior.x, None)
+    information = rows.T @ rows + sum(posterior.information.values())
+    np.testing.assert_allclose(posterior.covariance @ information, np.eye(len(information)), atol=1e-6)
+    assert step_left(posterior) < 0.1
+    for covariance in (posterior.robot_covariance, posterior.base_covariance, posterior.stance_effective_covariance):
+        np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
+        assert (np.linalg.eigvalsh(covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))) > 0).all()
+
+
+def test_evidence_narrows_what_was_believed(posterior):
+    deviation = np.sqrt(np.diag(posterior.robot_covariance))
+    assert (deviation < posterior.prior_deviation).all()
+    assert (deviation[1:4] < 0.1 * posterior.prior_deviation[1:4]).all()
+
+
+def test_every_motion_that_was_read_is_judged(posterior, evidence):
+    assert [misfit.motion for misfit in posterior.lifts] == [m.index for m in evidence.motions if m.lift is not None]
+    assert [misfit.motion for misfit in posterior.moves] == [m.index for m in evidence.motions if m.move is not None]
+    assert all(misfit.used and 0 < misfit.normalised_residual < 4 for misfit in (*posterior.lifts, *posterior.moves))
+    assert set(posterior.information) == set(posterior.gradient) <= {motion.index for motion in evidence.motions}
+
+
+# --- what is given, and what is missing
+
+
+def test_a_scales_mass_is_reproduced(a1, precise_run, evidence):
+    mass = precise_run.truth.composite.mass
+    weighed = estimate_posterior(a1, precise_run.stance, evidence, mass=(mass, 1e-4), rounds=1)
+    assert weighed.robot_body.mass == pytest.approx(mass, abs=5e-4)
+    posterior = estimate_posterior(a1, precise_run.stance, evidence, rounds=1)
+    sds = (np.sqrt(p.robot_covariance[0, 0]) for p in (weighed, posterior))
+    assert next(sds) < 1.1e-4 < 0.01 * next(sds)
+    assert weighed.robot_covariance[4, 4] < posterior.robot_covariance[4, 4]
+
+
+def without_torques(recording):
+    joints = recording.joints
+    return replace(recording, joints=JointStream(joints.time, joints.position, joints.velocity))
+
+
+def test_without_torques_it_works_and_the_mass_is_less_sure(a1, precise_run, evidence, posterior):
+    """Of motors whose torque constant is known."""
+    known = Priors(torque_gain_common=1e-3)
+    bare = read_evidence(a1, precise_run.stance, [without_torques(recording) for recording in precise_run.recordings])
+    assert not any(motion.torques for motion in bare.motions)
+    found = estimate_posterior(a1, precise_run.stance, bare, known)
+    with_torques = estimate_posterior(a1, precise_run.stance, evidence, known)
+    assert found.torque_misfit is None
+    assert posterior.torque_misfit is not None
+    assert found.robot_covariance[0, 0] > 4 * with_torques.robot_covariance[0, 0]
+    off = found.robot_body.com - precise_run.truth.composite.com
+    assert np.abs(off / np.sqrt(np.diag(found.robot_covariance))[1:4]).max() < SURE
+    assert not any("torque gain" in finding.name for finding in sensor_findings(found))
+
+
+def pushed(lift, size):
+    """To and fro along the base's x [m/s2], as no free robot moves that turns like this one."""
+    push = size * np.outer(np.sin(np.linspace(0, 9, len(lift.joint_position))), [1, 0, 0])
+    return replace(lift, acceleration_in_imu=lift.acceleration_in_imu + push)
+
+
+def test_the_scale_of_all_masses_is_held_while_noise_levels_are_sought(a1, precise_run, evidence):
+    """By the torque constants, or, without torques, by the model's mass."""
+    silent = RunEvidence(tuple(replace(motion, torques=()) for motion in evidence.motions))
+    for read, name in ((evidence, "torque_gain_common"), (silent, "base")):
+        problem = MapProblem(a1, precise_run.stance, read, Priors(), None, True)
+        x = problem.unknowns.start()
+        problem.prepare(x)
+        x[problem.unknowns[name].start] += 0.1
+        cost = problem.normal_equations(x).cost
+        problem.let_go()
+        assert cost > problem.normal_equations(x).cost + 0.5
+    assert not MapProblem(a1, precise_run.stance, evidence, Priors(), (12.0, 0.1), True).anchored
+
+
+@pytest.mark.parametrize("size", [0.5, 2.0])
+def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, size):
+    """Somebody touches the robot, which was weighed, in one lift."""
+    scale = (precise_run.truth.composite.mass, 0.06)
+    plain = estimate_posterior(a1, precise_run.stance, evidence, mass=scale)
+    number = max(index for index, motion in enumerate(evidence.motions) if motion.lift is not None)
+    motions = list(evidence.motions)
+    motions[number] = replace(motions[number], lift=pushed(motions[number].lift, size))
+    found = estimate_posterior(a1, precise_run.stance, RunEvidence(tuple(motions)), mass=scale)
+    left_out = [misfit.motion for misfit in found.lifts if not misfit.used]
+    assert evidence.motions[number].index in left_out
+    assert len(left_out) <= 2  # it draws the first round so far that another may seem wrong
+    moved = components(found.robot_body) - components(plain.robot_body)
+    assert np.abs(moved / np.sqrt(np.diag(found.robot_covariance))).max() < 1
+    assert step_left(found) < 0.5
+
+
+def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evidence, posterior):
+    fitting = min(
+        (misfit for misfit in posterior.lifts if misfit.used), key=lambda misfit: abs(misfit.normalised_residual - 1)
+    )
+    number = next(index for index, motion in enumerate(evidence.motions) if motion.index == fitting.motion)
+    motions = list(evidence.motions)
+    motions[number] = replace(motions[number], lift=pushed(motions[number].lift, 0.05))
+    found = estimate_posterior(a1, precise_run.stance, RunEvidence(tuple(motions)))
+    before, after = (
+        next(misfit for misfit in p.lifts if misfit.motion == evidence.motions[number].index)
+        for p in (posterior, found)
+    )
+    assert after.used
+    assert after.normalised_residual > 1.3 * before.normalised_residual
+    assert np.trace(found.information[after.motion]) < 0.6 * np.trace(posterior.information[after.motion])
+
+
+def test_without_a_lift_the_reasons_are_told(a1, precise_run, evidence):
+    motions = tuple(replace(motion, lift=None, left_out="the wind blew") for motion in evidence.motions)
+    with pytest.raises(RecordingError, match="no lift trial can be used: the wind blew"):
+        estimate_posterior(a1, precise_run.stance, RunEvidence(motions))
+
+
+@pytest.mark.parametrize("count", [1, 5, 7, 10])
+def test_the_first_motions_of_an_interrupted_run_give_an_estimate(a1, precise_run, evidence, count):
+    few = RunEvidence(evidence.motions[:count])
+    found = estimate_posterior(a1, precise_run.stance, few)
+    assert found.robot_body.physical_defect() is None
+    assert step_left(found) < 0.5
+
+
+# --- noise of a lift
+
+
+@pytest.mark.parametrize("noise", READINGS)
+def test_a_lifts_noise_is_that_of_many_draws(a1, posterior, evidence, monkeypatch, noise):
+    """Readings of one kind, each off by what it is said to be: so is y, over the inertia about the line."""
+    monkeypatch.setattr("equipoise.estimator.blocks.tilt._BIAS_FLOOR", 0.0)
+    lift, generator, draws = lifts_of(evidence)[0], np.random.default_rng(4), 60
+    others = {other: np.zeros_like(lift.velocity_noise) for other in READINGS if other != noise}
+    read, of_sample = getattr(lift, READINGS[noise]), np.zeros(len(lift.joint_position))
+    off = generator.multivariate_normal(of_sample, getattr(lift, noise), (draws, read.shape[1]), method="eigh")
+    drawn = [replace(lift, **others, **{READINGS[noise]: read + part.T}) for part in off]
+    values, inertial = posterior.unknowns.values(posterior.x), posterior.unknowns.inertial(posterior.x)
+    equation = TiltEquation(a1, LegChains(a1), [replace(lift, **others), *drawn])
+    y, levers = equation.evaluate(values, inertial)
+    exact, *noisy = (y[trial] / levers[0, 0] for trial in equation.trials)
+    told = TiltNoise.of(drawn[0])
+    expected = told.covariance(levers[1:, 0] / levers[0, 0]) - told.beside
+    ratio = np.sqrt(np.mean((np.array(noisy) - exact) ** 2) / np.diag(expected).mean())
+    assert 0.75 < ratio < 1.33
+
+
+def test_a_lifts_noise_grows_with_each_of_its_causes(evidence):
+    lift, gains = lifts_of(evidence)[0], np.array([3.0, 0.1, 0.2, 0.1, *np.full(12, 0.02)])
+    kinds = np.repeat(np.eye(3, dtype=bool), [1, 3, 12], axis=1)
+    least = TiltNoise.of(lift).covariance(gains)
+    np.linalg.cholesky(least)
+    worse = [TiltNoise.of(replace(lift, **{name: 4 * getattr(lift, name)})).covariance(gains) for name in READINGS]
+    worse += [TiltNoise.of(lift).covariance(gains * factor) for factor in np.where(kinds, 2.0, 1.0)]
+    worse.append(TiltNoise.of(lift).raised(1.1, gains).covariance(gains))
+    assert all(np.trace(noise) > 1.005 * np.trace(least) for noise in worse)
+
+
+@pytest.mark.parametrize(("factor", "least", "most"), [(3.0, 0.1, 0.4), (30.0, 0.95, 1.05)])
+def test_moments_that_nothing_explains_fit_no_better_with_a_larger_inertia(evidence, factor, least, most):
+    """Over twice the inertia they are half as large, and so is their noise; that of an ordinary misfit is not."""
+    lift, gains = lifts_of(evidence)[0], np.array([3.0, 1.0, 0.1, 0.1, *np.full(12, 0.02)])
+    noise = TiltNoise.of(lift).raised(factor, gains)
+    residual = np.sin(np.linspace(0.0, 3.0, len(lift.joint_position)))
+    once, twice = (np.sum((noise.whitening(gains / by) @ residual / by) ** 2) for by in (1.0, 2.0))
+    assert least < twice / once < most
+
+
+# --- what is said of the sensors
+
+
+def test_findings_name_every_sensor_and_the_surest_first(a1, posterior):
+    findings = sensor_findings(posterior)
+    names = [finding.name for finding in findings]
+    assert len(names) == len(set(names)) == 12 + 3 + 3 + 3 + 3 + 3 + 3 + 3 + 1 + 1 + 1 + 1 + 2 + 2 + 1 + 12 + 3
+    surety = [abs(finding.value) / finding.deviation for finding in findings]
+    assert surety == sorted(surety, reverse=True)
+    zero = next(finding for finding in findings if finding.name == "FL_thigh_joint zero")
+    index = a1.joint_names.index("FL_thigh_joint")
+    assert zero.value == pytest.approx(posterior.unknowns.value(posterior.x, "joint_zero")[index])
+    assert zero.deviation == pytest.approx(posterior.deviation("joint_zero")[index])
+
+
+def off_by(posterior, name, index, value):
+    unknowns, x = posterior.unknowns, posterior.x.copy()
+    x[unknowns[name].start + index] = value / unknowns.scale[unknowns[name]][index]
+    return replace(posterior, x=x)
+
+
+@pytest.mark.parametrize(
+    ("block", "index", "value", "name", "words"),
+    [
+        ("joint_zero", 4, 0.05, "FR_thigh_joint zero", "FR_thigh_joint: the encoder's zero is off by +2.86 deg (sd 0."),
+        ("imu_tilt", 1, -0.04, "IMU pitched", "the IMU is pitched by -2.29 deg (sd 0."),
+        (
+            "accelerometer_bias",
+            2,
+            0.5,
+            "accelerometer bias z",
+            "the accelerometer's z reads +0.500 m/s2 too much (sd 0.",
+        ),
+        (
+            "clock_offset",
+            0,
+            4e-3,
+            "clock offset",
+            "IMU samples are 4.00 ms younger than joint samples of the same stamp",
+        ),
+        (
+            "clock_offset",
+            0,
+            -4e-3,
+            "clock offset",
+            "IMU samples are 4.00 ms older than joint samples of the same stamp",
+        ),
+        ("foot_radius", 0, -0.3, "foot radius", "the feet roll as if their radius were -30.0% off the model's"),
+        ("floor_slope", 1, 0.05, "floor slope y", "the floor leans along y by +2.86 deg (sd 0."),
+        (
+            "torque_gain",
+            0,
+            0.5,
+            "FL_hip_joint torque gain",
+            "FL_hip_joint: the true torque is +50.0% off the reported one",
+        ),
+    ],
+)
+def test_what_is_far_off_is_said_in_words_and_notable(a1, posterior, block, index, value, name, words):
+    found = next(f for f in sensor_findings(off_by(posterior, block, index, value)) if f.name == name)
+    assert found.sentence.startswith(words)
+    assert found.notable
+    assert found.value == pytest.approx(value)
+
+
+def test_what_is_small_or_unsure_is_not_notable(a1, posterior):
+    tiny = replace(off_by(posterior, "joint_zero", 4, 3e-3), covariance=1e-6 * posterior.covariance)
+    unsure = replace(off_by(posterior, "joint_zero", 4, 0.05), covariance=1e6 * posterior.covariance)
+    for changed in (tiny, unsure):
+        assert not next(f for f in sensor_findings(changed) if f.name == "FR_thigh_joint zero").notable

@@ -1,0 +1,171 @@
+"""Score tests: what is held at the model's value and should not be is named, without being estimated."""
+
+from dataclasses import replace
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+from test_planted_errors import another_model, gained, posterior_of, told, with_drive_train, with_gyroscope
+
+from equipoise import Precise
+from equipoise.estimator.diagnostics import checks, score
+from equipoise.estimator.diagnostics.checks import judge
+from equipoise.estimator.diagnostics.score import score_tests
+from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.unknowns import Priors
+
+
+def check_of(a1, run, posterior):
+    """What the check says; the evidence itself it does not need."""
+    found = judge(a1, read_evidence(a1, run.stance, run.recordings), posterior)
+    return next(check for check in found if check.name == "what is held")
+
+
+def drifting(recordings, gyroscope, accelerometer):
+    """Biases that change by so much from the first recording's begin to the last one's end."""
+    begin, end = recordings[0].imu.time[0], recordings[-1].imu.time[-1]
+
+    def seen(recording):
+        imu = recording.imu
+        part = ((imu.time - begin) / (end - begin) - 0.5)[:, None]
+        return replace(
+            recording,
+            imu=replace(
+                imu,
+                angular_velocity_in_imu=imu.angular_velocity_in_imu + part * gyroscope,
+                acceleration_in_imu=imu.acceleration_in_imu + part * accelerometer,
+            ),
+        )
+
+    return [seen(recording) for recording in recordings]
+
+
+def eccentric(recordings, sine, cosine):
+    """Encoders whose magnets are beside their axes."""
+
+    def seen(recording):
+        joints = recording.joints
+        q, v = joints.position, joints.velocity
+        return replace(
+            recording,
+            joints=replace(
+                joints,
+                position=q + sine * np.sin(q) + cosine * np.cos(q),
+                velocity=v + (sine * np.cos(q) - cosine * np.sin(q)) * v,
+            ),
+        )
+
+    return [seen(recording) for recording in recordings]
+
+
+@pytest.mark.parametrize(
+    "beliefs",
+    [Precise(cable="none").beliefs, told(), Precise(legs="trusted", cable="none").beliefs],
+    ids=["no cable", "all known", "trusted"],
+)
+def test_a_robot_that_is_as_it_is_believed_to_be_is_left_alone(a1, precise_run, beliefs):
+    found = posterior_of(a1, precise_run, precise_run.recordings, beliefs)
+    tests = score_tests(found)
+    held = {row.name for row in Priors.rows() if getattr(beliefs, row.name) == 0}
+    assert {test.row.name for test in tests} == held
+    deviates = [test.deviate for test in tests]
+    assert deviates == sorted(deviates, reverse=True)
+    assert deviates[0] < 2
+    check = check_of(a1, precise_run, found)
+    assert check.passed
+    assert tests[0].row.name in check.message
+
+
+def planted(a1, recordings):
+    """Recordings with something that is held, and the model to read them with."""
+    shorter = another_model(a1)
+    for leg in shorter.legs.values():
+        calf = shorter.pinocchio.jointPlacements[leg.joint_ids[-1]]
+        calf.translation = calf.translation * (1 + 4e-3 / np.linalg.norm(calf.translation))
+    play = np.array([6e-3, 6e-3, 0.0])
+    return {
+        "play": (with_drive_train(recordings, np.zeros(3), play), a1),
+        "link_length_common": (recordings, shorter),
+        "gyro_drift": (drifting(recordings, np.array([6e-3, -6e-3, 6e-3]), 0.0), a1),
+    }
+
+
+@pytest.mark.parametrize("name", ["play", "link_length_common", "gyro_drift"])
+def test_what_is_wrong_is_named_first_with_what_to_do(a1, precise_run, name):
+    recordings, model = planted(a1, precise_run.recordings)[name]
+    found = posterior_of(model, precise_run, recordings, told())
+    tests = score_tests(found)
+    assert tests[0].row.name == name
+    check = check_of(a1, precise_run, found)
+    assert not check.passed
+    assert check.message.startswith(Priors.row(name).cause)
+    assert f"{name} = {Priors.row(name).usual:g} in --priors" in check.message
+    assert ("--legs unknown" in check.message.split(";")[1]) == (name == "link_length_common")
+    # Once it is unknown nothing speaks against the rest as it did.
+    opened = told().__class__(**{**told().__dict__, name: Priors.row(name).usual})
+    after = score_tests(posterior_of(model, precise_run, recordings, opened))
+    assert name not in {test.row.name for test in after}
+    assert after[0].deviate < tests[0].deviate - 1
+
+
+def test_to_first_order_it_says_how_wrong(a1, precise_run):
+    gains = np.array([0.012, -0.01, 0.008])
+    recordings = with_gyroscope(precise_run.recordings, np.diag(gains))
+    plain, found = (
+        next(test for test in score_tests(posterior_of(a1, precise_run, read, told())) if test.row.name == "gyro_gain")
+        for read in (precise_run.recordings, recordings)
+    )
+    np.testing.assert_allclose(found.values - plain.values, gains, atol=4e-3)
+
+
+def test_eccentric_encoders_are_noticed_and_can_be_estimated(a1, precise_run):
+    """Such errors look much like hips and lengths that are off, which trusted legs have not either."""
+    sine, cosine = 0.03 * np.random.default_rng(0).standard_normal((2, 12))
+    recordings = eccentric(precise_run.recordings, sine, cosine)
+    beliefs = Precise(legs="trusted").beliefs.holding("eccentricity")
+    clean, planted_in = (
+        score_tests(posterior_of(a1, precise_run, read, beliefs))[0].deviate
+        for read in (precise_run.recordings, recordings)
+    )
+    assert clean < 1.5 < planted_in - 1
+    opened = replace(told(), eccentricity=0.03)
+    plain, found = (posterior_of(a1, precise_run, read, opened) for read in (precise_run.recordings, recordings))
+    off = gained(found, plain, "eccentricity") - np.column_stack([sine, cosine]).ravel()
+    assert np.abs(off / found.deviation("eccentricity")).max() < 2.5
+
+
+def test_larger_drifts_are_not_hidden_by_the_noise_that_they_raise(a1, precise_run):
+    recordings = drifting(precise_run.recordings, 0.0, np.array([0.4, -0.4, 0.0]))
+    tests = score_tests(posterior_of(a1, precise_run, recordings, Priors().holding("accelerometer_drift")))
+    assert tests[0].row.name == "accelerometer_drift"
+    assert tests[0].deviate > 5
+
+
+def test_where_nothing_is_held_nothing_is_asked(a1, precise_run):
+    found = posterior_of(a1, precise_run, precise_run.recordings, Priors().all_open)
+    assert score_tests(found) == []
+    check = check_of(a1, precise_run, found)
+    assert check.passed
+    assert check.message == "nothing that the run could see is held at the model's value"
+
+
+def test_deviates_of_a_robot_as_believed_are_normal():
+    """Wilson's and Hilferty's cube root is near enough, far out too; directions that are not seen do not count."""
+    generator = np.random.default_rng(3)
+    for seen in (1, 3, 12):
+        sizes = np.concatenate([np.geomspace(0.2, 500, seen), [0.05]])
+        turn = np.linalg.qr(generator.standard_normal((seen + 1, seen + 1)))[0]
+        scores = (np.sqrt(sizes) * generator.standard_normal((20_000, seen + 1))) @ turn.T
+        deviates = np.array([score.deviate(turn @ np.diag(sizes) @ turn.T, drawn, 0.1) for drawn in scores])
+        for share in (0.5, 0.05, 0.001):
+            assert np.quantile(deviates, 1 - share) == pytest.approx(NormalDist().inv_cdf(1 - share), abs=0.25)
+    assert score.deviate(0.05 * np.eye(2), np.ones(2), 0.1) == -np.inf
+
+
+def test_the_limit_is_that_of_chance_over_all_that_is_tested(a1, precise_run, monkeypatch):
+    found = posterior_of(a1, precise_run, precise_run.recordings, told())
+    tests = [test for test in score_tests(found) if test.deviate > -np.inf]
+    share = len(tests) * (1 - NormalDist().cdf(tests[0].deviate))
+    for chance, passed in ((0.9 * share, True), (1.1 * share, False)):
+        monkeypatch.setattr(checks, "_UNLIKELY", chance)
+        assert check_of(a1, precise_run, found).passed == passed

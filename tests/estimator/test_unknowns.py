@@ -1,0 +1,170 @@
+"""The table of unknowns: a row is all that a new one needs, besides the equation that it enters."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from equipoise import Calibration, estimate
+from equipoise.estimator import problem as problem_module
+from equipoise.estimator.blocks.block import ResidualBlock
+from equipoise.estimator.blocks.table import BLOCKS
+from equipoise.estimator.diagnostics.checks import judge
+from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
+from equipoise.estimator.known.two_runs import estimate_two_runs
+from equipoise.estimator.measurements.evidence import RunEvidence, read_evidence
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.momenta import model_parameters
+from equipoise.estimator.measurements.planted_moves import PlantedRows
+from equipoise.estimator.measurements.tilt_equation import TiltEquation
+from equipoise.estimator.problem import estimate_posterior
+from equipoise.estimator.unknown import AXIS, unknown
+from equipoise.estimator.unknowns import Priors, by_the_model, finding_names
+from equipoise.report.contents import run_contents
+
+# A second accelerometer, which on a bench read more than the first by this [m/s2].
+MORE, BENCH = np.array([0.4, 0.0, -0.1]), 1e-3
+
+
+@dataclass(frozen=True)
+class TwoAccelerometers(Priors):
+    """One row more."""
+
+    second_bias: float = unknown(
+        0.2, "reading of a second accelerometer less specific force", "m/s2", AXIS, "made up",
+        label="second accelerometer bias {each}", finding="second accelerometer bias {each}", notable=0.2, drift=0.5,
+        advice="the second accelerometer's {each} reads {value:+.2f} m/s2 too much; take it off",
+    )  # fmt: skip
+
+
+class Bench(ResidualBlock):
+    """What the bench said; counted with the first motion."""
+
+    depends_on = ("accelerometer_bias", "second_bias")
+
+    @classmethod
+    def of(cls, unknowns, legs, evidence):
+        return cls(unknowns, [(0, slice(0, 3))])
+
+    def residual(self, x):
+        values = self.unknowns.values(x)
+        return (values["second_bias"] - values["accelerometer_bias"] - MORE) / BENCH
+
+    def linearise(self, x):
+        scale = self.unknowns.scale[self.columns]
+        return self.residual(x), np.hstack([-np.eye(3), np.eye(3)]) * scale / BENCH
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    monkeypatch.setattr(problem_module, "BLOCKS", (*BLOCKS, Bench.of))
+
+
+@pytest.fixture(scope="module")
+def few(a1, precise_run):
+    """The first motions of a run, which are estimated from faster."""
+    return RunEvidence(read_evidence(a1, precise_run.stance, precise_run.recordings).motions[:8])
+
+
+@pytest.mark.usefixtures("bench")
+def test_a_row_more_is_estimated_reported_and_written(a1, precise_run, tmp_path):
+    settings = replace(precise_run.settings, priors=TwoAccelerometers())
+    result = estimate(a1, precise_run.recordings, settings)
+    found = {finding.name: finding for finding in result.sensors}
+    for axis, more in zip("xyz", MORE, strict=True):
+        first, second = found[f"accelerometer bias {axis}"], found[f"second accelerometer bias {axis}"]
+        assert second.value - first.value == pytest.approx(more, abs=5 * BENCH)
+        assert first.deviation < second.deviation < first.deviation + BENCH
+    told = found["second accelerometer bias x"]
+    sentence = f"the second accelerometer's x reads {told.value:+.2f} m/s2 too much; take it off"
+    assert told.sentence == sentence
+    assert told.notable
+    assert not found["second accelerometer bias y"].notable
+    result.save(tmp_path / "calibration.json")
+    again = Calibration.load(tmp_path / "calibration.json")
+    assert again.sensors == result.sensors
+    assert again.settings["priors"]["second_bias"] == 0.2
+    assert sentence in str(run_contents(result))
+
+
+@pytest.mark.usefixtures("bench")
+def test_a_row_says_whether_an_error_that_large_is_unlikely(a1, precise_run, few):
+    for prior, passed in ((0.2, True), (0.05, False)):
+        found = estimate_posterior(a1, precise_run.stance, few, TwoAccelerometers(second_bias=prior))
+        check = next(check for check in judge(a1, few, found) if check.name == "sensor errors")
+        assert check.passed == passed
+        assert ("second accelerometer bias x" in check.message) or passed
+
+
+@pytest.mark.usefixtures("bench")
+def test_a_row_says_what_two_runs_share(a1, precise_run, few):
+    runs = estimate_two_runs(a1, precise_run.stance, (few, few), TwoAccelerometers())
+    unknowns, size = runs.unknowns, runs.unknowns.size
+    change = np.hstack([-np.eye(size), np.eye(size)])
+    deviation = np.sqrt(np.diag(change @ runs.covariance @ change.T))
+    assert (deviation[unknowns["second_bias"]] > 1e-3).all()
+    assert (deviation[unknowns["joint_zero"]] < 1e-6).all()  # nobody took the robot apart
+
+
+def test_without_an_equation_nothing_is_said(a1, precise_run, few):
+    found = estimate_posterior(a1, precise_run.stance, few, TwoAccelerometers())
+    assert "second_bias" not in found.informed
+    np.testing.assert_allclose(found.unknowns.value(found.x, "second_bias"), 0, atol=1e-12)
+    np.testing.assert_allclose(found.deviation("second_bias"), 0.2)
+
+
+# --- what holds for every row
+
+
+def test_equations_depend_on_what_they_say(a1, precise_run, few):
+    """And on nothing else: they are given no other value."""
+    legs, rotation, values = LegChains(a1), np.array(a1.imu_in_base.rotation), by_the_model(a1)
+    lifts = [motion.lift for motion in few.motions if motion.lift is not None]
+    moves = [motion.move for motion in few.motions if motion.move is not None]
+    moves[-1] = replace(moves[-1], heading=np.pi)
+    _, _, by_y, _ = TiltEquation(a1, legs, lifts).linearise(values, model_parameters(a1))
+    _, by_rows = PlantedRows(legs, rotation, precise_run.stance, moves).linearise(values)
+    for equation, by in ((TiltEquation, by_y), (PlantedRows, by_rows)):
+        assert set(by) - {"inertial"} == set(equation.DEPENDS_ON)
+        assert all((np.abs(part) > 1e-9).any() for part in by.values())
+
+
+@pytest.mark.parametrize("row", Priors.rows(), ids=lambda row: row.name)
+def test_a_row_says_all_that_is_to_be_known(a1, row):
+    labels = row.each.labels(a1)
+    assert len(set(labels)) == len(labels) > 0
+    assert row.meaning
+    assert row.source
+    assert row.label
+    assert ("{each}" in row.label) == (len(labels) > 1)
+    assert bool(row.finding) == bool(row.advice)
+    if row.finding:
+        assert len(set(finding_names(a1, row.name))) == len(labels)
+        assert all(row.sentence(labels[0], sign * 0.1, 0.01) for sign in (-1, 1))
+
+
+def test_every_unknown_enters_an_equation(a1, precise_run, few):
+    found = estimate_posterior(a1, precise_run.stance, few)
+    assert found.informed == {"base", *(row.name for row in Priors.rows())}
+
+
+@pytest.fixture(scope="module")
+def opened(a1, precise_run, few):
+    """What a run says with all unknowns open."""
+    return estimate_posterior(a1, precise_run.stance, few, Priors().all_open, rounds=0)
+
+
+@pytest.mark.parametrize("row", Priors.rows(), ids=lambda row: row.name)
+def test_any_row_may_be_held(a1, precise_run, few, opened, row):
+    """A run is estimated without it, and nothing is said of it."""
+    held = estimate_posterior(a1, precise_run.stance, few, Priors().all_open.holding(row.name), rounds=0)
+    assert len(held.x) == len(opened.x) - len(row.each.labels(a1))
+    assert not held.unknowns.values(held.x)[row.name].any()
+    names, all_names = ({finding.name for finding in sensor_findings(found)} for found in (held, opened))
+    assert all_names - names == (set(finding_names(a1, row.name)) if row.finding else set())
+    assert np.isfinite(held.robot_covariance).all()
+
+
+def test_findings_of_a_robot_are_found_by_the_name_of_their_unknown(a1):
+    assert finding_names(a1, "imu_tilt") == ["IMU rolled", "IMU pitched", "IMU yawed"]
+    assert finding_names(a1, "joint_zero")[1] == "FL_thigh_joint zero"
