@@ -21,8 +21,8 @@ from sources import FOLDERS, ROOT, UNKNOWN, changes, hash_of
 
 RESULTS = ROOT / "benchmarks" / "results"
 MAKERS = {
-    "paper/README.md": "src/equipoise/cli/reproduce.py",
-    "sources/summary.md": "src/equipoise/cli/monte_carlo.py",
+    "paper/README.md": "src/equipoise/lab/cli/reproduce.py",
+    "sources/summary.md": "src/equipoise/lab/cli/monte_carlo.py",
     "peers.md": "benchmarks/peers/run.py",
     "peers_tuning.md": "benchmarks/peers/tune.py",
 }
