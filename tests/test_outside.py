@@ -16,7 +16,7 @@ from equipoise import Guard, JointCommand, Precise, RunFolder, nominal_stance
 from equipoise.cli import main
 from equipoise.drivers import catalog
 from equipoise.drivers.catalog import open_platform
-from equipoise.errors import CommunicationError, MotionError, PluginError, SensorError, SettingsError
+from equipoise.errors import CommunicationError, MissingDependencyError, MotionError, SensorError, SettingsError
 from equipoise.exports import formats
 from equipoise.guard.remote_robot import RemoteRobot
 from equipoise.logs import reader
@@ -159,14 +159,18 @@ def mine(made="pass", read="pass"):
         ),
         (
             "mine:NoStep",
-            PluginError,
+            MissingDependencyError,
             "the class 'NoStep' lacks step; a platform has read, step, close and control_period",
         ),
-        ("mine:NOTHING", PluginError, "platform 'mine:NOTHING' is of type int; it must be a class, or a Driver"),
-        ("mine:NoPeriod", PluginError, "its control_period is None; it must be a time [s] above zero"),
+        (
+            "mine:NOTHING",
+            MissingDependencyError,
+            "platform 'mine:NOTHING' is of type int; it must be a class, or a Driver",
+        ),
+        ("mine:NoPeriod", MissingDependencyError, "its control_period is None; it must be a time [s] above zero"),
         (
             "broken:Mine",
-            PluginError,
+            MissingDependencyError,
             "the module 'broken' fails when it is imported (ZeroDivisionError: division by zero)",
         ),
     ],
@@ -188,10 +192,15 @@ def test_what_is_no_platform_is_refused(here, a1, platform, kind, message):
         (
             "raise KeyError('x')",
             {"port": "x"},
-            PluginError,
+            MissingDependencyError,
             "cannot be made (KeyError: 'x'): it is called as Mine(robot,",
         ),
-        ("self.joint_names = ('a',)", {"port": "x"}, PluginError, "its joint_names are a; they must be the model's"),
+        (
+            "self.joint_names = ('a',)",
+            {"port": "x"},
+            MissingDependencyError,
+            "its joint_names are a; they must be the model's",
+        ),
     ],
 )
 def test_a_platform_that_cannot_be_made_says_why(here, a1, made, given, kind, message):

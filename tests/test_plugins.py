@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from equipoise.errors import PluginError, SettingsError
+from equipoise.errors import MissingDependencyError, SettingsError
 from equipoise.plugins import Table
 
 GROUP = "equipoise.fruits"
@@ -66,7 +66,7 @@ def test_a_package_that_fails_is_refused_by_name_and_takes_nothing_down(install,
     install("rotten", code, "pear = rotten_code:PEAR")
     install("orchard", "PLUM = 'a plum'", "plum = orchard_code:PLUM")
     fruits = table()
-    with pytest.raises(PluginError) as caught:
+    with pytest.raises(MissingDependencyError) as caught:
         fruits["pear"]
     assert str(caught.value).startswith(f"fruit 'pear' of the package rotten 1.2 cannot be used: {reason}")
     rows = fruits.rows()

@@ -22,11 +22,21 @@ class EquipoiseError(Exception):
     """Base of all errors that equipoise raises on purpose.
 
     Attributes:
-        details: facts that a script may want to know besides, as JSON values.
+        exit_code: what the command line returns; 9: worker processes or machines are not there, or died.
+        details: facts for scripts, as JSON values.
     """
 
     exit_code = 1
     details: Mapping[str, Any] = MappingProxyType({})
+
+    def __init__(
+        self, message: str = "", *, exit_code: int | None = None, details: Mapping[str, Any] | None = None
+    ) -> None:
+        super().__init__(message)
+        if exit_code is not None:
+            self.exit_code = exit_code
+        if details is not None:
+            self.details = details
 
 
 class SettingsError(EquipoiseError, ValueError):
@@ -44,9 +54,8 @@ class UnconfirmedMassError(SettingsError):
     """
 
     def __init__(self, message: str, comparison: Any = None, details: Mapping[str, Any] | None = None) -> None:
-        super().__init__(message)
+        super().__init__(message, details=details)
         self.comparison = comparison
-        self.details = details or {}
 
 
 class ModelError(EquipoiseError, ValueError):
@@ -56,7 +65,7 @@ class ModelError(EquipoiseError, ValueError):
 
 
 class MotionError(EquipoiseError, RuntimeError):
-    """The robot cannot do, or did not do, what was asked.
+    """The robot cannot do, or did not do, what was asked: a joint is beyond a limit, does not follow, or does not answer.
 
     Attributes:
         recordings: recordings made before and while it went wrong, oldest first (Recording).
@@ -64,8 +73,10 @@ class MotionError(EquipoiseError, RuntimeError):
 
     exit_code = 4
 
-    def __init__(self, message: str, recordings: tuple[Any, ...] = ()) -> None:
-        super().__init__(message)
+    def __init__(
+        self, message: str, recordings: tuple[Any, ...] = (), details: Mapping[str, Any] | None = None
+    ) -> None:
+        super().__init__(message, details=details)
         self.recordings = recordings
 
 
@@ -77,36 +88,6 @@ class FallError(MotionError):
     """The robot fell when it should have stood."""
 
 
-class TrackingError(MotionError, TimeoutError):
-    """The joints did not come to rest near where they were sent."""
-
-
-class BracketError(MotionError):
-    """No support line between the search bounds balances the robot."""
-
-
-class ImuMountingError(MotionError):
-    """The tilts contradict the motions as they do when the IMU is mounted turned."""
-
-
-class ResponseError(MotionError):
-    """Joints or gyroscope did not answer a small motion as the model predicts.
-
-    Attributes:
-        details: commanded and measured angles and the likely cause, as JSON values.
-    """
-
-    def __init__(
-        self, message: str, recordings: tuple[Any, ...] = (), details: Mapping[str, Any] = MappingProxyType({})
-    ) -> None:
-        super().__init__(message, recordings)
-        self.details = details
-
-
-class LimitError(MotionError):
-    """A joint is, or was sent, beyond what it may do: position, speed, torque or temperature."""
-
-
 class SensorError(MotionError):
     """The robot's samples cannot be believed: frozen, not a number, out of order."""
 
@@ -115,7 +96,7 @@ class OverrunError(MotionError):
     """This computer did not keep up with the control loop."""
 
 
-class HealthError(LimitError):
+class HealthError(MotionError):
     """The robot is sound and should not go on: a hot motor, an empty battery, a fault that it reports itself."""
 
     exit_code = 12
@@ -127,30 +108,20 @@ class StopRequestedError(MotionError):
     exit_code = 13
 
 
-class RobotProcessError(MotionError):
-    """The robot process ended, stopped or is of another version."""
-
-    exit_code = 10
-
-
 class OtherCommanderError(MotionError):
     """Another program sends commands to the robot's motors."""
 
 
 class CommunicationError(MotionError, ConnectionError):
-    """The robot cannot be reached, or fell silent."""
+    """The robot or its process cannot be reached, fell silent, or is of another version."""
 
     exit_code = 10
 
 
 class RecordingError(EquipoiseError, ValueError):
-    """A recording or run folder is damaged, or lacks what an estimate needs."""
+    """A recording or run folder is damaged, lacks what an estimate needs, or cannot be resumed."""
 
     exit_code = 5
-
-
-class ResumeError(RecordingError):
-    """A run that was interrupted cannot be gone on with: what it would do now is not what was recorded."""
 
 
 class ColumnsError(RecordingError):
@@ -179,9 +150,8 @@ class LogError(RecordingError):
     """
 
     def __init__(self, message: str, report: Any = None, details: Mapping[str, Any] | None = None) -> None:
-        super().__init__(message)
+        super().__init__(message, details=details)
         self.report = report
-        self.details = details or {}
 
 
 class OutputError(EquipoiseError, OSError):
@@ -191,35 +161,15 @@ class OutputError(EquipoiseError, OSError):
 
 
 class MissingDependencyError(EquipoiseError, ImportError):
-    """An optional package is needed and not installed."""
+    """An optional package is needed and not installed, or an installed package cannot be used."""
 
     exit_code = 7
 
 
-class PluginError(MissingDependencyError):
-    """What an installed package adds to equipoise cannot be imported, or is something else."""
-
-
 class NotEstimatedError(EquipoiseError, ValueError):
-    """A quantity was asked for that the method used does not estimate."""
+    """A quantity was asked for that was not estimated, is not identified, or that no body can have."""
 
     exit_code = 8
-
-
-class NotIdentifiedError(NotEstimatedError):
-    """A quantity was asked for that the run told too little of."""
-
-
-class NotPhysicalError(EquipoiseError, ValueError):
-    """What would be written are inertial parameters that no body can have."""
-
-    exit_code = 8
-
-
-class WorkerError(EquipoiseError, RuntimeError):
-    """Processes or machines that should do the work are not there, or died."""
-
-    exit_code = 9
 
 
 class ModelWarning(UserWarning):

@@ -16,7 +16,7 @@ from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar, cast
 
-from equipoise.errors import EquipoiseError, PluginError, SettingsError, did_you_mean
+from equipoise.errors import EquipoiseError, MissingDependencyError, SettingsError, did_you_mean
 
 Row = TypeVar("Row")
 
@@ -48,7 +48,7 @@ class Table(Generic[Row]):
 
         Raises:
             SettingsError: no row has the name, or two have.
-            PluginError: the package that brings it cannot be imported, or brings something else.
+            MissingDependencyError: the package that brings it cannot be imported, or brings something else.
         """
         added = self._added.get(name, [])
         if len(added) + (name in self._own) > 1:
@@ -85,18 +85,20 @@ class Table(Generic[Row]):
         try:
             row = entry.load()
         except (Exception, SystemExit) as error:  # what a foreign module does when it is imported is anybody's guess
-            raise PluginError(
+            raise MissingDependencyError(
                 f"{whose} cannot be used: {entry.value!r} fails ({type(error).__name__}: {error}); "
                 "install another version of it, or uninstall it"
             ) from error
         if not isinstance(row, self._kind):
             kinds = self._kind if isinstance(self._kind, tuple) else (self._kind,)
-            raise PluginError(
+            raise MissingDependencyError(
                 f"{whose} cannot be used: {entry.value!r} is of type {type(row).__name__}; "
                 f"it must be {' or '.join(kind.__name__ for kind in kinds)}"
             )
         if not isinstance(row, type) and getattr(row, "name", name) != name:
-            raise PluginError(f"{whose} cannot be used: it calls itself {row.name!r}; the two names must be one")
+            raise MissingDependencyError(
+                f"{whose} cannot be used: it calls itself {row.name!r}; the two names must be one"
+            )
         return cast("Row", row)
 
 
@@ -120,7 +122,7 @@ def import_users(noun: str, path: str) -> Any:
 
     Raises:
         SettingsError: there is no such module, or no such name in it.
-        PluginError: the module fails when it is imported.
+        MissingDependencyError: the module fails when it is imported.
     """
     name, _, attribute = path.partition(":")
     here = os.getcwd()
@@ -133,7 +135,7 @@ def import_users(noun: str, path: str) -> Any:
             raise SettingsError(
                 f"{noun} {path!r}: there is no module {error.name!r}, neither in {here!r} nor among what is installed"
             ) from error
-        raise PluginError(
+        raise MissingDependencyError(
             f"{noun} {path!r}: the module {name!r} fails when it is imported ({type(error).__name__}: {error})"
         ) from error
     if hasattr(module, attribute):

@@ -10,7 +10,7 @@ from guarded import PERIOD, MemoryLink, at_rest, hold, is_damped
 from equipoise import nominal_stance, simulate
 from equipoise.drivers import hardware
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.errors import CommunicationError, LimitError, MotionError, OverrunError
+from equipoise.errors import CommunicationError, MotionError, OverrunError
 from equipoise.guard.guard import Guard
 from equipoise.platform.platform import JointCommand
 
@@ -52,7 +52,7 @@ def test_a_command_that_slept_on_its_way_is_not_sent(platform, link, stand, monk
             "platform 'a robot in memory' cannot be reached: {} fails (no route)",
         ),
         (KeyError("motor"), MotionError, "platform 'a robot in memory': {} fails (KeyError: 'motor')"),
-        (LimitError("too far"), LimitError, "too far"),
+        (MotionError("too far"), MotionError, "too far"),
     ],
 )
 @pytest.mark.parametrize("method", ["receive", "send", "release"])

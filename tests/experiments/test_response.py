@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.calibration.run_folder import RunFolder
-from equipoise.errors import ModelWarning, ResponseError, ResumeError
+from equipoise.errors import ModelWarning, MotionError, RecordingError
 from equipoise.experiments.imu_orientation import wirings
 from equipoise.experiments.response import check_base, check_joints, find_orientation, turn_base
 from equipoise.experiments.response_test import ResponseTest
@@ -67,7 +67,7 @@ def test_a_joint_whose_commands_have_the_wrong_sign_is_refused(robot, joint):
     sign[joint] = -1
     with simulate(robot, "realistic", seed=2, start="lying") as simulation:
         platform = Miswired(simulation.platform, sign=sign, sensed=False)
-        with pytest.raises(ResponseError) as caught:
+        with pytest.raises(MotionError) as caught:
             check_joints(platform, robot, nominal_stance(robot))
     details = caught.value.details
     assert "sign" in details["cause"]
@@ -82,7 +82,7 @@ def test_joints_that_are_commanded_in_another_order_are_refused(robot, pair):
     order[list(pair)] = order[list(pair)][::-1]
     with simulate(robot, "realistic", seed=2, start="lying") as simulation:
         platform = Miswired(simulation.platform, order=order, sensed=False)
-        with pytest.raises(ResponseError) as caught:
+        with pytest.raises(MotionError) as caught:
             check_joints(platform, robot, nominal_stance(robot))
     moved = caught.value.details["moved"]
     assert max(abs(moved[robot.joint_names[joint]]) for joint in pair) > 0.1
@@ -109,7 +109,7 @@ def test_joints_that_are_commanded_in_another_order_are_refused(robot, pair):
 def test_consistent_miswiring_is_named_by_the_gyroscope(robot, preset, exchange, hips, cause):
     with simulate(robot, preset, seed=1) as simulation:
         recording = turned(Miswired(simulation.platform, *wiring(robot, exchange, hips)), robot)
-    with pytest.raises(ResponseError, match="the gyroscope contradicts the joints") as caught:
+    with pytest.raises(MotionError, match="the gyroscope contradicts the joints") as caught:
         find_orientation(robot, recording)
     assert any(named.startswith(cause + " (") for named in caught.value.details["causes"])
     assert len(caught.value.details["causes"]) <= 3
@@ -139,7 +139,7 @@ def test_a_turned_imu_is_measured_and_used_once_confirmed(robot, rpy):
         with simulate(robot, "realistic", seed=5) as simulation:
             planted, _ = stand_up(Miswired(simulation.platform, imu=mounted.T), robot, stance)
             if not answer:
-                with pytest.raises(ResponseError, match=r"not confirmed, and no foot was lifted.*--imu-rpy "):
+                with pytest.raises(MotionError, match=r"not confirmed, and no foot was lifted.*--imu-rpy "):
                     check_base(planted, stance, 0, None)
                 continue
             test = check_base(planted, stance, 0, lambda question: asked.append(question) or True)
@@ -187,7 +187,7 @@ def test_a_resumed_run_keeps_the_orientation_of_its_trials(a1, tmp_path, precise
     folder, content = RunFolder.resume(tmp_path / "run", repeats=False)
     assert len(content.recordings) == 1
     folder.save_response(dataclasses.replace(passed, model_rpy=passed.measured_rpy, uses_measurement=False))
-    with pytest.raises(ResumeError, match="from the orientation of the trials"):
+    with pytest.raises(RecordingError, match="from the orientation of the trials"):
         folder.save_response(dataclasses.replace(passed, measured_rpy=(0.0, 0.0, 0.1)))
     folder.close()
     assert RunFolder.open(tmp_path / "run").robot().description.imu_rpy == (0.0, 0.0, 1.5)

@@ -11,7 +11,7 @@ from exporting import found, make_run
 from robots import load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise import export, load_robot
-from equipoise.errors import ModelWarning, NotPhysicalError
+from equipoise.errors import ModelWarning, NotEstimatedError
 from equipoise.exports.formats import FORMATS
 from equipoise.result.body import Body
 from equipoise.robot.catalog import CATALOG
@@ -28,7 +28,7 @@ def displaced(result, com):
 @pytest.mark.parametrize("name", [name for name, row in FORMATS.items() if row.bodies and name not in ("mjcf", "usd")])
 @pytest.mark.parametrize("com", [(0.5, 0.5, 0.5), (-2.0, 2.8, -16.0), (0.0, 0.0, -0.6)], ids=["beside", "mm", "below"])
 def test_a_com_outside_the_robot_is_refused(name, com, a1):
-    with pytest.raises(NotPhysicalError) as error:
+    with pytest.raises(NotEstimatedError) as error:
         export(displaced(found(a1), com), name)
     place = ", ".join(f"{value:.4g}" for value in com)
     assert str(error.value).startswith(f"the composite's CoM ({place}) m lies outside 'unitree_a1': x -0.")
@@ -48,7 +48,7 @@ def test_without_its_model_a_robot_is_as_large_as_its_inertia_says(a1):
     result = dataclasses.replace(found(a1), robot_model=None)
     assert export(result, "quadruped-pympc").notes == ()
     for com in ((0.7, 0.0, 0.0), (0.0, -0.7, 0.0)):
-        with pytest.raises(NotPhysicalError, match=r" m within 3 radii of gyration of its model\."):
+        with pytest.raises(NotEstimatedError, match=r" m within 3 radii of gyration of its model\."):
             export(displaced(result, com), "quadruped-pympc")
 
 

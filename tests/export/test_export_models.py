@@ -23,7 +23,7 @@ from exporting import (
 from robots import load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise import RobotDescription, export, load_robot
-from equipoise.errors import MissingDependencyError, ModelError, NotPhysicalError, SettingsError
+from equipoise.errors import MissingDependencyError, ModelError, NotEstimatedError, SettingsError
 from equipoise.exports.formats import export_all
 from equipoise.result.body import Body
 from equipoise.result.statistics import NORMAL_95
@@ -347,7 +347,7 @@ def test_a_base_body_in_another_file_is_refused(tmp_path):
 def test_a_link_that_no_body_could_be_is_refused(text, tmp_path):
     robot = load_text(tmp_path, text)
     light = InertialParameters(-5.9, np.array([0.0, 0.0, 0.1]), -0.05 * np.eye(3))
-    message = refusal(NotPhysicalError, found(robot, light), robot.source.format)
+    message = refusal(NotEstimatedError, found(robot, light), robot.source.format)
     assert message.startswith(
         "link 'trunk' of robot, less what else the file has, is no body: a principal moment of inertia is -3.2"
     )
@@ -378,7 +378,7 @@ def test_a_difference_that_is_no_body_is_no_link_unless_forced(a1, tmp_path):
     result = found(a1, InertialParameters(0.5, np.array([0.1, 0.0, 0.1]), np.diag([0.001, 0.002, -0.0005])))
     result = within(result, 1e-6)
     assert "is no body: a principal moment of inertia is -0.0005 kg m2" in refusal(
-        NotPhysicalError, result, "urdf", payload_link=True
+        NotEstimatedError, result, "urdf", payload_link=True
     )
     forced = export(result, "urdf", payload_link=True, force=True)
     assert forced.notes[0].startswith("FORCED, beyond the intervals: equipoise_payload, the difference")
@@ -386,7 +386,7 @@ def test_a_difference_that_is_no_body_is_no_link_unless_forced(a1, tmp_path):
     again = composite_in_equipoise(forced.save(tmp_path / "robot.urdf"), result, a1)
     np.testing.assert_allclose(again.com, result.composite.com_in_base.values, rtol=1e-12)
     lighter = found(a1, InertialParameters(-0.2, np.zeros(3), -0.001 * np.eye(3)))
-    assert "would have a mass of -0.2 kg" in refusal(NotPhysicalError, lighter, "urdf", payload_link=True, force=True)
+    assert "would have a mass of -0.2 kg" in refusal(NotEstimatedError, lighter, "urdf", payload_link=True, force=True)
 
 
 @pytest.mark.parametrize("model_format", ["urdf", "mjcf"])

@@ -16,7 +16,7 @@ from robots import load_text, quadruped_mjcf
 
 from equipoise import export
 from equipoise.cli import main
-from equipoise.errors import ModelError, NotEstimatedError, NotIdentifiedError, SettingsError
+from equipoise.errors import ModelError, NotEstimatedError, SettingsError
 from equipoise.exports.formats import FORMATS
 from equipoise.result.findings import Check
 
@@ -209,14 +209,14 @@ def test_priors_of_the_run_say_what_is_identified(result):
 
 def test_where_nothing_is_identified_nothing_is_written(result):
     vague = dataclasses.replace(result, sensors=(finding(f"{HIP} zero", 1e-3, 4e-3),))
-    with pytest.raises(NotIdentifiedError) as error:
+    with pytest.raises(NotEstimatedError) as error:
         export(vague, "ros2")
     assert str(error.value) == (
         "not identified by this run: joint_zero (all); calibrate longer (--budget), or write them all the same with --force"
     )
     assert f"{HIP}: 0.001" in export(vague, "ros2", force=True).text
     tilted = dataclasses.replace(result, sensors=result.sensors[:3])
-    with pytest.raises(NotIdentifiedError, match="no joint's zero well"):
+    with pytest.raises(NotEstimatedError, match="no joint's zero well"):
         export(tilted, "holosoma")
 
 
@@ -224,7 +224,7 @@ def test_where_nothing_is_identified_nothing_is_written(result):
 def test_what_comes_of_a_failed_check_is_refused_unless_forced(name, result):
     doubtful = dataclasses.replace(result, checks=(Check("planted feet", False, "they slid"),))
     what = "motors" if name == "urdf" else None
-    with pytest.raises(NotIdentifiedError, match="the result is doubtful: check failed: planted feet: they slid"):
+    with pytest.raises(NotEstimatedError, match="the result is doubtful: check failed: planted feet: they slid"):
         export(doubtful, name, what=what)
     assert "check failed: planted feet: they slid" in export(doubtful, name, what=what, force=True).text
 

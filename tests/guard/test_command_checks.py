@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from equipoise import nominal_stance
-from equipoise.errors import LimitError, SettingsError
+from equipoise.errors import MotionError, SettingsError
 from equipoise.guard.command_checks import CommandChecks
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand
@@ -69,14 +69,14 @@ def test_a_sound_command_passes(check, stance, a1):
 def test_a_command_that_no_joint_should_get_is_refused(check, stance, field, joint, value, message):
     sound = JointCommand(stance.joint_position, np.zeros(12), np.zeros(12), np.zeros(12), np.zeros(12))
     command = replace(sound, **{field: with_one(getattr(sound, field), joint, value)})
-    with pytest.raises(LimitError) as caught:
+    with pytest.raises(MotionError) as caught:
         check(command)
     assert str(caught.value) == message
 
 
 def test_a_joint_is_not_sent_beyond_its_limits(check, stance):
     target = with_one(stance.joint_position, 2, -2.8)
-    with pytest.raises(LimitError) as caught:
+    with pytest.raises(MotionError) as caught:
         check(JointCommand(target), before=target)
     assert str(caught.value) == ("joint 'FL_calf_joint' was sent to -2.800 rad; its limits are -2.697 to -0.916 rad")
 
@@ -85,12 +85,12 @@ def test_a_joint_that_is_beyond_its_limits_by_itself_may_stay_there(check, stanc
     target = with_one(stance.joint_position, 2, -2.8)
     check(JointCommand(target), before=target, here=target)
     farther = with_one(target, 2, -2.81)
-    with pytest.raises(LimitError, match=r"was sent to -2\.810 rad"):
+    with pytest.raises(MotionError, match=r"was sent to -2\.810 rad"):
         check(JointCommand(farther), before=farther, here=target)
 
 
 def test_a_jump_is_refused(check, stance):
-    with pytest.raises(LimitError) as caught:
+    with pytest.raises(MotionError) as caught:
         check(JointCommand(with_one(stance.joint_position, 1, stance.joint_position[1] + 0.1)))
     assert str(caught.value) == (
         "joint 'FL_thigh_joint' was sent a jump of 0.100 rad, which is 50 rad/s; its limit is 21.0 rad/s"
@@ -112,7 +112,7 @@ def test_whatever_passes_is_within_all_limits(check, stance, a1, values, field):
     command = replace(JointCommand(stance.joint_position), **{field: values})
     try:
         check(command)
-    except LimitError:
+    except MotionError:
         return
     kp, kd = a1.gains(stance.hip_height)
     most = {

@@ -17,12 +17,10 @@ from equipoise.errors import (
     EquipoiseError,
     FallError,
     HealthError,
-    LimitError,
     MissingDependencyError,
     MotionError,
     SensorError,
     StopRequestedError,
-    TrackingError,
 )
 from equipoise.guard import footing
 from equipoise.guard.endings import DAMPED_TIME, NOT_CONFIRMED
@@ -46,7 +44,7 @@ from equipoise.simulation.mujoco import MujocoPlatform
 SETTINGS = Precise(budget=32, sway=False)
 CALF, THIGH = 2, 1  # of the front left leg
 SIZES = {"delay": 0.3, "spike": 0.3, "overheat": 90.0, "empty battery": 0.08}
-FALLS = (FallError, TrackingError, LimitError)
+FALLS = MotionError
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ CASES = [
     *(Case("spike", phase, SensorError, "encoder of joint 'FL_calf_joint' jumped") for phase in ("stand", "watch")),
     *(Case("kill link", phase, CommunicationError, "the link is gone") for phase in ("stand", "move", "watch")),
     *(
-        Case("drop", phase, (CommunicationError, TrackingError), "no sample has arrived for 1|is it on")
+        Case("drop", phase, (CommunicationError, MotionError), "no sample has arrived for 1|is it on")
         for phase in PHASES
     ),
     *(Case("repeat", phase, SensorError, "samples repeat themselves") for phase in ("stand", "watch")),
@@ -91,10 +89,7 @@ CASES = [
         Case("freeze imu", phase, (SensorError, FallError), "IMU is frozen|falling")
         for phase in ("stand", "move", "lower")
     ),
-    *(
-        Case("stick joint", phase, TrackingError, "joint 'FL_calf_joint' was sent through")
-        for phase in ("move", "lift")
-    ),
+    *(Case("stick joint", phase, MotionError, "joint 'FL_calf_joint' was sent through") for phase in ("move", "lift")),
     *(
         Case("outside", phase, FALLS, "falling|FL|FR|RL|RR", push=400.0)
         for phase in ("stand", "move", "watch", "lower")
@@ -214,9 +209,9 @@ def test_a_fault_ends_in_its_error_with_the_robot_put_down(a1, case, tmp_path):
 
 SWINGING = [
     Case("nan", "watch", SensorError, "encoder of joint 'FL_calf_joint' says what is no number"),
-    Case("drop", "watch", (CommunicationError, TrackingError), "no sample has arrived for 1|is it on"),
+    Case("drop", "watch", (CommunicationError, MotionError), "no sample has arrived for 1|is it on"),
     Case("lose torque", "watch", FALLS, "FL_|falling"),
-    Case("stick joint", "watch", TrackingError, "joint 'FL_thigh_joint' was sent through", joint=THIGH),
+    Case("stick joint", "watch", MotionError, "joint 'FL_thigh_joint' was sent through", joint=THIGH),
     Case("outside", "watch", FALLS, "falling|FL|FR|RL|RR", push=250.0),
 ]
 
@@ -236,22 +231,22 @@ _NO_POWER = "FL_calf_joint.*is it on"
 _STUCK = "joint 'FL_calf_joint' was sent through"
 LYING = [
     Case("drop", "lie", CommunicationError, "no sample has arrived for 1"),
-    Case("lose torque", "lie", TrackingError, _NO_POWER),
-    Case("stick joint", "lie", TrackingError, _STUCK),
+    Case("lose torque", "lie", MotionError, _NO_POWER),
+    Case("stick joint", "lie", MotionError, _STUCK),
     Case("spike", "raise", SensorError, "encoder of joint 'FL_calf_joint' jumped"),
     Case("kill link", "raise", CommunicationError, "the link is gone"),
     Case("freeze imu", "raise", SensorError, "IMU is frozen"),
-    Case("stick joint", "raise", TrackingError, _STUCK),
+    Case("stick joint", "raise", MotionError, _STUCK),
     Case("nan", "swing", SensorError, "encoder of joint 'FL_calf_joint' says what is no number"),
     Case("repeat", "swing", SensorError, "samples repeat themselves"),
     Case("overheat", "swing", HealthError, "motor of joint 'FL_calf_joint' has 90 deg C"),
     # Limp and upright, the thigh hangs in its friction.
-    Case("lose torque", "swing", TrackingError, "FL_thigh_joint.* (is it on|lost power)", joint=THIGH),
+    Case("lose torque", "swing", MotionError, "FL_thigh_joint.* (is it on|lost power)", joint=THIGH),
     Case("freeze encoder", "swing", SensorError, "encoder of joint 'FL_calf_joint' is frozen"),
-    Case("stick joint", "swing", TrackingError, _STUCK),
+    Case("stick joint", "swing", MotionError, _STUCK),
     Case("outside", "swing", FallError, "falling", push=250.0),
-    Case("lose torque", "fold", TrackingError, _NO_POWER),
-    Case("stick joint", "fold", TrackingError, _STUCK),
+    Case("lose torque", "fold", MotionError, _NO_POWER),
+    Case("stick joint", "fold", MotionError, _STUCK),
     Case("nan", "fold", SensorError, "encoder of joint 'FL_calf_joint' says what is no number", after=4.3),  # it rises
 ]
 
@@ -290,16 +285,16 @@ THREE_FEET = Motors(motor_time=6.0, motor_stance="three-feet")
 _OTHER_CALF = 5  # of a leg that stands
 STANDING = [
     Case("drop", "move", CommunicationError, "no sample has arrived for 1"),
-    Case("stick joint", "move", TrackingError, "joint 'FR_calf_joint' was sent through", joint=_OTHER_CALF),
+    Case("stick joint", "move", MotionError, "joint 'FR_calf_joint' was sent through", joint=_OTHER_CALF),
     Case("nan", "unload", SensorError, "encoder of joint 'FL_calf_joint' says what is no number"),
     Case("lose torque", "lift", FALLS, "FL_calf_joint|falling"),
     Case("outside", "lift", FALLS, "falling|FL|FR|RL|RR", push=250.0),
     Case("nan", "swing", SensorError, "encoder of joint 'FL_calf_joint' says what is no number"),
     Case("overheat", "swing", HealthError, "motor of joint 'FL_calf_joint' has 90 deg C"),
     Case("kill link", "swing", CommunicationError, "the link is gone"),
-    Case("lose torque", "swing", TrackingError, "FL_calf_joint.*lost power|FL_calf_joint.*is it on"),
+    Case("lose torque", "swing", MotionError, "FL_calf_joint.*lost power|FL_calf_joint.*is it on"),
     Case("lose torque", "swing", FALLS, "FR_calf_joint|falling", joint=_OTHER_CALF),
-    Case("stick joint", "swing", TrackingError, _STUCK),
+    Case("stick joint", "swing", MotionError, _STUCK),
     Case("outside", "swing", FALLS, "falling|FL|FR|RL|RR", push=250.0),
     Case("drop", "lower", CommunicationError, "no sample has arrived for 1"),
     Case("lose torque", "lower", FALLS, "FL_|falling"),
@@ -339,7 +334,7 @@ def test_a_hot_robot_over_three_feet_is_lowered_level(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("phase", "joint"), [("lift", CALF), ("watch", THIGH)])
 def test_a_blocked_joint_presses_with_a_bounded_force(a1, phase, joint, tmp_path):
     """By 30 % of its motor's torque or 60 N at the foot beyond what the motion needs, on its way to the error."""
-    case = Case("stick joint", phase, TrackingError, "joint 'FL_(calf|thigh)_joint'", joint=joint)
+    case = Case("stick joint", phase, MotionError, "joint 'FL_(calf|thigh)_joint'", joint=joint)
     outcome, _, peer, report = run(a1, [case], tmp_path / "run", settings=OneSwing())
     assert isinstance(outcome, case.error), outcome
     assert re.search(case.words, str(outcome)), outcome
@@ -435,7 +430,7 @@ def test_self_collision_is_refused_before_links_touch(a1, how):
         sent = peer.commands[-1].position
         way = crossing(a1, sent, guard.control_period)
         with pytest.raises(
-            LimitError, match=r"^link 'FL_foot' would come within \d\.\d mm of link 'FR_foot': it was not "
+            MotionError, match=r"^link 'FL_foot' would come within \d\.\d mm of link 'FR_foot': it was not "
         ):
             guard.play(way) if how == "play" else play_by_stepping(guard, way)
         ended = guard.report().ending

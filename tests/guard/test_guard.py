@@ -11,12 +11,10 @@ from equipoise import nominal_stance
 from equipoise.errors import (
     CommunicationError,
     FallError,
-    LimitError,
     MotionError,
     OutputError,
     ReachError,
     SensorError,
-    TrackingError,
 )
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.guard import footing
@@ -74,7 +72,7 @@ def use(seen, robot, work):
 
 ERRORS = [
     None, TroubleError(), KeyboardInterrupt(), SystemExit(3), ReachError("too far"), OutputError("the disk is full"),
-    TrackingError("it did not come to rest"),
+    MotionError("it did not come to rest"),
 ]  # fmt: skip
 
 
@@ -296,7 +294,7 @@ def turned(state):
     ("change", "kind", "message"),
     [
         (
-            away, LimitError,
+            away, MotionError,
             r"the first command would move joint 'FL_thigh_joint' at once from 1\.0\d\d to 0\.7\d\d rad; motions start where "
             "the robot is$",
         ),
@@ -328,7 +326,7 @@ def test_a_robot_that_has_sunk_between_motions_is_not_pulled_up(a1, seen):
         hold(guard, seen, 0.3)
 
     ending, raised = use(seen, a1, work)
-    assert type(raised) is TrackingError
+    assert type(raised) is MotionError
     assert ending == ["damped", "released"]
     after = 255  # commands: the soft start, and the motion
     pulls = [command for command in seen.commands[after:] if not command.limp]

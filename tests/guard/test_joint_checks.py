@@ -7,7 +7,7 @@ import pytest
 from guarded import PERIOD, at_rest, look
 
 from equipoise import nominal_stance
-from equipoise.errors import HealthError, LimitError, SettingsError, TrackingError
+from equipoise.errors import HealthError, MotionError, SettingsError
 from equipoise.guard.joint_checks import JointChecks
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import Health, JointCommand
@@ -41,7 +41,7 @@ def feel(checks, states, command):
     for count, state in enumerate(states):
         try:
             look((*checks.in_motion, *checks.health), command, state)
-        except (LimitError, TrackingError) as error:
+        except MotionError as error:
             return error, count
     return None, count + 1
 
@@ -59,7 +59,7 @@ def test_an_encoder_far_beyond_a_joints_limits_is_no_joint(a1, checks, hold):
         return replace(state, joint_position=with_one(state.joint_position, 2, 0.5))
 
     error, count = feel(checks, lasting(a1, change), hold)
-    assert type(error) is LimitError
+    assert type(error) is MotionError
     assert str(error) == (
         "joint 'FL_calf_joint' is at 0.500 rad; its limits are -2.697 to -0.916 rad. Are the joint map and the zeros right?"
     )
@@ -71,17 +71,17 @@ def test_an_encoder_far_beyond_a_joints_limits_is_no_joint(a1, checks, hold):
     [
         (
             lambda state: replace(state, joint_velocity=with_one(state.joint_velocity, 4, -30.0), joint_torque=None),
-            LimitError,
+            MotionError,
             "joint 'FR_thigh_joint' turns at -30.0 rad/s; its limit is 21.0 rad/s",
         ),
         (
             lambda state: replace(state, joint_torque=with_one(state.joint_torque, 11, 45.0)),
-            LimitError,
+            MotionError,
             "joint 'RR_calf_joint' gives 45.0 Nm; its limit is 33.5 Nm",
         ),
         (
             lambda state: replace(state, joint_position=with_one(state.joint_position, 1, 1.4), joint_torque=None),
-            TrackingError,
+            MotionError,
             "joint 'FL_thigh_joint' is 0.68 rad from where it was sent: is it stuck, has its motor lost power?",
         ),
     ],
@@ -117,7 +117,7 @@ def test_a_joint_that_does_not_move_is_stuck(a1, checks, stance):
 
     errors = [feel(checks, [replace(at_rest(a1, i), joint_torque=None)], sent(i))[0] for i in range(600)]
     (error,) = (error for error in errors if error is not None)
-    assert type(error) is TrackingError
+    assert type(error) is MotionError
     assert str(error) == (
         "joint 'RL_thigh_joint' was sent through 0.18 rad and moved by 0.00 rad: is it stuck, has its motor lost power?"
     )
@@ -127,7 +127,7 @@ def test_a_motor_that_gives_nothing_is_noticed(a1, checks, stance):
     """It stays where it is, as a lightly loaded joint does, and still is not what it was sent."""
     torque = with_one(np.zeros(12), 5, 8.0)
     error, count = feel(checks, lasting(a1, lambda state: state), JointCommand(stance.joint_position, torque=torque))
-    assert type(error) is TrackingError
+    assert type(error) is MotionError
     assert str(error) == (
         "the motor of joint 'FR_calf_joint' gives 0.0 Nm where its position and what it was sent make it 8.0 Nm: is it on, "
         "are its gains those that are sent?"
@@ -155,7 +155,7 @@ def test_a_robot_that_reports_neither_speed_nor_torque_is_watched_all_the_same(a
 
     assert feel(checks, lasting(a1, change), hold)[0] is None
     away = lasting(a1, lambda state: replace(change(state), joint_position=state.joint_position + 0.6))
-    assert isinstance(feel(checks, away, hold)[0], TrackingError)
+    assert isinstance(feel(checks, away, hold)[0], MotionError)
 
 
 def test_limp_joints_are_asked_for_nothing(a1, checks, stance):
@@ -189,7 +189,7 @@ def test_one_hot_reading_is_a_glitch(a1, checks, hold):
 
 def test_before_anything_moves_joints_are_within_their_limits(a1, checks, hold):
     look(checks.at_rest, hold, at_rest(a1))
-    with pytest.raises(LimitError, match="Are the joint map and the zeros right"):
+    with pytest.raises(MotionError, match="Are the joint map and the zeros right"):
         look(checks.at_rest, hold, at_rest(a1, joint_position=np.full(12, 1.0)))
 
 

@@ -19,10 +19,9 @@ from equipoise.errors import (
     EquipoiseError,
     FallError,
     HealthError,
-    LimitError,
+    MotionError,
     OverrunError,
     SensorError,
-    TrackingError,
 )
 from equipoise.experiments.legs_up import legs_up as turned_up
 from equipoise.guard import endings, robot_loop, second_connection
@@ -93,7 +92,7 @@ def test_an_encoder_beyond_its_joints_limits(a1, joints, home):
         look(joints.at_rest, JointCommand(home), at_rest(a1, joint_position=position))
 
     at(0.14)
-    with pytest.raises(LimitError, match="its limits are"):
+    with pytest.raises(MotionError, match="its limits are"):
         at(0.17)
 
 
@@ -104,7 +103,7 @@ def test_a_torque_that_is_missing(a1, joints, home):
             look(joints.in_motion, command, at_rest(a1, index, joint_position=home))
 
     lasts(3.7)
-    with pytest.raises(TrackingError, match="is it on, are its gains"):
+    with pytest.raises(MotionError, match="is it on, are its gains"):
         lasts(4.6)
 
 
@@ -113,7 +112,7 @@ def test_a_joint_that_runs_away(a1, joints, home):
         look(checks, JointCommand(home), at_rest(a1, joint_position=with_one(home, THIGH, home[THIGH] + angle)))
 
     away(0.97, joints.in_motion)
-    with pytest.raises(TrackingError):
+    with pytest.raises(MotionError):
         away(1.1, joints.in_motion)
 
 
@@ -151,10 +150,10 @@ def test_targets_beyond_limits_and_first_jumps(a1, stance, home):
         look(checks, JointCommand(target), at_rest(a1), JointCommand(target))
 
     sent(with_one(home, KNEE, a1.upper_limit[KNEE] + 0.9e-3), checks.in_motion)
-    with pytest.raises(LimitError):
+    with pytest.raises(MotionError):
         sent(with_one(home, KNEE, a1.upper_limit[KNEE] + 1.2e-3), checks.in_motion)
     sent(with_one(home, KNEE, home[KNEE] + 0.097), checks.at_rest)
-    with pytest.raises(LimitError, match="motions start where the robot is"):
+    with pytest.raises(MotionError, match="motions start where the robot is"):
         sent(with_one(home, KNEE, home[KNEE] + 0.12), checks.at_rest)
 
 

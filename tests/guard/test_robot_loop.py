@@ -13,13 +13,11 @@ from equipoise.errors import (
     CommunicationError,
     FallError,
     HealthError,
-    LimitError,
     MotionError,
     OtherCommanderError,
     OverrunError,
     SensorError,
     StopRequestedError,
-    TrackingError,
 )
 from equipoise.guard import endings, footing, robot_loop
 from equipoise.guard.endings import NOT_CONFIRMED
@@ -105,11 +103,11 @@ def broken(state):
 
 IN_MOTION = [
     ("says what is no number", SensorError, with_one("joint_velocity", 0, np.nan)),
-    ("'FL_calf_joint' is at 0.500 rad; its limits are", LimitError, with_one("joint_position", 2, 0.5)),
-    ("'FR_thigh_joint' turns at -30.0 rad/s", LimitError, with_one("joint_velocity", 4, -30.0)),
-    ("'FL_thigh_joint' is 1.28 rad from where it was sent", TrackingError, with_one("joint_position", 1, 2.0)),
-    ("'RR_calf_joint' gives 45.0 Nm; its limit is", LimitError, with_one("joint_torque", 11, 45.0)),
-    ("the motor of joint 'RR_hip_joint' gives 30.0 Nm where", TrackingError, with_one("joint_torque", 9, 30.0)),
+    ("'FL_calf_joint' is at 0.500 rad; its limits are", MotionError, with_one("joint_position", 2, 0.5)),
+    ("'FR_thigh_joint' turns at -30.0 rad/s", MotionError, with_one("joint_velocity", 4, -30.0)),
+    ("'FL_thigh_joint' is 1.28 rad from where it was sent", MotionError, with_one("joint_position", 1, 2.0)),
+    ("'RR_calf_joint' gives 45.0 Nm; its limit is", MotionError, with_one("joint_torque", 11, 45.0)),
+    ("the motor of joint 'RR_hip_joint' gives 30.0 Nm where", MotionError, with_one("joint_torque", 9, 30.0)),
     (
         "the base leans by 90 deg",
         FallError,
@@ -359,7 +357,7 @@ def test_nothing_is_sent_against_another_program(a1):
 # --- the ending
 
 
-@pytest.mark.parametrize("error", [SensorError("frozen"), LimitError("too fast"), ValueError("a defect of ours")])
+@pytest.mark.parametrize("error", [SensorError("frozen"), MotionError("too fast"), ValueError("a defect of ours")])
 def test_an_error_while_the_robot_is_lowered_damps_it(a1, error):
     errors = [error]
 

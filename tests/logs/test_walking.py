@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise import Precise, load_robot, nominal_stance, simulate
 from equipoise.cli import main
-from equipoise.errors import ImuMountingError, LogError, RecordingError, SettingsError
+from equipoise.errors import LogError, MotionError, RecordingError, SettingsError
 from equipoise.estimator.diagnostics import contradicted
 from equipoise.estimator.measurements.evidence import RunEvidence
 from equipoise.estimator.measurements.walking import gyro_bias_of_walks, up_between_steps
@@ -198,7 +198,7 @@ def test_an_imu_that_is_mounted_turned_is_named(a1, stance, trotted, turn):
         for name in ("angular_velocity_in_imu", "acceleration_in_imu")
     }
     said = "roll {}, pitch {}, yaw {} deg".format(*turn)
-    with pytest.raises(ImuMountingError, match=f"in steps the gyroscope does not turn .* by {said} to the base; give"):
+    with pytest.raises(MotionError, match=f"in steps the gyroscope does not turn .* by {said} to the base; give"):
         compare_gyroscope(a1, stance, replace(trotted.log, imu=replace(imu, **sensed)))
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from equipoise import Calibration, RunFolder, load_robot, nominal_stance
 from equipoise.cli import main
-from equipoise.errors import PluginError
+from equipoise.errors import MissingDependencyError
 from equipoise.method.table import METHODS, method_named
 from equipoise.view.open import Viewing, open_run
 
@@ -155,7 +155,7 @@ def test_help_lists_it_and_who_is_broken(capsys):
     ],
 )
 def test_a_method_that_cannot_be_used_is_refused_by_name(name, words, capsys):
-    with pytest.raises(PluginError) as caught:
+    with pytest.raises(MissingDependencyError) as caught:
         method_named(name)
     assert str(caught.value).startswith(words)
     assert main(["calibrate", "--method", name]) == 7

@@ -9,7 +9,7 @@ from logs import bits, kill
 from platform_contract import TO_ROUNDING, SimulationContract, SteppedRobot
 
 from equipoise import ComSearchSettings, Paper, RunFolder, SwaySettings, calibrate, simulate
-from equipoise.errors import ResumeError
+from equipoise.errors import RecordingError
 from equipoise.motors.method import Motors
 from equipoise.platform.logged import Logged
 from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
@@ -119,7 +119,7 @@ def test_a_simulation_that_goes_otherwise_is_told(a1, tmp_path):
     with folder, simulate(a1, "realistic", PAYLOAD.replace("1,", "1.0001,"), seed=5, timestep=1e-3) as simulation:
         platform = RepeatedSimulation(Logged(simulation.platform, folder.log), simulation.platform, content)
         with pytest.raises(
-            ResumeError, match="standing up went otherwise than it was recorded: a simulation repeats with"
+            RecordingError, match="standing up went otherwise than it was recorded: a simulation repeats with"
         ):
             calibrate(platform, a1, SETTINGS, folder.keep)
     assert len(RunFolder.open(tmp_path / "run").recordings()) == len(content.recordings)  # and nothing is lost
@@ -137,7 +137,7 @@ def test_other_settings_are_told_with_the_trial_that_they_change(a1, tmp_path, r
         if robot == "real":
             platform = ResumedRobot(live, content)
         with pytest.raises(
-            ResumeError, match=r"trial 1 \(lift FL_RR\) would be commanded otherwise now than when it was"
+            RecordingError, match=r"trial 1 \(lift FL_RR\) would be commanded otherwise now than when it was"
         ):
             calibrate(platform, a1, other, folder.keep)
 
@@ -147,7 +147,7 @@ def test_recordings_that_the_routine_does_not_come_to_again_are_told(a1, tmp_pat
     folder, content = RunFolder.resume(tmp_path / "run", repeats=True)
     with folder:
         folder.keep(content.recordings[0])
-        with pytest.raises(ResumeError, match="does not come to the recordings that it has"):
+        with pytest.raises(RecordingError, match="does not come to the recordings that it has"):
             folder.keep(content.recordings[0])
 
 

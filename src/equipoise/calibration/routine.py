@@ -56,7 +56,7 @@ def calibrate(
             as in simulation.
 
     Raises:
-        ResponseError: joints or gyroscope do not answer as the model predicts; no foot was lifted.
+        MotionError: joints or gyroscope do not answer as the model predicts; no foot was lifted.
         UnconfirmedMassError: the given mass disagrees with the joint torques of the standing robot, and is not confirmed.
         MotionError: the robot could not do, or did not do, what was asked.
     """

@@ -33,7 +33,6 @@ from equipoise.errors import (
     ModelWarning,
     OutputError,
     RecordingError,
-    ResumeError,
     SettingsError,
 )
 from equipoise.experiments.response_test import ResponseTest
@@ -196,10 +195,10 @@ class RunFolder:
         """Keep the result of the response test, with the IMU's orientation of this run; a resumed run keeps its first one.
 
         Raises:
-            ResumeError: the orientation is not that of the recorded trials.
+            RecordingError: the orientation is not that of the recorded trials.
         """
         if found.uses_measurement and self._known:
-            raise ResumeError(
+            raise RecordingError(
                 f"{found.orientation}, {np.degrees(found.angle):.1f} deg from the orientation of the trials that the run "
                 f"{str(self.path)!r} has: was the IMU moved? Begin a new run"
             )
@@ -211,12 +210,12 @@ class RunFolder:
         """Keep the next recording: of motions that the log has, or, where it has not, as it is.
 
         Raises:
-            ResumeError: a run that is gone on with comes to another recording than it came to before.
+            RecordingError: a run that is gone on with comes to another recording than it came to before.
         """
         if not self._known:
             self.log.keep(recording)
         elif not recording.broken and not recording.equals(self._known.popleft()):
-            raise ResumeError(
+            raise RecordingError(
                 f"the run {str(self.path)!r} does not come to the recordings that it has: by another version of equipoise?"
             )
 
@@ -288,7 +287,7 @@ class RunFolder:
             raise _damaged(self.path, f"its {HEADER} and {_MODEL} make no robot ({_told(error)})") from error
 
     def method(self) -> Method:
-        """The method of the run with its settings; raises PluginError if the package that brings it cannot be used."""
+        """Return the method of the run; raises MissingDependencyError if the package that brings it cannot be used."""
         try:
             return method_from_dict({**self._header["settings"], **self._attached()})
         except (AttributeError, TypeError, SettingsError) as error:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from equipoise.cli.operator_prompt import Keyboard
-from equipoise.errors import MotionError, ResumeError, SettingsError
+from equipoise.errors import MotionError, RecordingError, SettingsError
 
 if TYPE_CHECKING:
     from equipoise.calibration.run_folder import RunFolder
@@ -90,14 +90,14 @@ class Place:
         """Where a run was made.
 
         Raises:
-            ResumeError: it does not say, or not well enough to go on there.
+            RecordingError: it does not say, or not well enough to go on there.
         """
         facts = folder.provenance
         if "platform_settings" in facts:
             return cls(str(facts["platform"]), dict(facts["platform_settings"]))
         names = ("platform", "noise", "payload", "seed", "start")
         if missing := [name for name in names if name not in facts]:
-            raise ResumeError(
+            raise RecordingError(
                 f"the run {str(folder.path)!r} does not say its {missing[0]}; runs of 'equipoise calibrate' can be resumed"
             )
         return cls(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from equipoise.drivers.settings import PlatformSetting, read_settings, settings_of_class, settings_of_constructor
-from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, PluginError, SettingsError
+from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, SettingsError
 from equipoise.platform.engines import ENGINES
 from equipoise.plugins import Table, import_users, resolve
 from equipoise.user_file import read_text, toml_table
@@ -115,12 +115,14 @@ def find_platform(name: str) -> Driver | Engine | type[Any]:
 
     Raises:
         SettingsError: there is no such platform, or two have the name.
-        PluginError: it comes from somebody else and fails, or can be no platform.
+        MissingDependencyError: it comes from somebody else and fails, or can be no platform.
     """
     if ":" in name:
         row = import_users("platform", name)
         if not isinstance(row, (Driver, type)):
-            raise PluginError(f"platform {name!r} is of type {type(row).__name__}; it must be a class, or a Driver")
+            raise MissingDependencyError(
+                f"platform {name!r} is of type {type(row).__name__}; it must be a class, or a Driver"
+            )
     elif name in PLATFORMS:
         row = PLATFORMS[name]
     else:
@@ -170,7 +172,7 @@ def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Har
     Raises:
         SettingsError: no such platform or setting, or a value that it cannot have.
         MissingDependencyError: the driver's package is not installed.
-        PluginError: a class of another package fails.
+        MissingDependencyError: a class of another package fails.
         CommunicationError: the network cannot be used.
     """
     from equipoise.drivers.hardware import HardwarePlatform  # noqa: PLC0415 - lists need no NumPy
@@ -284,11 +286,11 @@ def _opened(function: str, name: str, robot: RobotModel, given: Mapping[str, Any
 
 
 def _checked(name: str, kind: type[Any]) -> type[Any]:
-    """The class itself; raises PluginError if it can be no platform."""
+    """The class itself; raises MissingDependencyError if it can be no platform."""
     abstract: frozenset[str] = getattr(kind, "__abstractmethods__", frozenset())
     lacking = [method for method in NEEDED if method in abstract or not callable(getattr(kind, method, None))]
     if lacking:
-        raise PluginError(
+        raise MissingDependencyError(
             f"platform {name!r}: the class {kind.__name__!r} lacks {', '.join(lacking)}; a platform has {', '.join(NEEDED)} "
             "and control_period [s], see equipoise.SteppedPlatform"
         )

@@ -12,7 +12,7 @@ from equipoise.conventions import FloatArray
 from equipoise.drivers.checkup import CheckupFinding, foretold
 from equipoise.drivers.foreign import translated
 from equipoise.drivers.settings import read_values, settings_of_constructor
-from equipoise.errors import CommunicationError, EquipoiseError, PluginError, SensorError
+from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, SensorError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.stepped import SteppedPlatform
 from equipoise.robot.model import RobotModel
@@ -27,7 +27,7 @@ def open_home_built(name: str, kind: type[Any], robot: RobotModel, given: Mappin
     Raises:
         SettingsError: no such setting, or a value that it cannot have.
         CommunicationError: the constructor raises an OSError.
-        PluginError: the constructor fails in another way, or what it makes lacks something.
+        MissingDependencyError: the constructor fails in another way, or what it makes lacks something.
     """
     settings = read_values(settings_of_constructor(kind), given, name)
     try:
@@ -37,7 +37,7 @@ def open_home_built(name: str, kind: type[Any], robot: RobotModel, given: Mappin
     except OSError as error:
         raise CommunicationError(f"platform {name!r} cannot be opened: {error}") from error
     except Exception as error:
-        raise PluginError(
+        raise MissingDependencyError(
             f"platform {name!r} cannot be made ({type(error).__name__}: {error}): it is called as "
             f"{kind.__name__}(robot, **settings), with the RobotModel and what --set says"
         ) from error
@@ -63,7 +63,7 @@ class HomeBuilt(SteppedPlatform):
         robot: model of the robot.
 
     Raises:
-        PluginError: its `control_period`, `joint_names` or `accepts` cannot be.
+        MissingDependencyError: its `control_period`, `joint_names` or `accepts` cannot be.
     """
 
     def __init__(self, name: str, inner: Any, robot: RobotModel) -> None:
@@ -71,10 +71,12 @@ class HomeBuilt(SteppedPlatform):
         self.name, self._inner = name, inner
         period = getattr(inner, "control_period", None)
         if not isinstance(period, (int, float)) or not (math.isfinite(period) and period > 0):
-            raise PluginError(f"platform {name!r}: its control_period is {period!r}; it must be a time [s] above zero")
+            raise MissingDependencyError(
+                f"platform {name!r}: its control_period is {period!r}; it must be a time [s] above zero"
+            )
         names = getattr(inner, "joint_names", robot.joint_names)
         if tuple(names) != robot.joint_names:
-            raise PluginError(
+            raise MissingDependencyError(
                 f"platform {name!r}: its joint_names are {', '.join(names)}; they must be the model's, in its order: "
                 f"{', '.join(robot.joint_names)}"
             )

@@ -20,7 +20,7 @@ def dip(planted: PlantedRobot, stance: Stance) -> tuple[Recording, Recording]:
         the rest below, reached downward, and the rest at the stance, reached upward.
 
     Raises:
-        TrackingError: the robot does not come to rest.
+        MotionError: the robot does not come to rest.
         ReachError: the posture is out of reach.
     """
     home = stance.feet_in_base

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import FallError, TrackingError
+from equipoise.errors import FallError, MotionError
 from equipoise.experiments.motion import Motion
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.tilt import still_means
@@ -151,7 +151,7 @@ def settle(planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: 
         when: moment in words, for the error.
 
     Raises:
-        TrackingError: the robot did not come to rest near its targets.
+        MotionError: the robot did not come to rest near its targets.
     """
     parts = [planted.play(motion.phase(Phase.SETTLE).hold(settings.settle_time))]
     problem: str | None = None
@@ -161,7 +161,7 @@ def settle(planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: 
         if problem is None:
             return recording
         parts.append(planted.play(planted.motion().hold(settings.settle_time)))
-    raise TrackingError(
+    raise MotionError(
         f"the robot did not come to rest {when}: {problem}; is something in its way, are the gains too low?",
         (Recording.concatenate(parts),),
     )

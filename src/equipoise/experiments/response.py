@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import AXES, Axis, FloatArray
-from equipoise.errors import ReachError, ResponseError
+from equipoise.errors import MotionError, ReachError
 from equipoise.experiments.imu_orientation import REST_TIME, Orientation, fit_orientation, wirings
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import check_posture
@@ -50,7 +50,7 @@ def check_joints(platform: Platform, robot: RobotModel, stance: Stance) -> int:
         number of joints that answered, without those that limits or other links leave no room; 0 and not moved: it stands.
 
     Raises:
-        ResponseError: a joint answers with the wrong sign, at another encoder, or not at all.
+        MotionError: a joint answers with the wrong sign, at another encoder, or not at all.
     """
     planted = take_over(platform, robot, stance)
     if planted.target.legs:
@@ -100,7 +100,7 @@ def hold(planted: PlantedRobot, stance: Stance, share: float) -> Recording:
     return planted.play(planted.motion().with_gains(share * kp, kd).hold(_STEP_TIME))
 
 
-def judge_hold(recording: Recording, target: FloatArray) -> ResponseError | None:
+def judge_hold(recording: Recording, target: FloatArray) -> MotionError | None:
     """Return why a robot is refused that was commanded to hold (nj,) joint positions [rad]; None: it held them."""
     moved = recording.joints.position[-1] - target
     worst = int(np.argmax(np.abs(moved)))
@@ -118,7 +118,7 @@ def step_joint(planted: PlantedRobot, joint: int, angle: float) -> Recording:
     return planted.play(motion.phase(Phase.END).swing_joints(path[::-1] - path[-1]))
 
 
-def judge_step(recording: Recording, joint: int, angle: float, leg: Collection[int] = ()) -> ResponseError | None:
+def judge_step(recording: Recording, joint: int, angle: float, leg: Collection[int] = ()) -> MotionError | None:
     """Return why a joint did not answer to an angle [rad]; None: its own encoder followed, and farther than other legs'.
 
     Where the floor holds the foot, the other joints of its leg, whose indices `leg` holds, may move farther.
@@ -178,7 +178,7 @@ def find_orientation(robot: RobotModel, recording: Recording) -> Orientation:
     """Find the orientation of the IMU from turns of the base.
 
     Raises:
-        ResponseError: the gyroscope contradicts the joints; names the wirings that explain it.
+        MotionError: the gyroscope contradicts the joints; names the wirings that explain it.
     """
     candidates = wirings(robot)
     model = fit_orientation(robot, recording, next(candidates))
@@ -194,7 +194,7 @@ def find_orientation(robot: RobotModel, recording: Recording) -> Orientation:
     likely = (
         " or ".join(causes) if explained else "a foot slipped or hangs, or the signs or the order of joints are wrong"
     )
-    raise ResponseError(
+    raise MotionError(
         f"the gyroscope contradicts the joints: the base was turned over four feet, and the residual is {model.residual:.0%} "
         f"of the rotations (limit {_EXPLAINED if explained else _RESIDUAL:.0%}). Likely: {likely}. No foot was lifted. "
         "Correct the joint map, then run 'equipoise doctor'",
@@ -213,7 +213,7 @@ def check_base(
         confirm: function that asks the operator a question. None: there is no operator.
 
     Raises:
-        ResponseError: the gyroscope contradicts the joints, or the orientation differs from the model's and is not confirmed.
+        MotionError: the gyroscope contradicts the joints, or the orientation differs from the model's and is not confirmed.
     """
     recording, axes = turn_base(planted, stance)
     found, robot = find_orientation(planted.robot, recording), planted.robot
@@ -224,7 +224,7 @@ def check_base(
     source = "assumed" if robot.imu.frame is None and "imu_rpy" not in robot.imu.described else robot.imu.sentence
     sentence = f"{test.orientation}, {np.degrees(test.angle):.1f} deg from the model's ({source})"
     if confirm is None or not confirm(f"{sentence}. Is the measured orientation right? It is then used for this run."):
-        raise ResponseError(
+        raise MotionError(
             f"{sentence}; not confirmed, and no foot was lifted. If the measurement is right: {rpy_flag(found.rotation)} "
             "(imu_rpy in a robot description); else examine its mounting",
             (recording,),
@@ -239,11 +239,11 @@ def _rpy(rotation: FloatArray) -> tuple[float, float, float]:
     return roll, pitch, yaw
 
 
-def _refused(recording: Recording, joint: int, commanded: float, moved: FloatArray, cause: str) -> ResponseError:
+def _refused(recording: Recording, joint: int, commanded: float, moved: FloatArray, cause: str) -> MotionError:
     degrees = {
         name: round(float(angle), 2) for name, angle in zip(recording.joint_names, np.degrees(moved), strict=True)
     }
-    return ResponseError(
+    return MotionError(
         f"joint {recording.joint_names[joint]!r} was commanded by {np.degrees(commanded):+.1f} deg, and encoders moved by "
         f"{', '.join(f'{name} {angle:+.1f}' for name, angle in degrees.items())} deg: {cause}. No foot was lifted. "
         "Correct the joint map, then run 'equipoise doctor'",

@@ -62,7 +62,7 @@ def swing_leg(planted: PlantedRobot, stance: Stance, up: OneLegUp, duration: flo
         duration: time of the steady part [s].
 
     Raises:
-        TrackingError: the robot does not come to rest over three feet.
+        MotionError: the robot does not come to rest over three feet.
     """
     times = LiftSettings.of(stance, 0.0)
     unload, lift = (time * stance.scale.time for time in (_UNLOAD_TIME, _LIFT_TIME))

@@ -142,8 +142,8 @@ def export(
     Raises:
         SettingsError: no such format, or it does not take what was asked for.
         NotEstimatedError: the method does not estimate what the format wants.
-        NotIdentifiedError: the run did not tell it, and that is not overridden.
-        NotPhysicalError: no body can have what would be written, or its CoM lies outside the robot.
+        NotEstimatedError: the run did not tell it, and that is not overridden.
+        NotEstimatedError: no body can have what would be written, or its CoM lies outside the robot.
         ModelError: the model file has moved, has changed or cannot be edited.
     """
     row = find_format(format)
@@ -208,7 +208,7 @@ def find_format(name: str) -> Format:
 
     Raises:
         SettingsError: no format has the name, or two have; says which there are.
-        PluginError: the package that brings it cannot be used.
+        MissingDependencyError: the package that brings it cannot be used.
     """
     if name not in _ALL:
         raise SettingsError(f"no format is called {name!r}; {did_you_mean(name, _ALL)}there are {', '.join(_ALL)}")

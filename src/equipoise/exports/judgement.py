@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from equipoise.clearance.shapes import Spheres, robot_shapes
 from equipoise.conventions import FloatArray
-from equipoise.errors import NotEstimatedError, NotIdentifiedError, NotPhysicalError
+from equipoise.errors import NotEstimatedError
 from equipoise.exports.found import LEGS, MOTORS, SENSORS, Column, columns_of
 from equipoise.exports.subject import Subject
 from equipoise.result.calibration import Calibration
@@ -31,7 +31,7 @@ def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str,
 
     Raises:
         NotEstimatedError: its method does not estimate one of them.
-        NotIdentifiedError: a parameter is not identified, and that is not overridden.
+        NotEstimatedError: a parameter is not identified, and that is not overridden.
     """
     for body in bodies:
         try:
@@ -40,7 +40,7 @@ def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str,
             raise NotEstimatedError(f"{body}: {error}; calibrate with --method precise") from None
     missing = _with_verdict(result, bodies, "not identified")
     if missing and not force:
-        raise NotIdentifiedError(
+        raise NotEstimatedError(
             f"not identified by this run: {', '.join(missing)}; calibrate longer (--budget) or with a scale (--mass), or "
             "write them all the same with --force"
         )
@@ -64,7 +64,7 @@ def judge_columns(result: Calibration, parts: Sequence[str], force: bool) -> tup
 
     Raises:
         NotEstimatedError: the run did not look at a part.
-        NotIdentifiedError: it told nothing of a part, or a check of it failed, and that is not overridden.
+        NotEstimatedError: it told nothing of a part, or a check of it failed, and that is not overridden.
     """
     found = [column for part in parts for column in _columns(result, part, force)]
     if not found:
@@ -86,7 +86,7 @@ def require_within_robot(subject: Subject, bodies: Sequence[str]) -> tuple[str, 
         what is to be said of the body, where it is written all the same.
 
     Raises:
-        NotPhysicalError: a CoM lies outside the robot, and that is not overridden.
+        NotEstimatedError: a CoM lies outside the robot, and that is not overridden.
     """
     if not bodies:
         return ()
@@ -100,7 +100,7 @@ def require_within_robot(subject: Subject, bodies: Sequence[str]) -> tuple[str, 
     message = f"the {name}'s CoM ({place}) m lies outside {subject.result.robot!r}: {sides} m {where}"
     if subject.forced:
         return (f"FORCED: {message}",)
-    raise NotPhysicalError(
+    raise NotEstimatedError(
         f"{message}. Was the result edited, or is it in millimetres? Estimate it again from the run's recordings "
         "(equipoise estimate RUN), or write it with --force"
     )
@@ -111,7 +111,7 @@ def _columns(result: Calibration, part: str, force: bool) -> tuple[Column, ...]:
     if not columns:
         raise NotEstimatedError(f"this run did not look at {part}; {_HOW[part]}")
     if not force and not any(column.only(_told).values for column in columns):
-        raise NotIdentifiedError(
+        raise NotEstimatedError(
             f"not identified by this run: {_names(columns, _missing)}; calibrate longer (--budget), or write them "
             "all the same with --force"
         )
@@ -124,7 +124,7 @@ def _failed(result: Calibration) -> list[str]:
 
 def _refuse_doubtful(result: Calibration, force: bool) -> None:
     if (failed := _failed(result)) and not force:
-        raise NotIdentifiedError(
+        raise NotEstimatedError(
             f"the result is doubtful: {'; '.join(failed)}; mend that and calibrate again, or write it with --force"
         )
 

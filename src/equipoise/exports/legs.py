@@ -45,7 +45,7 @@ def with_legs(
     Raises:
         SettingsError: legs are asked for without the base, which was found with them.
         ModelError: the file has other links than the run's.
-        NotPhysicalError: no body near enough can be what a link gets, and that is not overridden.
+        NotEstimatedError: no body near enough can be what a link gets, and that is not overridden.
     """
     if LEGS not in subject.parts:
         return subject, robot

@@ -166,7 +166,7 @@ def new_inertial(
     """What the edited link gets, in its own frame; what is to be said of it; the (10,) composite that the robot then has.
 
     Raises:
-        NotPhysicalError: no body near enough can have it, and that is not overridden, or cannot be.
+        NotEstimatedError: no body near enough can have it, and that is not overridden, or cannot be.
     """
     before, apart = composite_of(subject, robot).vector, _other_legs(subject, robot)
     what = f"link {link.name!r} of {robot.source.path.name}, less what else the file has,"
@@ -197,7 +197,7 @@ def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialPa
     """What was added to a robot with this composite, in the base frame; and what is to be said of it.
 
     Raises:
-        NotPhysicalError: no body near enough can have it, and that is not overridden, or cannot be.
+        NotEstimatedError: no body near enough can have it, and that is not overridden, or cannot be.
     """
     vector, what = subject.added_to(composite), f"{PAYLOAD}, the difference to the model file,"
     remedy = "leave out --add-payload-link, which changes the base link instead"

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import NotIdentifiedError, NotPhysicalError
+from equipoise.errors import NotEstimatedError
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 
@@ -76,15 +76,15 @@ def spread(
         draws: number of draws.
 
     Raises:
-        NotIdentifiedError: hardly any body that is drawn can exist.
-        NotPhysicalError: the base itself is as flat as a body can be, or flatter.
+        NotEstimatedError: hardly any body that is drawn can exist.
+        NotEstimatedError: the base itself is as flat as a body can be, or flatter.
     """
     slope = _vector_slope(composite)
     root = _square_root(slope @ covariance @ slope.T)
     rng = np.random.default_rng(seed)
     pseudo = pseudo_inertias(base.vector[None])[0]
     if not np.linalg.eigvalsh(pseudo)[0] > 0:
-        raise NotPhysicalError("the base that was found is as flat as a plate, and nothing can be drawn about it")
+        raise NotEstimatedError("the base that was found is as flat as a plate, and nothing can be drawn about it")
     kept = np.empty((0, 4, 4))
     tried = 0
     while len(kept) < draws:
@@ -92,7 +92,7 @@ def spread(
         kept = np.concatenate([kept, drawn[np.linalg.eigvalsh(drawn)[:, 0] > 0]])
         tried += draws
         if len(kept) < _FEWEST * tried:
-            raise NotIdentifiedError(
+            raise NotEstimatedError(
                 f"of bodies drawn from what this run left open, less than {_FEWEST:.0%} can exist; calibrate longer (--budget)"
             )
     return Spread(_entries(kept[:draws], pseudo), _components(kept[:draws]))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, cast
 
-from equipoise.errors import NotIdentifiedError, SettingsError
+from equipoise.errors import NotEstimatedError, SettingsError
 from equipoise.exports.found import Column
 from equipoise.exports.subject import Subject, number
 from equipoise.exports.tables import columns_table, provenance, yaml_lines
@@ -92,7 +92,7 @@ def write_holosoma(subject: Subject) -> Written:
 
 def _zeros(subject: Subject) -> dict[str, float]:
     if not (zeros := subject.column("joint_zero")):
-        raise NotIdentifiedError(
+        raise NotEstimatedError(
             "the run told no joint's zero well; calibrate longer (--budget), or write them all the same with --force"
         )
     return zeros

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from equipoise._version import __version__
 from equipoise.conventions import FloatArray
-from equipoise.errors import NotPhysicalError
+from equipoise.errors import NotEstimatedError
 from equipoise.exports.found import Column
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import NORMAL_95
@@ -108,17 +108,17 @@ class Subject:
             the body; and what is to be said of it.
 
         Raises:
-            NotPhysicalError: its mass is none, or no body near enough can have it and that is not overridden.
+            NotEstimatedError: its mass is none, or no body near enough can have it and that is not overridden.
         """
         if not vector[0] > 0:
-            raise NotPhysicalError(f"{what} would have a mass of {vector[0]:.6g} kg; {remedy}")
+            raise NotEstimatedError(f"{what} would have a mass of {vector[0]:.6g} kg; {remedy}")
         body = InertialParameters.from_vector(vector)
         if (defect := body.physical_defect()) is None:
             return body, ()
         nearest = InertialParameters(body.mass, body.com, physical_inertia(body.inertia, body.mass, _FLATTEST))
         change = nearest.inertia - body.inertia
         if not (within := self.within_intervals(change)) and not self.forced:
-            raise NotPhysicalError(
+            raise NotEstimatedError(
                 f"{what} is no body: {defect}, and the nearest one that is lies beyond the intervals: {remedy}, or write that "
                 "one with --force"
             )

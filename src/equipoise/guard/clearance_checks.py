@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from equipoise.clearance.clearance import Clearance, Contact
-from equipoise.errors import LimitError
+from equipoise.errors import MotionError
 from equipoise.guard.known import Check, Known
 from equipoise.platform.platform import JointCommand, Trajectory
 from equipoise.robot.model import RobotModel
@@ -17,7 +17,7 @@ class ClearanceChecks:
 
     Attributes:
         at_rest: checks before a robot is moved; they raise nothing.
-        in_motion: checks of a command before it is sent; they raise LimitError.
+        in_motion: checks of a command before it is sent; they raise MotionError.
     """
 
     def __init__(self, robot: RobotModel, stance: Stance) -> None:
@@ -27,7 +27,7 @@ class ClearanceChecks:
         self.in_motion: tuple[Check, ...] = (self._check_command,)
 
     def check_ahead(self, trajectory: Trajectory) -> None:
-        """Refuse a whole motion before it begins (LimitError); where it begins the robot is already."""
+        """Refuse a whole motion before it begins (MotionError); where it begins the robot is already."""
         self._ahead.begin(trajectory.position[0])
         _refuse(self._ahead.first_contact(trajectory.position))
 
@@ -43,4 +43,4 @@ class ClearanceChecks:
 
 def _refuse(contact: Contact | None) -> None:
     if contact is not None:
-        raise LimitError(f"{contact}: it was not sent there")
+        raise MotionError(f"{contact}: it was not sent there")

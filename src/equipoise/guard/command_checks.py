@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import LimitError, SettingsError
+from equipoise.errors import MotionError, SettingsError
 from equipoise.guard.known import Check, Known
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand
@@ -24,7 +24,7 @@ class CommandChecks:
 
     Attributes:
         at_rest: checks of the first command, before a robot is moved; they raise as the others do.
-        in_motion: checks of a command before it is sent; they raise LimitError, and SettingsError if it is for another number
+        in_motion: checks of a command before it is sent; they raise MotionError, and SettingsError if it is for another number
             of joints.
     """
 
@@ -58,7 +58,7 @@ class CommandChecks:
         if (moved > self._farthest).any() and not command.limp:
             speed = moved / self._period
             joint = int(np.argmax(speed / robot.velocity_limit))
-            raise LimitError(
+            raise MotionError(
                 f"joint {robot.joint_names[joint]!r} was sent a jump of {abs(target[joint] - before[joint]):.3f} rad, which "
                 f"is {speed[joint]:.0f} rad/s; its limit is {robot.velocity_limit[joint]:.1f} rad/s"
             )
@@ -70,7 +70,7 @@ class CommandChecks:
         if not (beyond <= _ROUNDING).all():
             self._refuse_what_is_no_number("position", target)
             joint = int(np.argmax(beyond))
-            raise LimitError(
+            raise MotionError(
                 f"joint {robot.joint_names[joint]!r} was sent to {target[joint]:.3f} rad; its limits are "
                 f"{robot.lower_limit[joint]:.3f} to {robot.upper_limit[joint]:.3f} rad"
             )
@@ -86,7 +86,7 @@ class CommandChecks:
         jump = np.abs(command.position - here)
         if jump.max() > _FIRST_JUMP:
             joint = int(np.argmax(jump))
-            raise LimitError(
+            raise MotionError(
                 f"the first command would move joint {self._robot.joint_names[joint]!r} at once from {here[joint]:.3f} to "
                 f"{command.position[joint]:.3f} rad; motions start where the robot is"
             )
@@ -97,7 +97,7 @@ class CommandChecks:
         if not within.all():
             self._refuse_what_is_no_number(name, values)
             joint = int(np.argmin(within))
-            raise LimitError(
+            raise MotionError(
                 f"joint {self._robot.joint_names[joint]!r} was sent a {name} of {values[joint]:.2f} {unit}; from "
                 f"{least[joint]:.2f} to {most[joint]:.2f} is allowed"
             )
@@ -112,4 +112,4 @@ class CommandChecks:
     def _refuse_what_is_no_number(self, name: str, values: FloatArray) -> None:
         if not np.isfinite(values).all():
             joint = int(np.argmax(~np.isfinite(values)))
-            raise LimitError(f"joint {self._robot.joint_names[joint]!r} was sent a {name} that is no number")
+            raise MotionError(f"joint {self._robot.joint_names[joint]!r} was sent a {name} that is no number")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import HealthError, LimitError, TrackingError
+from equipoise.errors import HealthError, MotionError
 from equipoise.guard.known import Check, Known
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand, RobotState
@@ -31,8 +31,8 @@ class JointChecks:
         knows_gains: whether the motors run the gains that commands ask for, so that their torques can be foretold.
 
     Attributes:
-        at_rest: checks before a robot is moved; they raise LimitError and HealthError.
-        in_motion: checks of a sample against the limits and the command; they raise LimitError, and TrackingError if a joint
+        at_rest: checks before a robot is moved; they raise MotionError and HealthError.
+        in_motion: checks of a sample against the limits and the command; they raise MotionError, and MotionError if a joint
             does not follow its target, or its motor does not give the torque of the command.
         health: checks of temperatures, battery and faults; they raise HealthError.
     """
@@ -67,7 +67,7 @@ class JointChecks:
         beyond = np.maximum(robot.lower_limit - position, position - robot.upper_limit)
         joint = int(np.argmax(beyond))
         if beyond[joint] > self._limits.position_margin:
-            raise LimitError(
+            raise MotionError(
                 f"joint {robot.joint_names[joint]!r} is at {position[joint]:.3f} rad; its limits are "
                 f"{robot.lower_limit[joint]:.3f} to {robot.upper_limit[joint]:.3f} rad. Are the joint map and the zeros right?"
             )
@@ -77,7 +77,7 @@ class JointChecks:
         if velocity is None:
             return
         if (joint := self._lasting(self._too_fast, np.abs(velocity) > self._fastest)) is not None:
-            raise LimitError(
+            raise MotionError(
                 f"joint {self._robot.joint_names[joint]!r} turns at {velocity[joint]:.1f} rad/s; its limit is "
                 f"{limit[joint]:.1f} rad/s"
             )
@@ -90,7 +90,7 @@ class JointChecks:
         if joint is None and behind.max() > _RUNAWAY * self._limits.following:
             joint = int(np.argmax(behind))
         if joint is not None:
-            raise TrackingError(
+            raise MotionError(
                 f"joint {self._robot.joint_names[joint]!r} is {behind[joint]:.2f} rad from where it was sent: is it "
                 "stuck, has its motor lost power?"
             )
@@ -100,7 +100,7 @@ class JointChecks:
             return
         if (stuck := self._stuck.update(command.position, known.state.joint_position)) is not None:
             joint, sent, moved = stuck
-            raise TrackingError(
+            raise MotionError(
                 f"joint {self._robot.joint_names[joint]!r} was sent through {sent:.2f} rad and moved by {moved:.2f} rad: "
                 "is it stuck, has its motor lost power?"
             )
@@ -117,7 +117,7 @@ class JointChecks:
     def _check_strength(self, torque: FloatArray) -> None:
         limit = self._robot.effort_limit
         if (joint := self._lasting(self._too_strong, np.abs(torque) > self._strongest)) is not None:
-            raise LimitError(
+            raise MotionError(
                 f"joint {self._robot.joint_names[joint]!r} gives {torque[joint]:.1f} Nm; its limit is {limit[joint]:.1f} Nm"
             )
 
@@ -131,7 +131,7 @@ class JointChecks:
         self._short += self._period / self._limits.patience * (np.abs(sent - torque) - self._short)
         joint = int(np.argmax(self._short))
         if self._short[joint] > self._missing_torque:
-            raise TrackingError(
+            raise MotionError(
                 f"the motor of joint {self._robot.joint_names[joint]!r} gives {torque[joint]:.1f} Nm where its position and "
                 f"what it was sent make it {sent[joint]:.1f} Nm: is it on, are its gains those that are sent?"
             )

@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from equipoise.drivers.catalog import open_second
-from equipoise.errors import CommunicationError, MotionError, RobotProcessError
+from equipoise.errors import CommunicationError, MotionError
 from equipoise.guard.endings import STILL, STILL_TIME, append_ending
 from equipoise.guard.guard import PUT_DOWN
 from equipoise.guard.limits import Limits
@@ -82,8 +82,8 @@ class RemoteRobot:
         warning: what this computer cannot do for the robot, or empty.
 
     Raises:
-        SettingsError, MissingDependencyError, PluginError, CommunicationError: the connection cannot be opened.
-        RobotProcessError: the robot process does not start, or is of another version.
+        SettingsError, MissingDependencyError, CommunicationError: the connection cannot be opened.
+        CommunicationError: the robot process does not start, or is of another version.
     """
 
     def __init__(
@@ -344,13 +344,13 @@ class RemoteRobot:
                     if isinstance(message, Ready):
                         return message
                     if isinstance(message, Ended):
-                        raise message.error or RobotProcessError("the robot process ended before it was ready")
+                        raise message.error or CommunicationError("the robot process ended before it was ready")
                 if time.monotonic() - beaten > _SIGN:
                     beaten = time.monotonic()
                     self._post(None)
             except EOFError:
                 break
-        raise RobotProcessError(
+        raise CommunicationError(
             f"the robot process did not start within {_STARTS:g} s (exit code {self._process.poll()}): nothing was moved; "
             "'equipoise doctor' checks the connection"
         )
@@ -394,7 +394,7 @@ class RemoteRobot:
         """End a robot process that does not answer, so that it cannot command any more, and damp the robot."""
         self._process.kill()
         done = self._second.damp() if self._commanded else "nothing had been moved"
-        error = RobotProcessError(f"the robot process {how}; {done}")
+        error = CommunicationError(f"the robot process {how}; {done}")
         if self._commanded:
             append_ending(self._ending_file, str(error))
         report = GuardReport(realtime=self.realtime, ending=(done,), trouble=str(error))

@@ -132,7 +132,7 @@ class RobotLoop:
     # --- orders
 
     def look_ahead(self, trajectory: Trajectory) -> None:
-        """Check a whole motion before it begins; raise LimitError, or SettingsError, if it must not be made."""
+        """Check a whole motion before it begins; raise MotionError, or SettingsError, if it must not be made."""
         self._command_checks.check_shape(trajectory.position[0])
         self._clear.check_ahead(trajectory)
 
@@ -210,7 +210,7 @@ class RobotLoop:
         return (None, 0) if self.known is None or self.ending is not None else (self.known.sent.held(), 0)
 
     def _checked(self, command: JointCommand) -> JointCommand:
-        """Return the command with its force bounded; raise LimitError if it must not be sent."""
+        """Return the command with its force bounded; raise MotionError if it must not be sent."""
         assert self.known is not None
         if self.watched:
             for check in self._before:
@@ -364,7 +364,7 @@ class RobotLoop:
                 return
 
     def _take_over(self, state: RobotState, first: JointCommand) -> Iterator[JointCommand]:
-        """Begin to command the robot where it is, without a jolt; raise LimitError, SensorError or FallError before."""
+        """Begin to command the robot where it is, without a jolt; raise MotionError, SensorError or FallError before."""
         for check in self._at_rest:
             check(first, Known(state, first, first, first, self._up))
         here = JointCommand(state.joint_position)

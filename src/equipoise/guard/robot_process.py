@@ -21,7 +21,7 @@ from typing import Any
 from equipoise import _version
 from equipoise.drivers.catalog import for_platform, open_platform
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.errors import EquipoiseError, MotionError, OverrunError, RobotProcessError
+from equipoise.errors import CommunicationError, EquipoiseError, MotionError, OverrunError
 from equipoise.guard.endings import append_ending
 from equipoise.guard.messages import Batch, End, Ended, Ready, Setup, StopMotion
 from equipoise.guard.pipe import Pipe
@@ -84,7 +84,7 @@ class RobotProcess:
             orders = self._pipe.take()
         except EOFError:
             if loop.ending is None:
-                loop.end(RobotProcessError("the calibration process died or closed the pipe"))
+                loop.end(CommunicationError("the calibration process died or closed the pipe"))
         if (
             self._pipe.heard or not loop.clocked
         ):  # a robot whose time passes only when it is stepped is never left alone
@@ -185,7 +185,7 @@ def _first_message(pipe: Pipe) -> Setup:
         for message in pipe.take():
             if not isinstance(message, Setup) or message.version != _version.__version__:
                 found = getattr(message, "version", "unknown")
-                raise RobotProcessError(
+                raise CommunicationError(
                     f"the robot process is version {_version.__version__}, the calibration process {found}: they are two "
                     "installations; install one"
                 )

@@ -68,7 +68,7 @@ def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> 
     Raises:
         LogError: nothing in it can be used, or its sensors cannot be believed; the error carries the report.
         RecordingError: its units cannot be right.
-        ImuMountingError: the IMU is mounted turned.
+        MotionError: the IMU is mounted turned.
         SettingsError: the mass is that of another robot.
     """
     method, stance = method or Precise(), nominal_stance(robot)

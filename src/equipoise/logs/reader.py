@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol, cast, runtime_checkable
 
-from equipoise.errors import EquipoiseError, PluginError, RecordingError, SettingsError
+from equipoise.errors import EquipoiseError, MissingDependencyError, RecordingError, SettingsError
 from equipoise.logs import bag_files
 from equipoise.logs.bag_files import is_bag
 from equipoise.logs.log import Log, RawLog, assemble
@@ -79,7 +79,7 @@ def read_log(
         RecordingError: the log cannot be read, or lacks what is needed.
         SettingsError: the joint map or the columns do not fit.
         MissingDependencyError: a bag needs rosbags, Parquet needs pyarrow.
-        PluginError: the package that brings the reader cannot be used.
+        MissingDependencyError: the package that brings the reader cannot be used.
     """
     path = Path(path)
     if not path.exists():
@@ -115,7 +115,9 @@ def _read(reader: LogReader, path: Path, robot: RobotModel, topics: Topics) -> R
     except Exception as error:
         raise RecordingError(f"the log {str(path)!r} cannot be read: {type(error).__name__}: {error}") from error
     if not isinstance(raw, RawLog):
-        raise PluginError(f"the reader of .{_suffix(path)} logs gives a {type(raw).__name__}; it must give a RawLog")
+        raise MissingDependencyError(
+            f"the reader of .{_suffix(path)} logs gives a {type(raw).__name__}; it must give a RawLog"
+        )
     return raw
 
 

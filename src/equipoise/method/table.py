@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from equipoise.errors import PluginError
+from equipoise.errors import MissingDependencyError
 from equipoise.method.method import Method
 from equipoise.method.together import AND_MOTORS, Together
 from equipoise.plugins import Table
@@ -31,20 +31,22 @@ def method_named(name: str) -> type[Method]:
 
     Raises:
         SettingsError: there is none, or two.
-        PluginError: the package that brings it cannot be imported, or brings something else.
+        MissingDependencyError: the package that brings it cannot be imported, or brings something else.
     """
     kind = METHODS[name]
     if not issubclass(kind, Method):
-        raise PluginError(f"method {name!r} cannot be used: {kind.__name__} is no subclass of equipoise.Method")
+        raise MissingDependencyError(
+            f"method {name!r} cannot be used: {kind.__name__} is no subclass of equipoise.Method"
+        )
     said = getattr(kind, "name", None)
     if said != name or kind.__abstractmethods__:
         lacks = ", ".join(sorted(kind.__abstractmethods__)) or f"the name {name!r}; it says {said!r}"
-        raise PluginError(f"method {name!r} cannot be used: {kind.__name__} lacks {lacks}")
+        raise MissingDependencyError(f"method {name!r} cannot be used: {kind.__name__} lacks {lacks}")
     return kind
 
 
 def method_from_dict(table: Mapping[str, Any]) -> Method:
-    """A method with its settings, from `Method.to_dict`; raises SettingsError and PluginError."""
+    """A method with its settings, from `Method.to_dict`; raises SettingsError and MissingDependencyError."""
     own = {name: value for name, value in table.items() if name != AND_MOTORS}
     method = method_named(str(own.get("method"))).from_dict(own)
     return method if AND_MOTORS not in table else Together(method, method_from_dict(table[AND_MOTORS]))

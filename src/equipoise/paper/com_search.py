@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NoReturn
 
-from equipoise.errors import BracketError, ImuMountingError, ReachError, SettingsError
+from equipoise.errors import MotionError, ReachError, SettingsError
 from equipoise.paper.bracket import Bracket, done, next_offset, step
 from equipoise.paper.lift_trial import LiftReading
 from equipoise.paper.trial_runner import TrialRunner, check_offset, check_search
@@ -56,9 +56,9 @@ def find_support_vector(runner: TrialRunner, diagonal: str, x_u: float, x_l: flo
     waits for t_thres (9-12).
 
     Raises:
-        BracketError: the robot tips the same way at both ends, also after widening once.
-        ImuMountingError: at both ends it tips away from where its CoM must be.
-        TrackingError: it did not come to rest where it was sent.
+        MotionError: the robot tips the same way at both ends, also after widening once.
+        MotionError: at both ends it tips away from where its CoM must be.
+        MotionError: it did not come to rest where it was sent.
     """
     if diagonal not in DIAGONALS:
         raise SettingsError(f"no diagonal is called {diagonal!r}; they are {', '.join(DIAGONALS)}")
@@ -79,8 +79,8 @@ def _widened(runner: TrialRunner, diagonal: str, bracket: Bracket, first: Bracke
     """A bracket with the refuted end farther out, by half the first one's width or as far as the legs reach.
 
     Raises:
-        BracketError: it was widened before, or cannot be.
-        ImuMountingError: the same, and the other end says that the IMU tells tilts the wrong way round.
+        MotionError: it was widened before, or cannot be.
+        MotionError: the same, and the other end says that the IMU tells tilts the wrong way round.
     """
     at_upper = bracket.at_upper is None
     end = bracket.upper if at_upper else bracket.lower
@@ -102,13 +102,13 @@ def _refuse(
     tried = runner.tilt_at(diagonal, other_end, replace(first, lower=lower, upper=upper), lifts)
     recordings = tuple(lift.recording for lift in lifts)
     if tried.verdict == ("backward" if at_upper else "forward"):
-        raise ImuMountingError(
+        raise MotionError(
             f"on {diagonal} the robot tips away from its centre of mass at both ends of the search: the IMU seems mounted "
             "turned; give its pose under imu_rpy in a robot description",
             recordings,
         )
     side = "ahead of" if at_upper else "behind"
-    raise BracketError(
+    raise MotionError(
         f"on {diagonal} the robot tips the same way at every support line from {lower * 1000:.0f} mm to "
         f"{upper * 1000:.0f} mm: its centre of mass is {side} all of them. Move the payload towards the "
         "middle, or give wider bounds if the legs reach them",

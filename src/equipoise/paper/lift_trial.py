@@ -35,7 +35,7 @@ def lift_trial(
         settings: height, times and limits of the lift.
 
     Raises:
-        TrackingError: the joints did not come to rest near their targets.
+        MotionError: the joints did not come to rest near their targets.
     """
     trial = CommandedLift(
         diagonal=diagonal, offset=offset, lift_height=settings.height, tilt_threshold=settings.tilt_threshold

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import ImuMountingError, MotionError, ReachError, SettingsError
+from equipoise.errors import MotionError, ReachError, SettingsError
 from equipoise.experiments.lift import LiftSettings
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import check_clear
@@ -223,7 +223,7 @@ def _check_direction(lift: LiftReading) -> None:
     """A robot on a line can only turn about that line; an IMU that says otherwise is mounted turned."""
     tilt = lift.tilt
     if tilt.across_line > 2 * abs(tilt.about_line) and tilt.across_line > 0.04:
-        raise ImuMountingError(
+        raise MotionError(
             f"the robot stood on {lift.trial.diagonal} and turned across that line by {np.degrees(tilt.across_line):.1f} deg: "
             "the IMU seems mounted turned; give its pose under imu_rpy in a robot description",
             (lift.recording,),

@@ -10,7 +10,7 @@ from collections import deque
 
 import numpy as np
 
-from equipoise.errors import ResumeError
+from equipoise.errors import RecordingError
 from equipoise.platform.platform import Platform, TiltLimit, Trajectory
 from equipoise.platform.ramp import smooth_step
 from equipoise.platform.wrapper import PlatformWrapper
@@ -33,7 +33,7 @@ class RepeatedSimulation(PlatformWrapper):
         content: content of the run's log.
 
     Raises:
-        ResumeError: the simulation does not repeat.
+        RecordingError: the simulation does not repeat.
     """
 
     def __init__(self, live: Platform, again: Platform, content: LogContent) -> None:
@@ -48,7 +48,7 @@ class RepeatedSimulation(PlatformWrapper):
         _check_commands(self._content, stored, trajectory)
         recording = self._again.play(trajectory, stop)
         if not recording.equals(stored.recording):
-            raise ResumeError(
+            raise RecordingError(
                 f"{_described(self._content, stored)} went otherwise than it was recorded: a simulation repeats with the same "
                 "versions of equipoise and MuJoCo on the same kind of machine only; begin a new run"
             )
@@ -65,7 +65,7 @@ class ResumedRobot(PlatformWrapper):
         content: content of the run's log.
 
     Raises:
-        ResumeError: the routine asks for other motions than were recorded.
+        RecordingError: the routine asks for other motions than were recorded.
     """
 
     def __init__(self, live: Platform, content: LogContent) -> None:
@@ -112,7 +112,7 @@ def _check_commands(content: LogContent, stored: Play, trajectory: Trajectory) -
     asked = trajectory.position[: len(sent)]
     same = stored.commands == len(trajectory.position) and sent.shape == asked.shape
     if not (same and np.abs(sent - asked).max(initial=0.0) <= _SAME_COMMAND):
-        raise ResumeError(
+        raise RecordingError(
             f"{_described(content, stored)} would be commanded otherwise now than when it was recorded: by other settings, or "
             "by other versions of equipoise or of the simulator; go on with those, or begin a new run"
         )

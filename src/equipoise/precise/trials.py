@@ -73,7 +73,7 @@ class PreciseTrials:
 
         Raises:
             ReachError: the posture is out of reach.
-            TrackingError: the robot did not come to rest.
+            MotionError: the robot did not come to rest.
         """
         feet = feet_in_posture(self.stance, self.com, posture)
         check_posture(self.planted.robot, self.stance, feet)
@@ -87,7 +87,7 @@ class PreciseTrials:
 
         Raises:
             MotionError: the robot was not turned, or not by about 180 deg.
-            TrackingError: it did not come to rest.
+            MotionError: it did not come to rest.
             FallError: it does not stand upright.
         """
         planted, level = self.planted, feet_in_posture(self.stance, self.com, BodyPosture())
@@ -132,7 +132,7 @@ class PreciseTrials:
 
         Raises:
             ReachError: the lift is out of reach.
-            TrackingError: the robot did not come to rest.
+            MotionError: the robot did not come to rest.
             FallError: it does not stand upright.
         """
         stance_legs, settings = DIAGONALS[design.diagonal], self.settings

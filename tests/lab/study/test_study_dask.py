@@ -13,7 +13,7 @@ import pytest
 from studies import HERE, STATIC, Inline, alive, eventually, facts, rows_in, start_study, study_rows, wait_for
 
 from equipoise.cli import main
-from equipoise.errors import MissingDependencyError, SettingsError, WorkerError
+from equipoise.errors import EquipoiseError, MissingDependencyError, SettingsError
 from equipoise.lab.study import executors
 from equipoise.lab.study.executors import dask_cluster
 
@@ -158,7 +158,7 @@ def test_an_address_where_nobody_answers(monkeypatch):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with (
-            pytest.raises(WorkerError, match=f"no Dask scheduler answers at '{address}'") as caught,
+            pytest.raises(EquipoiseError, match=f"no Dask scheduler answers at '{address}'") as caught,
             dask_cluster(address),
         ):
             pass

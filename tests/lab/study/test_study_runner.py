@@ -27,7 +27,7 @@ from studies import (
 )
 
 from equipoise import ComSearchSettings, Paper, RunFolder, errors
-from equipoise.errors import OutputError, SettingsError, WorkerError
+from equipoise.errors import EquipoiseError, OutputError, SettingsError
 from equipoise.lab.study import runner, trial
 from equipoise.lab.study.executors import ended_after
 from equipoise.lab.study.runner import LOST
@@ -248,7 +248,7 @@ class Cancelling(Inline):
 
 
 def test_a_given_executor_that_is_gone_ends_the_study_and_keeps_what_arrived(cheap, tmp_path):
-    with pytest.raises(WorkerError, match="what arrived is kept: start them again and repeat"):
+    with pytest.raises(EquipoiseError, match="what arrived is kept: start them again and repeat"):
         study_rows(STATIC, 9, tmp_path / "study", Cancelling())
     assert numbers(rows_in(tmp_path / "study")) == [0, 1]
     assert numbers(study_rows(STATIC, 9, tmp_path / "study", Inline())) == list(range(9))
@@ -259,7 +259,7 @@ def test_workers_that_lack_the_package_end_the_study(tmp_path, monkeypatch):
         raise ModuleNotFoundError("No module named 'equipoise'")
 
     monkeypatch.setattr(runner, "run_trial", lacking)
-    with pytest.raises(WorkerError, match="lack a package: No module named 'equipoise'"):
+    with pytest.raises(EquipoiseError, match="lack a package: No module named 'equipoise'"):
         study_rows(STATIC, 9, tmp_path / "study", Inline())
     assert rows_in(tmp_path / "study") == []
 
@@ -283,7 +283,7 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     )
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert "WorkerError: worker processes die as they begin" in done.stderr
+    assert "EquipoiseError: worker processes die as they begin" in done.stderr
     assert 'if __name__ == "__main__"' in done.stderr.splitlines()[-1]
     assert rows_in(tmp_path / "study") == []
 

@@ -39,7 +39,7 @@ def varied_sources(rows):
     return statistics.varied_sources(table_of(rows))
 
 
-def failed(trial, kind="BracketError", method="paper", message="tipped"):
+def failed(trial, kind="MotionError", method="paper", message="tipped"):
     return {
         "trial": trial,
         "method": method,
@@ -107,7 +107,7 @@ def test_failures_are_not_within_5_mm_and_are_the_largest_errors():
     rows = [row(trial, 1e-3) for trial in range(95)] + [failed(trial) for trial in range(95, 100)]
     (summary,) = summarize(rows)
     assert summary.within == Rate(95, 100)
-    assert summary.failures == {"BracketError": 5}
+    assert summary.failures == {"MotionError": 5}
     assert summary.error("com_x").percentile_95 == pytest.approx(1.0)  # one in twenty
     assert summary.error("com_x").bias == pytest.approx(1.0)
     (worse,) = summarize([*rows, failed(100)])
@@ -118,7 +118,7 @@ def test_failures_are_not_within_5_mm_and_are_the_largest_errors():
 def test_nothing_but_failures_is_a_summary_too():
     (summary,) = summarize([failed(0), failed(1, "ValueError", message="Traceback\n  line\nValueError: no")])
     assert (summary.within, summary.errors) == (Rate(0, 2), ())
-    assert summary.reasons == {"BracketError": "trial 0: tipped", "ValueError": "trial 1: ValueError: no"}
+    assert summary.reasons == {"MotionError": "trial 0: tipped", "ValueError": "trial 1: ValueError: no"}
     page = summary_markdown(Study(), [summary], [])
     assert "nan" not in page
     assert "ValueError, the first in trial 1: ValueError: no" in page

@@ -17,7 +17,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import ACCELERATION_AT_REST, AT_REST_IN_UNITS_OF_G, GRAVITY, FloatArray
-from equipoise.errors import ImuMountingError, RecordingError
+from equipoise.errors import MotionError, RecordingError
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.lift_samples import attitudes
 from equipoise.recording.encoder_steps import frozen_travel, smallest_steps
@@ -70,7 +70,7 @@ def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
     Raises:
         RecordingError: a frozen encoder, degrees instead of radians, g instead of m/s2, a sensor with the wrong sign, legs
             that are swapped, torques that carry no such robot.
-        ImuMountingError: the IMU is mounted turned.
+        MotionError: the IMU is mounted turned.
     """
     rests = [recording.phase(Phase.REST) for recording in recordings if recording.has_phase(Phase.REST)]
     if not rests:
@@ -274,7 +274,7 @@ def _check_floor(robot: RobotModel, position: FloatArray, acceleration: FloatArr
     )
 
 
-def mounted_turned(robot: RobotModel, turn: FloatArray, seen: str, doubt: str = "") -> ImuMountingError:
+def mounted_turned(robot: RobotModel, turn: FloatArray, seen: str, doubt: str = "") -> MotionError:
     """The error that names an IMU that is turned by (3, 3) from where the model has it.
 
     Args:
@@ -282,7 +282,7 @@ def mounted_turned(robot: RobotModel, turn: FloatArray, seen: str, doubt: str = 
         doubt: what else it may be.
     """
     roll, pitch, yaw = _mounting(robot, turn)
-    return ImuMountingError(
+    return MotionError(
         f"{seen}: the IMU is mounted turned, by roll {roll:.0f}, pitch {pitch:.0f}, yaw {yaw:.0f} deg to the base{doubt}; "
         "give its pose under imu_rpy in a robot description"
     )

@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from typing import TypeVar
 
-from equipoise.errors import MissingDependencyError, SettingsError, WorkerError
+from equipoise.errors import EquipoiseError, MissingDependencyError, SettingsError
 
 Result = TypeVar("Result")
 _PATIENCE = 10  # [s] for a scheduler to answer
@@ -68,7 +68,7 @@ def dask_cluster(scheduler: str) -> Generator[tuple[Executor, Callable[[], int]]
 
     Raises:
         MissingDependencyError: `dask.distributed` is not installed.
-        WorkerError: nobody answers there, or the scheduler has no workers.
+        EquipoiseError: nobody answers there, or the scheduler has no workers.
         SettingsError: it is no address.
     """
     try:
@@ -81,7 +81,7 @@ def dask_cluster(scheduler: str) -> Generator[tuple[Executor, Callable[[], int]]
         try:
             client = Client(scheduler, timeout=_PATIENCE)
         except (OSError, ValueError) as error:  # TimeoutError is an OSError
-            raise WorkerError(f"no Dask scheduler answers at {scheduler!r}: {error}") from error
+            raise EquipoiseError(f"no Dask scheduler answers at {scheduler!r}: {error}", exit_code=9) from error
 
         def workers_now() -> int:
             with suppress(OSError):  # a scheduler that is gone is noticed by its trials
@@ -92,8 +92,9 @@ def dask_cluster(scheduler: str) -> Generator[tuple[Executor, Callable[[], int]]
         try:
             threads: list[int] = list(client.nthreads().values())
             if not threads:
-                raise WorkerError(
-                    f"the scheduler at {scheduler!r} has no workers: dask worker {scheduler} --nthreads 1"
+                raise EquipoiseError(
+                    f"the scheduler at {scheduler!r} has no workers: dask worker {scheduler} --nthreads 1",
+                    exit_code=9,
                 )
             if sum(threads) > len(threads):
                 warnings.warn(

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from equipoise.errors import SettingsError, WorkerError
+from equipoise.errors import EquipoiseError, SettingsError
 from equipoise.lab.study.executors import ctrl_c_held, ended_after
 from equipoise.lab.study.processes import Processes
 from equipoise.lab.study.rows import Table, column, failed, table_of
@@ -74,7 +74,7 @@ def run_study(
     Raises:
         SettingsError: the folder holds another study, or a number makes no sense.
         OutputError: the rows cannot be written.
-        WorkerError: workers cannot begin, or a given executor broke. What arrived is kept; run again to go on.
+        EquipoiseError: workers cannot begin, or a given executor broke. What arrived is kept; run again to go on.
         EquipoiseError: what every trial would fail with: no such robot, settings that do not fit it.
     """
     if trials < 1:
@@ -146,8 +146,9 @@ def _run(study: Study, missing: deque[int], arrivals: _Arrivals, crew: _Crew) ->
                 died.append(trial)
                 continue
             except ImportError as error:
-                raise WorkerError(
-                    f"the workers lack a package: {error}; install there what is installed here"
+                raise EquipoiseError(
+                    f"the workers lack a package: {error}; install there what is installed here",
+                    exit_code=9,
                 ) from error
             except Exception as error:  # of the executor: trials raise nothing
                 rows = _lost(study, trial, repr(error))
@@ -199,8 +200,9 @@ class _Crew:
 
     def replace(self) -> None:
         if self._given is not None:
-            raise WorkerError(
-                "the workers are gone; what arrived is kept: start them again and repeat the command to go on"
+            raise EquipoiseError(
+                "the workers are gone; what arrived is kept: start them again and repeat the command to go on",
+                exit_code=9,
             )
         self.dismiss()
         with ctrl_c_held(), _one_thread_each():
@@ -208,9 +210,10 @@ class _Crew:
         try:
             begun.result()
         except BrokenExecutor as error:  # no trial's fault
-            raise WorkerError(
+            raise EquipoiseError(
                 "worker processes die as they begin; is there memory for them? A script that runs a study does so below "
-                'if __name__ == "__main__":'
+                'if __name__ == "__main__":',
+                exit_code=9,
             ) from error
 
     def _begin(self) -> Executor:

@@ -70,7 +70,7 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
 
     Raises:
         RecordingError: the gyroscope turns as the legs do only in other units or with another sign.
-        ImuMountingError: it does so if the IMU is mounted turned.
+        MotionError: it does so if the IMU is mounted turned.
     """
     legs, motion = LegChains(robot), _PLANTED
     # Where a stamp is far away, one track of it all would be as long as the gap.

@@ -113,7 +113,7 @@ def find_segments(
 
     Raises:
         RecordingError: a sensor that cannot be believed, as `screen` finds it in the rests.
-        ImuMountingError: the IMU is mounted turned.
+        MotionError: the IMU is mounted turned.
     """
     pieces = split_at_gaps(recording)
     tracks = [Track.of(robot, piece.recording, stance.scale.time) for piece in pieces]
