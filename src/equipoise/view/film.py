@@ -120,7 +120,11 @@ class Film:
             steps = self._even.take(piece)
             if steps is not None:
                 self._parts.append(Moments.of(steps, self._tracker.follow(steps)))
-        self.ends += [float(recording.joints.time[-1]) for recording in complete]
+        for recording in complete:
+            self.ends.append(float(recording.joints.time[-1]))
+            if recording.found_trial is not None:
+                start = float(recording.joints.time[0])
+                self.trials.append(TrialMark(len(self.trials) + 1, start, recording.found_trial))
 
     @property
     def empty(self) -> bool:

@@ -58,6 +58,7 @@ def open_log(path: Path, robot: RobotModel, log: Log) -> Showing:
     """A log that is not ours, with the trials that are found in it."""
     try:
         parts = usable(find_segments(robot, nominal_stance(robot), log.recording, log.foot_forces))
+        parts.sort(key=lambda part: part.joints.time[0])
     except EquipoiseError:  # sensors that no estimate believes can be looked at all the same
         parts = []
     events = tuple(sorted((event for part in parts for event in part.events), key=lambda event: event.time))

@@ -28,7 +28,7 @@ from equipoise.logs.motions.walking import SHORTEST_ON_THREE, WalkingFeet, crawl
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.walking import CONTEXT, gyro_bias_of_walks
 from equipoise.precise.screening import screen
-from equipoise.recording.event import PHASE, TRIAL, Event
+from equipoise.recording.event import PHASE, Event
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
@@ -76,7 +76,7 @@ class LogSegment:
         kind: kind of motion.
         what: kind in words.
         why_not: reason why it is not used, or None if it is.
-        recording: recording with the events that the estimators expect, if it is used on its own.
+        recording: recording with the trial and the phases that the estimators expect, if it is used on its own.
     """
 
     start: float
@@ -434,8 +434,6 @@ def _marked(
     end: float,
     trial: RecordedTrial | None = None,
 ) -> Recording:
-    """A part of a recording, with the events that say what it is."""
-    events = [Event(time, PHASE, {"name": name}) for name, time in phases]
-    if trial is not None:
-        events.insert(0, Event(start, TRIAL, trial.to_data()))
-    return replace(recording.between(start, end), events=tuple(sorted(events, key=lambda event: event.time)))
+    """Return a part of a recording as a trial with phases, given by their names and starts [s]."""
+    events = [Event(time, PHASE, {"name": name}) for name, time in sorted(phases, key=lambda phase: phase[1])]
+    return replace(recording.between(start, end), events=tuple(events), found_trial=trial)
