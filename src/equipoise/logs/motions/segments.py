@@ -303,14 +303,14 @@ class _PieceReader:
         if why_not is None and felt.size and felt.min() < _FALLING:
             why_not = "it jumps: no foot is on the floor for a moment"
         if why_not is not None:
-            return LogSegment(rest.end, until, "steps", f"steps, the first on {first.diagonal}", why_not)
-        what = f"lift on {first.diagonal}, {first.end - first.start:.2f} s on two feet"
+            return LogSegment(rest.end, until, "steps", f"steps, the first on {first.pair}", why_not)
+        what = f"lift on {first.pair}, {first.end - first.start:.2f} s on two feet"
         begin, leaves = self._before(index)
         phases = [(Phase.REST, begin), (Phase.UNLOAD, leaves), (Phase.LOWER, first.end)]
         landed = min(first.end + _LANDED * scale.time, until)
         whole = self.recording if index not in self._weighed else _without_torques(self.recording)
         self._weighed.add(index)
-        recording = _marked(whole, phases, begin, landed, LiftTrial(diagonal=first.diagonal, found_at=begin))
+        recording = _marked(whole, phases, begin, landed, LiftTrial(diagonal=first.pair, found_at=begin))
         return LogSegment(rest.end, until, "lift", what, None, recording)
 
     # --- planted feet

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import itertools
 import textwrap
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
 
 from equipoise.errors import RecordingError
 from equipoise.logs.joint_names import map_joints
@@ -29,30 +28,8 @@ _WIDTH = 76  # of remarks
 _FLOATING_BASE = {"position": 7, "velocity": 6}  # columns of the base before those of the joints
 
 
-@dataclass(frozen=True)
-class Proposal:
-    """Columns of a table, as their names suggest.
-
-    Attributes:
-        columns: proposed columns.
-        notes: remarks by kind of column.
-        others: names of the columns that are not used, and what else is in the file.
-    """
-
-    columns: Columns
-    notes: Mapping[str, str]
-    others: tuple[str, ...]
-
-    def to_toml(self) -> str:
-        """Return TOML for --columns, with remarks and a line to complete for each missing column."""
-        missing = "".join(f'# missing: {name} = "..."\n' for name in self.columns.missing())
-        listed = "".join(c if c.isprintable() else "?" for c in f"not used: {', '.join(self.others)}")
-        others = "".join(f"\n# {line}" for line in textwrap.wrap(listed, _WIDTH))
-        return self.columns.to_toml(self.notes) + missing + (f"{others}\n" if self.others else "")
-
-
-def propose(robot: RobotModel, file: TableFile, known: Columns) -> Proposal:
-    """Return the columns of a table, as their names suggest.
+def propose(robot: RobotModel, file: TableFile, known: Columns) -> tuple[tuple[str, ...], str]:
+    """Return the columns that no name suggests, and TOML for --columns: the others, remarks, and lines to complete.
 
     Args:
         known: columns that are known already.
@@ -77,8 +54,16 @@ def propose(robot: RobotModel, file: TableFile, known: Columns) -> Proposal:
         if TIME in notes or unit != "s":
             notes[TIME] = f"by name; consecutive samples are less than half a second apart in {unit}"
         units |= {TIME: unit} if unit != "s" else {}
-    others = (*_unused(file.names, set(names.values())), *file.passed_over)
-    return Proposal(Columns(names, units), notes, others)
+    proposed = Columns(names, units)
+    lines = "".join(f'# missing: {name} = "..."\n' for name in proposed.missing())
+    return proposed.missing(), proposed.to_toml(notes) + lines + _unused_columns(file, set(names.values()))
+
+
+def _unused_columns(file: TableFile, used: Collection[str]) -> str:
+    """Return remarks that name what a file holds besides."""
+    others = ", ".join([*_unused(file.names, used), *file.passed_over])
+    listed = "".join(c if c.isprintable() else "?" for c in f"not used: {others}")
+    return "".join(f"\n# {line}" for line in textwrap.wrap(listed, _WIDTH)) + "\n" if others else ""
 
 
 def _sensor(kind: str, of_kind: Families) -> dict[str, str]:

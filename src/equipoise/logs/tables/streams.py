@@ -34,7 +34,7 @@ from equipoise.logs.tables.columns import (
     unit_of_steps,
 )
 from equipoise.logs.tables.files import TableFile, open_table
-from equipoise.logs.tables.proposal import Proposal, propose
+from equipoise.logs.tables.proposal import propose
 from equipoise.logs.topics import Topics
 from equipoise.robot.model import RobotModel
 
@@ -57,7 +57,7 @@ def read_table(path: Path, robot: RobotModel, topics: Topics, columns: Columns |
     known = told.of_table(file.names)
     file.refuse_twins(known.names.values())
     if known.missing():
-        raise _strange(file, known, propose(robot, file, known))
+        raise _strange(file, known, *propose(robot, file, known))
     return _Streams(file, known).raw_log()
 
 
@@ -127,12 +127,11 @@ class _Streams:
         return table if factor == 1.0 else table * factor
 
 
-def _strange(file: TableFile, known: Columns, proposal: Proposal) -> ColumnsError:
-    nothing = ", ".join(proposal.columns.missing())
+def _strange(file: TableFile, known: Columns, nameless: Sequence[str], proposal: str) -> ColumnsError:
     return ColumnsError(
         f"the table {str(file.path)!r} has no {', '.join(known.missing())}. The names of its columns suggest the mapping below"
-        + (f". No name suggests {nothing}: write these lines yourself" if nothing else ""),
-        proposal.to_toml(),
+        + (f". No name suggests {', '.join(nameless)}: write these lines yourself" if nameless else ""),
+        proposal,
         file.names,
     )
 
