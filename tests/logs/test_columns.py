@@ -210,9 +210,13 @@ def test_a_proposal_states_reasons_units_and_unused_columns(a1, leaning, tmp_pat
 
 
 def test_names_without_meaning_are_refused_with_the_columns_and_the_mapping_to_write(a1, leaning, tmp_path):
-    with pytest.raises(ColumnsError, match=r"No name suggests time, .*, position.JOINT: write these lines") as told:
+    with pytest.raises(ColumnsError, match=r"but nothing for time, .*, position.JOINT: write these lines") as told:
         read_log(without_words(tmp_path / "log", a1, leaning[0]), a1)
-    for line in ('# missing: time = "..."', '# missing: gyro.x = "..."', "# not used: a, b[0] to b[11], c[0] to c[11]"):
+    for line in (
+        '# missing: time = "..."',
+        '# missing: position.FL_hip_joint = "..."',
+        "# not used: a, b[0] to b[11], c[0] to c[11]",
+    ):
         assert line in told.value.proposal, line
     written = {"time": "a", **{f"gyro.{axis}": f"e[{k}]" for k, axis in enumerate("xyz")}}
     written |= {f"accelerometer.{axis}": f"f[{k}]" for k, axis in enumerate("xyz")}
@@ -322,7 +326,7 @@ def test_what_no_column_looks_like_is_said(a1, leaning, tmp_path):
     columns = columns_of(leaning[0])
     columns = {name: values for name, values in columns.items() if not name.startswith("accelerometer")}
     with pytest.raises(
-        ColumnsError, match=r"has no accelerometer.x, accelerometer.y, accelerometer.z. .*No name suggests acc"
+        ColumnsError, match=r"has no accelerometer.x, accelerometer.y, accelerometer.z. .*but nothing for acc"
     ):
         read_log(write_csv(tmp_path / "log.csv", columns), a1)
 
@@ -381,7 +385,7 @@ def test_an_empty_name_leaves_out_a_column_that_has_ours(a1, leaning, tmp_path):
     told = Columns.from_text("".join(f'torque.{joint} = ""\n' for joint in a1.joint_names), "it")
     assert read_log(path, a1, columns=told).recording.joints.torque is None
     told = Columns.from_text('gyro.x = ""', "it")
-    with pytest.raises(ColumnsError, match=r"has no gyro.x\. The names .*No name suggests gyro.x") as error:
+    with pytest.raises(ColumnsError, match=r"has no gyro.x\. The names .*but nothing for gyro.x") as error:
         read_log(path, a1, columns=told)
     assert Columns.from_text(error.value.proposal, "it").names == told.names
 

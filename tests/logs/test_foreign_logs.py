@@ -426,7 +426,7 @@ def test_a_column_that_is_missing_is_named_and_proposed(a1, log, tmp_path):
         read_log(path, a1)
     assert told.value.proposal == '# gyro: by name; is the unit rad/s?\ngyro.x = "gyro_x"\n'
     only = {name: values for name, values in columns.items() if not name.startswith("position")}
-    with pytest.raises(RecordingError, match=r"has no gyro.x, position.JOINT.*No name suggests position.JOINT"):
+    with pytest.raises(RecordingError, match=r"has no gyro.x, position.JOINT.*but nothing for position.JOINT"):
         read_log(write_csv(tmp_path / "log.csv", only), a1)
 
 

@@ -55,8 +55,11 @@ def propose(robot: RobotModel, file: TableFile, known: Columns) -> tuple[tuple[s
             notes[TIME] = f"by name; consecutive samples are less than half a second apart in {unit}"
         units |= {TIME: unit} if unit != "s" else {}
     proposed = Columns(names, units)
-    lines = "".join(f'# missing: {name} = "..."\n' for name in proposed.missing())
-    return proposed.missing(), proposed.to_toml(notes) + lines + _unused_columns(file, set(names.values()))
+    missing = [name for name in proposed.missing() if name != "position.JOINT"]
+    if missing != list(proposed.missing()):
+        missing += [f"position.{joint}" for joint in robot.joint_names]
+    lines = "".join(f'# missing: {name} = "..."\n' for name in missing)
+    return proposed.missing(), proposed.to_toml(notes).lstrip() + lines + _unused_columns(file, set(names.values()))
 
 
 def _unused_columns(file: TableFile, used: Collection[str]) -> str:

@@ -130,7 +130,7 @@ class _Streams:
 def _strange(file: TableFile, known: Columns, nameless: Sequence[str], proposal: str) -> ColumnsError:
     return ColumnsError(
         f"the table {str(file.path)!r} has no {', '.join(known.missing())}. The names of its columns suggest the mapping below"
-        + (f". No name suggests {', '.join(nameless)}: write these lines yourself" if nameless else ""),
+        + (f", but nothing for {', '.join(nameless)}: write these lines yourself" if nameless else ""),
         proposal,
         file.names,
     )
