@@ -148,13 +148,6 @@ class Recording:
         streams = [vars(stream) for stream in (self.joints, self.imu, self.commands) if stream is not None]
         return [array for stream in streams for array in stream.values()]
 
-    def event(self, name: str) -> Event:
-        """The first event of that name; raises RecordingError if there is none."""
-        for event in self.events:
-            if event.name == name:
-                return event
-        raise RecordingError(f"the recording has no event {name!r}; it has {sorted({e.name for e in self.events})}")
-
     @property
     def trial(self) -> RecordedTrial | None:
         """The trial that the recording is; None if it is not a trial, or of an unknown kind.
@@ -162,9 +155,7 @@ class Recording:
         Raises:
             RecordingError: the trial's data are damaged.
         """
-        if self.found_trial is not None:
-            return self.found_trial
-        return next((read_trial(event.data) for event in self.events if event.name == TRIAL), None)
+        return self.found_trial or next((read_trial(event.data) for event in self.events if event.name == TRIAL), None)
 
     @property
     def complete(self) -> bool:

@@ -120,11 +120,9 @@ class Film:
             steps = self._even.take(piece)
             if steps is not None:
                 self._parts.append(Moments.of(steps, self._tracker.follow(steps)))
-        for recording in complete:
-            self.ends.append(float(recording.joints.time[-1]))
-            if recording.found_trial is not None:
-                start = float(recording.joints.time[0])
-                self.trials.append(TrialMark(len(self.trials) + 1, start, recording.found_trial))
+        self.ends += [float(recording.joints.time[-1]) for recording in complete]
+        found = [(float(one.joints.time[0]), one.found_trial) for one in complete if one.found_trial is not None]
+        self.trials += [TrialMark(number, *mark) for number, mark in enumerate(found, len(self.trials) + 1)]
 
     @property
     def empty(self) -> bool:
