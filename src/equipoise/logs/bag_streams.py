@@ -81,37 +81,41 @@ class GatheredTopic:
 
     def _read(self) -> None:
         """Put the messages that were taken last into the tables."""
-        if self._count + len(self._bodies) > self._room:  # metadata may be older than the bag
-            more = self._count + 2 * len(self._bodies)
-            self._room += more
-            self._tables = {
-                key: np.concatenate([table, _blank(key, more, table)]) for key, table in self._tables.items()
-            }
+        end = self._count + len(self._bodies)
+        if end > self._room:  # metadata may be older than the bag
+            self._room = 2 * end
+            self._tables = {key: self._table(key, table[: self._count]) for key, table in self._tables.items()}
+        for key, table in self._tables.items():
+            table[self._count : end] = _missing(key)
         for group in read_messages(self._types, self.type, self._bodies):
             if not self._tables:
                 self.frame = group.texts.get("header.frame_id", "")
             for key, values in _ARRAYS[self.type](self, group).items():
                 self._put(key, self._count + group.rows, values)
-        self._put(("received", ""), np.arange(self._count, self._count + len(self._bodies)), np.array(self._received))
-        self._count += len(self._bodies)
-        self._received, self._bodies = [], []
+        self._put(("received", ""), np.arange(self._count, end), np.array(self._received))
+        self._count, self._received, self._bodies = end, [], []
 
     def _put(self, key: tuple[str, str], rows: NDArray[np.intp], values: NDArray[Any]) -> None:
         if key not in self._tables:
-            self._tables[key] = _blank(key, self._room, values)
+            before = np.full((self._count + len(self._bodies), *values.shape[1:]), _missing(key))
+            self._tables[key] = self._table(key, before)
         self._tables[key][rows] = values
+
+    def _table(self, key: tuple[str, str], rows: NDArray[Any]) -> NDArray[Any]:
+        """Return a table that begins with some rows; the rest takes no memory until it is written."""
+        table = np.empty((self._room, *rows.shape[1:]), np.int64 if key[0] in _WHOLE_NUMBERS else float)
+        table[: len(rows)] = rows
+        return table
 
     def _stacked(self, quantity: str, names: Sequence[str]) -> FloatArray | None:
         """Return a quantity of all joints, NaN where a message lacks it; None if all do. Its columns are given up."""
-        missing = np.full(self._room, np.nan)
+        missing = np.full(self._count, np.nan)
         columns = [self._tables.pop((quantity, name), missing)[: self._count] for name in names]
         return None if all(np.isnan(column).all() for column in columns) else np.column_stack(columns)
 
 
-def _blank(key: tuple[str, str], count: int, like: NDArray[Any]) -> NDArray[Any]:
-    """Return rows without numbers yet."""
-    shape = (count, *like.shape[1:])
-    return np.zeros(shape, np.int64) if key[0] in _WHOLE_NUMBERS else np.full(shape, np.nan)
+def _missing(key: tuple[str, str]) -> float:
+    return 0 if key[0] in _WHOLE_NUMBERS else np.nan
 
 
 def _joint_states(topic: GatheredTopic, of: Messages) -> Arrays:
