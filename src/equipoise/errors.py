@@ -128,8 +128,8 @@ class ColumnsError(RecordingError):
     """A table's columns have other names than those that are read.
 
     Attributes:
-        what: what the table lacks, in words.
-        proposal: TOML that says which column is probably which.
+        what: description of what the table lacks.
+        proposal: TOML for --columns, as the names of the columns suggest.
         names: names of the table's columns.
         details: the proposal, for scripts.
     """

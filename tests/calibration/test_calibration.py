@@ -126,7 +126,7 @@ def test_both_readings_of_the_feet_come_from_the_same_trials(ideal, a1):
 
 
 def test_a_search_that_did_not_converge_is_no_result(ideal, a1):
-    lifts = [recording for recording in ideal[1] if recording.event("trial").data["kind"] == "lift"]
+    lifts = [recording for recording in ideal[1] if recording.trial.kind == "lift"]
     without_the_last = [recording for recording in lifts if recording is not lifts[4]]
     with pytest.raises(RecordingError, match="no complete search on FL_RR"):
         estimate(a1, without_the_last, PAPER)

@@ -159,7 +159,7 @@ def test_recordings_come_back_in_order(calibrated):
     recordings = folder.recordings()
     starts = [recording.joints.time[0] for recording in recordings]
     assert starts == sorted(starts)
-    assert recordings[0].event("trial").data["kind"] == "lift"
+    assert recordings[0].trial.kind == "lift"
 
 
 def test_a_run_that_was_opened_is_only_read(new):

@@ -7,7 +7,6 @@ from mcap.writer import CompressionType, Writer
 
 from equipoise.logs.bag_streams import GatheredTopic
 from equipoise.logs.message_types import JOINT_STATE, known_types
-from equipoise.logs.rosbag import runs_of
 from equipoise.recording.mcap_reader import MessageReader
 
 TYPES = store()
@@ -23,12 +22,14 @@ def message(stamp, names, position, velocity=()):
     return bytes(TYPES.serialize_cdr(made, JOINT_STATE))
 
 
-def gathered(batches):
-    """A topic of batches of (times, bodies), each long enough to be read by itself."""
-    topic = GatheredTopic("/joint_states", JOINT_STATE, known_types())
+def gathered(batches, room=10_000):
+    """Clock and joints of a topic of batches of (times, bodies)."""
+    topic = GatheredTopic("/joint_states", JOINT_STATE, known_types(), room)
     for times, bodies in batches:
-        topic.take(np.array(times), np.array([np.frombuffer(body, np.uint8) for body in bodies]))
-    return topic.stream()
+        for received, body in zip(times, bodies, strict=True):
+            topic.take(received, body)
+    clock, joints, _ = topic.streams()
+    return clock, joints
 
 
 @pytest.fixture(scope="module")
@@ -40,31 +41,40 @@ def batches():
 
 
 def test_joints_and_velocities_that_come_later_are_no_numbers_before(batches):
-    stream = gathered(batches)
-    assert stream.joints.names == ("a", "b", "c")
-    np.testing.assert_array_equal(stream.joints.position[:, 0], np.arange(10_000))
-    np.testing.assert_array_equal(stream.joints.position[:, 1], -np.arange(10_000))
-    assert np.isnan(stream.joints.position[:5000, 2]).all()
-    assert np.isnan(stream.joints.velocity[:5000]).all()
-    assert (stream.joints.velocity[5000:] == [9, 8, 7]).all()
-    assert stream.joints.torque is None
-    np.testing.assert_array_equal(stream.clock.header, np.arange(10_000))
+    clock, joints = gathered(batches)
+    assert joints.names == ("a", "b", "c")
+    np.testing.assert_array_equal(joints.position[:, 0], np.arange(10_000))
+    np.testing.assert_array_equal(joints.position[:, 1], -np.arange(10_000))
+    assert np.isnan(joints.position[:5000, 2]).all()
+    assert np.isnan(joints.velocity[:5000]).all()
+    assert (joints.velocity[5000:] == [9, 8, 7]).all()
+    assert joints.torque is None
+    np.testing.assert_array_equal(clock.header, np.arange(10_000))
 
 
 def test_messages_are_put_in_order_of_receipt(batches):
     """As a recorder with several threads writes them."""
     (times, bodies), _ = batches
-    turned = gathered([(list(reversed(times)), list(reversed(bodies)))])
-    np.testing.assert_array_equal(turned.clock.received, np.arange(5000))
-    np.testing.assert_array_equal(turned.joints.position[:, 0], np.arange(5000))
+    clock, joints = gathered([(list(reversed(times)), list(reversed(bodies)))])
+    np.testing.assert_array_equal(clock.received, np.arange(5000))
+    np.testing.assert_array_equal(joints.position[:, 0], np.arange(5000))
 
 
-def test_a_topic_has_more_messages_than_room(batches, monkeypatch):
-    whole = gathered(batches * 3)
-    monkeypatch.setattr("equipoise.logs.bag_streams._ROOM", 3000)
-    cramped = gathered(batches * 3)
-    np.testing.assert_array_equal(whole.joints.position, cramped.joints.position)
-    assert len(whole.joints.position) == 30_000
+@pytest.mark.parametrize("room", [0, 3000])
+def test_a_topic_may_have_more_messages_than_the_bag_states(batches, room):
+    whole, cramped = gathered(batches)[1], gathered(batches, room)[1]
+    np.testing.assert_array_equal(whole.position, cramped.position)
+    np.testing.assert_array_equal(whole.velocity, cramped.velocity)
+    assert len(cramped.position) == 10_000
+
+
+def test_messages_that_alternate_keep_their_places(batches):
+    """Two publishers on one topic."""
+    (times, first), (later, second) = batches
+    mixed = [body for pair in zip(first, second, strict=True) for body in pair]
+    _, joints = gathered([([*times, *later], mixed)])
+    np.testing.assert_array_equal(joints.position[::2, 0], np.arange(5000))
+    np.testing.assert_array_equal(joints.position[1::2, 0], np.arange(5000, 10_000))
 
 
 @pytest.mark.parametrize("chunked", [True, False])
@@ -84,23 +94,3 @@ def test_messages_of_a_file_are_those_that_were_written(tmp_path, chunked, compr
             writer.add_message(channels[key], EPOCH + k, written[-1][3], EPOCH + k)
         writer.finish()
     assert MessageReader(path).messages() == written
-
-
-@pytest.mark.parametrize("turn", ["JII", "JJI", "JIJ"])
-def test_messages_of_a_topic_keep_their_order_whatever_their_turns_and_times(tmp_path, turn):
-    """Topics of different rates, lengths that alternate, and times of receipt that are the same for many."""
-    path, written = tmp_path / "log.mcap", {"/J": [], "/I": []}
-    with open(path, "wb") as file:
-        writer = Writer(file, compression=CompressionType.NONE)
-        writer.start("ros2")
-        schema = writer.register_schema("x/msg/A", "ros2msg", b"")
-        channels = {topic: writer.register_channel(topic, "cdr", schema) for topic in written}
-        for k in range(300):
-            topic = f"/{turn[k % 3]}"
-            written[topic].append(k.to_bytes(2, "little") + bytes(k % 2 * 4))
-            writer.add_message(channels[topic], EPOCH + k // 50, written[topic][-1], EPOCH + k // 50)
-        writer.finish()
-    read = {"/J": [], "/I": []}
-    for topic, _, bodies in runs_of(MessageReader(path).chunks(), dict.fromkeys(read, "x/msg/A")):
-        read[topic] += [bytes(body) for body in bodies]
-    assert read == written

@@ -1,4 +1,4 @@
-"""Tables with other names than ours: read as a file says, or as names and numbers tell; files of arrays; what is refused."""
+"""Tables with other names than ours, read as a file or their names determine; files of arrays; refusals."""
 
 import io
 import json
@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from equipoise.cli import main
 from equipoise.errors import ColumnsError, RecordingError, SettingsError
 from equipoise.logs.reader import is_log, read_log
-from equipoise.logs.tables.by_content import carries, unit_of_angles
 from equipoise.logs.tables.by_name import named
 from equipoise.logs.tables.columns import UNITS, Columns
 from equipoise.logs.tables.files import open_table
@@ -73,45 +72,26 @@ def same(found, log, rtol=1e-9):
                 )
 
 
-def orders(robot):
-    """Joints leg by leg, as Unitree has the legs, and all hips before all thighs: indices in the robot's order."""
-    names = [robot.legs[leg].joint_names for leg in ("FR", "FL", "RR", "RL")]
-    hips_first = zip(*(robot.legs[leg].joint_names for leg in ("FL", "FR", "RL", "RR")), strict=True)
-    return ([robot.joint_names.index(joint) for leg in joints for joint in leg] for joints in (names, hips_first))
-
-
 # --- tables of others, as people write them
 
 
 def by_index(path, robot, log):
-    (unitree, _), joints, imu = orders(robot), log.joints, log.imu
+    joints, imu = log.joints, log.imu
     np.savez(
-        path.with_suffix(".npz"), t=joints.time, q=joints.position[:, unitree], dq=joints.velocity[:, unitree],
-        tau=joints.torque[:, unitree], gyro=imu.angular_velocity_in_imu, acc=imu.acceleration_in_imu,
+        path.with_suffix(".npz"), t=joints.time, q=joints.position, dq=joints.velocity, tau=joints.torque,
+        gyro=imu.angular_velocity_in_imu, acc=imu.acceleration_in_imu,
         names=np.array(["a", "b"]), video=np.zeros((7, 2, 2)),
     )  # fmt: skip
     return path.with_suffix(".npz")
 
 
 def without_words(path, robot, log):
-    (_, hips_first), joints, imu = orders(robot), log.joints, log.imu
-    nanoseconds = np.round(joints.time * 1e9).astype(np.int64) + 1_763_712_000_123_456_789
+    joints, imu = log.joints, log.imu
     np.savez(
-        path.with_suffix(".npz"), a=nanoseconds, b=np.degrees(joints.position[:, hips_first]),
-        c=np.degrees(joints.velocity[:, hips_first]), d=joints.torque[:, hips_first],
-        e=np.degrees(imu.angular_velocity_in_imu), f=imu.acceleration_in_imu / 9.80665,
+        path.with_suffix(".npz"), a=joints.time, b=joints.position, c=joints.velocity, d=joints.torque,
+        e=imu.angular_velocity_in_imu, f=imu.acceleration_in_imu,
     )  # fmt: skip
     return path.with_suffix(".npz")
-
-
-def numbers_alone(path, robot, log):
-    """An orientation before the rest: any three of its four that hold w have a norm of nearly one, as gravity in g."""
-    joints, imu, turn = log.joints, log.imu, 0.05 * np.sin(log.joints.time)
-    quaternion = [np.sqrt(1 - 2 * turn**2), turn, turn, 0 * turn]
-    sensed = [imu.acceleration_in_imu / 9.80665, imu.angular_velocity_in_imu]
-    table = np.column_stack([joints.time, *quaternion, *sensed, joints.position, joints.velocity, joints.torque])
-    np.savetxt(path.with_suffix(".csv"), table, delimiter=",")
-    return path.with_suffix(".csv")
 
 
 def a_matlab_structure(path, robot, log):
@@ -170,7 +150,7 @@ def champs_names(path, robot, log):
     legs = {"FL": "lf", "FR": "rf", "RL": "lh", "RR": "rh"}
     order = [robot.joint_names.index(f"{leg}_{joint}_joint") for leg in ("FR", "FL", "RR", "RL") for joint in joints]
     columns = {"time_ns": np.round(log.joints.time * 1e9).astype(np.int64)}
-    for word, values in (("pos", log.joints.position), ("vel", log.joints.velocity), ("load", log.joints.torque)):
+    for word, values in (("pos", log.joints.position), ("vel", log.joints.velocity), ("eff", log.joints.torque)):
         for index in order:
             leg, joint, _ = robot.joint_names[index].split("_")
             columns[f"{word}_{legs[leg]}_{joints[joint]}_joint"] = values[:, index]
@@ -181,14 +161,14 @@ def champs_names(path, robot, log):
 
 @pytest.mark.parametrize(
     "write",
-    [champs_names, by_index, without_words, numbers_alone, a_matlab_structure, words_of_others, paths_of_topics],
+    [champs_names, by_index, a_matlab_structure, words_of_others, paths_of_topics],
 )
-def test_what_is_proposed_for_a_strange_table_reads_it_as_it_is(a1, leaning, tmp_path, write):
+def test_the_proposal_for_a_table_with_other_names_reads_it(a1, leaning, tmp_path, write):
     log, _ = leaning
     path = write(tmp_path / "log", a1, log)
     assert is_log(path)
     with pytest.raises(
-        ColumnsError, match=r"By names and numbers its columns are as below. Look through it, save it"
+        ColumnsError, match=r"The names of its columns suggest the mapping below. Look through it, save it"
     ) as told:
         read_log(path, a1)
     assert told.value.details["columns"] == told.value.proposal
@@ -217,15 +197,32 @@ def test_names_that_people_give_columns(name, kind, part):
     assert (kind, part) == ((None, None) if found is None else (found.kind, found.part))
 
 
-def test_a_proposal_says_why_and_what_it_leaves_out(a1, leaning, tmp_path):
+def test_a_proposal_states_reasons_units_and_unused_columns(a1, leaning, tmp_path):
     with pytest.raises(ColumnsError) as told:
         read_log(by_index(tmp_path / "log", a1, leaning[0]), a1)
     for line in (
-        "# time: increases evenly", "FR FL RR RL, leg by leg, as limits and floor say", "# velocity: the derivatives of",
-        "# torque: they carry the robot", "# gyro: up turns as it says", 'position.FR_hip_joint = "q[0]"',
+        "# time: by name; consecutive samples are less than half a second apart in s",
+        "# position: numbered columns, in the order of the model's joints: compare joint by joint; is the unit rad?",
+        "# gyro: by name; is the unit rad/s?", 'position.FL_hip_joint = "q[0]"',
         "\n# not used: names (2,), video (7, 2, 2)\n",
     ):  # fmt: skip
         assert line in told.value.proposal, line
+
+
+def test_names_without_meaning_are_refused_with_the_columns_and_the_mapping_to_write(a1, leaning, tmp_path):
+    with pytest.raises(ColumnsError, match=r"but nothing for time, .*, position.JOINT: write these lines") as told:
+        read_log(without_words(tmp_path / "log", a1, leaning[0]), a1)
+    for line in (
+        '# missing: time = "..."',
+        '# missing: position.FL_hip_joint = "..."',
+        "# not used: a, b[0] to b[11], c[0] to c[11]",
+    ):
+        assert line in told.value.proposal, line
+    written = {"time": "a", **{f"gyro.{axis}": f"e[{k}]" for k, axis in enumerate("xyz")}}
+    written |= {f"accelerometer.{axis}": f"f[{k}]" for k, axis in enumerate("xyz")}
+    for kind, array in (("position", "b"), ("velocity", "c"), ("torque", "d")):
+        written |= {f"{kind}.{joint}": f"{array}[{k}]" for k, joint in enumerate(a1.joint_names)}
+    same(read_log(tmp_path / "log.npz", a1, columns=Columns(written)).recording, leaning[0])
 
 
 def proposal_for(path, robot, columns=None):
@@ -240,31 +237,38 @@ def arrays_of(log):
     return {"t": joints.time, "q": joints.position, "dq": joints.velocity} | sensed
 
 
-def test_whole_numbers_are_what_they_are_unless_they_are_times(a1, leaning, tmp_path):
+def test_whole_numbers_are_numbers_of_any_unit(a1, leaning, tmp_path):
     milli_g = np.round(leaning[0].imu.acceleration_in_imu / 9.80665e-3).astype(np.int16)
     np.savez(tmp_path / "log.npz", **arrays_of(leaning[0]) | {"acc": milli_g})
     proposed = Columns.from_text(proposal_for(tmp_path / "log.npz", a1), "it")
-    assert proposed.units == {"accelerometer": "mg"}
     assert proposed.names["accelerometer.x"] == "acc[0]"
+    read = read_log(tmp_path / "log.npz", a1, columns=replace(proposed, units={"accelerometer": "mg"})).recording
+    np.testing.assert_allclose(read.imu.acceleration_in_imu, leaning[0].imu.acceleration_in_imu, atol=0.01)
 
 
 @pytest.mark.parametrize("first", [0, 1])
 def test_names_that_count_are_names(a1, leaning, tmp_path, first):
     """As pandas writes columns that have none."""
-    path = numbers_alone(tmp_path / "log", a1, leaning[0])
-    names = ",".join(str(first + k) for k in range(path.read_text().split("\n", 1)[0].count(",") + 1))
-    path.write_text(f"{names}\n{path.read_text()}")
-    proposed = Columns.from_text(proposal_for(path, a1), "it")
-    assert proposed.names["time"] == str(first)
-    same(read_log(path, a1, columns=proposed).recording, leaning[0], rtol=1e-6)
+    path, names = tmp_path / "log.csv", [str(first + index) for index in range(4)]
+    path.write_text("\n".join([",".join(names), "0.1,1,2,3", "0.2,4,5,6"]))
+    assert open_table(path).names == tuple(names)
+    assert open_table(path).column(names[3]).tolist() == [3, 6]
+
+
+def test_a_floating_base_before_the_joints_is_passed_over(a1, leaning, tmp_path):
+    arrays, rows = arrays_of(leaning[0]), len(leaning[0].joints.time)
+    base = {"q": np.zeros((rows, 7)), "dq": np.zeros((rows, 6))}
+    np.savez(tmp_path / "log.npz", **arrays | {name: np.hstack([base[name], arrays[name]]) for name in base})
+    proposed = Columns.from_text(proposal_for(tmp_path / "log.npz", a1), "it")
+    assert [proposed.names[f"position.{joint}"] for joint in a1.joint_names] == [f"q[{at}]" for at in range(7, 19)]
+    assert [proposed.names[f"velocity.{joint}"] for joint in a1.joint_names] == [f"dq[{at}]" for at in range(6, 18)]
 
 
 def test_a_count_of_rows_is_no_time(a1, leaning, tmp_path):
     columns = columns_of(leaning[0])
     stamp = columns.pop("time") + np.random.default_rng(0).uniform(0, 0.5, len(columns["gyro.x"]))
     path = write_csv(tmp_path / "log.csv", {"seq": np.arange(len(stamp)), "stamp": stamp, **columns})
-    with pytest.raises(ColumnsError, match="none looks like time"):
-        read_log(path, a1)
+    assert Columns.from_text(proposal_for(path, a1), "it").names["time"] == "stamp"
 
 
 @pytest.mark.parametrize("unit", ["ns", "ms"])
@@ -285,76 +289,44 @@ def test_a_stamp_before_the_first_one_is_no_time_far_ahead(tmp_path):
     np.testing.assert_allclose(open_table(tmp_path / "log.npz").clock("t"), [0, -5e9, 2e6])
 
 
-def test_a_unit_of_the_users_gives_way_to_what_is_in_the_columns(a1, leaning, tmp_path):
-    np.savez(tmp_path / "log.npz", **arrays_of(leaning[0]))
-    told = Columns(units={"accelerometer": "g", "gyro": "deg/s"})
-    assert Columns.from_text(proposal_for(tmp_path / "log.npz", a1, told), "it").units == {}
-
-
-@pytest.mark.parametrize(("swing", "unit"), [(2.0, {"orientation": "deg"}), (0.0, {})])
-def test_small_angles_are_degrees_if_up_is_the_accelerometers_so(a1, leaning, tmp_path, swing, unit):
-    """Of a robot that walks straight; of one that stands level nothing tells."""
+def test_angles_in_degrees_are_refused_unless_their_unit_is_given(a1, leaning, tmp_path):
+    """Of a robot that walks straight."""
     log, _ = leaning
-    roll, pitch = swing * np.sin(4 * log.imu.time), swing * np.cos(4 * log.imu.time)
+    roll, pitch = 2 * np.sin(4 * log.imu.time), 2 * np.cos(4 * log.imu.time)
     up = rotation_of(np.radians(roll), np.radians(pitch)).inv().apply([0, 0, 9.81])
     log = replace(log, imu=replace(log.imu, acceleration_in_imu=up))
     columns = {name: values for name, values in columns_of(log).items() if not name.startswith("gyro")}
     path = write_csv(tmp_path / "log.csv", {**columns, "roll": roll, "pitch": pitch, "yaw": 0 * roll})
-    proposed = proposal_for(path, a1)
-    assert Columns.from_text(proposed, "it").units == unit
-    assert ("by name alone: is it in rad?" in proposed) == (not unit)
+    proposed = Columns.from_text(proposal_for(path, a1), "it")
+    with pytest.raises(RecordingError, match="the orientation's idea of up is"):
+        read_log(path, a1, columns=proposed)
+    read_log(path, a1, columns=replace(proposed, units={"orientation": "deg"}))
 
 
-def test_what_is_called_a_gyroscope_comes_before_what_turns_as_one(a1, leaning, tmp_path):
+def test_only_a_name_makes_columns_a_gyroscope(a1, leaning, tmp_path):
     columns = columns_of(leaning[0])
     for axis, other in zip("xyz", "prs", strict=True):
         columns[other] = columns.pop(f"gyro.{axis}")
         columns[f"gyro_{axis}"] = 0 * columns[other]
     proposed = proposal_for(write_csv(tmp_path / "log.csv", columns), a1)
-    assert '# gyro: by name alone: is it in rad/s?\ngyro.x = "gyro_x"' in proposed
+    assert '# gyro: by name; is the unit rad/s?\ngyro.x = "gyro_x"' in proposed
     assert "# not used: p, r, s" in proposed
 
 
-def test_an_order_of_legs_that_nothing_tells_is_called_a_guess(a1, leaning, tmp_path):
-    """A robot that only stands: any order of its legs is as level."""
-    log = leaning[0].between(5.0, 6.9)
-    with pytest.raises(ColumnsError) as told:
-        read_log(by_index(tmp_path / "log", a1, log), a1)
-    assert "the model's order, a guess: compare the legs, joint by joint" in told.value.proposal
-    assert "by name alone: is it in rad/s?" in told.value.proposal
-
-
-def test_an_imu_that_is_mounted_turned_leaves_the_order_a_guess(a1, leaning, tmp_path):
-    """The floor is nowhere level then, and the joints are what they are called."""
-    log, _ = leaning
-    log = replace(log, imu=replace(log.imu, acceleration_in_imu=np.roll(log.imu.acceleration_in_imu, 1, axis=1)))
-    with pytest.raises(ColumnsError) as told:
-        read_log(by_index(tmp_path / "log", a1, log), a1)
-    assert "the model's order, a guess" in told.value.proposal
-
-
-def test_what_only_a_name_speaks_for_is_said_so(a1, leaning, tmp_path):
-    """Torques of a robot that hangs, and velocities that nobody measured."""
-    log, _ = leaning
-    joints = replace(log.joints, torque=0.1 * log.joints.torque, velocity=0 * log.joints.velocity)
-    with pytest.raises(ColumnsError) as told:
-        read_log(by_index(tmp_path / "log", a1, replace(log, joints=joints)), a1)
-    for line in ("# torque: by name alone: is it in Nm?", "# velocity: by name alone: is it in rad/s?"):
-        assert line in told.value.proposal
-    assert 'torque.FR_hip_joint = "tau[0]"' in told.value.proposal
-
-
-def test_stretched_legs_carry_nothing_that_can_be_told(a1):
-    """As columns that are no joint positions may seem to be: all zeros."""
-    assert not carries(a1, np.zeros((5, 12)), np.ones((5, 12)))
-    assert unit_of_angles(a1, np.zeros((5, 12))) is None
+def test_names_that_state_a_quantity_come_before_names_of_joints_alone(a1, leaning, tmp_path):
+    columns = {name: values for name, values in columns_of(leaning[0]).items() if not name.startswith("position")}
+    positions = leaning[0].joints.position.T
+    bare = {name: 0 * column for name, column in zip(a1.joint_names, positions, strict=True)}
+    named = {f"q_{name}": column for name, column in zip(a1.joint_names, positions, strict=True)}
+    proposed = Columns.from_text(proposal_for(write_csv(tmp_path / "log.csv", columns | bare | named), a1), "it")
+    assert all(proposed.names[f"position.{name}"] == f"q_{name}" for name in a1.joint_names)
 
 
 def test_what_no_column_looks_like_is_said(a1, leaning, tmp_path):
     columns = columns_of(leaning[0])
     columns = {name: values for name, values in columns.items() if not name.startswith("accelerometer")}
     with pytest.raises(
-        ColumnsError, match=r"has no accelerometer.x, accelerometer.y, accelerometer.z. .*none looks like acc"
+        ColumnsError, match=r"has no accelerometer.x, accelerometer.y, accelerometer.z. .*but nothing for acc"
     ):
         read_log(write_csv(tmp_path / "log.csv", columns), a1)
 
@@ -369,10 +341,9 @@ def test_an_orientation_is_proposed_where_there_is_no_gyroscope(a1, leaning, tmp
     path = write_csv(tmp_path / "log.csv", columns)
     with pytest.raises(ColumnsError) as told:
         read_log(path, a1)
-    (tmp_path / "columns.toml").write_text(told.value.proposal, encoding="utf-8")
-    read = read_log(path, a1, columns=Columns.from_toml(tmp_path / "columns.toml"))
+    proposed = Columns.from_text(told.value.proposal, "it")
+    read = read_log(path, a1, columns=replace(proposed, units={"orientation": "deg" if angles else "rad"}))
     assert any("turns as its fused orientation does" in finding.message for finding in read.findings)
-    assert ('orientation = "deg"' in told.value.proposal) == angles
 
 
 # --- what the user says
@@ -414,7 +385,7 @@ def test_an_empty_name_leaves_out_a_column_that_has_ours(a1, leaning, tmp_path):
     told = Columns.from_text("".join(f'torque.{joint} = ""\n' for joint in a1.joint_names), "it")
     assert read_log(path, a1, columns=told).recording.joints.torque is None
     told = Columns.from_text('gyro.x = ""', "it")
-    with pytest.raises(ColumnsError, match=r"has no gyro.x\. By names .*none looks like gyro.x") as error:
+    with pytest.raises(ColumnsError, match=r"has no gyro.x\. The names .*but nothing for gyro.x") as error:
         read_log(path, a1, columns=told)
     assert Columns.from_text(error.value.proposal, "it").names == told.names
 

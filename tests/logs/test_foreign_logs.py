@@ -359,7 +359,7 @@ def test_messages_are_what_rosbags_reads_one_by_one(frames, sizes, seed):
     ]
     bodies = [bytes(types.serialize_cdr(message, kind)) for message in written]
     seen = []
-    for group in read_messages(known_types(), kind, [np.frombuffer(body, np.uint8)[None] for body in bodies]):
+    for group in read_messages(known_types(), kind, bodies):
         for k, row in enumerate(group.rows):
             seen.append(row)
             expected = written[row]
@@ -422,11 +422,11 @@ def test_a_column_that_is_missing_is_named_and_proposed(a1, log, tmp_path):
     columns = columns_of(log)
     columns["gyro_x"] = columns.pop("gyro.x")
     path = write_csv(tmp_path / "log.csv", columns)
-    with pytest.raises(ColumnsError, match=r"has no gyro.x\. By names") as told:
+    with pytest.raises(ColumnsError, match=r"has no gyro.x\. The names of") as told:
         read_log(path, a1)
-    assert told.value.proposal == '# gyro: by name alone: is it in rad/s?\ngyro.x = "gyro_x"\n'
+    assert told.value.proposal == '# gyro: by name; is the unit rad/s?\ngyro.x = "gyro_x"\n'
     only = {name: values for name, values in columns.items() if not name.startswith("position")}
-    with pytest.raises(RecordingError, match=r"has no gyro.x, position.JOINT.*none looks like position.JOINT"):
+    with pytest.raises(RecordingError, match=r"has no gyro.x, position.JOINT.*but nothing for position.JOINT"):
         read_log(write_csv(tmp_path / "log.csv", only), a1)
 
 

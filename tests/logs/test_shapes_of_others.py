@@ -147,7 +147,6 @@ def test_29_unitrees_motors_are_in_unitrees_order(a1, trotted, expected, tmp_pat
     assert_same(accepted(a1, write(tmp_path / "log.csv", columns)), expected)
 
 
-@later("30: the base's forward position is taken for the time, and the base's velocity for the joints'")
 def test_30_a_log_without_time_is_asked_for_it_and_the_base_is_not_taken_for_joints(a1, trotted, tmp_path):
     time, zero = trotted["time"], np.zeros_like(trotted["time"])
     half_roll = 0.01 * np.sin(7 * time)

@@ -199,14 +199,6 @@ def test_has_phase_looks_at_phases_only(phased):
     assert not phased.has_phase("sway")
 
 
-def test_the_first_event_of_a_name_is_found():
-    recording = recording_of(events=[Event(0.1, "trial", {"kind": "lift"}), Event(0.2, "trial", {"kind": "sway"})])
-    assert recording.event("trial").data["kind"] == "lift"
-    with pytest.raises(RecordingError) as caught:
-        recording.event("other")
-    assert str(caught.value) == "the recording has no event 'other'; it has ['trial']"
-
-
 def test_cutting_and_joining_gives_the_same(phased):
     joined = Recording.concatenate([phased.phase(name) for name in ("rest", "lift", "lower")])
     assert joined.events == phased.events

@@ -40,23 +40,23 @@ class Messages:
         return np.column_stack([self.numbers[form.format(name)] for name in names]).astype(float)
 
 
-def read_messages(types: Mapping[str, Any], message_type: str, runs: Sequence[NDArray[np.uint8]]) -> list[Messages]:
-    """All messages of a topic, in groups.
+def read_messages(types: Mapping[str, Any], message_type: str, bodies: Sequence[bytes]) -> list[Messages]:
+    """Return all messages of a topic, in groups.
 
     Args:
         types: field definitions by name, as rosbags parses them.
-        runs: messages as they were on the wire, (n, length) bytes of those that follow each other and are equally long.
+        bodies: messages as they were on the wire.
 
     Raises:
         ValueError, IndexError, KeyError: a message is damaged, or of a type that is not defined.
     """
-    number = np.arange(sum(map(len, runs)), dtype=np.intp)
-    numbers_of = np.split(number, np.cumsum([len(run) for run in runs])[:-1])
+    by_length: dict[int, list[int]] = {}
+    for row, body in enumerate(bodies):
+        by_length.setdefault(len(body), []).append(row)
     groups: list[Messages] = []
-    for length in dict.fromkeys(run.shape[1] for run in runs):
-        of_length = [index for index, run in enumerate(runs) if run.shape[1] == length]
-        rows = np.concatenate([numbers_of[index] for index in of_length])
-        data = np.concatenate([runs[index] for index in of_length])
+    for length, of_length in by_length.items():
+        joined = b"".join([bodies[row] for row in of_length])
+        rows, data = np.array(of_length), np.frombuffer(joined, np.uint8).reshape(len(of_length), length)
         while len(rows):
             walk = _Walk(types, data[0].tobytes())
             walk.message(message_type)

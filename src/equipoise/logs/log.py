@@ -297,7 +297,11 @@ def _kept(
         raise RecordingError(f"the log holds no {name} sample within the time that was asked for")
     finite = np.all([np.isfinite(part).all(axis=1) for part in values], axis=0)
     broken = ~np.isfinite(time[index]) | ~finite[index]
-    _refuse_many(name, broken, "are not numbers")
+    if broken.mean() > _MOST_BAD:
+        raise RecordingError(
+            f"{broken.mean():.0%} of the {name} samples are not numbers, the first at sample {int(np.argmax(broken))}: a "
+            "sensor that fails so often cannot be believed between"
+        )
     if broken.any():
         findings.append(LogFinding(name, f"{broken.sum()} of {len(index)} {name} samples are not numbers: left out"))
     index = index[~broken]
@@ -314,14 +318,6 @@ def _kept(
         message = f"{late.sum()} of {len(index)} {name} samples have stamps that repeat or go back: left out"
         findings.append(LogFinding(name, message))
     return index[~late]
-
-
-def _refuse_many(name: str, bad: NDArray[np.bool_], what: str) -> None:
-    if bad.mean() > _MOST_BAD:
-        raise RecordingError(
-            f"{bad.mean():.0%} of the {name} samples {what}, the first at sample {int(np.argmax(bad))}: a sensor that fails "
-            "so often cannot be believed between"
-        )
 
 
 def _check_rate(name: str, time: FloatArray) -> None:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from equipoise.errors import EquipoiseError, MissingDependencyError, RecordingError
 from equipoise.user_file import UnreadableError, refuse_unreadable
@@ -23,13 +21,12 @@ try:
 except ModuleNotFoundError as error:
     raise MissingDependencyError("bags need rosbags: pip install 'equipoise[logs]'") from error
 
-from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.logs.bag_files import METADATA, ROS1, bag_files
-from equipoise.logs.bag_streams import BagStream, GatheredTopic
+from equipoise.logs.bag_streams import GatheredTopic
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import map_by_order
-from equipoise.logs.log import RawImu, RawJoints, RawLog
+from equipoise.logs.log import RawLog
 from equipoise.logs.message_types import MOTOR_NAMES, STATES, known_types, store_of
 from equipoise.logs.stamps import common_times
 from equipoise.logs.topics import Topics, choose_topics, nothing_to_read
@@ -37,7 +34,6 @@ from equipoise.recording.mcap_reader import Message, MessageReader
 from equipoise.robot.model import RobotModel
 
 Reader = Ros1Reader | Ros2Reader
-_GATHERED = 1024  # messages
 
 
 def read_bag(path: Path, robot: RobotModel, topics: Topics) -> RawLog:
@@ -79,13 +75,12 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
             kind, count = found.get(name, (info.msgtype or "", 0))
             found[name] = kind, count + info.msgcount
         joint_topic, imu_topic, command_topic = chosen = choose_topics(found, wanted, findings)
-        gathered = {topic: GatheredTopic(topic, found[topic][0], types) for topic in chosen if topic is not None}
+        gathered = {topic: GatheredTopic(topic, found[topic][0], types, found[topic][1]) for topic in chosen if topic}
         for reader in readers:
             _gather(reader, gathered, types)
     if joint_topic is None or imu_topic is None:
         raise nothing_to_read(path, found, joint_topic, imu_topic)
-    streams = {topic: of.stream() for topic, of in gathered.items()}
-    return _raw_log(robot, streams, (joint_topic, imu_topic, command_topic), findings)
+    return _raw_log(robot, gathered, (joint_topic, imu_topic, command_topic), findings)
 
 
 def _opened(part: Path) -> Reader:
@@ -98,9 +93,10 @@ def _gather(reader: Reader, gathered: Mapping[str, GatheredTopic], types: dict[s
     own = _own_types(connections)
     # A bag of ROS 1 defines ROS's own types as well, otherwise than ROS 2, as which its messages are read.
     types |= own if isinstance(reader, Ros2Reader) else {name: own[name] for name in own.keys() - types.keys()}
-    wanted = {topic: of.type for topic, of in gathered.items()}
-    for topic, received, bodies in runs_of(_chunks(reader, connections, types), wanted):
-        gathered[topic].take(received, bodies)
+    for topic, kind, received, body in chain.from_iterable(_chunks(reader, connections, types)):
+        of = gathered.get(topic)
+        if of is not None and of.type == kind:
+            of.take(received, body)
 
 
 def _chunks(reader: Reader, connections: Sequence[Connection], types: Mapping[str, Any]) -> Iterator[list[Message]]:
@@ -118,33 +114,6 @@ def _chunks(reader: Reader, connections: Sequence[Connection], types: Mapping[st
             yield [(each.topic, kind, received, bytes(body if store is None else store.ros1_to_cdr(body, kind)))]
 
 
-def runs_of(
-    chunks: Iterable[list[Message]], wanted: Mapping[str, str]
-) -> Iterator[tuple[str, NDArray[np.int64], NDArray[np.uint8]]]:
-    """Yield topic, (n,) times of receipt [ns] and (n, length) bytes of messages of one length; a topic's in their order.
-
-    Args:
-        wanted: types of the messages that are wanted, by topic.
-    """
-    waiting: dict[str, tuple[list[int], list[bytes]]] = {}
-
-    def run(topic: str) -> tuple[str, NDArray[np.int64], NDArray[np.uint8]]:
-        received, bodies = waiting.pop(topic)
-        table = np.frombuffer(b"".join(bodies), dtype=np.uint8).reshape(len(bodies), len(bodies[0]))
-        return topic, np.array(received, dtype=np.int64), table
-
-    for topic, kind, received, body in (message for chunk in chunks for message in chunk):
-        if wanted.get(topic) != kind:
-            continue
-        if topic in waiting and (len(waiting[topic][1][0]) != len(body) or len(waiting[topic][1]) >= _GATHERED):
-            yield run(topic)
-        times, bodies = waiting.setdefault(topic, ([], []))
-        times.append(received)
-        bodies.append(body)
-    for topic in list(waiting):
-        yield run(topic)
-
-
 def _own_types(connections: Iterable[Connection]) -> dict[str, Any]:
     types: dict[str, Any] = {}
     for connection in connections:
@@ -157,28 +126,28 @@ def _own_types(connections: Iterable[Connection]) -> dict[str, Any]:
 
 
 def _raw_log(
-    robot: RobotModel, streams: Mapping[str, BagStream], topics: tuple[str, str, str | None], findings: list[LogFinding]
+    robot: RobotModel,
+    gathered: Mapping[str, GatheredTopic],
+    topics: tuple[str, str, str | None],
+    findings: list[LogFinding],
 ) -> RawLog:
     joint_topic, imu_topic, command_topic = topics
-    times, kind = common_times([stream.clock for stream in streams.values()], (joint_topic, imu_topic), findings)
+    streams = {topic: of.streams() for topic, of in gathered.items()}
+    times, kind = common_times([clock for clock, _, _ in streams.values()], (joint_topic, imu_topic), findings)
     named = {"joints": joint_topic, "IMU": imu_topic, "commands": command_topic}
-    about = {what: f"{topic} ({streams[topic].type})" for what, topic in named.items() if topic is not None}
+    about = {what: f"{topic} ({gathered[topic].type})" for what, topic in named.items() if topic is not None}
     about["stamps"] = kind
-    if streams[imu_topic].frame:
-        about["IMU frame"] = streams[imu_topic].frame
-    joints = _timed(streams[joint_topic].joints, times[joint_topic])
-    imu = streams[imu_topic].imu
+    if gathered[imu_topic].frame:
+        about["IMU frame"] = gathered[imu_topic].frame
+    joints, imu = streams[joint_topic][1], streams[imu_topic][2]
+    commands = None if command_topic is None else streams[command_topic][1]
     if joints is None or imu is None:
         raise RecordingError(f"{joint_topic} holds no joints, or {imu_topic} no IMU samples")
     return RawLog(
-        replace(joints, foot_force=streams[joint_topic].foot_force),
-        RawImu(times[imu_topic], imu[:, :3], imu[:, 3:], streams[imu_topic].quat_wxyz),
-        None if command_topic is None else _timed(streams[command_topic].joints, times[command_topic]),
+        replace(joints, time=times[joint_topic]),
+        replace(imu, time=times[imu_topic]),
+        None if command_topic is None or commands is None else replace(commands, time=times[command_topic]),
         about,
         tuple(findings),
-        map_by_order(robot, MOTOR_LEGS, MOTOR_NAMES) if streams[joint_topic].type in STATES else None,
+        map_by_order(robot, MOTOR_LEGS, MOTOR_NAMES) if gathered[joint_topic].type in STATES else None,
     )
-
-
-def _timed(joints: RawJoints | None, time: FloatArray) -> RawJoints | None:
-    return None if joints is None else replace(joints, time=time)

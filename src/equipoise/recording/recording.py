@@ -101,6 +101,7 @@ class Recording:
         commands: commands that were sent, or None (a log from elsewhere).
         events: events in order of time.
         trial_id: id of the trial in its run, by which the log finds its motions; None of recordings from elsewhere.
+        found_trial: trial that was found in a log; a commanded trial is the data of an event.
     """
 
     joint_names: tuple[str, ...]
@@ -109,6 +110,7 @@ class Recording:
     commands: CommandStream | None = None
     events: tuple[Event, ...] = ()
     trial_id: int | None = None
+    found_trial: RecordedTrial | None = None
 
     def __post_init__(self) -> None:
         columns = self.joints.position.shape[1]
@@ -146,21 +148,14 @@ class Recording:
         streams = [vars(stream) for stream in (self.joints, self.imu, self.commands) if stream is not None]
         return [array for stream in streams for array in stream.values()]
 
-    def event(self, name: str) -> Event:
-        """The first event of that name; raises RecordingError if there is none."""
-        for event in self.events:
-            if event.name == name:
-                return event
-        raise RecordingError(f"the recording has no event {name!r}; it has {sorted({e.name for e in self.events})}")
-
     @property
     def trial(self) -> RecordedTrial | None:
-        """The trial that the recording says it is; None if it does not say, or a kind that is not ours.
+        """The trial that the recording is; None if it is not a trial, or of an unknown kind.
 
         Raises:
-            RecordingError: what it says is damaged.
+            RecordingError: the trial's data are damaged.
         """
-        return next((read_trial(event.data) for event in self.events if event.name == TRIAL), None)
+        return self.found_trial or next((read_trial(event.data) for event in self.events if event.name == TRIAL), None)
 
     @property
     def complete(self) -> bool:

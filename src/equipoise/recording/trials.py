@@ -1,7 +1,8 @@
 """Trials: what a recording says that it is.
 
-A trial is written into a recording as the data of one event, `{"kind": "lift", "diagonal": "FL_RR", ...}`, and read from it by
-`Recording.trial`. How far it came is said by the phases in its recording: `Recording.complete`, `interrupted`, `refused`.
+A commanded trial is written into a recording as the data of one event, `{"kind": "lift", "diagonal": "FL_RR", ...}`, and
+`Recording.trial` reads it from there. A trial found in a log is `Recording.found_trial`. How far a trial came is said by the
+phases in its recording: `Recording.complete`, `interrupted`, `refused`.
 """
 
 from __future__ import annotations

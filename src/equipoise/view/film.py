@@ -121,6 +121,8 @@ class Film:
             if steps is not None:
                 self._parts.append(Moments.of(steps, self._tracker.follow(steps)))
         self.ends += [float(recording.joints.time[-1]) for recording in complete]
+        found = [(float(one.joints.time[0]), one.found_trial) for one in complete if one.found_trial is not None]
+        self.trials += [TrialMark(number, *mark) for number, mark in enumerate(found, len(self.trials) + 1)]
 
     @property
     def empty(self) -> bool:

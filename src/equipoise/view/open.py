@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from equipoise.calibration.run_folder import RunFolder
@@ -14,7 +14,6 @@ from equipoise.logs.log import Log
 from equipoise.logs.motions.segments import find_segments, usable
 from equipoise.method.method import Method
 from equipoise.precise.method import Precise
-from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.view.closing_in import ClosingIn
@@ -61,8 +60,7 @@ def open_log(path: Path, robot: RobotModel, log: Log) -> Showing:
     except EquipoiseError:  # sensors that no estimate believes can be looked at all the same
         parts = []
     events = tuple(sorted((event for part in parts for event in part.events), key=lambda event: event.time))
-    recording = log.recording
-    whole = Recording(recording.joint_names, recording.joints, recording.imu, recording.commands, events)
+    whole = replace(log.recording, events=events)
     return Showing(f"equipoise: {robot.name}, {path.name}", robot, Precise(), GivenRecordings(whole, tuple(parts)))
 
 

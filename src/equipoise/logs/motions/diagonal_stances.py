@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from equipoise.logs.motions.foot_paths import FootPaths
 from equipoise.logs.motions.rests import LoggedRest
 from equipoise.recording.runs import true_runs
+from equipoise.recording.trials import TwoFeet
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.stance import Stance
 
@@ -23,26 +23,17 @@ SHORTEST_STANCE = 0.05
 """[s] on an A1; shorter ones are not worth a word."""
 
 
-@dataclass(frozen=True)
-class DiagonalStance:
-    """A time in which the two feet off a diagonal are up: which stand, and from when to when [s]."""
-
-    diagonal: str
-    start: float
-    end: float
-
-
-def diagonal_stances(paths: FootPaths, stance: Stance) -> list[DiagonalStance]:
-    """All of them, in order of time."""
-    found: list[DiagonalStance] = []
+def diagonal_stances(paths: FootPaths, stance: Stance) -> list[TwoFeet]:
+    """Return the times in which the two feet off a diagonal are up, in order."""
+    found: list[TwoFeet] = []
     for diagonal, standing in DIAGONALS.items():
         up = paths.rise_above(standing)[:, _lifted(diagonal)].min(axis=1) > _CLEAR * stance.scale.length
         spans = [(float(paths.time[first]), float(paths.time[last - 1])) for first, last in true_runs(up)]
-        found += [DiagonalStance(diagonal, a, b) for a, b in spans if b - a >= SHORTEST_STANCE * stance.scale.time]
+        found += [TwoFeet(diagonal, a, b) for a, b in spans if b - a >= SHORTEST_STANCE * stance.scale.time]
     return sorted(found, key=lambda one: one.start)
 
 
-def why_no_lift(paths: FootPaths, stances: Sequence[DiagonalStance], rest: LoggedRest, stance: Stance) -> str | None:
+def why_no_lift(paths: FootPaths, stances: Sequence[TwoFeet], rest: LoggedRest, stance: Stance) -> str | None:
     """What speaks against the first diagonal stance after a rest being a lift, or None.
 
     Args:
@@ -52,15 +43,15 @@ def why_no_lift(paths: FootPaths, stances: Sequence[DiagonalStance], rest: Logge
     """
     scale, first = stance.scale, stances[0]
     for other in stances[1:]:
-        if other.diagonal != first.diagonal and other.start - first.end < _NEXT_STEP * scale.time:
+        if other.pair != first.pair and other.start - first.end < _NEXT_STEP * scale.time:
             return f"the other two feet rise {max(0.0, other.start - first.end):.2f} s after these came down: it walks"
     inside = (paths.time >= first.start) & (paths.time <= first.end)
-    slid = float(paths.slid(DIAGONALS[first.diagonal])[paths.time <= first.end].max())
+    slid = float(paths.slid(DIAGONALS[first.pair])[paths.time <= first.end].max())
     if slid > _STANDING_SLID * scale.length:
         return f"the standing feet have moved by {slid * 1000:.0f} mm since the rest: they step or slip"
     if first.start - rest.end > _SOON * scale.time:
         return f"two feet go up {first.start - rest.end:.1f} s after the last rest: the attitude is not known well"
-    lifted = _lifted(first.diagonal)
+    lifted = _lifted(first.pair)
     drawn_up = paths.drawn_up - paths.drawn_up[:, [not up for up in lifted]].mean(axis=1, keepdims=True)
     if drawn_up[inside][:, lifted].min(axis=1).max() < _DRAWN_UP * scale.length:
         return "only one of the two feet is lifted, and the robot tips off the other"

@@ -41,7 +41,6 @@ class LoggedRest:
         joint_position: (nj,) mean of the joint positions [rad].
         up: (3,) unit vector against gravity, in base axes, by the accelerometer.
         angular_velocity_in_base: (3,) mean of the gyroscope, in base axes: its bias [rad/s].
-        acceleration_in_base: (3,) mean of the accelerometer, in base axes [m/s2].
         folded: whether the legs are folded, as those of a robot that lies.
         why_not: reason why the robot does not stand on four feet here, or None if it does.
     """
@@ -51,7 +50,6 @@ class LoggedRest:
     joint_position: FloatArray
     up: FloatArray
     angular_velocity_in_base: FloatArray
-    acceleration_in_base: FloatArray
     folded: bool
     why_not: str | None
 
@@ -59,11 +57,6 @@ class LoggedRest:
     def standing(self) -> bool:
         """On four feet."""
         return self.why_not is None
-
-    @property
-    def middle(self) -> float:
-        """[s]."""
-        return (self.start + self.end) / 2
 
 
 def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[LoggedRest]:
@@ -89,7 +82,6 @@ def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[LoggedRe
                 position,
                 up,
                 track.angular_velocity_in_base[part].mean(axis=0),
-                acceleration,
                 folded,
                 why_not,
             )

@@ -28,7 +28,7 @@ from equipoise.logs.motions.oscillation import Oscillation, find_oscillation
 from equipoise.logs.motions.rests import LoggedRest, find_rests, why_not_carried
 from equipoise.logs.motions.track import Track
 from equipoise.logs.motions.walking import SHORTEST_ON_THREE, WalkingFeet, crawls, walks
-from equipoise.recording.event import PHASE, TRIAL, Event
+from equipoise.recording.event import PHASE, Event
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
@@ -76,7 +76,7 @@ class LogSegment:
         kind: kind of motion.
         what: kind in words.
         why_not: reason why it is not used, or None if it is.
-        recording: recording with the events that the estimators expect, if it is used on its own.
+        recording: recording with the trial and the phases that the estimators expect, if it is used on its own.
     """
 
     start: float
@@ -303,14 +303,14 @@ class _PieceReader:
         if why_not is None and felt.size and felt.min() < _FALLING:
             why_not = "it jumps: no foot is on the floor for a moment"
         if why_not is not None:
-            return LogSegment(rest.end, until, "steps", f"steps, the first on {first.diagonal}", why_not)
-        what = f"lift on {first.diagonal}, {first.end - first.start:.2f} s on two feet"
+            return LogSegment(rest.end, until, "steps", f"steps, the first on {first.pair}", why_not)
+        what = f"lift on {first.pair}, {first.end - first.start:.2f} s on two feet"
         begin, leaves = self._before(index)
         phases = [(Phase.REST, begin), (Phase.UNLOAD, leaves), (Phase.LOWER, first.end)]
         landed = min(first.end + _LANDED * scale.time, until)
         whole = self.recording if index not in self._weighed else _without_torques(self.recording)
         self._weighed.add(index)
-        recording = _marked(whole, phases, begin, landed, LiftTrial(diagonal=first.diagonal, found_at=begin))
+        recording = _marked(whole, phases, begin, landed, LiftTrial(diagonal=first.pair, found_at=begin))
         return LogSegment(rest.end, until, "lift", what, None, recording)
 
     # --- planted feet
@@ -434,8 +434,6 @@ def _marked(
     end: float,
     trial: RecordedTrial | None = None,
 ) -> Recording:
-    """A part of a recording, with the events that say what it is."""
-    events = [Event(time, PHASE, {"name": name}) for name, time in phases]
-    if trial is not None:
-        events.insert(0, Event(start, TRIAL, trial.to_data()))
-    return replace(recording.between(start, end), events=tuple(sorted(events, key=lambda event: event.time)))
+    """Return a part of a recording as a trial with phases, given by their names and starts [s]."""
+    events = [Event(time, PHASE, {"name": name}) for name, time in sorted(phases, key=lambda phase: phase[1])]
+    return replace(recording.between(start, end), events=tuple(events), found_trial=trial)

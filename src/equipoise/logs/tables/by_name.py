@@ -1,4 +1,4 @@
-"""What a table's column may be by its name: the words that people use for sensors, axes, joints and time."""
+"""Meaning of a table's column according to its name: the words that people use for sensors, axes, joints and time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from equipoise.robot.forward import leg_of
 
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-_TIME = {"time", "t", "stamp", "timestamp", "timestamps", "sec", "secs", "seconds", "clock"}
+_TIME = {"time", "t", "stamp", "timestamp", "timestamps", "sec", "secs", "seconds", "clock", "tick"}
 _COUNTS = {"index", "idx", "count", "counter", "seq", "frame", "step", "steps", "row", "id"}
 _GYROSCOPE = {"gyro", "gyros", "gyroscope", "gyr", "omega", "angvel"}
 _ACCELEROMETER = {"acc", "accel", "accelerometer", "acceleration", "accelerations"}
@@ -30,10 +30,13 @@ _NOT_JOINTS = {"force", "forces", "contact", "contacts", "grf", "temperature", "
 _OF_SOME_JOINTS = {"leg", "legs"}  # `lf_hip_joint`, `lf_upper_leg_joint`: one family
 _GENERAL = {"joint", "joints", "state", "states", "motor", "motors", "data", "robot", "field", "leg", "legs", "est"}
 
+Families = list[dict[str, str]]
+"""Columns that belong together, each a dict from their parts to their names."""
+
 
 @dataclass(frozen=True)
 class Named:
-    """What a column's name says.
+    """Meaning of a column's name.
 
     Attributes:
         kind: kind of column, as in `UNITS`.
@@ -111,11 +114,13 @@ def _joint(words: list[str], leg: str | None) -> Named | None:
     return Named(kind, digits[-1], tuple(word for word in words if not word.isdigit())) if digits else None
 
 
-def families(names: Iterable[str]) -> dict[str, list[dict[str, str]]]:
-    """Columns that belong together, by kind: each a dict from their parts to their names."""
-    found: dict[str, dict[tuple[object, ...], dict[str, str]]] = {}
+def families(names: Iterable[str]) -> dict[str, Families]:
+    """Return columns that belong together, by kind; those of joints whose names state no quantity come last."""
+    found: dict[str, dict[tuple[bool, tuple[str, ...], bool], dict[str, str]]] = {}
     for name in names:
         what = named(name)
         if what is not None:
-            found.setdefault(what.kind, {}).setdefault((what.family, what.joint), {}).setdefault(what.part, name)
-    return {kind: [*of.values()] for kind, of in found.items()}
+            vague = what.joint and not set(what.family) & {*_QUANTITIES.get(what.kind, ()), *_COMMANDS}
+            family = found.setdefault(what.kind, {}).setdefault((vague, what.family, what.joint), {})
+            family.setdefault(what.part, name)
+    return {kind: [of[key] for key in sorted(of, key=lambda key: key[0])] for kind, of in found.items()}

@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError, did_you_mean
 from equipoise.robot.model import LEG_NAMES
 from equipoise.user_file import read_text, toml_table
@@ -41,6 +42,7 @@ UNITS: dict[str, dict[str, float]] = {
     "foot_force": {"counts": 1.0, "N": 1.0},  # only how they change counts
 }
 """Factors to ours by kind of column; the first of a kind is ours."""
+_STEPS = {"ns": 1e5, "us": 100.0, "ms": 0.5}  # smallest median steps of times in these units
 
 
 @dataclass(frozen=True)
@@ -172,6 +174,13 @@ def is_ours(name: str) -> bool:
     """Whether a name is one that docs/logs.md lists."""
     kind, _, of = name.partition(".")
     return name == TIME or name in _SENSED or (kind in JOINT_KINDS and bool(of))
+
+
+def unit_of_steps(time: FloatArray) -> str:
+    """Return the unit in which consecutive times are less than half a second apart."""
+    steps = np.abs(np.diff(time[np.isfinite(time)]))
+    step = float(np.median(steps)) if len(steps) else 0.0
+    return next((unit for unit, least in _STEPS.items() if step > least), "s")
 
 
 def _flat(prefix: str, table: Mapping[str, Any]) -> Iterable[tuple[str, object]]:

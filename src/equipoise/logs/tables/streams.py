@@ -23,13 +23,20 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import ColumnsError, RecordingError
 from equipoise.logs.log import RawImu, RawJoints, RawLog
 from equipoise.logs.orientation import quaternions_of
-from equipoise.logs.tables.columns import ACCELEROMETER, ANGLES, FOOT_FORCES, GYROSCOPE, QUATERNION, TIME, Columns
+from equipoise.logs.tables.columns import (
+    ACCELEROMETER,
+    ANGLES,
+    FOOT_FORCES,
+    GYROSCOPE,
+    QUATERNION,
+    TIME,
+    Columns,
+    unit_of_steps,
+)
 from equipoise.logs.tables.files import TableFile, open_table
-from equipoise.logs.tables.proposal import Proposal, propose
+from equipoise.logs.tables.proposal import propose
 from equipoise.logs.topics import Topics
 from equipoise.robot.model import RobotModel
-
-_SECONDS = 0.5  # [s] between samples: more is another unit
 
 
 def read_table(path: Path, robot: RobotModel, topics: Topics, columns: Columns | None = None) -> RawLog:
@@ -50,7 +57,7 @@ def read_table(path: Path, robot: RobotModel, topics: Topics, columns: Columns |
     known = told.of_table(file.names)
     file.refuse_twins(known.names.values())
     if known.missing():
-        raise _strange(file, known, propose(robot, file, known))
+        raise _strange(file, known, *propose(robot, file, known))
     return _Streams(file, known).raw_log()
 
 
@@ -120,12 +127,11 @@ class _Streams:
         return table if factor == 1.0 else table * factor
 
 
-def _strange(file: TableFile, known: Columns, proposal: Proposal) -> ColumnsError:
-    nothing = ", ".join(proposal.columns.missing())
+def _strange(file: TableFile, known: Columns, nameless: Sequence[str], proposal: str) -> ColumnsError:
     return ColumnsError(
-        f"the table {str(file.path)!r} has no {', '.join(known.missing())}. By names and numbers its columns are as below"
-        + (f", and none looks like {nothing}" if nothing else ""),
-        proposal.to_toml(),
+        f"the table {str(file.path)!r} has no {', '.join(known.missing())}. The names of its columns suggest the mapping below"
+        + (f", but nothing for {', '.join(nameless)}: write these lines yourself" if nameless else ""),
+        proposal,
         file.names,
     )
 
@@ -133,12 +139,11 @@ def _strange(file: TableFile, known: Columns, proposal: Proposal) -> ColumnsErro
 def _check_seconds(path: Path, name: str, time: FloatArray) -> None:
     if len(time) < 2:
         raise RecordingError(f"the table {str(path)!r} has {len(time)} rows with {name} samples")
-    step = float(np.nanmedian(np.abs(np.diff(time))))
-    if step > _SECONDS:
-        unit, short = (
-            ("nanoseconds", "ns") if step > 1e5 else ("microseconds", "us") if step > 100 else ("milliseconds", "ms")
-        )
+    unit = unit_of_steps(time)
+    if unit != "s":
+        step = float(np.nanmedian(np.abs(np.diff(time))))
+        long = {"ns": "nanoseconds", "us": "microseconds", "ms": "milliseconds"}[unit]
         raise RecordingError(
             f"{name} samples of the table {str(path)!r} are {step:g} apart in {TIME!r}, which must be in seconds (are they "
-            f'{unit}? Then a file for --columns says units.time = "{short}")'
+            f'{long}? Then a file for --columns says units.time = "{unit}")'
         )
