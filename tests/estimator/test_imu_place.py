@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise.estimator.measurements import imu_place
 from equipoise.estimator.measurements.evidence import read_evidence
 from equipoise.estimator.measurements.imu_place import imu_by_sway
 from equipoise.estimator.measurements.leg_motion import LegChains
@@ -39,6 +40,18 @@ def test_it_is_found_where_it_is(swaying, shift):
     place, deviation = imu_by_sway(robot, LegChains(robot), sway, values, stance.scale)
     assert place == pytest.approx(-np.array(shift), abs=4e-3)
     assert np.all(deviation < 2e-3)
+
+
+def test_of_a_sway_that_goes_on_for_long_the_first_minute_is_read(swaying, a1, monkeypatch):
+    stance = nominal_stance(a1)
+    (sway,) = (motion.sway for motion in read_evidence(a1, stance, swaying).motions if motion.sway is not None)
+    longest = (sway.time[-1] - sway.time[0]) / 2
+    monkeypatch.setattr(imu_place, "_LONGEST", longest / stance.scale.time)
+    half = sway.first(longest)
+    assert 2 * len(half.time) == pytest.approx(len(sway.time), abs=2)
+    values = Unknowns(a1, stance, Priors()).values(Unknowns(a1, stance, Priors()).start())
+    of_all, of_half = (imu_by_sway(a1, LegChains(a1), one, values, stance.scale) for one in (sway, half))
+    assert np.array_equal(of_all, of_half)
 
 
 @pytest.mark.parametrize("up", [0.01, 0.02])

@@ -12,7 +12,7 @@ Lengths of legs that are off look like an IMU that is as far off its height.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -32,6 +32,7 @@ _FREQUENCIES = (0.3, 4.0, 0.15)  # [Hz] on an A1: first, last, step, of test fun
 # By a radian of the base's rotation, what the attitude is off by [rad], and what feet and springs add to a shift of the base
 # on an A1 [m]: a gain of the gyroscope that is 0.5 % off, a millimetre.
 _TURNED, _SHIFTED = 5e-3, 1e-3
+_LONGEST = 60.0  # [s] on an A1 of a sway that are read: a log may sway for long, and waves take memory by the sample
 _FITS = 3  # in which the noise is found that residuals show
 # [m] on an A1, by which lengths of legs and feet that give put a sway's IMU elsewhere. 28 development runs, 24 of them in
 # `stress`, were then 0.6 standard deviations rms from the tilts' word, 1.8 at most.
@@ -66,6 +67,11 @@ class SwaySamples:
         read = (at_times(imu.time, joints.time, part) for part in (joints.position, joints.rates, torque))
         return cls(imu.time, imu.angular_velocity_in_imu - gyro_bias, imu.acceleration_in_imu, *read)
 
+    def first(self, duration: float) -> SwaySamples:
+        """Return the samples of the first seconds [s]."""
+        count = int(np.searchsorted(self.time, self.time[0] + duration, "right"))
+        return SwaySamples(*(getattr(self, field.name)[:count] for field in fields(self)))
+
 
 def imu_by_sway(
     robot: RobotModel, legs: LegChains, sway: SwaySamples, values: Values, scale: Scale
@@ -79,6 +85,7 @@ def imu_by_sway(
     Returns:
         (3,) and (3,) standard deviations, by what residuals show and by how far lengths of legs may be off.
     """
+    sway = sway.first(_LONGEST * scale.time)
     time, mounted = sway.time, mounting(np.array(robot.imu_in_base.rotation), values["imu_tilt"])
     turning, felt = sway.angular_velocity_in_imu @ mounted.T, sway.acceleration_in_imu @ mounted.T
     attitude = attitudes(time, turning)
