@@ -1,8 +1,8 @@
-"""What a page costs the control loop: `make bench-view`.
+"""Effect of the view on the control loop: `make bench-view`.
 
 A simulated Go2 speaks its messages over DDS in a process of its own; the guarded loop plays a gentle motion at 500 Hz in real
-time and writes its log, as a calibration does: without a page, with one that nobody looks at, and with one that a browser
-draws. A minute each, in turn, in several rounds. Results are kept in benchmarks/results/view.json; --tables only writes
+time and writes its log, as a calibration does: without a view, with one that is recorded in a file, and with one in a
+browser. A minute each, in turn, in several rounds. Results are kept in benchmarks/results/view.json; --tables only writes
 benchmarks/results/view.md.
 """
 
@@ -34,12 +34,12 @@ from provenance import commit, write_page
 import equipoise
 from equipoise import Precise, RunFolder, Trajectory, load_robot, nominal_stance
 from equipoise.guard.remote_robot import RemoteRobot
-from equipoise.view.process import ViewerProcess
+from equipoise.view.viewer import BROWSER, free_port, viewer_beside
 
 RESULTS = Path(__file__).parent / "results"
 ROBOT, DOMAIN = "unitree_a1", 73
 LIMIT = 1.0  # [ms]
-CASES = ("no page", "page", "page in a browser")
+CASES = ("no view", "view in a file", "view in a browser")
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 MODEL = load_robot(ROBOT)
 STANCE = nominal_stance(MODEL).joint_position
@@ -82,26 +82,25 @@ def robot() -> Generator[None]:
 
 @contextmanager
 def looked_at(case: str, folder: Path) -> Generator[None]:
-    """With what a case says, beside the run."""
+    """Show a run as a case demands."""
     if case == CASES[0]:
         yield
         return
-    with ViewerProcess(folder, port=0) as viewer, tempfile.TemporaryDirectory() as profile:
-        if case == CASES[1]:
+    if case == CASES[1]:
+        with viewer_beside(folder, str(folder / "view.rrd")):
             yield
-            return
-        if CHROMIUM is None:
-            raise SystemExit("a page in a browser needs chromium")
-        flags = [
-            "--headless",
-            "--no-sandbox",
-            "--use-gl=angle",
-            "--use-angle=swiftshader",
-            "--enable-unsafe-swiftshader",
-        ]
-        # On the person's own computer in life: here it gets what the others leave.
+        return
+    if CHROMIUM is None:
+        raise SystemExit("a view in a browser needs chromium")
+    page, data = free_port(9090), free_port(9876)  # those that the viewer takes
+    url = f"http://127.0.0.1:{page}/?url=rerun%2Bhttp://127.0.0.1:{data}/proxy&renderer=webgl"
+    with viewer_beside(folder, BROWSER), tempfile.TemporaryDirectory() as profile:
+        time.sleep(5.0)
+        software = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+        flags = ("--headless", "--no-sandbox", *software)
+        # In practice on another computer: here it gets the lowest priority.
         browser = subprocess.Popen(
-            ["nice", "-n", "19", CHROMIUM, *flags, f"--user-data-dir={profile}", "--remote-debugging-port=0", viewer.url],
+            ["nice", "-n", "19", CHROMIUM, *flags, f"--user-data-dir={profile}", "--remote-debugging-port=0", url],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         time.sleep(10.0)
@@ -166,7 +165,7 @@ def _scheduled(realtime: bool) -> str:
 def report(kept: dict[str, Any]) -> str:
     """The page of results."""
     lines = [
-        "# What a page costs the control loop",
+        "# Effect of the view on the control loop",
         "",
         f"`make bench-view`; equipoise {equipoise.__version__}, Python {platform.python_version()}, {os.cpu_count()} cores. "
         "A simulated robot speaks a Go2's messages over DDS on loopback, in a process of its own; the guarded loop sways it "
@@ -175,11 +174,9 @@ def report(kept: dict[str, Any]) -> str:
         "",
         *table(kept["cases"]),
         "",
-        "The page is a process of its own that reads the log, and lets others go first (nice 10); the loop does nothing for "
-        "it. What is left is competition for cores: simulated robot, loop, page and a browser that draws without a graphics "
-        "card are here on one machine. In life robot and browser are on others.",
-        "",
-        "A file for Rerun is written when the run is over.",
+        "The view is a process of its own that reads the log, at a lower priority (nice 10); the loop does nothing for it. "
+        "The remaining effect is competition for cores: simulated robot, loop, view and a browser that draws without a "
+        "graphics card are here on one machine. In practice robot and browser are on others.",
     ]
     return "\n".join(lines) + "\n"
 

@@ -10,7 +10,7 @@ from equipoise import Calibration, RunFolder, load_robot, nominal_stance
 from equipoise.cli import main
 from equipoise.errors import MissingDependencyError
 from equipoise.method.table import METHODS, method_named
-from equipoise.view.open import Viewing, open_run
+from equipoise.view.convergence import estimates
 
 OUTSIDE = Path(__file__).parent / "outside"
 QUICK = ["--method", "hefty", "--seed", "2", "--pause-time", "0.5s", "--pause-count", "3"]
@@ -99,34 +99,23 @@ def test_a_study_counts_it_beside_ours(tmp_path, capsys):
     assert "Iyy" in {error["quantity"] for error in hefty["errors"]}
 
 
-def test_its_run_is_seen_closing_in_by_its_own_reading(run, a1):
-    with Viewing(open_run(run)) as viewing:
-        viewing.refresh()
-        viewing.settle()
-        assert viewing.film.method.expected_trials(nominal_stance(a1)) == 3
-        assert viewing.closing_in.after(3).half[2] == 0.01
+def shown_estimates(folder):
+    """Return the estimates that the view shows of a run."""
+    opened = RunFolder.open(folder)
+    robot, method = opened.robot(), opened.method()
+    coming = estimates(robot, nominal_stance(robot), method, list(opened.recordings()))
+    return [estimate for estimate, _ in iter(coming.__next__, None)]
 
 
-def test_a_method_that_tells_nothing_on_the_way_is_not_drawn_as_another(tmp_path):
-    assert (
-        main(
-            [
-                "calibrate",
-                "--method",
-                "static",
-                "--quiet",
-                "--no-report",
-                "--no-pictures",
-                "--out",
-                str(tmp_path / "run"),
-            ]
-        )
-        == 0
-    )
-    with Viewing(open_run(tmp_path / "run")) as viewing:
-        viewing.refresh()
-        viewing.settle()
-        assert viewing.closing_in.after(1) is None
+def test_its_run_is_shown_with_its_own_estimates(run, a1):
+    assert RunFolder.open(run).method().expected_trials(nominal_stance(a1)) == 3
+    assert shown_estimates(run)[2].half[2] == 0.01
+
+
+def test_a_method_without_estimates_after_each_trial_is_not_shown_as_another(tmp_path):
+    quiet = ["--quiet", "--no-report", "--no-pictures"]
+    assert main(["calibrate", "--method", "static", *quiet, "--out", str(tmp_path / "run")]) == 0
+    assert shown_estimates(tmp_path / "run") == []
 
 
 def test_its_result_is_exported_and_compared(run, tmp_path):

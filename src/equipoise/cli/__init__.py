@@ -25,7 +25,7 @@ VERBS = {
     "calibrate": ("equipoise.cli.calibrate", "find mass, centre of mass and inertia; simulated or on the robot"),
     "plan": ("equipoise.cli.inspect", "what 'calibrate' would do, and how accurate it would be"),
     "estimate": ("equipoise.cli.inspect", "estimate again from a run, or from a log that is not ours"),
-    "view": ("equipoise.cli.view", "watch a run in the browser, live or again"),
+    "view": ("equipoise.cli.view", "show a run or a log in the Rerun viewer"),
     "report": ("equipoise.cli.report", "a page to read and to show: a run, or several compared"),
     "export": ("equipoise.cli.export", "write the result into the file that your controller reads"),
     "delta": ("equipoise.cli.delta", "what was added between two calibrations"),

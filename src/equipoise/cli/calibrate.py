@@ -37,7 +37,7 @@ from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.report import if_installed
 from equipoise.cli.session import Place, Session, confirm
 from equipoise.cli.settings import Verb, chosen, flag_types, shaped, unknown_flags
-from equipoise.cli.view import DEFAULT_PORT, RerunFile, ViewPort, Watch
+from equipoise.cli.view import Watch
 from equipoise.errors import SettingsError
 from equipoise.user_file import write_file
 
@@ -118,26 +118,24 @@ class ShownFlags(Output):
     """What is shown of a run and its result.
 
     Attributes:
-        view: Open a page for the browser with the robot moving and the estimate closing in. At a terminal it stays until
-            Enter or Ctrl-C; 'equipoise view RUN' shows any run again. The control loop does not wait for it.
-        view_port: Of the page, which is for this computer alone: docs/view.md says how to look from another one.
-        rerun: Write the same for Rerun when the run is over.
+        view: Show the robot moving and the estimate converging in a Rerun window, or, without a display, record view.rrd in
+            the run folder. 'equipoise view RUN' shows any run again. The control loop does not wait for it.
+        browser: With --view: serve the viewer to a browser. At a terminal it is served until Enter or Ctrl-C.
         report: Leave out the page report.html in the run folder.
         pictures: Leave out the PNG picture.
         verbose: Show how long each stage of the estimate took.
     """
 
     view: Flag = False
-    view_port: ViewPort = DEFAULT_PORT
-    rerun: RerunFile = None
+    browser: Flag = False
     report: Flag = True
     pictures: Flag = True
     verbose: Verbose = False
 
     @property
     def watch(self) -> Watch:
-        """Who looks on."""
-        return Watch(self.view, self.view_port, self.rerun)
+        """Settings of the view beside the run."""
+        return Watch(self.view, self.browser)
 
     def show(self, result: Calibration, folder: RunFolder) -> None:
         """Draw and print a result."""
@@ -218,10 +216,6 @@ def calibrate(
     asked, where, required = read_method(method), place.place(), read_requirements(output.require)
     if repeat < 1:
         raise SettingsError(f"--repeat is {repeat}; it must be 1 or more")
-    if repeat > 1 and output.rerun is not None:
-        raise SettingsError(
-            "--rerun writes one run; with --repeat use 'equipoise view RUN --rerun FILE.rrd' afterwards"
-        )
     output.watch.check()
     model = load(robot or _DEFAULT_ROBOT, description)
     if not dry_run:
@@ -242,7 +236,7 @@ def calibrate(
     else:
         with Session(where, model) as session:
             folder = begun(session, out, asked, facts)
-            with interruption_told(folder), output.watch.over(folder, output.silent):
+            with interruption_told(folder), output.watch.over(folder):
                 results = [run_into(session, folder, asked, output.silent)]
                 output.show(results[0], folder)
     return max(exit_code(required, verdicts(result.composite, result.checks)) for result in results)
@@ -269,14 +263,14 @@ def _resume(
     output.watch.check()
     if folder.complete:
         print(f"the run in {resume} is complete; this is what its recordings say", file=sys.stderr)
-        with output.watch.over(folder, output.silent):
+        with output.watch.over(folder):
             output.show(folder.shown(), folder)
         return
     model, method, place = folder.robot(), folder.method(), Place.of(folder)
     confirm(place, model, method, yes)
     with Session(place, model) as session:
         folder, content = RunFolder.resume(resume, repeats=place.simulated)
-        with interruption_told(folder), output.watch.over(folder, output.silent):
+        with interruption_told(folder), output.watch.over(folder):
             output.show(run_into(session, folder, method, output.silent, content), folder)
 
 
@@ -388,7 +382,7 @@ def _repeated(
             print(f"calibration {number + 1} of {count}", file=sys.stderr)
         with Session(place.again(number), model) as session:
             folder = begun(session, out / f"{number + 1:02d}", method, {**facts, "repetition": number})
-            with interruption_told(folder), output.watch.over(folder, output.silent, stays=number + 1 == count):
+            with interruption_told(folder), output.watch.over(folder, stays=number + 1 == count):
                 result = run_into(session, folder, method, output.silent)
         results[folder.path.name] = result
         if output.report:

@@ -1,9 +1,10 @@
-"""`equipoise view`, and the same beside a run: `--view` and `--rerun`."""
+"""`equipoise view`, and the view beside a run: `--view`."""
 
 from __future__ import annotations
 
 import json as json_module
 import sys
+import threading
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,17 +15,20 @@ from tyro.conf import Positional, arg
 
 from equipoise.cli.flags import FOR_LOGS, Described, Duration, File, Flag, Output, RobotFlags, Topic, load
 from equipoise.cli.settings import seconds
-from equipoise.errors import RecordingError, SettingsError
+from equipoise.errors import OutputError, RecordingError, SettingsError
 from equipoise.logs.topics import Topics
+from equipoise.user_file import typed
 
 if TYPE_CHECKING:
-    from equipoise.calibration.run_folder import RunFolder
-    from equipoise.view.open import Showing
-    from equipoise.view.process import ViewerProcess
+    from collections.abc import Iterable
 
-RerunFile = Annotated[Path | None, arg(metavar="FILE.rrd", help_behavior_hint="")]
-ViewPort = Annotated[int, arg(metavar="PORT")]
-DEFAULT_PORT = 8080
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.method.method import Method
+    from equipoise.robot.model import RobotModel
+    from equipoise.view.follow import News
+
+RECORDING = "view.rrd"
+"""Name of the file in a run folder."""
 
 
 def view(
@@ -32,9 +36,8 @@ def view(
     *,
     follow: Flag = False,
     robot: Annotated[str | None, arg(metavar="ROBOT", help_behavior_hint="")] = None,
-    view_port: ViewPort = DEFAULT_PORT,
-    view_host: str = "127.0.0.1",
-    rerun: RerunFile = None,
+    browser: Flag = False,
+    out: Annotated[Path | None, arg(metavar="FILE.rrd", help_behavior_hint="")] = None,
     joint_topic: Topic = None,
     imu_topic: Topic = None,
     joint_map: File = None,
@@ -44,21 +47,19 @@ def view(
     description: Described = RobotFlags(),  # noqa: B008
     output: Output = Output(),  # noqa: B008
 ) -> None:
-    """Look at a run or at any recording in a browser: the robot moving, the support line, the CoM estimate closing in.
+    """Show a run or any recording in the Rerun viewer: the robot moving, the support line, the CoM estimate converging.
 
-    The page has a timeline with play, pause, speed and a list of the trials; it stays until Ctrl-C. Needs no robot and no
-    simulator. With --rerun the same is written for Rerun instead.
+    A window opens. On a computer without a display a file is written instead, and its path is printed.
 
     Example: equipoise view runs/go2
              equipoise view bags/wiggle --robot go2
-             equipoise view runs/go2 --rerun go2.rrd
+             equipoise view runs/go2 --out go2.rrd
 
     Args:
         follow: Keep up with a run, or with the file of 'equipoise record' (give --robot), that another process writes.
-        robot: Whose log it is: a name or a model file, as in 'calibrate'. A run of ours knows.
-        view_port: Of the page; 0: any that is free.
-        view_host: Where the page is served; 0.0.0.0 lets other computers see it. Prefer ssh -L: see docs/view.md.
-        rerun: Write a file for Rerun and serve no page.
+        robot: Robot of a log: a name or a model file, as in 'calibrate'. A run folder has its own.
+        browser: Serve the viewer to a browser on this computer until Ctrl-C. See docs/view.md for another computer.
+        out: Write this file and open no viewer; 'rerun FILE.rrd' opens it.
         joint_topic: Joint states of a bag that has several.
         imu_topic: IMU samples of a bag that has several.
         joint_map: TOML file with lines as FL_hip_joint = "front_left_hip": the log's name, or column, of a joint.
@@ -66,37 +67,36 @@ def view(
         start: Use the log from here on, after its first sample.
         until: Use the log until here.
     """
-    from equipoise.view.open import Viewing
-    from equipoise.view.process import how_to_look, serve
-    from equipoise.view.rerun_file import require_rerun_file
-    from equipoise.view.viser_page import require_port, require_viser
+    from equipoise.view.viewer import BROWSER, how_to_open, require_rerun
+    from equipoise.view.viewer import view as show
 
-    if rerun is not None:
-        require_rerun_file(rerun)
-    else:
-        require_viser()
-        require_port(view_host, view_port)
+    require_rerun()
     span = seconds(start, "from"), seconds(until, "until")
     flags = _LogFlags(Topics(joint_topic, imu_topic), joint_map, columns, span, description)
-    showing = _opened(run, robot, flags, follow, not output.silent)
-    if rerun is not None:
-        _write(rerun, showing, output.silent)
-        _tell({"rerun": str(rerun)}, f"saved: {rerun}\nopen it: rerun {rerun}", output.json)
+    target = str(out) if out else _target(browser, Path(f"{run.stem}.rrd") if robot else run / RECORDING)
+    if out or robot:
+        _require_new(target)
+    title, model, method, news = _opened(run, robot, flags, follow, not output.silent)
+
+    def greet(place: str) -> None:
+        if target == BROWSER and output.json:
+            _print_json("url", place)
+        elif target == BROWSER:
+            print(place if output.quiet else f"{how_to_open(place)}\nCtrl-C ends it.", flush=True)
+        elif not output.silent:
+            print(f"{how_to_open(place)}; an estimate is computed after each trial", file=sys.stderr, flush=True)
+
+    try:
+        show(target, title, model, method, news, greet, threading.Event())
+    except KeyboardInterrupt:  # ends the page, or a run that is followed
         return
-
-    def greet(url: str) -> None:
-        _tell({"url": url}, url if output.quiet else f"{how_to_look(url)}\nCtrl-C ends it.", output.json)
-
-    with Viewing(showing) as viewing:
-        try:
-            serve(viewing, showing.title, view_host, view_port, follow, greet)
-        except KeyboardInterrupt:  # how it is meant to end
-            return
+    if Path(target).suffix == ".rrd":
+        _print_json("file", target) if output.json else print(_saved(target))
 
 
 @dataclass(frozen=True)
 class _LogFlags:
-    """Flags that only logs that are not ours know."""
+    """Flags for logs of other programs."""
 
     topics: Topics
     joint_map: Path | None
@@ -105,115 +105,115 @@ class _LogFlags:
     description: RobotFlags
 
     def refuse(self) -> None:
-        """Raise SettingsError if one was given."""
+        """Raise SettingsError if one of them was given."""
         if self != _LogFlags(Topics(), None, None, (None, None), RobotFlags()):
             raise SettingsError(FOR_LOGS)
 
 
-def _opened(path: Path, robot: str | None, flags: _LogFlags, follow: bool, asking: bool) -> Showing:
+def _opened(
+    path: Path, robot: str | None, flags: _LogFlags, follow: bool, asking: bool
+) -> tuple[str, RobotModel, Method, Iterable[News]]:
+    from equipoise.calibration.run_folder import RunFolder
     from equipoise.logs.reader import is_log
+    from equipoise.precise.method import Precise
     from equipoise.terminal.columns import read_as_told
-    from equipoise.view.open import follow_log, open_log, open_run
+    from equipoise.view.follow import follow as followed
+    from equipoise.view.follow import log_news
 
     if robot is None:
         flags.refuse()
         try:
-            return open_run(path)
+            folder = RunFolder.open(path)
         except RecordingError as error:
             hint = "; if it is another kind of log, say whose with --robot" if is_log(path) else ""
             raise RecordingError(f"{error}{hint}") from error
+        return folder.path.name, folder.robot(), folder.method(), followed(path, lambda: follow)
     model = load(robot, flags.description)
     if follow:
-        return follow_log(path, model)
+        return path.name, model, Precise(), followed(path, lambda: True)
     log = read_as_told(path, model, flags.topics, flags.joint_map, flags.columns, flags.span, asking)
-    return open_log(path, model, log)
+    return path.name, model, Precise(), [log_news(model, log)]
 
 
-def _write(path: Path, showing: Showing, quiet: bool) -> None:
-    from equipoise.view.open import Viewing
-    from equipoise.view.rerun_file import write_rerun
+def _require_new(target: str) -> None:
+    """Raise OutputError for a file that exists, or whose folder does not."""
+    from equipoise.view.viewer import BROWSER, WINDOW
 
-    with Viewing(showing) as viewing:
-        viewing.refresh()
-        if viewing.film.empty:
-            raise RecordingError("there is nothing to see: the log holds no samples of joints and IMU")
-        if not quiet:
-            print(f"estimating after each of {len(viewing.film.ends)} trials for {path} ...", file=sys.stderr)
-        viewing.settle()
-        write_rerun(path, showing.title, viewing.camera)
+    path = Path(target)
+    if target in (WINDOW, BROWSER):
+        return
+    if path.suffix != ".rrd":
+        raise OutputError(f"{target!r} is not the name of a Rerun file; append .rrd")
+    if path.exists():
+        raise OutputError(f"{target!r} exists; name a new file with --out")
+    if not path.parent.is_dir():
+        raise OutputError(f"{target!r} cannot be written: there is no folder {str(path.parent)!r}")
 
 
-def _tell(table: dict[str, str], words: str, json: bool) -> None:
-    print(json_module.dumps({"schema": "equipoise.view/1", **table}) if json else words, flush=True)
+def _target(browser: bool, file: Path) -> str:
+    """Return the browser if it is asked for, a window if one can be opened, else a file."""
+    from equipoise.view.viewer import BROWSER, WINDOW, has_display
+
+    return BROWSER if browser else WINDOW if has_display() else str(file)
+
+
+def _print_json(name: str, value: str) -> None:
+    print(json_module.dumps({"schema": "equipoise.view/1", name: value}), flush=True)
+
+
+def _saved(path: str) -> str:
+    return f"saved: {path}\nopen it: rerun {typed(path)}"
 
 
 @dataclass(frozen=True)
 class Watch:
-    """What the flags of a verb that moves a robot say about looking on.
+    """Settings of the view beside a run.
 
     Attributes:
-        view: whether to open a page.
-        port: port of the page.
-        rerun: Rerun file to write when the run is over.
+        view: whether the run is shown.
+        browser: whether a page is served instead of a window.
     """
 
     view: bool = False
-    port: int = DEFAULT_PORT
-    rerun: Path | None = None
+    browser: bool = False
 
     def check(self) -> None:
         """Refuse what will not work, before anything moves.
 
         Raises:
-            MissingDependencyError: a package is not installed.
-            SettingsError: the port is in use, or given without a page.
-            OutputError: the file cannot be written.
+            MissingDependencyError: Rerun is not installed.
+            SettingsError: a browser without a view.
         """
+        if self.browser and not self.view:
+            raise SettingsError("--browser is where --view shows the run; give --view too")
         if self.view:
-            from equipoise.view.process import HOST
-            from equipoise.view.viser_page import require_port, require_viser
+            from equipoise.view.viewer import require_rerun
 
-            require_viser()
-            require_port(HOST, self.port)
-        elif self.port != DEFAULT_PORT:
-            raise SettingsError("--view-port is the port of --view's page; give --view too")
-        if self.rerun is not None:
-            from equipoise.view.rerun_file import require_rerun_file
-
-            require_rerun_file(self.rerun)
+            require_rerun()
 
     @contextmanager
-    def over(self, folder: RunFolder, quiet: bool, stays: bool = True) -> Generator[None]:
-        """Look on while a run is made into a folder, and save what was seen.
+    def over(self, folder: RunFolder, stays: bool = True) -> Generator[None]:
+        """Show a run while it is written into a folder.
 
         Args:
-            quiet: whether to say nothing but where the page is.
-            stays: whether the page stays after the run, until Enter or Ctrl-C, if somebody is at the terminal.
+            stays: whether a page is served after the run, until Enter or Ctrl-C at a terminal.
         """
         if not self.view:
             yield
-        else:
-            from equipoise.view.process import ViewerProcess, how_to_look
+            return
+        from equipoise.view.viewer import BROWSER, viewer_beside
 
-            with ViewerProcess(folder.path, port=self.port) as page:
-                print(how_to_look(page.url), file=sys.stderr, flush=True)
-                yield
-                self._save(folder, quiet)
-                if stays and sys.stdin.isatty():
-                    _linger(page)
-                return
-        self._save(folder, quiet)
-
-    def _save(self, folder: RunFolder, quiet: bool) -> None:
-        if self.rerun is not None:
-            from equipoise.view.open import open_run
-
-            _write(self.rerun, open_run(folder.path), quiet)
-            print(f"saved: {self.rerun}", file=sys.stderr)
+        target = _target(self.browser, folder.path / RECORDING)
+        with viewer_beside(folder.path, target) as process:
+            yield
+            if target == BROWSER and stays and sys.stdin.isatty() and process.poll() is None:
+                _wait_for_enter()
+        if process.returncode == 0 and Path(target).suffix == ".rrd":
+            print(_saved(target), file=sys.stderr)
 
 
-def _linger(page: ViewerProcess) -> None:
-    print(f"The page stays at {page.url}: Enter or Ctrl-C ends it.", file=sys.stderr, flush=True)
+def _wait_for_enter() -> None:
+    print("The view is served until Enter or Ctrl-C.", file=sys.stderr, flush=True)
     try:
         sys.stdin.readline()
     except KeyboardInterrupt:

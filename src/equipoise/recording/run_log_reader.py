@@ -72,7 +72,7 @@ def read_log(path: Path) -> LogContent:
     Raises:
         RecordingError: a file is missing, damaged or of another format.
     """
-    reading, closed = _Reading(), False
+    reading, closed = LogAssembler(), False
     for file in log_files(path) if path.is_dir() else [path]:
         reader = MessageReader(file)
         messages = reader.messages()
@@ -140,37 +140,42 @@ class _Play:
         return Play(self.commands, Recording.concatenate([piece.recording() for piece in self.pieces]), self.trial)
 
 
-class _Reading:
-    """Takes messages in the order in which they were written."""
+class LogAssembler:
+    """Assembles motions and recordings from messages, taken in the order in which they were written.
+
+    Attributes:
+        plays: motions so far.
+        kept: indices of the motions of each complete recording.
+    """
 
     def __init__(self) -> None:
-        self._plays: list[_Play] = []
-        self._kept: list[list[int]] = []  # indices of the plays of each complete recording
+        self.plays: list[_Play] = []
+        self.kept: list[list[int]] = []
         self._broken: list[int] = []  # those of the last one, if its motion broke off
         self._complete = 0  # plays up to the end of the last complete recording
         self._since = 0  # plays before the present trial
 
     def take(self, topic: str, message: bytes) -> None:
         if topic != LOG:
-            self._plays[-1].pieces[-1].messages[topic].append(message)
+            self.plays[-1].pieces[-1].messages[topic].append(message)
             return
         entry = json.loads(read_text(message))
         if entry["entry"] == "play":
             trial = None if entry["trial"] is None else int(entry["trial"])
-            self._plays.append(_Play(int(entry["commands"]), trial))
+            self.plays.append(_Play(int(entry["commands"]), trial))
         elif entry["entry"] == "piece":
-            self._plays[-1].pieces.append(LoggedPiece(entry))
+            self.plays[-1].pieces.append(LoggedPiece(entry))
         elif entry["entry"] == "kept":
             self._keep(entry)
         elif entry["entry"] == "resumed":
             self._resume(int(entry["plays"]))
 
     def content(self, closed: bool) -> LogContent:
-        plays = [play.whole() for play in self._plays]
+        plays = [play.whole() for play in self.plays]
         unfinished = self._broken or self._begun(plays)
         return LogContent(
             tuple(plays),
-            tuple(_joined(plays, kept) for kept in self._kept),
+            tuple(_joined(plays, kept) for kept in self.kept),
             _joined(plays, unfinished).broken_off() if unfinished else None,
             closed,
             tuple(plays[: self._complete]),
@@ -182,24 +187,24 @@ class _Reading:
         return self._plays_of(trials[-1]) if trials else []
 
     def _plays_of(self, trial: int) -> list[int]:
-        return [index for index in range(self._since, len(self._plays)) if self._plays[index].trial == trial]
+        return [index for index in range(self._since, len(self.plays)) if self.plays[index].trial == trial]
 
     def _keep(self, entry: Mapping[str, Any]) -> None:
-        plays = [len(self._plays) - 1] if entry["trial"] is None else self._plays_of(int(entry["trial"]))
+        plays = [len(self.plays) - 1] if entry["trial"] is None else self._plays_of(int(entry["trial"]))
         self._broken = plays if entry["broken"] else []
         if not entry["broken"]:
-            self._kept.append(plays)
+            self.kept.append(plays)
             self._complete = plays[-1] + 1
-        self._since = len(self._plays)
+        self._since = len(self.plays)
 
     def _resume(self, count: int) -> None:
         """Leave out plays that are played again; those behind the last recording that stay are a part of none."""
-        if count > len(self._plays):
+        if count > len(self.plays):
             raise RecordingError(
-                f"the files before it hold {len(self._plays)} of {count} motions; copy them again from where they are whole"
+                f"the files before it hold {len(self.plays)} of {count} motions; copy them again from where they are whole"
             )
-        del self._plays[count:]
-        for play in self._plays[self._complete :]:
+        del self.plays[count:]
+        for play in self.plays[self._complete :]:
             play.trial = None
         self._broken, self._since = [], count
 

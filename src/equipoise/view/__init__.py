@@ -1,1 +1,1 @@
-"""A run in the browser, live or again."""
+"""Runs and logs in the Rerun viewer, live or afterwards."""

@@ -1,8 +1,8 @@
-"""Where the base is, sample by sample, from the encoders and the IMU alone: good for pictures.
+"""Motion of the base estimated from encoders and IMU alone, accurate enough for display.
 
-Attitude: the gyroscope, held to gravity by the accelerometer, its bias learnt whenever nothing moves. Heading: over four
-planted feet the legs say how the base turns, without drift. Place: feet that are lowest along gravity stand and roll on a
-level floor; those that carry most count most, by the joint torques, for feet that carry little slip.
+The gyroscope gives attitude and heading. The accelerometer corrects the attitude, and the gyroscope's bias is estimated at
+rest. For the position, standing feet roll on a level floor without slip. Each foot is weighted by its height above the lowest
+foot, along gravity, and by its load according to the joint torques.
 """
 
 from __future__ import annotations
@@ -10,37 +10,43 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.errors import RecordingError
 from equipoise.estimator.measurements.leg_motion import LegChains, cross
+from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.robot.kinematics import feet_and_forces
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.view.even_steps import SensedSteps
 
-# On an A1; lengths and times are multiplied by those of the stance's scale.
-_STANDING = 4e-3  # [m] above the lowest foot at which a foot hardly stands any more
-_WINDOW = 0.1  # [s] over which nothing may move for the robot to be at rest
+STEP = 0.01
+"""Interval between two steps [s]."""
+# For an A1; lengths and times are multiplied by those of the stance's scale.
+_KEPT = 0.1  # [s] of samples before the next step, to interpolate from
+_STANDING = 4e-3  # [m] height above the lowest foot at which a foot hardly counts as standing
+_WINDOW = 0.1  # [s] time in which the joints of a robot at rest move less than the next limit
 _STILL_JOINTS, _STILL_BASE = 2e-3, 0.03  # [rad], [rad/s]
-_BIAS_TIME = 1.0  # [s] of rest after which the gyroscope's bias is known
-_TO_GRAVITY_AT_REST, _TO_GRAVITY = 0.3, 10.0  # [s]
-_PLANTED = 0.2  # least weight of a foot for all four to say how the base turns
-_LEAST_LOAD = 0.05  # of a quarter of the robot
-_SHAKEN = 1.0  # [m/s2]: an accelerometer farther off says nothing of gravity
+_TO_GRAVITY_AT_REST, _TO_GRAVITY = 0.3, 10.0  # [s] time constants of the correction by the accelerometer
+_SHAKEN = 1.0  # [m/s2] deviation from gravity beyond which the accelerometer is ignored
+_LEAST_LOAD = 0.05  # relative to a quarter of the robot's weight
 
 
 @dataclass(frozen=True, eq=False)
 class BaseMotion:
-    """The base of n samples. The world's z is up, the floor at zero; x is where the base first looked.
+    """Motion of the base over n steps. The world's z axis is up, the floor is at zero, x is the initial heading.
 
     Attributes:
-        rotation_base_to_world: (n, 3, 3) of the base.
-        position_in_world: (n, 3) the base's origin [m].
+        steps: sensor samples of the steps.
+        rotation_base_to_world: (n, 3, 3) attitude of the base.
+        position_in_world: (n, 3) origin of the base [m].
         feet_in_world: (n, 4, 3) centres of the feet [m].
-        standing: (n, 4) from 0 to 1: whether each foot stands.
+        standing: (n, 4) weight of each foot as a standing foot, from 0 to 1.
     """
 
+    steps: Recording
     rotation_base_to_world: FloatArray
     position_in_world: FloatArray
     feet_in_world: FloatArray
@@ -48,145 +54,119 @@ class BaseMotion:
 
 
 class BaseTracker:
-    """Follows the base through pieces of one recording, in order."""
+    """Estimates the motion of the base from consecutive pieces of a recording."""
 
     def __init__(self, robot: RobotModel, stance: Stance) -> None:
-        self._robot, self._legs = robot, LegChains(robot)
-        self._scale = stance.scale
-        self._last: tuple[float, FloatArray, FloatArray, FloatArray] | None = (
-            None  # time, joints, turning, feet in base
-        )
-        self._rotation, self._position = np.eye(3), np.zeros(3)
+        self._robot, self._legs, self._scale = robot, LegChains(robot), stance.scale
+        self._to_base = np.array(robot.imu_in_base.rotation)
+        self._pending: Recording | None = None  # samples since the last step
+        self._step_end: float | None = None
+        self._past: FloatArray | None = None  # joint positions of the last steps
+        self._feet: FloatArray | None = None  # relative to the base's origin, in world axes
+        self._rotation: FloatArray | None = None
+        self._position = np.zeros(3)
         self._bias, self._rested = np.zeros(3), 0.0
-        self._memory: list[tuple[float, FloatArray]] = []  # times and joints of the last window
 
-    def follow(self, steps: SensedSteps) -> BaseMotion:
-        """The next n steps."""
-        time, joint_position, turning, acceleration = (
-            steps.time, steps.joint_position, steps.angular_velocity_in_base, steps.specific_force_in_base,
-        )  # fmt: skip
-        feet, spin = self._feet(time, joint_position, turning)
-        load = self._loads(steps)
-        rotation, position = np.empty((len(time), 3, 3)), np.empty((len(time), 3))
-        standing = np.empty((len(time), 4))
-        for index in range(len(time)):
-            sample = (float(time[index]), joint_position[index], turning[index], feet[index])
-            standing[index] = self._step(sample, acceleration[index], spin[index], load[index])
-            rotation[index], position[index] = self._rotation, self._position
-        world = position[:, None] + np.einsum("nij,nlj->nli", rotation, feet)
-        return BaseMotion(rotation, position, world, standing)
+    def take(self, piece: Recording) -> BaseMotion | None:
+        """Return the motion over the steps that a piece completes; None if it completes none."""
+        try:
+            self._pending = piece if self._pending is None else Recording.concatenate([self._pending, piece])
+        except RecordingError:  # the clock was reset, or other streams were recorded from here on
+            self._pending, self._step_end = piece, None
+        steps = resample(self._pending, self._step_end)
+        if steps is None:
+            return None
+        self._step_end = float(steps.joints.time[-1])
+        self._pending = self._pending.between(self._step_end - _KEPT, np.inf)
+        return self._follow(steps)
 
-    def _feet(self, time: FloatArray, position: FloatArray, turning: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n, 4, 3) centres of the feet in the base frame, and how their links turn against the base [rad/s]."""
-        times, positions = time, position
-        if self._last is not None:
-            times, positions = np.append(self._last[0], time), np.vstack([self._last[1], position])
-        velocity = np.diff(positions, axis=0, prepend=positions[:1]) / np.diff(times, prepend=times[0] - 1.0)[:, None]
-        motion = self._legs.motion(position, velocity[-len(time) :], np.zeros_like(turning))
-        return motion.foot, motion.foot_angular_velocity
-
-    def _loads(self, steps: SensedSteps) -> FloatArray:
-        """(n, 4) from a little to one: how much each foot carries, where torques tell."""
-        force = feet_and_forces(self._robot, steps.joint_position, steps.joint_torque)[1]
-        up = steps.specific_force_in_base / np.maximum(
-            np.linalg.norm(steps.specific_force_in_base, axis=1, keepdims=True), 1e-9
+    def _follow(self, steps: Recording) -> BaseMotion:
+        joints, window = steps.joints.position, round(_WINDOW * self._scale.time / STEP)
+        before = np.repeat(joints[:1], window, axis=0) if self._past is None else self._past
+        past = np.vstack([before, joints])
+        self._past = past[-window:]
+        velocity = np.diff(past, axis=0)[window - 1 :] / STEP
+        still = np.abs(joints - past[:-window]).max(axis=1) < _STILL_JOINTS
+        turning, acceleration = (
+            sensed @ self._to_base.T for sensed in (steps.imu.angular_velocity_in_imu, steps.imu.acceleration_in_imu)
         )
-        carried = np.einsum("nli,ni->nl", force, up)
+        rotation = self._attitudes(turning, acceleration, still)
+        motion, up = self._legs.motion(joints, velocity, turning), rotation[:, None, 2]
+        height = np.einsum("nli,nji->nl", motion.foot, up) - self._legs.foot_radius
+        rise = (height - height.min(axis=1, keepdims=True)) / (_STANDING * self._scale.length)
+        standing = np.exp(-np.square(rise)) + 1e-9
+        weight = standing * self._loads(steps, up)
+        feet = np.einsum("nij,nlj->nli", rotation, motion.foot)
+        last_feet = feet[:1] if self._feet is None else self._feet
+        # Standing feet roll on the floor without slip.
+        rolled = STEP * cross(motion.foot_angular_velocity, self._legs.foot_radius[:, None] * up)
+        moved = np.diff(feet, axis=0, prepend=last_feet) - np.einsum("nij,nlj->nli", rotation, rolled)
+        moves = -np.einsum("nl,nli->ni", weight, moved) / weight.sum(axis=1, keepdims=True)
+        position = self._position + np.cumsum(moves, axis=0)
+        position[:, 2] = -(standing * height).sum(axis=1) / standing.sum(axis=1)
+        self._feet, self._position = feet[-1:], position[-1]
+        return BaseMotion(steps, rotation, position, position[:, None] + feet, standing)
+
+    def _attitudes(self, turning: FloatArray, acceleration: FloatArray, still: NDArray[np.bool_]) -> FloatArray:
+        """Return (n, 3, 3) attitudes after each step, and subtract the bias from the gyroscope's (n, 3) readings [rad/s].
+
+        Args:
+            still: (n,) whether the joints are at rest.
+        """
+        level, _ = Rotation.align_vectors(np.array([[0.0, 0, 1]]), acceleration[:1])
+        rotation = level.as_matrix() if self._rotation is None else self._rotation
+        rotations = np.empty((len(turning), 3, 3))
+        for k, force in enumerate(acceleration):
+            turning[k] -= self._bias
+            rotation = rotation @ Rotation.from_rotvec(turning[k] * STEP).as_matrix()
+            at_rest = still[k] and np.abs(turning[k]).max() < _STILL_BASE
+            if at_rest:
+                self._rested += STEP
+                self._bias = self._bias + turning[k] * STEP / self._rested
+            size = float(np.linalg.norm(force))
+            if abs(size - GRAVITY) < _SHAKEN:
+                error = np.asarray(np.cross(rotation @ force / size, [0, 0, 1]), dtype=float)
+                share = min(1.0, STEP / ((_TO_GRAVITY_AT_REST if at_rest else _TO_GRAVITY) * self._scale.time))
+                rotation = Rotation.from_rotvec(share * error).as_matrix() @ rotation
+            rotations[k] = rotation
+        self._rotation = rotation
+        return rotations
+
+    def _loads(self, steps: Recording, up: FloatArray) -> FloatArray:
+        """Return (n, 4) weights of the feet by their load; equal ones without joint torques."""
+        joints = steps.joints
+        torque = np.zeros_like(joints.position) if joints.torque is None else joints.torque
+        carried = np.einsum("nli,nji->nl", feet_and_forces(self._robot, joints.position, torque)[1], up)
         total = np.maximum(carried.sum(axis=1, keepdims=True), 1e-9)
-        known = np.abs(steps.joint_torque).max(axis=1, keepdims=True) > 0
-        return np.where(known, np.clip(4 * carried / total, _LEAST_LOAD, 1.0) ** 2, 1.0)
-
-    def _step(
-        self,
-        sample: tuple[float, FloatArray, FloatArray, FloatArray],
-        acceleration: FloatArray,
-        spin: FloatArray,
-        load: FloatArray,
-    ) -> FloatArray:
-        """One sample; returns (4,) whether feet stand."""
-        time, _, turning, feet = sample
-        if self._last is None:
-            self._rotation = _upright(acceleration)
-            standing = self._standing(feet)
-            self._position[:2] = -(standing @ (feet @ self._rotation.T))[:2] / standing.sum()
-            self._last = sample
-        else:
-            step = time - self._last[0]
-            still = self._still(sample)
-            if still:
-                self._learn_bias(turning, step)
-            turned = (turning - self._bias) * step
-            before, self._rotation = self._rotation, self._rotation @ Rotation.from_rotvec(turned).as_matrix()
-            self._hold_to_gravity(acceleration, step, still)
-            standing = self._standing(feet)
-            self._move(before, sample, standing * load, spin + turned / step, step)
-            self._last = sample
-        height = feet @ self._rotation[2] - self._legs.foot_radius
-        self._position[2] = -float(standing @ height / standing.sum())
-        return standing
-
-    def _move(
-        self,
-        before: FloatArray,
-        sample: tuple[float, FloatArray, FloatArray, FloatArray],
-        weight: FloatArray,
-        spin: FloatArray,
-        step: float,
-    ) -> None:
-        """Feet that stand stay, but for their rolling: what they do against the base, the base does against them."""
-        if self._last is None:
-            return
-        old = self._last[3] @ before.T
-        up = self._rotation[2]
-        radius = self._legs.foot_radius[:, None] * up
-        rolled = cross(spin, radius) @ self._rotation.T * step
-        if weight.min() > _PLANTED:
-            self._turn(_heading(old - old.mean(axis=0), (sample[3] @ self._rotation.T - rolled)))
-        moved = sample[3] @ self._rotation.T - old - rolled
-        self._position -= weight @ moved / weight.sum()
-
-    def _turn(self, angle: float) -> None:
-        cosine, sine = np.cos(angle), np.sin(angle)
-        self._rotation = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]) @ self._rotation
-
-    def _standing(self, feet: FloatArray) -> FloatArray:
-        """(4,) from one, on the floor, to nearly zero, in the air: soft, so that nothing jumps."""
-        height = feet @ self._rotation[2] - self._legs.foot_radius
-        rise: FloatArray = np.asarray(height - height.min(), dtype=float) / (_STANDING * self._scale.length)
-        return np.asarray(np.exp(-np.square(rise)), dtype=float) + 1e-9
-
-    def _still(self, sample: tuple[float, FloatArray, FloatArray, FloatArray]) -> bool:
-        time, position, turning, _ = sample
-        self._memory.append((time, position))
-        while self._memory[1:] and self._memory[1][0] <= time - _WINDOW * self._scale.time:
-            self._memory.pop(0)
-        quiet = float(np.abs(turning - self._bias).max()) < _STILL_BASE
-        return quiet and float(np.abs(position - self._memory[0][1]).max()) < _STILL_JOINTS
-
-    def _learn_bias(self, turning: FloatArray, step: float) -> None:
-        self._rested += step
-        self._bias = self._bias + (turning - self._bias) * step / max(step, min(self._rested, _BIAS_TIME))
-
-    def _hold_to_gravity(self, acceleration: FloatArray, step: float, still: bool) -> None:
-        size = float(np.linalg.norm(acceleration))
-        if abs(size - GRAVITY) > _SHAKEN:
-            return
-        error = np.cross(self._rotation @ acceleration / size, [0, 0, 1])
-        share = min(1.0, step / ((_TO_GRAVITY_AT_REST if still else _TO_GRAVITY) * self._scale.time))
-        self._rotation = Rotation.from_rotvec(share * error).as_matrix() @ self._rotation
+        return np.asarray(np.clip(4 * carried / total, _LEAST_LOAD, 1.0) ** 2, dtype=float)
 
 
-def _upright(acceleration: FloatArray) -> FloatArray:
-    """(3, 3) the attitude without heading that an accelerometer at rest has."""
-    up = acceleration / max(float(np.linalg.norm(acceleration)), 1e-9)
-    forward = np.array([1.0, 0, 0]) - up[0] * up
-    forward /= np.linalg.norm(forward)
-    return np.asarray(np.stack([forward, np.cross(up, forward), up]), dtype=float)
+def resample(recording: Recording, start: float | None) -> Recording | None:
+    """Return a recording in even steps, named by their ends: joints interpolated, IMU averaged; None if no step is complete.
+
+    Args:
+        start: beginning of the first step [s]; None: the first time that both streams have.
+    """
+    joints, imu = recording.joints, recording.imu
+    if not (len(joints.time) > 1 and len(imu.time) > 1):
+        return None
+    start = max(float(joints.time[0]), float(imu.time[0])) if start is None else start
+    count = int((min(joints.time[-1], imu.time[-1]) - start) / STEP + 1e-6)
+    if count < 1:
+        return None
+    edges: FloatArray = np.asarray(start + STEP * np.arange(count + 1), dtype=float)
+
+    def mean(values: FloatArray) -> FloatArray:
+        integral = np.asarray(cumulative_trapezoid(values, imu.time, axis=0, initial=0), dtype=float)
+        return np.diff(_interpolate(edges, imu.time, integral), axis=0) / STEP
+
+    torque = None if joints.torque is None else _interpolate(edges[1:], joints.time, joints.torque)
+    return Recording(
+        recording.joint_names,
+        JointStream(edges[1:], _interpolate(edges[1:], joints.time, joints.position), torque=torque),
+        ImuStream(edges[1:], mean(imu.angular_velocity_in_imu), mean(imu.acceleration_in_imu)),
+    )
 
 
-def _heading(old: FloatArray, new: FloatArray) -> float:
-    """By which angle about the vertical (4, 3) points must be turned to lie best over where they were [rad]."""
-    new = new - new.mean(axis=0)
-    across = new[:, 0] * old[:, 1] - new[:, 1] * old[:, 0]
-    along = new[:, 0] * old[:, 0] + new[:, 1] * old[:, 1]
-    return float(np.arctan2(across.sum(), along.sum()))
+def _interpolate(time: FloatArray, sampled: FloatArray, values: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(time, sampled, values[:, column]) for column in range(values.shape[1])])
