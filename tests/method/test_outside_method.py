@@ -76,7 +76,7 @@ def test_a_run_that_was_cut_off_goes_on(run, tmp_path, capsys):
         (cut / name).unlink()
     log = (cut / "recording_0.mcap").read_bytes()
     (cut / "recording_0.mcap").write_bytes(log[: len(log) // 2])
-    assert main(["calibrate", "--resume", str(cut), "--quiet", "--no-report", "--no-pictures", "--json"]) == 0
+    assert main(["calibrate", "--resume", str(cut), "--quiet", "--no-report", "--json"]) == 0
     assert (
         json.loads(capsys.readouterr().out)["composite"]
         == Calibration.load(run / "calibration.json").composite.to_dict()
@@ -116,7 +116,6 @@ def test_a_method_that_tells_nothing_on_the_way_is_not_drawn_as_another(tmp_path
                 "static",
                 "--quiet",
                 "--no-report",
-                "--no-pictures",
                 "--out",
                 str(tmp_path / "run"),
             ]

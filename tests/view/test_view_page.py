@@ -151,7 +151,7 @@ def test_the_viewer_ends_with_the_run_however_that_ends(run):
 
 
 def test_a_calibration_with_a_view_is_the_one_without(tmp_path, capsys):
-    quick = ["calibrate", "--method", "static", "--noise", "realistic", "--no-pictures", "--quiet", "--json"]
+    quick = ["calibrate", "--method", "static", "--noise", "realistic", "--quiet", "--json"]
     assert main([*quick, "--out", str(tmp_path / "without")]) == 0
     without = json.loads(capsys.readouterr().out)
     assert main([*quick, "--out", str(tmp_path / "with"), "--view", "--view-port", "0"]) == 0

@@ -123,7 +123,6 @@ class ShownFlags(Output):
         view_port: Of the page, which is for this computer alone: docs/view.md says how to look from another one.
         rerun: Write the same for Rerun when the run is over.
         report: Leave out the page report.html in the run folder.
-        pictures: Leave out the PNG picture.
         verbose: Show how long each stage of the estimate took.
     """
 
@@ -131,7 +130,6 @@ class ShownFlags(Output):
     view_port: ViewPort = DEFAULT_PORT
     rerun: RerunFile = None
     report: Flag = True
-    pictures: Flag = True
     verbose: Verbose = False
 
     @property
@@ -144,20 +142,12 @@ class ShownFlags(Output):
         from equipoise.terminal.calibration import print_calibration
 
         files = [folder.path / "calibration.json"]
-        if self.pictures:
-            files += if_installed(_picture, result, folder.path)
         if self.report:
             files += if_installed(_page, result, folder.path)
         if self.json:
             print(result.to_json(), end="")
         else:
             print_calibration(result, files, self.verbose, folder.path)
-
-
-def _picture(result: Calibration, folder: Path) -> list[Path]:
-    from equipoise.pictures.files import save_plan_view
-
-    return save_plan_view(result, folder)
 
 
 def _page(result: Calibration, folder: Path) -> list[Path]:

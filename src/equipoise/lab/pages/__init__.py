@@ -1,0 +1,1 @@
+"""What the lab shows: tables and figures, for the terminal and for pages."""
