@@ -108,7 +108,7 @@ def test_several_runs_are_compared_on_one_page(run, copy, tmp_path, capsys):
     assert main(["report", str(run), str(copy), "--out", str(out), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told == {"schema": "equipoise.report/1", "report": str(out), "runs": [str(run), str(copy)]}
-    assert '"2 runs compared"' in out.read_text(encoding="utf-8")
+    assert "<h1>2 runs compared</h1>" in out.read_text(encoding="utf-8")
 
 
 def test_a_comparison_goes_where_the_user_is(run, copy, tmp_path, capsys, monkeypatch):

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from equipoise.conventions import FloatArray
+
 Trace = dict[str, Any]
 """A trace or a layout of Plotly."""
 
@@ -133,6 +135,12 @@ def line(x: Iterable[float], y: Iterable[float], name: str, series: int, **more:
     return {"type": "scatter", "mode": "lines", "x": short(x), "y": short(y), "name": name, "line": style, **more}
 
 
+def pieces(curves: Iterable[tuple[FloatArray, FloatArray]], name: str, series: int, **more: Any) -> Trace:
+    """Return a thin line of a series in pieces, a gap after each."""
+    ends = [np.append(one, np.nan) for curve in curves for one in curve]
+    return line(np.concatenate(ends[::2]), np.concatenate(ends[1::2]), name, series, line={"width": 1}, **more)
+
+
 def points(x: Iterable[float], y: Sequence[Any], name: str, marker: Trace, **more: Any) -> Trace:
     """Return markers; y may be names."""
     return {"type": "scatter", "mode": "markers", "x": short(x, 6), "y": y, "name": name, "marker": marker, **more}
@@ -148,6 +156,7 @@ def level(y: float, words: str = "", colour: str = MUTED, dash: str = "dash") ->
 def upright(x: float, words: str = "", colour: str = MUTED, dash: str = "dash") -> Trace:
     """Return a layout's shape: a vertical line across the figure, with a label."""
     shape = level(x, words, colour, dash)
+    shape["label"] |= {"textangle": 0, "xanchor": "left", "yanchor": "top"}
     return {**shape, "xref": "x", "x0": x, "x1": x, "yref": "paper", "y0": 0, "y1": 1}
 
 

@@ -147,7 +147,8 @@ def document_html(document: Document) -> tuple[str, str]:
     beside = f'<div id="plan-view">{blocks_html(figures)}</div>' if figures else ""
     head = f'<h1>{typeset(document.title)}</h1><p id="subtitle">{typeset(document.subtitle)}</p>'
     head += f'<p id="lead">{typeset(document.lead)}</p>' if document.lead else ""
-    first = f'<div id="first"><div id="numbers">{blocks_html(others)}</div>{beside}</div>'
+    numbers = f'<div id="numbers">{blocks_html(others)}</div>' if others else ""
+    first = f'<div id="first">{numbers}{beside}</div>'
     below = "".join(
         f'<section id="{section.name}" aria-labelledby="{name}"><h2 id="{name}">{typeset(section.title)}</h2>'
         f"{blocks_html(section.blocks)}</section>"

@@ -15,6 +15,7 @@ from equipoise.figures.blocks import (
     axes,
     level,
     line,
+    pieces,
     plain,
     points,
     short,
@@ -131,14 +132,10 @@ def _errors_over_time(result: Calibration) -> list[Figure]:
     evidence = result.evidence
     if not isinstance(evidence, PosteriorEvidence) or not evidence.predictions:
         return []
-    lines: list[Trace] = []
-    for series, body in enumerate(reversed(tuple(evidence.predictions[0].errors))):
-        time: list[float] = []
-        error: list[float] = []
-        for lift in evidence.predictions:  # a gap after each
-            time += [*lift.time, np.nan]
-            error += [*(1000 * lift.height * lift.errors[body]), np.nan]
-        lines.append(line(time, error, body, series, line={"width": 1}))
+    lines = [
+        pieces([(one.time, 1000 * one.height * one.errors[body]) for one in evidence.predictions], body, series)
+        for series, body in enumerate(reversed(tuple(evidence.predictions[0].errors)))
+    ]
     kind = evidence.predictions[0].kind
     caption = f"A line a {kind}: measured less predicted tilt about the support line, as a way of the centre of mass."
     layout = axes("time on two feet [s]", "error of the tilt [mm]")

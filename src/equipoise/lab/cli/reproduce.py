@@ -27,7 +27,7 @@ def reproduce(
     Example: equipoise lab reproduce --out reproduction
 
     Args:
-        out: Folder for README.md, CSV files and report.html.
+        out: Folder for README.md and report.html.
         trials: Of the paper's method.
         precise_trials: Of the precise method, which takes ten times as long.
         workers: Processes; default one for each core.
@@ -41,7 +41,7 @@ def reproduce(
     with StudyLine(output.silent) as line:
         done = run(out / "studies", trials, precise_trials, workers, line.doing)
     page = reproduction_page(done)
-    files = save_reproduction(done, page, out)
+    files = save_reproduction(page, out)
     if output.json:
         print(json_module.dumps({"schema": "equipoise.reproduction/1", "files": [str(file) for file in files]}))
     else:

@@ -1,10 +1,8 @@
-"""The reproduced paper as Markdown, CSV and figures."""
+"""The reproduced paper: tables and figures."""
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,48 +28,10 @@ from equipoise.user_file import write_file
 _BAND = (5, 95)  # percentiles
 
 
-def save_reproduction(done: Reproduction, page: Document, folder: Path) -> list[Path]:
-    """Write README.md, the numbers as CSV, and report.html.
-
-    Raises:
-        OutputError: they cannot be written.
-    """
-    proportion = done.proportion
-    errors = np.column_stack([proportion.foot_error, proportion.joint_error, proportion.com_error])
-    texts = {
-        "README.md": markdown(page, REPORT),
-        "table1.csv": _csv(("method", "noise", *QUANTITIES), _table_cells(done)),
-        "figure3.csv": _csv(("iteration", "median_mm", "p5_mm", "p95_mm", "share_within_5_mm"), _iteration_cells(done)),
-        "proportional.csv": _csv(
-            ("foot_error_rms_mm", "joint_zero_rms_mrad", "com_error_mm"),
-            [[f"{1000 * value:.5g}" for value in row] for row in errors],
-        ),
-    }
-    for name, text in texts.items():
-        write_file(folder / name, text)
-    return [*(folder / name for name in texts), save_page(page, folder / REPORT)]
-
-
-def _csv(head: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows(rows)
-    return text.getvalue()
-
-
-def _table_cells(done: Reproduction) -> list[list[str]]:
-    rows = [("the paper: simulated", "", PAPER_TRUTH), ("the paper: estimated", "", PAPER_ESTIMATE)]
-    rows += [(row.method, row.noise, row.values) for row in done.table]
-    return [[name, noise, *("" if v is None else f"{v:.5g}" for v in values)] for name, noise, values in rows]
-
-
-def _iteration_cells(done: Reproduction) -> list[list[str]]:
-    median, lower, upper, share = _iteration_statistics(done)
-    return [
-        [str(index + 1), *(f"{1000 * curve[index]:.3f}" for curve in (median, lower, upper)), f"{share[index]:.4f}"]
-        for index in range(len(median))
-    ]
+def save_reproduction(page: Document, folder: Path) -> list[Path]:
+    """Write README.md and report.html; raises OutputError if they cannot be written."""
+    write_file(folder / "README.md", markdown(page, REPORT))
+    return [folder / "README.md", save_page(page, folder / REPORT)]
 
 
 def _iteration_statistics(done: Reproduction) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

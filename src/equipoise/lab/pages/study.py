@@ -134,7 +134,7 @@ def _distribution(rows: Table, summaries: Sequence[MethodSummary]) -> Figure:
     layout = axes(
         "planar CoM error [mm]", "calibrations within it [%]", shapes=[upright(1000 * WITHIN, "the paper's 5 mm")]
     )
-    layout["xaxis"]["range"], layout["yaxis"]["range"] = [0, largest], [0, 101]
+    layout["xaxis"]["range"], layout["yaxis"]["range"], layout["showlegend"] = [0, largest], [0, 101], True
     caption = "Calibrations whose planar CoM error is at most so large; failed ones are not counted as within."
     return Figure("Distribution of the CoM error", caption, data, layout, height=400)
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from equipoise.figures.blocks import DataTable, Document, Figure, Trace, axes, line, plain
+from equipoise.figures.blocks import DataTable, Document, Figure, Trace, axes, pieces, plain
 from equipoise.lab.replay.validation import Validation
 
 
@@ -14,21 +12,15 @@ def validation_table(found: Validation) -> DataTable:
         [body, f"{1000 * found.error(body):.2f}", f"{found.ratio(body):.1f}", f"{1000 * found.joint_errors[body]:.1f}"]
         for body in found.bodies
     ]
-    return DataTable("", ["body", "|tilt error, rms [mm]", "|times this run's", "|largest joint error [mrad]"], rows)
+    return DataTable("", ["body", "|tilt off, rms [mm]", "|times this run's", "|joints off, at most [mrad]"], rows)
 
 
 def validation_page(found: Validation) -> Document:
     """Return table and figure: measured less simulated tilt of each lift, as a distance at the CoM."""
     data: list[Trace] = []
     for series, body in reversed([*enumerate(found.bodies)]):  # this run's on top
-        time: list[float] = []
-        error: list[float] = []
-        for lift in found.lifts:  # a gap after each
-            time += [*lift.seen.time, np.nan]
-            error += [*(1000 * lift.seen.height * lift.errors[body]), np.nan]
-        data.append(
-            line(time, error, plain(f"{body}: {1000 * found.error(body):.2f} mm rms"), series, line={"width": 1})
-        )
+        curves = [(lift.seen.time, 1000 * lift.seen.height * lift.errors[body]) for lift in found.lifts]
+        data.append(pieces(curves, plain(f"{body}: {1000 * found.error(body):.2f} mm rms"), series))
     title = f"{found.robot}: {len(found.lifts)} lifts replayed"
     layout = axes("time on two feet [s]", "measured less simulated tilt, at the CoM [mm]")
     figure = Figure("Tilt errors", "A line for each lift and body.", data, layout, height=440)
