@@ -1,4 +1,4 @@
-"""The table of a body's parameters: estimates with their intervals, beside the model file and the truth."""
+"""The table of a body's parameters: estimates with their intervals, the model file and the truth."""
 
 from __future__ import annotations
 

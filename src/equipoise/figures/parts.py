@@ -31,7 +31,7 @@ _LINKS = (
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What was found about all parts of a kind.
+    """All parts of a kind.
 
     Attributes:
         kind: what they are, "motors" or "links".
@@ -49,7 +49,7 @@ class Parts:
 
     @property
     def legend(self) -> list[str]:
-        """What marks in the table mean, a sentence each."""
+        """Meaning of each mark in the table, a sentence each."""
         shown = [one for part in self.found.values() for one in part.quantities.values()]
         marks = {
             "In brackets: hardly surer than before the run.": any(one.verdict == "not identified" for one in shown),
@@ -71,7 +71,7 @@ class Parts:
 
 
 def parts_of(result: Calibration) -> list[Parts]:
-    """Motors and links, if the run looked at them."""
+    """Return motors and links, if the run estimated them."""
     joints = list(result.motors)
     if result.robot_model is not None:
         joints = [name for leg in result.robot_model.legs.values() for name in leg.joint_names]
@@ -83,7 +83,7 @@ def parts_of(result: Calibration) -> list[Parts]:
 
 
 def _told(columns: tuple[Shown, ...], found: Mapping[str, Part]) -> tuple[Shown, ...]:
-    """Columns of which the run told a value: of friction that grows toward rest it mostly tells none."""
+    """Return the columns that have a value; friction that grows toward rest mostly has none."""
     return tuple(one for one in columns if any(part.quantities[one.name].value is not None for part in found.values()))
 
 
@@ -112,7 +112,7 @@ def _cells(quantities: list[Quantity], shown: Shown) -> list[str]:
 
 
 def _decimals(half: float) -> int:
-    """Of a number whose interval is that wide to each side: its first digit, and the second of what begins with 1 or 2."""
+    """Return the decimals of a number from half its interval: its first digit, and the second of what begins with 1 or 2."""
     place = floor(log10(half))
     return max(0, -place + (half < 3 * 10.0**place))
 

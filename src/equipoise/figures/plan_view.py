@@ -31,7 +31,7 @@ _FAINTEST = 0.35  # weight of the first lift of a bisection
 
 @dataclass(frozen=True, eq=False)
 class Ellipse:
-    """What holds 95 % of a normal distribution in the plane.
+    """Ellipse that holds 95 % of a normal distribution in the plane.
 
     Attributes:
         major, minor: half axes [m].
@@ -82,7 +82,7 @@ class PlanMark:
 
     @property
     def reach(self) -> float:
-        """How far it may be from its position [m]."""
+        """Largest distance of the CoM from its position [m], with 95 %."""
         return 0.0 if self.ellipse is None else self.ellipse.major
 
 
@@ -146,7 +146,7 @@ class PlanOutline:
 
 @dataclass(frozen=True, eq=False)
 class PlanView:
-    """What is seen.
+    """Robot, lines and marks from above.
 
     Attributes:
         marks: centres of mass, those found first.
@@ -175,7 +175,7 @@ class PlanView:
 
 
 def plan_view(results: Mapping[str, Calibration], lifts: LiftPlanes = ()) -> PlanView | None:
-    """Of one result with model and truth, or of several over each other, of which the first one's robot is drawn.
+    """Return the view of one result with model and truth, or of several; the first one's robot is drawn.
 
     Args:
         results: results by the name to show.
@@ -226,7 +226,7 @@ def _close_up(marks: Sequence[PlanMark]) -> tuple[FloatArray, float]:
 
 
 def _balanced(result: Calibration, height: float) -> list[PlanLine]:
-    """Where each diagonal balances by the paper's search."""
+    """Return the line of each diagonal on which the robot balances, from the paper's search."""
     return [
         PlanLine.cut(name, SupportPlane(np.array(line.point), np.array(line.normal)), height)
         for name, line in result.support_lines.items()

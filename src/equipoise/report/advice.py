@@ -1,4 +1,4 @@
-"""What is known only roughly, and which extra motion would help: predicted before anything moves (precise/plan.py)."""
+"""Predicted intervals after a scale or more robot time (precise/plan.py), and the motions to begin with."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def advice_blocks(result: Calibration) -> list[Block]:
 
 
 def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Outlook:
-    """What a scale, a minute more of robot time, or both would make of the intervals.
+    """Return the intervals after a scale, a minute more of robot time, or both.
 
     Raises:
         EquipoiseError: nothing can be planned for the robot.
@@ -82,7 +82,7 @@ def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Out
 
 
 def _scale_information(posterior: Posterior, robot: RobotModel) -> FloatArray:
-    """What weighing the robot to half a percent tells."""
+    """Return the information of a scale with an error of half a percent."""
     unknowns = posterior.unknowns
     _, row = total_mass(unknowns, posterior.x)
     row = row / (_SCALE * posterior.robot_body.mass)
@@ -152,7 +152,7 @@ def _best_step(seen: Outlook, names: list[str]) -> str:
 
 
 def _ahead(robot: RobotModel) -> list[Block]:
-    """What the precise method would find."""
+    """Return the predicted intervals of the precise method."""
     plan = plan_ahead(robot, nominal_stance(robot), Precise())
     rows = [
         [label, number(NORMAL_95 * deviation, factor, form)]

@@ -1,4 +1,4 @@
-"""What is on the page that compares runs: of one robot or of several."""
+"""The page that compares runs, of one robot or of several."""
 
 from __future__ import annotations
 

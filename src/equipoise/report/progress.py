@@ -1,4 +1,4 @@
-"""How the precise method's intervals narrowed, motion by motion."""
+"""Intervals of the precise method after each motion."""
 
 from __future__ import annotations
 

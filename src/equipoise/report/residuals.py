@@ -1,4 +1,4 @@
-"""How the motions fit, and how well those are predicted that an estimate has not seen."""
+"""Residuals of the motions, and held-out predictions."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _misfits(result: Calibration) -> list[Figure]:
 
 
 def _plane_misses(result: Calibration, planes: LiftPlanes) -> list[Figure]:
-    """How far each lift's support plane passes by the CoM found, without any sensor bias taken into account."""
+    """Return the distances of the lifts' support planes from the estimated CoM, without any sensor bias."""
     com = result.composite.com_in_base.values
     if not np.isfinite(com).all():
         return []

@@ -91,7 +91,7 @@ def _marks(result: Calibration, com: FloatArray) -> list[Trace]:
 
 
 def _ellipsoids(result: Calibration, com: FloatArray, size: float) -> tuple[list[Trace], str]:
-    """Return the ellipsoid at its true size, then enlarged to be visible beside the robot; and a sentence."""
+    """Return the ellipsoid at its true size, then enlarged to be visible with the robot; and a sentence."""
     covariance = result.composite.covariance
     if covariance is None:
         return [], ""

@@ -95,7 +95,7 @@ def print_calibration(
 
 
 def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -> list[str]:
-    """What to do with files that were saved; one that is doubtful, or not wholly estimated, is not exported."""
+    """Return the next commands; a result that is doubtful or incomplete is not exported."""
     said = [f"see {file}" for file in files if file.suffix == ".html"]
     if kept is None:
         return said
@@ -182,7 +182,7 @@ def print_plan(robot: str, plan: Forecast) -> None:
 
 
 def print_audit(result: Audit) -> None:
-    """What the model file says, and what speaks against it."""
+    """Print the bodies of a model file and the audit's findings."""
     console = Console()
     rows = [
         [

@@ -1,4 +1,4 @@
-"""What the terminal shows of what was added to a robot."""
+"""A payload in the terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the terminal says of an export, and the table of formats."""
+"""Exports and the table of formats in the terminal."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def print_exports(
 
 
 def print_export(written: Export, path: Path) -> None:
-    """What was written, where, and what speaks against it; short texts of ours are shown whole."""
+    """Print the path of an export and its warnings; short texts of ours are shown whole."""
     console = Console()
     for note in written.notes:
         console.print(f"[yellow]warning:[/yellow] {escape(note)}", soft_wrap=True)

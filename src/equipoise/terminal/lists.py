@@ -1,4 +1,4 @@
-"""What the terminal shows of what is there: verbs, robots, platforms."""
+"""Lists of verbs, robots and platforms in the terminal."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from equipoise.robot.catalog import CatalogRow
 
 
 def print_verbs(verbs: Mapping[str, str]) -> None:
-    """What can be done, a line each: verbs and what they do in a few words."""
+    """Print a line for each verb."""
     console = Console(highlight=False)
     console.print("What your quadruped weighs, where its centre of mass is and how hard it is to turn.\n")
     console.print("  equipoise calibrate                  try it: a simulated Unitree A1")

@@ -1,4 +1,4 @@
-"""What a log holds, for people: joints, pieces of time, findings, and what it cannot tell."""
+"""Logs in the terminal: joints, segments, findings, and parameters that the log does not determine."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _COUNTED = {
 
 
 def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = False) -> None:
-    """Where the log's data are from, its joints, its pieces, and what was found.
+    """Print the source of the log's data, its joints, its segments and the findings.
 
     Args:
         verbose: whether every piece has a row of its own, and every joint.

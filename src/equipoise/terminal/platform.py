@@ -1,4 +1,4 @@
-"""What the terminal shows of a robot that was examined, and of a calibration that is only thought through."""
+"""Examined robots and rehearsed calibrations in the terminal."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def _hardest(robot: RobotModel, torque: FloatArray) -> int:
 
 
 def gain_lines(robot: RobotModel, platform: str) -> list[str]:
-    """The gains that the motors get, beside those of the robot's maker; nothing for a simulator."""
+    """Return the gains of the motors and those of the robot's maker; nothing for a simulator."""
     driver = DRIVERS.get(platform)
     if driver is None:
         return []
@@ -149,7 +149,7 @@ def gain_lines(robot: RobotModel, platform: str) -> list[str]:
 
 
 class RecordingProgress:
-    """How much was recorded so far, on one line of stderr."""
+    """Duration of a recording so far, on one line of stderr."""
 
     def __init__(self, quiet: bool, into: Path, duration: float | None) -> None:
         self._console = Console(stderr=True, emoji=False)

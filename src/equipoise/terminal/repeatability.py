@@ -1,4 +1,4 @@
-"""What the terminal shows of repeated calibrations."""
+"""Repeated calibrations in the terminal."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What the lab shows: tables and figures, for the terminal and for pages."""
+"""Tables and figures of the lab, for the terminal and for pages."""

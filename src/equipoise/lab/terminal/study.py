@@ -1,4 +1,4 @@
-"""What people see of a Monte Carlo study in the terminal."""
+"""A Monte Carlo study in the terminal."""
 
 from __future__ import annotations
 
