@@ -23,7 +23,7 @@ from equipoise import (
 from equipoise.errors import OutputError, SettingsError
 from equipoise.experiments.tilt import tilt_curve
 from equipoise.figures.blocks import Cell, DataTable, Figure, number, short
-from equipoise.figures.numbers import bar, numbers
+from equipoise.figures.numbers import numbers
 from equipoise.figures.plan_view import Ellipse, plan_view
 from equipoise.lab.static.method import Static
 from equipoise.paper.iterations import tried_offsets
@@ -31,7 +31,7 @@ from equipoise.recording.trials import LiftTrial
 from equipoise.report.advice import outlook
 from equipoise.report.comparison import comparison_contents
 from equipoise.report.contents import run_contents
-from equipoise.report.html import typeset
+from equipoise.report.html import bar_places, typeset
 from equipoise.report.page import page, save_comparison, save_report
 from equipoise.report.progress import deviations_by_motion
 from equipoise.report.trials import narrowing
@@ -204,12 +204,11 @@ def test_numbers_are_the_results_in_the_terminals_units(precise):
 
 def test_a_bar_keeps_the_order_of_what_it_shows(precise):
     for one in numbers(precise):
-        drawn = bar(one)
-        assert 0 <= drawn.low < drawn.value < drawn.high <= 1
+        places = bar_places(one.quantity)
+        assert 0 <= places["lower"] < places["found"] < places["upper"] <= 1
         for kind in ("model", "truth"):
-            place = getattr(drawn, kind)
-            assert 0 <= place <= 1
-            assert (place < drawn.value) == (getattr(one.quantity, kind) < one.value)
+            assert 0 <= places[kind] <= 1
+            assert (places[kind] < places["found"]) == (getattr(one.quantity, kind) < one.value)
 
 
 @pytest.mark.parametrize(

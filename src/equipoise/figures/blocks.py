@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.result.quantity import Quantity
 
 Trace = dict[str, Any]
 """A trace or a layout of Plotly."""
@@ -25,16 +26,6 @@ BAR = "interval"
 """Head of a column of bars."""
 
 
-class Bar(NamedTuple):
-    """An interval and the values near it, as places between the ends of a bar, from 0 to 1."""
-
-    value: float
-    low: float | None
-    high: float | None
-    model: float | None
-    truth: float | None
-
-
 @dataclass(frozen=True)
 class Cell:
     """A cell of a table.
@@ -43,13 +34,13 @@ class Cell:
         text: its text.
         tone: "strong", "muted" or "bad".
         verdict: word that a page shows with a sign and a colour.
-        bar: drawing of an interval, which a terminal leaves out.
+        bar: quantity whose interval is drawn; a terminal leaves it out.
     """
 
     text: str = ""
     tone: str = ""
     verdict: str = ""
-    bar: Bar | None = None
+    bar: Quantity | None = None
 
     def __str__(self) -> str:
         return " ".join(filter(None, (self.text, self.verdict)))
@@ -106,7 +97,7 @@ class Section(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Document:
+class PageContents:
     """A page.
 
     Attributes:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from equipoise.conventions import AXES
-from equipoise.figures.blocks import BAR, Bar, Cell, DataTable, number
+from equipoise.figures.blocks import BAR, Cell, DataTable, number
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration
 from equipoise.result.legend import frame_sentence, verdict_sentence
@@ -18,7 +18,6 @@ BODIES = {
     "base": "the base link with all that is fixed to it",
     "stance_effective": "the paper's body: base, hips and thighs",
 }
-_MARGIN = 0.08  # of a bar's width, kept free at either end
 
 
 @dataclass(frozen=True)
@@ -102,7 +101,7 @@ def _cells(one: Number, columns: list[str]) -> list[str | Cell]:
         "parameter": one.label,
         "|estimate": Cell(str(one), "strong"),
         "|95 % +-": one.half,
-        BAR: Cell(bar=bar(one)),
+        BAR: Cell(bar=found),
         "verdict": Cell(verdict=found.verdict or ""),
         "|truth": number(found.truth, 1, form),
         "|error": Cell(error, "bad" if found.missed else ""),
@@ -110,18 +109,6 @@ def _cells(one: Number, columns: list[str]) -> list[str | Cell]:
         "|change": Cell(number(found.change, 1, "+" + form), "strong" if clear else "muted" if found.half else ""),
     }
     return [by_column[column] for column in columns]
-
-
-def bar(one: Number) -> Bar:
-    """Return the places of interval, estimate, model file and truth on a bar."""
-    found = one.quantity
-    values = [value for value in (found.value, found.lower, found.upper, found.model, found.truth) if value is not None]
-    low, span = min(values), (max(values) - min(values)) or 1.0
-
-    def place(value: float | None) -> float | None:
-        return None if value is None else round(_MARGIN + (1 - 2 * _MARGIN) * (value - low) / span, 4)
-
-    return Bar(place(one.value) or 0.0, *map(place, (found.lower, found.upper, found.model, found.truth)))
 
 
 def legend(result: Calibration) -> tuple[str, ...]:

@@ -11,8 +11,8 @@ from equipoise.figures.blocks import (
     SERIES,
     Cell,
     DataTable,
-    Document,
     Figure,
+    PageContents,
     Section,
     Trace,
     axes,
@@ -34,7 +34,7 @@ _SHARED = (
 )
 
 
-def comparison_contents(results: dict[str, Calibration]) -> Document:
+def comparison_contents(results: dict[str, Calibration]) -> PageContents:
     """Return the page.
 
     Raises:
@@ -55,7 +55,7 @@ def comparison_contents(results: dict[str, Calibration]) -> Document:
         Section("provenance", "Provenance", [_provenance(results)]),
     ]
     sentences = dict.fromkeys(sentence for result in results.values() for sentence in legend(result))
-    return Document(
+    return PageContents(
         f"{len(results)} runs compared",
         " \u00b7 ".join(robots),
         "" if len(robots) == 1 else f"These are {len(robots)} different robots; the first one is drawn.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equipoise.figures.blocks import Block, Cell, DataTable, Document, Section, number
+from equipoise.figures.blocks import Block, Cell, DataTable, PageContents, Section, number
 from equipoise.figures.lift_planes import lift_planes
 from equipoise.figures.numbers import BODIES, legend, not_estimated, numbers, numbers_table
 from equipoise.figures.parts import parts_of
@@ -23,7 +23,7 @@ from equipoise.result.calibration import Calibration
 from equipoise.result.legend import doubt_sentence, frame_sentence
 
 
-def run_contents(result: Calibration) -> Document:
+def run_contents(result: Calibration) -> PageContents:
     """Return the page; what the result does not know is left out."""
     planes = lift_planes(result)
     alone = motors_alone(result)
@@ -47,7 +47,7 @@ def run_contents(result: Calibration) -> Document:
     first = [parts_of(result)[0].table()] if alone else [numbers_table(numbers(result), _heading("composite"))]
     words = () if alone else legend(result)
     view = plan_figures(plan_view({result.robot: result}, planes))
-    return Document(
+    return PageContents(
         result.robot,
         _subtitle(result),
         _lead(result),

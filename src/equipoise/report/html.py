@@ -7,7 +7,8 @@ import re
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 
-from equipoise.figures.blocks import BAR, Bar, Block, Cell, DataTable, Document, Figure
+from equipoise.figures.blocks import BAR, Block, Cell, DataTable, Figure, PageContents
+from equipoise.result.quantity import Quantity
 
 _BESIDE = ("truth", "error", "model", "change")  # on a telephone they stand below the estimate
 _LONG = 24  # letters from which on a cell may break, also inside a word
@@ -17,7 +18,7 @@ _VERDICTS = {
     "doubtful": ("\u25cb", "poor"), "passed": ("\u2713", "good"), "failed": ("\u2717", "poor"),
 }  # fmt: skip
 _MINUS = re.compile(r"(?<![\w./\-])-(?=\d)")
-_WIDTH = 118  # of a bar
+_WIDTH, _MARGIN = 118, 0.08  # of a bar, and the part of it that is kept free at either end
 
 
 def typeset(text: str) -> str:
@@ -91,12 +92,26 @@ def _verdict(word: str) -> str:
     return f'<span class="verdict {tone}">{sign} {html.escape(word)}</span>' if word else ""
 
 
-def _bar(bar: Bar) -> str:
+def bar_places(found: Quantity) -> dict[str, float]:
+    """Return places of interval, model file, truth and estimate between the ends of a bar, from 0 to 1."""
+    values = {
+        "lower": found.lower,
+        "upper": found.upper,
+        "model": found.model,
+        "truth": found.truth,
+        "found": found.value,
+    }
+    known = {name: value for name, value in values.items() if value is not None}
+    low, span = min(known.values()), (max(known.values()) - min(known.values())) or 1.0
+    return {name: _MARGIN + (1 - 2 * _MARGIN) * (value - low) / span for name, value in known.items()}
+
+
+def _bar(found: Quantity) -> str:
+    places = {name: _WIDTH * place for name, place in bar_places(found).items()}
     parts = [f'<path class="axis" d="M0 10H{_WIDTH}"/>']
-    if bar.low is not None and bar.high is not None:
-        parts.append(_band(_WIDTH * bar.low, max(3.0, _WIDTH * (bar.high - bar.low))))
-    places = {"model": bar.model, "truth": bar.truth, "found": bar.value}
-    parts += [_mark(kind, _WIDTH * place, 10) for kind, place in places.items() if place is not None]
+    if "lower" in places:
+        parts.append(_band(places["lower"], max(3.0, places["upper"] - places["lower"])))
+    parts += [_mark(kind, places[kind], 10) for kind in ("model", "truth", "found") if kind in places]
     return f'<svg viewBox="0 0 {_WIDTH} 20" role="img" aria-hidden="true">{"".join(parts)}</svg>'
 
 
@@ -118,7 +133,7 @@ def _key(table: DataTable) -> str:
     bars = [cell.bar for row in table.rows for cell in row if isinstance(cell, Cell) and cell.bar]
     if BAR not in table.columns or not bars:
         return ""
-    intervals = any(bar.low is not None for bar in bars)
+    intervals = any(bar.half is not None for bar in bars)
     samples = {
         "95 % interval": _band(0, 16) if intervals else "",
         "estimate": _mark("found", 8, 10),
@@ -134,7 +149,7 @@ def _key(table: DataTable) -> str:
     return f'<p class="key">{"".join(words)}</p>'
 
 
-def document_html(document: Document) -> tuple[str, str]:
+def document_html(document: PageContents) -> tuple[str, str]:
     """Return the links of the parts, and the body of a page."""
     parts = [(section, f"{section.name}-title") for section in document.sections if section.blocks]
     links = "".join(f'<a href="#{section.name}">{typeset(section.title)}</a>' for section, _ in parts)
@@ -157,7 +172,7 @@ def document_html(document: Document) -> tuple[str, str]:
     return links, f'{head}<div id="alerts">{alerts}</div>{first}{below}'
 
 
-def figures_of(document: Document) -> list[Figure]:
+def figures_of(document: PageContents) -> list[Figure]:
     """Return the figures in the order in which they stand on the page."""
     blocks = [*document.first, *(block for section in document.sections for block in section.blocks)]
     return [block for block in blocks if isinstance(block, Figure)]

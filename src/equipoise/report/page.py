@@ -15,7 +15,7 @@ try:
 except ModuleNotFoundError as error:
     raise MissingDependencyError("reports need Plotly: pip install 'equipoise[report]'") from error
 
-from equipoise.figures.blocks import INK, MUTED, SERIES, Document, Figure, Trace
+from equipoise.figures.blocks import INK, MUTED, SERIES, Figure, PageContents, Trace
 from equipoise.report.comparison import comparison_contents
 from equipoise.report.contents import run_contents
 from equipoise.report.html import document_html, figures_of
@@ -71,7 +71,7 @@ def save_comparison(results: dict[str, Calibration], path: str | Path) -> Path:
     return save_page(comparison_contents(results), path)
 
 
-def save_page(document: Document, path: str | Path) -> Path:
+def save_page(document: PageContents, path: str | Path) -> Path:
     """Write a page; raises OutputError if that fails."""
     path = Path(path)
     path = path / REPORT if path.is_dir() else path
@@ -79,7 +79,7 @@ def save_page(document: Document, path: str | Path) -> Path:
     return path
 
 
-def page(document: Document) -> str:
+def page(document: PageContents) -> str:
     """Return a whole page as text."""
     folder = files("equipoise.report") / "page"
     links, body = document_html(document)

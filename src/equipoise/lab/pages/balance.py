@@ -8,8 +8,8 @@ from equipoise.figures.blocks import (
     MUTED,
     SERIES,
     DataTable,
-    Document,
     Figure,
+    PageContents,
     Section,
     Trace,
     axes,
@@ -64,13 +64,13 @@ def _verdict(trial: BalanceTrial) -> str:
     return f"fell after {verdict.time_balanced:.2f} s, {verdict.failure}"
 
 
-def balance_page(report: BalanceReport) -> Document:
+def balance_page(report: BalanceReport) -> PageContents:
     """Return table, verdicts, and three figures for each diagonal."""
     sections = [
         Section(trial.run.diagonal, f"On {trial.run.diagonal}", [_tilt(trial), _com(trial), _torque(trial)])
         for trial in report.trials
     ]
-    return Document(title(report), "", "", [balance_table(report), *sentences(report)], sections)
+    return PageContents(title(report), "", "", [balance_table(report), *sentences(report)], sections)
 
 
 def _figure(trial: BalanceTrial, name: str, caption: str, data: list[Trace], label: str) -> Figure:

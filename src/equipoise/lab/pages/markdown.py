@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from equipoise.figures.blocks import Block, DataTable, Document, Figure
+from equipoise.figures.blocks import Block, DataTable, Figure, PageContents
 
 
-def markdown(document: Document, page: str) -> str:
+def markdown(document: PageContents, page: str) -> str:
     """Return the text of a document, with links to the figures of its page."""
     lines = [f"# {document.title}", "", document.lead, ""]
     for block in document.first:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.figures.blocks import INK, SERIES, DataTable, Document, Figure, Section, axes, level, line, points
+from equipoise.figures.blocks import INK, SERIES, DataTable, Figure, PageContents, Section, axes, level, line, points
 from equipoise.lab.pages.markdown import markdown
 from equipoise.lab.pages.study import line_in_squares
 from equipoise.lab.study.reproduction import (
@@ -28,7 +28,7 @@ from equipoise.user_file import write_file
 _BAND = (5, 95)  # percentiles
 
 
-def save_reproduction(page: Document, folder: Path) -> list[Path]:
+def save_reproduction(page: PageContents, folder: Path) -> list[Path]:
     """Write README.md and report.html; raises OutputError if they cannot be written."""
     write_file(folder / "README.md", markdown(page, REPORT))
     return [folder / "README.md", save_page(page, folder / REPORT)]
@@ -41,7 +41,7 @@ def _iteration_statistics(done: Reproduction) -> tuple[FloatArray, FloatArray, F
     return median, lower, upper, np.mean(norms <= WITHIN, axis=0)
 
 
-def reproduction_page(done: Reproduction) -> Document:
+def reproduction_page(done: Reproduction) -> PageContents:
     """Return tables and figures."""
     proportion = done.proportion
     sections = [
@@ -64,7 +64,7 @@ def reproduction_page(done: Reproduction) -> Document:
         ]),
     ]  # fmt: skip
     lead = "`equipoise lab reproduce`, in simulation, on the built-in Unitree A1. Everything is seeded."
-    return Document("The paper's results, made again", "", lead, [], sections)
+    return PageContents("The paper's results, made again", "", lead, [], sections)
 
 
 _TABLE = (

@@ -13,8 +13,8 @@ from equipoise.figures.blocks import (
     SERIES,
     Block,
     DataTable,
-    Document,
     Figure,
+    PageContents,
     Section,
     Trace,
     axes,
@@ -89,7 +89,7 @@ def slope_table(slopes: Sequence[Slope], method: str) -> DataTable:
     return DataTable(title, ["source", "|slope", "|standard error", "unit"], rows)
 
 
-def study_page(study: Study, rows: Table, summaries: Sequence[MethodSummary], slopes: Sequence[Slope]) -> Document:
+def study_page(study: Study, rows: Table, summaries: Sequence[MethodSummary], slopes: Sequence[Slope]) -> PageContents:
     """Return the page of a study."""
     sections: list[Section] = []
     for summary in summaries:
@@ -100,7 +100,7 @@ def study_page(study: Study, rows: Table, summaries: Sequence[MethodSummary], sl
         title = f"What costs {method} its planar accuracy"
         sections.append(Section(f"sources-{method}", title, [slope_table(slopes, method), *figures]))
     title = f"Monte Carlo study of {study.robot}"
-    return Document(title, "", _conditions(study, summaries), [_distribution(rows, summaries)], sections)
+    return PageContents(title, "", _conditions(study, summaries), [_distribution(rows, summaries)], sections)
 
 
 def _conditions(study: Study, summaries: Sequence[MethodSummary]) -> str:

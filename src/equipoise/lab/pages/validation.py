@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from equipoise.figures.blocks import DataTable, Document, Figure, Trace, axes, pieces, plain
+from equipoise.figures.blocks import DataTable, Figure, PageContents, Trace, axes, pieces, plain
 from equipoise.lab.replay.validation import Validation
 
 
@@ -15,7 +15,7 @@ def validation_table(found: Validation) -> DataTable:
     return DataTable("", ["body", "|tilt off, rms [mm]", "|times this run's", "|joints off, at most [mrad]"], rows)
 
 
-def validation_page(found: Validation) -> Document:
+def validation_page(found: Validation) -> PageContents:
     """Return table and figure: measured less simulated tilt of each lift, as a distance at the CoM."""
     data: list[Trace] = []
     for series, body in reversed([*enumerate(found.bodies)]):  # this run's on top
@@ -24,4 +24,4 @@ def validation_page(found: Validation) -> Document:
     title = f"{found.robot}: {len(found.lifts)} lifts replayed"
     layout = axes("time on two feet [s]", "measured less simulated tilt, at the CoM [mm]")
     figure = Figure("Tilt errors", "A line for each lift and body.", data, layout, height=440)
-    return Document(title, "", f"{found.sentence}.", [validation_table(found), figure])
+    return PageContents(title, "", f"{found.sentence}.", [validation_table(found), figure])

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from equipoise.figures.blocks import Document
+from equipoise.figures.blocks import PageContents
 from equipoise.lab.study.runner import StudyProgress
 from equipoise.terminal.tables import print_block
 
@@ -65,7 +65,7 @@ class StudyLine:
         self._live.stop()
 
 
-def print_study(page: Document, files: Sequence[Path]) -> None:
+def print_study(page: PageContents, files: Sequence[Path]) -> None:
     """Print rates, errors and the cost of each error source."""
     console = Console()
     for section in page.sections:
