@@ -6,14 +6,14 @@ Text is ASCII. Pages typeset "+-" and minus signs. Figures are Plotly figures as
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
-from equipoise.conventions import FloatArray
-from equipoise.result.quantity import Quantity
+if TYPE_CHECKING:  # lists of robots and formats load no NumPy
+    from equipoise.conventions import FloatArray
+    from equipoise.result.quantity import Quantity
 
 Trace = dict[str, Any]
 """A trace or a layout of Plotly."""
@@ -126,10 +126,10 @@ def line(x: Iterable[float], y: Iterable[float], name: str, series: int, **more:
     return {"type": "scatter", "mode": "lines", "x": short(x), "y": short(y), "name": name, "line": style, **more}
 
 
-def pieces(curves: Iterable[tuple[FloatArray, FloatArray]], name: str, series: int, **more: Any) -> Trace:
+def pieces(curves: Sequence[tuple[FloatArray, FloatArray]], name: str, series: int) -> Trace:
     """Return a thin line of a series in pieces, a gap after each."""
-    ends = [np.append(one, np.nan) for curve in curves for one in curve]
-    return line(np.concatenate(ends[::2]), np.concatenate(ends[1::2]), name, series, line={"width": 1}, **more)
+    x, y = ([value for curve in curves for value in (*curve[axis], math.nan)] for axis in (0, 1))
+    return line(x, y, name, series, line={"width": 1})
 
 
 def points(x: Iterable[float], y: Sequence[Any], name: str, marker: Trace, **more: Any) -> Trace:
@@ -158,7 +158,7 @@ def plain(words: str) -> str:
 
 def short(values: Iterable[float], digits: int = 4) -> list[float | None]:
     """Return values rounded to significant digits; None for those that are not finite."""
-    return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in values]
+    return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values]
 
 
 def number(value: float | None, factor: float, form: str) -> str:

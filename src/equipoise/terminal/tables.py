@@ -11,6 +11,7 @@ from rich.table import Table
 
 from equipoise.figures.blocks import BAR, Block, DataTable
 
+_LONG = 24  # letters from which on a cell may break
 _WIDE = 5  # columns from which on units have a line of their own
 
 
@@ -21,12 +22,13 @@ def print_table(console: Console, table: DataTable, without: Collection[str] = (
         without: heads of columns that are left out, as are bars.
     """
     chosen = [index for index, head in enumerate(table.columns) if head not in {BAR, *without}]
-    heads = [table.columns[index] for index in chosen]
-    between = "\n[" if len(heads) > _WIDE else " ["
-    drawn = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_header=any(heads))
-    for head in heads:
+    between = "\n[" if len(chosen) > _WIDE else " ["
+    drawn = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_header=any(table.columns))
+    for index in chosen:
+        head = table.columns[index]
         words, right = escape(head.removeprefix("|").replace(" [", between)), head.startswith("|")
-        drawn.add_column(words, justify="right" if right else "left", no_wrap=right, overflow="fold")
+        short = all(len(str(row[index])) <= _LONG for row in table.rows)
+        drawn.add_column(words, justify="right" if right else "left", no_wrap=right or short, overflow="fold")
     for row in table.rows:
         drawn.add_row(*(escape(str(row[index])) for index in chosen))
     if table.title:
