@@ -323,8 +323,8 @@ def _support_line(line: PlanLine, view: PlanView, centre: FloatArray, reach: flo
 
 def _mark(view: PlanView, mark: PlanMark) -> Trace:
     marker = _MARKERS.get(mark.kind) or {"color": _series(view, mark), "size": 8}
-    hover = {"hovertemplate": "x %{y:.2f}, y %{x:.2f} mm"}
-    return _path(mark.position[None], f"CoM, {plain(mark.label)}", mode="markers", marker=marker, **hover)
+    trace = _path(mark.position[None], f"CoM, {plain(mark.label)}", mode="markers", marker=marker)
+    return {**trace, "hovertemplate": "x %{y:.2f}, y %{x:.2f} mm"}
 
 
 def _series(view: PlanView, mark: PlanMark) -> str:
