@@ -28,6 +28,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per run
 import mujoco
 import numpy as np
 import pinocchio as pin
+from matplotlib.figure import Figure
 from provenance import commit, write_page
 from scipy.stats import beta
 
@@ -39,7 +40,6 @@ from equipoise.lab.balance.judge import Verdict, judge
 from equipoise.lab.balance.routine import BalanceSettings, balance
 from equipoise.lab.balance.senses import SensorKnowledge
 from equipoise.method.table import method_named
-from equipoise.pictures.figure import BLUE, DPI, GREY, LIGHT_GREY, SMALL, TEXT, VERMILLION, new_figure
 from equipoise.robot.model import DIAGONALS
 from equipoise.simulation.glimpse import Bystander
 from equipoise.simulation.simulation import Simulation
@@ -260,8 +260,7 @@ def observer_table(rows: list[dict]) -> list[str]:
 
 def draw(rows: list[dict]) -> None:
     """Probability of balancing 10 s against the error, a panel a robot."""
-    figure = new_figure(15.0, 5.2)
-    figure.set_layout_engine("constrained")
+    figure = Figure(figsize=(15.0, 5.2), layout="constrained", facecolor="white")
     figure.suptitle(
         "Balancing on two feet for 10 s with a fixed model, against the error of its centre of mass", fontsize=13
     )
@@ -269,20 +268,20 @@ def draw(rows: list[dict]) -> None:
     for axes, robot in zip(panels, ROBOTS, strict=True):
         for sign in (-1, 1):
             label = "the paper's 5 mm" if sign > 0 else None
-            axes.axvline(sign * PAPER, color=GREY, linestyle=(0, (4, 2)), linewidth=1.3, label=label)
-        styles = (("known", "FL_RR", BLUE, "o", -0.15), ("known", "FR_RL", VERMILLION, "s", 0.15))
+            axes.axvline(sign * PAPER, color="dimgrey", linestyle=(0, (4, 2)), linewidth=1.3, label=label)
+        styles = (("known", "FL_RR", "C0", "o", -0.15), ("known", "FR_RL", "C1", "s", 0.15))
         for kind, diagonal, colour, marker, shift in styles:
             _curve(axes, rows, kind, robot, diagonal, (colour, marker, "-", shift), diagonal)
-        _curve(axes, rows, "unknown", robot, None, (GREY, "^", ":", 0.0), "both, sensor errors not known")
+        _curve(axes, rows, "unknown", robot, None, ("dimgrey", "^", ":", 0.0), "both, sensor errors not known")
         axes.set_title(robot, fontsize=12)
-        axes.set_xlabel("believed CoM in front of the true one [mm]", fontsize=TEXT)
+        axes.set_xlabel("believed CoM in front of the true one [mm]", fontsize=10)
         axes.set_ylim(-0.04, 1.04)
-        axes.grid(color=LIGHT_GREY)
+        axes.grid(color="lightgrey")
         axes.set_axisbelow(True)
-    panels[0].set_ylabel("share that balanced for 10 s; bands: 95 %", fontsize=TEXT)
+    panels[0].set_ylabel("share that balanced for 10 s; bands: 95 %", fontsize=10)
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=SMALL, frameon=False)
-    figure.savefig(RESULTS / "balance.png", dpi=DPI)
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9, frameon=False)
+    figure.savefig(RESULTS / "balance.png", dpi=150)
 
 
 def _curve(axes, rows, kind, robot, diagonal, style, label) -> None:

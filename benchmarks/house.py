@@ -21,7 +21,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-COMMAND = ["calibrate", "unitree_a1", "--method", "precise", "--quiet", "--no-report", "--no-pictures"]
+COMMAND = ["calibrate", "unitree_a1", "--method", "precise", "--quiet", "--no-report"]
 _IMPORTED = """
 import atexit, json, sys
 atexit.register(lambda: print(json.dumps([

@@ -38,7 +38,7 @@ METHODS = {
     "precise": ["--budget", "30s", "--no-sway"],
     "paper": ["--method", "paper", "--tolerance", "0.02"],
 }
-COMMON = ["--quiet", "--no-pictures", "--noise", "realistic", "--payload", "1,0.03,0.02,0.06", "--seed", "3"]
+COMMON = ["--quiet", "--noise", "realistic", "--payload", "1,0.03,0.02,0.06", "--seed", "3"]
 # A child notes how far it is in a file that both map: that outlives it, whether it was logged or not.
 CALIBRATE = """
 import mmap, struct, sys
@@ -142,7 +142,7 @@ def killed(method: str, folder: Path, witness: Witness, draw: random.Random, who
     log = read_log(folder)
     lost = witness.periods - sum(len(play.recording.joints.time) for play in log.plays)
     kill = Kill(method, PERIOD * witness.periods, len(log.recordings), PERIOD * lost, False)
-    command = [sys.executable, "-m", "equipoise", "calibrate", "--quiet", "--no-pictures", "--resume", str(folder)]
+    command = [sys.executable, "-m", "equipoise", "calibrate", "--quiet", "--resume", str(folder)]
     done = subprocess.run(command, stdout=subprocess.DEVNULL, check=False)
     kill.identical = done.returncode == 0 and result(folder) == result(folder.with_name(method))
     return kill

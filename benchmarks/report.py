@@ -31,7 +31,7 @@ FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-
 FIRST = """() => new Promise((done) => {
   const told = () => performance.getEntriesByName('first-contentful-paint')[0]?.startTime;
   const wait = () => (told() ? done(told()) : requestAnimationFrame(wait)); wait(); })"""
-ALL = "() => { const start = performance.now(); return drawAll().then(() => performance.now() - start); }"
+ALL = "() => { const start = performance.now(); return Promise.all(plots.map(draw)).then(() => performance.now() - start); }"
 
 
 def results() -> dict[str, Calibration]:

@@ -46,7 +46,6 @@ def calibrations(folder: Path) -> Iterator[tuple[Path, list[object]]]:
                 7,
                 "--quiet",
                 "--no-report",
-                "--no-pictures",
             ]
             yield folder / f"{robot}-{method}", made
         yield folder / f"{robot}-precise-payload", [*made[:2], "--payload", payload, *made[4:]]

@@ -18,7 +18,7 @@ import equipoise
 
 RESULTS = Path(__file__).parent / "results"
 EXTRAS = (
-    "desk", "simulation", "pictures", "logs", "parquet", "monte-carlo", "dask", "view", "dds", "dart", "robots"
+    "desk", "simulation", "report", "logs", "parquet", "monte-carlo", "dask", "view", "dds", "dart", "robots"
 )  # fmt: skip
 TARGET = 720  # [MB]
 

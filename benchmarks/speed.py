@@ -150,7 +150,7 @@ def commands() -> list[str]:
     quiet = ("--quiet", "--no-report")
     with tempfile.TemporaryDirectory() as folder:
         cache, run, swaying = (Path(folder) / name for name in ("cache", "run", "swaying"))
-        command("calibrate", "unitree_a1", "--out", run, "--seed", 7, "--no-pictures", *quiet, cache=cache)
+        command("calibrate", "unitree_a1", "--out", run, "--seed", 7, *quiet, cache=cache)
         sway_for_long(swaying)
         log = swaying / "recording_0.mcap"
         asked = {

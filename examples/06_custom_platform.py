@@ -1,8 +1,6 @@
 """A platform of one's own: anything with these methods and properties can be calibrated.
 
-    python examples/06_custom_platform.py
-
-This one counts the commands to a simulated robot; yours talks to a robot.
+python examples/06_custom_platform.py
 """
 
 from equipoise import calibrate, load_robot, simulate
@@ -10,7 +8,7 @@ from equipoise.lab.static.method import Static
 
 
 class CountingPlatform:
-    """Passes everything on."""
+    """Counts the commands to a simulated robot; yours talks to a robot."""
 
     def __init__(self, inner):
         self.inner, self.commands, self.longest = inner, 0, 0.0

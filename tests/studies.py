@@ -73,7 +73,7 @@ def start_study(folder, *flags, setup="pass"):
         f"import equipoise.lab.terminal.study as terminal; terminal._PLAIN_INTERVAL = 0; {setup}; sys.exit(main())"
     )
     return subprocess.Popen(
-        [sys.executable, "-c", code, "lab", "monte-carlo", "--methods", "static", "--seed", "11", "--no-pictures",
+        [sys.executable, "-c", code, "lab", "monte-carlo", "--methods", "static", "--seed", "11", "--no-report",
          "--out", str(folder), *map(str, flags)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip

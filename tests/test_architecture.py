@@ -31,9 +31,8 @@ FLOORS = [
     ["calibration"],
     ["logs"],
     ["exports"],
-    ["terminal"],
     ["figures"],
-    ["pictures"],
+    ["terminal"],
     ["report", "view"],
     ["cli", "__init__"],
     ["__main__"],
@@ -137,7 +136,7 @@ def test_importing_everything_needs_no_simulator():
 
 def test_importing_the_package_imports_no_simulator_and_no_plots():
     done = run_python(
-        "import equipoise, sys; print([m for m in ('mujoco', 'dartpy', 'matplotlib', 'scipy') if m in sys.modules])"
+        "import equipoise, sys; print([m for m in ('mujoco', 'dartpy', 'plotly', 'scipy') if m in sys.modules])"
     )
     assert done.stdout.strip() == "[]"
 
@@ -147,7 +146,7 @@ def test_no_room_has_the_name_of_a_public_function():
     assert not {path.stem for path in SOURCE.iterdir()} & set(equipoise.__all__)
 
 
-HEAVY = ("numpy", "scipy", "pinocchio", "mujoco", "matplotlib", "tyro")
+HEAVY = ("numpy", "scipy", "pinocchio", "mujoco", "plotly", "tyro")
 
 
 @pytest.mark.parametrize("words", [["robots"], ["robots", "--json"], ["platforms"], ["--help"], ["--version"]])

@@ -22,7 +22,7 @@ from equipoise.guard.remote_robot import RemoteRobot
 from equipoise.logs import reader
 
 OUTSIDE = Path(__file__).parent / "outside"
-STATIC = ["--method", "static", "--yes", "--quiet", "--no-pictures", "--no-report"]
+STATIC = ["--method", "static", "--yes", "--quiet", "--no-report"]
 
 
 @pytest.fixture

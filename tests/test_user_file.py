@@ -102,7 +102,7 @@ def test_a_file_that_cannot_be_written_whole_stays_as_it_was(tmp_path, monkeypat
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     path = tmp_path_factory.mktemp("runs") / "run"
-    assert main(["calibrate", "--method", "static", "--quiet", "--no-report", "--no-pictures", "--out", str(path)]) == 0
+    assert main(["calibrate", "--method", "static", "--quiet", "--no-report", "--out", str(path)]) == 0
     return path
 
 

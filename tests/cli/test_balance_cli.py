@@ -40,16 +40,16 @@ def test_json_is_one_object_and_the_same_is_saved(tmp_path, capsys):
     assert trial["observed_error"] is not None
     assert table["settings"]["weights"]["tilt"] == 3000
     assert table["provenance"]["com_error"] == 2e-3
-    assert sorted(file.name for file in out.iterdir()) == ["balance-FR_RL.mcap", "balance.json", "balance.png"]
+    assert sorted(file.name for file in out.iterdir()) == ["balance-FR_RL.mcap", "balance.html", "balance.json"]
 
 
 def test_a_fall_is_a_verdict_and_with_check_an_exit_code(tmp_path, capsys):
-    arguments = ["--payload", "2,0.08,0.03,0.1", "--diagonal", "FR_RL", "--no-pictures", *SHORT]
+    arguments = ["--payload", "2,0.08,0.03,0.1", "--diagonal", "FR_RL", "--no-report", *SHORT]
     assert main(["lab", "balance", *arguments, "--out", str(tmp_path / "a")]) == 0
     captured = capsys.readouterr()
     assert "FR_RL: fell after 0." in captured.out
     assert "The law believes the model file; sensor errors are not known" in " ".join(captured.out.split())
-    assert not (tmp_path / "a" / "balance.png").exists()
+    assert not (tmp_path / "a" / "balance.html").exists()
     assert main(["lab", "balance", *arguments, "--check", "--json", "--out", str(tmp_path / "b")]) == 4
     captured = capsys.readouterr()
     assert json.loads(captured.out)["balanced"] is False

@@ -17,7 +17,7 @@ from equipoise.cli import main
 BNO = """<link name="bno085"/><joint name="bno085_joint" type="fixed"><origin xyz="0.05 0 0.02"/><parent link="trunk"/>
 <child link="bno085"/></joint>"""
 ORIGIN = "IMU: at the origin of base link 'trunk' (assumed: no frame of the model looks like an IMU)"
-STATIC = ["--method", "static", "--noise", "ideal", "--no-report", "--no-pictures"]
+STATIC = ["--method", "static", "--noise", "ideal", "--no-report"]
 
 
 @pytest.fixture(autouse=True)

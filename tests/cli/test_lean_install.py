@@ -1,4 +1,4 @@
-"""A robot's computer without simulator, pictures and readers of bags: results come, and what is lacking is named."""
+"""A robot's computer without simulator, Plotly and readers of bags: results come, and what is lacking is named."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ import pytest
 
 from equipoise import Paper, RunFolder, calibrate, simulate
 
-LACKING = ("mujoco", "matplotlib", "plotly", "rosbags")
+LACKING = ("mujoco", "plotly", "rosbags")
 CODE = "import sys; sys.modules |= dict.fromkeys({}); from equipoise.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
@@ -27,8 +27,8 @@ def lean(*words, lacking=LACKING):
 def test_a_run_is_estimated_and_its_page_left_out(run):
     done = lean("estimate", run)
     assert done.returncode == 0, done.stderr
-    assert "CoM x in base [mm]" in done.stdout
-    assert done.stderr == "warning: reports need Plotly: pip install 'equipoise[pictures]'\n"
+    assert "CoM x [mm]" in done.stdout
+    assert done.stderr == "warning: reports need Plotly: pip install 'equipoise[report]'\n"
     assert "report.html" not in done.stdout
 
 
@@ -36,13 +36,13 @@ def test_a_run_is_estimated_and_its_page_left_out(run):
     ("words", "message"),
     [
         (("calibrate", "--out", "{}/new"), "simulation needs MuJoCo: pip install 'equipoise[simulation]'"),
-        (("report", "{}"), "reports need Plotly: pip install 'equipoise[pictures]'"),
+        (("report", "{}"), "reports need Plotly: pip install 'equipoise[report]'"),
         (
             ("estimate", "{}/recording_0.mcap", "--robot", "unitree_a1"),
             "bags need rosbags: pip install 'equipoise[logs]'",
         ),
-        (("lab", "validate", "{}"), "pictures need Matplotlib: pip install 'equipoise[pictures]'"),
-        (("lab", "monte-carlo", "a1"), "pictures need Matplotlib: pip install 'equipoise[pictures]'"),
+        (("lab", "validate", "{}"), "reports need Plotly: pip install 'equipoise[report]'"),
+        (("lab", "monte-carlo", "a1"), "reports need Plotly: pip install 'equipoise[report]'"),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
@@ -52,16 +52,15 @@ def test_a_verb_that_lacks_something_says_what_to_install(run, words, message):
     assert done.stderr.splitlines()[-1] == f"error: {message}"
 
 
-def test_a_calibration_ends_well_without_its_pictures(tmp_path):
+def test_a_calibration_ends_well_without_its_page(tmp_path):
     out = tmp_path / "run"
     words = ("calibrate", "--method", "static", "--noise", "ideal", "--out", out)
-    done = lean(*words, lacking=("matplotlib", "plotly"))
+    done = lean(*words, lacking=("plotly",))
     assert done.returncode == 0, done.stderr
     assert RunFolder.open(out).complete
     told = [line for line in done.stderr.splitlines() if line.startswith("warning: ")]
     assert told == [
-        f"warning: {what}: pip install 'equipoise[pictures]'; 'equipoise report {out}' draws the page elsewhere"
-        for what in ("pictures need Matplotlib", "reports need Plotly")
+        f"warning: reports need Plotly: pip install 'equipoise[report]'; 'equipoise report {out}' draws the page elsewhere"
     ]
 
 

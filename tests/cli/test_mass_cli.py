@@ -11,7 +11,7 @@ import pytest
 
 from equipoise.cli import main
 
-WRONG = ["calibrate", "--mass", "9.5", "--budget", "40s", "--seed", "4", "--quiet", "--no-report", "--no-pictures"]
+WRONG = ["calibrate", "--mass", "9.5", "--budget", "40s", "--seed", "4", "--quiet", "--no-report"]
 
 
 def test_a_script_is_refused_with_both_numbers_and_may_try_again(tmp_path, capsys, monkeypatch):
@@ -62,7 +62,6 @@ def test_a_payload_measurement_is_refused_and_confirmed_alike(tmp_path, capsys, 
         "--mass",
         "12.45",
         "--no-report",
-        "--no-pictures",
         "--out",
         earlier,
     ]

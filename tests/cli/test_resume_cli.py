@@ -12,9 +12,9 @@ import pytest
 from equipoise import RunFolder
 from equipoise.cli import main
 
-QUICK = ["--method", "paper", "--no-pictures", "--tolerance", "0.03", "--sway-duration", "0.8"]
+QUICK = ["--method", "paper", "--tolerance", "0.03", "--sway-duration", "0.8"]
 ROBOT = ["--noise", "realistic", "--payload", "1,0.03,0.02,0.06", "--seed", "3", "--start", "lying"]
-COMMAND = [sys.executable, "-m", "equipoise", "calibrate", "--quiet", "--no-pictures"]
+COMMAND = [sys.executable, "-m", "equipoise", "calibrate", "--quiet"]
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_a_run_that_was_killed_goes_on_to_the_same_result(whole, tmp_path, capsy
         now = RunFolder.open(folder).read().recordings
         assert len(now) >= len(before)
         assert all(one.equals(other) for one, other in zip(before, now, strict=False))
-    assert main(["calibrate", "--resume", str(folder), "--json", "--no-pictures"]) == 0
+    assert main(["calibrate", "--resume", str(folder), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert result(folder) == result(whole)
     assert printed == json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
@@ -91,27 +91,27 @@ def test_a_run_that_was_killed_in_the_swing_of_its_motors_goes_on_to_the_same_re
     """Lying, its legs turned up, or on three feet; what was measured of the base before stays."""
     whole, arguments = tmp_path / "whole", ["--what", "base,motors", "--method", "static", "--motor-time", "5s"]
     arguments += ["--motor-stance", how]
-    assert main(["calibrate", *arguments, *ROBOT, "--no-pictures", "--quiet", "--out", str(whole)]) == 0
+    assert main(["calibrate", *arguments, *ROBOT, "--quiet", "--out", str(whole)]) == 0
     copy = cut_at(part, whole, tmp_path / "run")
-    assert main(["calibrate", "--resume", str(copy), "--no-pictures", "--quiet"]) == 0
+    assert main(["calibrate", "--resume", str(copy), "--quiet"]) == 0
     assert result(copy) == result(whole)
 
 
 def test_one_of_several_runs_goes_on(tmp_path):
     """Each of a --repeat is whole by itself: the same robot and sensors, other noise."""
-    method = ["--method", "static", "--no-pictures", "--no-report", "--quiet"]
+    method = ["--method", "static", "--no-report", "--quiet"]
     assert main(["calibrate", *method, *ROBOT, "--repeat", "2", "--out", str(tmp_path)]) == 0
     first, second = (result(tmp_path / name) for name in ("01", "02"))
     assert first["composite"] != second["composite"]
     assert first["truth"] == second["truth"]
     copy = cut_at(0.7, tmp_path / "02", tmp_path / "copy")
-    assert main(["calibrate", "--resume", str(copy), "--quiet", "--no-pictures"]) == 0
+    assert main(["calibrate", "--resume", str(copy), "--quiet"]) == 0
     assert result(copy) == second
 
 
 def test_a_run_that_is_complete_is_estimated_again(whole, capsys):
     before = (whole / "recording_0.mcap").read_bytes()
-    assert main(["calibrate", "--resume", str(whole), "--json", "--no-pictures"]) == 0
+    assert main(["calibrate", "--resume", str(whole), "--json"]) == 0
     captured = capsys.readouterr()
     assert captured.err == f"the run in {whole} is complete; this is what its recordings say\n"
     assert json.loads(captured.out) == json.loads((whole / "calibration.json").read_text(encoding="utf-8"))

@@ -26,7 +26,7 @@ from equipoise.recording.run_log_reader import read_log
 from equipoise.terminal.platform import print_checkup, print_rehearsal
 
 EQUIPOISE = [sys.executable, "-m", "equipoise"]
-STATIC = ["--method", "static", "--quiet", "--no-pictures", "--yes"]
+STATIC = ["--method", "static", "--quiet", "--yes"]
 
 
 @contextmanager
@@ -246,9 +246,7 @@ def test_a_mistyped_folder_is_not_made(verb, tmp_path, capsys):
     run, out = tmp_path / "run", tmp_path / "lgos" / "new" / "file"
     arguments = ["--duration", "1s"]
     if verb == "report":
-        assert (
-            main(["calibrate", "--method", "static", "--quiet", "--no-pictures", "--no-report", "--out", str(run)]) == 0
-        )
+        assert main(["calibrate", "--method", "static", "--quiet", "--no-report", "--out", str(run)]) == 0
         arguments = [str(run)]
     assert main([verb, *arguments, "--out", str(out)]) == 6
     assert f"{str(out)!r}: No such file or directory; is there such a folder" in capsys.readouterr().err

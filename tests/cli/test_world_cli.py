@@ -8,7 +8,7 @@ import pytest
 from equipoise.cli import main
 from equipoise.cli.session import Place
 
-QUIET = ["--quiet", "--no-pictures", "--no-report"]
+QUIET = ["--quiet", "--no-report"]
 
 
 def test_a_run_keeps_which_world_it_was_made_in(tmp_path):
@@ -64,8 +64,6 @@ def test_an_engine_says_what_it_cannot_have(tmp_path, capsys):
 def test_balancing_lives_on_lost_samples(tmp_path):
     flags = ["--noise", "ideal", "--with", "lost_samples=0.02", "--duration", "1s", "--diagonal", "FL_RR"]
     assert (
-        main(
-            ["lab", "balance", *flags, "--com-error=0mm", "--check", "--quiet", "--no-pictures", "--out", str(tmp_path)]
-        )
+        main(["lab", "balance", *flags, "--com-error=0mm", "--check", "--quiet", "--no-report", "--out", str(tmp_path)])
         == 0
     )

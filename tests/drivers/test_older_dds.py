@@ -41,7 +41,7 @@ TESTS = {
     "0.10.2": BYTES + ROBOTS,
     "0.10.5": BYTES,
 }  # they differ in Python alone: both are built against the same library
-STATIC = ["--method", "static", "--quiet", "--no-pictures", "--yes"]
+STATIC = ["--method", "static", "--quiet", "--yes"]
 # What programs on version 11 do that are not ours: they call a uint8 by its name, which crashes processes of 0.10.
 CRASHES_OTHERS = """
 import sys

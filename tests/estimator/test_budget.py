@@ -8,9 +8,9 @@ import pytest
 from equipoise import Calibration
 from equipoise.estimator.diagnostics.budget import GROUPS
 from equipoise.estimator.unknowns import Priors
-from equipoise.report.uncertainty import uncertainty_blocks
+from equipoise.figures.uncertainty import remedies, uncertainty_table
 from equipoise.robot.inertial import COMPONENTS
-from equipoise.terminal.uncertainty import print_budget
+from equipoise.terminal.calibration import print_budget
 
 
 def test_every_unknown_is_in_one_group():
@@ -53,9 +53,8 @@ def test_it_is_saved_read_and_shown(precise_run, tmp_path, capsys):
     shown = " ".join(capsys.readouterr().out.split())
     assert "masses and CoMs of the legs" in shown
     assert "CoM z [mm]: +- " in shown
-    percents, remedies = uncertainty_blocks(again)
-    assert len(percents["rows"]) == len(result.budget)
-    assert len(remedies["items"]) == 7
+    assert len(uncertainty_table(again).rows) == len(result.budget)
+    assert len(remedies(again)) == 7
 
 
 def test_a_method_without_a_budget_says_so(paper_result, capsys):

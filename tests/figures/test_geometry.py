@@ -21,7 +21,7 @@ from equipoise.figures.geometry import (
     robot_shapes,
     sphere,
 )
-from equipoise.report.meshes import ellipsoid
+from equipoise.report.scene import ellipsoid
 from equipoise.robot.kinematics import foot_positions
 
 LENGTHS = st.floats(0.01, 2.0)

@@ -71,7 +71,7 @@ def test_the_papers_lifts_have_their_verdicts_and_grow_more_solid(paper):
 def test_a_method_that_finds_no_lines_has_those_through_the_feet(precise):
     view = plan_view({"a1": precise}, lift_planes(precise))
     assert not view.balanced
-    at = {foot.leg: foot.position for foot in view.outline.feet}
+    at = view.outline.feet
     for line in view.support_lines:
         for leg in DIAGONALS[line.diagonal]:
             np.testing.assert_allclose(line.nearest_to(at[leg]), at[leg], atol=1e-12)

@@ -112,6 +112,6 @@ def test_a_frozen_encoder_among_coarse_ones_is_named(a1, recording, step):
 def test_a_robot_with_coarse_encoders_is_calibrated_behind_the_guard(tmp_path, coarse_engine, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # the robot process imports this module
     arguments = ["--platform", f"{__name__}:Coarse", "--set", "step=1.5e-3", "--budget", "30s", "--mass", "12.46"]
-    assert main(["calibrate", "unitree_a1", *arguments, "--yes", "--quiet", "--no-report", "--no-pictures",
+    assert main(["calibrate", "unitree_a1", *arguments, "--yes", "--quiet", "--no-report",
                  "--out", str(tmp_path / "run")]) == 0  # fmt: skip
     assert all(check.passed for check in Calibration.load(tmp_path / "run" / "calibration.json").checks)

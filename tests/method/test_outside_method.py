@@ -76,7 +76,7 @@ def test_a_run_that_was_cut_off_goes_on(run, tmp_path, capsys):
         (cut / name).unlink()
     log = (cut / "recording_0.mcap").read_bytes()
     (cut / "recording_0.mcap").write_bytes(log[: len(log) // 2])
-    assert main(["calibrate", "--resume", str(cut), "--quiet", "--no-report", "--no-pictures", "--json"]) == 0
+    assert main(["calibrate", "--resume", str(cut), "--quiet", "--no-report", "--json"]) == 0
     assert (
         json.loads(capsys.readouterr().out)["composite"]
         == Calibration.load(run / "calibration.json").composite.to_dict()
@@ -113,7 +113,7 @@ def test_its_run_is_shown_with_its_own_estimates(run, a1):
 
 
 def test_a_method_without_estimates_after_each_trial_is_not_shown_as_another(tmp_path):
-    quiet = ["--quiet", "--no-report", "--no-pictures"]
+    quiet = ["--quiet", "--no-report"]
     assert main(["calibrate", "--method", "static", *quiet, "--out", str(tmp_path / "run")]) == 0
     assert shown_estimates(tmp_path / "run") == []
 

@@ -243,18 +243,18 @@ def test_slow_joints_swing_from_the_end_of_the_ramp_to_its_begin(a1):
 
 def test_the_page_begins_with_the_motors_where_there_is_nothing_else(swung):
     contents = run_contents(swung[0])
-    assert len(contents["numbers"]["rows"]) == 12
-    assert [row[0] for row in contents["numbers"]["rows"][:2]] == ["FL_hip_joint", "FR_hip_joint"]
-    assert "Coulomb friction 0.2" in contents["lead"]
-    (motors,) = (one for one in contents["sections"] if one["id"] == "motors")
-    figures, _ = motors["blocks"]
-    for found, name in zip(figures["figures"], ("coulomb_friction", "viscous_friction"), strict=False):
-        estimates, truths = found["data"]
+    (table,) = contents.first
+    assert len(table.rows) == 12
+    assert [row[0] for row in table.rows[:2]] == ["FL_hip_joint", "FR_hip_joint"]
+    assert "Coulomb friction 0.2" in contents.lead
+    (motors,) = (one for one in contents.sections if one.name == "motors")
+    for found, name in zip(motors.blocks, ("coulomb_friction", "viscous_friction"), strict=False):
+        estimates, truths = found.data
         first = getattr(swung[0].joints["FL_hip_joint"], name)
         scale = estimates["x"][0] / first.value
         assert estimates["error_x"]["array"][0] == pytest.approx(scale * first.half, rel=1e-3)
         assert truths["x"][0] == pytest.approx(scale * first.truth, rel=1e-3)
-    assert "scene" not in {one["id"] for one in contents["sections"]}
+    assert "scene" not in {one.name for one in contents.sections}
 
 
 def test_a_result_is_saved_and_read(swung, tmp_path):

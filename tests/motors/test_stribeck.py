@@ -5,12 +5,12 @@ import pytest
 
 from equipoise import Calibration, calibrate, nominal_stance, simulate
 from equipoise.exports.found import MOTORS, columns_of
+from equipoise.figures.parts import parts_of
 from equipoise.motors.equations import motor_samples
 from equipoise.motors.fit import fit_motors
 from equipoise.motors.legs import legs_in_swing
 from equipoise.motors.method import Motors
 from equipoise.motors.stribeck import is_wanted
-from equipoise.terminal.parts import parts_of
 
 
 @pytest.fixture(scope="module")

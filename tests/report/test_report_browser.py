@@ -1,6 +1,7 @@
 """The report in a real browser: drawn whole, without a request or an error, in both themes, on paper and on a telephone."""
 
 import dataclasses
+import re
 
 import pytest
 from browser import open_browser
@@ -9,9 +10,9 @@ from equipoise.report.page import save_comparison, save_report
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
-DRAW_ALL = "() => drawAll().then(() => null)"
-DRAWN = """() => figures.map((figure) => Boolean(
-    figure.plot.querySelector(figure.block.webgl ? 'canvas' : '.cartesianlayer .trace path')))"""
+DRAW_ALL = "() => Promise.all(plots.map(draw)).then(() => null)"
+DRAWN = "() => plots.map((plot) => Boolean(plot.querySelector('canvas, .cartesianlayer .trace path')))"
+SCENE = "plots.find((plot) => plot.layout?.scene)"
 KINDS = ("precise", "paper", "comparison")
 FIGURES = {"precise": 8, "paper": 12, "comparison": 2}  # at least
 
@@ -62,7 +63,12 @@ def visit(browser):
 def test_every_figure_is_drawn_below_a_first_screen_that_holds_numbers_and_picture(visit, pages, kind):
     """Those below when they come near; the scene looks at the CoM when asked; on a telephone the page scrolls one way."""
     page = visit(pages[kind])
-    for part in ("#numbers tbody tr >> nth=0", "#numbers tbody tr >> nth=-1", "#plan-view .panels"):
+    for part in (
+        "#numbers tbody tr >> nth=0",
+        "#numbers tbody tr >> nth=-1",
+        "#plan-view .plot >> nth=0",
+        "#plan-view .plot >> nth=1",
+    ):
         box = page.locator(part).bounding_box()
         assert box["y"] >= 0
         assert box["y"] + box["height"] <= 800, part
@@ -77,7 +83,8 @@ def test_every_figure_is_drawn_below_a_first_screen_that_holds_numbers_and_pictu
     assert len(page.evaluate(DRAWN)) >= FIGURES[kind]
     if kind == "precise":
         assert_the_scene_looks_at_the_robot_or_at_the_com(page)
-    assert page.locator("#plan-view svg ellipse").count() == {"precise": 1, "paper": 0, "comparison": 1}[kind]
+    ellipses = "plots[1].data.filter((trace) => trace.name.startsWith('95 % of')).length"
+    assert page.evaluate(ellipses) == {"precise": 1, "paper": 0, "comparison": 1}[kind]
     page.set_viewport_size({"width": 400, "height": 800})
     page.wait_for_function("document.documentElement.scrollWidth <= 400")
 
@@ -86,7 +93,7 @@ def test_a_telephone_shows_every_number_with_its_verdict_and_no_word_broken(visi
     page = visit(pages["precise"], width=360, height=780)
     rows = page.locator("#numbers tbody tr")
     for row in (rows.first, rows.last):
-        for head in ("estimate", "95 %", "interval", "verdict", "truth", "error", "model", "change"):
+        for head in ("estimate", "95 % \u00b1", "interval", "verdict", "truth", "error", "model", "change"):
             box = row.locator(f'[data-head="{head}"]').bounding_box()
             assert box["x"] >= 0, head
             assert box["x"] + box["width"] <= 360, head
@@ -107,42 +114,49 @@ def test_paper_is_wide_enough_for_the_numbers(visit, pages):
     )
 
 
-def test_the_theme_is_the_systems_until_the_button_says_otherwise(visit, pages):
-    page = visit(pages["paper"], color_scheme="dark")
+def test_the_theme_is_the_systems(visit, pages):
+    """Figures are drawn on white and inverted by the style sheet, so that saved figures are always on white."""
     background = "getComputedStyle(document.body).backgroundColor"
-    button = page.locator("#theme")
-    assert button.get_attribute("aria-pressed") == "true"
-    dark = page.evaluate(background)
-    page.evaluate("draw(figures[0]).then(() => null)")
-    ink = "figures[0].plot._fullLayout.font.color"
-    ink_in_dark = page.evaluate(ink)
-    button.focus()
-    page.keyboard.press("Enter")
-    assert button.get_attribute("aria-pressed") == "false"
-    assert page.evaluate(background) == "rgb(255, 255, 255)" != dark
-    assert page.evaluate(ink) != ink_in_dark
+    plot = "getComputedStyle(plots[0]).filter"
+    dark, light = (visit(pages["paper"], color_scheme=scheme) for scheme in ("dark", "light"))
+    assert light.evaluate(background) == "rgb(255, 255, 255)" != dark.evaluate(background)
+    assert (light.evaluate(plot), dark.evaluate(plot)) == ("none", "invert(0.9) hue-rotate(180deg)")
+
+
+@pytest.mark.parametrize(("title", "start"), [("Save as SVG", b"<svg"), ("Download plot as a PNG", b"\x89PNG")])
+def test_figures_are_saved_from_the_page_without_a_network(visit, pages, tmp_path, title, start):
+    page = visit(pages["paper"])
+    page.evaluate(DRAW_ALL)
+    plot = page.locator(".plot").nth(2)
+    plot.scroll_into_view_if_needed()
+    plot.hover()
+    with page.expect_download() as download:
+        plot.locator(f'[data-title="{title}"]').click()
+    download.value.save_as(tmp_path / "figure")
+    assert (tmp_path / "figure").read_bytes().startswith(start)
 
 
 def test_paper_gets_every_figure_unasked(visit, pages):
     page = visit(pages["precise"], color_scheme="dark")
     page.pdf(path=pages["precise"].with_suffix(".pdf"), format="A4")
-    assert pages["precise"].with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+    pdf = pages["precise"].with_suffix(".pdf").read_bytes()
+    assert pdf.startswith(b"%PDF")
     assert all(page.evaluate(DRAWN))
-    assert page.evaluate("figures.find((figure) => figure.block.webgl).printed.src").startswith("data:image/png")
-    assert page.evaluate("document.documentElement.dataset.theme") == "dark"  # again
+    largest = max(int(width) for width in re.findall(rb"/Width (\d+)", pdf))
+    assert largest > 500  # the scene, whose canvas is an image on paper
 
 
 def assert_figures_below_are_drawn_when_they_come_near(page):
     page.wait_for_timeout(200)
-    assert not page.evaluate("figures.at(-1).drawn")
-    page.evaluate("figures.at(-1).plot.scrollIntoView()")
-    page.wait_for_function("figures.at(-1).drawn")
+    assert not page.evaluate("Boolean(plots.at(-1).data)")
+    page.evaluate("plots.at(-1).scrollIntoView()")
+    page.wait_for_function("Boolean(plots.at(-1).data)")
 
 
 def assert_the_scene_looks_at_the_robot_or_at_the_com(page):
-    width = "(() => { const [a, b] = figures.find((f) => f.block.webgl).plot._fullLayout.scene.xaxis.range; return b - a; })()"
+    width = f"(() => {{ const [a, b] = {SCENE}._fullLayout.scene.xaxis.range; return b - a; }})()"
     far = page.evaluate(width)
-    page.get_by_role("button", name="around the CoM").click()
+    page.locator(".updatemenu-button", has_text="around the CoM").click()
     page.wait_for_function(f"{width} < {far / 5}")
 
 
@@ -151,8 +165,8 @@ def test_without_webgl_a_sentence_stands_in_for_the_scene(visit, pages):
         HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
           return kind.includes('webgl') ? null : own.call(this, kind, ...more); };"""
     page = visit(pages["precise"], init=no_webgl)
-    page.evaluate(DRAW_ALL)
-    assert "no WebGL" in page.locator("#scene").inner_text()
+    page.evaluate("plots.forEach((plot) => Promise.resolve(draw(plot)).catch(() => null))")
+    page.wait_for_function("document.querySelector('#scene').innerText.includes('WebGL is not supported')")
 
 
 def test_a_name_is_shown_and_never_run(visit, results, tmp_path):
@@ -163,7 +177,7 @@ def test_a_name_is_shown_and_never_run(visit, results, tmp_path):
         save_comparison({name: result, "<b>other": results["precise"]}, tmp_path / "two.html"),
     ):
         page = visit(path)
-        page.evaluate("figures.filter((figure) => !figure.block.webgl).forEach((figure) => draw(figure))")
+        page.evaluate(DRAW_ALL)
         assert page.evaluate("window.hurt") is None
         assert name in page.locator("main").inner_text()
 

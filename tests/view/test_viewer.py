@@ -22,7 +22,7 @@ from equipoise.view.viewer import BROWSER, WINDOW, free_port, has_display, how_t
 
 pytest.importorskip("rerun", reason="no rerun-sdk: the view was NOT TRIED")
 EQUIPOISE = [sys.executable, "-m", "equipoise"]
-QUICK = ["calibrate", "--method", "static", "--noise", "realistic", "--no-pictures", "--no-report", "--quiet", "--json"]
+QUICK = ["calibrate", "--method", "static", "--noise", "realistic", "--no-report", "--quiet", "--json"]
 
 
 @pytest.fixture(autouse=True)

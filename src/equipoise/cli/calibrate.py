@@ -122,14 +122,12 @@ class ShownFlags(Output):
             the run folder. 'equipoise view RUN' shows any run again. The control loop does not wait for it.
         browser: With --view: serve the viewer to a browser. At a terminal it is served until Enter or Ctrl-C.
         report: Leave out the page report.html in the run folder.
-        pictures: Leave out the PNG picture.
         verbose: Show how long each stage of the estimate took.
     """
 
     view: Flag = False
     browser: Flag = False
     report: Flag = True
-    pictures: Flag = True
     verbose: Verbose = False
 
     @property
@@ -142,20 +140,12 @@ class ShownFlags(Output):
         from equipoise.terminal.calibration import print_calibration
 
         files = [folder.path / "calibration.json"]
-        if self.pictures:
-            files += if_installed(_picture, result, folder.path)
         if self.report:
             files += if_installed(_page, result, folder.path)
         if self.json:
             print(result.to_json(), end="")
         else:
             print_calibration(result, files, self.verbose, folder.path)
-
-
-def _picture(result: Calibration, folder: Path) -> list[Path]:
-    from equipoise.pictures.files import save_plan_view
-
-    return save_plan_view(result, folder)
 
 
 def _page(result: Calibration, folder: Path) -> list[Path]:

@@ -185,8 +185,7 @@ def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) 
     from equipoise.calibration.run_folder import RESULT, RunFolder
     from equipoise.cli.report import try_to_save
     from equipoise.logs.reader import is_log
-    from equipoise.terminal.calibration import print_calibration
-    from equipoise.terminal.uncertainty import print_budget
+    from equipoise.terminal.calibration import print_budget, print_calibration
 
     try:
         folder = RunFolder.open(path)
@@ -251,9 +250,8 @@ def _estimate_log(
     path: Path, robot: str, source: LogFlags, description: RobotFlags, given: Mapping[str, Any], output: EstimateOutput
 ) -> Calibration:
     from equipoise.cli.report import try_to_save
-    from equipoise.terminal.calibration import print_calibration
+    from equipoise.terminal.calibration import print_budget, print_calibration
     from equipoise.terminal.log import print_log_report
-    from equipoise.terminal.uncertainty import print_budget
 
     found = estimated_log(path, robot, source, description, given, output, output.verbose)
     result = found.result

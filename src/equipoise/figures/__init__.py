@@ -1,1 +1,1 @@
-"""What is seen of a robot and of a result, before anything draws it: shapes, and the plan view."""
+"""Tables, figures and shapes of robots and results, for every renderer."""

@@ -1,4 +1,4 @@
-"""What a robot looks like: simple bodies and meshes on its links, for pictures, pages and viewers of any kind.
+"""Shapes of a robot: simple bodies and meshes on its links, for pages and viewers.
 
 Visuals come from the user's own model file where that is still the one that was read and all its meshes are at hand; else the
 simple collision bodies of the cleaned model are taken. A link with neither gets a capsule along it, the base a box.
@@ -54,7 +54,7 @@ class Mesh:
         return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
     def moved(self, place: pin.SE3) -> Mesh:
-        """As seen from the frame that has this one at a place."""
+        """Return it in the frame in which its own frame has a placement."""
         return Mesh(self.vertices @ np.array(place.rotation).T + np.array(place.translation), self.faces)
 
 
@@ -124,7 +124,7 @@ class RobotMeshes:
 
 
 def robot_meshes(robot: RobotModel, joint_position: FloatArray) -> RobotMeshes:
-    """What a robot looks like at (nj,) joint positions [rad], coarse enough for a page that is sent by mail."""
+    """Return the meshes at (nj,) joint positions [rad], coarse enough for a page that is sent by mail."""
     shapes = robot_shapes(robot, _MOST_FACES_ON_PAGE)
     meshes = list(zip(shapes, at_posture(robot, shapes, joint_position), strict=True))
     return RobotMeshes(
@@ -219,7 +219,7 @@ def _read(robot: RobotModel, path: Path, model_format: str, what: Any, most_face
 
 
 def _package_folders(path: Path) -> list[str]:
-    """Where package://NAME/... may be: NAME is a folder above the file, or stands in one."""
+    """Return the folders for package://NAME/...: NAME is a folder above the file, or inside one."""
     return [str(folder) for folder in path.resolve().parents]
 
 
@@ -242,7 +242,7 @@ def _form(shape: Any, most_faces: int) -> tuple[Kind, tuple[float, ...], Mesh | 
 
 
 def _mended(mesh: Mesh) -> Mesh:
-    """The same mesh, or its convex hull if it has vertices that belong to no triangle.
+    """Return the mesh, or its convex hull if it has vertices that belong to no triangle.
 
     Of a file of several parts coal 3.0 counts the vertices of each part from zero, so that triangles join the wrong ones.
     """
@@ -258,7 +258,7 @@ def _mended(mesh: Mesh) -> Mesh:
 
 
 def _coarser(mesh: Mesh, most_faces: int) -> Mesh:
-    """The same mesh if it is small; else with all vertices in a cell of a grid made one."""
+    """Return a small mesh unchanged; else merge all vertices in a cell of a grid."""
     if len(mesh.faces) <= most_faces:
         return mesh
     cell = float(np.ptp(mesh.vertices, axis=0).max()) / np.sqrt(most_faces / _FACES_OF_GRID)

@@ -1,20 +1,18 @@
-"""The plan view: a robot, its support lines and its centre of mass from above, in the base frame, x forward, y left.
-
-What is in it and where is decided here, once; pictures, the report and the live view only draw it.
-"""
+"""The plan view: a robot, its support lines and its centre of mass from above, in the base frame, x forward, y left."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from equipoise.conventions import FloatArray
 from equipoise.experiments.tilt import SupportPlane
+from equipoise.figures.blocks import DASHES, INK, MUTED, ROBOT, SERIES, Figure, Trace, number, plain, short
 from equipoise.figures.geometry import Mesh, robot_meshes
 from equipoise.figures.lift_planes import LiftPlanes
 from equipoise.result.calibration import Calibration
@@ -24,12 +22,16 @@ from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
 _SMALLEST, _WIDEST = 0.003, 0.060  # [m] from the middle of the close-up to its edge
 _UPRIGHT = 0.1  # of a plane's normal that must be level for its cut to mean anything
+_MARKERS: dict[str, Trace] = {
+    "model": {"color": MUTED, "size": 11, "symbol": "square-open", "line": {"width": 2}},
+    "truth": {"color": INK, "size": 9, "symbol": "x-thin", "line": {"width": 2, "color": INK}},
+}
 _FAINTEST = 0.35  # weight of the first lift of a bisection
 
 
 @dataclass(frozen=True, eq=False)
 class Ellipse:
-    """What holds 95 % of a normal distribution in the plane.
+    """Ellipse that holds 95 % of a normal distribution in the plane.
 
     Attributes:
         major, minor: half axes [m].
@@ -46,6 +48,13 @@ class Ellipse:
         directions, (minor, major) = ellipsoid_95(covariance)
         return cls(float(major), float(minor), float(np.arctan2(directions[1, 1], directions[0, 1])))
 
+    def outline(self, centre: FloatArray) -> FloatArray:
+        """Return (n, 2) points of it around a (2,) centre [m]."""
+        around = np.linspace(0, 2 * np.pi, 73)
+        along, across = self.major * np.cos(around), self.minor * np.sin(around)
+        cos, sin = np.cos(self.angle), np.sin(self.angle)
+        return centre + np.column_stack([along * cos - across * sin, along * sin + across * cos])
+
 
 @dataclass(frozen=True, eq=False)
 class PlanMark:
@@ -56,18 +65,22 @@ class PlanMark:
         label: words for it.
         position: (2,) x and y in the base frame [m].
         ellipse: ellipse that holds it with 95 %, or None.
-        bracket: (2,) half sides along x and y of the box that brackets it [m], or None.
     """
 
     kind: Literal["found", "model", "truth"]
     label: str
     position: FloatArray
     ellipse: Ellipse | None = None
-    bracket: FloatArray | None = None
+
+    @property
+    def words(self) -> str:
+        """Label and place."""
+        x, y = (number(value, 1000, ".1f") for value in self.position)
+        return f"{self.label} x {x}, y {y} mm"
 
     @property
     def reach(self) -> float:
-        """How far it may be from its position [m]."""
+        """Largest distance of the CoM from its position [m], with 95 %."""
         return 0.0 if self.ellipse is None else self.ellipse.major
 
 
@@ -108,46 +121,30 @@ class PlanLine:
 
 
 @dataclass(frozen=True, eq=False)
-class PlanFoot:
-    """A foot.
-
-    Attributes:
-        leg: "FL", "FR", "RL" or "RR".
-        position: (2,) its centre, in the base frame [m].
-        radius: its radius [m].
-    """
-
-    leg: str
-    position: FloatArray
-    radius: float
-
-
-@dataclass(frozen=True, eq=False)
 class PlanOutline:
     """The robot at its nominal stance.
 
     Attributes:
         base: (n, 2) corners of the base's convex outline, in the base frame [m].
-        legs: (n, 2) corners likewise, of each part of a leg.
-        feet: all four, in the order of LEG_NAMES.
+        legs: (n, 2) corners of the outline of each part of a leg.
+        feet: (2,) centre of each foot [m], by leg.
     """
 
     base: FloatArray
     legs: tuple[FloatArray, ...]
-    feet: tuple[PlanFoot, ...]
+    feet: Mapping[str, FloatArray]
 
     @classmethod
     def of(cls, robot: RobotModel, joint_position: FloatArray) -> PlanOutline:
         """At (nj,) joint positions [rad]."""
         meshes = robot_meshes(robot, joint_position)
-        places = zip(LEG_NAMES, foot_positions(robot, joint_position), robot.legs.values(), strict=True)
-        feet = tuple(PlanFoot(name, place[:2], leg.foot_radius) for name, place, leg in places)
+        feet: dict[str, FloatArray] = dict(zip(LEG_NAMES, foot_positions(robot, joint_position)[:, :2], strict=True))
         return cls(_hull(meshes.base), tuple(_hull([mesh]) for mesh in meshes.legs), feet)
 
 
 @dataclass(frozen=True, eq=False)
 class PlanView:
-    """What is seen.
+    """Robot, lines and marks from above.
 
     Attributes:
         marks: centres of mass, those found first.
@@ -157,7 +154,6 @@ class PlanView:
         support_lines: line of each diagonal.
         balanced: whether those are where the robot balances; else they run through its feet.
         outline: the robot; None: its model is not at hand.
-        trail: (k, 2) estimates so far, in order, in the base frame [m].
     """
 
     marks: tuple[PlanMark, ...]
@@ -167,7 +163,6 @@ class PlanView:
     support_lines: tuple[PlanLine, ...] = ()
     balanced: bool = False
     outline: PlanOutline | None = None
-    trail: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
     @property
     def found(self) -> list[PlanMark]:
@@ -176,7 +171,7 @@ class PlanView:
 
 
 def plan_view(results: Mapping[str, Calibration], lifts: LiftPlanes = ()) -> PlanView | None:
-    """Of one result with model and truth, or of several over each other, of which the first one's robot is drawn.
+    """Return the view of one result with model and truth, or of several; the first one's robot is drawn.
 
     Args:
         results: results by the name to show.
@@ -227,7 +222,7 @@ def _close_up(marks: Sequence[PlanMark]) -> tuple[FloatArray, float]:
 
 
 def _balanced(result: Calibration, height: float) -> list[PlanLine]:
-    """Where each diagonal balances by the paper's search."""
+    """Return the line of each diagonal on which the robot balances, from the paper's search."""
     return [
         PlanLine.cut(name, SupportPlane(np.array(line.point), np.array(line.normal)), height)
         for name, line in result.support_lines.items()
@@ -235,8 +230,7 @@ def _balanced(result: Calibration, height: float) -> list[PlanLine]:
 
 
 def _through_feet(outline: PlanOutline) -> list[PlanLine]:
-    at = {foot.leg: foot.position for foot in outline.feet}
-    ends = {name: [at[leg] for leg in legs] for name, legs in DIAGONALS.items()}
+    ends = {name: [outline.feet[leg] for leg in legs] for name, legs in DIAGONALS.items()}
     return [PlanLine(name, (a + b) / 2, (a - b) / np.linalg.norm(a - b)) for name, (a, b) in ends.items()]
 
 
@@ -258,3 +252,92 @@ def _hull(meshes: Sequence[Mesh]) -> FloatArray:
     """(n, 2) corners of the convex outline of meshes, seen from above [m]."""
     corners = np.concatenate([mesh.vertices for mesh in meshes])[:, :2]
     return corners[ConvexHull(corners).vertices]
+
+
+def plan_figures(view: PlanView | None) -> list[Figure]:
+    """Return the robot from above, if its model is known, and the millimetres around its CoM."""
+    if view is None:
+        return []
+    caption = f"{'; '.join(mark.words for mark in view.marks)}."
+    layout = _frame(view.centre, view.half_width, b=150)
+    layout["xaxis"]["title"], layout["yaxis"]["title"] = {"text": "y, left [mm]"}, {"text": "x, forward [mm]"}
+    close_up = Figure("Around the centre of mass", caption, _around_com(view), layout, 430)
+    return [close_up] if view.outline is None else [_overview(view, view.outline), close_up]
+
+
+def _overview(view: PlanView, outline: PlanOutline) -> Figure:
+    """Return the robot, with the close-up as a square on it."""
+    feet = np.array(list(outline.feet.values()))
+    reach = np.abs(np.concatenate([outline.base, *outline.legs, feet])).max(axis=0) * [1.1, 1.5]
+    (x0, y0), (x1, y1) = 1000 * (view.centre - view.half_width), 1000 * (view.centre + view.half_width)
+    square = {"type": "rect", "x0": y0, "x1": y1, "y0": x0, "y1": x1, "line": {"width": 1, "color": INK}}
+    sides = ["middle left" if y > 0 else "middle right" for y in feet[:, 1]]
+    dot = {"size": 11, "color": "#ffffff", "line": {"color": INK, "width": 1.4}}
+    data = [
+        *(_path(leg, "leg", 0, ROBOT, fill="toself", fillcolor=f"{ROBOT}55") for leg in outline.legs),
+        _path(outline.base, "base", 1, ROBOT, fill="toself", fillcolor=f"{ROBOT}33"),
+        *(_support_line(line, view, np.zeros(2), 2 * float(reach.max())) for line in view.support_lines),
+        _path(feet, "feet", mode="markers+text", text=list(outline.feet), textposition=sides, marker=dot),
+        *(_mark(view, mark) for mark in view.found),
+    ]
+    layout = {**_frame(np.zeros(2), reach, b=30), "showlegend": False, "shapes": [square]}
+    return Figure("From above", "Forward is up. Feet, support lines and centre of mass.", data, layout, 430)
+
+
+def _around_com(view: PlanView) -> list[Trace]:
+    reach = 3 * view.half_width
+    lifts: list[Trace] = []
+    for line in view.lifts:
+        words = f"lift on {line.diagonal}" + ("" if line.verdict is None else f": {line.verdict}")
+        first = not any(trace["legendgroup"] == line.diagonal for trace in lifts)
+        group = {"legendgroup": line.diagonal, "showlegend": first, "text": words, "hoverinfo": "text"}
+        piece = line.piece(view.centre, reach)
+        trace = _path(piece, f"lifts on {line.diagonal}", 1, _colour(line.diagonal), opacity=0.5 * line.weight, **group)
+        lifts.append(trace)
+    lines = [_support_line(line, view, view.centre, reach) for line in view.support_lines if view.balanced]
+    ellipses: list[Trace] = []
+    for mark in view.found:
+        if mark.ellipse is not None:
+            outline, colour = mark.ellipse.outline(mark.position), _series(view, mark)
+            fill = {"fill": "toself", "fillcolor": f"{colour}33", "showlegend": False}
+            ellipses.append(_path(outline, f"95 % of {plain(mark.label)}", 1.5, colour, **fill))
+    return [*lifts, *lines, *ellipses, *(_mark(view, mark) for mark in reversed(view.marks))]
+
+
+def _path(points: FloatArray, name: str, width: float = 0, colour: str = INK, **more: Any) -> Trace:
+    """Return a trace through (n, 2) points [m]; y is across and x is up, as a reader stands behind the robot."""
+    places = {"x": short(1000 * points[:, 1], 6), "y": short(1000 * points[:, 0], 6)}
+    style = {"width": width, "color": colour}
+    return {"type": "scatter", "mode": "lines", **places, "name": name, "line": style, "hoverinfo": "name", **more}
+
+
+def _support_line(line: PlanLine, view: PlanView, centre: FloatArray, reach: float) -> Trace:
+    trace = _path(line.piece(centre, reach), f"support line {line.diagonal}", 2.4, _colour(line.diagonal))
+    trace["line"]["dash"] = DASHES[list(DIAGONALS).index(line.diagonal)]
+    return trace if view.balanced else {**trace, "name": f"line through the feet {line.diagonal}"}
+
+
+def _mark(view: PlanView, mark: PlanMark) -> Trace:
+    marker = _MARKERS.get(mark.kind) or {"color": _series(view, mark), "size": 8}
+    trace = _path(mark.position[None], f"CoM, {plain(mark.label)}", mode="markers", marker=marker)
+    return {**trace, "hovertemplate": "x %{y:.2f}, y %{x:.2f} mm"}
+
+
+def _series(view: PlanView, mark: PlanMark) -> str:
+    return SERIES[view.found.index(mark) % len(SERIES)]
+
+
+def _colour(diagonal: str) -> str:
+    return SERIES[2 + list(DIAGONALS).index(diagonal)]
+
+
+def _frame(centre: FloatArray, half: float | FloatArray, b: int) -> Trace:
+    """Return a layout of equal scales, forward up and left to the left, with a margin for the legend [px]."""
+    (low_x, low_y), (high_x, high_y) = 1000 * (centre - half), 1000 * (centre + half)
+    return {
+        "xaxis": {"range": [high_y, low_y], "constrain": "domain"},
+        "yaxis": {"range": [low_x, high_x], "constrain": "domain", "scaleanchor": "x"},
+        "legend": {"yref": "container", "y": 0, "yanchor": "bottom"},
+        "margin": {"t": 8, "r": 4, "l": 40, "b": b},
+        "hovermode": "closest",
+    }

@@ -1,4 +1,4 @@
-"""What is known only roughly, and which extra motion would help: predicted before anything moves (precise/plan.py)."""
+"""Predicted intervals after a scale or more robot time (precise/plan.py), and the motions to begin with."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.problem import Posterior, body_jacobian, total_mass
+from equipoise.figures.blocks import Block, DataTable, number
 from equipoise.precise.method import Precise
 from equipoise.precise.plan import Plan, Visit, make_plan
 from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.routine import plan_ahead
-from equipoise.report.blocks import Block, items, table, text
 from equipoise.report.parts import motors_alone
 from equipoise.result.calibration import Calibration
 from equipoise.result.shown import ROWS, called
@@ -44,16 +44,16 @@ def advice_blocks(result: Calibration) -> list[Block]:
     if robot is None:
         return []
     if motors_alone(result):
-        return [text("--what base,motors finds mass, centre of mass and inertia in the same run.")]
+        return ["--what base,motors finds mass, centre of mass and inertia in the same run."]
     posterior = result.evidence.posterior if isinstance(result.evidence, PosteriorEvidence) else None
     try:
         return _ahead(robot) if posterior is None else _further(outlook(result, robot, posterior), result)
     except EquipoiseError as error:
-        return [text(f"What extra motions would bring cannot be predicted: {error}")]
+        return [f"What extra motions would bring cannot be predicted: {error}"]
 
 
 def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Outlook:
-    """What a scale, a minute more of robot time, or both would make of the intervals.
+    """Return the intervals after a scale, a minute more of robot time, or both.
 
     Raises:
         EquipoiseError: nothing can be planned for the robot.
@@ -82,7 +82,7 @@ def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Out
 
 
 def _scale_information(posterior: Posterior, robot: RobotModel) -> FloatArray:
-    """What weighing the robot to half a percent tells."""
+    """Return the information of a scale with an error of half a percent."""
     unknowns = posterior.unknowns
     _, row = total_mass(unknowns, posterior.x)
     row = row / (_SCALE * posterior.robot_body.mass)
@@ -92,7 +92,7 @@ def _scale_information(posterior: Posterior, robot: RobotModel) -> FloatArray:
 def _in_words(plan: Plan) -> list[str]:
     """The postures that would be visited first, with their lifts."""
     return [
-        f"posture {describe(visit.posture)}: {_lifts(visit) or 'a move over planted feet'}".replace(" -", " \u2212")
+        f"posture {describe(visit.posture)}: {_lifts(visit) or 'a move over planted feet'}"
         for visit in plan.visits[:_SHOWN_MOTIONS]
     ]
 
@@ -118,20 +118,18 @@ def _further(seen: Outlook, result: Calibration) -> list[Block]:
         )
     )
     best = _best_step(seen, poor or seen.weakest)
-    columns = ["", *(f"|{name}, \u00b1" for name in seen.intervals)]
+    columns = ["parameter", *(f"|{name}, +-" for name in seen.intervals)]
     rows = [
-        [
-            label,
-            *(f"{deviation[index] * factor:{form[:1]}{int(form[1]) + 1}f}" for deviation in seen.intervals.values()),
-        ]
+        [label, *(number(half[index], factor, f"{form[:1]}{int(form[1]) + 1}f") for half in seen.intervals.values())]
         for index, (_, label, factor, form) in enumerate(ROWS)
     ]
-    more = [name for name in seen.intervals if name.endswith("more")]
-    motions = (
-        [text(f"What these {more[0]} would begin with, the most telling first:"), items(seen.motions)] if more else []
-    )
-    caption = "Half 95 % intervals, predicted for ordinary sensors"
-    return [text(said, best), table(columns, rows, caption), *motions]
+    table = DataTable("Half 95 % intervals, predicted for ordinary sensors", columns, rows)
+    more = [
+        f"What these {name} would begin with, the most telling first:"
+        for name in seen.intervals
+        if name.endswith("more")
+    ]
+    return [f"{said} {best}", table, *more[:1], *([tuple(seen.motions)] if more else [])]
 
 
 def _best_step(seen: Outlook, names: list[str]) -> str:
@@ -154,16 +152,14 @@ def _best_step(seen: Outlook, names: list[str]) -> str:
 
 
 def _ahead(robot: RobotModel) -> list[Block]:
-    """What the precise method would find."""
+    """Return the predicted intervals of the precise method."""
     plan = plan_ahead(robot, nominal_stance(robot), Precise())
     rows = [
-        [label, f"\u00b1 {NORMAL_95 * deviation * factor:{form}}"]
+        [label, number(NORMAL_95 * deviation, factor, form)]
         for (_, label, factor, form), deviation in zip(ROWS, plan.deviation, strict=True)
     ]
-    return [
-        text(
-            f"This method gives no intervals, and does not find everything. --method precise would, in "
-            f"{plan.robot_time:.0f} s of robot time, with {plan.lifts} lifts in {len(plan.visits)} postures:"
-        ),
-        table(["", "95 %"], rows, "Predicted for ordinary sensors and a scale"),
-    ]
+    said = (
+        f"This method gives no intervals, and does not find everything. --method precise would, in "
+        f"{plan.robot_time:.0f} s of robot time, with {plan.lifts} lifts in {len(plan.visits)} postures:"
+    )
+    return [said, DataTable("Predicted for ordinary sensors and a scale", ["parameter", "|95 % +-"], rows)]

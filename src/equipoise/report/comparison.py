@@ -1,15 +1,29 @@
-"""What is on the page that compares runs: of one robot or of several."""
+"""The page that compares runs, of one robot or of several."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from equipoise.errors import SettingsError
-from equipoise.figures.plan_view import plan_view
-from equipoise.report.blocks import SERIES, Block, Cell, axes, figure, plain, section, short, table, text
-from equipoise.report.contents import SCHEMA, alerts, legend
-from equipoise.report.numbers import Number, numbers, tell
-from equipoise.report.plan_view import plan_view_block
+from equipoise.figures.blocks import (
+    INK,
+    MUTED,
+    SERIES,
+    Cell,
+    DataTable,
+    Figure,
+    PageContents,
+    Section,
+    Trace,
+    axes,
+    number,
+    plain,
+    points,
+    short,
+)
+from equipoise.figures.numbers import Number, legend, numbers
+from equipoise.figures.plan_view import plan_figures, plan_view
+from equipoise.report.contents import alerts
 from equipoise.report.provenance import facts
 from equipoise.result.calibration import Calibration
 
@@ -20,8 +34,8 @@ _SHARED = (
 )
 
 
-def comparison_contents(results: dict[str, Calibration]) -> Block:
-    """The page as JSON values.
+def comparison_contents(results: dict[str, Calibration]) -> PageContents:
+    """Return the page.
 
     Raises:
         SettingsError: fewer than two runs.
@@ -30,75 +44,63 @@ def comparison_contents(results: dict[str, Calibration]) -> Block:
         raise SettingsError(f"{len(results)} runs cannot be compared; give at least two")
     shown = {name: {one.label: one for one in numbers(result)} for name, result in results.items()}
     robots = list(dict.fromkeys(result.robot for result in results.values()))
-    labels = list(dict.fromkeys(label for table_of in shown.values() for label in table_of))
-    first = next(iter(results))
-    common = [label for label in labels if sum(label in table_of for table_of in shown.values()) > 1]
-    differences = [_differences(labels, shown, first, name) for name in list(results)[1:]]
+    labels = list(dict.fromkeys(label for of_run in shown.values() for label in of_run))
+    first, *others = results
+    common = [label for label in labels if sum(label in of_run for of_run in shown.values()) > 1]
     sections = [
-        section(
-            "overlay", "Parameters", [{"type": "figures", "figures": [_overlay(label, shown) for label in common]}]
+        Section("overlay", "Parameters", [_overlay(label, shown) for label in common]),
+        Section(
+            "differences", "Differences", [_SHARED, *(_differences(labels, shown, first, name) for name in others)]
         ),
-        section("differences", "Differences", [text(_SHARED), *differences]),
-        section("provenance", "Provenance", [_provenance(results)]),
+        Section("provenance", "Provenance", [_provenance(results)]),
     ]
-    return {
-        "schema": SCHEMA,
-        "title": f"{len(results)} runs compared",
-        "subtitle": " \u00b7 ".join(robots),
-        "lead": "" if len(robots) == 1 else f"These are {len(robots)} different robots; the first one is drawn.",
-        "alerts": [
-            {"name": f"{name}: {alert['name'].lower()}", "message": alert["message"]}
-            for name, result in results.items() for alert in alerts(result)
-        ],
-        "numbers": _side_by_side(labels, shown),
-        "legend": list(dict.fromkeys(sentence for result in results.values() for sentence in legend(result))),
-        "plan_view": plan_view_block(plan_view(results)),
-        "sections": [one for one in sections if one is not None],
-    }  # fmt: skip
-
-
-def _side_by_side(labels: list[str], shown: dict[str, dict[str, Number]]) -> Block:
-    rows: list[list[Cell]] = [[label, *(_told(table_of.get(label)) for table_of in shown.values())] for label in labels]
-    return table(
-        ["", *(f"|{name}" for name in shown)], rows, "What each run found, with 95 % intervals", kind="numbers"
+    sentences = dict.fromkeys(sentence for result in results.values() for sentence in legend(result))
+    return PageContents(
+        f"{len(results)} runs compared",
+        " \u00b7 ".join(robots),
+        "" if len(robots) == 1 else f"These are {len(robots)} different robots; the first one is drawn.",
+        [_side_by_side(labels, shown), *sentences, *plan_figures(plan_view(results))],
+        sections,
+        [(f"{name}: {kind.lower()}", message) for name, result in results.items() for kind, message in alerts(result)],
     )
 
 
-def _told(one: Number | None) -> Cell:
+def _side_by_side(labels: list[str], shown: dict[str, dict[str, Number]]) -> DataTable:
+    rows = [[label, *(_cell(of_run.get(label)) for of_run in shown.values())] for label in labels]
+    heads = ["parameter", *(f"|{name}" for name in shown)]
+    return DataTable("What each run found, with 95 % intervals", heads, rows, style="numbers")
+
+
+def _cell(one: Number | None) -> Cell:
     if one is None:
-        return "\u2013"
-    half = "" if one.quantity.half is None else f" \u00b1 {one.quantity.half:{one.form}}"
-    return {"text": tell(one.value, one.form) + half, "verdict": one.quantity.verdict}
+        return Cell("-")
+    half = "" if one.quantity.half is None else f" +- {one.half}"
+    return Cell(f"{one}{half}", verdict=one.quantity.verdict or "")
 
 
-def _overlay(label: str, shown: dict[str, dict[str, Number]]) -> Block:
-    """One parameter of all runs, intervals beside each other, with truths and models."""
-    data: list[Block] = []
-    names = [name for name in shown if label in shown[name]]
-    for name in names:
-        one, series = shown[name][label], list(shown).index(name)
-        data.append({
-            "type": "scatter", "mode": "markers", "x": short([one.value], 6), "y": [plain(name)], "showlegend": False,
-            "error_x": {"type": "data", "array": short([one.quantity.half or 0.0]), "width": 6, "thickness": 2},
-            "marker": {"color": SERIES[series % 4], "symbol": _SYMBOLS[series % 4], "size": 9},
-            "hovertemplate": f"%{{x:{one.form}}}<extra></extra>",
-        })  # fmt: skip
-    for kind, symbol, colour in (("model", "line-ns-open", "--muted"), ("truth", "x-thin-open", "--ink")):
-        there = [(name, value) for name in names if (value := getattr(shown[name][label].quantity, kind)) is not None]
-        if there:
-            data.append({
-                "type": "scatter", "mode": "markers", "name": kind, "x": short([value for _, value in there], 6),
-                "y": [plain(name) for name, _ in there], "hovertemplate": f"{kind}: %{{x}}<extra></extra>",
-                "marker": {"symbol": symbol, "color": colour, "size": 12, "line": {"width": 2, "color": colour}},
-            })  # fmt: skip
+def _overlay(label: str, shown: dict[str, dict[str, Number]]) -> Figure:
+    """Return one parameter of all runs with intervals, truths and models."""
+    of_run = {name: runs[label] for name, runs in shown.items() if label in runs}
+    data: list[Trace] = []
+    for name, one in of_run.items():
+        series = list(shown).index(name) % 4
+        marker = {"color": SERIES[series], "symbol": _SYMBOLS[series], "size": 9}
+        interval = {"type": "data", "array": short([one.quantity.half or 0.0]), "width": 6, "thickness": 2}
+        data.append(points([one.value], [plain(name)], name, marker, error_x=interval, showlegend=False))
+    for kind, symbol, colour in (("model", "line-ns-open", MUTED), ("truth", "x-thin-open", INK)):
+        there = {
+            plain(name): value for name, one in of_run.items() if (value := getattr(one.quantity, kind)) is not None
+        }
+        marker = {"symbol": symbol, "color": colour, "size": 12, "line": {"width": 2, "color": colour}}
+        data += [points(there.values(), list(there), kind, marker)] if there else []
     layout = axes(label, "")
-    layout["yaxis"] = {"type": "category", "autorange": "reversed", "automargin": True}
-    caption = "; ".join(f"{name}: {tell(shown[name][label].value, shown[name][label].form)}" for name in names)
-    return figure(label, caption, data, layout, height=150 + 34 * len(names))
+    layout["yaxis"] = {"type": "category", "autorange": "reversed"}
+    caption = "; ".join(f"{name}: {one}" for name, one in of_run.items())
+    return Figure(label, caption, data, layout, height=150 + 34 * len(of_run))
 
 
-def _differences(labels: list[str], shown: dict[str, dict[str, Number]], first: str, other: str) -> Block:
-    rows: list[list[Cell]] = []
+def _differences(labels: list[str], shown: dict[str, dict[str, Number]], first: str, other: str) -> DataTable:
+    rows: list[list[str | Cell]] = []
     for label in labels:
         a, b = shown[first].get(label), shown[other].get(label)
         if a is None or b is None:
@@ -108,18 +110,17 @@ def _differences(labels: list[str], shown: dict[str, dict[str, Number]], first: 
         half = None if one is None or two is None else float(np.hypot(one, two))
         differs = half is not None and abs(difference) > half
         said = "" if half is None else "differs" if differs else "within the interval"
-        cell: Cell = {"text": tell(difference, "+" + form), "tone": "strong" if differs else ""}
-        rows.append([label, cell, "" if half is None else f"\u00b1 {half:{form}}", said])
-    return table(["", "|difference", "95 %", ""], rows, f"{other} less {first}")
+        cell = Cell(number(difference, 1, "+" + form), "strong" if differs else "")
+        rows.append([label, cell, "" if half is None else number(half, 1, form), said])
+    return DataTable(f"{other} less {first}", ["parameter", "|difference", "|95 % +-", ""], rows)
 
 
-def _provenance(results: dict[str, Calibration]) -> Block:
-    """Facts side by side; those that differ stand out."""
+def _provenance(results: dict[str, Calibration]) -> DataTable:
+    """Return facts side by side; those that differ are strong."""
     by_run = {name: facts(result) for name, result in results.items()}
-    names = list(dict.fromkeys(fact for of_run in by_run.values() for fact in of_run))
-    rows: list[list[Cell]] = []
-    for fact in names:
-        values = [of_run.get(fact, "\u2013") for of_run in by_run.values()]
+    rows: list[list[str | Cell]] = []
+    for fact in dict.fromkeys(fact for of_run in by_run.values() for fact in of_run):
+        values = [of_run.get(fact, "-") for of_run in by_run.values()]
         tone = "strong" if len(set(values)) > 1 else ""
-        rows.append([fact, *({"text": value, "tone": tone} for value in values)])
-    return table(["", *by_run], rows, "Where the runs come from; what differs is bold")
+        rows.append([fact, *(Cell(value, tone) for value in values)])
+    return DataTable("Where the runs come from; what differs is bold", ["fact", *by_run], rows)

@@ -1,4 +1,4 @@
-"""From contents to one self-contained file; importing it raises MissingDependencyError where Plotly is not installed."""
+"""Pages as self-contained files; importing it raises MissingDependencyError where Plotly is not installed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import html
 import json
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from equipoise._version import __version__
 from equipoise.errors import MissingDependencyError
@@ -14,27 +13,52 @@ from equipoise.errors import MissingDependencyError
 try:
     from plotly.offline import get_plotlyjs
 except ModuleNotFoundError as error:
-    raise MissingDependencyError("reports need Plotly: pip install 'equipoise[pictures]'") from error
+    raise MissingDependencyError("reports need Plotly: pip install 'equipoise[report]'") from error
 
+from equipoise.figures.blocks import INK, MUTED, SERIES, Figure, PageContents, Trace
 from equipoise.report.comparison import comparison_contents
 from equipoise.report.contents import run_contents
+from equipoise.report.html import document_html, figures_of
 from equipoise.result.calibration import Calibration
 from equipoise.user_file import write_file
 
 REPORT = "report.html"
-_SCRIPTS = ("tables.js", "plan_view.js", "figures.js", "page.js")
+_GRID = "#dde1e5"
+_AXIS = {
+    "gridcolor": _GRID, "zerolinecolor": _GRID, "linecolor": MUTED, "tickcolor": _GRID, "ticks": "outside",
+    "automargin": True,
+}  # fmt: skip
+_SPATIAL = {"gridcolor": _GRID, "zerolinecolor": _GRID, "color": MUTED, "backgroundcolor": "rgba(0,0,0,0)"}
+_TEMPLATE: Trace = {
+    "layout": {
+        "colorway": SERIES,
+        "font": {
+            "family": "system-ui, 'Segoe UI', Roboto, 'Liberation Sans', Arial, sans-serif",
+            "size": 12,
+            "color": INK,
+        },
+        "margin": {"l": 56, "r": 12, "t": 28, "b": 44},
+        "paper_bgcolor": "#ffffff",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0},
+        "xaxis": _AXIS,
+        "yaxis": _AXIS,
+        "scene": {"xaxis": _SPATIAL, "yaxis": _SPATIAL, "zaxis": _SPATIAL},
+        "bargap": 0.15,
+    }
+}
 
 
 def save_report(result: Calibration, path: str | Path) -> Path:
-    """Write the page of a run: to a file in a folder that is there, or as report.html into such a folder.
+    """Write the page of a run: to a file in an existing folder, or as report.html into such a folder.
 
-    A result of `calibrate`, `RunFolder.estimate` or `estimate_log` has all it can show; one from a JSON file lacks
-    what only recordings tell.
+    A result of `calibrate`, `RunFolder.estimate` or `estimate_log` has all that a page can show. One from a JSON file lacks
+    what needs the recordings.
 
     Raises:
         OutputError: it cannot be written.
     """
-    return _save(run_contents(result), path)
+    return save_page(run_contents(result), path)
 
 
 def save_comparison(results: dict[str, Calibration], path: str | Path) -> Path:
@@ -44,36 +68,39 @@ def save_comparison(results: dict[str, Calibration], path: str | Path) -> Path:
         SettingsError: fewer than two.
         OutputError: it cannot be written.
     """
-    return _save(comparison_contents(results), path)
+    return save_page(comparison_contents(results), path)
 
 
-def _save(contents: dict[str, Any], path: str | Path) -> Path:
+def save_page(document: PageContents, path: str | Path) -> Path:
+    """Write a page; raises OutputError if that fails."""
     path = Path(path)
     path = path / REPORT if path.is_dir() else path
-    write_file(path, page(contents), "the report ")
+    write_file(path, page(document), "the report ")
     return path
 
 
-def page(contents: dict[str, Any]) -> str:
-    """The whole page as text."""
+def page(document: PageContents) -> str:
+    """Return a whole page as text."""
     folder = files("equipoise.report") / "page"
-
-    def read(name: str) -> str:
-        return (folder / name).read_text(encoding="utf-8")
-
+    links, body = document_html(document)
     parts = {
-        "title": html.escape(f"{contents['title']}: equipoise"),
+        "title": html.escape(document.title),
         "version": html.escape(__version__),
-        "style": read("style.css"),
-        "contents": _json(contents),
-        "scripts": "\n".join(read(name) for name in _SCRIPTS),
+        "style": (folder / "style.css").read_text(encoding="utf-8"),
+        "links": links,
+        "body": body,
         "plotly": get_plotlyjs(),
+        "figures": _json([_plotly(figure) for figure in figures_of(document)]),
     }
-    head, *rest = read("page.html").split("{{")
+    head, *rest = (folder / "page.html").read_text(encoding="utf-8").split("{{")
     return head + "".join(parts[name] + after for name, after in (part.split("}}", 1) for part in rest))
 
 
-def _json(contents: dict[str, Any]) -> str:
-    """JSON that no string in it can end the script element that holds it."""
-    text = json.dumps(contents, separators=(",", ":"), allow_nan=False)
+def _plotly(figure: Figure) -> tuple[list[Trace], Trace]:
+    return figure.data, {"template": _TEMPLATE, "height": figure.height, **figure.layout}
+
+
+def _json(figures: list[tuple[list[Trace], Trace]]) -> str:
+    """Return JSON in which no text can end the script element around it."""
+    text = json.dumps(figures, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

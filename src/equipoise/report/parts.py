@@ -1,43 +1,38 @@
-"""What was found about each joint's motor and each link: a table, left above right, and a figure for each quantity."""
+"""Estimated properties of motors and links: a table, and a figure for each property."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from equipoise.report.blocks import SERIES, Block, axes, figure, plain, short, table, text
+from equipoise.figures.blocks import INK, SERIES, Block, Figure, axes, plain, points, short
+from equipoise.figures.parts import Parts, parts_of
 from equipoise.result.calibration import Calibration
 from equipoise.result.shown import Shown
-from equipoise.terminal.parts import Parts, parts_of
 
 LINKS, MOTORS = "links", "motors"
+_LOOKS = {
+    "model": {"color": INK, "symbol": "circle-open", "size": 7},
+    "truth": {"color": INK, "symbol": "x-thin", "size": 7, "line": {"width": 1.6, "color": INK}},
+}
 
 
 def part_blocks(result: Calibration, kind: str) -> list[Block]:
-    """Of "motors" or "links": nothing, if the run did not look at them; without the table, if the page begins with it."""
+    """Return table and figures of "motors" or "links"; the table is left out where the first screen has it."""
     blocks: list[Block] = []
     for parts in parts_of(result):
         if parts.kind == kind:
-            figures = [_figure(parts, one) for one in parts.columns]
-            leading = [] if motors_alone(result) else [part_table(parts)]
-            blocks += [*leading, {"type": "figures", "figures": figures}, text(parts.remark)]
+            leading = [] if motors_alone(result) else [parts.table()]
+            blocks += [*leading, *(_figure(parts, one) for one in parts.columns), parts.remark]
     return blocks
 
 
 def motors_alone(result: Calibration) -> bool:
-    """Whether the run looked at motors and nothing else."""
+    """Return whether the run estimated motors and nothing else."""
     return bool(result.motors) and result.composite.mass.value is None
 
 
-def part_table(parts: Parts) -> Block:
-    """All that was found about them."""
-    rows = [[name, *(cell.replace("-", "\u2212") for cell in cells)] for name, *cells in parts.rows(" \u00b1 ")]
-    columns = [parts.each, *(f"|{one.label}" for one in parts.columns)]
-    title = f"Each {parts.each}'s motor" if parts.kind == MOTORS else f"Each {parts.each}"
-    return table(columns, rows, f"{title}, {' '.join(['half 95 % intervals; left above right.', *parts.legend])}")
-
-
 def motor_sentence(result: Calibration) -> str:
-    """What was found about motors, in short; empty if nothing."""
+    """Return the ranges of what was estimated of motors; empty if there is nothing."""
     said: list[str] = []
     for parts in parts_of(result):
         for one in parts.columns if parts.kind == MOTORS else ():
@@ -49,39 +44,19 @@ def motor_sentence(result: Calibration) -> str:
     return f"Of its motors: {', '.join(said)}." if said else ""
 
 
-def _figure(parts: Parts, shown: Shown) -> Block:
-    """Estimates with their intervals, the first part on top."""
-    names = [plain(name) for name in parts.found]
-    found = parts.of(shown.name)
-    values, halves, truths = (
-        [np.nan if getattr(one, what) is None else shown.factor * getattr(one, what) for one in found]
-        for what in ("value", "half", "truth")
-    )
-    data: list[Block] = [{
-        "type": "scatter", "mode": "markers", "name": "found, 95 %", "x": short(values), "y": names,
-        "error_x": {"type": "data", "array": short(halves), "color": SERIES[0], "thickness": 1.4, "width": 3},
-        "marker": {"color": SERIES[0], "size": 7}, "hovertemplate": "%{y}: %{x}<extra></extra>",
-    }]  # fmt: skip
-    models = [np.nan if one.model is None else shown.factor * one.model for one in found]
-    if np.isfinite(models).any():
-        data.append({
-            "type": "scatter", "mode": "markers", "name": "model file", "x": short(models), "y": names,
-            "marker": {"color": "--ink", "symbol": "circle-open", "size": 7},
-            "hovertemplate": "%{y}: %{x}, model<extra></extra>",
-        })  # fmt: skip
-    if np.isfinite(truths).any():
-        data.append({
-            "type": "scatter", "mode": "markers", "name": "truth", "x": short(truths), "y": names,
-            "marker": {"color": "--ink", "symbol": "x-thin", "size": 7, "line": {"width": 1.6, "color": "--ink"}},
-            "hovertemplate": "%{y}: %{x}, truth<extra></extra>",
-        })  # fmt: skip
+def _figure(parts: Parts, shown: Shown) -> Figure:
+    """Return estimates with their intervals, the first part on top."""
+    names, found = [plain(name) for name in parts.found], parts.of(shown.name)
+    values = {
+        what: [np.nan if (value := getattr(one, what)) is None else shown.factor * value for one in found]
+        for what in ("value", "half", "model", "truth")
+    }
+    interval = {"type": "data", "array": short(values["half"]), "color": SERIES[0], "thickness": 1.4, "width": 3}
+    data = [points(values["value"], names, "estimate, 95 %", {"color": SERIES[0], "size": 7}, error_x=interval)]
+    data += [
+        points(values[what], names, what, look) for what, look in _LOOKS.items() if np.isfinite(values[what]).any()
+    ]
     layout = axes(shown.label, "")
-    layout["yaxis"] |= {"automargin": True, "autorange": "reversed"}
-    beside = ", and what was simulated" if np.isfinite(truths).any() else ""
-    return figure(
-        shown.words.capitalize(),
-        f"Of each {parts.each}, with its 95 % interval{beside}.",
-        data,
-        layout,
-        height=110 + 20 * len(names),
-    )
+    layout["yaxis"] |= {"autorange": "reversed"}
+    caption = f"Of each {parts.each}, with its 95 % interval."
+    return Figure(shown.words.capitalize(), caption, data, layout, height=110 + 20 * len(names))

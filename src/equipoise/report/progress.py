@@ -1,4 +1,4 @@
-"""How the precise method's intervals narrowed, motion by motion."""
+"""Intervals of the precise method after each motion."""
 
 from __future__ import annotations
 
@@ -9,38 +9,31 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.problem import Posterior, body_jacobian
-from equipoise.report.blocks import Block, axes, figure, line
+from equipoise.figures.blocks import Figure, Trace, axes, line
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, components
 
 
-def progress_figures(result: Calibration) -> Block | None:
-    """Half the 95 % intervals of CoM and moments against robot time; None without a posterior."""
+def progress_figures(result: Calibration) -> list[Figure]:
+    """Return half the 95 % intervals of CoM and moments against robot time; none without a posterior."""
     evidence = result.evidence
     if not isinstance(evidence, PosteriorEvidence):
-        return None
+        return []
     posterior = evidence.posterior
-    durations = [motion.duration for motion in evidence.motions]
     deviation = deviations_by_motion(posterior, [motion.index for motion in evidence.motions])
-    time = np.cumsum([0.0, *durations])
-    half = NORMAL_95 * deviation
-    body = components(posterior.robot_body)
-    caption = "By what each motion told, added up in the order in which they were done."
-    com = [line(time, 1000 * half[:, k], f"CoM {COMPONENTS[k][-1]}", k - 1) for k in (1, 2, 3)]
-    inertia = [line(time, 100 * half[:, k] / body[k], COMPONENTS[k], k - 4) for k in (4, 5, 6)]
-    return {
-        "type": "figures",
-        "figures": [
-            figure("How the centre of mass became known", caption, com, _log("95 % \u00b1 [mm]", 1000 * half[:, 1:4])),
-            figure(
-                "How the moments became known",
-                caption,
-                inertia,
-                _log("95 % \u00b1 [%]", 100 * half[:, 4:7] / body[4:7]),
-            ),
-        ],
-    }
+    time = np.cumsum([0.0, *(motion.duration for motion in evidence.motions)])
+    com = 1000 * NORMAL_95 * deviation[:, 1:4]
+    inertia = 100 * NORMAL_95 * deviation[:, 4:7] / components(posterior.robot_body)[4:7]
+    shown = (
+        ("How the centre of mass became known", com, ("CoM x", "CoM y", "CoM z"), "95 % \u00b1 [mm]"),
+        ("How the moments became known", inertia, COMPONENTS[4:7], "95 % \u00b1 [%]"),
+    )
+    caption = "From the information of each motion, added up in the order of the motions."
+    return [
+        Figure(title, caption, [line(time, half[:, k], name, k) for k, name in enumerate(names)], _log(label, half))
+        for title, half, names, label in shown
+    ]
 
 
 def deviations_by_motion(posterior: Posterior, motions: list[int]) -> FloatArray:
@@ -54,7 +47,7 @@ def deviations_by_motion(posterior: Posterior, motions: list[int]) -> FloatArray
     return np.array(path)
 
 
-def _log(label: str, values: FloatArray) -> Block:
+def _log(label: str, values: FloatArray) -> Trace:
     """A layout with a logarithmic axis that reads 1, 2, 5, 10, 20, 50; Plotly's own leaves out the noughts."""
     layout = axes("robot time [s]", label)
     decades = range(math.floor(math.log10(values.min())), math.ceil(math.log10(values.max())) + 1)

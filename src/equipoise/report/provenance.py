@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from equipoise.report.blocks import Block, table
-from equipoise.report.numbers import tell
+from equipoise.figures.blocks import Block, DataTable, number
 from equipoise.result.calibration import Calibration
 
 
@@ -26,25 +25,18 @@ def facts(result: Calibration) -> dict[str, str]:
 
 
 def provenance_blocks(result: Calibration) -> list[Block]:
-    """Facts, settings and the stance as tables."""
-    settings = dict(
-        _flat({name: value for name, value in result.settings.items() if name not in _others(result)}, "not given")
-    )
-    stance, held = (
-        [[name, tell(q, ".4f"), tell(float(np.degrees(q)), ".2f")] for name, q in joints.items()]
-        for joints in (result.joint_position, result.held)
-    )
-    return [
-        table(["what", "value"], [list(row) for row in facts(result).items()], "Where this comes from"),
-        table(["joint", "|[rad]", "|[deg]"], stance, "Joint positions of the stance that all refers to", folded=True),
-        *_held_table(held),
-        table(["setting", "value"], [list(row) for row in settings.items()], "All settings", folded=True),
-    ]
-
-
-def _held_table(rows: list[list[str]]) -> list[Block]:
-    about = "Joints that were held still, and count as part of the base"
-    return [table(["joint", "|[rad]", "|[deg]"], rows, about)] if rows else []
+    """Return facts, settings and the stance as tables."""
+    used = {name: value for name, value in result.settings.items() if name not in _others(result)}
+    blocks: list[Block] = [DataTable("Where this comes from", ["fact", "value"], list(facts(result).items()))]
+    joints = {
+        "Joint positions of the stance that all refers to": result.joint_position,
+        "Joints that were held still, and count as part of the base": result.held,
+    }
+    for title, positions in joints.items():
+        rows = [[name, number(q, 1, ".4f"), number(float(np.degrees(q)), 1, ".2f")] for name, q in positions.items()]
+        blocks += [DataTable(title, ["joint", "|[rad]", "|[deg]"], rows, folded=True)] if rows else []
+    settings = dict(_flat(used, "not given"))
+    return [*blocks, DataTable("All settings", ["setting", "value"], list(settings.items()), folded=True)]
 
 
 def _others(result: Calibration) -> set[str]:

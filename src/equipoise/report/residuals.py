@@ -1,31 +1,45 @@
-"""How the motions fit, and how well those are predicted that an estimate has not seen."""
+"""Residuals of the motions, and held-out predictions."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
+from equipoise.figures.blocks import (
+    SERIES,
+    Block,
+    Cell,
+    DataTable,
+    Figure,
+    Trace,
+    axes,
+    level,
+    line,
+    pieces,
+    plain,
+    points,
+    short,
+)
 from equipoise.figures.lift_planes import LiftPlanes
-from equipoise.report.blocks import SERIES, Block, Cell, axes, figure, line, plain, short, table, text
 from equipoise.result.calibration import Calibration
 from equipoise.result.held_out import FOUND
 
 _KINDS = (("lift", "lift", ""), ("posture", "move over planted feet", "/"), ("walk", "walk, its worst step", "\\"))
 _OUT = "x"
+_RATIO = "residual over what noise explains"
 
 
-def residual_figures(result: Calibration, planes: LiftPlanes) -> Block | None:
-    """What there is of them for the method."""
-    figures = [*_misfits(result), *_plane_misses(result, planes), *_tilt_by_offset(result)]
-    return {"type": "figures", "figures": figures} if figures else None
+def residual_figures(result: Calibration, planes: LiftPlanes) -> list[Figure]:
+    """Return the figures that apply to the method."""
+    return [*_misfits(result), *_plane_misses(result, planes), *_tilt_by_offset(result)]
 
 
-def _misfits(result: Calibration) -> list[Block]:
+def _misfits(result: Calibration) -> list[Figure]:
     told = [(number, trial) for number, trial in enumerate(result.trials, start=1) if trial.misfit is not None]
     if not told:
         return []
-    bars: list[Block] = []
-    spreads: list[Block] = []
+    bars: list[Trace] = []
+    spreads: list[Trace] = []
     for series, (kind, name, pattern) in enumerate(_KINDS):
         mine = [(number, trial) for number, trial in told if trial.kind == kind]
         if not mine:
@@ -44,19 +58,17 @@ def _misfits(result: Calibration) -> list[Block]:
             "marker": {**colour, "pattern": {"shape": pattern}},
         })  # fmt: skip
     middle = float(np.median([trial.misfit or 0.0 for _, trial in told]))
-    layout = axes("motion", "residual over what noise explains")
-    layout["shapes"] = [{"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1,
-                         "line": {"color": "--muted", "dash": "dash", "width": 1}}]  # fmt: skip
+    layout = axes("motion", _RATIO)
+    layout["shapes"] = [level(1)]
     about_one = "1: as the sensors' noise has it. Crossed bars were left out."
     return [
-        figure("Misfit of each motion", about_one, bars, layout),
-        figure("How the misfits spread", f"Median {middle:.2f}.", spreads,
-               axes("residual over what noise explains", "motions", barmode="stack")),
-    ]  # fmt: skip
+        Figure("Misfit of each motion", about_one, bars, layout),
+        Figure("How the misfits spread", f"Median {middle:.2f}.", spreads, axes(_RATIO, "motions", barmode="stack")),
+    ]
 
 
-def _plane_misses(result: Calibration, planes: LiftPlanes) -> list[Block]:
-    """How far each lift's support plane passes by the CoM found, without any sensor bias taken into account."""
+def _plane_misses(result: Calibration, planes: LiftPlanes) -> list[Figure]:
+    """Return the distances of the lifts' support planes from the estimated CoM, without any sensor bias."""
     com = result.composite.com_in_base.values
     if not np.isfinite(com).all():
         return []
@@ -68,35 +80,22 @@ def _plane_misses(result: Calibration, planes: LiftPlanes) -> list[Block]:
         "share is sensor errors, which the estimate finds; hence its smaller interval."
     )
     data = [{"type": "histogram", "x": short(misses), "marker": {"color": SERIES[0]}, "nbinsx": 24, "name": "lifts"}]
-    return [
-        figure(
-            "How far the support planes pass by the CoM",
-            caption,
-            data,
-            axes("distance, CoM ahead positive [mm]", "lifts"),
-        )
-    ]
+    layout = axes("distance, CoM ahead positive [mm]", "lifts")
+    return [Figure("How far the support planes pass by the CoM", caption, data, layout)]
 
 
-def _tilt_by_offset(result: Calibration) -> list[Block]:
-    """Tilt against offset of the paper's lifts: it must change its sign at the line that was found."""
-    data: list[Block] = []
+def _tilt_by_offset(result: Calibration) -> list[Figure]:
+    """Return tilt against offset of the paper's lifts: it must change its sign at the line that was found."""
+    data: list[Trace] = []
     for series, (diagonal, found) in enumerate(result.support_lines.items()):
         mine = [trial for trial in result.trials if trial.about == diagonal and trial.tilt is not None]
-        data.append({
-            "type": "scatter", "mode": "markers", "name": f"lifts on {diagonal}",
-            "x": short(1000 * (trial.offset or 0.0) for trial in mine),
-            "y": short(np.degrees(trial.tilt or 0.0) for trial in mine),
-            "marker": {"color": SERIES[series], "symbol": ("circle", "diamond")[series % 2], "size": 9},
-        })  # fmt: skip
-        data.append({
-            "type": "scatter", "mode": "lines", "name": f"balance on {diagonal}", "x": short([1000 * found.offset] * 2),
-            "y": [-1, 1], "line": {"color": SERIES[series], "dash": ("solid", "dash")[series % 2], "width": 1},
-        })  # fmt: skip
+        offsets, tilts = (1000 * (one.offset or 0.0) for one in mine), np.degrees([one.tilt or 0.0 for one in mine])
+        marker = {"color": SERIES[series], "symbol": ("circle", "diamond")[series], "size": 9}
+        data.append(points(offsets, short(tilts), f"lifts on {diagonal}", marker))
+        data.append(line([1000 * found.offset] * 2, [-1, 1], f"balance on {diagonal}", series, line={"width": 1}))
     caption = "Behind the centre of mass the robot tips forward, ahead of it backward."
-    return (
-        [figure("Tilt by offset", caption, data, axes("offset of the support line [mm]", "tilt [deg]"))] if data else []
-    )
+    layout = axes("offset of the support line [mm]", "tilt [deg]")
+    return [Figure("Tilt by offset", caption, data, layout)] if data else []
 
 
 def held_out_blocks(result: Calibration) -> list[Block]:
@@ -109,11 +108,11 @@ def held_out_blocks(result: Calibration) -> list[Block]:
         for body in predicted.bodies
         if body != FOUND
     )
-    said = text(
+    said = (
         f"{predicted.counted} were each predicted from {predicted.others} alone. Errors are "
         f"{1000 * predicted.error(FOUND):.2f} mm rms at the centre of mass; {beside}."
     )
-    rows: list[list[Cell]] = [
+    rows: list[list[str | Cell]] = [
         [body, f"{1000 * predicted.error(body):.2f}", f"{_in_intervals(result, body):.1f}",
          f"{predicted.inside(body)} of {len(predicted.lifts)}"]
         for body in reversed(predicted.bodies)
@@ -121,7 +120,7 @@ def held_out_blocks(result: Calibration) -> list[Block]:
     columns = ["body", "|rms error [mm]", "|over half the interval", "|inside the interval"]
     kind = predicted.lifts[0].kind
     caption = f"At each {kind}'s end; sensors and floor as found without {predicted.left_out}, for all bodies"
-    return [said, *_errors_over_time(result), table(columns, rows, caption)]
+    return [said, *_errors_over_time(result), DataTable(caption, columns, rows)]
 
 
 def _in_intervals(result: Calibration, body: str) -> float:
@@ -129,30 +128,15 @@ def _in_intervals(result: Calibration, body: str) -> float:
     return float(np.sqrt(np.mean([lift.intervals[body] ** 2 for lift in result.held_out.lifts])))
 
 
-def _errors_over_time(result: Calibration) -> list[Block]:
+def _errors_over_time(result: Calibration) -> list[Figure]:
     evidence = result.evidence
     if not isinstance(evidence, PosteriorEvidence) or not evidence.predictions:
         return []
-    lines: list[Block] = []
-    for series, body in enumerate(reversed(tuple(evidence.predictions[0].errors))):
-        time: list[float] = []
-        error: list[float] = []
-        for lift in evidence.predictions:  # a gap after each
-            time += [*lift.time, np.nan]
-            error += [*(1000 * lift.height * lift.errors[body]), np.nan]
-        lines.append(line(time, error, body, series, line={"width": 1}))
+    lines = [
+        pieces([(one.time, 1000 * one.height * one.errors[body]) for one in evidence.predictions], body, series)
+        for series, body in enumerate(reversed(tuple(evidence.predictions[0].errors)))
+    ]
     kind = evidence.predictions[0].kind
     caption = f"A line a {kind}: measured less predicted tilt about the support line, as a way of the centre of mass."
-    return [
-        {
-            "type": "figures",
-            "figures": [
-                figure(
-                    f"{kind.capitalize()}s it has not seen",
-                    caption,
-                    lines,
-                    axes("time on two feet [s]", "error of the tilt [mm]"),
-                )
-            ],
-        }
-    ]
+    layout = axes("time on two feet [s]", "error of the tilt [mm]")
+    return [Figure(f"{kind.capitalize()}s it has not seen", caption, lines, layout)]

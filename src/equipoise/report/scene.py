@@ -7,83 +7,78 @@ from collections.abc import Sequence
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.figures.geometry import Mesh, robot_meshes
+from equipoise.experiments.tilt import SupportPlane
+from equipoise.figures.blocks import DASHES, INK, MUTED, ROBOT, SERIES, Figure, Trace
+from equipoise.figures.geometry import Mesh, robot_meshes, sphere
 from equipoise.figures.lift_planes import LiftPlanes
-from equipoise.report.blocks import SERIES, Block, figure
-from equipoise.report.meshes import ellipsoid, merged
-from equipoise.report.scene_planes import outlines, surfaces
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import ellipsoid_95
 from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.model import DIAGONALS
 
 _SEEN = 0.12  # size at which the ellipsoid is drawn beside the robot, over the hip height
+_COLOURS = dict(zip(DIAGONALS, SERIES[2:], strict=True))
+_CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
-def scene(result: Calibration, found: LiftPlanes) -> Block | None:
-    """The interactive scene, with the planes of all lifts; None without the robot's model."""
+def scene(result: Calibration, planes: LiftPlanes) -> list[Figure]:
+    """Return the scene with its two views: the robot, and the space around the CoM; none without the robot's model."""
     robot = result.robot_model
     if robot is None:
-        return None
+        return []
     position = np.array([result.joint_position[name] for name in robot.joint_names])
-    feet = foot_positions(robot, position)
-    size = float(-feet[:, 2].mean())
-    looks_like = robot_meshes(robot, position)
-    com = _com(result)
-    near, far, said = _ellipsoids(result, com, size)
+    size = float(-foot_positions(robot, position)[:, 2].mean())
+    meshes = robot_meshes(robot, position)
+    com = np.where(np.isnan(found := result.composite.com_in_base.values), result.nominal.composite.com, found)
     reach = _reach(result, com)
-    robot_and_planes = [
-        _body(looks_like.base, "base", 0.25), _body(looks_like.legs, "leg", 0.55),
-        *surfaces(result, found, com, (0.8 * size, size, 0.5 * size)),
-    ]  # fmt: skip
-    whole = [*robot_and_planes, *far]
-    close = [*near, *surfaces(result, found, com, (reach, reach, reach)), *outlines(found, com, reach)]
+    links = [_body(meshes.base, "base", 0.25), _body(meshes.legs, "leg", 0.55)]
+    surfaces = _surfaces(result, planes, com, (0.8 * size, size, 0.5 * size))
+    ellipsoids, words = _ellipsoids(result, com, size)
+    whole = [*links, *surfaces, *ellipsoids[1:]]
+    close = [*ellipsoids[:1], *_surfaces(result, planes, com, (reach, reach, reach)), *_outlines(planes, com, reach)]
     marks = _marks(result, com)
     looks = {
-        "whole robot": _scene(_extent(robot_and_planes, 0.05 * size)),
-        "around the CoM": _scene([(value - reach, value + reach) for value in com]),
+        "whole robot": (_scene(_extent([*links, *surfaces], 0.05 * size)), True),
+        "around the CoM": (_scene([(value - reach, value + reach) for value in com]), False),
     }
-    views = [
-        {
-            "label": name, "layout": {"scene": look},
-            "visible": [*([first] * len(whole)), *([True] * len(marks)), *([not first] * len(close))],
-        }
-        for (name, look), first in zip(looks.items(), (True, False), strict=True)
+    buttons = [
+        {"label": name, "method": "update", "args": [
+            {"visible": [robot] * len(whole) + [True] * len(marks) + [not robot] * len(close)}, {"scene": look},
+        ]}
+        for name, (look, robot) in looks.items()
     ]  # fmt: skip
     layout = {
-        "scene": looks["whole robot"],
+        "scene": looks["whole robot"][0],
         "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
-        "legend": {"y": 0, "yanchor": "top"},  # below the robot, not over it
+        "legend": {"y": 0, "yanchor": "top"},
+        "updatemenus": [
+            {"type": "buttons", "direction": "right", "buttons": buttons, "x": 0, "xanchor": "left", "y": 1}
+        ],
     }
-    source = "" if looks_like.own else " Links without a shape that can be read are drawn as stand-ins."
-    caption = f"The robot at its nominal stance; drag to turn, scroll to zoom. {said}{source}"
-    data = [*whole, *marks, *close]
-    return figure("Support planes and centre of mass", caption, data, layout, height=560, views=views, webgl=True)
+    source = "" if meshes.own else " Links without a shape that can be read are drawn as stand-ins."
+    caption = f"The robot at its nominal stance; drag to turn, scroll to zoom.{words}{source}"
+    data = [*whole, *marks, *({**trace, "visible": False} for trace in close)]
+    return [Figure("Support planes and centre of mass", caption, data, layout, height=560)]
 
 
-def _com(result: Calibration) -> FloatArray:
-    """As found; what was not found is the model's."""
-    found = result.composite.com_in_base.values
-    return np.where(np.isnan(found), result.nominal.composite.com, found)
-
-
-def _body(meshes: Sequence[Mesh], part: str, opacity: float) -> Block:
+def _body(meshes: Sequence[Mesh], part: str, opacity: float) -> Trace:
     return {
         **merged(meshes),
         "name": part,
-        "color": "--robot",
+        "color": ROBOT,
         "opacity": opacity,
         "hoverinfo": "skip",
         "flatshading": True,
     }
 
 
-def _marks(result: Calibration, com: FloatArray) -> list[Block]:
+def _marks(result: Calibration, com: FloatArray) -> list[Trace]:
     places = [
         ("CoM found", com, SERIES[0], "circle"),
-        ("model file", result.nominal.composite.com, "--muted", "square"),
+        ("model file", result.nominal.composite.com, MUTED, "square"),
     ]
     if result.truth is not None:
-        places.append(("truth", result.truth.composite.com, SERIES[1], "cross"))
+        places.append(("truth", result.truth.composite.com, INK, "cross"))
     return [
         {
             "type": "scatter3d", "mode": "markers", "name": name, "showlegend": True,
@@ -95,49 +90,107 @@ def _marks(result: Calibration, com: FloatArray) -> list[Block]:
     ]  # fmt: skip
 
 
-def _ellipsoids(result: Calibration, com: FloatArray, size: float) -> tuple[list[Block], list[Block], str]:
-    """At its true size, and enlarged so that it is seen beside the robot; and by how much."""
+def _ellipsoids(result: Calibration, com: FloatArray, size: float) -> tuple[list[Trace], str]:
+    """Return the ellipsoid at its true size, then enlarged to be visible with the robot; and a sentence."""
     covariance = result.composite.covariance
     if covariance is None:
-        return [], [], ""
+        return [], ""
     directions, half_axes = ellipsoid_95(covariance[1:4, 1:4])
     times = max(1.0, 10.0 * round(_SEEN * size / float(half_axes.max()) / 10))
-    look = {"color": SERIES[0], "opacity": 0.45, "showlegend": True, "hoverinfo": "name", "flatshading": False}
-    near = {**ellipsoid(com, half_axes, directions), "name": "95 % of the CoM", **look}
-    far = {
-        **ellipsoid(com, times * half_axes, directions),
-        "name": f"95 % of the CoM, {times:.0f} times as large",
-        **look,
-    }
+    look = {"color": SERIES[0], "opacity": 0.45, "showlegend": True, "hoverinfo": "name"}
+    names = {"95 % of the CoM": 1.0, f"95 % of the CoM, {times:.0f} times as large": times}
     axes = " x ".join(f"{1000 * half:.2f}" for half in half_axes[::-1])
-    return (
-        [near],
-        [far],
-        f"The ellipsoid holds the CoM with 95 %: half axes {axes} mm, drawn {times:.0f} times as large beside the robot.",
-    )
+    words = f" The ellipsoid holds the CoM with 95 %: half axes {axes} mm, drawn {times:.0f} times as large beside the robot."
+    return [{**ellipsoid(com, one * half_axes, directions), "name": name, **look} for name, one in names.items()], words
 
 
 def _reach(result: Calibration, com: FloatArray) -> float:
-    """Half the side of the box around the CoM [m]: wide enough for the truth and, if it is near, the model's."""
+    """Return half the side of the box around the CoM [m]: it holds the truth and, if it is near, the model's CoM."""
     others = [result.nominal.composite.com] + ([] if result.truth is None else [result.truth.composite.com])
     far = [1.3 * float(np.abs(other - com).max()) for other in others]
     return max(0.003, *(one for one in far if one < 0.03), far[-1] if result.truth is not None else 0.0)
 
 
-def _extent(meshes: list[Block], margin: float) -> list[tuple[float, float]]:
-    """From the least to the greatest x, y and z of meshes [m], and a margin."""
+def _extent(meshes: list[Trace], margin: float) -> list[tuple[float, float]]:
+    """Return the least and the greatest x, y and z of meshes, with a margin [m]."""
     places = [np.concatenate([mesh[axis] for mesh in meshes]) / 1000 for axis in "xyz"]
     return [(float(place.min()) - margin, float(place.max()) + margin) for place in places]
 
 
-def _scene(ranges: list[tuple[float, float]]) -> Block:
+def _scene(ranges: list[tuple[float, float]]) -> Trace:
     titles = ("x forward [mm]", "y left [mm]", "z up [mm]")
     named = {
         f"{axis}axis": {"title": {"text": title}, "range": [round(1000 * float(v), 2) for v in limits], "nticks": 6}
         for axis, title, limits in zip("xyz", titles, ranges, strict=True)
     }
-    return {
-        **named,
-        "aspectmode": "data",
-        "camera": {"eye": {"x": 1.2, "y": 1.4, "z": 0.6}, "center": {"x": 0, "y": 0, "z": -0.12}},
-    }
+    camera = {"eye": {"x": 1.35, "y": 1.6, "z": 0.7}, "center": {"x": 0, "y": 0, "z": -0.12}}
+    return {**named, "aspectmode": "data", "camera": camera}
+
+
+def _surfaces(result: Calibration, found: LiftPlanes, com: FloatArray, half: tuple[float, float, float]) -> list[Trace]:
+    """Return one plane of each diagonal: as the search found it, or of the first lift on it.
+
+    Args:
+        half: how far they reach along the line, down and up from the CoM [m].
+    """
+    chosen = {lift.diagonal: lift.plane for lift in reversed(found)}  # the first one stays
+    if result.support_lines:
+        lines = result.support_lines.items()
+        chosen = {name: SupportPlane(np.array(line.point), np.array(line.normal)) for name, line in lines}
+    word = "found" if result.support_lines else "first lift"
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    return [
+        {
+            **merged([Mesh(_square(chosen[diagonal], com, *half), faces)], decimals=3),
+            "name": f"plane {diagonal}, {word}", "color": _COLOURS[diagonal], "opacity": 0.3, "showlegend": True,
+            "hoverinfo": "name",
+        }
+        for diagonal in DIAGONALS if diagonal in chosen
+    ]  # fmt: skip
+
+
+def _outlines(found: LiftPlanes, com: FloatArray, reach: float) -> list[Trace]:
+    """Return the planes of all lifts on each diagonal, as squares about their points nearest to the CoM."""
+    traces: list[Trace] = []
+    gap = np.full((1, 3), np.nan)
+    for index, diagonal in enumerate(DIAGONALS):
+        planes = [lift.plane for lift in found if lift.diagonal == diagonal]
+        if planes:
+            corners = [_square(plane, com, reach, reach, reach)[[0, 1, 2, 3, 0]] for plane in planes]
+            path = 1000 * np.concatenate([part for square in corners for part in (square, gap)])
+            places = {
+                axis: [None if np.isnan(value) else round(float(value), 3) for value in path[:, k]]
+                for k, axis in enumerate("xyz")
+            }
+            style = {"color": _COLOURS[diagonal], "width": 2, "dash": DASHES[index]}
+            name = f"all {len(planes)} lifts on {diagonal}"
+            traces.append(
+                {"type": "scatter3d", "mode": "lines", **places, "line": style, "name": name, "hoverinfo": "name"}
+            )
+    return traces
+
+
+def _square(plane: SupportPlane, com: FloatArray, along: float, down: float, up: float) -> FloatArray:
+    """Return (4, 3) corners of a part of a plane around its point nearest to the CoM [m]."""
+    middle = com - plane.distance_to(com) * plane.normal
+    level = np.cross(plane.normal, [0.0, 0.0, 1.0])
+    level /= np.linalg.norm(level)
+    rise = np.cross(level, plane.normal)
+    rise = rise if rise[2] > 0 else -rise
+    return np.array([middle + along * a * level + (up if b > 0 else down) * b * rise for a, b in _CORNERS])
+
+
+def ellipsoid(middle: FloatArray, half_axes: FloatArray, directions: FloatArray) -> Trace:
+    """Return a trace; directions are columns."""
+    ball = sphere(1.0)
+    return merged([Mesh(middle + (ball.vertices * half_axes) @ directions.T, ball.faces)], decimals=3)
+
+
+def merged(meshes: Sequence[Mesh], decimals: int = 1) -> Trace:
+    """Return one trace of many meshes, in millimetres."""
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    points = 1000 * np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in meshes)])
+    none = np.zeros((0, 3), dtype=np.int64)
+    faces = np.concatenate([none, *(mesh.faces + start for mesh, start in zip(meshes, first, strict=False))])
+    places = {axis: np.round(points[:, k], decimals).tolist() for k, axis in enumerate("xyz")}
+    return {"type": "mesh3d", **places, **{name: faces[:, k].tolist() for k, name in enumerate("ijk")}}

@@ -1,43 +1,43 @@
-"""The sways: what gyroscope and joint torques said, and what was fitted to it."""
+"""The paper's sinusoidal excitations: gyroscope and joint torques, with their fits."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from equipoise.conventions import AXES
+from equipoise.figures.blocks import Block, Figure, axes, line
 from equipoise.paper.equations import AxisFit
 from equipoise.paper.evidence import SwayEvidence
-from equipoise.report.blocks import Block, axes, figure, items, line
 from equipoise.result.calibration import Calibration
 
 
 def sway_blocks(result: Calibration) -> list[Block]:
-    """Two figures for each axis, and the reasons for those without an estimate."""
+    """Return two figures for each axis, and the reasons for axes without an estimate."""
     fits: Mapping[str, AxisFit] = result.evidence.fits if isinstance(result.evidence, SwayEvidence) else {}
     figures = [one for axis in AXES if axis in fits for one in _figures(fits[axis])]
     notes = [f"{axis}: {sway.note}" for axis, sway in result.sways.items() if sway.note]
     same = {sway.note for sway in result.sways.values()}
     if len(notes) > 1 and len(same) == 1:
         notes = [str(same.pop())]
-    return ([{"type": "figures", "figures": figures}] if figures else []) + ([items(notes)] if notes else [])
+    return [*figures, *([tuple(notes)] if notes else [])]
 
 
-def _figures(fit: AxisFit) -> list[Block]:
+def _figures(fit: AxisFit) -> list[Figure]:
     parts = (
         ("angular velocity [rad/s]", "gyroscope", fit.angular_velocity, fit.sinusoid.value(fit.time)),
         ("torque about the CoM [Nm]", "joint torques", fit.torque, fit.fitted_torque),
     )
-    said = (
+    captions = (
         f"{fit.sinusoid.frequency:.2f} Hz by the dominant sinusoid of the gyroscope (equation 3).",
         f"I = {fit.inertia:.4g} kg m2, C = {fit.damping:.3g} Nm s/rad, by least squares (equation 5).",
     )
     return [
-        figure(
+        Figure(
             f"Sway about {fit.axis}: {name}",
             caption,
             [line(fit.time, measured, "measured", 0), line(fit.time, fitted, "fit", 1)],
             axes("time [s]", label),
             height=260,
         )
-        for (label, name, measured, fitted), caption in zip(parts, said, strict=True)
+        for (label, name, measured, fitted), caption in zip(parts, captions, strict=True)
     ]

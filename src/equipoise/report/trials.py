@@ -10,13 +10,12 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError
 from equipoise.experiments.tilt import tilt_curve
+from equipoise.figures.blocks import SERIES, DataTable, Figure, Trace, axes, line, number, points, short
 from equipoise.paper.bracket import Bracket, TriedOffset, step
 from equipoise.paper.iterations import com_by_iteration, tried_offsets
 from equipoise.paper.trial_runner import ComSearchSettings
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MEANWHILE, CommandedLift, DesignedLift, LiftTrial
-from equipoise.report.blocks import SERIES, Block, axes, figure, line, short, table
-from equipoise.report.numbers import tell
 from equipoise.result.calibration import Calibration, Trial
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import nominal_stance
@@ -26,84 +25,91 @@ _VERDICTS = ("forward", "backward", "balanced")
 _SYMBOLS = {"forward": "triangle-up", "backward": "triangle-down", "balanced": "circle"}
 
 
-def tilt_figures(result: Calibration) -> Block | None:
-    """Tilt over time of every lift, a figure for each diagonal."""
+def tilt_figures(result: Calibration) -> list[Figure]:
+    """Return tilt over time of every lift, a figure for each diagonal."""
     evidence, robot = result.evidence, result.robot_model
     if evidence is None or robot is None:
-        return None
+        return []
     lifts = [
         (trial, recording)
         for recording in evidence.recordings
         if isinstance(trial := recording.trial, LiftTrial) and recording.complete
     ]
-    told = [trial for trial in result.trials if trial.kind == "lift" and trial.verdict is not None]
-    verdicts = [trial.verdict for trial in told] if len(told) == len(lifts) else [None] * len(lifts)
-    figures = [
-        _tilts(robot, diagonal, [(*lift, verdict) for lift, verdict in zip(lifts, verdicts, strict=True)])
-        for diagonal in DIAGONALS
-    ]
-    there = [one for one in figures if one is not None]
-    return {"type": "figures", "figures": there} if there else None
+    judged = [trial.verdict for trial in result.trials if trial.kind == "lift" and trial.verdict is not None]
+    verdicts = judged if len(judged) == len(lifts) else [None] * len(lifts)
+    numbered = [(index, *lift, verdict) for index, (lift, verdict) in enumerate(zip(lifts, verdicts, strict=True), 1)]
+    figures = [_tilts(robot, name, [one for one in numbered if one[1].diagonal == name]) for name in DIAGONALS]
+    return [one for one in figures if one.data]
 
 
-def _tilts(robot: RobotModel, diagonal: str, lifts: list[tuple[LiftTrial, Recording, str | None]]) -> Block | None:
-    data: list[Block] = []
-    for number, (trial, recording, verdict) in enumerate(lifts, start=1):
-        if trial.diagonal != diagonal:
-            continue
+def _tilts(robot: RobotModel, diagonal: str, lifts: list[tuple[int, LiftTrial, Recording, str | None]]) -> Figure:
+    data: list[Trace] = []
+    for index, trial, recording, verdict in lifts:
         kind = verdict or (trial.meanwhile if isinstance(trial, DesignedLift) else "passive")
         kinds = _VERDICTS if kind in _VERDICTS else MEANWHILE
         try:
             time, angle = tilt_curve(robot, recording, diagonal, _POINTS)
-        except EquipoiseError:  # what could not be read is in the table, with its reason
+        except EquipoiseError:  # the table of motions has it, with its reason
             continue
         first = not any(trace["legendgroup"] == kind for trace in data)
         offset = trial.offset if isinstance(trial, CommandedLift) and verdict is not None else None
         where = "" if offset is None else f", offset {1000 * offset:+.1f} mm"
-        hover = f"lift {number}, {kind}{where}: %{{y:.2f}} deg<extra></extra>"
-        group = {"legendgroup": kind, "showlegend": first, "hovertemplate": hover}
-        style = {"width": 1.4}
-        data.append(line(time, np.degrees(angle), kind, kinds.index(kind), line=style, opacity=0.8, **group))
-    if not data:
-        return None
+        hover = f"lift {index}, {kind}{where}: %{{y:.2f}} deg<extra></extra>"
+        group = {"legendgroup": kind, "showlegend": first, "hovertemplate": hover, "opacity": 0.8}
+        data.append(line(time, np.degrees(angle), kind, kinds.index(kind), line={"width": 1.4}, **group))
     caption = (
         f"Tilt of the centre of mass about the line {diagonal}, from unloading two feet until they come down again."
     )
-    return figure(f"Lifts on {diagonal}", caption, data, axes("time [s]", "tilt, forward positive [deg]"))
+    return Figure(f"Lifts on {diagonal}", caption, data, axes("time [s]", "tilt, forward positive [deg]"))
 
 
-def bracket_figure(result: Calibration) -> Block | None:
-    """How the bounds of both searches closed in; method `paper`."""
-    if not result.support_lines or result.robot_model is None:
-        return None
-    start = _first_bracket(result, result.robot_model)
-    data: list[Block] = []
+def search_figures(result: Calibration) -> list[Figure]:
+    """Return how both searches converged, and in simulation Fig. 3; method `paper`."""
+    robot = result.robot_model
+    if not result.support_lines or robot is None:
+        return []
+    start = ComSearchSettings(**result.settings["com_search"]).bracket(nominal_stance(robot))
+    simulated = result.truth is not None and result.evidence is not None
+    return [_brackets(result, start), *([_errors(result, start)] if simulated else [])]
+
+
+def _brackets(result: Calibration, start: Bracket) -> Figure:
+    data: list[Trace] = []
     for series, diagonal in enumerate(DIAGONALS):
         lifts = tried_offsets(result, diagonal)
-        lower, upper = narrowing(lifts, start)
-        number = list(range(len(lower)))
-        style = {"shape": "hv"}
-        data.append(line(number, 1000 * lower, diagonal, series, line=style, legendgroup=diagonal, showlegend=False))
-        data.append(line(number, 1000 * upper, f"bounds {diagonal}", series, line=style, legendgroup=diagonal, fill="tonexty",
-                         fillcolor=f"{SERIES[series]}-faint"))  # fmt: skip
-        data.append({
-            "type": "scatter", "mode": "markers", "name": f"tried {diagonal}", "legendgroup": diagonal,
-            "x": [index + 1 for index in range(len(lifts))], "y": short(1000 * lift.offset for lift in lifts),
-            "marker": {"symbol": [_SYMBOLS[lift.verdict] for lift in lifts], "size": 10,
-                       "color": SERIES[series]},
-            "text": [lift.verdict for lift in lifts], "hovertemplate": "lift %{x}: %{y:.1f} mm, %{text}<extra></extra>",
-        })  # fmt: skip
+        lower, upper = (1000 * bound for bound in narrowing(lifts, start))
+        count = range(len(lower))
+        group = {"line": {"shape": "hv"}, "legendgroup": diagonal}
+        data.append(line(count, lower, diagonal, series, showlegend=False, **group))
+        data.append(
+            line(count, upper, f"bounds {diagonal}", series, fill="tonexty", fillcolor=f"{SERIES[series]}20", **group)
+        )
+        verdicts = [lift.verdict for lift in lifts]
+        marker = {"symbol": [_SYMBOLS[verdict] for verdict in verdicts], "size": 10, "color": SERIES[series]}
+        hover = {"text": verdicts, "hovertemplate": "lift %{x}: %{y:.1f} mm, %{text}<extra></extra>"}
+        offsets = short(1000 * lift.offset for lift in lifts)
+        data.append(points(count[1:], offsets, f"tried {diagonal}", marker, legendgroup=diagonal, **hover))
     caption = (
         "Offsets of the support line that were tried, and the bounds left after each lift. Triangles point up where the robot "
         "tipped forward, down where it tipped backward; circles: it stayed balanced."
     )
-    return figure(
+    return Figure(
         "The search closes in", caption, data, axes("lifts on the diagonal", "offset of the support line [mm]")
     )
 
 
-def _first_bracket(result: Calibration, robot: RobotModel) -> Bracket:
-    return ComSearchSettings(**result.settings["com_search"]).bracket(nominal_stance(robot))
+def _errors(result: Calibration, start: Bracket) -> Figure:
+    """Return Fig. 3: planar CoM error against the number of halvings."""
+    assert result.truth is not None
+    error = 1000 * np.hypot(*(com_by_iteration(result, start) - result.truth.composite.com[:2]).T)
+    data = [line(range(1, len(error) + 1), error, "error", 0, mode="lines+markers")]
+    layout = axes("halvings of both brackets", "planar error [mm]")
+    layout["xaxis"]["dtick"], layout["yaxis"]["rangemode"] = 1, "tozero"
+    caption = (
+        f"Distance of the centre of mass from the truth as it would have been found after each halving (the paper's Fig. 3); "
+        f"{error[-1]:.1f} mm at the end."
+    )
+    return Figure("Error by iteration", caption, data, layout)
 
 
 def narrowing(lifts: Sequence[TriedOffset], start: Bracket) -> tuple[FloatArray, FloatArray]:
@@ -112,45 +118,26 @@ def narrowing(lifts: Sequence[TriedOffset], start: Bracket) -> tuple[FloatArray,
     return np.array([bracket.lower for bracket in brackets]), np.array([bracket.upper for bracket in brackets])
 
 
-def error_figure(result: Calibration) -> Block | None:
-    """Fig. 3: planar CoM error against the number of halvings; method `paper`, in simulation."""
-    if not result.support_lines or result.truth is None or result.evidence is None or result.robot_model is None:
-        return None
-    found = com_by_iteration(result, _first_bracket(result, result.robot_model)) - result.truth.composite.com[:2]
-    error = 1000 * np.hypot(*found.T)
-    data = [line(range(1, len(error) + 1), error, "error", 0, mode="lines+markers")]
-    layout = axes("halvings of both brackets", "planar error [mm]")
-    layout["xaxis"]["dtick"], layout["yaxis"]["rangemode"] = 1, "tozero"
-    caption = (
-        f"Distance of the centre of mass from the truth as it would have been found after each halving (the paper's Fig. 3); "
-        f"{error[-1]:.1f} mm at the end."
-    )
-    return figure("Error by iteration", caption, data, layout)
-
-
-def trial_table(result: Calibration) -> Block | None:
-    """Every motion; columns in which nothing is known are left out."""
+def trial_table(result: Calibration) -> list[DataTable]:
+    """Return a row for every motion; empty columns are left out."""
     if not result.trials:
-        return None
+        return []
     columns: dict[str, Callable[[Trial], str]] = {
         "kind": lambda trial: trial.kind,
         "about": lambda trial: trial.about,
-        "|offset [mm]": lambda trial: _or_nothing(trial.offset, 1000, "+.1f"),
-        "|lift height [mm]": lambda trial: _or_nothing(trial.lift_height, 1000, ".0f"),
-        "|tilt [deg]": lambda trial: _or_nothing(trial.tilt, 57.29578, "+.2f"),
+        "|offset [mm]": lambda trial: _known(trial.offset, 1000, "+.1f"),
+        "|lift height [mm]": lambda trial: _known(trial.lift_height, 1000, ".0f"),
+        "|tilt [deg]": lambda trial: _known(trial.tilt, 57.29578, "+.2f"),
         "verdict": lambda trial: trial.verdict or "",
         "|duration [s]": lambda trial: f"{trial.duration:.1f}",
-        "|misfit": lambda trial: _or_nothing(trial.misfit, 1, ".2f"),
+        "|misfit": lambda trial: _known(trial.misfit, 1, ".2f"),
         "note": lambda trial: trial.note or "",
     }
-    shown = {name: tell_of for name, tell_of in columns.items() if any(tell_of(trial) for trial in result.trials)}
-    rows = [
-        [str(number), *(tell_of(trial) for tell_of in shown.values())]
-        for number, trial in enumerate(result.trials, start=1)
-    ]
-    caption = f"All {len(result.trials)} motions, {sum(trial.duration for trial in result.trials):.0f} s of robot time"
-    return table(["|#", *shown], rows, caption, folded=True)
+    shown = {name: text for name, text in columns.items() if any(map(text, result.trials))}
+    rows = [[str(index), *(text(trial) for text in shown.values())] for index, trial in enumerate(result.trials, 1)]
+    title = f"All {len(result.trials)} motions, {sum(trial.duration for trial in result.trials):.0f} s of robot time"
+    return [DataTable(title, ["|#", *shown], rows, folded=True)]
 
 
-def _or_nothing(value: float | None, factor: float, form: str) -> str:
-    return "" if value is None else tell(value * factor, form)
+def _known(value: float | None, factor: float, form: str) -> str:
+    return "" if value is None else number(value, factor, form)

@@ -1,1 +1,1 @@
-"""What people see in the terminal."""
+"""Tables and progress in the terminal."""

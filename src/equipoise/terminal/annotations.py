@@ -1,4 +1,4 @@
-"""Findings about model files as GitHub's workflow commands, which it shows beside the lines of a change."""
+"""Findings about model files as GitHub's workflow commands, which annotate the lines of a change."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _ESCAPES_OF_PROPERTIES = {**_ESCAPES, ":": "%3A", ",": "%2C"}
 
 
 def annotation_lines(path: str, result: Audit) -> list[str]:
-    """One a finding, at the line of the first body that it names.
+    """Return one annotation for each finding, at the line of the first body that it names.
 
     Args:
         path: path of the model file as it was given, or name of a robot, which has no lines.
@@ -29,7 +29,7 @@ def annotation_lines(path: str, result: Audit) -> list[str]:
 
 
 def refusal(path: str, error: EquipoiseError) -> str:
-    """Of a file that cannot be read, or is no quadruped."""
+    """Return the annotation of a file that cannot be read, or is not a quadruped."""
     return _annotation("error", path, 1, "", str(error))
 
 
@@ -41,7 +41,7 @@ def _text(path: str) -> str:
 
 
 def _line(text: str, body: str) -> int:
-    """Of <link name="body"> or <body name="body">; the first, where there is none."""
+    """Return the line of <link name="body"> or <body name="body">; the first, where there is none."""
     found = re.search(rf"<(?:link|body)\b[^>]*?\bname\s*=\s*[\"']{re.escape(body)}[\"']", text)
     return 1 + text.count("\n", 0, found.start()) if body and found else 1
 

@@ -1,17 +1,16 @@
-"""What the terminal says of an export, and the table of formats."""
+"""Exports and the table of formats in the terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
 
-from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from equipoise.errors import EquipoiseError
 from equipoise.exports.formats import Export, Format
+from equipoise.terminal.tables import show_table
 
 _SHORT = 40  # lines that fit on a screen
 _FILES = {"model": "model file", "given": "--file", "": ""}
@@ -20,13 +19,9 @@ _FILES = {"model": "model file", "given": "--file", "": ""}
 def print_formats(known: Mapping[str, Format | EquipoiseError]) -> None:
     """All formats: what each wants, and where it goes; or why one cannot be used."""
     formats = [row for row in known.values() if isinstance(row, Format)]
-    table = Table(box=box.SIMPLE_HEAD)
-    for column in ("--to", "writes", "for", "edits"):
-        table.add_column(column, no_wrap=column != "for")  # names are to be copied
-    for row in formats:
-        table.add_row(row.name, ",".join(row.holds), escape(row.where), _FILES[row.file])
     console = Console()
-    console.print(table)
+    rows = [[row.name, ",".join(row.holds), row.where, _FILES[row.file]] for row in formats]
+    show_table("", ["--to", "writes", "for", "edits"], rows, console)
     for row in known.values():
         if isinstance(row, EquipoiseError):
             console.print(f"[yellow]warning:[/yellow] {escape(str(row))}", soft_wrap=True)
@@ -54,7 +49,7 @@ def print_exports(
 
 
 def print_export(written: Export, path: Path) -> None:
-    """What was written, where, and what speaks against it; short texts of ours are shown whole."""
+    """Print the path of an export and its warnings; short texts of ours are shown whole."""
     console = Console()
     for note in written.notes:
         console.print(f"[yellow]warning:[/yellow] {escape(note)}", soft_wrap=True)

@@ -1,29 +1,26 @@
-"""What the terminal shows of what is there: verbs, robots, platforms."""
+"""Lists of verbs, robots and platforms in the terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
-from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from equipoise.drivers.catalog import PlatformRow
 from equipoise.robot.catalog import CatalogRow
+from equipoise.terminal.tables import show_table
 
 
 def print_verbs(verbs: Mapping[str, str]) -> None:
-    """What can be done, a line each: verbs and what they do in a few words."""
+    """Print a line for each verb."""
     console = Console(highlight=False)
     console.print("What your quadruped weighs, where its centre of mass is and how hard it is to turn.\n")
     console.print("  equipoise calibrate                  try it: a simulated Unitree A1")
     console.print("  equipoise calibrate my_robot.urdf    yours, simulated")
     console.print("  equipoise platforms                  yours, on its own feet\n")
-    for verb, words in verbs.items():
-        console.print(f"  [bold]{verb:<12}[/bold]  {words}")
-    console.print("\n'equipoise VERB --help' says more.")
+    print_group("", verbs)
 
 
 def print_group(group: str, verbs: Mapping[str, str]) -> None:
@@ -31,19 +28,19 @@ def print_group(group: str, verbs: Mapping[str, str]) -> None:
     console = Console(highlight=False)
     for verb, words in verbs.items():
         console.print(f"  [bold]{verb:<12}[/bold]  {words}")
-    console.print(f"\n'equipoise {group} VERB --help' says more.")
+    console.print(f"\n'{' '.join(filter(None, ('equipoise', group, 'VERB')))} --help' says more.")
 
 
 def print_robots(rows: Sequence[CatalogRow]) -> None:
     """The catalogue."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))  # narrow enough for 80 columns
-    for column in ("name", "mass [kg]", "legs", "leg [m]", "source", "what"):
-        table.add_column(escape(column), justify="right" if "[" in column else "left", no_wrap=column != "what")
-    for row in rows:
-        what = row.note if row.install is None else "not installed"
-        table.add_row(row.name, f"{row.mass:.3f}", row.legs, f"{row.leg_length:.3f}", row.source, escape(what))
+    heads = ["name", "|mass [kg]", "legs", "|leg [m]", "source", "what"]
+    about = [
+        [row.name, f"{row.mass:.3f}", row.legs, f"{row.leg_length:.3f}", row.source,
+         row.note if row.install is None else "not installed"]
+        for row in rows
+    ]  # fmt: skip
     console = Console(emoji=False)
-    console.print(table)
+    show_table("", heads, about, console)
     for install in dict.fromkeys(row.install for row in rows if row.install is not None):
         console.print(f"To install {', '.join(row.name for row in rows if row.install == install)}: {escape(install)}")
     console.print("Any URDF or MJCF file works too, by its path; so does robot_descriptions:NAME with that package.")
@@ -60,11 +57,8 @@ def print_platforms(rows: Sequence[PlatformRow]) -> None:
         if isinstance(row.settings, str):
             console.print(f"  {escape(row.settings)}\n")
             continue
-        table = Table("setting", "is", "default", box=None, padding=(0, 2), show_header=False)
-        for name, kind, default in row.settings:
-            table.add_row(name, kind, escape(_setting(default)))
-        console.print(table)
-        console.print()
+        settings = [[name, kind, _setting(default)] for name, kind, default in row.settings]
+        show_table("", ["", "", ""], settings, console)
     console.print("A class of your own, perhaps in this folder: --platform MODULE:CLASS.")
 
 

@@ -1,4 +1,4 @@
-"""What a log holds, for people: joints, pieces of time, findings, and what it cannot tell."""
+"""Logs in the terminal: joints, segments, findings, and parameters that the log does not determine."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 
-from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from equipoise.logs.motions.segments import LogSegment
 from equipoise.logs.offline import LogReport
+from equipoise.terminal.tables import show_table
 
 _COUNTED = {
     "lift": "lift",
@@ -25,7 +24,7 @@ _COUNTED = {
 
 
 def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = False) -> None:
-    """Where the log's data are from, its joints, its pieces, and what was found.
+    """Print the source of the log's data, its joints, its segments and the findings.
 
     Args:
         verbose: whether every piece has a row of its own, and every joint.
@@ -37,12 +36,8 @@ def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = Fa
     _print_joints(console, report, verbose)
     for finding in report.findings:
         console.print(f"[yellow]{escape(finding.about)}:[/] {escape(finding.message)}")
-    table = Table(title="What the log holds", title_justify="left", box=box.SIMPLE_HEAD)
-    for column in ("from [s]", "to [s]", "what", ""):
-        table.add_column(escape(column), justify="right" if "[" in column else "left")
-    for row in _rows(report.segments, verbose):
-        table.add_row(*map(escape, row))
-    console.print(table)
+    rows = list(_rows(report.segments, verbose))
+    show_table("What the log holds", ["|from [s]", "|to [s]", "what", ""], rows, console)
     nudges = sum(segment.kind == "nudge" for segment in report.segments)
     if nudges and not verbose:
         console.print(f"Not shown: {nudges} motions over planted feet that are too small to tell anything.")
@@ -56,12 +51,8 @@ def _print_joints(console: Console, report: LogReport, verbose: bool) -> None:
     if by_name and not verbose:
         console.print(f"joints: all {len(joint_map.matches)} by their own names")
     else:
-        table = Table(box=box.SIMPLE_HEAD)
-        for column in ("joint", "in the log", "found by"):
-            table.add_column(column)
-        for match in joint_map.matches:
-            table.add_row(escape(match.robot_joint), escape(match.log_joint), match.how)
-        console.print(table)
+        rows = [[match.robot_joint, match.log_joint, match.how] for match in joint_map.matches]
+        show_table("", ["joint", "in the log", "found by"], rows, console)
     if joint_map.ignored:
         console.print(escape(f"other joints, not used: {', '.join(joint_map.ignored)}"))
 

@@ -1,4 +1,4 @@
-"""What the terminal shows of a robot that was examined, and of a calibration that is only thought through."""
+"""Examined robots and rehearsed calibrations in the terminal."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from equipoise.calibration.rehearsal import Rehearsal
 from equipoise.conventions import FloatArray
@@ -19,6 +17,7 @@ from equipoise.drivers.hanging import HangingPhase
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
+from equipoise.terminal.tables import show_table
 
 _MARKS = {True: "ok", False: "look", None: ""}
 _HEAVY = 0.8  # of a torque limit
@@ -32,16 +31,13 @@ def print_checkup(
 ) -> None:
     """A robot that was examined, and the gains that a calibration would send it."""
     console = Console(emoji=False)
-    table = Table(title=f"{escape(robot.name)} on {platform}: joint map", title_justify="left", box=box.SIMPLE_HEAD)
-    for column in ("leg", "joint", "is at [rad]", "from", "to"):
-        table.add_column(escape(column), justify="left" if column in ("leg", "joint") else "right")
-    for leg, joint, position, lower, upper in joints:
-        table.add_row(leg, joint, f"{position:+.3f}", f"{lower:+.2f}", f"{upper:+.2f}")
-    console.print(table)
-    looked = Table(box=box.SIMPLE_HEAD, show_header=False)
-    for finding in findings:
-        looked.add_row(_MARKS[finding.fine], finding.name, escape(finding.value))
-    console.print(looked)
+    positions = [
+        [leg, joint, f"{position:+.3f}", f"{lower:+.2f}", f"{upper:+.2f}"]
+        for leg, joint, position, lower, upper in joints
+    ]
+    heads = ["leg", "joint", "|is at [rad]", "|from", "|to"]
+    show_table(f"{robot.name} on {platform}: joint map", heads, positions, console)
+    show_table("", ["", "", ""], [[_MARKS[one.fine], one.name, one.value] for one in findings], console)
     for finding in findings:
         if finding.advice:
             console.print(f"{finding.name}: {escape(finding.advice)}")
@@ -54,24 +50,32 @@ def print_checkup(
 
 def print_hanging(robot: RobotModel, platform: str, phases: Sequence[HangingPhase]) -> None:
     """Print a row for each phase of the measurement on a hanging robot."""
-    table = Table(title=f"{escape(robot.name)} on {platform}, hanging", title_justify="left", box=box.SIMPLE_HEAD)
-    columns = ("phase", "commanded [Nm s/rad]", "measured", "torque [Nm]", "speed [rad/s]", "modes", "samples", "rejected",
-               "gap [ms]", "lost", "deg C")  # fmt: skip
-    for column in columns:
-        table.add_column(escape(column), justify="left" if column == "phase" else "right")
-    for phase in phases:
-        numbers = (phase.commanded_damping, phase.damping, phase.largest_torque, phase.largest_speed)
-        table.add_row(
+    heads = [
+        "phase", "|commanded [Nm s/rad]", "|measured", "|torque [Nm]", "|speed [rad/s]", "|modes", "|samples", "|rejected",
+        "|gap [ms]", "|lost", "|deg C",
+    ]  # fmt: skip
+    rows = [
+        [
             phase.name,
-            *("" if number is None else f"{number:.2f}" for number in numbers),
+            _known(phase.commanded_damping, ".2f"),
+            _known(phase.damping, ".2f"),
+            _known(phase.largest_torque, ".2f"),
+            _known(phase.largest_speed, ".2f"),
             ", ".join(map(str, phase.motor_modes)),
             str(phase.samples),
             str(phase.rejected),
             f"{phase.longest_gap * 1000:.0f}",
-            "" if phase.lost is None else str(phase.lost),
-            "" if phase.temperature is None else f"{phase.temperature:.0f}",
-        )
-    Console(emoji=False, width=max(120, Console().width)).print(table)
+            _known(phase.lost, "d"),
+            _known(phase.temperature, ".0f"),
+        ]
+        for phase in phases
+    ]
+    console = Console(emoji=False, width=max(120, Console().width))
+    show_table(f"{robot.name} on {platform}, hanging", heads, rows, console)
+
+
+def _known(value: float | None, form: str) -> str:
+    return "" if value is None else format(value, form)
 
 
 def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
@@ -79,37 +83,25 @@ def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
     console = Console(emoji=False)
     for line in rehearsal_lines(rehearsal, platform):
         console.print(escape(line))
-    table = Table(title="Postures", title_justify="left", box=box.SIMPLE_HEAD)
-    for column in ("posture", "times", "largest torque, of its limit"):
-        table.add_column(column, justify="right" if column == "times" else "left")
     robot, limit = rehearsal.robot, rehearsal.robot.effort_limit
+    postures: list[list[str]] = []
     for what in dict.fromkeys(posture.what for posture in rehearsal.postures):
         same = [posture for posture in rehearsal.postures if posture.what == what]  # lifts with other turns
         largest = np.max([np.abs(posture.torque) for posture in same], axis=0)
         joint = _hardest(robot, largest)
-        share = (
-            f"{largest[joint] / limit[joint]:.0%}"
-            if np.isfinite(limit[joint])
-            else f"{largest[joint]:.1f} Nm, no limit,"
-        )
+        limited = np.isfinite(limit[joint])
+        share = f"{largest[joint] / limit[joint]:.0%}" if limited else f"{largest[joint]:.1f} Nm, no limit,"
         torque = f"{share} at {robot.joint_names[joint]}" if largest[joint] > 0 else "-"
-        table.add_row(what, str(sum(posture.times for posture in same)), torque)
-    console.print(table)
-    joints = Table(title="Joints", title_justify="left", box=box.SIMPLE_HEAD)
-    for column in ("joint", "from [rad]", "to", "limits [rad]", "torque [Nm]"):
-        joints.add_column(escape(column), justify="left" if column == "joint" else "right", no_wrap=True)
+        postures.append([what, str(sum(posture.times for posture in same)), torque])
+    show_table("Postures", ["posture", "|times", "largest torque, of its limit"], postures, console)
+    joints: list[list[str]] = []
     lower, upper = rehearsal.joint_range
     for index, name in enumerate(robot.joint_names):
         allowed = f"{robot.lower_limit[index]:+.2f}, {robot.upper_limit[index]:+.2f}"
         most = f" of {limit[index]:.1f}" if np.isfinite(limit[index]) else ", no limit"
-        joints.add_row(
-            name,
-            f"{lower[index]:+.2f}",
-            f"{upper[index]:+.2f}",
-            allowed,
-            f"{rehearsal.largest_torque[index]:.1f}{most}",
-        )
-    console.print(joints)
+        torque = f"{rehearsal.largest_torque[index]:.1f}{most}"
+        joints.append([name, f"{lower[index]:+.2f}", f"{upper[index]:+.2f}", allowed, torque])
+    show_table("Joints", ["joint", "|from [rad]", "|to", "|limits [rad]", "|torque [Nm]"], joints, console)
     console.print("By the model, from lying to lying. Nothing was moved.")
 
 
@@ -141,7 +133,7 @@ def _hardest(robot: RobotModel, torque: FloatArray) -> int:
 
 
 def gain_lines(robot: RobotModel, platform: str) -> list[str]:
-    """The gains that the motors get, beside those of the robot's maker; nothing for a simulator."""
+    """Return the gains of the motors and those of the robot's maker; nothing for a simulator."""
     driver = DRIVERS.get(platform)
     if driver is None:
         return []
@@ -157,7 +149,7 @@ def gain_lines(robot: RobotModel, platform: str) -> list[str]:
 
 
 class RecordingProgress:
-    """How much was recorded so far, on one line of stderr."""
+    """Duration of a recording so far, on one line of stderr."""
 
     def __init__(self, quiet: bool, into: Path, duration: float | None) -> None:
         self._console = Console(stderr=True, emoji=False)

@@ -1,17 +1,15 @@
-"""What the terminal shows of repeated calibrations."""
+"""Repeated calibrations in the terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rich import box
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from equipoise.calibration.repeatability import Repeated
+from equipoise.figures.blocks import number
 from equipoise.result.shown import ROWS
-from equipoise.terminal.calibration import number
+from equipoise.terminal.tables import show_table
 
 _TOO_MUCH = 2.0  # of spread over deviation, with a handful of repetitions
 
@@ -19,18 +17,15 @@ _TOO_MUCH = 2.0  # of spread over deviation, with a handful of repetitions
 def print_repeatability(robot: str, repeated: Sequence[Repeated], count: int) -> None:
     """Spread against what the intervals allow."""
     console = Console()
-    table = Table(title=f"{robot}: {count} calibrations", title_justify="left", box=box.SIMPLE_HEAD)
-    for column in ("parameter", "mean", "spread (sd)", "reported sd", "spread / sd"):
-        table.add_column(column, justify="left" if column == "parameter" else "right")
     by_name = {one.quantity.name: one for one in repeated}
+    rows: list[list[str]] = []
     for name, label, factor, form in ROWS:
-        if (one := by_name.get(name)) is None:
-            continue
-        finer = f".{int(form[1]) + 1}f"
-        mean, deviation = number(one.quantity.value, factor, form), number(one.quantity.deviation, factor, finer)
-        ratio = "-" if one.ratio is None else f"{one.ratio:.2f}"
-        table.add_row(escape(label), mean, format(one.spread * factor, finer), deviation, ratio)
-    console.print(table)
+        if (one := by_name.get(name)) is not None:
+            finer = f".{int(form[1]) + 1}f"
+            mean, deviation = number(one.quantity.value, factor, form), number(one.quantity.deviation, factor, finer)
+            rows.append([label, mean, number(one.spread, factor, finer), deviation, number(one.ratio, 1, ".2f")])
+    heads = ["parameter", "|mean", "|spread (sd)", "|reported sd", "|spread / sd"]
+    show_table(f"{robot}: {count} calibrations", heads, rows)
     worst = [one for one in repeated if one.ratio is not None and one.ratio > _TOO_MUCH]
     if worst:
         names = ", ".join(one.quantity.name for one in worst)

@@ -6,11 +6,12 @@ import math
 import numpy as np
 import pytest
 
+from equipoise.lab.pages.study import method_blocks
 from equipoise.lab.study import statistics
 from equipoise.lab.study.rows import table_of
 from equipoise.lab.study.statistics import Rate, to_dict
 from equipoise.lab.study.study import SOURCES, Study
-from equipoise.lab.study.summary import summary_markdown, summary_table
+from equipoise.lab.study.summary import summary_table
 from equipoise.robot.inertial import COMPONENTS
 
 TRUE = dict(zip([f"true_{name}" for name in COMPONENTS], [10.0, 0.01, 0.02, 0.0, 0.2, 0.5, 0.6, 0, 0, 0], strict=True))
@@ -119,7 +120,7 @@ def test_nothing_but_failures_is_a_summary_too():
     (summary,) = summarize([failed(0), failed(1, "ValueError", message="Traceback\n  line\nValueError: no")])
     assert (summary.within, summary.errors) == (Rate(0, 2), ())
     assert summary.reasons == {"MotionError": "trial 0: tipped", "ValueError": "trial 1: ValueError: no"}
-    page = summary_markdown(Study(), [summary], [])
+    page = str(method_blocks(summary))
     assert "nan" not in page
     assert "ValueError, the first in trial 1: ValueError: no" in page
 
@@ -135,7 +136,7 @@ def test_methods_are_apart_and_json_has_no_infinities():
     text = json.dumps(table, allow_nan=False)
     assert json.loads(text)["methods"][1]["errors"][0]["percentile_95"] is None
     assert to_dict(summaries)[0]["within_5_mm"]["interval_95"][1] == 1.0
-    assert "more than 5 % failed" in summary_markdown(Study(), summaries, [])
+    assert "more than 5 % failed" in str(method_blocks(summaries[1]))
 
 
 def varied(count, slope_by_source, constant=1e-3, seed=0):

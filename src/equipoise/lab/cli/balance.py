@@ -59,7 +59,7 @@ def balance(
     seed: int = 0,
     description: Described = RobotFlags(),  # noqa: B008
     out: File = None,
-    pictures: Flag = True,
+    report: Flag = True,
     check: Flag = False,
     output: Output = Output(),  # noqa: B008
 ) -> int:
@@ -85,7 +85,7 @@ def balance(
         payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
         seed: Of everything drawn.
         out: Folder; default runs/ROBOT-balance-TIME.
-        pictures: Leave out the PNG picture.
+        report: Leave out the page balance.html.
         check: Exit with 4 if the robot did not balance for all of the time.
     """
     from equipoise.lab.balance.report import BalanceReport
@@ -127,17 +127,18 @@ def balance(
         "noise": noise, **world, "payload": payload, "seed": seed, "com": None if com is None else str(com),
         "com_error": error,
     }  # fmt: skip
-    report = BalanceReport(model.name, sensors_known, settings, tuple(trials), provenance)
-    files = report.save(out)
-    if pictures:
-        from equipoise.lab.pictures.balance import save_balance_picture
+    done = BalanceReport(model.name, sensors_known, settings, tuple(trials), provenance)
+    files = done.save(out)
+    if report:
+        from equipoise.lab.pages.balance import balance_page
+        from equipoise.report.page import save_page
 
-        files.append(save_balance_picture(report, out))
+        files.append(save_page(balance_page(done), out / "balance.html"))
     if output.json:
-        print(report.to_json(), end="")
+        print(done.to_json(), end="")
     else:
-        print_balance(report, files)
-    if check and not report.balanced:
+        print_balance(done, files)
+    if check and not done.balanced:
         fallen = ", ".join(trial.run.diagonal for trial in trials if not trial.verdict.balanced)
         print(f"the robot did not balance for {settings.duration:g} s on {fallen}", file=sys.stderr)
         return FallError.exit_code

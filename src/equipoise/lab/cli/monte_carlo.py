@@ -67,11 +67,11 @@ class StudyOutput(Output):
 
     Attributes:
         out: Folder of the study; default runs/monte-carlo-ROBOT.
-        pictures: Leave out the PNG pictures.
+        report: Leave out the page summary.html.
     """
 
     out: File = None
-    pictures: Flag = True
+    report: Flag = True
 
 
 def monte_carlo(
@@ -101,14 +101,15 @@ def monte_carlo(
         scheduler: Address of a Dask scheduler.
         trial_limit: Longest time that a trial may take; then its process is ended, and the trial is lost if that was twice.
     """
-    from equipoise.lab.pictures.study import draw_slopes, draw_study
+    from equipoise.lab.pages.markdown import markdown
+    from equipoise.lab.pages.study import study_page
     from equipoise.lab.study.runner import run_study
     from equipoise.lab.study.statistics import slopes, summarize
     from equipoise.lab.study.study import Study
-    from equipoise.lab.study.summary import save_summary, summary_markdown, summary_table
+    from equipoise.lab.study.summary import save_summary, summary_table
     from equipoise.lab.terminal.study import StudyLine, print_study
     from equipoise.method.table import method_named
-    from equipoise.pictures.files import save_figures
+    from equipoise.report.page import save_page
     from equipoise.simulation.effects import read_effects, read_names
 
     drawn: dict[str, Any] = {**vars(simulation), "only": names(simulation.only)}
@@ -123,15 +124,14 @@ def monte_carlo(
     # Sizes that vary with the robots alone vary together: nothing tells their shares apart.
     costs = [slope for used in study.methods if study.vary_noise for slope in slopes(rows, used.name)]
     table = summary_table(study, summaries, costs)
-    files = save_summary(folder, table, summary_markdown(study, summaries, costs))
-    if output.pictures:
-        figures = {"errors.png": draw_study(rows, summaries, f"{robot}: {trials} simulated calibrations")}
-        figures |= {f"sources-{m}.png": draw_slopes(rows, costs, m) for m in {slope.method for slope in costs}}
-        files += save_figures(figures, folder)
+    page = study_page(study, rows, summaries, costs)
+    files = save_summary(folder, table, markdown(page, "summary.html"))
+    if output.report:
+        files.append(save_page(page, folder / "summary.html"))
     if output.json:
         print(json_module.dumps(table, indent=2))
     else:
-        print_study(summaries, costs, files)
+        print_study(page, files)
 
 
 def monte_carlo_for(arguments: Sequence[str]) -> Verb:

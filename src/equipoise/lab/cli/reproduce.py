@@ -27,22 +27,22 @@ def reproduce(
     Example: equipoise lab reproduce --out reproduction
 
     Args:
-        out: Folder for README.md, CSV files and figures.
+        out: Folder for README.md and report.html.
         trials: Of the paper's method.
         precise_trials: Of the precise method, which takes ten times as long.
         workers: Processes; default one for each core.
     """
-    from equipoise.lab.pictures.reproduction import markdown, save_reproduction
+    from equipoise.lab.pages.reproduction import reproduction_page, save_reproduction
     from equipoise.lab.study.reproduction import reproduce as run
-    from equipoise.lab.terminal.study import StudyLine
+    from equipoise.lab.terminal.study import StudyLine, print_study
 
     if trials < 1 or precise_trials < 1:
         raise SettingsError(f"{min(trials, precise_trials)} trials are none; ask for one at least")
     with StudyLine(output.silent) as line:
         done = run(out / "studies", trials, precise_trials, workers, line.doing)
-    files = save_reproduction(done, out)
+    page = reproduction_page(done)
+    files = save_reproduction(page, out)
     if output.json:
         print(json_module.dumps({"schema": "equipoise.reproduction/1", "files": [str(file) for file in files]}))
-        return
-    print(markdown(done))
-    print("saved: " + ", ".join(str(file) for file in files))
+    else:
+        print_study(page, files)

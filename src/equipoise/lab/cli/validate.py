@@ -32,19 +32,20 @@ def validate(
     """Play a run's lifts again in simulation, with the body found and the model file's: which tips as the robot did?
 
     The joints do what was measured, the base is free from when both feet were off the floor. One ratio says how much farther
-    from what was measured the model file's body tips than the one found; a picture shows each lift.
+    from what was measured the model file's body tips than the one found; a page shows each lift.
 
     Example: equipoise lab validate runs/go2
              equipoise lab validate runs/second --against runs/first go2_payload.urdf
 
     Args:
         against: Other bodies to play: robots by name, model files, or run folders of the same robot.
-        out: JSON file to save all of it in, and the picture beside it; default validation.json in the run's folder.
+        out: JSON file to save all of it in, and the page beside it; default validation.json in the run's folder.
     """
     from equipoise.calibration.run_folder import HEADER
-    from equipoise.lab.pictures.validation import save_validation
+    from equipoise.lab.pages.validation import validation_page
     from equipoise.lab.replay.validation import validate as played
     from equipoise.lab.terminal.validation import print_validation
+    from equipoise.report.page import save_page
 
     result = _result(run, source, description, output)
     found = played(result, {name: _body(name, description) for name in against})
@@ -53,7 +54,7 @@ def validate(
     files: list[Path] = []
     if file is not None:
         write_file(file, text)
-        files = [file, save_validation(found, file.with_suffix(".png"))]
+        files = [file, save_page(validation_page(found), file.with_suffix(".html"))]
     if output.json:
         print(text, end="")
     else:

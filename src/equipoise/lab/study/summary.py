@@ -1,4 +1,4 @@
-"""A Monte Carlo study in words and tables: Markdown for people, JSON for programs."""
+"""Numbers of a Monte Carlo study as text and as JSON."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from equipoise.lab.study.statistics import LEVELS, ErrorStatistics, MethodSummary, Rate, Slope, to_dict
+from equipoise.lab.study.statistics import ErrorStatistics, MethodSummary, Rate, Slope, to_dict
 from equipoise.lab.study.study import Study
 from equipoise.simulation.effects import SensorErrors
 from equipoise.user_file import write_file
@@ -59,65 +59,6 @@ def summary_table(study: Study, summaries: Sequence[MethodSummary], slopes: Sequ
     return _without_infinities(table)
 
 
-def summary_markdown(study: Study, summaries: Sequence[MethodSummary], slopes: Sequence[Slope]) -> str:
-    """The study as a page of Markdown."""
-    payload = study.payload if study.payload in ("random", "none") else f"`{study.payload}`"
-    others = [name if size is None else f"{name} {size:g}" for name, size in study.effects.items()]
-    noise = (
-        study.noise + "".join(f", with {other}" for other in others) + "".join(f", without {n}" for n in study.without)
-    )
-    noise += ", contacts of the model file" if study.contacts == "file" else ""
-    noise += f", only {', '.join(study.only)}" if study.only else ""
-    noise += ", each source's size times a random factor from 0 to 2" if study.vary_noise else ""
-    lines = [
-        f"# Monte Carlo study of {study.robot}",
-        "",
-        f"{max((s.trials for s in summaries), default=0)} trials; noise {noise}; payload {payload}; seed {study.seed}"
-        + (f"; random robots with a spread of {study.spread:g}" if study.spread else "")
-        + (f"; weighed to {study.scale_error:.1%}" if study.scale_error else "")
-        + ". Errors are estimate less truth, of the whole robot at its nominal stance.",
-        "",
-        "| method | within 5 mm (95 % interval) | failed | robot time, median | CPU time, median |",
-        "|---|---|---|---|---|",
-    ]
-    for summary in summaries:
-        lines.append(
-            f"| {summary.method} | {rate_text(summary.within)} | {failures_text(summary)} | {_time(summary.robot_time, 0)} | "
-            f"{_time(summary.cpu_time, 2)} |"
-        )
-    for summary in summaries:
-        lines += ["", f"## {summary.method}", "", *_error_table(summary)]
-    for method in dict.fromkeys(slope.method for slope in slopes):
-        lines += ["", f"## What costs {method} its planar accuracy", "", *_slope_table(slopes, method)]
-    return "\n".join(lines) + "\n"
-
-
-def _time(value: float, digits: int) -> str:
-    return f"{value:.{digits}f} s" if math.isfinite(value) else ""
-
-
-def _error_table(summary: MethodSummary) -> list[str]:
-    covered = any(error.coverage for error in summary.errors)
-    head = "| quantity | unit | n | bias | RMS | 95th percentile |"
-    lines = [
-        head + "".join(f" in the {level} % interval |" for level in LEVELS if covered),
-        "|---" * (6 + covered * len(LEVELS)) + "|",
-    ]
-    for error in summary.errors:
-        cells = [error.quantity, error.unit, str(error.count), *(error_numbers(error))]
-        cells += [coverage_text(error, level) for level in LEVELS if covered]
-        lines.append("| " + " | ".join(cells) + " |")
-    failed = sum(summary.failures.values())
-    if failed:
-        lines += [
-            "",
-            f"Bias and RMS are of those that succeeded; in the 95th percentile the {failed} failed ones count as worse.",
-            "",
-            *(f"- {kind}, the first in {reason}" for kind, reason in summary.reasons.items()),
-        ]
-    return lines
-
-
 def error_numbers(error: ErrorStatistics) -> tuple[str, str, str]:
     """Bias, RMS and 95th percentile."""
     largest = "more than 5 % failed" if math.isinf(error.percentile_95) else f"{error.percentile_95:.2f}"
@@ -133,20 +74,6 @@ def rate_text(rate: Rate) -> str:
     """A rate in percent with its 95 % interval."""
     lower, upper = rate.interval
     return f"{100 * rate.value:.1f} % ({100 * lower:.1f} to {100 * upper:.1f})"
-
-
-def _slope_table(slopes: Sequence[Slope], method: str) -> list[str]:
-    lines = [
-        "RMS planar error = slope x size of the source; independent sources add in squares.",
-        "",
-        "| source | slope | standard error | unit |",
-        "|---|---|---|---|",
-    ]
-    for slope in slopes:
-        if slope.method == method:
-            value, deviation, unit = slope_numbers(slope)
-            lines.append(f"| {source_label(slope.source)} | {value:.3g} | {deviation:.2g} | {unit} |")
-    return lines
 
 
 def save_summary(folder: str | Path, table: dict[str, Any], markdown: str) -> list[Path]:

@@ -1,1 +1,1 @@
-"""What people see in the terminal."""
+"""Results of the lab's verbs in the terminal."""

@@ -1,4 +1,4 @@
-"""What people see of a Monte Carlo study in the terminal."""
+"""A Monte Carlo study in the terminal."""
 
 from __future__ import annotations
 
@@ -7,22 +7,13 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-from rich.table import Table
 
+from equipoise.figures.blocks import PageContents
 from equipoise.lab.study.runner import StudyProgress
-from equipoise.lab.study.statistics import LEVELS, MethodSummary, Slope
-from equipoise.lab.study.summary import (
-    coverage_text,
-    error_numbers,
-    failures_text,
-    rate_text,
-    slope_numbers,
-    source_label,
-)
+from equipoise.terminal.tables import print_block
 
 _PLAIN_INTERVAL = 10.0  # [s] between lines where nothing can be overwritten
 
@@ -74,40 +65,14 @@ class StudyLine:
         self._live.stop()
 
 
-def print_study(summaries: Sequence[MethodSummary], slopes: Sequence[Slope], files: Sequence[Path]) -> None:
-    """What a study showed."""
+def print_study(page: PageContents, files: Sequence[Path]) -> None:
+    """Print rates, errors and the cost of each error source."""
     console = Console()
-    for summary in summaries:
-        _print_method(console, summary)
-    for method in dict.fromkeys(slope.method for slope in slopes):
-        table = Table(title=f"what costs {method} its planar accuracy", title_justify="left", box=box.SIMPLE_HEAD)
-        for name in ("source", "RMS error", "+-"):
-            table.add_column(name, justify="left" if name == "source" else "right")
-        for slope in slopes:
-            if slope.method == method:
-                value, deviation, unit = slope_numbers(slope)
-                table.add_row(source_label(slope.source), f"{value:.3g} {unit}", f"{deviation:.2g}")
-        console.print(table)
+    for section in page.sections:
+        console.print(f"[bold]{escape(section.title)}[/bold]")
+        for block in section.blocks:
+            print_block(console, block)
     console.print("saved: " + escape(", ".join(str(file) for file in files)), soft_wrap=True)
-
-
-def _print_method(console: Console, summary: MethodSummary) -> None:
-    console.print(
-        f"[bold]{summary.method}[/bold]: {summary.trials} trials, within 5 mm {escape(rate_text(summary.within))}, "
-        f"failed: {failures_text(summary)}"
-    )
-    for kind, reason in summary.reasons.items():
-        console.print(escape(f"  {kind}, the first in {reason}"), soft_wrap=True)
-    if not summary.errors:
-        return
-    covered = any(error.coverage for error in summary.errors)
-    table = Table(box=box.SIMPLE_HEAD)
-    for name in ("error of", "unit", "bias", "RMS", "95th pct.", *(f"in {level} %" for level in LEVELS if covered)):
-        table.add_column(name, justify="left" if name in ("error of", "unit") else "right")
-    for error in summary.errors:
-        inside = [coverage_text(error, level).split(" (")[0] for level in LEVELS if covered]
-        table.add_row(error.quantity, error.unit, *error_numbers(error), *inside)
-    console.print(table)
 
 
 def _duration(seconds: float) -> str:

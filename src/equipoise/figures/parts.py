@@ -1,4 +1,4 @@
-"""What a run found about motors and links, for people: a line for each, left above right."""
+"""Estimated properties of motors and links: a row for each, left above right."""
 
 from __future__ import annotations
 
@@ -6,11 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import floor, log10
 
-from rich import box
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
+from equipoise.figures.blocks import DataTable
 from equipoise.result.calibration import Calibration
 from equipoise.result.findings import Link, Part
 from equipoise.result.quantity import Quantity
@@ -35,7 +31,7 @@ _LINKS = (
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What was found about all parts of a kind.
+    """All parts of a kind.
 
     Attributes:
         kind: what they are, "motors" or "links".
@@ -53,7 +49,7 @@ class Parts:
 
     @property
     def legend(self) -> list[str]:
-        """What marks in the table mean, a sentence each."""
+        """Meaning of each mark in the table, a sentence each."""
         shown = [one for part in self.found.values() for one in part.quantities.values()]
         marks = {
             "In brackets: hardly surer than before the run.": any(one.verdict == "not identified" for one in shown),
@@ -65,14 +61,17 @@ class Parts:
         """One quantity of every part."""
         return [part.quantities[name] for part in self.found.values()]
 
-    def rows(self, plus_minus: str) -> list[list[str]]:
-        """Of each part its name and what was found, as of the columns."""
-        columns = [_cells(self.of(one.name), one, plus_minus) for one in self.columns]
-        return [list(row) for row in zip(self.found, *columns, strict=True)]
+    def table(self, title: str = "") -> DataTable:
+        """Return a row for each part."""
+        columns = [_cells(self.of(one.name), one) for one in self.columns]
+        rows = [list(row) for row in zip(self.found, *columns, strict=True)]
+        heads = [self.each, *(f"|{one.label}" for one in self.columns)]
+        words = " ".join([f"Each {self.each}, half 95 % intervals; left above right.", *self.legend])
+        return DataTable(title or words, heads, rows)
 
 
 def parts_of(result: Calibration) -> list[Parts]:
-    """Motors and links, if the run looked at them."""
+    """Return motors and links, if the run estimated them."""
     joints = list(result.motors)
     if result.robot_model is not None:
         joints = [name for leg in result.robot_model.legs.values() for name in leg.joint_names]
@@ -84,7 +83,7 @@ def parts_of(result: Calibration) -> list[Parts]:
 
 
 def _told(columns: tuple[Shown, ...], found: Mapping[str, Part]) -> tuple[Shown, ...]:
-    """Columns of which the run told a value: of friction that grows toward rest it mostly tells none."""
+    """Return the columns that have a value; friction that grows toward rest mostly has none."""
     return tuple(one for one in columns if any(part.quantities[one.name].value is not None for part in found.values()))
 
 
@@ -97,23 +96,6 @@ def parts_of_legs(links: Mapping[str, Link]) -> Parts:
     )  # fmt: skip
 
 
-def print_parts(console: Console, robot: str, parts: Parts, what: str = "95 % +-") -> None:
-    """A table.
-
-    Args:
-        what: words for what stands behind the numbers.
-    """
-    title = f"{robot}: {parts.kind}, {what}"
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
-    table.add_column(parts.each, overflow="fold")
-    for one in parts.columns:
-        table.add_column(escape(one.label.replace(" [", "\n[")), justify="right", no_wrap=True)
-    for name, *cells in parts.rows("+-"):
-        table.add_row(escape(name), *cells)
-    console.print(table)
-    console.print(" ".join([parts.remark, *parts.legend]))
-
-
 def _left_by_right(found: Mapping[str, Part], names: Sequence[str]) -> dict[str, Part]:
     """Parts in an order that puts each above its like on the other side, of names by the legs FL FR RL RR."""
     per_leg = len(names) // 4
@@ -122,23 +104,23 @@ def _left_by_right(found: Mapping[str, Part], names: Sequence[str]) -> dict[str,
     return {name: found[name] for pair in pairs for name in pair if name in found}
 
 
-def _cells(quantities: list[Quantity], shown: Shown, plus_minus: str) -> list[str]:
+def _cells(quantities: list[Quantity], shown: Shown) -> list[str]:
     """A column; the narrowest interval says how many digits all have."""
     halves = [quantity.half * shown.factor for quantity in quantities if quantity.half]
     form = f".{_decimals(min(halves, default=1.0))}f"
-    return [_cell(quantity, shown, form, plus_minus) for quantity in quantities]
+    return [_cell(quantity, shown, form) for quantity in quantities]
 
 
 def _decimals(half: float) -> int:
-    """Of a number whose interval is that wide to each side: its first digit, and the second of what begins with 1 or 2."""
+    """Return the decimals of a number from half its interval: its first digit, and the second of what begins with 1 or 2."""
     place = floor(log10(half))
     return max(0, -place + (half < 3 * 10.0**place))
 
 
-def _cell(quantity: Quantity, shown: Shown, form: str, plus_minus: str) -> str:
+def _cell(quantity: Quantity, shown: Shown, form: str) -> str:
     if quantity.value is None or quantity.half is None:
         return "-"
     outside = " (!)" if quantity.missed else ""
     value, half = quantity.value * shown.factor, quantity.half * shown.factor
-    told = f"{value:{shown.form}{form}}{plus_minus}{half:{form}}"
+    told = f"{value:{shown.form}{form}}+-{half:{form}}"
     return f"({told}){outside}" if quantity.verdict == "not identified" else told + outside

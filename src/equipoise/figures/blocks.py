@@ -1,0 +1,171 @@
+"""Tables, figures and texts of results: computed once, rendered by `terminal` and by `report`.
+
+Text is ASCII. Pages typeset "+-" and minus signs. Figures are Plotly figures as plain dictionaries.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:  # lists of robots and formats load no NumPy
+    from equipoise.conventions import FloatArray
+    from equipoise.result.quantity import Quantity
+
+Trace = dict[str, Any]
+"""A trace or a layout of Plotly."""
+
+SERIES = ("#0b62a4", "#c2500a", "#00806a", "#a04a86")
+DASHES = ("solid", "dash", "dot", "dashdot")
+"""Lines differ by dash as well as by colour."""
+INK, MUTED, ROBOT = "#1b1f24", "#5b6570", "#8b95a1"
+BAR = "interval"
+"""Head of a column of bars."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of a table.
+
+    Attributes:
+        text: its text.
+        tone: "strong", "muted" or "bad".
+        verdict: word that a page shows with a sign and a colour.
+        bar: quantity whose interval is drawn; a terminal leaves it out.
+    """
+
+    text: str = ""
+    tone: str = ""
+    verdict: str = ""
+    bar: Quantity | None = None
+
+    def __str__(self) -> str:
+        return " ".join(filter(None, (self.text, self.verdict)))
+
+
+@dataclass(frozen=True)
+class DataTable:
+    """A table.
+
+    Attributes:
+        title: its caption.
+        columns: heads; those that begin with "|" are right-aligned.
+        rows: cells.
+        folded: whether a page shows the rows on demand.
+        style: class of the style sheet, "numbers" or "numbers barred".
+    """
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str | Cell]]
+    folded: bool = False
+    style: str = ""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A Plotly figure.
+
+    Attributes:
+        title: heading above it.
+        caption: description, also the text alternative.
+        data: traces.
+        layout: layout; the page adds the template.
+        height: height [px].
+    """
+
+    title: str
+    caption: str
+    data: list[Trace]
+    layout: Trace = field(default_factory=dict[str, Any])
+    height: int = 320
+
+
+Block = str | tuple[str, ...] | DataTable | Figure
+"""A paragraph, a list, a table or a figure."""
+
+
+class Section(NamedTuple):
+    """A part of a page below the first screen."""
+
+    name: str
+    title: str
+    blocks: Sequence[Block]
+
+
+@dataclass(frozen=True)
+class PageContents:
+    """A page.
+
+    Attributes:
+        title, subtitle, lead: its head.
+        alerts: name and message of each failed check or warning.
+        first: blocks of the first screen, figures beside the others.
+        sections: the parts below; empty ones are left out.
+    """
+
+    title: str
+    subtitle: str
+    lead: str
+    first: Sequence[Block]
+    sections: Sequence[Section] = ()
+    alerts: Sequence[tuple[str, str]] = ()
+
+
+def axes(x: str, y: str, **more: Any) -> Trace:
+    """Return a layout with titled axes."""
+    return {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}, **more}
+
+
+def line(x: Iterable[float], y: Iterable[float], name: str, series: int, **more: Any) -> Trace:
+    """Return a line of a series, which differs from others in colour and dash."""
+    style = {"color": SERIES[series % 4], "dash": DASHES[series % 4], "width": 2, **more.pop("line", {})}
+    return {"type": "scatter", "mode": "lines", "x": short(x), "y": short(y), "name": name, "line": style, **more}
+
+
+def pieces(curves: Sequence[tuple[FloatArray, FloatArray]], name: str, series: int) -> Trace:
+    """Return a thin line of a series in pieces, a gap after each."""
+    x, y = ([value for curve in curves for value in (*curve[axis], math.nan)] for axis in (0, 1))
+    return line(x, y, name, series, line={"width": 1})
+
+
+def points(x: Iterable[float], y: Sequence[Any], name: str, marker: Trace, **more: Any) -> Trace:
+    """Return markers; y may be names."""
+    return {"type": "scatter", "mode": "markers", "x": short(x, 6), "y": y, "name": name, "marker": marker, **more}
+
+
+def level(y: float, words: str = "", colour: str = MUTED, dash: str = "dash") -> Trace:
+    """Return a layout's shape: a horizontal line across the figure, with a label."""
+    label = {"text": words, "textposition": "end", "font": {"size": 11, "color": colour}}
+    ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y}
+    return {"type": "line", **ends, "line": {"color": colour, "dash": dash, "width": 1}, "label": label}
+
+
+def upright(x: float, words: str = "", colour: str = MUTED, dash: str = "dash") -> Trace:
+    """Return a layout's shape: a vertical line across the figure, with a label."""
+    shape = level(x, words, colour, dash)
+    shape["label"] |= {"textangle": 0, "xanchor": "left", "yanchor": "top"}
+    return {**shape, "xref": "x", "x0": x, "x1": x, "yref": "paper", "y0": 0, "y1": 1}
+
+
+def plain(words: str) -> str:
+    """Return text without tags, which Plotly would interpret."""
+    return html.escape(words, quote=False)
+
+
+def short(values: Iterable[float], digits: int = 4) -> list[float | None]:
+    """Return values rounded to significant digits; None for those that are not finite."""
+    return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values]
+
+
+def number(value: float | None, factor: float, form: str) -> str:
+    """Return a value times a factor, without a minus zero; a dash if it is not known."""
+    if value is None:
+        return "-"
+    text = format(value * factor, form)
+    if any(digit in text for digit in "123456789"):
+        return text
+    return text.replace("-", "+" if form.startswith("+") else "")

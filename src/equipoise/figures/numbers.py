@@ -1,0 +1,122 @@
+"""The table of a body's parameters: estimates with their intervals, the model file and the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from equipoise.conventions import AXES
+from equipoise.figures.blocks import BAR, Cell, DataTable, number
+from equipoise.result.body import Body
+from equipoise.result.calibration import Calibration
+from equipoise.result.legend import frame_sentence, verdict_sentence
+from equipoise.result.quantity import Quantity
+from equipoise.result.shown import ROWS, called
+
+BODIES = {
+    "composite": "the whole robot at its stance",
+    "base": "the base link with all that is fixed to it",
+    "stance_effective": "the paper's body: base, hips and thighs",
+}
+
+
+@dataclass(frozen=True)
+class Number:
+    """One estimated quantity in displayed units.
+
+    Attributes:
+        label: name and unit.
+        form: format of the numbers.
+        quantity: the quantity in those units.
+    """
+
+    label: str
+    form: str
+    quantity: Quantity
+
+    @property
+    def value(self) -> float:
+        """Estimate."""
+        return self.quantity.value or 0.0
+
+    @property
+    def half(self) -> str:
+        """Half the 95 % interval."""
+        return number(self.quantity.half, 1, self.form)
+
+    def __str__(self) -> str:
+        return number(self.value, 1, self.form)
+
+
+def numbers(result: Calibration, body: str = "composite") -> list[Number]:
+    """Return the estimated quantities of a body, and the paper's I and C if there are no intervals."""
+    shown = numbers_of(getattr(result, body))
+    return shown if result.has_intervals or body != "composite" else shown + list(_sways(result))
+
+
+def numbers_of(body: Body) -> list[Number]:
+    """Return the estimated quantities of a body."""
+    return [
+        Number(label, form, _scaled(quantity, factor))
+        for quantity, (_, label, factor, form) in zip(body, ROWS, strict=True)
+        if quantity.value is not None
+    ]
+
+
+def _scaled(quantity: Quantity, factor: float) -> Quantity:
+    values = {name: getattr(quantity, name) for name in ("value", "deviation", "model", "truth")}
+    return replace(quantity, **{name: None if value is None else value * factor for name, value in values.items()})
+
+
+def _sways(result: Calibration) -> Iterator[Number]:
+    """Yield the paper's I, of base, hips and thighs, and C."""
+    for axis, letter in zip(AXES, "xyz", strict=True):
+        if axis in result.moments:
+            yield Number(f"I_{letter} ({axis}) [kg m2]", ".4f", result.moments[axis])
+        sway = result.sways.get(axis)
+        if sway is not None and sway.damping is not None:
+            yield Number(f"C_{letter} ({axis}) [Nm s/rad]", ".3f", Quantity(f"C_{letter}", "Nm s/rad", sway.damping))
+
+
+def numbers_table(shown: list[Number], title: str) -> DataTable:
+    """Return a row for each quantity, with a bar for its interval; empty columns are left out."""
+    found = [one.quantity for one in shown]
+    there = {
+        "|95 % +-": any(one.half is not None for one in found),
+        "verdict": any(one.verdict for one in found),
+        "|truth": any(one.truth is not None for one in found),
+        "|error": any(one.truth is not None for one in found),
+        "|model": any(one.model is not None for one in found),
+        "|change": any(one.model is not None for one in found),
+    }
+    columns = [name for name in ("parameter", "|estimate", "|95 % +-", BAR, *list(there)[1:]) if there.get(name, True)]
+    return DataTable(title, columns, [_cells(one, columns) for one in shown], style="numbers barred")
+
+
+def _cells(one: Number, columns: list[str]) -> list[str | Cell]:
+    found, form = one.quantity, one.form
+    clear = found.half is not None and found.change is not None and abs(found.change) > found.half
+    error = number(found.error, 1, "+" + form) + " (!)" * found.missed
+    by_column: Mapping[str, str | Cell] = {
+        "parameter": one.label,
+        "|estimate": Cell(str(one), "strong"),
+        "|95 % +-": one.half,
+        BAR: Cell(bar=found),
+        "verdict": Cell(verdict=found.verdict or ""),
+        "|truth": number(found.truth, 1, form),
+        "|error": Cell(error, "bad" if found.missed else ""),
+        "|model": number(found.model, 1, form),
+        "|change": Cell(number(found.change, 1, "+" + form), "strong" if clear else "muted" if found.half else ""),
+    }
+    return [by_column[column] for column in columns]
+
+
+def legend(result: Calibration) -> tuple[str, ...]:
+    """Return the sentences below the table: frame, bodies, and the meaning of the verdicts."""
+    paper = "I and C are of base, hips and thighs." if result.moments and not result.has_intervals else ""
+    return tuple(filter(None, (frame_sentence(result), paper, verdict_sentence(result.composite))))
+
+
+def not_estimated(result: Calibration) -> list[str]:
+    """Return the names of the whole robot's parameters without an estimate."""
+    return [called(quantity.name) for quantity in result.composite if quantity.value is None]

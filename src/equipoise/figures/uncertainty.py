@@ -1,0 +1,38 @@
+"""Shares of each variance by source, and remedies for the largest."""
+
+from __future__ import annotations
+
+from equipoise.figures.blocks import Cell, DataTable
+from equipoise.result.calibration import Calibration
+from equipoise.result.shown import ROWS
+
+REMEDY = "remedy"
+_SHOWN = ROWS[:7]  # mass, CoM, moments
+
+
+def uncertainty_table(result: Calibration) -> DataTable:
+    """Return the percentage of each variance by source; the largest of each column is strong."""
+    largest = [max(float(source.shares[index]) for source in result.budget) for index in range(len(_SHOWN))]
+    rows: list[list[str | Cell]] = []
+    for source in result.budget:
+        shares = zip(source.shares, largest, strict=False)
+        cells = [Cell(_percent(share), "strong" if share == most else "") for share, most in shares]
+        rows.append([source.name, *cells, source.remedy])
+    short = (label.split(" [", maxsplit=1)[0].removeprefix("CoM ") for _, label, *_ in _SHOWN)
+    heads = ["errors of", *(f"|{name}" for name in short), REMEDY]
+    return DataTable("Sources of uncertainty: percent of each variance", heads, rows)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f}" if share >= 0.005 else "."
+
+
+def remedies(result: Calibration) -> tuple[str, ...]:
+    """Return for mass, CoM and moments the largest source, its part of the interval, and its remedy."""
+    said: list[str] = []
+    for index, ((_, label, factor, form), quantity) in enumerate(zip(_SHOWN, result.composite, strict=False)):
+        if quantity.half is not None:
+            source = max(result.budget, key=lambda one, of=index: float(one.shares[of]))
+            whole, part = quantity.half * factor, quantity.half * factor * float(source.shares[index]) ** 0.5
+            said.append(f"{label}: +- {whole:{form}}, most by {source.name}, +- {part:{form}}: {source.remedy}")
+    return tuple(said)

@@ -1,0 +1,1 @@
+"""Tables and figures of the lab, for the terminal and for pages."""

@@ -1,0 +1,189 @@
+"""A Monte Carlo study: distribution of the CoM error, coverage of the intervals, and cost of each error source."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.figures.blocks import (
+    INK,
+    MUTED,
+    SERIES,
+    Block,
+    DataTable,
+    Figure,
+    PageContents,
+    Section,
+    Trace,
+    axes,
+    level,
+    line,
+    plain,
+    points,
+    short,
+    upright,
+)
+from equipoise.lab.study.rows import SUCCEEDED, Table, column, having, texts
+from equipoise.lab.study.statistics import LEVELS, WITHIN, MethodSummary, Slope, planar_errors
+from equipoise.lab.study.study import Study
+from equipoise.lab.study.summary import (
+    coverage_text,
+    error_numbers,
+    failures_text,
+    rate_text,
+    slope_numbers,
+    source_label,
+    source_unit,
+)
+
+_BINS = 6  # of size, with as many trials each
+
+
+def method_blocks(summary: MethodSummary) -> list[Block]:
+    """Return what a study showed of a method: rate, failures, and a table of its errors."""
+    times = {"robot time": f"{summary.robot_time:.0f} s", "CPU time": f"{summary.cpu_time:.2f} s"}
+    medians = ", ".join(f"{name} {time}" for name, time in times.items() if "nan" not in time)
+    words = (
+        f"{summary.method}: {summary.trials} trials, within 5 mm {rate_text(summary.within)}, "
+        f"failed: {failures_text(summary)}{f'; medians: {medians}' if medians else ''}"
+    )
+    reasons = tuple(f"{kind}, the first in {reason}" for kind, reason in summary.reasons.items())
+    blocks: list[Block] = [words, *([reasons] if reasons else [])]
+    if not summary.errors:
+        return blocks
+    levels = [level for level in LEVELS if any(error.coverage for error in summary.errors)]
+    rows = [
+        [
+            error.quantity,
+            error.unit,
+            str(error.count),
+            *error_numbers(error),
+            *(coverage_text(error, one) for one in levels),
+        ]
+        for error in summary.errors
+    ]
+    heads = [
+        "quantity",
+        "unit",
+        "|n",
+        "|bias",
+        "|RMS",
+        "|95th percentile",
+        *(f"in the {one} % interval" for one in levels),
+    ]
+    failed = sum(summary.failures.values())
+    note = f"Bias and RMS are of those that succeeded; in the 95th percentile the {failed} failed ones count as worse."
+    return [*blocks, DataTable("", heads, rows), *([note] if failed else [])]
+
+
+def slope_table(slopes: Sequence[Slope], method: str) -> DataTable:
+    """Return the RMS error that each source causes."""
+    rows: list[list[str]] = []
+    for slope in slopes:
+        if slope.method == method:
+            value, deviation, unit = slope_numbers(slope)
+            rows.append([source_label(slope.source), f"{value:.3g}", f"{deviation:.2g}", unit])
+    title = "RMS planar error = slope x size of the source; independent sources add in squares."
+    return DataTable(title, ["source", "|slope", "|standard error", "unit"], rows)
+
+
+def study_page(study: Study, rows: Table, summaries: Sequence[MethodSummary], slopes: Sequence[Slope]) -> PageContents:
+    """Return the page of a study."""
+    sections: list[Section] = []
+    for summary in summaries:
+        covered = [_coverage(summary)] if any(error.coverage for error in summary.errors) else []
+        sections.append(Section(summary.method, summary.method, [*method_blocks(summary), *covered]))
+    for method in dict.fromkeys(slope.method for slope in slopes):
+        figures = [_slope(rows, slope) for slope in slopes if slope.method == method]
+        title = f"What costs {method} its planar accuracy"
+        sections.append(Section(f"sources-{method}", title, [slope_table(slopes, method), *figures]))
+    title = f"Monte Carlo study of {study.robot}"
+    return PageContents(title, "", _conditions(study, summaries), [_distribution(rows, summaries)], sections)
+
+
+def _conditions(study: Study, summaries: Sequence[MethodSummary]) -> str:
+    payload = study.payload if study.payload in ("random", "none") else f"`{study.payload}`"
+    noise = [study.noise]
+    noise += [f"with {name}" if size is None else f"with {name} {size:g}" for name, size in study.effects.items()]
+    noise += [f"without {name}" for name in study.without]
+    noise += ["contacts of the model file"] if study.contacts == "file" else []
+    noise += [f"only {', '.join(study.only)}"] if study.only else []
+    noise += ["each source's size times a random factor from 0 to 2"] if study.vary_noise else []
+    parts = [f"{max((s.trials for s in summaries), default=0)} trials", f"noise {', '.join(noise)}"]
+    parts += [f"payload {payload}", f"seed {study.seed}"]
+    parts += [f"random robots with a spread of {study.spread:g}"] if study.spread else []
+    parts += [f"weighed to {study.scale_error:.1%}"] if study.scale_error else []
+    return f"{'; '.join(parts)}. Errors are estimate less truth, of the whole robot at its nominal stance."
+
+
+def _distribution(rows: Table, summaries: Sequence[MethodSummary]) -> Figure:
+    """Return the share of calibrations within each error; failures never are."""
+    largest, data = 1000 * WITHIN * 1.4, list[Trace]()
+    methods = list(dict.fromkeys(texts(rows, "method")))
+    for summary in summaries:
+        errors = 1000 * planar_errors(having(rows, "method", summary.method))
+        found = np.sort(errors[np.isfinite(errors)])
+        if found.size:
+            largest = max(largest, float(np.quantile(found, 0.98)))
+            share = 100 * np.arange(len(found) + 1) / summary.trials
+            label = f"{summary.method}: {rate_text(summary.within)} within 5 mm"
+            series = methods.index(summary.method)
+            data.append(line([0, *found], share, plain(label), series, line={"shape": "hv"}))
+    layout = axes(
+        "planar CoM error [mm]", "calibrations within it [%]", shapes=[upright(1000 * WITHIN, "the paper's 5 mm")]
+    )
+    layout["xaxis"]["range"], layout["yaxis"]["range"], layout["showlegend"] = [0, largest], [0, 101], True
+    caption = "Calibrations whose planar CoM error is at most so large; failed ones are not counted as within."
+    return Figure("Distribution of the CoM error", caption, data, layout, height=400)
+
+
+def _coverage(summary: MethodSummary) -> Figure:
+    errors = [error for error in summary.errors if error.coverage]
+    names = [error.quantity.replace("_", " ").replace("com", "CoM") for error in errors]
+    data: list[Trace] = []
+    for series, one in enumerate(LEVELS):
+        rates = [100 * error.coverage[one].value for error in errors]
+        lower, upper = 100 * np.array([error.coverage[one].interval for error in errors]).T
+        interval = {"type": "data", "array": short(upper - rates), "arrayminus": short(rates - lower), "thickness": 1}
+        places = np.arange(len(errors)) + 0.18 * (series - 1)
+        marker = {"color": SERIES[series], "symbol": ("circle", "diamond", "square")[series]}
+        data.append(points(places, short(rates), f"{one} % interval", marker, error_y=interval))
+    layout = axes("", "truth inside [%]", shapes=[level(one, "", SERIES[k]) for k, one in enumerate(LEVELS)])
+    layout["xaxis"] |= {"tickvals": list(range(len(names))), "ticktext": names}
+    layout["yaxis"]["range"] = [0, 104]
+    return Figure(f"{summary.method}: truth inside the intervals", "Dashed: the nominal rates.", data, layout)
+
+
+def _slope(rows: Table, slope: Slope) -> Figure:
+    """Return the planar CoM error against the size of a source, with the line of its slope."""
+    chosen = having(having(rows, "method", slope.method), "status", SUCCEEDED)
+    unit, factor = source_unit(slope.source)
+    size, errors = factor * column(chosen, slope.source), 1000 * planar_errors(chosen)
+    steepness, deviation, per_unit = slope_numbers(slope)
+    # What the others cost on average stays: the line is the root of its square and this source's.
+    others = float(np.sqrt(max(0.0, float(np.mean(errors**2) - steepness**2 * np.mean(size**2)))))
+    caption = f"{slope.method}: {steepness:.2g} +- {deviation:.2g} {per_unit}."
+    layout = axes(f"{source_label(slope.source)} [{unit}]", "planar CoM error [mm]")
+    layout["yaxis"]["range"] = [0, float(np.quantile(errors, 0.995))]
+    return Figure(source_label(slope.source), caption, line_in_squares(size, errors, others, steepness), layout)
+
+
+def line_in_squares(size: FloatArray, errors: FloatArray, floor: float, slope: float) -> list[Trace]:
+    """Return each trial's error, their RMS by size, and root of (floor squared + (slope x size) squared)."""
+    parts = np.array_split(np.argsort(size), _BINS)
+    sizes = np.linspace(0, float(size.max()), 51)
+    rms = [float(np.sqrt(np.mean(errors[part] ** 2))) for part in parts]
+    means = [float(size[part].mean()) for part in parts]
+    return [
+        points(size, short(errors), "one robot", {"color": MUTED, "size": 3, "opacity": 0.5}),
+        points(means, short(rms), "RMS of a sixth of them", {"color": SERIES[1], "size": 8}),
+        line(
+            sizes,
+            np.hypot(floor, slope * sizes),
+            f"root of ({floor:.1f}\u00b2 + ({slope:.2f} x size)\u00b2)",
+            0,
+            line={"color": INK, "width": 1.2},
+        ),
+    ]

@@ -1,0 +1,178 @@
+"""Blocks as HTML. Every text is escaped."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+
+from equipoise.figures.blocks import BAR, Block, Cell, DataTable, Figure, PageContents
+from equipoise.result.quantity import Quantity
+
+_BESIDE = ("truth", "error", "model", "change")  # on a telephone they stand below the estimate
+_LONG = 24  # letters from which on a cell may break, also inside a word
+# Verdicts differ by a sign and a word as well as by a colour.
+_VERDICTS = {
+    "identified": ("\u25cf", "good"), "weak": ("\u25d0", "warn"), "not identified": ("\u25cb", "poor"),
+    "doubtful": ("\u25cb", "poor"), "passed": ("\u2713", "good"), "failed": ("\u2717", "poor"),
+}  # fmt: skip
+_MINUS = re.compile(r"(?<![\w./\-])-(?=\d)")
+_WIDTH, _MARGIN = 118, 0.08  # of a bar, and the part of it that is kept free at either end
+
+
+def typeset(text: str) -> str:
+    """Return escaped text with true minus and plus-minus signs."""
+    return html.escape(_MINUS.sub("\u2212", text.replace("+-", "\u00b1")))
+
+
+def blocks_html(blocks: Iterable[Block]) -> str:
+    """Return blocks one below the other, neighbouring figures in a grid."""
+    parts: list[str] = []
+    for kind, group in groupby(blocks, key=type):
+        made = [block_html(block) for block in group]
+        parts += [f'<div class="figures">{"".join(made)}</div>'] if kind is Figure else made
+    return "\n".join(parts)
+
+
+def block_html(block: Block) -> str:
+    """Return one block."""
+    if isinstance(block, DataTable):
+        return _table(block)
+    if isinstance(block, Figure):
+        return _figure(block)
+    if isinstance(block, str):
+        return f"<p>{typeset(block)}</p>"
+    return f"<ul>{''.join(f'<li>{typeset(item)}</li>' for item in block)}</ul>"
+
+
+def _figure(figure: Figure) -> str:
+    words = typeset(f"{figure.title}. {figure.caption}")
+    plot = f'<div class="plot" role="img" aria-label="{words}" style="min-height: {figure.height}px"></div>'
+    heading = f"<h3>{typeset(figure.title)}</h3>"
+    return f"<figure>{heading}{plot}<figcaption>{typeset(figure.caption)}</figcaption></figure>"
+
+
+def _table(table: DataTable) -> str:
+    heads = [head.removeprefix("|") for head in table.columns]
+    numbers = [head.startswith("|") for head in table.columns]
+    top = "".join(
+        f'<th scope="col"{_class(number=right)}>{typeset(head)}</th>'
+        for head, right in zip(heads, numbers, strict=True)
+    )
+    rows = "".join(f"<tr>{_row(row, heads, numbers)}</tr>" for row in table.rows)
+    title = typeset(table.title)
+    made = (
+        f'<table class="{table.style}" aria-label="{title}"><thead><tr>{top}</tr></thead><tbody>{rows}</tbody></table>'
+    )
+    made = f'<div class="scroll">{made}</div>'
+    if table.folded:
+        return f"<details><summary>{title}</summary>{made}</details>"
+    return f'<div class="table"><p class="caption">{title}</p>{made}{_key(table)}</div>'
+
+
+def _row(row: Sequence[str | Cell], heads: Sequence[str], numbers: Sequence[bool]) -> str:
+    cells: list[str] = []
+    made = [cell if isinstance(cell, Cell) else Cell(cell) for cell in row]
+    for index, (cell, head, right) in enumerate(zip(made, heads, numbers, strict=True)):
+        tag = "td" if index else 'th scope="row"'
+        kinds = {"number": right, "long": len(cell.text) > _LONG, "beside": head in _BESIDE, cell.tone: bool(cell.tone)}
+        inside = _bar(cell.bar) if cell.bar else " ".join(filter(None, (typeset(cell.text), _verdict(cell.verdict))))
+        cells.append(f'<{tag} data-head="{typeset(head)}"{_class(**kinds)}>{inside}</{tag[:2]}>')
+    return "".join(cells)
+
+
+def _class(**kinds: bool) -> str:
+    there = " ".join(name for name, given in kinds.items() if given)
+    return f' class="{there}"' if there else ""
+
+
+def _verdict(word: str) -> str:
+    sign, tone = _VERDICTS.get(word, ("", ""))
+    return f'<span class="verdict {tone}">{sign} {html.escape(word)}</span>' if word else ""
+
+
+def bar_places(found: Quantity) -> dict[str, float]:
+    """Return places of interval, model file, truth and estimate between the ends of a bar, from 0 to 1."""
+    values = {
+        "lower": found.lower,
+        "upper": found.upper,
+        "model": found.model,
+        "truth": found.truth,
+        "found": found.value,
+    }
+    known = {name: value for name, value in values.items() if value is not None}
+    low, span = min(known.values()), (max(known.values()) - min(known.values())) or 1.0
+    return {name: _MARGIN + (1 - 2 * _MARGIN) * (value - low) / span for name, value in known.items()}
+
+
+def _bar(found: Quantity) -> str:
+    places = {name: _WIDTH * place for name, place in bar_places(found).items()}
+    parts = [f'<path class="axis" d="M0 10H{_WIDTH}"/>']
+    if "lower" in places:
+        parts.append(_band(places["lower"], max(3.0, places["upper"] - places["lower"])))
+    parts += [_mark(kind, places[kind], 10) for kind in ("model", "truth", "found") if kind in places]
+    return f'<svg viewBox="0 0 {_WIDTH} 20" role="img" aria-hidden="true">{"".join(parts)}</svg>'
+
+
+def _band(x: float, width: float) -> str:
+    return f'<rect class="band" x="{x:.1f}" y="6" width="{width:.1f}" height="8" rx="2"/>'
+
+
+def _mark(kind: str, x: float, y: float) -> str:
+    """Return a dot for the estimate, a square for the model file, a cross for the truth."""
+    if kind == "found":
+        return f'<circle class="found" cx="{x:.1f}" cy="{y}" r="3"/>'
+    if kind == "model":
+        return f'<rect class="model" x="{x - 4:.1f}" y="{y - 4}" width="8" height="8"/>'
+    return f'<path class="truth" d="M{x - 3.5:.1f} {y - 3.5}l7 7m-7 0l7 -7"/>'
+
+
+def _key(table: DataTable) -> str:
+    """Return the meaning of bars and bold changes; empty for a table without bars."""
+    bars = [cell.bar for row in table.rows for cell in row if isinstance(cell, Cell) and cell.bar]
+    if BAR not in table.columns or not bars:
+        return ""
+    intervals = any(bar.half is not None for bar in bars)
+    samples = {
+        "95 % interval": _band(0, 16) if intervals else "",
+        "estimate": _mark("found", 8, 10),
+        "model file": _mark("model", 8, 10) if any(bar.model is not None for bar in bars) else "",
+        "truth (simulation)": _mark("truth", 8, 10) if any(bar.truth is not None for bar in bars) else "",
+    }
+    words = [
+        f'<span><svg viewBox="0 4 16 12" aria-hidden="true">{sample}</svg>{name}</span>'
+        for name, sample in samples.items()
+        if sample
+    ]
+    words += ["<span>bold change: the model file's value is outside the interval</span>"] if intervals else []
+    return f'<p class="key">{"".join(words)}</p>'
+
+
+def document_html(document: PageContents) -> tuple[str, str]:
+    """Return the links of the parts, and the body of a page."""
+    parts = [(section, f"{section.name}-title") for section in document.sections if section.blocks]
+    links = "".join(f'<a href="#{section.name}">{typeset(section.title)}</a>' for section, _ in parts)
+    alerts = "".join(
+        f'<p class="alert"><span title="{typeset(message)}"><b>{typeset(name)}</b> {typeset(message)}</span></p>'
+        for name, message in document.alerts
+    )
+    figures = [block for block in document.first if isinstance(block, Figure)]
+    others = [block for block in document.first if not isinstance(block, Figure)]
+    beside = f'<div id="plan-view">{blocks_html(figures)}</div>' if figures else ""
+    head = f'<h1>{typeset(document.title)}</h1><p id="subtitle">{typeset(document.subtitle)}</p>'
+    head += f'<p id="lead">{typeset(document.lead)}</p>' if document.lead else ""
+    numbers = f'<div id="numbers">{blocks_html(others)}</div>' if others else ""
+    first = f'<div id="first">{numbers}{beside}</div>'
+    below = "".join(
+        f'<section id="{section.name}" aria-labelledby="{name}"><h2 id="{name}">{typeset(section.title)}</h2>'
+        f"{blocks_html(section.blocks)}</section>"
+        for section, name in parts
+    )
+    return links, f'{head}<div id="alerts">{alerts}</div>{first}{below}'
+
+
+def figures_of(document: PageContents) -> list[Figure]:
+    """Return the figures in the order in which they stand on the page."""
+    blocks = [*document.first, *(block for section in document.sections for block in section.blocks)]
+    return [block for block in blocks if isinstance(block, Figure)]

@@ -1,0 +1,54 @@
+"""Tables in the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from equipoise.figures.blocks import BAR, Block, DataTable
+
+_LONG = 24  # letters from which on a cell may break
+_WIDE = 5  # columns from which on units have a line of their own
+
+
+def print_table(console: Console, table: DataTable, without: Collection[str] = ()) -> None:
+    """Print a table; its title may be wider.
+
+    Args:
+        without: heads of columns that are left out, as are bars.
+    """
+    chosen = [index for index, head in enumerate(table.columns) if head not in {BAR, *without}]
+    between = "\n[" if len(chosen) > _WIDE else " ["
+    drawn = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_header=any(table.columns))
+    for index in chosen:
+        head = table.columns[index]
+        words, right = escape(head.removeprefix("|").replace(" [", between)), head.startswith("|")
+        short = all(len(str(row[index])) <= _LONG for row in table.rows)
+        drawn.add_column(words, justify="right" if right else "left", no_wrap=right or short, overflow="fold")
+    for row in table.rows:
+        drawn.add_row(*(escape(str(row[index])) for index in chosen))
+    if table.title:
+        console.print(f"[italic]{escape(table.title)}[/italic]")
+    console.print(drawn)
+
+
+def show_table(
+    title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], console: Console | None = None
+) -> None:
+    """Print a table that pages do not show."""
+    print_table(console or Console(), DataTable(title, columns, rows))
+
+
+def print_block(console: Console, block: Block) -> None:
+    """Print a paragraph, a list or a table; figures are for pages."""
+    if isinstance(block, DataTable):
+        print_table(console, block)
+    elif isinstance(block, str):
+        console.print(escape(block))
+    elif isinstance(block, tuple):
+        for item in block:
+            console.print(escape(f"  {item}"), soft_wrap=True)
