@@ -11,7 +11,6 @@ from equipoise.cli import flags
 from equipoise.drivers.catalog import (
     DRIVERS,
     PLATFORMS,
-    SIMULATED,
     for_platform,
     given_settings,
     open_connection,
@@ -19,6 +18,7 @@ from equipoise.drivers.catalog import (
 )
 from equipoise.drivers.settings import read_settings
 from equipoise.errors import SettingsError
+from equipoise.platform.engines import ENGINES
 from equipoise.terminal.platform import gain_lines
 
 
@@ -116,8 +116,8 @@ def test_an_unknown_platform_says_which_there_are(a1):
 
 def test_the_flag_names_every_platform():
     (told,) = (part for part in get_args(flags.PlatformName)[1:] if hasattr(part, "help"))
-    assert all(name in told.help for name in (*SIMULATED, *DRIVERS))
-    assert list(PLATFORMS) == [*SIMULATED, *DRIVERS]
+    assert all(name in told.help for name in (*ENGINES, *DRIVERS))
+    assert list(PLATFORMS) == [*ENGINES, *DRIVERS]
 
 
 def without_speeds(robot):
