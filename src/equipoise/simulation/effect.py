@@ -16,7 +16,7 @@ ROW = "effect"
 
 
 @dataclass(frozen=True)
-class Each:
+class PartOfRobot:
     """What there is one of an effect of.
 
     Attributes:
@@ -28,16 +28,16 @@ class Each:
     count: Callable[[int], int]
 
 
-ROBOT = Each("robot", lambda joints: 1)
-JOINT = Each("joint", lambda joints: joints)
-JOINT_DIRECTION = Each("joint, two directions", lambda joints: 2 * joints)
-LINK_DIRECTION = Each("leg link, along and twice across", lambda joints: 3 * joints)
-LINK_KIND = Each("kind of leg link", lambda joints: max(joints // 4, 1))
-LINK_KIND_DIRECTION = Each("kind of leg link, along and twice across", lambda joints: 3 * max(joints // 4, 1))
-LEG = Each("leg", lambda joints: 4)
-LEG_DIRECTION = Each("leg, three axes", lambda joints: 12)
-AXIS = Each("axis", lambda joints: 3)
-AXIS_PAIR = Each("pair of axes", lambda joints: 6)
+ROBOT = PartOfRobot("robot", lambda joints: 1)
+JOINT = PartOfRobot("joint", lambda joints: joints)
+JOINT_DIRECTION = PartOfRobot("joint, two directions", lambda joints: 2 * joints)
+LINK_DIRECTION = PartOfRobot("leg link, along and twice across", lambda joints: 3 * joints)
+LINK_KIND = PartOfRobot("kind of leg link", lambda joints: max(joints // 4, 1))
+LINK_KIND_DIRECTION = PartOfRobot("kind of leg link, along and twice across", lambda joints: 3 * max(joints // 4, 1))
+LEG = PartOfRobot("leg", lambda joints: 4)
+LEG_DIRECTION = PartOfRobot("leg, three axes", lambda joints: 12)
+AXIS = PartOfRobot("axis", lambda joints: 3)
+AXIS_PAIR = PartOfRobot("pair of axes", lambda joints: 6)
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ AZIMUTH = Law("exact, its direction drawn", lambda generator, size, count: gener
 
 
 @dataclass(frozen=True)
-class Measure:
+class Magnitude:
     """What a size is multiplied by on a robot that is no A1.
 
     Attributes:
@@ -76,11 +76,11 @@ class Measure:
     of: Callable[[Scale], float]
 
 
-SAME = Measure("", lambda scale: 1.0)
-TORQUE = Measure("torque", lambda scale: scale.torque)
-LENGTH = Measure("length", lambda scale: scale.length)
-MASS = Measure("mass", lambda scale: scale.torque / scale.length)
-STIFFNESS = Measure("force over length", lambda scale: scale.torque / scale.length**2)
+SAME = Magnitude("", lambda scale: 1.0)
+TORQUE = Magnitude("torque", lambda scale: scale.torque)
+LENGTH = Magnitude("length", lambda scale: scale.length)
+MASS = Magnitude("mass", lambda scale: scale.torque / scale.length)
+STIFFNESS = Magnitude("force over length", lambda scale: scale.torque / scale.length**2)
 
 ALL_ENGINES = ("mujoco", "dart")
 MUJOCO = ("mujoco",)
@@ -109,7 +109,7 @@ class Effect:
 
     meaning: str
     unit: str
-    each: Each
+    each: PartOfRobot
     law: Law
     source: str
     name: str = ""
@@ -117,7 +117,7 @@ class Effect:
     stress: float | None = None
     alone: float | None = None
     none: float = 0.0
-    measure: Measure = SAME
+    measure: Magnitude = SAME
     inverse: bool = False
     varied: bool = True
     engines: tuple[str, ...] = ALL_ENGINES
@@ -145,7 +145,7 @@ class Effect:
         return size / factor if factor else self.none
 
 
-def effect(meaning: str, unit: str, each: Each, law: Law, source: str, **more: Any) -> Any:
+def effect(meaning: str, unit: str, each: PartOfRobot, law: Law, source: str, **more: Any) -> Any:
     """A row of the table as a field; the arguments are those of `Effect`."""
     row = Effect(meaning, unit, each, law, source, **more)
     return field(default=row.none, metadata={ROW: row})

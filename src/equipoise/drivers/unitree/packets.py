@@ -101,7 +101,7 @@ class CommandPacket:
         record["bandwidth"] = packets.bandwidth
         motors = record["motors"]
         motors["mode"], motors["position"], motors["velocity"] = _SERVO, POSITION_STOP, VELOCITY_STOP
-        self._motors = Columns(motors[:MOTORS], COMMANDED, packets.counts, np.trunc)  # as the makers' SDKs
+        self._motors = FieldWriter(motors[:MOTORS], COMMANDED, packets.counts, np.trunc)  # as the makers' SDKs
 
     def write(self, commands: MotorCommands) -> bytearray:
         """The packet; the next call writes over it. Beyond what a field can hold, it holds the most that it can.
@@ -150,7 +150,7 @@ def _battery(packets: PacketFormat, record: Any) -> dict[str, float]:
     return {"battery_charge": float(battery["charge"]) / 100, "battery_voltage": voltage}
 
 
-class Columns:
+class FieldWriter:
     """Fields that are written together: one row of values each."""
 
     def __init__(self, record: Any, names: tuple[str, ...], counts: Mapping[str, float], whole: np.ufunc) -> None:

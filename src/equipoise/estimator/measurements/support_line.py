@@ -16,7 +16,7 @@ Feet = Sequence[NDArray[np.intp]]
 
 
 @dataclass(frozen=True, eq=False)
-class SupportLine:
+class ContactLine:
     """The support line of n samples, in base axes.
 
     Attributes:
@@ -30,7 +30,7 @@ class SupportLine:
     length: Traced
 
     @classmethod
-    def of(cls, posture: TracedPosture, feet: Feet, to_centre: Sequence[Traced]) -> SupportLine:
+    def of(cls, posture: TracedPosture, feet: Feet, to_centre: Sequence[Traced]) -> ContactLine:
         """Of two stance feet.
 
         Args:
@@ -60,7 +60,7 @@ class RollingLine:
     right_turning: Traced
 
     @classmethod
-    def of(cls, line: SupportLine, motion: TracedLegMotion, feet: Feet, to_centre: Sequence[Traced]) -> RollingLine:
+    def of(cls, line: ContactLine, motion: TracedLegMotion, feet: Feet, to_centre: Sequence[Traced]) -> RollingLine:
         """A sphere that rolls without slipping: its centre moves with its angular velocity x (radius normal)."""
         sample = np.arange(len(feet[0]))
         turning = [motion.foot_angular_velocity[:, foot, sample] for foot in feet]

@@ -15,7 +15,7 @@ from equipoise.estimator.measurements.imu_frame import angular_velocity, specifi
 from equipoise.estimator.measurements.leg_motion import LegChains, LegShape
 from equipoise.estimator.measurements.lift_samples import LiftSamples
 from equipoise.estimator.measurements.momenta import Momenta
-from equipoise.estimator.measurements.support_line import Feet, RollingLine, SupportLine
+from equipoise.estimator.measurements.support_line import ContactLine, Feet, RollingLine
 from equipoise.estimator.measurements.traced import Traced, contract, cross, dot, length, tanh, turned
 from equipoise.estimator.unknowns import TracedValues
 from equipoise.robot.kinematics import Kinematics
@@ -122,7 +122,7 @@ class TiltSamples:
         """Components of `SensedLift`, first axes first, in its order."""
         imu, (position, velocity) = self._sensed(values), self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
-        line = SupportLine.of(posture, self.feet, self._to_centre(values, imu.up))
+        line = ContactLine.of(posture, self.feet, self._to_centre(values, imu.up))
         return position, velocity, imu.up, imu.turning, line.left
 
     def lean(self, values: TracedValues) -> Traced:
@@ -135,7 +135,7 @@ class TiltSamples:
         normal = self._floor_normal(values, felt / length(felt))
         position, _ = self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
-        return dot(SupportLine.of(posture, self.feet, self._radii_along(values, normal)).left, normal)
+        return dot(ContactLine.of(posture, self.feet, self._radii_along(values, normal)).left, normal)
 
     def momentum(self, values: TracedValues) -> Traced:
         """(n,) l . L_o [kg m2/s]."""
@@ -163,20 +163,20 @@ class TiltSamples:
         position, _ = self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
         up, still = self._sensed(values).up, Traced(np.zeros(self.joints.position.shape))
-        line = SupportLine.of(posture, self.feet, self._to_centre(values, up))
+        line = ContactLine.of(posture, self.feet, self._to_centre(values, up))
         turning = self.legs.traced_motion(posture, still, line.left)
         robot = Momenta.about(
             line.point, self.legs, values["inertial"], posture, turning, line.left, cross(line.point, line.left)
         )
         return dot(line.left, robot.angular), dot(up, robot.first)
 
-    def _line_and_momenta(self, values: TracedValues, imu: _Sensed) -> tuple[SupportLine, RollingLine, Momenta, Traced]:
+    def _line_and_momenta(self, values: TracedValues, imu: _Sensed) -> tuple[ContactLine, RollingLine, Momenta, Traced]:
         """The line, how it moves, the bodies' momenta about it as seen from the base's origin, and L_o with the rotors'."""
         to_centre = self._to_centre(values, imu.up)
         position, velocity = self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
         motion = self.legs.traced_motion(posture, velocity, imu.turning)
-        line = SupportLine.of(posture, self.feet, to_centre)
+        line = ContactLine.of(posture, self.feet, to_centre)
         origin = Traced(np.zeros((3, self.count)))
         robot = Momenta.about(line.point, self.legs, values["inertial"], posture, motion, imu.turning, origin)
         angular = robot.angular + values["rotor_spin"] * motion.bending

@@ -19,7 +19,7 @@ from equipoise.robot.stance import Stance
 
 
 @dataclass(frozen=True, eq=False)
-class Belief:
+class Plant:
     """What the law is designed on.
 
     Attributes:
@@ -33,12 +33,12 @@ class Belief:
     source: str
 
 
-def model_file(robot: RobotModel) -> Belief:
+def model_file(robot: RobotModel) -> Plant:
     """The robot as its model file has it."""
-    return Belief(robot, SensorKnowledge.none(robot), "the model file")
+    return Plant(robot, SensorKnowledge.none(robot), "the model file")
 
 
-def calibrated(robot: RobotModel, stance: Stance, calibration: Calibration) -> Belief:
+def calibrated(robot: RobotModel, stance: Stance, calibration: Calibration) -> Plant:
     """The robot as a calibration found it; what its method does not estimate is the model file's.
 
     Mass and centre of mass of the whole robot are made the calibration's by the base: the legs stay the file's.
@@ -61,10 +61,10 @@ def calibrated(robot: RobotModel, stance: Stance, calibration: Calibration) -> B
     inertia = calibration.base.inertia.values
     mass = nominal.mass if found.mass.value is None else found.mass.value
     model = with_composite(robot, stance, mass, com, inertia if np.isfinite(inertia).all() else None)
-    return Belief(model, SensorKnowledge.of(calibration, robot), f"a calibration by the method {calibration.method}")
+    return Plant(model, SensorKnowledge.of(calibration, robot), f"a calibration by the method {calibration.method}")
 
 
-def displaced(robot: RobotModel, stance: Stance, truth: RobotInertia, diagonal: str, error: float) -> Belief:
+def displaced(robot: RobotModel, stance: Stance, truth: RobotInertia, diagonal: str, error: float) -> Plant:
     """The simulated truth with the centre of mass displaced.
 
     Args:
@@ -74,7 +74,7 @@ def displaced(robot: RobotModel, stance: Stance, truth: RobotInertia, diagonal: 
     com = truth.composite.com + error * forward_of(stance, diagonal)
     model = with_composite(robot, stance, truth.composite.mass, com, truth.base.inertia)
     source = f"the simulated truth, centre of mass {1000 * error:+g} mm off"
-    return Belief(model, SensorKnowledge.none(robot), source)
+    return Plant(model, SensorKnowledge.none(robot), source)
 
 
 def forward_of(stance: Stance, diagonal: str) -> FloatArray:

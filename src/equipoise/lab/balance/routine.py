@@ -14,7 +14,7 @@ from equipoise.experiments.stand import move_to, stand_up
 from equipoise.lab.balance.controller import BalanceLaw, BalanceWeights
 from equipoise.lab.balance.model import LinearModel, linear_model
 from equipoise.lab.balance.posture import Posture, posture_over_line
-from equipoise.lab.balance.run import BalanceRun, Ending, Samples
+from equipoise.lab.balance.run import BalanceRun, Ending, TrialSamples
 from equipoise.lab.balance.senses import Bearings, Senses, SensorKnowledge
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState
 from equipoise.platform.ramp import smooth_step
@@ -151,7 +151,7 @@ class _Trial:
         self.platform, self.robot, self.believed = platform, robot, believed
         self.diagonal, self.settings = diagonal, settings
         self.home, self.home_torque = home, home_torque
-        self.samples = Samples()
+        self.samples = TrialSamples()
         self._watch = watch
         hip_height = self._hip_height = nominal_stance(robot).hip_height
         self.swing_height = settings.swing_height * hip_height

@@ -74,7 +74,7 @@ class BalanceRun:
     unstable_pole: float
 
 
-class Samples:
+class TrialSamples:
     """Collects what is sensed, sent and felt while a trial runs."""
 
     def __init__(self) -> None:

@@ -30,7 +30,7 @@ from equipoise.cli.settings import seconds
 from equipoise.errors import FallError, MotionError, OutputError, SettingsError
 
 if TYPE_CHECKING:
-    from equipoise.lab.balance.belief import Belief
+    from equipoise.lab.balance.belief import Plant
     from equipoise.lab.balance.report import BalanceTrial
     from equipoise.lab.balance.routine import BalanceSettings
     from equipoise.robot.model import RobotModel
@@ -187,7 +187,7 @@ def _calibration(path: Path) -> Any:
 
 def _belief(
     robot: RobotModel, stance: Stance, simulation: Simulation, diagonal: str, calibration: Any, error: float | None
-) -> Belief:
+) -> Plant:
     from equipoise.lab.balance import belief
 
     if calibration is not None:
@@ -201,7 +201,7 @@ def _trial(
     simulation: Simulation,
     robot: RobotModel,
     stance: Stance,
-    belief: Belief,
+    belief: Plant,
     diagonal: str,
     settings: BalanceSettings,
 ) -> BalanceTrial:

@@ -56,7 +56,7 @@ STACKS: dict[str, dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class Controllers:
+class ControllerFlags:
     """What the robot publishes and listens to.
 
     Attributes:
@@ -112,9 +112,9 @@ class Controllers:
             if not getattr(self, name) >= 0:
                 raise SettingsError(f"{name} is {getattr(self, name)}; it must be zero or more")
 
-    def as_stack(self) -> Controllers:
+    def as_stack(self) -> ControllerFlags:
         """With what the stack has where nothing was said."""
-        plain, known = Controllers(), STACKS.get(self.stack, {})
+        plain, known = ControllerFlags(), STACKS.get(self.stack, {})
         return replace(self, **{name: v for name, v in known.items() if getattr(self, name) == getattr(plain, name)})
 
 
@@ -156,7 +156,7 @@ class Impedance:
     def __init__(
         self,
         domain: DdsDomain,
-        controllers: Controllers,
+        controllers: ControllerFlags,
         controlled: list[str],
         order: NDArray[np.intp],
         hold: dict[str, FloatArray],
@@ -213,7 +213,7 @@ class Ros2Wire:
     def __init__(
         self,
         joint_names: tuple[str, ...],
-        controllers: Controllers,
+        controllers: ControllerFlags,
         gains: tuple[float, float],
         hold: FloatArray | None,
         say: Callable[..., None],
@@ -354,7 +354,7 @@ class Ros2Options:
 
     robot: str = "unitree_a1"
     peer: OmitArgPrefixes[PeerSettings] = field(default_factory=PeerSettings)
-    controllers: OmitArgPrefixes[Controllers] = field(default_factory=Controllers)
+    controllers: OmitArgPrefixes[ControllerFlags] = field(default_factory=ControllerFlags)
 
 
 def serve(options: Ros2Options) -> None:
