@@ -94,7 +94,7 @@ class Page(NamedTuple):
     @property
     def command(self) -> str:
         """Command that makes the page again."""
-        called = self.maker if self.maker.startswith("benchmarks/") else f"equipoise {_verb(self.maker)}"
+        called = self.maker if self.maker.startswith("benchmarks/") else f"equipoise lab {_verb(self.maker)}"
         for target, recipe in re.findall(r"^([\w-]+):.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE):
             if re.search(rf"{re.escape(called)}\b", recipe):
                 return f"make {target}"
