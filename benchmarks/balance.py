@@ -35,7 +35,7 @@ from scipy.stats import beta
 import equipoise
 from equipoise import calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
-from equipoise.lab.balance.belief import Belief, calibrated, displaced, error_along, model_file
+from equipoise.lab.balance.belief import Plant, calibrated, displaced, error_along, model_file
 from equipoise.lab.balance.judge import Verdict, judge
 from equipoise.lab.balance.routine import BalanceSettings, balance
 from equipoise.lab.balance.senses import SensorKnowledge
@@ -98,7 +98,7 @@ def robot_called(name: str) -> equipoise.RobotModel:
 
 
 def stand(
-    robot: equipoise.RobotModel, simulation: Simulation, belief: Belief, diagonal: str, settings: BalanceSettings
+    robot: equipoise.RobotModel, simulation: Simulation, belief: Plant, diagonal: str, settings: BalanceSettings
 ) -> dict[str, object]:
     """One balance trial as numbers: lengths in mm, angles in degrees."""
     bystander = Bystander(simulation.witness.look, 5)

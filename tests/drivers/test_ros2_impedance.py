@@ -89,7 +89,7 @@ def test_a_stack_says_what_is_left_out_and_no_more():
 
 @pytest.mark.parametrize("name", STACKS)
 def test_the_simulated_stack_has_the_topics_that_the_driver_sends_to(name):
-    settings, simulated = Ros2Settings(stack=name), peer.Controllers(stack=name).as_stack()
+    settings, simulated = Ros2Settings(stack=name), peer.ControllerFlags(stack=name).as_stack()
     assert settings.imu_topic == simulated.imu_topic
     assert settings.commands_to == (simulated.impedance_topic or simulated.trajectory_topic)
     assert settings.stiffness == simulated.stiffness
@@ -169,7 +169,7 @@ def test_gains_that_are_never_taken_end_the_first_motion(a1):
 def test_a_trajectory_controllers_integral_grows_to_its_limit(a1):
     wire = peer.Ros2Wire(
         a1.joint_names,
-        peer.Controllers(stack="champ", domain=unused_domain()).as_stack(),
+        peer.ControllerFlags(stack="champ", domain=unused_domain()).as_stack(),
         (100.0, 1.0),
         np.ones(12),
         lambda **_: None,

@@ -17,7 +17,7 @@ EMULATORS = {
 }
 Protocol = Annotated[
     Positional[Literal["unitree-dds", "unitree-udp", "ros2"]],
-    arg(metavar="PROTOCOL", help="Which one."),
+    arg(metavar="PROTOCOL", help="unitree-dds (Go2, B2), unitree-udp (A1, Go1) or ros2; each has its own flags."),
 ]
 
 

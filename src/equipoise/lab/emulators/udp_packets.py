@@ -10,8 +10,8 @@ from equipoise.drivers.unitree.packets import (
     CELLS,
     COMMANDED,
     SENSED,
-    Columns,
     Damage,
+    FieldWriter,
     MotorCommands,
     SensorReadings,
     blank_packet,
@@ -28,8 +28,8 @@ class StatePacket:
     def __init__(self, packets: PacketFormat) -> None:
         self._format = packets
         self._bytes, self._record = blank_packet(packets.state, packets.begins)
-        self._motors = Columns(self._record["motors"][:MOTORS], (*SENSED, "temperature"), packets.counts, np.rint)
-        self._imu = Columns(self._record["imu"], ("gyroscope", "accelerometer"), packets.counts, np.rint)
+        self._motors = FieldWriter(self._record["motors"][:MOTORS], (*SENSED, "temperature"), packets.counts, np.rint)
+        self._imu = FieldWriter(self._record["imu"], ("gyroscope", "accelerometer"), packets.counts, np.rint)
 
     def write(self, state: SensorReadings) -> bytearray:
         """The packet; the next call writes over it. Raises SettingsError if something is no number."""
