@@ -12,7 +12,7 @@ Lengths of legs that are off look like an IMU that is as far off its height.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -70,7 +70,7 @@ class SwaySamples:
     def first(self, duration: float) -> SwaySamples:
         """Return the samples of the first seconds [s]."""
         count = int(np.searchsorted(self.time, self.time[0] + duration, "right"))
-        return SwaySamples(*(getattr(self, field.name)[:count] for field in fields(self)))
+        return SwaySamples(**{name: values[:count] for name, values in vars(self).items()})
 
 
 def imu_by_sway(
