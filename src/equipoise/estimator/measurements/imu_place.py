@@ -69,7 +69,7 @@ class SwaySamples:
 
     def first(self, duration: float) -> SwaySamples:
         """Return the samples of the first seconds [s]."""
-        count = int(np.searchsorted(self.time, self.time[0] + duration, "right"))
+        count = np.count_nonzero(self.time <= self.time[0] + duration)
         return SwaySamples(**{name: values[:count] for name, values in vars(self).items()})
 
 
