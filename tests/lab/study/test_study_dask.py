@@ -148,6 +148,9 @@ def test_ctrl_c_and_a_scheduler_that_is_killed_end_a_study_with_one_sentence(clu
         assert process.returncode == code
         assert said(rest) == [sentence]
         assert len(rows_in(folder)) >= 3
+        until = time.monotonic() + 2.0  # no process is left behind for longer
+        while alive(process.pid) and time.monotonic() < until:
+            time.sleep(0.05)
         assert not alive(process.pid)
 
 
