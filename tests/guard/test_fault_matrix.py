@@ -44,7 +44,7 @@ from equipoise.simulation.mujoco import MujocoPlatform
 SETTINGS = Precise(budget=32, sway=False)
 CALF, THIGH = 2, 1  # of the front left leg
 SIZES = {"delay": 0.3, "spike": 0.3, "overheat": 90.0, "empty battery": 0.08}
-FALLS = MotionError
+FALLS = (FallError, MotionError)
 
 
 @dataclass(frozen=True)
@@ -196,10 +196,18 @@ def _briefly_damped(monkeypatch):
     monkeypatch.setattr(footing, "_SUNK", 0.3)
 
 
+def is_of(outcome, errors):
+    """Whether an outcome is one of these errors; a MotionError is none of the more specific ones."""
+    return any(
+        type(outcome) is MotionError if error is MotionError else isinstance(outcome, error)
+        for error in (errors if isinstance(errors, tuple) else (errors,))
+    )
+
+
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_fault_ends_in_its_error_with_the_robot_put_down(a1, case, tmp_path):
     outcome, _, peer, report = run(a1, [case], tmp_path / "run")
-    assert isinstance(outcome, case.error), outcome
+    assert is_of(outcome, case.error), outcome
     assert re.search(case.words, str(outcome)), outcome
     assert_put_down(a1, case, outcome, peer, report)
     content = read_log(tmp_path / "run")
@@ -220,7 +228,7 @@ SWINGING = [
 def test_a_fault_while_lifted_feet_swing_ends_as_any_other(a1, case, tmp_path):
     """The front left leg is in the air."""
     outcome, _, peer, report = run(a1, [case], tmp_path / "run", settings=OneSwing())
-    assert isinstance(outcome, case.error), outcome
+    assert is_of(outcome, case.error), outcome
     assert re.search(case.words, str(outcome)), outcome
     assert_put_down(a1, case, outcome, peer, report)
 
@@ -254,7 +262,7 @@ LYING = [
 @pytest.mark.parametrize("case", LYING, ids=str)
 def test_a_fault_of_a_robot_with_its_legs_up_ends_as_any_other(a1, case, tmp_path):
     outcome, _, peer, report = run(a1, [case], tmp_path / "run", settings=LEGS_UP)
-    assert isinstance(outcome, case.error), outcome
+    assert is_of(outcome, case.error), outcome
     assert re.search(case.words, str(outcome)), outcome
     assert_put_down(a1, case, outcome, peer, report)
     assert len(report.ending) == 2  # nothing is to be put down
@@ -304,7 +312,7 @@ STANDING = [
 @pytest.mark.parametrize("case", STANDING, ids=str)
 def test_a_fault_of_a_robot_on_three_feet_ends_as_any_other(a1, case, tmp_path):
     outcome, _, peer, report = run(a1, [case], tmp_path / "run", settings=THREE_FEET)
-    assert isinstance(outcome, case.error), outcome
+    assert is_of(outcome, case.error), outcome
     assert re.search(case.words, str(outcome)), outcome
     assert_put_down(a1, case, outcome, peer, report)
     if case.kind == "overheat":
@@ -324,7 +332,7 @@ def test_a_hot_robot_over_three_feet_is_lowered_level(tmp_path, monkeypatch):
         pytest.skip(str(error))
     case = Case("overheat", "settle", HealthError, "has 90 deg C", after=0.1)
     outcome, _, peer, report = run(hyq, [case], tmp_path / "run", settings=Motors(motor_time=8.0))
-    assert isinstance(outcome, case.error), outcome
+    assert is_of(outcome, case.error), outcome
     assert_put_down(hyq, case, outcome, peer, report)
     up = np.array([state.acceleration_in_imu / np.linalg.norm(state.acceleration_in_imu) for state in peer.states])
     assert np.mean(up[-50:], axis=0) @ np.mean(up[:50], axis=0) > np.cos(0.1)
@@ -336,7 +344,7 @@ def test_a_blocked_joint_presses_with_a_bounded_force(a1, phase, joint, tmp_path
     """By 30 % of its motor's torque or 60 N at the foot beyond what the motion needs, on its way to the error."""
     case = Case("stick joint", phase, MotionError, "joint 'FL_(calf|thigh)_joint'", joint=joint)
     outcome, _, peer, report = run(a1, [case], tmp_path / "run", settings=OneSwing())
-    assert isinstance(outcome, case.error), outcome
+    assert is_of(outcome, case.error), outcome
     assert re.search(case.words, str(outcome)), outcome
     assert_put_down(a1, case, outcome, peer, report)
     kp, _ = a1.gains(nominal_stance(a1).hip_height)
@@ -369,7 +377,7 @@ def test_a_robot_pushed_over_in_a_lift_is_damped_within_a_tenth_of_a_second(a1, 
     monkeypatch.setattr(MujocoPlatform, "step", step)
     case = Case("outside", "watch", FallError, "falling", push=side * 100.0)
     outcome, _, peer, report = run(a1, [case], tmp_path / "run")
-    assert isinstance(outcome, case.error), outcome
+    assert is_of(outcome, case.error), outcome
     assert_put_down(a1, case, outcome, peer, report)
     passed = next(index for index, lean in enumerate(leans) if lean > Limits().lean_in_lift)
     damped = next(index for index, command in enumerate(peer.commands) if command.limp)
@@ -406,7 +414,7 @@ def test_a_foot_without_hold_is_named_beside_the_result(a1, tmp_path):
     slips = Case("outside", "move", MotionError, "")
     outcome, _, peer, report = run(a1, [slips], tmp_path / "run")
     if isinstance(outcome, EquipoiseError):
-        assert isinstance(outcome, FALLS)
+        assert is_of(outcome, FALLS)
     else:
         assert any("slip" in warning for warning in outcome.warnings)
     assert_calm_or_put_down(a1, slips, outcome, peer, report)

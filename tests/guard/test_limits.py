@@ -112,7 +112,7 @@ def test_a_joint_that_runs_away(a1, joints, home):
         look(checks, JointCommand(home), at_rest(a1, joint_position=with_one(home, THIGH, home[THIGH] + angle)))
 
     away(0.97, joints.in_motion)
-    with pytest.raises(MotionError):
+    with pytest.raises(MotionError, match="from where it was sent"):
         away(1.1, joints.in_motion)
 
 
@@ -150,7 +150,7 @@ def test_targets_beyond_limits_and_first_jumps(a1, stance, home):
         look(checks, JointCommand(target), at_rest(a1), JointCommand(target))
 
     sent(with_one(home, KNEE, a1.upper_limit[KNEE] + 0.9e-3), checks.in_motion)
-    with pytest.raises(MotionError):
+    with pytest.raises(MotionError, match="its limits are"):
         sent(with_one(home, KNEE, a1.upper_limit[KNEE] + 1.2e-3), checks.in_motion)
     sent(with_one(home, KNEE, home[KNEE] + 0.097), checks.at_rest)
     with pytest.raises(MotionError, match="motions start where the robot is"):
