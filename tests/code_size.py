@@ -5,6 +5,7 @@ also private ones, NamedTuples and those inside of others.
 """
 
 import ast
+import functools
 import io
 import re
 import subprocess
@@ -58,6 +59,7 @@ def code_lines(source, tree):
     return lines
 
 
+@functools.cache
 def measured():
     """Return {table: {name: count}} in the layout of size.toml."""
     lines, classes, names, files = Counter(), Counter(), defaultdict(set), defaultdict(set)

@@ -56,9 +56,9 @@ def calibrate(
             as in simulation.
 
     Raises:
-        MotionError: joints or gyroscope do not answer as the model predicts; no foot was lifted.
         UnconfirmedMassError: the given mass disagrees with the joint torques of the standing robot, and is not confirmed.
-        MotionError: the robot could not do, or did not do, what was asked.
+        MotionError: joints or gyroscope do not answer as the model predicts, and no foot was lifted; or the robot could not
+            do, or did not do, what was asked.
     """
     method = method or Precise()
     experiment = perform(platform, robot, method, keep, report, told, confirm, on_response)

@@ -115,7 +115,7 @@ def find_platform(name: str) -> Driver | Engine | type[Any]:
 
     Raises:
         SettingsError: there is no such platform, or two have the name.
-        MissingDependencyError: it comes from somebody else and fails, or can be no platform.
+        MissingDependencyError: it comes from another package and fails, or is not a platform.
     """
     if ":" in name:
         row = import_users("platform", name)
@@ -171,8 +171,7 @@ def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Har
 
     Raises:
         SettingsError: no such platform or setting, or a value that it cannot have.
-        MissingDependencyError: the driver's package is not installed.
-        MissingDependencyError: a class of another package fails.
+        MissingDependencyError: the driver's package is not installed, or a class of another package fails.
         CommunicationError: the network cannot be used.
     """
     from equipoise.drivers.hardware import HardwarePlatform  # noqa: PLC0415 - lists need no NumPy

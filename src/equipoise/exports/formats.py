@@ -141,9 +141,8 @@ def export(
 
     Raises:
         SettingsError: no such format, or it does not take what was asked for.
-        NotEstimatedError: the method does not estimate what the format wants.
-        NotEstimatedError: the run did not tell it, and that is not overridden.
-        NotEstimatedError: no body can have what would be written, or its CoM lies outside the robot.
+        NotEstimatedError: the method does not estimate what the format wants; the run did not identify it, and that is not
+            overridden; or no body can have what would be written, or its CoM lies outside the robot.
         ModelError: the model file has moved, has changed or cannot be edited.
     """
     row = find_format(format)

@@ -30,8 +30,8 @@ def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str,
     """What speaks against a result's bodies, a sentence each, worst first.
 
     Raises:
-        NotEstimatedError: its method does not estimate one of them.
-        NotEstimatedError: a parameter is not identified, and that is not overridden.
+        NotEstimatedError: its method does not estimate one of them; or a parameter is not identified, and that is not
+            overridden.
     """
     for body in bodies:
         try:
@@ -63,8 +63,8 @@ def judge_columns(result: Calibration, parts: Sequence[str], force: bool) -> tup
         parts: those of "sensors", "motors" and "legs" that are wanted.
 
     Raises:
-        NotEstimatedError: the run did not look at a part.
-        NotEstimatedError: it told nothing of a part, or a check of it failed, and that is not overridden.
+        NotEstimatedError: the run did not measure a part; or it identified nothing of a part, or a check of it failed, and
+            that is not overridden.
     """
     found = [column for part in parts for column in _columns(result, part, force)]
     if not found:

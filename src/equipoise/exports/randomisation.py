@@ -76,8 +76,7 @@ def spread(
         draws: number of draws.
 
     Raises:
-        NotEstimatedError: hardly any body that is drawn can exist.
-        NotEstimatedError: the base itself is as flat as a body can be, or flatter.
+        NotEstimatedError: hardly any body that is drawn can exist, or the base itself is as flat as a body can be, or flatter.
     """
     slope = _vector_slope(composite)
     root = _square_root(slope @ covariance @ slope.T)

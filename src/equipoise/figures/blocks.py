@@ -24,6 +24,8 @@ DASHES = ("solid", "dash", "dot", "dashdot")
 INK, MUTED, ROBOT = "#1b1f24", "#5b6570", "#8b95a1"
 BAR = "interval"
 """Head of a column of bars."""
+LONG = 24
+"""Letters from which on a cell may break."""
 
 
 @dataclass(frozen=True)

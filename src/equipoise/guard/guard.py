@@ -69,8 +69,7 @@ class Guard:
         """Run one control period.
 
         Raises:
-            MotionError: a joint, a motor or a command is beyond its limits.
-            MotionError: a joint does not follow.
+            MotionError: a joint, a motor or a command is beyond its limits, or a joint does not follow.
             FallError: the base tilts.
             SensorError, CommunicationError: samples are not plausible, or none arrive.
             HealthError, StopRequestedError: a hot motor, an empty battery; the operator stopped the robot.

@@ -32,8 +32,8 @@ class JointChecks:
 
     Attributes:
         at_rest: checks before a robot is moved; they raise MotionError and HealthError.
-        in_motion: checks of a sample against the limits and the command; they raise MotionError, and MotionError if a joint
-            does not follow its target, or its motor does not give the torque of the command.
+        in_motion: checks of a sample against the limits and the command; they raise MotionError beyond a limit, if
+            a joint does not follow its target, or if its motor does not give the torque of the command.
         health: checks of temperatures, battery and faults; they raise HealthError.
     """
 

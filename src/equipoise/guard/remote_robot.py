@@ -82,8 +82,8 @@ class RemoteRobot:
         warning: what this computer cannot do for the robot, or empty.
 
     Raises:
-        SettingsError, MissingDependencyError, CommunicationError: the connection cannot be opened.
-        CommunicationError: the robot process does not start, or is of another version.
+        SettingsError, MissingDependencyError: the connection cannot be opened.
+        CommunicationError: the connection cannot be opened, or the robot process does not start or is of another version.
     """
 
     def __init__(

@@ -63,7 +63,9 @@ class RobotProcess:
             self._take_orders()
             if loop.waits:
                 time.sleep(loop.period)
-            self._ticks.append(Tick() if loop.waits else loop.tick())
+                self._ticks.append(Tick())
+            else:
+                self._ticks.append(loop.tick())
             self._post_batch()
         report = dataclasses.replace(loop.report(), realtime=realtime)
         if loop.known is not None:
@@ -85,9 +87,8 @@ class RobotProcess:
         except EOFError:
             if loop.ending is None:
                 loop.end(CommunicationError("the calibration process died or closed the pipe"))
-        if (
-            self._pipe.heard or not loop.clocked
-        ):  # a robot whose time passes only when it is stepped is never left alone
+        # A robot whose time passes only when it is stepped is never left alone.
+        if self._pipe.heard or not loop.clocked:
             self._last_sign = now
         elif loop.ending is None and self._is_stalled(now - self._last_sign):
             loop.end(

@@ -78,8 +78,7 @@ def read_log(
         ColumnsError: a table has other names than ours; it carries a proposal.
         RecordingError: the log cannot be read, or lacks what is needed.
         SettingsError: the joint map or the columns do not fit.
-        MissingDependencyError: a bag needs rosbags, Parquet needs pyarrow.
-        MissingDependencyError: the package that brings the reader cannot be used.
+        MissingDependencyError: a bag needs rosbags, Parquet needs pyarrow, or the package of the reader cannot be used.
     """
     path = Path(path)
     if not path.exists():

@@ -56,9 +56,8 @@ def find_support_vector(runner: TrialRunner, diagonal: str, x_u: float, x_l: flo
     waits for t_thres (9-12).
 
     Raises:
-        MotionError: the robot tips the same way at both ends, also after widening once.
-        MotionError: at both ends it tips away from where its CoM must be.
-        MotionError: it did not come to rest where it was sent.
+        MotionError: the robot tips the same way at both ends, also after widening once; it tips at both ends away from where
+            its CoM must be; or it did not come to rest where it was sent.
     """
     if diagonal not in DIAGONALS:
         raise SettingsError(f"no diagonal is called {diagonal!r}; they are {', '.join(DIAGONALS)}")
@@ -79,8 +78,8 @@ def _widened(runner: TrialRunner, diagonal: str, bracket: Bracket, first: Bracke
     """A bracket with the refuted end farther out, by half the first one's width or as far as the legs reach.
 
     Raises:
-        MotionError: it was widened before, or cannot be.
-        MotionError: the same, and the other end says that the IMU tells tilts the wrong way round.
+        MotionError: it was widened before, or cannot be. The message names the IMU if the other end shows that its tilts have
+            the wrong sign.
     """
     at_upper = bracket.at_upper is None
     end = bracket.upper if at_upper else bracket.lower

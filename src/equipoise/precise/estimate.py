@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +40,7 @@ from equipoise.robot.stance import Stance
 
 def estimate_run(
     settings: PreciseSettings,
+    table: Mapping[str, Any],
     robot: RobotModel,
     recordings: Sequence[Recording],
     stance: Stance,
@@ -46,6 +49,7 @@ def estimate_run(
     """Return what the recordings of a run of the precise method say.
 
     Args:
+        table: method and settings as JSON values, which the result states.
         lifts_needed: whether recordings without a usable lift are refused; else joint torques tell what they can.
 
     Raises:
@@ -53,14 +57,14 @@ def estimate_run(
             held-out motions worse than the model file does.
     """
     timings: dict[str, float] = {}
-    with _Timed(timings, "screen the sensors"):
+    with _timed(timings, "screen the sensors"):
         screen(robot, recordings)
-    with _Timed(timings, "read the recordings"):
+    with _timed(timings, "read the recordings"):
         evidence = read_evidence(robot, stance, recordings)
         evidence = evidence if settings.leg_swing is None else evidence.with_swing(settings.leg_swing)
-    with _Timed(timings, "estimate"):
+    with _timed(timings, "estimate"):
         posterior, changes = _posterior(settings, robot, stance, evidence, lifts_needed)
-    with _Timed(timings, "check"):
+    with _timed(timings, "check"):
         predictions = predict_held_out(evidence, posterior, settings.known)
         predicted = held_out(predictions)
         masses = compare_estimate(posterior, settings.scale, settings.known)
@@ -82,7 +86,7 @@ def estimate_run(
 
     return Calibration(
         **model_facts(robot, stance.joint_position),
-        method="precise",
+        method=table["method"],
         composite=judged(
             Body.known(posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation, nominal.composite),
             unknowns.robot_body,
@@ -105,7 +109,7 @@ def estimate_run(
         sways={},
         support_lines={},
         trials=tuple(trial_row(motion, posterior) for motion in evidence.motions if motion.leg_swing is None),
-        settings={},
+        settings=table,
         warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
         assumptions=(
             *assumed_mass(settings.scale, masses),
@@ -161,14 +165,9 @@ def _refuse_worse_than_file(predicted: HeldOut | None, checks: Sequence[Check]) 
         )
 
 
-class _Timed:
-    """Measures a stage."""
-
-    def __init__(self, timings: dict[str, float], stage: str) -> None:
-        self._timings, self._stage = timings, stage
-
-    def __enter__(self) -> None:
-        self._start = time.perf_counter()
-
-    def __exit__(self, *exception: object) -> None:
-        self._timings[self._stage] = time.perf_counter() - self._start
+@contextmanager
+def _timed(timings: dict[str, float], stage: str) -> Generator[None]:
+    """Measure a stage [s]."""
+    start = time.perf_counter()
+    yield
+    timings[stage] = time.perf_counter() - start

@@ -112,4 +112,4 @@ class Precise(PreciseSettings, Method):
         self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance, lifts_needed: bool = True
     ) -> Calibration:
         """Return what the recordings of a run of this method say; see `estimate_run`."""
-        return replace(estimate_run(self, robot, recordings, stance, lifts_needed), settings=self.to_dict())
+        return estimate_run(self, self.to_dict(), robot, recordings, stance, lifts_needed)

@@ -86,8 +86,7 @@ class PreciseTrials:
         Phases: ready, settle, before, lie, turn, fold, stand, move, settle, rest.
 
         Raises:
-            MotionError: the robot was not turned, or not by about 180 deg.
-            MotionError: it did not come to rest.
+            MotionError: the robot was not turned, or not by about 180 deg, or did not come to rest.
             FallError: it does not stand upright.
         """
         planted, level = self.planted, feet_in_posture(self.stance, self.com, BodyPosture())

@@ -7,11 +7,10 @@ import re
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 
-from equipoise.figures.blocks import BAR, Block, Cell, DataTable, Figure, PageContents
+from equipoise.figures.blocks import BAR, LONG, Block, Cell, DataTable, Figure, PageContents
 from equipoise.result.quantity import Quantity
 
 _BESIDE = ("truth", "error", "model", "change")  # on a telephone they stand below the estimate
-_LONG = 24  # letters from which on a cell may break, also inside a word
 # Verdicts differ by a sign and a word as well as by a colour.
 _VERDICTS = {
     "identified": ("\u25cf", "good"), "weak": ("\u25d0", "warn"), "not identified": ("\u25cb", "poor"),
@@ -76,7 +75,7 @@ def _row(row: Sequence[str | Cell], heads: Sequence[str], numbers: Sequence[bool
     made = [cell if isinstance(cell, Cell) else Cell(cell) for cell in row]
     for index, (cell, head, right) in enumerate(zip(made, heads, numbers, strict=True)):
         tag = "td" if index else 'th scope="row"'
-        kinds = {"number": right, "long": len(cell.text) > _LONG, "beside": head in _BESIDE, cell.tone: bool(cell.tone)}
+        kinds = {"number": right, "long": len(cell.text) > LONG, "beside": head in _BESIDE, cell.tone: bool(cell.tone)}
         inside = _bar(cell.bar) if cell.bar else " ".join(filter(None, (typeset(cell.text), _verdict(cell.verdict))))
         cells.append(f'<{tag} data-head="{typeset(head)}"{_class(**kinds)}>{inside}</{tag[:2]}>')
     return "".join(cells)

@@ -17,7 +17,7 @@ ROW = "effect"
 
 @dataclass(frozen=True)
 class PartOfRobot:
-    """What there is one of an effect of.
+    """A kind of part of which each has its own drawn value.
 
     Attributes:
         name: name of it in words.
@@ -65,7 +65,7 @@ AZIMUTH = Law("exact, its direction drawn", lambda generator, size, count: gener
 
 @dataclass(frozen=True)
 class Magnitude:
-    """What a size is multiplied by on a robot that is no A1.
+    """Factor of an effect's size on a robot other than an A1.
 
     Attributes:
         name: name of it in words; empty: it is the same on all robots.

@@ -9,9 +9,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from equipoise.figures.blocks import BAR, Block, DataTable
+from equipoise.figures.blocks import BAR, LONG, Block, DataTable
 
-_LONG = 24  # letters from which on a cell may break
 _WIDE = 5  # columns from which on units have a line of their own
 
 
@@ -27,7 +26,7 @@ def print_table(console: Console, table: DataTable, without: Collection[str] = (
     for index in chosen:
         head = table.columns[index]
         words, right = escape(head.removeprefix("|").replace(" [", between)), head.startswith("|")
-        short = all(len(str(row[index])) <= _LONG for row in table.rows)
+        short = all(len(str(row[index])) <= LONG for row in table.rows)
         drawn.add_column(words, justify="right" if right else "left", no_wrap=right or short, overflow="fold")
     for row in table.rows:
         drawn.add_row(*(escape(str(row[index])) for index in chosen))

@@ -20,10 +20,10 @@ from equipoise.robot.stance import Stance
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """What the law is designed on.
+    """The model that the control law is designed for.
 
     Attributes:
-        model: model of the robot with the believed base; its legs are the model file's.
+        model: model of the robot with the base as it is assumed; its legs are the model file's.
         sensors: sensor errors that are taken off.
         source: source of the belief, in words.
     """

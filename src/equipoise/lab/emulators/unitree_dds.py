@@ -134,7 +134,7 @@ class UnitreeDdsWire:
         return []
 
     def _for_joints(self, motors: NDArray[Any]) -> JointCommand:
-        """What the motor boards make of it: what is told to stop is not controlled, and a motor that is off is limp."""
+        """Return the command as motor boards take it: a value that means stop is not controlled, a motor off is limp."""
         order = self._motor_of_joint
         on = motors["mode"][order] != 0
         position, velocity, torque, kp, kd = (

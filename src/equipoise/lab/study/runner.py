@@ -74,8 +74,8 @@ def run_study(
     Raises:
         SettingsError: the folder holds another study, or a number makes no sense.
         OutputError: the rows cannot be written.
-        EquipoiseError: workers cannot begin, or a given executor broke. What arrived is kept; run again to go on.
-        EquipoiseError: what every trial would fail with: no such robot, settings that do not fit it.
+        EquipoiseError: workers cannot begin, or a given executor broke: what arrived is kept, run again to go on. Or what
+            every trial would fail with: no such robot, settings that do not fit it.
     """
     if trials < 1:
         raise SettingsError(f"{trials} trials are none; ask for one at least")
