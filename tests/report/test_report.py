@@ -31,7 +31,7 @@ from equipoise.recording.trials import LiftTrial
 from equipoise.report.advice import outlook
 from equipoise.report.comparison import comparison_contents
 from equipoise.report.contents import run_contents
-from equipoise.report.html import bar_places, typeset
+from equipoise.report.html import bar_places, block_html, typeset
 from equipoise.report.page import page, save_comparison, save_report
 from equipoise.report.progress import deviations_by_motion
 from equipoise.report.trials import narrowing
@@ -235,6 +235,11 @@ def test_numbers_have_no_minus_zero(value, form, text):
 )
 def test_pages_have_true_minus_signs_and_no_tags_of_a_users(text, page):
     assert typeset(text) == page
+
+
+def test_code_in_a_paragraph_or_a_list_is_set_as_code():
+    assert block_html("`lab <x>` -1") == "<p><code>lab &lt;x&gt;</code> \u22121</p>"
+    assert block_html(("`a`", "one ` alone")) == "<ul><li><code>a</code></li><li>one ` alone</li></ul>"
 
 
 def test_curves_are_rounded_and_gaps_are_none():

@@ -41,8 +41,13 @@ def block_html(block: Block) -> str:
     if isinstance(block, Figure):
         return _figure(block)
     if isinstance(block, str):
-        return f"<p>{typeset(block)}</p>"
-    return f"<ul>{''.join(f'<li>{typeset(item)}</li>' for item in block)}</ul>"
+        return f"<p>{_prose(block)}</p>"
+    return f"<ul>{''.join(f'<li>{_prose(item)}</li>' for item in block)}</ul>"
+
+
+def _prose(text: str) -> str:
+    """Return a typeset text, with code between backticks, as Markdown has it."""
+    return re.sub("`([^`]+)`", r"<code>\1</code>", typeset(text))
 
 
 def _figure(figure: Figure) -> str:
@@ -160,7 +165,7 @@ def document_html(document: PageContents) -> tuple[str, str]:
     others = [block for block in document.first if not isinstance(block, Figure)]
     beside = f'<div id="plan-view">{blocks_html(figures)}</div>' if figures else ""
     head = f'<h1>{typeset(document.title)}</h1><p id="subtitle">{typeset(document.subtitle)}</p>'
-    head += f'<p id="lead">{typeset(document.lead)}</p>' if document.lead else ""
+    head += f'<p id="lead">{_prose(document.lead)}</p>' if document.lead else ""
     numbers = f'<div id="numbers">{blocks_html(others)}</div>' if others else ""
     first = f'<div id="first">{numbers}{beside}</div>'
     below = "".join(
