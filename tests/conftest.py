@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 from browser import why_no_browser
 from hypothesis import settings
+from real_time import pytest_runtest_protocol, repeated  # noqa: F401  the first is a hook of pytest
 from robots import load_text, quadruped_urdf
 
 import equipoise
@@ -31,6 +32,8 @@ def pytest_terminal_summary(terminalreporter):
     reason = why_no_browser()
     if reason is not None:
         terminalreporter.write_line(f"WARNING: {reason}", yellow=True)
+    if names := repeated(terminalreporter):
+        terminalreporter.write_line(f"Repeated, because the machine stalled in a failed try: {', '.join(names)}")
     skipped = (str(report.longrepr[2]) for report in terminalreporter.getreports("skipped") if report.longrepr)
     for reason in dict.fromkeys(reason for reason in skipped if "NOT TRIED" in reason):
         print(f"WARNING: {reason.removeprefix('Skipped: ')}", file=sys.stderr)

@@ -1,6 +1,5 @@
 """Simulated robots in processes of their own, for tests: started, read, and ended."""
 
-import functools
 import itertools
 import json
 import socket
@@ -10,13 +9,7 @@ import threading
 import time
 from contextlib import contextmanager, suppress
 
-import pytest
-
-from equipoise.errors import EquipoiseError
-
 PATIENCE = 60.0  # [s] for a process that starts on a busy machine
-STALL = 0.02  # [s] by which a command may be late
-TRIES = 3
 
 
 class PeerProcess:
@@ -110,36 +103,3 @@ def unused_domain():
             _domains.append(socket.create_server(("127.0.0.1", 7400 + 250 * domain)))
             return domain
     raise AssertionError("no DDS domain is free")
-
-
-class StalledError(Exception):
-    """A test failed while this machine did not keep up with real time, which may be why."""
-
-
-@contextmanager
-def stalls_told(platform, peer):
-    """Separate a failure on a machine that kept the robot or this computer waiting from one that means something."""
-    try:
-        yield
-    except (AssertionError, EquipoiseError) as error:
-        late = platform.timing.lateness.max(initial=0.0) if hasattr(platform, "timing") else platform.report().late_999
-        slow = any("behind" in entry for entry in peer.log)
-        if slow or (late or 0.0) > STALL:
-            raise StalledError(f"commands up to {late or 0.0:.3f} s late; {peer.log[-3:]}") from error
-        raise
-
-
-def in_real_time(test):
-    """Try a test again if the machine stalled; on one that stalls every time, it says nothing."""
-
-    @pytest.mark.realtime
-    @functools.wraps(test)
-    def tried(*arguments, **named):
-        for _ in range(TRIES):
-            try:
-                return test(*arguments, **named)
-            except StalledError as error:
-                reason = str(error)
-        pytest.skip(f"this machine is too busy for real time: {reason}")
-
-    return tried

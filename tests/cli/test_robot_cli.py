@@ -96,20 +96,14 @@ def test_a_robot_that_is_silent_is_told_and_leaves_no_file(verb, tmp_path, monke
 
 @pytest.mark.realtime
 def test_a_calibration_ends_with_the_robot_lying_damped_and_released(tmp_path, capsys):
-    for _ in range(3):  # a busy machine may stall, which the guard does not put up with
-        out = tmp_path / str(time.monotonic_ns())
-        with robot("--start", "lying") as (peer, flags):
-            sunk()
-            code = main(["calibrate", *flags, *STATIC, "--out", str(out)])
-            time.sleep(0.5)
-        told = capsys.readouterr()
-        modes = [entry["mode"] for entry in peer.log if "mode" in entry]
-        assert ("released" in modes) == ("commanded" in modes), told.err
-        if code == 0:
-            break
-        assert_stalled(told.err)
-    else:
-        pytest.skip("this machine is too busy for real time")
+    out = tmp_path / "run"
+    with robot("--start", "lying") as (peer, flags):
+        sunk()
+        code = main(["calibrate", *flags, *STATIC, "--out", str(out)])
+        time.sleep(0.5)
+    told = capsys.readouterr()
+    assert code == 0, told.err
+    modes = [entry["mode"] for entry in peer.log if "mode" in entry]
     assert "lying" not in told.out
     assert modes[modes.index("commanded") :][:3] == ["commanded", "damped", "released"]
     provenance = RunFolder.open(out).provenance
@@ -135,42 +129,18 @@ def test_nothing_moves_unless_the_robot_is_named(tmp_path, monkeypatch, capsys):
 def test_a_program_that_is_killed_leaves_a_damped_robot(tmp_path):
     """Its packets are not of the likeliest form. The robot process lowers it, so it sinks under control."""
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    for attempt in range(3):  # a busy machine may stall, and the guard ends the program before that is killed
-        told = tmp_path / f"told-{attempt}"
-        with robot("--start", "lying", "--form", "scrambled") as (peer, flags), told.open("w") as stderr:
-            sunk()
-            command = [*EQUIPOISE, "calibrate", *flags, *STATIC, "--out", str(tmp_path / str(attempt))]
-            with subprocess.Popen(command, env=environment, stderr=stderr) as process:
-                if begins_to_move(process, peer):
-                    time.sleep(1.0)
-                killed = process.poll() is None
-                process.kill()
-            if not killed:
-                assert_stalled(told.read_text(encoding="utf-8"))
-                continue
-            peer.wait_for("mode", "released")
-            modes = [entry["mode"] for entry in peer.log if "mode" in entry]
-        break
-    else:
-        pytest.skip("this machine is too busy for real time")
+    with robot("--start", "lying", "--form", "scrambled") as (peer, flags):
+        sunk()
+        command = [*EQUIPOISE, "calibrate", *flags, *STATIC, "--out", str(tmp_path / "run")]
+        with subprocess.Popen(command, env=environment) as process:
+            peer.wait_for("mode", "commanded")
+            time.sleep(1.0)
+            assert process.poll() is None
+            process.kill()
+        peer.wait_for("mode", "released")
+        modes = [entry["mode"] for entry in peer.log if "mode" in entry]
     after = [mode for mode, _ in groupby(mode for mode in modes[modes.index("commanded") :] if mode != "silence")]
     assert after[:3] == ["commanded", "damped", "released"], peer.log
-
-
-def begins_to_move(process, peer):
-    """Wait until it does, or ends."""
-    while process.poll() is None:
-        if any(entry.get("mode") == "commanded" for entry in peer.log):
-            return True
-        time.sleep(0.01)
-    return False
-
-
-def assert_stalled(told):
-    """Of a program that ended by itself."""
-    assert any(
-        words in told for words in ("no command was sent", "no sign of life", "no sample", "sent nothing for")
-    ), told
 
 
 @pytest.mark.parametrize(

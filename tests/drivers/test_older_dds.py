@@ -83,29 +83,20 @@ def test_the_tests_of_dds_pass(older, tmp_path):
     number, python = older
     assert run(python, "-c", "from equipoise.drivers.dds.cyclone import VERSION; print(VERSION)") == (0, f"{number}\n")
     chosen = [str(Path(__file__).parent / name) for name in TESTS[number]]
-    pytest_there = ["-m", "pytest", "-q", "-o", f"cache_dir={tmp_path}", *chosen]
-    for again in ([], ["--last-failed"]):  # a machine that is busy for a while fails one of a hundred
-        code, told = run(python, *pytest_there, *again)
-        if code == 0:
-            break
+    code, told = run(python, "-m", "pytest", "-q", "-o", f"cache_dir={tmp_path}", *chosen)
     assert code == 0, told[-5000:]
 
 
 @as_robots_run
 def test_a_go2_is_calibrated(older, tmp_path):
     _, python = older
-    for attempt in range(3):  # a busy machine may stall, which the guard does not put up with
-        domain = unused_domain()
-        with running_peer("unitree_dds", "--domain", domain, python=python) as peer:
-            peer.wait_for("mode", "own stance")
-            code, told = run(
-                python, "-m", "equipoise", "calibrate", *flags(domain, *STATIC, "--out", str(tmp_path / str(attempt)))
-            )
-        if code == 0:
-            break
-        assert any("behind" in entry for entry in peer.log), told
-    else:
-        pytest.skip(f"this machine is too busy for real time: {told.splitlines()[-1]}")
+    domain = unused_domain()
+    with running_peer("unitree_dds", "--domain", domain, python=python) as peer:
+        peer.wait_for("mode", "own stance")
+        code, told = run(
+            python, "-m", "equipoise", "calibrate", *flags(domain, *STATIC, "--out", str(tmp_path / "run"))
+        )
+    assert code == 0, told
     modes = modes_heard(peer.log)
     assert modes[modes.index("commanded") :][:3] == ["commanded", "damped", "released"]
     assert "mass" in told

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from peer_processes import in_real_time, running_peer, stalls_told, unused_domain
+from peer_processes import running_peer, unused_domain
 
 pytest.importorskip("cyclonedds")
 
@@ -101,7 +101,7 @@ def test_topics_of_impedance_are_named_by_interface_or_joint(pattern):
         Ros2Settings(stack=STACK, command_topic=pattern)
 
 
-@in_real_time
+@pytest.mark.realtime
 @pytest.mark.parametrize("pattern", ["", BY_JOINT])
 def test_all_of_a_command_moves_the_robot_as_the_direct_simulation(a1, pattern):
     """Soft gains and the torques that hold the robot: each interface matters."""
@@ -115,7 +115,7 @@ def test_all_of_a_command_moves_the_robot_as_the_direct_simulation(a1, pattern):
     flags = ("--permute", "3", *(("--impedance-topic", pattern) if pattern else ()))
     with running_peer("ros2", "--domain", domain, *QUICK, *flags) as robot:
         order = tuple(robot.wait_for("controlled")["controlled"])
-        with connected(a1, domain, command_topic=pattern, joint_order=order) as platform, stalls_told(platform, robot):
+        with connected(a1, domain, command_topic=pattern, joint_order=order) as platform:
             assert platform.accepts == ACCEPTS_EVERYTHING
             felt = stepped(platform, command, 1.0)
             np.testing.assert_allclose(felt.joint_position, direct.joint_position, atol=3e-3)
@@ -123,7 +123,7 @@ def test_all_of_a_command_moves_the_robot_as_the_direct_simulation(a1, pattern):
         assert robot.wait_for("mode", "released")
 
 
-@in_real_time
+@pytest.mark.realtime
 def test_the_doctor_tells_a_limp_robot_that_positions_are_to_move_and_who_is_missing(a1, monkeypatch):
     monkeypatch.setattr(driver, "_PATIENCE", 1.0)
     domain = unused_domain()
@@ -151,14 +151,14 @@ def test_the_doctor_tells_a_limp_robot_that_positions_are_to_move_and_who_is_mis
         assert not any("commanded" in line for line in robot.log)
 
 
-@in_real_time
+@pytest.mark.realtime
 def test_gains_that_are_never_taken_end_the_first_motion(a1):
     """A controller that is loaded and inactive listens: only the joints tell."""
     domain = unused_domain()
-    with running_peer("ros2", "--domain", domain, *QUICK, "--start", "lying", "--idle", "kp") as robot:
+    with running_peer("ros2", "--domain", domain, *QUICK, "--start", "lying", "--idle", "kp"):
         time.sleep(1.2)  # limp as it is, it sinks
         platform, stance = connected(a1, domain), nominal_stance(a1).joint_position
-        with stalls_told(platform, robot), Guard(platform, a1) as guard:
+        with Guard(platform, a1) as guard:
             here = np.clip(guard.read().joint_position, a1.lower_limit, a1.upper_limit)
             motion = Trajectory(here + np.linspace(0, 0.5, 500)[:, None] * (stance - here))
             # Legs that sank may lie across each other: then the way up is refused before that.

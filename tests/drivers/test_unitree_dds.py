@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
-from peer_processes import STALL, modes_heard, unused_domain
+from peer_processes import modes_heard, unused_domain
 from scipy.interpolate import interp1d
 
 pytest.importorskip("cyclonedds")
@@ -135,22 +135,21 @@ def test_what_the_standing_robot_says(linked, a1, target):
     assert state.health.fault is None
 
 
-def test_a_motion_is_the_one_of_the_direct_simulation(standing, linked, a1):
+def test_a_motion_is_the_one_of_the_direct_simulation(linked, a1):
     motion = sway(a1)
     here = Trajectory(np.repeat(motion.position[:1], 200, axis=0))
     with simulate(a1, "ideal") as simulation:
         simulation.platform.play(here)
         direct = simulation.platform.play(motion)
-    sent, said = len(linked.timing.lateness), len(standing.said("behind"))
-    for _ in range(5):  # a busy computer stretches a motion now and then
-        linked.play(here)
-        recording = linked.play(motion)
-        position, torque, turning, pushed = alike(recording, direct)
-        if close := position < 0.015 and torque < 1.5 and turning > 0.9 and pushed > 0.9:
-            break
-    if not close and (len(standing.said("behind")) > said or linked.timing.lateness[sent:].max() > STALL):
-        pytest.skip(f"this machine is too busy for real time: {(position, torque, turning, pushed)}")
-    assert close, (position, torque, turning, pushed)
+    linked.play(here)
+    recording = linked.play(motion)
+    position, torque, turning, pushed = alike(recording, direct)
+    assert (position < 0.015, torque < 1.5, turning > 0.9, pushed > 0.9) == 4 * (True,), (
+        position,
+        torque,
+        turning,
+        pushed,
+    )
     steps = np.diff(recording.joints.time) / 2e-3
     assert np.allclose(steps, np.round(steps), atol=1e-3)  # by its clock, whatever arrived when
     assert np.median(steps) == pytest.approx(1)
@@ -362,9 +361,7 @@ def test_a_commander_that_begins_in_mid_run_is_noticed_at_once_and_named(standin
         with pytest.raises(OtherCommanderError, match=f"process {process.pid} on .* sent .* commands on rt/lowcmd"):
             keep_commanding(link, target, 1.0)
         noticed = time.monotonic() - begun
-    if noticed > 0.02:
-        assert noticed < 0.2
-        pytest.skip(f"this machine is too busy for real time: noticed after {noticed:.3f} s")
+    assert noticed < 0.05
     time.sleep(0.1)
     link._others.take()
     assert hold(linked, target, 0.2).joint_position.shape == (12,)

@@ -1,7 +1,8 @@
 """A calibration over UDP, guarded, through a network that loses, repeats and mixes up packets."""
 
 import numpy as np
-from peer_processes import free_port, in_real_time, running_peer, stalls_told
+import pytest
+from peer_processes import free_port, running_peer
 
 from equipoise import calibrate, simulate
 from equipoise.drivers.hardware import HardwarePlatform
@@ -17,7 +18,7 @@ FAULTS = ("--loss", 0.02, "--duplicate", 0.02, "--reorder", 0.02)
 BUSY = Limits(silence=1.0, stall=1.0)  # for a machine that has other things to do, too
 
 
-@in_real_time
+@pytest.mark.realtime
 def test_a_calibration_over_a_bad_network_says_what_one_without_network_says(a1):
     """Of a robot without joint friction: what friction leaves in the torques depends on how the robot came to stand."""
     with simulate(a1, "ideal", PAYLOAD, SEED) as simulation:
@@ -27,7 +28,7 @@ def test_a_calibration_over_a_bad_network_says_what_one_without_network_says(a1)
     with running_peer("unitree_udp", *robot, *FAULTS) as peer:
         link = open_connection(a1, UnitreeUdpSettings("go1", "127.0.0.1", port, local_port=free_port(), silence=1.0))
         platform = HardwarePlatform(link)
-        with stalls_told(platform, peer), Guard(platform, a1, BUSY) as guard:
+        with Guard(platform, a1, BUSY) as guard:
             result = calibrate(guard, a1, STATIC, keep=recordings.append)
     composite = result.composite
     assert abs(composite.mass.value - direct.composite.mass.value) < 0.05

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from guarded import lift
-from peer_processes import StalledError, free_port, in_real_time, running_peer, stalls_told, unused_domain
+from peer_processes import free_port, running_peer, unused_domain
 
 from equipoise import Trajectory, nominal_stance
 from equipoise.errors import (
@@ -58,7 +58,7 @@ def standing(robot, *flags, dds=False, log=None, folder=None):
     """A robot that has stood up, and its emulator."""
     with emulator(*flags, dds=dds) as (peer, name, settings):
         remote = RemoteRobot(name, robot, settings, log, folder and folder / "ending.txt", LIMITS)
-        with stalls_told(remote, peer), remote:
+        with remote:
             planted, feet = stand_up(remote, robot, nominal_stance(robot))
             yield remote, peer, planted, feet
 
@@ -100,7 +100,7 @@ def hold(remote, seconds):
 # --- the operator
 
 
-@in_real_time
+@pytest.mark.realtime
 @pytest.mark.parametrize(("keys", "ending"), [("L2+B", ("damped", "released")), ("A", ("feet down", *LOWERED))])
 def test_the_remote_control_ends_the_run(a1, keys, ending):
     with standing(a1) as (remote, peer, *_):
@@ -114,7 +114,7 @@ def test_the_remote_control_ends_the_run(a1, keys, ending):
     assert StopRequestedError.exit_code == 13
 
 
-@in_real_time
+@pytest.mark.realtime
 def test_the_space_bar_damps_the_robot(a1):
     with standing(a1) as (remote, peer, *_):
         pressed = time.monotonic()
@@ -128,7 +128,7 @@ def test_the_space_bar_damps_the_robot(a1):
 # --- a robot that should not go on
 
 
-@in_real_time
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("fault", "words"), [({"temperature": 80.0}, "has 80 deg C"), ({"charge": 0.05}, "the battery is at 5%")]
 )
@@ -156,7 +156,7 @@ class Full:
             raise OutputError("the recording cannot be written: No space left on device")
 
 
-@in_real_time
+@pytest.mark.realtime
 def test_a_full_disk_lowers_the_robot(a1):
     with (
         emulator(start="lying") as (_, name, settings),
@@ -170,7 +170,7 @@ def test_a_full_disk_lowers_the_robot(a1):
 # --- a robot that is not sound
 
 
-@in_real_time
+@pytest.mark.realtime
 def test_a_cable_that_comes_out_in_a_lift_is_not_reported_as_damped(a1):
     with standing(a1) as (remote, peer, *_):
         peer.fault(cut=True, when="lift")
@@ -180,7 +180,7 @@ def test_a_cable_that_comes_out_in_a_lift_is_not_reported_as_damped(a1):
         assert modes(peer)[-1] == "silence"  # the motor boards damp
 
 
-@in_real_time
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("fault", "kind", "longest"),
     [({"freeze": "imu"}, (SensorError, FallError), 0.4), ({"lose": "encoders"}, SensorError, 0.05)],
@@ -192,7 +192,7 @@ def test_a_sensor_that_fails_in_a_lift_damps_the_robot_at_once(a1, fault, kind, 
         assert remote.report().ending[-1] == "released"
 
 
-@in_real_time
+@pytest.mark.realtime
 def test_a_push_in_a_lift_damps_the_robot_beyond_the_recovery_angle(a1):
     with standing(a1) as (remote, peer, *_):
         ended_by((FallError, MotionError), remote, a1, peer, {"push": [0, 100, 0], "for": 0.3})
@@ -200,7 +200,7 @@ def test_a_push_in_a_lift_damps_the_robot_beyond_the_recovery_angle(a1):
         assert moments(peer, mode="damped")[0] < tilted + 0.1 + 0.1  # the trace has a line every 0.1 s
 
 
-@in_real_time
+@pytest.mark.realtime
 def test_a_blocked_joint_meets_a_bounded_force(a1):
     with standing(a1) as (remote, peer, planted, _):
         joint = a1.joint_names.index("FL_calf_joint")
@@ -217,7 +217,7 @@ def test_a_blocked_joint_meets_a_bounded_force(a1):
         assert remote.report().ending == ("damped", "released")
 
 
-@in_real_time
+@pytest.mark.realtime
 def test_it_is_damped_for_as_long_as_it_moves(a1):
     with standing(a1) as (remote, peer, *_):
         ended_by(StopRequestedError, remote, a1, peer, {"press": "L2+B"})
@@ -229,7 +229,7 @@ def test_it_is_damped_for_as_long_as_it_moves(a1):
 # --- samples
 
 
-@in_real_time
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("fault", "count"),
     [({"damage": 0.02}, "rejected"), ({"replay": 0.02}, "out_of_order")],
@@ -247,7 +247,7 @@ def test_bad_samples_are_left_out_and_counted(a1, fault, count):
 # --- other programs
 
 
-@in_real_time
+@pytest.mark.realtime
 def test_another_program_that_commands_ends_the_run_and_is_not_fought(a1):
     with standing(a1, dds=True) as (remote, peer, *_):
         domain = next(flag for flag in peer.flags if isinstance(flag, int))
@@ -322,14 +322,7 @@ def ending_in(folder):
     return (folder / "ending.txt").read_text()
 
 
-def in_time(peer, holds):
-    """Assert what an emulator that kept real time shows."""
-    if not holds and any("behind" in entry for entry in peer.log):
-        raise StalledError(str(peer.log[-3:]))
-    assert holds, peer.log[-5:]
-
-
-@in_real_time
+@pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_robot_process_that_is_lost_is_replaced_within_50_ms(tmp_path, number):
     with program("hold", tmp_path) as (process, robot, peer):
@@ -338,30 +331,28 @@ def test_a_robot_process_that_is_lost_is_replaced_within_50_ms(tmp_path, number)
         os.kill(robot, number)
         delay = damped_after(peer, moment)
         _, errors = process.communicate(timeout=PATIENCE)
-        in_time(peer, delay < 0.05)
-        in_time(peer, "silence" not in modes(peer)[:-1])  # the second connection went on in time
+        assert delay < 0.05, peer.log[-5:]
+        assert "silence" not in modes(peer)[:-1]  # the second connection went on in time
     assert CommunicationError.__name__ in errors
     assert "the robot process " in (tmp_path / "ending.txt").read_text()
     assert "damped (" in (tmp_path / "ending.txt").read_text()
 
 
-@in_real_time
+@pytest.mark.realtime
 @pytest.mark.parametrize("how", ["kill", "error", "grip"])
 def test_a_calibration_process_that_is_lost_leaves_a_robot_that_lies(tmp_path, how):
     with program(how, tmp_path) as (process, _, peer):
         if how != "grip":
             process.communicate(timeout=PATIENCE)
         peer.wait_for("mode", "released", patience=30.0)
-        in_time(
-            peer, modes(peer)[-3:] == ["commanded", "damped", "released"] or modes(peer)[-2:] == ["released", "silence"]
-        )
+        assert modes(peer)[-3:] == ["commanded", "damped", "released"] or modes(peer)[-2:] == ["released", "silence"]
     ending = ending_in(tmp_path)
     assert "feet down, lowered, damped, released" in ending
     if how in ("kill", "grip"):
         assert ("died or closed the pipe" if how == "kill" else "gave no sign of life") in ending
 
 
-@in_real_time
+@pytest.mark.realtime
 def test_a_stopped_calibration_process_does_not_leave_the_robot_standing(tmp_path):
     with program("hold", tmp_path) as (process, _, peer):
         process.send_signal(signal.SIGSTOP)
@@ -369,7 +360,7 @@ def test_a_stopped_calibration_process_does_not_leave_the_robot_standing(tmp_pat
         assert "gave no sign of life" in ending_in(tmp_path)
 
 
-@in_real_time
+@pytest.mark.realtime
 def test_a_robot_that_was_without_both_processes_is_not_pulled_up_again(tmp_path):
     """As on a computer that slept: the motor boards have damped it meanwhile."""
     with program("hold", tmp_path) as (process, robot, peer):
@@ -383,7 +374,7 @@ def test_a_robot_that_was_without_both_processes_is_not_pulled_up_again(tmp_path
         assert "commanded" not in [entry.get("mode") for entry in peer.log[asleep:]]
 
 
-@in_real_time
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("numbers", "longest", "ending"),
     [
@@ -402,6 +393,6 @@ def test_signals_put_the_robot_down(tmp_path, numbers, longest, ending):
             time.sleep(0.05)
         delay = damped_after(peer, moment)
         process.communicate(timeout=PATIENCE)
-        in_time(peer, delay < longest)
-        in_time(peer, ending in (tmp_path / "ending.txt").read_text())
+        assert delay < longest, peer.log[-5:]
+        assert ending in (tmp_path / "ending.txt").read_text()
     assert process.returncode != 0
