@@ -204,13 +204,12 @@ def test_gains_and_feed_forward_arrive_and_the_end_is_a_release(a1, protocol, fo
     assert log[-1]["damaged"] == 0
 
 
-@pytest.mark.parametrize("protocol", list(FORMS))
 @pytest.mark.realtime
-def test_a_motion_is_recorded_as_without_a_network(a1, protocol):
+def test_a_motion_is_recorded_as_without_a_network(a1):
     motion = leaning(a1)
     with simulate(a1, "ideal") as simulation:
         expected = simulation.platform.play(motion)
-    with connected(a1, protocol) as (platform, _):
+    with connected(a1, "a1") as (platform, _):
         recording = platform.play(motion)
         assert recording.joint_names == a1.joint_names
         assert np.array_equal(recording.commands.position, motion.position)
