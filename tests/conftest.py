@@ -56,11 +56,18 @@ def default_signals():
         signal.signal(number, handler)
 
 
+@pytest.fixture(scope="session")
+def shared_folder(request, tmp_path_factory):
+    """Return a folder that all workers of this run of the tests share."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if hasattr(request.config, "workerinput") else own
+
+
 @pytest.fixture(scope="session", autouse=True)
-def cache(tmp_path_factory):
-    """No test finds what another run of them left in the user's cache."""
+def cache(shared_folder):
+    """Replace the user's cache by one that no other run of the tests has written."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(VARIABLE, str(tmp_path_factory.mktemp("cache")))
+        patch.setenv(VARIABLE, str(shared_folder / "cache"))
         yield
 
 

@@ -1,6 +1,5 @@
 """The versions of cyclonedds that robots run: driver, peer and ROS 2 with them, and what pairs of versions do."""
 
-import os
 import subprocess
 import sys
 import time
@@ -59,12 +58,10 @@ sys.stdin.read()
 
 
 @pytest.fixture(scope="module", params=SOURCES)
-def older(request, tmp_path_factory):
+def older(request, shared_folder):
     """A version and its Python, which all workers of xdist share."""
-    own = tmp_path_factory.getbasetemp()
-    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
     try:
-        return request.param, older_python(request.param, shared / f"cyclonedds-{request.param}")
+        return request.param, older_python(request.param, shared_folder / f"cyclonedds-{request.param}")
     except CannotBuildError as reason:
         pytest.skip(f"cyclonedds {request.param}, which robots run, was NOT TRIED: {reason}")
 

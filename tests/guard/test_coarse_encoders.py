@@ -31,7 +31,7 @@ class Coarse(PlatformWrapper):
     """A simulated robot whose encoders have steps."""
 
     def __init__(self, robot, step: float = 1.5e-3):
-        self._simulation, self._coarseness = simulate(robot, noise="realistic", seed=1), step
+        self._simulation, self._coarseness = simulate(robot, "realistic", seed=1, timestep=1e-3), step
         super().__init__(self._simulation.platform)
 
     def _sensed(self, state):
@@ -109,7 +109,7 @@ def test_a_frozen_encoder_among_coarse_ones_is_named(a1, recording, step):
         screen_log(a1, frozen)
 
 
-def test_a_robot_with_coarse_encoders_is_calibrated_behind_the_guard(tmp_path, coarse_engine, monkeypatch):
+def test_a_robot_with_coarse_encoders_is_calibrated_behind_the_guard(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # the robot process imports this module
     arguments = ["--platform", f"{__name__}:Coarse", "--set", "step=1.5e-3", "--budget", "30s", "--mass", "12.46"]
     assert main(["calibrate", "unitree_a1", *arguments, "--yes", "--quiet", "--no-report",
