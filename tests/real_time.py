@@ -17,7 +17,7 @@ import json, os, sys, time
 stall, parent = float(sys.argv[1]), os.getppid()
 print(json.dumps({"ready": True}), flush=True)
 while os.getppid() == parent:
-    for work in [*[0.0] * 20, 5e-3]:
+    for work in [*[0.0] * 50, 5e-3]:
         begun, worked = time.monotonic(), time.process_time()
         time.sleep(2e-3)
         while time.process_time() - worked < work:
