@@ -32,7 +32,7 @@ STATE = JointState(
     [-3.0, -9.0, -1.0, -2.0],
 )  # fmt: skip
 IMU = Imu(
-    Header(Time(7, 251_000_000), "imu_link"), Quaternion(), [-1.0] + 8 * [0.0], Vector3(0.1, 0.2, 0.3),
+    Header(Time(7, 251_000_000), "imu_link"), Quaternion(w=1.0), [-1.0] + 8 * [0.0], Vector3(0.1, 0.2, 0.3),
     linear_acceleration=Vector3(1.0, 2.0, 9.81),
 )  # fmt: skip
 MESSAGES = [

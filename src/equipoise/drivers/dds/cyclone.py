@@ -31,7 +31,7 @@ try:
     from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
     from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState, WaitSet
     from cyclonedds.domain import Domain, DomainParticipant
-    from cyclonedds.idl import IdlStruct, types
+    from cyclonedds.idl import make_idl_struct, types
     from cyclonedds.idl.types import array, float32, float64, int16, int32, int64, sequence, uint16, uint32
     from cyclonedds.pub import DataWriter
     from cyclonedds.qos import Policy, Qos
@@ -49,7 +49,7 @@ except Exception as error:  # a package that is half there fails as it likes: Im
 
 __all__ = [
     "INSTALL", "VERSION", "BuiltinDataReader", "BuiltinTopicDcpsPublication",
-    "DDSException", "DataReader", "DataWriter", "Domain", "DomainParticipant", "IdlStruct",
+    "DDSException", "DataReader", "DataWriter", "Domain", "DomainParticipant",
     "InstanceState", "Listener", "Policy", "Qos", "ReadCondition", "SampleState", "Topic", "ViewState", "WaitSet", "array",
-    "byte", "duration", "float32", "float64", "int16", "int32", "int64", "sequence", "uint16", "uint32",
+    "byte", "duration", "float32", "float64", "int16", "int32", "int64", "make_idl_struct", "sequence", "uint16", "uint32",
 ]  # fmt: skip

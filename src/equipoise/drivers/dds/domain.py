@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import socket
 import threading
 import time
@@ -18,7 +20,6 @@ from equipoise.drivers.dds.cyclone import (
     DDSException,
     Domain,
     DomainParticipant,
-    IdlStruct,
     InstanceState,
     Listener,
     Policy,
@@ -29,6 +30,7 @@ from equipoise.drivers.dds.cyclone import (
     ViewState,
     WaitSet,
     duration,
+    make_idl_struct,
 )
 from equipoise.drivers.dds.versions import DiscoveryNotes, check_company, check_version
 from equipoise.errors import CommunicationError, SettingsError
@@ -76,9 +78,31 @@ class RawSample:
     deserialize_key = deserialize
 
 
-def raw(idl_type: type[IdlStruct]) -> type[RawSample]:
-    """A type that is the same on the wire and in discovery, but whose samples are `RawSample`."""
-    return type(idl_type.__name__, (RawSample,), {"__idl__": idl_type.__idl__})
+def raw(message_type: Any) -> type[RawSample]:
+    """Return a type that is the same on the wire and in discovery, but whose samples are `RawSample`."""
+    return type(message_type.__name__, (RawSample,), {"__idl__": message_type.__idl__})
+
+
+def message(package: str, name: str, /, **fields: Any) -> Any:
+    """Make the DDS type of a package's message.
+
+    Args:
+        package: name of the package.
+        name: name of the message.
+        fields: types of its fields, in their order on the wire; a field that is not given is zero or empty.
+    """
+    made = make_idl_struct(name, f"{package}.msg.dds_.{name}_", fields, dataclassify=False)
+    for field, kind in fields.items():
+        setattr(made, field, dataclasses.field(default_factory=functools.partial(_zero, kind)))
+    return dataclasses.dataclass(made)
+
+
+def _zero(kind: Any) -> Any:
+    """Return the zero of a field's type: a number, an empty text or sequence, or a message or an array of zeros."""
+    [kind] = getattr(kind, "__metadata__", (kind,))
+    if isinstance(kind, type):
+        return kind()
+    return 0 if isinstance(kind, str) else [_zero(kind.subtype) for _ in range(getattr(kind, "length", 0))]
 
 
 class Inbox:

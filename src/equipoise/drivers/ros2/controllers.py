@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.drivers.dds.domain import RawSample
 from equipoise.drivers.ros2.messages import (
     ENCODED_ARRAY,
     Duration,
@@ -24,8 +24,6 @@ from equipoise.platform.platform import ACCEPTS_EVERYTHING, JointCommand
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
-Message = RawSample | JointTrajectory
-
 
 @dataclass(frozen=True)
 class Controllers:
@@ -38,8 +36,8 @@ class Controllers:
         limp: command that leaves the joints without torque; None: position controllers hold where they were sent last.
     """
 
-    messages: Mapping[str, type[Message]]
-    told: Callable[[JointCommand], dict[str, Message]]
+    messages: Mapping[str, Any]
+    told: Callable[[JointCommand], dict[str, Any]]
     accepts: frozenset[str]
     limp: JointCommand | None = None
 
@@ -62,10 +60,10 @@ def _positions(names: tuple[str, ...], order: NDArray[np.intp], settings: Ros2Se
         torque = 0.0 if command.torque is None or not stiffness else command.torque / stiffness
         return (command.position + torque)[order].tolist()
 
-    def array(command: JointCommand) -> dict[str, Message]:
+    def array(command: JointCommand) -> dict[str, Any]:
         return {topic: encoded_array(target(command))}
 
-    def trajectory(command: JointCommand) -> dict[str, Message]:
+    def trajectory(command: JointCommand) -> dict[str, Any]:
         point = JointTrajectoryPoint(target(command), time_from_start=time)
         return {topic: JointTrajectory(Header(), list(names), [point])}
 
@@ -85,7 +83,7 @@ def _impedance(robot: RobotModel, names: tuple[str, ...], order: NDArray[np.intp
     mark, marked = ("{interface}", IMPEDANCE) if by_interface else ("{joint}", names)
     topics = [pattern.replace(mark, name) for name in marked]
 
-    def told(command: JointCommand) -> dict[str, Message]:
+    def told(command: JointCommand) -> dict[str, Any]:
         given = (command.position, command.velocity, command.torque, command.kp, command.kd)
         values = [own if one is None else one for one, own in zip(given, (zeros, zeros, zeros, kp, kd), strict=True)]
         table = np.array(values)[:, order]

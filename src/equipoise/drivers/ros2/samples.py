@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.drivers.ros2.messages import Header, Imu, JointState
+from equipoise.drivers.ros2.messages import Imu, JointState
 from equipoise.errors import SensorError, SettingsError
 from equipoise.platform.platform import Health, RobotState
 
@@ -57,7 +57,7 @@ class StampClock:
         self._began: tuple[float, float] | None = None
         self.health: Health | None = None
 
-    def time(self, header: Header, received: float) -> float | None:
+    def time(self, header: Any, received: float) -> float | None:
         """Of a message [s]; None if it has no stamp."""
         stamp = header.stamp
         if not self._by_header:
@@ -103,7 +103,7 @@ class _Topic:
             self.damaged += 1
             return None
 
-    def _time(self, header: Header, received: float) -> float | None:
+    def _time(self, header: Any, received: float) -> float | None:
         """[s]; a simulation's first message may have no stamp, as its time is zero.
 
         Raises:
@@ -139,7 +139,7 @@ class JointTopic(_Topic):
             SettingsError: some of the model's joints are in it, and some not.
             SensorError: messages have no stamps.
         """
-        message: JointState | None = self._message(data)
+        message = self._message(data)
         if message is None or (places := self._places_of(tuple(message.name))) is None:
             return False
         position = _chosen(message.position, places, len(message.name))
@@ -187,7 +187,7 @@ class ImuTopic(_Topic):
         Raises:
             SensorError: messages have no stamps, or no angular velocity or acceleration.
         """
-        message: Imu | None = self._message(data)
+        message = self._message(data)
         if message is None:
             return False
         if message.angular_velocity_covariance[0] == -1 or message.linear_acceleration_covariance[0] == -1:

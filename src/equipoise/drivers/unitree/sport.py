@@ -9,14 +9,7 @@ from typing import Any
 
 from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain
-from equipoise.drivers.unitree.messages import (
-    Request,
-    RequestHeader,
-    RequestIdentity,
-    RequestLease,
-    RequestPolicy,
-    Response,
-)
+from equipoise.drivers.unitree.messages import Request, RequestHeader, RequestIdentity, Response
 from equipoise.errors import CommunicationError
 
 CHECK_MODE, RELEASE_MODE = 1001, 1003  # functions of the service
@@ -27,7 +20,6 @@ _ANSWER = 1.0  # [s] in which it must answer
 _TRIES = 3  # a request or a response may get lost
 _LETS_GO = 10.0  # [s] in which the mode must end
 _POLL, _AGAIN = 2e-3, 0.5  # [s] between looks at what has arrived, and between requests to let go
-_NO_BYTES: Any = []
 
 
 class MotionSwitcher:
@@ -85,10 +77,7 @@ class MotionSwitcher:
             )
         for _ in range(_TRIES):
             self._number += 1
-            identity = RequestIdentity(self._number, function)
-            self._requests.send(
-                Request(RequestHeader(identity, RequestLease(0), RequestPolicy(0, False)), "{}", _NO_BYTES)
-            )
+            self._requests.send(Request(RequestHeader(RequestIdentity(self._number, function)), "{}"))
             response = _wait_for(lambda number=self._number: self._response(number), _ANSWER)
             if response is not None:
                 if response.header.status.code != 0:

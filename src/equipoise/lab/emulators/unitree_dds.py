@@ -125,8 +125,7 @@ class UnitreeDdsWire:
             elif function != CHECK_MODE:
                 code = _NO_SUCH_FUNCTION
             data = json.dumps({"form": "0", "name": self._mode})
-            nothing: Any = []
-            self._responses.send(Response(ResponseHeader(request.header.identity, ResponseStatus(code)), data, nothing))
+            self._responses.send(Response(ResponseHeader(request.header.identity, ResponseStatus(code)), data))
         if self._mode and self._lets_go is not None and self._now >= self._lets_go:
             self._mode = ""
             self._say(sport_mode="ended")
