@@ -187,9 +187,9 @@ def test_a_robot_that_cannot_lie_is_not_turned(a1, monkeypatch):
 class Someone(PlatformWrapper):
     """A robot that nobody turns but somebody."""
 
-    @property
-    def accepts(self):
-        return super().accepts - {TURNS}
+    def __init__(self, inner):
+        super().__init__(inner)
+        self.accepts = inner.accepts - {TURNS}
 
 
 def test_a_robot_without_anybody_is_not_turned(a1):

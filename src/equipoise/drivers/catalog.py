@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from equipoise.drivers.settings import PlatformSetting, read_settings, settings_of_class, settings_of_constructor
+from equipoise.drivers.settings import read_settings, setting_row, settings_of_class, settings_of_platform
 from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, SettingsError
 from equipoise.platform.engines import ENGINES
 from equipoise.plugins import Table, import_users, resolve
@@ -239,14 +239,11 @@ def settings_of(name: str) -> list[tuple[str, str, Any]]:
     if isinstance(row, Engine):
         return []
     if isinstance(row, type):
-        return [setting.row(key) for key, setting in settings_of_constructor(row).items()]
+        return [setting_row(setting) for setting in settings_of_platform(row).values()]
     if row.needs:
         _imported(row, row.needs)
-    settings = settings_of_class(_imported(row, row.settings))
-    return [
-        PlatformSetting(setting.kind, row.preset.get(key, setting.default)).row(key)
-        for key, setting in settings.items()
-    ]
+    settings = settings_of_class(_imported(row, row.settings)).values()
+    return [setting_row(each.replace(default=row.preset.get(each.name, each.default))) for each in settings]
 
 
 def given_settings(pairs: Sequence[str], path: Path | None) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -63,18 +63,12 @@ _CABLE = CheckupFinding(
 )  # fmt: skip
 
 
-@runtime_checkable
-class Foretelling(Protocol):
-    """A platform, or a driver's link, that can say what its first command will meet."""
+def foretold(source: Any) -> list[CheckupFinding]:
+    """Return what `calibrate` will meet when it takes over the motors, as a platform or a connection predicts it.
 
-    def foretell(self) -> list[CheckupFinding]:
-        """What `calibrate` will meet when it takes over the motors; commands nothing, and lets go of nothing."""
-        ...
-
-
-def foretold(source: object) -> list[CheckupFinding]:
-    """What a platform or a link foretells; nothing if it cannot."""
-    return source.foretell() if isinstance(source, Foretelling) else []
+    A `foretell` method is optional; it commands nothing, and has no controller let go of the motors.
+    """
+    return source.foretell() if hasattr(source, "foretell") else []
 
 
 def watch(

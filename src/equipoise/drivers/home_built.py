@@ -11,7 +11,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.drivers.checkup import CheckupFinding, foretold
 from equipoise.drivers.foreign import translated
-from equipoise.drivers.settings import read_values, settings_of_constructor
+from equipoise.drivers.settings import read_values, settings_of_platform
 from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, SensorError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.stepped import SteppedPlatform
@@ -29,7 +29,7 @@ def open_home_built(name: str, kind: type[Any], robot: RobotModel, given: Mappin
         CommunicationError: the constructor raises an OSError.
         MissingDependencyError: the constructor fails in another way, or what it makes lacks something.
     """
-    settings = read_values(settings_of_constructor(kind), given, name)
+    settings = read_values(settings_of_platform(kind), given, name)
     try:
         made = kind(robot, **settings)
     except EquipoiseError:
@@ -51,7 +51,7 @@ def open_second_of_class(
     make = getattr(kind, "second", None)
     if make is None:
         return None
-    return translated(name, "second", lambda: make(robot, **read_values(settings_of_constructor(kind), given, name)))
+    return translated(name, "second", lambda: make(robot, **read_values(settings_of_platform(kind), given, name)))
 
 
 class HomeBuilt(SteppedPlatform):

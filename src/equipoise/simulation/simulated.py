@@ -67,6 +67,8 @@ class SimulatedPlatform(ABC):
         self._kp, self._kd = kp, kd
         self._timestep = timestep
         self._substeps = _whole_steps(control_period, timestep)
+        self.control_period, self.joint_names = self._substeps * timestep, robot.joint_names
+        self.accepts = ACCEPTS_EVERYTHING | {TURNS}
         self._closed = False
         self._samples = Samples(errors, len(self.joint_names), timestep, self._substeps)
         self._raw_past = np.zeros((0, self._raw_width))
@@ -105,18 +107,6 @@ class SimulatedPlatform(ABC):
     @abstractmethod
     def _base_up(self) -> float:
         """Cosine of the angle between the base's z axis and the floor's normal."""
-
-    @property
-    def control_period(self) -> float:
-        return self._substeps * self._timestep
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._robot.joint_names
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return ACCEPTS_EVERYTHING | {TURNS}
 
     def read(self) -> RobotState:
         raw = np.concatenate([self._raw_past, self._samples.filtered(self._raw_now()[None], keep=False)])

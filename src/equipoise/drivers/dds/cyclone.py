@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import Any
 
 from equipoise.errors import MissingDependencyError
 
@@ -32,7 +32,7 @@ try:
     from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState, WaitSet
     from cyclonedds.domain import Domain, DomainParticipant
     from cyclonedds.idl import make_idl_struct, types
-    from cyclonedds.idl.types import array, float32, float64, int16, int32, int64, sequence, uint16, uint32
+    from cyclonedds.idl.types import array, sequence
     from cyclonedds.pub import DataWriter
     from cyclonedds.qos import Policy, Qos
     from cyclonedds.sub import DataReader
@@ -40,16 +40,16 @@ try:
     from cyclonedds.util import duration
 
     VERSION = version("cyclonedds")
-    if TYPE_CHECKING:
-        from cyclonedds.idl.types import byte
-    else:
-        byte = types.byte if hasattr(types, "byte") else types.uint8
+    _BYTE = types.byte if hasattr(types, "byte") else types.uint8  # pyright: ignore
+    FIELD_TYPES: dict[str, Any] = {
+        "bool": bool, "string": str, "uint8": _BYTE, "int8": _BYTE,
+        **{name: getattr(types, name) for name in ("int16", "uint16", "int32", "uint32", "int64", "float32", "float64")},
+    }  # fmt: skip
 except Exception as error:  # a package that is half there fails as it likes: ImportError, OSError, AttributeError
     raise MissingDependencyError(_why_not(error)) from error
 
 __all__ = [
-    "INSTALL", "VERSION", "BuiltinDataReader", "BuiltinTopicDcpsPublication",
-    "DDSException", "DataReader", "DataWriter", "Domain", "DomainParticipant",
-    "InstanceState", "Listener", "Policy", "Qos", "ReadCondition", "SampleState", "Topic", "ViewState", "WaitSet", "array",
-    "byte", "duration", "float32", "float64", "int16", "int32", "int64", "make_idl_struct", "sequence", "uint16", "uint32",
+    "FIELD_TYPES", "INSTALL", "VERSION", "BuiltinDataReader", "BuiltinTopicDcpsPublication", "DDSException", "DataReader",
+    "DataWriter", "Domain", "DomainParticipant", "InstanceState", "Listener", "Policy", "Qos", "ReadCondition",
+    "SampleState", "Topic", "ViewState", "WaitSet", "array", "duration", "make_idl_struct", "sequence",
 ]  # fmt: skip

@@ -8,10 +8,12 @@ import socket
 import threading
 import time
 from collections import deque
+from collections.abc import Mapping
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 from equipoise.drivers.dds.cyclone import (
+    FIELD_TYPES,
     VERSION,
     BuiltinDataReader,
     BuiltinTopicDcpsPublication,
@@ -29,8 +31,10 @@ from equipoise.drivers.dds.cyclone import (
     Topic,
     ViewState,
     WaitSet,
+    array,
     duration,
     make_idl_struct,
+    sequence,
 )
 from equipoise.drivers.dds.versions import DiscoveryNotes, check_company, check_version
 from equipoise.errors import CommunicationError, SettingsError
@@ -83,18 +87,30 @@ def raw(message_type: Any) -> type[RawSample]:
     return type(message_type.__name__, (RawSample,), {"__idl__": message_type.__idl__})
 
 
-def message(package: str, name: str, /, **fields: Any) -> Any:
-    """Make the DDS type of a package's message.
+def message_types(definitions: Mapping[str, str]) -> dict[str, Any]:
+    """Make the DDS types of messages; a field that is not given is zero or empty.
 
     Args:
-        package: name of the package.
-        name: name of the message.
-        fields: types of its fields, in their order on the wire; a field that is not given is zero or empty.
+        definitions: fields by "package/Name", as ROS writes them but with commas, as in "float64 x, uint8[3] reserve"; a
+            message stands after those that it contains.
     """
-    made = make_idl_struct(name, f"{package}.msg.dds_.{name}_", fields, dataclassify=False)
-    for field, kind in fields.items():
-        setattr(made, field, dataclasses.field(default_factory=functools.partial(_zero, kind)))
-    return dataclasses.dataclass(made)
+    made: dict[str, Any] = {}
+    for full_name, definition in definitions.items():
+        package, name = full_name.split("/")
+        types = {field: _field_type(kind, made) for kind, field in (each.split() for each in definition.split(", "))}
+        message = make_idl_struct(name, f"{package}.msg.dds_.{name}_", types, dataclassify=False)
+        for field, kind in types.items():
+            setattr(message, field, dataclasses.field(default_factory=functools.partial(_zero, kind)))
+        made[full_name] = dataclasses.dataclass(message)
+    return made
+
+
+def _field_type(text: str, made: Mapping[str, Any]) -> Any:
+    name, brackets, count = text.rstrip("]").partition("[")
+    kind = FIELD_TYPES[name] if name in FIELD_TYPES else made[name]
+    if not brackets:
+        return kind
+    return array[kind, int(count)] if count else sequence[kind]
 
 
 def _zero(kind: Any) -> Any:

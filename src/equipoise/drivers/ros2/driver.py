@@ -34,8 +34,9 @@ class Ros2Connection:
 
     def __init__(self, robot: RobotModel, settings: Ros2Settings) -> None:
         self._robot, self._settings = robot, settings
-        self._joint_names = robot.joint_names
         self._controllers = controllers_of(robot, settings)
+        self.name, self.joint_names = f"ros2 domain {settings.domain} on {settings.interface}", robot.joint_names
+        self.accepts, self.control_period = self._controllers.accepts, 1 / settings.rate
         self._clock = StampClock(settings.stamps == "header")
         self._joints = JointTopic(settings.joint_state_topic, self._clock, robot.joint_names)
         self._imu = ImuTopic(settings.imu_topic, self._clock)
@@ -48,22 +49,6 @@ class Ros2Connection:
             topic: self._domain.outbox(dds_topic(topic), kind) for topic, kind in self._controllers.messages.items()
         }
         self._opened = time.monotonic()
-
-    @property
-    def name(self) -> str:
-        return f"ros2 domain {self._settings.domain} on {self._settings.interface}"
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._joint_names
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return self._controllers.accepts
-
-    @property
-    def control_period(self) -> float:
-        return 1 / self._settings.rate
 
     @property
     def rejected(self) -> int:
@@ -162,7 +147,7 @@ class Ros2Connection:
         if time.monotonic() - self._opened < _PATIENCE:
             return
         if self._joints.others and self._joints.newest is None:
-            raise self._joints.refuse(self._joint_names, self._joints.others)
+            raise self._joints.refuse(self.joint_names, self._joints.others)
         topics = (("JointState", self._joints, self._joint_inbox), ("Imu", self._imu, self._imu_inbox))
         missing = [_silent(kind, topic.topic, inbox) for kind, topic, inbox in topics if topic.newest is None]
         raise CommunicationError(

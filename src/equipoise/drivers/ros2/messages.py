@@ -10,45 +10,42 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-from equipoise.drivers.dds.cyclone import array, float64, int32, sequence, uint32
-from equipoise.drivers.dds.domain import RawSample, message, raw
+from equipoise.drivers.dds.domain import RawSample, message_types, raw
 
 _LITTLE_ENDIAN = b"\0\1\0\0"  # of plain CDR, before a sample
-_STRINGS, _NUMBERS, _COVARIANCE = sequence[str], sequence[float64], array[float64, 9]
+_DEFINITIONS = {
+    "builtin_interfaces/Time": "int32 sec, uint32 nanosec",
+    "builtin_interfaces/Duration": "int32 sec, uint32 nanosec",
+    "std_msgs/Header": "builtin_interfaces/Time stamp, string frame_id",
+    "geometry_msgs/Vector3": "float64 x, float64 y, float64 z",
+    "geometry_msgs/Quaternion": "float64 x, float64 y, float64 z, float64 w",
+    "sensor_msgs/JointState": (
+        "std_msgs/Header header, string[] name, float64[] position, float64[] velocity, float64[] effort"
+    ),
+    "sensor_msgs/Imu": (
+        "std_msgs/Header header, geometry_msgs/Quaternion orientation, float64[9] orientation_covariance, "
+        "geometry_msgs/Vector3 angular_velocity, float64[9] angular_velocity_covariance, "
+        "geometry_msgs/Vector3 linear_acceleration, float64[9] linear_acceleration_covariance"
+    ),
+    "std_msgs/MultiArrayDimension": "string label, uint32 size, uint32 stride",
+    "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim, uint32 data_offset",
+    "std_msgs/Float64MultiArray": "std_msgs/MultiArrayLayout layout, float64[] data",
+    "trajectory_msgs/JointTrajectoryPoint": (
+        "float64[] positions, float64[] velocities, float64[] accelerations, float64[] effort, "
+        "builtin_interfaces/Duration time_from_start"
+    ),
+    "trajectory_msgs/JointTrajectory": (
+        "std_msgs/Header header, string[] joint_names, trajectory_msgs/JointTrajectoryPoint[] points"
+    ),
+}
+"""In [rad], [rad/s], [Nm] and [m/s2]. Velocities and efforts may be empty, a covariance that begins with -1 states that there
+is no such datum, and a trajectory that is stamped zero begins at once."""
 
-Time = message("builtin_interfaces", "Time", sec=int32, nanosec=uint32)
-Duration = message("builtin_interfaces", "Duration", sec=int32, nanosec=uint32)
-Header = message("std_msgs", "Header", stamp=Time, frame_id=str)
-Vector3 = message("geometry_msgs", "Vector3", x=float64, y=float64, z=float64)
-Quaternion = message("geometry_msgs", "Quaternion", x=float64, y=float64, z=float64, w=float64)
-
-JointState = message(
-    "sensor_msgs", "JointState",
-    header=Header, name=_STRINGS, position=_NUMBERS, velocity=_NUMBERS, effort=_NUMBERS,
-)  # fmt: skip
-"""Joint states [rad], [rad/s], [Nm]; each of the three may be empty."""
-
-Imu = message(
-    "sensor_msgs", "Imu",
-    header=Header, orientation=Quaternion, orientation_covariance=_COVARIANCE,
-    angular_velocity=Vector3, angular_velocity_covariance=_COVARIANCE,
-    linear_acceleration=Vector3, linear_acceleration_covariance=_COVARIANCE,
-)  # fmt: skip
-"""IMU sample [rad/s], [m/s2] in the sensor's frame; a covariance that begins with -1: there is no such datum."""
-
-MultiArrayDimension = message("std_msgs", "MultiArrayDimension", label=str, size=uint32, stride=uint32)
-MultiArrayLayout = message("std_msgs", "MultiArrayLayout", dim=sequence[MultiArrayDimension], data_offset=uint32)
-Float64MultiArray = message("std_msgs", "Float64MultiArray", layout=MultiArrayLayout, data=_NUMBERS)
+(
+    Time, Duration, Header, Vector3, Quaternion, JointState, Imu, MultiArrayDimension, MultiArrayLayout, Float64MultiArray,
+    JointTrajectoryPoint, JointTrajectory,
+) = message_types(_DEFINITIONS).values()  # fmt: skip
 ENCODED_ARRAY = raw(Float64MultiArray)
-
-JointTrajectoryPoint = message(
-    "trajectory_msgs", "JointTrajectoryPoint",
-    positions=_NUMBERS, velocities=_NUMBERS, accelerations=_NUMBERS, effort=_NUMBERS, time_from_start=Duration,
-)  # fmt: skip
-JointTrajectory = message(
-    "trajectory_msgs", "JointTrajectory", header=Header, joint_names=_STRINGS, points=sequence[JointTrajectoryPoint]
-)
-"""Trajectory of joints; a stamp of zero means "from now on"."""
 
 
 def dds_topic(name: str) -> str:

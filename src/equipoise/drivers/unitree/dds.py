@@ -57,6 +57,8 @@ class UnitreeDdsConnection:
 
     def __init__(self, robot: RobotModel, settings: UnitreeDdsSettings, beside: bool = False) -> None:
         self._robot, self._settings, self._beside = robot, settings, beside
+        self.name, self.joint_names = f"{settings.kind} on {settings.interface}", robot.joint_names
+        self.accepts, self.control_period = ACCEPTS_EVERYTHING, CONTROL_PERIOD
         self._joint_of_motor = joints_of_motors(robot, settings.kind)
         self._motor_of_joint = np.argsort(self._joint_of_motor)
         self._own_gains = robot.gains(nominal_stance(robot).hip_height)
@@ -80,22 +82,6 @@ class UnitreeDdsConnection:
         self._commands = self._domain.outbox(COMMAND_TOPIC, self._sample)
         self._others = None if beside else self._domain.inbox(COMMAND_TOPIC, self._sample, own=False)
         self._switcher = MotionSwitcher(self._domain, self.name)
-
-    @property
-    def name(self) -> str:
-        return f"{self._settings.kind} on {self._settings.interface}"
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._robot.joint_names
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return ACCEPTS_EVERYTHING
-
-    @property
-    def control_period(self) -> float:
-        return CONTROL_PERIOD
 
     def receive(self) -> list[RobotState]:
         """As a link's.

@@ -80,7 +80,8 @@ class UnitreeUdpConnection:
 
     def __init__(self, robot: RobotModel, settings: UnitreeUdpSettings, beside: bool = False) -> None:
         self._settings, self._beside = settings, beside
-        self._joint_names = robot.joint_names
+        self.name, self.joint_names = f"{settings.name} at {settings.address}:{settings.port}", robot.joint_names
+        self.accepts, self.control_period = ACCEPTS_EVERYTHING, CONTROL_PERIOD
         self._joint_of_motor = joints_of_motors(robot, settings.name)
         self._motor_of_joint = np.argsort(self._joint_of_motor)
         kp, kd = robot.gains(nominal_stance(robot).hip_height)
@@ -103,22 +104,6 @@ class UnitreeUdpConnection:
         self.unchecked = not settings.check
         self._closed = False
         self._opened_socket = None if beside else self._open_socket()
-
-    @property
-    def name(self) -> str:
-        return f"{self._settings.name} at {self._settings.address}:{self._settings.port}"
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._joint_names
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return ACCEPTS_EVERYTHING
-
-    @property
-    def control_period(self) -> float:
-        return CONTROL_PERIOD
 
     @property
     def rejected(self) -> int:
