@@ -87,8 +87,8 @@ def raw(message_type: Any) -> type[RawSample]:
     return type(message_type.__name__, (RawSample,), {"__idl__": message_type.__idl__})
 
 
-def message_types(definitions: Mapping[str, str]) -> dict[str, Any]:
-    """Make the DDS types of messages; a field that is not given is zero or empty.
+def message_types(definitions: Mapping[str, str]) -> tuple[Any, ...]:
+    """Make the DDS types of messages, in the order of their definitions; a field that is not given is zero or empty.
 
     Args:
         definitions: fields by "package/Name", as ROS writes them but with commas, as in "float64 x, uint8[3] reserve"; a
@@ -102,7 +102,7 @@ def message_types(definitions: Mapping[str, str]) -> dict[str, Any]:
         for field, kind in types.items():
             setattr(message, field, dataclasses.field(default_factory=functools.partial(_zero, kind)))
         made[full_name] = dataclasses.dataclass(message)
-    return made
+    return tuple(made.values())
 
 
 def _field_type(text: str, made: Mapping[str, Any]) -> Any:

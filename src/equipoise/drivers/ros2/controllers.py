@@ -24,6 +24,9 @@ from equipoise.platform.platform import ACCEPTS_EVERYTHING, JointCommand
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
+Messages = dict[str, Any]
+"""Messages by topic."""
+
 
 @dataclass(frozen=True)
 class Controllers:
@@ -37,7 +40,7 @@ class Controllers:
     """
 
     messages: Mapping[str, Any]
-    told: Callable[[JointCommand], dict[str, Any]]
+    told: Callable[[JointCommand], Messages]
     accepts: frozenset[str]
     limp: JointCommand | None = None
 
@@ -60,10 +63,10 @@ def _positions(names: tuple[str, ...], order: NDArray[np.intp], settings: Ros2Se
         torque = 0.0 if command.torque is None or not stiffness else command.torque / stiffness
         return (command.position + torque)[order].tolist()
 
-    def array(command: JointCommand) -> dict[str, Any]:
+    def array(command: JointCommand) -> Messages:
         return {topic: encoded_array(target(command))}
 
-    def trajectory(command: JointCommand) -> dict[str, Any]:
+    def trajectory(command: JointCommand) -> Messages:
         point = JointTrajectoryPoint(target(command), time_from_start=time)
         return {topic: JointTrajectory(Header(), list(names), [point])}
 
@@ -83,7 +86,7 @@ def _impedance(robot: RobotModel, names: tuple[str, ...], order: NDArray[np.intp
     mark, marked = ("{interface}", IMPEDANCE) if by_interface else ("{joint}", names)
     topics = [pattern.replace(mark, name) for name in marked]
 
-    def told(command: JointCommand) -> dict[str, Any]:
+    def told(command: JointCommand) -> Messages:
         given = (command.position, command.velocity, command.torque, command.kp, command.kd)
         values = [own if one is None else one for one, own in zip(given, (zeros, zeros, zeros, kp, kd), strict=True)]
         table = np.array(values)[:, order]

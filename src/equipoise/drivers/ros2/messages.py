@@ -44,7 +44,7 @@ is no such datum, and a trajectory that is stamped zero begins at once."""
 (
     Time, Duration, Header, Vector3, Quaternion, JointState, Imu, MultiArrayDimension, MultiArrayLayout, Float64MultiArray,
     JointTrajectoryPoint, JointTrajectory,
-) = message_types(_DEFINITIONS).values()  # fmt: skip
+) = message_types(_DEFINITIONS)  # fmt: skip
 ENCODED_ARRAY = raw(Float64MultiArray)
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from equipoise.drivers.unitree.formats import PacketFormat
-from equipoise.drivers.unitree.packets import Damage, SensorReadings, read_state
+from equipoise.drivers.unitree.packets import DAMAGES, Damage, SensorReadings, read_state
 
 _TURN = 0.25  # [s] that a form is asked in
 _QUIET = (
     0.05  # [s] at its end without asking, so that an answer belongs to one form; on a cable it takes less than 1 ms
 )
-_SERIOUSNESS = (Damage.LENGTH, Damage.HEAD, Damage.CHECKSUM)  # the later, the nearer a packet is to a good one
 
 
 class FormSearch:
@@ -57,7 +56,7 @@ class FormSearch:
         if self.learnt is not None:
             return self._read(self.learnt, data)
         read = [self._read(name, data) for name in self._names]
-        return max((damage for damage in read if isinstance(damage, Damage)), key=_SERIOUSNESS.index)
+        return max((damage for damage in read if not isinstance(damage, SensorReadings)), key=DAMAGES.index)
 
     def _read(self, name: str, data: bytes) -> SensorReadings | Damage:
         return read_state(self._forms[name], data, self._check)

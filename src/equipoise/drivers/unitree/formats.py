@@ -17,85 +17,40 @@ import numpy as np
 
 from equipoise.drivers.unitree.udp_settings import Protocol, form_names
 
-_IMU = np.dtype(
-    [
-        ("quat_wxyz", "<f4", 4),
-        ("gyroscope", "<f4", 3),
-        ("accelerometer", "<f4", 3),
-        ("rpy", "<f4", 3),
-        ("temperature", "i1"),
-    ]
-)
-_A1_HEAD = [("level", "u1"), ("version", "<u2"), ("robot", "<u2"), ("serial", "<u4"), ("bandwidth", "u1")]
-_MOTOR_COMMAND = np.dtype(
-    [
-        ("mode", "u1"),
-        ("position", "<f4"),
-        ("velocity", "<f4"),
-        ("torque", "<f4"),
-        ("kp", "<f4"),
-        ("kd", "<f4"),
-        ("reserve", "<u4", 3),
-    ]
-)
-_MOTOR_STATE = np.dtype(
-    [
-        ("mode", "u1"),
-        ("position", "<f4"),
-        ("velocity", "<f4"),
-        ("acceleration", "<f4"),
-        ("torque", "<f4"),
-        ("raw", "<f4", 3),
-        ("temperature", "i1"),
-        ("reserve", "<u4", 2),
-    ]
-)
-_GO1_HEAD = [
-    ("head", "u1", 2),
-    ("level", "u1"),
-    ("frame", "u1"),
-    ("serial", "<u4", 2),
-    ("version", "<u4", 2),
-    ("bandwidth", "<u2"),
-]
-_COMPRESSED_COMMAND = np.dtype(
-    [
-        ("mode", "u1"),
-        ("position", "<f4"),
-        ("velocity", "<f4"),
-        ("torque", "<i2"),
-        ("kp", "<i2"),
-        ("kd", "<i2"),
-        ("reserve", "<u4", 3),
-    ]
-)
-_COMPRESSED_STATE = np.dtype(
-    [
-        ("mode", "u1"),
-        ("position", "<f4"),
-        ("velocity", "<f4"),
-        ("acceleration", "<i2"),
-        ("torque", "<i2"),
-        ("raw_position", "<f4"),
-        ("raw_velocity", "<f4"),
-        ("raw_acceleration", "<i2"),
-        ("temperature", "i1"),
-        ("reserve", "<u4", 2),
-    ]
-)
-_GO1_BATTERY = np.dtype(
-    [
-        ("version", "u1", 2),
-        ("status", "u1"),
-        ("charge", "u1"),
-        ("current", "<i4"),
-        ("cycles", "<u2"),
-        ("temperature", "i1", 4),
-        ("cells", "u1", 10),
-    ]
-)
-_TAIL = [("remote", "u1", 40), ("reserve", "<u4"), ("checksum", "<u4")]
-_FEET = [("foot_force", "<i2", 4), ("foot_force_estimate", "<i2", 4), ("tick", "<u4")]
+_PARTS = {
+    "Imu": "float32[4] quat_wxyz, float32[3] gyroscope, float32[3] accelerometer, float32[3] rpy, int8 temperature",
+    "MotorCommand": (
+        "uint8 mode, float32 position, float32 velocity, float32 torque, float32 kp, float32 kd, uint32[3] reserve"
+    ),
+    "MotorState": (
+        "uint8 mode, float32 position, float32 velocity, float32 acceleration, float32 torque, float32[3] raw, "
+        "int8 temperature, uint32[2] reserve"
+    ),
+    "CompressedCommand": (
+        "uint8 mode, float32 position, float32 velocity, int16 torque, int16 kp, int16 kd, uint32[3] reserve"
+    ),
+    "CompressedState": (
+        "uint8 mode, float32 position, float32 velocity, int16 acceleration, int16 torque, float32 raw_position, "
+        "float32 raw_velocity, int16 raw_acceleration, int8 temperature, uint32[2] reserve"
+    ),
+    "Go1Battery": (
+        "uint8[2] version, uint8 status, uint8 charge, int32 current, uint16 cycles, int8[4] temperature, uint8[10] cells"
+    ),
+}
+_A1_HEAD = "uint8 level, uint16 version, uint16 robot, uint32 serial, uint8 bandwidth"
+_GO1_HEAD = "uint8[2] head, uint8 level, uint8 frame, uint32[2] serial, uint32[2] version, uint16 bandwidth"
+_FEET = "int16[4] foot_force, int16[4] foot_force_estimate, uint32 tick"
+_TAIL = "uint8[40] remote, uint32 reserve, uint32 checksum"
+
+
+def _packed(definition: str) -> np.dtype[Any]:
+    """Return a structured type of fields in their order, without padding; parts of a packet by their names in `_PARTS`."""
+    fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = []
+    for kind, name in (each.split() for each in definition.split(", ")):
+        kind, _, count = kind.rstrip("]").partition("[")  # noqa: PLW2901
+        part = _packed(_PARTS[kind]) if kind in _PARTS else np.dtype(kind).newbyteorder("<")
+        fields.append((name, part, (int(count),) if count else ()))
+    return np.dtype(fields)
 
 
 _COUNTS = {"torque": 256.0, "kp": 32.0, "kd": 16.0}  # per Nm, Nm/rad, Nm s/rad in a compressed record
@@ -125,8 +80,8 @@ class PacketFormat:
 
 
 A1 = PacketFormat(
-    np.dtype([*_A1_HEAD, ("motors", _COMPRESSED_COMMAND, 20), ("led", "u1", (4, 3)), *_TAIL]),
-    np.dtype([*_A1_HEAD, ("imu", _IMU), ("motors", _COMPRESSED_STATE, 20), *_FEET, *_TAIL]),
+    _packed(f"{_A1_HEAD}, CompressedCommand[20] motors, uint8[12] led, {_TAIL}"),
+    _packed(f"{_A1_HEAD}, Imu imu, CompressedState[20] motors, {_FEET}, {_TAIL}"),
     begins=b"\xff",
     state_lengths=(771,),
     counts=_COUNTS,
@@ -134,16 +89,16 @@ A1 = PacketFormat(
 """What its SDK sends as `UDP(LOWLEVEL)`, the constructor of public programs: 610 bytes, 771 back."""
 
 A1_STRUCT = PacketFormat(
-    np.dtype([*_A1_HEAD, ("motors", _MOTOR_COMMAND, 20), ("led", "u1", (4, 3)), *_TAIL]),
-    np.dtype([*_A1_HEAD, ("imu", _IMU), ("motors", _MOTOR_STATE, 20), *_FEET, *_TAIL]),
+    _packed(f"{_A1_HEAD}, MotorCommand[20] motors, uint8[12] led, {_TAIL}"),
+    _packed(f"{_A1_HEAD}, Imu imu, MotorState[20] motors, {_FEET}, {_TAIL}"),
     begins=b"\xff",
     state_lengths=(891,),
 )
 """What its SDK sends when it is given the sizes of its structures: those, without padding; 730 bytes, 891 back."""
 
 GO1 = PacketFormat(
-    np.dtype([*_GO1_HEAD, ("motors", _COMPRESSED_COMMAND, 20), ("battery", "u1", 4), *_TAIL]),
-    np.dtype([*_GO1_HEAD, ("imu", _IMU), ("motors", _COMPRESSED_STATE, 20), ("battery", _GO1_BATTERY), *_FEET, *_TAIL]),
+    _packed(f"{_GO1_HEAD}, CompressedCommand[20] motors, uint8[4] battery, {_TAIL}"),
+    _packed(f"{_GO1_HEAD}, Imu imu, CompressedState[20] motors, Go1Battery battery, {_FEET}, {_TAIL}"),
     begins=b"\xfe\xef\xff",
     state_lengths=(807, 820),  # public programs receive 13 bytes of zeros more
     counts={**_COUNTS, "cells": 1 / 0.032},

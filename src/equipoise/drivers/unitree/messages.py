@@ -8,7 +8,7 @@ from __future__ import annotations
 from equipoise.drivers.dds.domain import message_types
 from equipoise.drivers.unitree.definitions import LOW_LEVEL, SERVICES
 
-MotorCmd, BmsCmd, LowCmd, IMUState, MotorState, BmsState, LowState = message_types(LOW_LEVEL).values()
+MotorCmd, BmsCmd, LowCmd, IMUState, MotorState, BmsState, LowState = message_types(LOW_LEVEL)
 (
     RequestIdentity, RequestLease, RequestPolicy, RequestHeader, Request, ResponseStatus, ResponseHeader, Response
-) = message_types(SERVICES).values()  # fmt: skip
+) = message_types(SERVICES)  # fmt: skip
