@@ -54,17 +54,6 @@ class Driver:
     motor_speeds: tuple[float, float, float] | None = None
 
 
-@dataclasses.dataclass(frozen=True)
-class Engine:
-    """A simulator.
-
-    Attributes:
-        name: name of the platform.
-    """
-
-    name: str
-
-
 _DDS = "equipoise.drivers.dds.cyclone"
 DRIVERS: dict[str, Driver] = {
     driver.name: driver
@@ -104,14 +93,14 @@ DRIVERS: dict[str, Driver] = {
     )
 }  # fmt: skip
 """Our own."""
-PLATFORMS: Table[Driver | Engine | type[Any]] = Table(
-    "platform", "equipoise.platforms", (Driver, type), {**{name: Engine(name) for name in ENGINES}, **DRIVERS}
+PLATFORMS: Table[Driver | type[Any] | None] = Table(
+    "platform", "equipoise.platforms", (Driver, type), {**dict.fromkeys(ENGINES), **DRIVERS}
 )
-"""With what packages add: drivers, or classes as `equipoise.SteppedPlatform`."""
+"""With what packages add: drivers, or classes as `equipoise.SteppedPlatform`. A simulator has None."""
 
 
-def find_platform(name: str) -> Driver | Engine | type[Any]:
-    """What has a name, or is at MODULE:NAME, which may be in the current folder.
+def find_platform(name: str) -> Driver | type[Any] | None:
+    """Return what has a name, or is at MODULE:NAME, which may be in the current folder; None: a simulator.
 
     Raises:
         SettingsError: there is no such platform, or two have the name.
@@ -217,7 +206,7 @@ def describe_platforms() -> list[PlatformRow]:
     """Every robot's platform, with what can be set, or why it cannot be used here."""
     rows: list[PlatformRow] = []
     for name, row in PLATFORMS.rows().items():
-        if isinstance(row, Engine):
+        if row is None:
             continue
         if isinstance(row, EquipoiseError):
             rows.append(PlatformRow(name, "", "", "", f"cannot be used here: {row}"))
@@ -236,7 +225,7 @@ def describe_platforms() -> list[PlatformRow]:
 def settings_of(name: str) -> list[tuple[str, str, Any]]:
     """Names, types and defaults of a platform's settings; raises MissingDependencyError if it cannot be used here."""
     row = find_platform(name)
-    if isinstance(row, Engine):
+    if row is None:
         return []
     if isinstance(row, type):
         return [setting_row(setting) for setting in settings_of_platform(row).values()]

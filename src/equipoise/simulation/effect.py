@@ -4,29 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.robot.scale import Scale
 
+Function = TypeVar("Function")
 ROW = "effect"
 """Key of a row among the metadata of its field."""
 
 
 @dataclass(frozen=True)
-class PartOfRobot:
-    """A kind of part of which each has its own drawn value.
+class NamedFunction(Generic[Function]):
+    """A function with a name in words.
 
     Attributes:
-        name: name of it in words.
-        count: number of them, of a robot with so many leg joints.
+        name: name in words.
+        of: function itself.
     """
 
     name: str
-    count: Callable[[int], int]
+    of: Function
 
+
+PartOfRobot = NamedFunction[Callable[[int], int]]
+"""A kind of part of which each has its own drawn value: number of them, of a robot with so many leg joints."""
+Law = NamedFunction[Callable[[np.random.Generator, float, int], FloatArray]]
+"""Meaning of a size, and the values that a generator draws with it: of a size, as many as there are parts."""
+Magnitude = NamedFunction[Callable[[Scale], float]]
+"""Factor of an effect's size on a robot other than an A1; without a name it is the same on all robots."""
 
 ROBOT = PartOfRobot("robot", lambda joints: 1)
 JOINT = PartOfRobot("joint", lambda joints: joints)
@@ -39,20 +47,6 @@ LEG_DIRECTION = PartOfRobot("leg, three axes", lambda joints: 12)
 AXIS = PartOfRobot("axis", lambda joints: 3)
 AXIS_PAIR = PartOfRobot("pair of axes", lambda joints: 6)
 
-
-@dataclass(frozen=True)
-class Law:
-    """How the values of one robot follow from a size.
-
-    Attributes:
-        name: meaning of the size, in words.
-        draw: function of a generator, the size and how many there are, that gives their values.
-    """
-
-    name: str
-    draw: Callable[[np.random.Generator, float, int], FloatArray]
-
-
 EXACT = Law("exact", lambda generator, size, count: np.full(count, size))
 NORMAL = Law("rms", lambda generator, size, count: size * generator.standard_normal(count))
 FACTOR = Law(
@@ -61,20 +55,6 @@ FACTOR = Law(
 UNIFORM = Law("half width", lambda generator, size, count: size * generator.uniform(-1, 1, count))
 AZIMUTH = Law("exact, its direction drawn", lambda generator, size, count: generator.uniform(0, 2 * np.pi, count))
 """The values are angles, whatever the size [rad]."""
-
-
-@dataclass(frozen=True)
-class Magnitude:
-    """Factor of an effect's size on a robot other than an A1.
-
-    Attributes:
-        name: name of it in words; empty: it is the same on all robots.
-        of: function that gives the factor.
-    """
-
-    name: str
-    of: Callable[[Scale], float]
-
 
 SAME = Magnitude("", lambda scale: 1.0)
 TORQUE = Magnitude("torque", lambda scale: scale.torque)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import Literal, TypeVar
+from abc import abstractmethod
+from typing import Literal
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from equipoise.platform.platform import (
     Trajectory,
 )
 from equipoise.platform.ramp import smooth_step
+from equipoise.platform.stepped import SteppedPlatform
 from equipoise.platform.stepping import started_events
 from equipoise.platform.tilt_limit import TiltLimit, TiltTest
 from equipoise.recording.event import PHASE
@@ -29,7 +30,6 @@ from equipoise.simulation.samples import Samples
 from equipoise.simulation.sensors import DrawnErrors
 
 Start = Literal["standing", "lying"]
-_Platform = TypeVar("_Platform", bound="SimulatedPlatform")
 
 _SETTLING_TIME = 1.5  # [s] before time zero, so that a calibration does not start with a drop
 _LEAST_KP = 1e-6  # [Nm/rad]: torques act through the gain, also those of a joint without one
@@ -37,7 +37,7 @@ _LEAST_KP = 1e-6  # [Nm/rad]: torques act through the gain, also those of a join
 PERIODS_BETWEEN_STOP_TESTS, _CHUNK = 5, 500
 
 
-class SimulatedPlatform(ABC):
+class SimulatedPlatform(SteppedPlatform):
     """A quadruped in an engine. It shows what hardware shows: encoders, reported torques, gyroscope and accelerometer.
 
     An engine is told one row of joint position targets for each of its steps, and answers with a row of raw sensor values
@@ -61,14 +61,13 @@ class SimulatedPlatform(ABC):
         timestep: float,
         control_period: float,
     ) -> None:
-        self._robot = robot
-        self._errors = errors
+        super().__init__(robot)
+        self._robot, self._errors = robot, errors
         self._own_kp, self._own_kd = kp, kd
         self._kp, self._kd = kp, kd
         self._timestep = timestep
         self._substeps = _whole_steps(control_period, timestep)
-        self.control_period, self.joint_names = self._substeps * timestep, robot.joint_names
-        self.accepts = ACCEPTS_EVERYTHING | {TURNS}
+        self.control_period, self.accepts = self._substeps * timestep, ACCEPTS_EVERYTHING | {TURNS}
         self._closed = False
         self._samples = Samples(errors, len(self.joint_names), timestep, self._substeps)
         self._raw_past = np.zeros((0, self._raw_width))
@@ -114,14 +113,8 @@ class SimulatedPlatform(ABC):
         return self._samples.state(sample[0], self._periods)
 
     def step(self, command: JointCommand) -> RobotState:
-        velocity, torque = command.velocity, command.torque
         self._set_gains(command.kp, command.kd)
-        trajectory = Trajectory(
-            command.position[None],
-            None if velocity is None else velocity[None],
-            None if torque is None else torque[None],
-        )
-        self._advance(self._control(trajectory))
+        self._advance(self._control(Trajectory.of(command)))
         return self.read()
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
@@ -151,12 +144,6 @@ class SimulatedPlatform(ABC):
 
     def close(self) -> None:
         self._closed = True
-
-    def __enter__(self: _Platform) -> _Platform:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     @property
     def _raw_width(self) -> int:

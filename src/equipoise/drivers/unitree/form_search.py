@@ -55,7 +55,7 @@ class FormSearch:
         """A state, or what is wrong with it; of forms that are not ruled out, by the one that fits best."""
         if self.learnt is not None:
             return self._read(self.learnt, data)
-        read = [self._read(name, data) for name in self._names]
+        read: list[SensorReadings | Damage] = [self._read(name, data) for name in self._names]
         return max((damage for damage in read if not isinstance(damage, SensorReadings)), key=DAMAGES.index)
 
     def _read(self, name: str, data: bytes) -> SensorReadings | Damage:
