@@ -55,8 +55,8 @@ class FormSearch:
         """A state, or what is wrong with it; of forms that are not ruled out, by the one that fits best."""
         if self.learnt is not None:
             return self._read(self.learnt, data)
-        read: list[SensorReadings | Damage] = [self._read(name, data) for name in self._names]
-        return max((damage for damage in read if not isinstance(damage, SensorReadings)), key=DAMAGES.index)
+        read = (self._read(name, data) for name in self._names)
+        return DAMAGES[max(DAMAGES.index(damage) for damage in read if not isinstance(damage, SensorReadings))]
 
     def _read(self, name: str, data: bytes) -> SensorReadings | Damage:
         return read_state(self._forms[name], data, self._check)
