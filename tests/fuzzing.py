@@ -33,8 +33,8 @@ from equipoise import (
     load_robot,
     simulate,
 )
-from equipoise.drivers.catalog import given_settings
-from equipoise.drivers.unitree.formats import FORMS
+from equipoise.drivers.platforms import given_settings
+from equipoise.drivers.unitree.packet_formats import FORMS
 from equipoise.drivers.unitree.packets import (
     CommandPacket,
     MotorCommands,

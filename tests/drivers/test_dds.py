@@ -11,9 +11,9 @@ pytest.importorskip("cyclonedds")
 from cyclonedds.idl import IdlStruct
 
 from equipoise.drivers.dds.domain import DdsDomain, RawSample, configuration, raw
-from equipoise.drivers.ros2 import messages as ros2_messages
-from equipoise.drivers.unitree import messages as unitree_messages
-from equipoise.drivers.unitree.messages import Request, RequestHeader, RequestIdentity, RequestLease, RequestPolicy
+from equipoise.drivers.ros2 import ros_messages as ros2_messages
+from equipoise.drivers.unitree import dds_types as unitree_messages
+from equipoise.drivers.unitree.dds_types import Request, RequestHeader, RequestIdentity, RequestLease, RequestPolicy
 from equipoise.errors import CommunicationError, SettingsError
 
 DOMAIN, ANOTHER = unused_domain(), unused_domain()

@@ -13,7 +13,7 @@ from peer_processes import PATIENCE, modes_heard, running_peer, unused_domain
 
 pytest.importorskip("cyclonedds")
 
-from equipoise.drivers.catalog import open_connection
+from equipoise.drivers.platforms import open_connection
 from equipoise.errors import SettingsError
 from equipoise.platform.platform import JointCommand
 

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
-from equipoise.drivers.ros2.messages import (
+from equipoise.drivers.ros2.ros_messages import (
     Duration,
     Float64MultiArray,
     Header,
@@ -23,7 +23,7 @@ from equipoise.drivers.ros2.messages import (
     Vector3,
     dds_topic,
 )
-from equipoise.drivers.ros2.samples import ImuTopic, JointTopic, StampClock, together
+from equipoise.drivers.ros2.sensor_topics import ImuTopic, JointTopic, StampClock, together
 from equipoise.errors import SensorError, SettingsError
 
 NAMES = ("hip", "thigh", "calf")

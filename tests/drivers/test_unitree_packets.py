@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from equipoise.drivers.unitree.crc import crc32_words
-from equipoise.drivers.unitree.formats import A1, A1_STRUCT, FORMS, GO1, GO1_SCRAMBLED, forms_of
 from equipoise.drivers.unitree.motors import MOTORS
+from equipoise.drivers.unitree.packet_formats import A1, A1_STRUCT, FORMS, GO1, GO1_SCRAMBLED, forms_of
 from equipoise.drivers.unitree.packets import (
     NOT_CONTROLLED,
     POSITION_STOP,

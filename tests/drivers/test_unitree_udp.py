@@ -21,8 +21,8 @@ from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.robot_clock import RobotClock, UnitSearch
 from equipoise.drivers.unitree import udp as unitree_udp
 from equipoise.drivers.unitree.form_search import FormSearch
-from equipoise.drivers.unitree.formats import FORMS
 from equipoise.drivers.unitree.motors import MOTORS
+from equipoise.drivers.unitree.packet_formats import FORMS
 from equipoise.drivers.unitree.packets import DAMAGES, SensorReadings
 from equipoise.drivers.unitree.udp import open_connection
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings

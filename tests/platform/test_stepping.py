@@ -9,7 +9,7 @@ from guarded import PERIOD, at_rest, simulated
 
 from equipoise import ComSearchSettings, Paper, RunFolder, SwaySettings, calibrate, simulate
 from equipoise.guard.guard import Guard
-from equipoise.platform.logged import Logged
+from equipoise.platform.logged_platform import Logged
 from equipoise.platform.platform import Trajectory
 from equipoise.platform.stepping import Recorder, play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper

@@ -13,6 +13,7 @@ from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, si
 from equipoise.errors import SettingsError
 from equipoise.robot.inertial import InertialParameters, composite_parameters, nominal_inertia
 from equipoise.robot.scale import Scale
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import PRESETS, REALISTIC, STRESS, read_effects
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_contacts import foot_name
@@ -20,7 +21,6 @@ from equipoise.simulation.mujoco_drive import ChangingFriction, as_a_spring, spr
 from equipoise.simulation.mujoco_model import SLING, SWINGING_LOAD, build_simulated_robot
 from equipoise.simulation.mujoco_truth import simulated_truth
 from equipoise.simulation.samples import Samples
-from equipoise.simulation.sensors import DrawnErrors
 
 ROWS = SensorErrors.rows()
 JOINTS, SEED, PERIOD = 12, 5, 2e-3

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from equipoise.drivers.catalog import open_second
+from equipoise.drivers.platforms import open_second
 from equipoise.errors import CommunicationError, MotionError
 from equipoise.guard.endings import STILL, STILL_TIME, append_ending
 from equipoise.guard.guard import PUT_DOWN

@@ -19,8 +19,8 @@ import warnings
 from typing import Any
 
 from equipoise import _version
-from equipoise.drivers.catalog import for_platform, open_platform
 from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.drivers.platforms import for_platform, open_platform
 from equipoise.errors import CommunicationError, EquipoiseError, MotionError, OverrunError
 from equipoise.guard.endings import append_ending
 from equipoise.guard.pipe import Batch, End, Ended, Pipe, Ready, Setup

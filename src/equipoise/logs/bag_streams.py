@@ -16,8 +16,8 @@ from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.errors import RecordingError
 from equipoise.logs.cdr_arrays import Messages, read_messages
-from equipoise.logs.log import RawImu, RawJoints
 from equipoise.logs.message_types import COMMANDS, IMU, JOINT_STATE, MOTOR_NAMES, STATES
+from equipoise.logs.raw_log import RawImu, RawJoints
 from equipoise.logs.stamps import Stamps
 from equipoise.recording.recording import read_only
 from equipoise.robot.model import LEG_NAMES

@@ -12,9 +12,9 @@ from equipoise.estimator.diagnostics.screening import screen_log
 from equipoise.estimator.measurements.scale_reading import check_mass_of
 from equipoise.estimator.unknowns import Priors
 from equipoise.logs.finding import LogFinding
-from equipoise.logs.log import Log, rate
 from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import LogSegment, find_segments, usable
+from equipoise.logs.raw_log import Log, rate
 from equipoise.precise.method import Precise
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import CrawlTrial, LiftTrial, PostureTrial, WalkTrial

@@ -10,9 +10,9 @@ from typing import Protocol, cast, runtime_checkable
 from equipoise.errors import EquipoiseError, MissingDependencyError, RecordingError, SettingsError
 from equipoise.logs import bag_files
 from equipoise.logs.bag_files import is_bag
-from equipoise.logs.log import Log, RawLog, assemble
+from equipoise.logs.raw_log import Log, RawLog, assemble
 from equipoise.logs.tables import files
-from equipoise.logs.tables.columns import Columns
+from equipoise.logs.tables.column_names import Columns
 from equipoise.logs.topics import Topics
 from equipoise.plugins import Table
 from equipoise.robot.model import RobotModel

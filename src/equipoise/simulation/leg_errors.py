@@ -11,7 +11,7 @@ from equipoise.conventions import FloatArray
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.simulation.sensors import DrawnErrors
+from equipoise.simulation.drawn_errors import DrawnErrors
 
 _MOST_WORN = 0.5  # of a foot's radius: some is left
 _PARALLEL = 0.9  # cosine beyond which a link points forward, and "across" begins with up

@@ -11,10 +11,10 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import BELLY_RATIO, Stance
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import Contacts
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_drive import as_a_spring
-from equipoise.simulation.sensors import DrawnErrors
 
 FLOOR = "equipoise_floor"
 # Tangential stiffness over normal stiffness of contacts: MuJoCo's soft contacts creep at 1, and a foot that creeps by

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
-from equipoise.simulation.sensors import DrawnErrors
+from equipoise.simulation.drawn_errors import DrawnErrors
 
 _TEETH = 10.0  # stiffness of the stops of a play without springs, over that of the springs in `stress`
 

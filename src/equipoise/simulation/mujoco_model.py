@@ -17,13 +17,13 @@ from equipoise.errors import ModelError, SettingsError
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
 from equipoise.robot.stance import Stance
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import Contacts
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_contacts import CONTACT_TIME, IMPEDANCE, IMPRATIO, add_contacts, soften_feet
 from equipoise.simulation.mujoco_drive import add_springs, has_springs, set_springs, set_stops
 from equipoise.simulation.mujoco_legs import add_rotor_spin, change_legs
 from equipoise.simulation.payload import Payload
-from equipoise.simulation.sensors import DrawnErrors
 
 IMU_SITE = "equipoise_imu"
 ACCELEROMETER = "equipoise_accelerometer"

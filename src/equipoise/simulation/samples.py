@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.platform.platform import RobotState
-from equipoise.simulation.sensors import DrawnErrors
+from equipoise.simulation.drawn_errors import DrawnErrors
 
 _LARGEST_JITTER = 0.4  # of a control period: samples keep their order
 _ORDER = 2  # of the IMU's low pass

@@ -26,8 +26,8 @@ from equipoise.recording.phases import Phase
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, lying_posture
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.samples import Samples
-from equipoise.simulation.sensors import DrawnErrors
 
 Start = Literal["standing", "lying"]
 

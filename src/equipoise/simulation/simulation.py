@@ -14,10 +14,10 @@ from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 from equipoise.robot.stance import Stance, nominal_stance
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import PRESETS, Contacts, Noise, SensorErrors
 from equipoise.simulation.glimpse import Glimpse
 from equipoise.simulation.payload import Payload
-from equipoise.simulation.sensors import DrawnErrors
 from equipoise.simulation.simulated import SimulatedPlatform, Start
 
 if TYPE_CHECKING:

@@ -10,11 +10,11 @@ from typing import Any
 
 from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain, Inbox, raw
-from equipoise.drivers.ros2.controllers import controllers_of
-from equipoise.drivers.ros2.messages import Imu, JointState, dds_topic
+from equipoise.drivers.ros2.command_topics import controllers_of
 from equipoise.drivers.ros2.outlook import REMEDY, listeners, stiffness
-from equipoise.drivers.ros2.samples import ImuTopic, JointTopic, StampClock, together
-from equipoise.drivers.ros2.settings import Ros2Settings
+from equipoise.drivers.ros2.ros2_settings import Ros2Settings
+from equipoise.drivers.ros2.ros_messages import Imu, JointState, dds_topic
+from equipoise.drivers.ros2.sensor_topics import ImuTopic, JointTopic, StampClock, together
 from equipoise.errors import CommunicationError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel

@@ -15,10 +15,10 @@ from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain, raw
 from equipoise.drivers.robot_clock import RobotClock
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
-from equipoise.drivers.unitree.messages import LowCmd, LowState
+from equipoise.drivers.unitree.dds_types import LowCmd, LowState
+from equipoise.drivers.unitree.low_level import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, request_of
-from equipoise.drivers.unitree.samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.drivers.unitree.sport import MotionSwitcher, outlook
 from equipoise.errors import CommunicationError, MotionError, OtherCommanderError, SettingsError
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
@@ -292,5 +292,5 @@ def open_connection(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeD
 
 
 def open_beside(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsConnection:
-    """The same, for a watchdog: `drivers/catalog.py` says what that is."""
+    """The same, for a watchdog: `drivers/platforms.py` says what that is."""
     return UnitreeDdsConnection(robot, settings, beside=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from equipoise.drivers.settings import check_range
+from equipoise.drivers.platform_settings import check_range
 from equipoise.errors import SettingsError
 
 

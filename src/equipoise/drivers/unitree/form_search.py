@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from equipoise.drivers.unitree.formats import PacketFormat
+from equipoise.drivers.unitree.packet_formats import PacketFormat
 from equipoise.drivers.unitree.packets import DAMAGES, Damage, SensorReadings, read_state
 
 _TURN = 0.25  # [s] that a form is asked in

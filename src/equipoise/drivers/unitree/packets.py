@@ -1,6 +1,6 @@
 """The low-level packets of the Unitree A1 and Go1, as the driver writes and reads them.
 
-What is held against packets of the makers' SDKs and what is not, `equipoise.drivers.unitree.formats` says.
+What is held against packets of the makers' SDKs and what is not, `equipoise.drivers.unitree.packet_formats` says.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.crc import crc32_words
-from equipoise.drivers.unitree.formats import PacketFormat
 from equipoise.drivers.unitree.motors import MOTORS
+from equipoise.drivers.unitree.packet_formats import PacketFormat
 from equipoise.drivers.unitree.remote_control import KEYS_AT
 from equipoise.errors import SettingsError
 from equipoise.platform.platform import JointCommand

@@ -9,7 +9,7 @@ from typing import Any
 
 from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain
-from equipoise.drivers.unitree.messages import Request, RequestHeader, RequestIdentity, Response
+from equipoise.drivers.unitree.dds_types import Request, RequestHeader, RequestIdentity, Response
 from equipoise.errors import CommunicationError
 
 CHECK_MODE, RELEASE_MODE = 1001, 1003  # functions of the service

@@ -14,8 +14,8 @@ import numpy as np
 
 from equipoise.drivers.robot_clock import RobotClock, UnitSearch
 from equipoise.drivers.unitree.form_search import FormSearch
-from equipoise.drivers.unitree.formats import forms_of
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
+from equipoise.drivers.unitree.packet_formats import forms_of
 from equipoise.drivers.unitree.packets import DAMAGES, NOT_CONTROLLED, CommandPacket, SensorReadings
 from equipoise.drivers.unitree.remote_control import request_of
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
@@ -258,5 +258,5 @@ def open_connection(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeU
 
 
 def open_beside(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpConnection:
-    """The same, for a watchdog: `drivers/catalog.py` says what that is."""
+    """The same, for a watchdog: `drivers/platforms.py` says what that is."""
     return UnitreeUdpConnection(robot, settings, beside=True)

@@ -6,7 +6,7 @@ import ipaddress
 from dataclasses import dataclass
 from typing import Literal
 
-from equipoise.drivers.settings import check_range
+from equipoise.drivers.platform_settings import check_range
 from equipoise.errors import SettingsError
 
 Protocol = Literal["a1", "go1"]

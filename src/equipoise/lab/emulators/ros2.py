@@ -21,7 +21,7 @@ from tyro.conf import OmitArgPrefixes
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.dds.domain import DdsDomain
-from equipoise.drivers.ros2.messages import (
+from equipoise.drivers.ros2.ros_messages import (
     Float64MultiArray,
     Header,
     Imu,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from equipoise.drivers.unitree.formats import PacketFormat
 from equipoise.drivers.unitree.motors import MOTORS
+from equipoise.drivers.unitree.packet_formats import PacketFormat
 from equipoise.drivers.unitree.packets import (
     CELLS,
     COMMANDED,

@@ -18,8 +18,8 @@ import numpy as np
 import tyro
 from tyro.conf import OmitArgPrefixes
 
-from equipoise.drivers.unitree.formats import PacketFormat, forms_of
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
+from equipoise.drivers.unitree.packet_formats import PacketFormat, forms_of
 from equipoise.drivers.unitree.packets import (
     POSITION_STOP,
     VELOCITY_STOP,

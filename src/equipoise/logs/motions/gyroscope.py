@@ -19,7 +19,7 @@ from equipoise.estimator.diagnostics.screening import GYROSCOPE_MISTAKES, RIGHT_
 from equipoise.estimator.measurements.leg_motion import LegChains, cross, cross_matrix
 from equipoise.estimator.measurements.walking import CONTEXT, gyro_bias_of_walks
 from equipoise.logs.motions.track import STEP, Integral, Track, at_once
-from equipoise.logs.motions.walking import find_steps
+from equipoise.logs.motions.walking_feet import find_steps
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import TwoFeet

@@ -27,7 +27,7 @@ from equipoise.logs.motions.loads import Contacts, FootForces
 from equipoise.logs.motions.oscillation import Oscillation, find_oscillation
 from equipoise.logs.motions.rests import LoggedRest, find_rests, why_not_carried
 from equipoise.logs.motions.track import Track
-from equipoise.logs.motions.walking import SHORTEST_ON_THREE, WalkingFeet, crawls, walks
+from equipoise.logs.motions.walking_feet import SHORTEST_ON_THREE, WalkingFeet, crawls, walks
 from equipoise.recording.event import PHASE, Event
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.phases import Phase

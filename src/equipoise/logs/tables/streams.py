@@ -21,9 +21,9 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ColumnsError, RecordingError
-from equipoise.logs.log import RawImu, RawJoints, RawLog
 from equipoise.logs.orientation import quaternions_of
-from equipoise.logs.tables.columns import (
+from equipoise.logs.raw_log import RawImu, RawJoints, RawLog
+from equipoise.logs.tables.column_names import (
     ACCELEROMETER,
     ANGLES,
     FOOT_FORCES,

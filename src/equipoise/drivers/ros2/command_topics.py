@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.drivers.ros2.messages import (
+from equipoise.drivers.ros2.ros2_settings import IMPEDANCE, Ros2Settings
+from equipoise.drivers.ros2.ros_messages import (
     ENCODED_ARRAY,
     Duration,
     Header,
@@ -17,8 +18,7 @@ from equipoise.drivers.ros2.messages import (
     JointTrajectoryPoint,
     encoded_array,
 )
-from equipoise.drivers.ros2.samples import listed
-from equipoise.drivers.ros2.settings import IMPEDANCE, Ros2Settings
+from equipoise.drivers.ros2.sensor_topics import listed
 from equipoise.errors import SettingsError
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, JointCommand
 from equipoise.robot.model import RobotModel

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.drivers.ros2.messages import Imu, JointState
+from equipoise.drivers.ros2.ros_messages import Imu, JointState
 from equipoise.errors import SensorError, SettingsError
 from equipoise.platform.platform import Health, RobotState
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from equipoise.drivers.settings import read_settings, setting_row, settings_of_class, settings_of_platform
+from equipoise.drivers.platform_settings import read_settings, setting_row, settings_of_class, settings_of_platform
 from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, SettingsError
 from equipoise.platform.engines import ENGINES
 from equipoise.plugins import Table, import_users, resolve
@@ -74,7 +74,7 @@ DRIVERS: dict[str, Driver] = {
         Driver(
             "ros2", "Gazebo and ros2_control robots: JointState and Imu in, positions or impedance out; no ROS needed here",
             "load controllers that take commands, --set interface=eth0 --set stack=NAME; topics and joint order are settings",
-            "docs/ros2.md", "equipoise.drivers.ros2.driver", "equipoise.drivers.ros2.settings:Ros2Settings", needs=_DDS,
+            "docs/ros2.md", "equipoise.drivers.ros2.driver", "equipoise.drivers.ros2.ros2_settings:Ros2Settings", needs=_DDS,
         ),
         Driver(
             "unitree-a1", "Unitree A1 over UDP (beta: never tried on a robot)",
