@@ -7,7 +7,6 @@ SDK; bags of ROS 1 carry the definitions.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
@@ -18,27 +17,17 @@ from equipoise.drivers.unitree.motors import MOTORS
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
 LOW_STATE, LOW_CMD = "unitree_go/msg/LowState", "unitree_go/msg/LowCmd"
 
-
-@dataclass(frozen=True)
-class StateFields:
-    """What a message that holds all joints and the IMU calls its parts."""
-
-    motors: str
-    torque: str
-    imu: str
-    foot_force: str
-
-
-_LEGGED = StateFields("motorState", "tauEst", "imu", "footForce")  # A1, Go1, Aliengo by ROS 1
-_LEGGED_ROS2 = StateFields("motor_state", "tau_est", "imu", "foot_force")
-STATES: Mapping[str, StateFields] = {
-    LOW_STATE: StateFields("motor_state", "tau_est", "imu_state", "foot_force"),
+_LEGGED = ("motorState", "tauEst", "imu", "footForce")  # A1, Go1, Aliengo by ROS 1
+_LEGGED_ROS2 = ("motor_state", "tau_est", "imu", "foot_force")
+STATES: Mapping[str, tuple[str, str, str, str]] = {
+    LOW_STATE: ("motor_state", "tau_est", "imu_state", "foot_force"),
     "unitree_legged_msgs/msg/LowState": _LEGGED,
     "unitree_legged_msgs/msg/HighState": _LEGGED,  # of robots that walk by their maker's controller
     "ros2_unitree_legged_msgs/msg/LowState": _LEGGED_ROS2,
     "ros2_unitree_legged_msgs/msg/HighState": _LEGGED_ROS2,
 }
-"""Unitree's messages with all joints and the IMU on one clock, by type."""
+"""Unitree's messages with all joints and the IMU on one clock, by type: names of the fields of motors, of a motor's torque,
+of the IMU and of the forces at the feet."""
 
 COMMANDS: Mapping[str, str] = {
     LOW_CMD: "motor_cmd", "unitree_legged_msgs/msg/LowCmd": "motorCmd", "ros2_unitree_legged_msgs/msg/LowCmd": "motor_cmd",

@@ -43,6 +43,17 @@ class JointCommand:
             position, kp=np.zeros_like(position), kd=np.broadcast_to(np.asarray(kd, dtype=float), position.shape)
         )
 
+    def table(self, kp: FloatArray | float, kd: FloatArray | float) -> FloatArray:
+        """Return (5, nj) positions, velocities, torques, kp and kd.
+
+        Args:
+            kp, kd: gains where the command has none [Nm/rad], [Nm s/rad]; velocities and torques are zero there.
+        """
+        zeros = np.zeros_like(self.position)
+        given = (self.position, self.velocity, self.torque, self.kp, self.kd)
+        own = (zeros, zeros, zeros, zeros + kp, zeros + kd)
+        return np.array([default if row is None else row for row, default in zip(given, own, strict=True)])
+
     def held(self) -> JointCommand:
         """Return the command that stays where this one leads."""
         return self if self.velocity is None else replace(self, velocity=None)

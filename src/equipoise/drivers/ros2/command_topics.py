@@ -80,21 +80,18 @@ def _impedance(robot: RobotModel, names: tuple[str, ...], order: NDArray[np.intp
     Topics may overtake each other. So positions go before stiffness, and a limp joint keeps the position that it was sent
     last: whatever comes first, stiffness never meets a position that is not its own.
     """
-    kp, kd = (np.full(len(names), gain) for gain in robot.gains(nominal_stance(robot).hip_height))
-    zeros = np.zeros(len(names))
+    kp, kd = robot.gains(nominal_stance(robot).hip_height)
     by_interface = "{interface}" in pattern
     mark, marked = ("{interface}", IMPEDANCE) if by_interface else ("{joint}", names)
     topics = [pattern.replace(mark, name) for name in marked]
 
     def told(command: JointCommand) -> Messages:
-        given = (command.position, command.velocity, command.torque, command.kp, command.kd)
-        values = [own if one is None else one for one, own in zip(given, (zeros, zeros, zeros, kp, kd), strict=True)]
-        table = np.array(values)[:, order]
+        table = command.table(kp, kd)[:, order]
         rows = zip(topics, (table if by_interface else table.T).tolist(), strict=True)
         skipped = int(by_interface and command.limp)
         return {topic: encoded_array(row) for topic, row in list(rows)[skipped:]}
 
-    limp = JointCommand(zeros, kp=zeros, kd=zeros)
+    limp = JointCommand.damping(np.zeros(len(names)), 0.0)
     return Controllers(dict.fromkeys(topics, ENCODED_ARRAY), told, ACCEPTS_EVERYTHING, limp)
 
 

@@ -115,15 +115,9 @@ class UnitreeDdsConnection:
             self._take_over()
         if self._beside and not self._commands.readers:
             raise CommunicationError(f"nobody hears {self.name}: is the robot on, is the cable in?")
-        order, (kp, kd) = self._joint_of_motor, self._own_gains
-        values = zip(
-            ("q", "dq", "tau", "kp", "kd"),
-            (command.position, command.velocity, command.torque, command.kp, command.kd),
-            (0.0, 0.0, 0.0, kp, kd),
-            strict=True,
-        )
-        for name, given, default in values:
-            self._motors[name][:MOTORS] = default if given is None else given[order]
+        table = command.table(*self._own_gains)[:, self._joint_of_motor]
+        for motors, values in zip(self._motors.values(), table, strict=True):
+            motors[:MOTORS] = values
         self._transmit()
 
     def foretell(self) -> list[CheckupFinding]:

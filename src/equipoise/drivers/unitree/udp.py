@@ -63,9 +63,7 @@ class UnitreeUdpConnection:
         self.accepts, self.control_period = ACCEPTS_EVERYTHING, CONTROL_PERIOD
         self._joint_of_motor = joints_of_motors(robot, settings.name)
         self._motor_of_joint = np.argsort(self._joint_of_motor)
-        kp, kd = robot.gains(nominal_stance(robot).hip_height)
-        self._kp, self._kd = np.full(MOTORS, kp), np.full(MOTORS, kd)
-        self._zeros = np.zeros(MOTORS)
+        self._own_gains = robot.gains(nominal_stance(robot).hip_height)
         forms = forms_of(settings.protocol, settings.form)
         self._packets = {name: CommandPacket(form) for name, form in forms.items()}
         self._passive = {name: bytes(packet.write(NOT_CONTROLLED)) for name, packet in self._packets.items()}
@@ -117,7 +115,7 @@ class UnitreeUdpConnection:
             raise SettingsError(f"commands for {len(command.position)} joints; {self.name} has {MOTORS}")
         packet = self._packets[self._spoken()]
         self._asked = None
-        self._transmit(packet.write(self._for_motors(command)))
+        self._transmit(packet.write(JointCommand(*command.table(*self._own_gains)[:, self._joint_of_motor])))
         self._fetch()
 
     def release(self) -> None:
@@ -196,16 +194,6 @@ class UnitreeUdpConnection:
             return  # the network is busy: as good as lost on the way
         except OSError as error:
             raise no_way(self.name, error) from error
-
-    def _for_motors(self, command: JointCommand) -> JointCommand:
-        order = self._joint_of_motor
-        return JointCommand(
-            command.position[order],
-            self._zeros if command.velocity is None else command.velocity[order],
-            self._zeros if command.torque is None else command.torque[order],
-            self._kp if command.kp is None else command.kp[order],
-            self._kd if command.kd is None else command.kd[order],
-        )
 
     def _samples(self, states: list[tuple[SensorReadings, float]]) -> list[RobotState]:
         """With times; those that arrive before the unit of the robot's clock is known come as soon as it is."""
