@@ -38,11 +38,11 @@ _HOT, _WEAK_BATTERY = 60.0, 0.3  # [deg C], share
 
 @dataclass(frozen=True)
 class CheckupFinding:
-    """One thing that was looked at.
+    """Finding of the doctor.
 
     Attributes:
-        name: name of what was looked at.
-        value: value that was seen, in words.
+        name: name of the quantity that was checked.
+        value: value that was measured, in words.
         fine: whether it is as it should be; None: there is nothing to compare with.
         advice: advice about it, or "".
         serious: whether a robot must not be moved like that.
@@ -74,7 +74,7 @@ def foretold(source: Any) -> list[CheckupFinding]:
 def watch(
     platform: Platform, robot: RobotModel, duration: float | None, arrived: list[float] | None = None
 ) -> Generator[Recording]:
-    """What a robot senses while nobody moves it, in pieces of a quarter of a second.
+    """Record a robot that is not moved, in pieces of a quarter of a second.
 
     A simulated robot holds its stance meanwhile: its time passes only when it is stepped.
 
@@ -183,7 +183,7 @@ def _rate(name: str, times: FloatArray) -> CheckupFinding:
 
 
 def _arrival(arrived: FloatArray, stamps: FloatArray) -> list[CheckupFinding]:
-    """How evenly samples come in, whatever their stamps say: what the guard waits for."""
+    """Check the times of arrival, which the guard waits for, whatever the stamps are."""
     if len(arrived) < 3:
         return []
     pauses = np.diff(arrived)

@@ -77,7 +77,7 @@ class RobotConnection(Protocol):
 
 
 class LoopTiming:
-    """How late commands left after their deadlines.
+    """Lateness of commands after their deadlines.
 
     Attributes:
         lateness: (n,) lateness of every command so far [s].
@@ -146,7 +146,7 @@ class HardwarePlatform(SteppedPlatform):
 
     @property
     def unchecked(self) -> bool:
-        """Whether samples are accepted whatever their checksum."""
+        """Return whether samples are accepted whatever their checksum."""
         return getattr(self._connection, "unchecked", False)
 
     def read(self) -> RobotState:

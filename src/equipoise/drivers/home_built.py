@@ -55,7 +55,7 @@ def open_second_of_class(
 
 
 class HomeBuilt(SteppedPlatform):
-    """Somebody's platform: what it raises becomes an error of ours, what it senses is looked at.
+    """A platform of another package: what it raises becomes an error of ours, and its samples are checked.
 
     Args:
         name: name in messages.
@@ -93,7 +93,7 @@ class HomeBuilt(SteppedPlatform):
         translated(self.name, "close", self._inner.close)
 
     def foretell(self) -> list[CheckupFinding]:
-        """What it knows of what its first command will meet; commands nothing."""
+        """Return what the platform predicts of its first command; command nothing."""
         return foretold(self._inner)
 
     def _sensed(self, what: str, act: Callable[[], Any]) -> RobotState:

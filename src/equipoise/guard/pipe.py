@@ -28,7 +28,7 @@ class Pipe:
     """One end of the pipe.
 
     Args:
-        end: socket of a pair; nobody else can open it.
+        end: socket of a pair; no other process can open it.
 
     Attributes:
         heard: whether the last `take` received anything, if only a part of an object.

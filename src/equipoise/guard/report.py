@@ -1,4 +1,4 @@
-"""What a guarded run was like."""
+"""Report of a guarded run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class GuardReport:
-    """What a guarded run was like.
+    """Report of a guarded run.
 
     Attributes:
         samples: counts of samples that arrived.

@@ -1,4 +1,4 @@
-"""What is used of cyclonedds, from whichever version is installed: robots run 0.10, newer Pythons have wheels of 11 only.
+"""Names of cyclonedds, from the version that is installed: robots run 0.10, newer Pythons have wheels of 11 only.
 
 Unitree's uint8 are called `byte` here. On the wire the two are the same; but cyclonedds 11 announces a uint8 as a kind of type
 that 0.10 does not know and crashes at, and a byte as what 0.10, which has no such name, announces for its uint8.
@@ -14,7 +14,7 @@ from typing import Any
 from equipoise.errors import MissingDependencyError
 
 INSTALL = "'cyclonedds>=0.10.2,<0.11'" if sys.version_info < (3, 11) else "'cyclonedds>=11,<12'"
-"""What pip has a wheel of, for this Python."""
+"""Requirement for which pip has a wheel, for this Python."""
 
 
 def _why_not(error: Exception) -> str:

@@ -239,8 +239,8 @@ class DdsDomain:
         accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
 
     Raises:
-        SettingsError: there is no such interface, a peer has no address, or the version may crash others and was not asked for
-            by name.
+        SettingsError: the interface does not exist, a peer has no address, or the version may crash others and was not
+            accepted by name.
         CommunicationError: the domain cannot be opened.
 
     Attributes:
@@ -266,7 +266,7 @@ class DdsDomain:
             raise
 
     def check_company(self) -> None:
-        """Raises SettingsError if a version that is unsafe beside this one has been seen on the domain."""
+        """Raise SettingsError if a version that is unsafe together with this one has been seen on the domain."""
         check_company(VERSION, self._accepted, self._notes.processes(), self.where)
 
     def _join(self, domain: int, settings: str) -> None:

@@ -1,4 +1,4 @@
-"""What ros2_control's controllers are told: the topics that take a command, and the message that goes to each."""
+"""Commands of ros2_control's controllers: the topics that take a command, and the message that goes to each."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Controllers:
 
     Attributes:
         messages: types of messages, by topic.
-        told: what a command is to them: messages by topic, in the order of sending.
-        accepts: what they heed of a command besides positions, as a platform's.
+        told: function that makes the messages of a command by topic, in the order of sending.
+        accepts: what they use of a command besides positions, as a platform's.
         limp: command that leaves the joints without torque; None: position controllers hold where they were sent last.
     """
 

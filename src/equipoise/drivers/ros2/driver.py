@@ -56,7 +56,7 @@ class Ros2Connection:
         return self._joints.damaged + self._imu.damaged
 
     def receive(self) -> list[RobotState]:
-        """As a link's.
+        """Return the samples that have arrived, as a connection does.
 
         Raises:
             CommunicationError: one of the topics has brought nothing since the link was opened, or two robots write on one.
@@ -77,7 +77,7 @@ class Ros2Connection:
         return states
 
     def send(self, command: JointCommand) -> None:
-        """As a link's.
+        """Send a command, as a connection does.
 
         Raises:
             CommunicationError: a topic of commands has no controller that listens.
@@ -92,7 +92,7 @@ class Ros2Connection:
             raise self._nobody(unheard)
 
     def foretell(self) -> list[CheckupFinding]:
-        """What the first command will meet: who listens, and whether the joints are limp that positions are to move."""
+        """Predict the first command: which controllers listen, and whether joints that positions have to move are limp."""
         torque = None if self._joints.newest is None else self._joints.newest.torque
         limp_at_first = self._controllers.limp is not None
         return [listeners(tuple(self._outboxes), self._unheard()), *stiffness(self._robot, torque, limp_at_first)]
@@ -157,11 +157,11 @@ class Ros2Connection:
 
 
 def open_connection(robot: RobotModel, settings: Ros2Settings) -> Ros2Connection:
-    """To the robot that the settings name.
+    """Open the connection to the robot that the settings name.
 
     Raises:
-        SettingsError: there is no such interface, `joint_order` is not the model's joints, or the version of cyclonedds is not
-            proven beyond loopback.
+        SettingsError: the interface does not exist, `joint_order` is not the model's joints, or the version of cyclonedds
+            is not proven beyond loopback.
         CommunicationError: the domain cannot be opened.
     """
     return Ros2Connection(robot, settings)

@@ -38,8 +38,8 @@ _DEFINITIONS = {
         "std_msgs/Header header, string[] joint_names, trajectory_msgs/JointTrajectoryPoint[] points"
     ),
 }
-"""In [rad], [rad/s], [Nm] and [m/s2]. Velocities and efforts may be empty, a covariance that begins with -1 states that there
-is no such datum, and a trajectory that is stamped zero begins at once."""
+"""In [rad], [rad/s], [Nm] and [m/s2]. Velocities and efforts may be empty, a covariance that begins with -1 states that its
+datum is missing, and a trajectory that is stamped zero begins at once."""
 
 (
     Time, Duration, Header, Vector3, Quaternion, JointState, Imu, MultiArrayDimension, MultiArrayLayout, Float64MultiArray,

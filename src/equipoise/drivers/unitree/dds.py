@@ -39,12 +39,12 @@ _FOLDED = 0.5  # of a leg's length, between hip and foot, when a robot lies
 
 
 class UnitreeDdsConnection:
-    """To a Go2 or a B2: the link of a `HardwarePlatform`.
+    """Connection of a `HardwarePlatform` to a Go2 or a B2.
 
     Args:
         robot: model of a robot with three joints a leg.
         settings: settings of a Go2 or a B2.
-        beside: whether another process has taken the robot over, and this one only speaks where somebody hears it.
+        beside: whether another process has taken the robot over, and this one only sends if a robot receives.
 
     Attributes:
         rejected: number of samples that arrived and were left out: a wrong checksum or length.
@@ -84,7 +84,7 @@ class UnitreeDdsConnection:
         self._switcher = MotionSwitcher(self._domain, self.name)
 
     def receive(self) -> list[RobotState]:
-        """As a link's.
+        """Return the samples that have arrived, as a connection does.
 
         Raises:
             CommunicationError: the robot falls silent, only damaged samples arrive, or several robots send samples.
@@ -101,7 +101,7 @@ class UnitreeDdsConnection:
         return samples
 
     def send(self, command: JointCommand) -> None:
-        """As a link's. Before the first command the robot's own controller lets go of the motors, which takes seconds.
+        """Send a command. Before the first one the robot's own controller releases the motors, which takes seconds.
 
         Raises:
             MotionError: it holds them, and the robot does not lie.
@@ -121,7 +121,7 @@ class UnitreeDdsConnection:
         self._transmit()
 
     def foretell(self) -> list[CheckupFinding]:
-        """What the first command will meet: which controller holds the motors. The question lets go of none."""
+        """Predict the first command: which controller holds the motors. The request releases none."""
         return [outlook(self._switcher, self._settings.release_sport_mode, self._may_let_go())]
 
     def motor_report(self) -> dict[str, list[int]]:
@@ -196,7 +196,7 @@ class UnitreeDdsConnection:
         return self._settings.hanging or self._lies()
 
     def _lies(self) -> bool:
-        """Whether all legs are folded."""
+        """Return whether all legs are folded."""
         if self._newest is None:
             raise MotionError(f"{self.name} must be read before it is commanded: is it lying?")
         kinematics, position = Kinematics(self._robot), self._newest.joint_position
@@ -281,10 +281,10 @@ class UnitreeDdsConnection:
 
 
 def open_connection(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsConnection:
-    """A link to a Go2 or a B2, which one the settings say."""
+    """Open the connection to a Go2 or a B2; the settings determine which."""
     return UnitreeDdsConnection(robot, settings)
 
 
 def open_beside(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsConnection:
-    """The same, for a watchdog: `drivers/platforms.py` says what that is."""
+    """Open the second connection, as `open_second` of `drivers/platforms.py` describes it."""
     return UnitreeDdsConnection(robot, settings, beside=True)

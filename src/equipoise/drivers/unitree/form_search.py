@@ -1,4 +1,4 @@
-"""Which form of its packets a robot speaks: it is asked in one after the other, and its answer tells."""
+"""Search for the form of a robot's packets: it is asked in one after the other, and its answer determines the form."""
 
 from __future__ import annotations
 
@@ -62,5 +62,5 @@ class FormSearch:
         return read_state(self._forms[name], data, self._check)
 
     def _asked_in(self, moment: float) -> str:
-        """What was asked in last before a moment; who was not asked was asked by somebody before us: in the likeliest form."""
+        """Return the form that was asked in last before a moment; the likeliest one if another program asked before."""
         return next((name for began, name in reversed(self._turns) if began <= moment), self._names[0])

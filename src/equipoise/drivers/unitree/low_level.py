@@ -41,7 +41,7 @@ LOW_CMD, LOW_STATE = _in_memory(LowCmd), _in_memory(LowState)
 
 @dataclass(frozen=True, eq=False)
 class RecordLayout:
-    """Of one message.
+    """Layouts of one message.
 
     Attributes:
         memory: structured type of the message in memory.

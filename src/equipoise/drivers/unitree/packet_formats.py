@@ -1,4 +1,4 @@
-"""How the Unitree A1 and Go1 lay out their low-level packets.
+"""Layouts of the low-level packets of the Unitree A1 and Go1.
 
 Each robot may speak one of two forms; which one, its answers tell. The A1's compressed form and the Go1's plain one are held
 against packets that the makers' own SDKs sent and accepted (docs/unitree-udp.md says how); no packet of a real robot was
@@ -58,7 +58,7 @@ _COUNTS = {"torque": 256.0, "kp": 32.0, "kd": 16.0}  # per Nm, Nm/rad, Nm s/rad 
 
 @dataclass(frozen=True, eq=False)
 class PacketFormat:
-    """How a robot writes numbers.
+    """Form of a robot's packets.
 
     Attributes:
         command: structured type of the command packet.
@@ -86,7 +86,7 @@ A1 = PacketFormat(
     state_lengths=(771,),
     counts=_COUNTS,
 )
-"""What its SDK sends as `UDP(LOWLEVEL)`, the constructor of public programs: 610 bytes, 771 back."""
+"""Form that its SDK sends as `UDP(LOWLEVEL)`, the constructor of public programs: 610 bytes, 771 back."""
 
 A1_STRUCT = PacketFormat(
     _packed(f"{_A1_HEAD}, MotorCommand[20] motors, uint8[12] led, {_TAIL}"),
@@ -94,7 +94,7 @@ A1_STRUCT = PacketFormat(
     begins=b"\xff",
     state_lengths=(891,),
 )
-"""What its SDK sends when it is given the sizes of its structures: those, without padding; 730 bytes, 891 back."""
+"""Form that its SDK sends when it is given the sizes of its structures: those, without padding; 730 bytes, 891 back."""
 
 GO1 = PacketFormat(
     _packed(f"{_GO1_HEAD}, CompressedCommand[20] motors, uint8[4] battery, {_TAIL}"),
@@ -106,15 +106,15 @@ GO1 = PacketFormat(
 """SDK 3.8.4: 614 bytes, 807 back."""
 
 GO1_SCRAMBLED = dataclasses.replace(GO1, scrambled=True, bandwidth=0xC03A)
-"""As one public program sends it; the maker's SDK rejects states with such a checksum."""
+"""Form that one public program sends; the maker's SDK rejects states with such a checksum."""
 
 FORMS: dict[Protocol, dict[str, PacketFormat]] = {
     "a1": {"compressed": A1, "struct": A1_STRUCT},
     "go1": {"plain": GO1, "scrambled": GO1_SCRAMBLED},
 }
-"""By robot and name, the likeliest first."""
+"""Forms by robot and name, the likeliest first."""
 
 
 def forms_of(protocol: Protocol, form: str | None) -> dict[str, PacketFormat]:
-    """What a robot may speak: the form of that name, or any; raises SettingsError as `form_names`."""
+    """Return the forms that a robot may send: the one of that name, or any; raises SettingsError as `form_names`."""
     return {name: FORMS[protocol][name] for name in form_names(protocol, form)}

@@ -40,7 +40,7 @@ NOT_CONTROLLED = JointCommand(np.full(MOTORS, POSITION_STOP), np.full(MOTORS, VE
 
 @dataclass(frozen=True, eq=False)
 class SensorReadings:
-    """What the robot says: (12,) in the order FR FL RR RL, and the IMU.
+    """Readings of the robot: (12,) in the order FR FL RR RL, and the IMU.
 
     Attributes:
         position: (12,) joint positions [rad].
@@ -68,7 +68,7 @@ class SensorReadings:
 
 
 class CommandPacket:
-    """A command's bytes, written over and over: at 500 Hz nothing should be made anew."""
+    """A command's bytes, written over and over: at 500 Hz nothing should be allocated."""
 
     def __init__(self, packets: PacketFormat) -> None:
         self._format = packets
@@ -85,7 +85,7 @@ class CommandPacket:
             command: command of the twelve motors, complete and in their order.
 
         Raises:
-            SettingsError: a command is no number.
+            SettingsError: a command is not a number.
         """
         self._motors.write(np.array([getattr(command, name) for name in COMMANDED]))
         seal(self._format, self._bytes)
@@ -93,7 +93,7 @@ class CommandPacket:
 
 
 def read_state(packets: PacketFormat, data: bytes, check: bool = True) -> SensorReadings | Damage:
-    """What a state packet says, as the driver reads it.
+    """Read a state packet, as the driver does.
 
     Args:
         packets: packet format of the robot.
@@ -176,12 +176,12 @@ def seal(packets: PacketFormat, data: bytearray) -> None:
 
 
 def _is_whole(packets: PacketFormat, state: bytes, checksum: int) -> bool:
-    """Whether a state's checksum is right; where commands are scrambled, either kind is."""
+    """Return whether a state's checksum is right; where commands are scrambled, either kind is."""
     return checksum == checksum_of(state, False) or (packets.scrambled and checksum == checksum_of(state, True))
 
 
 def checksum_of(data: bytes | bytearray, scrambled: bool) -> int:
-    """Of all whole words but the last: where a packet's length is no multiple of four, its last bytes are not covered."""
+    """Return the checksum of all whole words but the last; it leaves out the bytes after a multiple of four."""
     plain = crc32_words(data[: (len(data) // _CHECKSUM_SIZE - 1) * _CHECKSUM_SIZE])
     if not scrambled:
         return plain

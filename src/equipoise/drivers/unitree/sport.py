@@ -1,4 +1,4 @@
-"""Who holds a Go2's motors: the robot's own controller lets go of them when it is asked to."""
+"""Release of a Go2's motors by the robot's own controller."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class MotionSwitcher:
             raise self._failure(f"answers {answer[:80]!r} when it is asked for the mode") from None
 
     def release(self) -> None:
-        """Have the robot's own controller let go of the motors. They are limp then: the robot must lie or hang.
+        """Have the robot's own controller release the motors. They are limp then: the robot must lie or hang.
 
         Raises:
             CommunicationError: it does not.
@@ -96,7 +96,7 @@ class MotionSwitcher:
 
 
 def outlook(switcher: MotionSwitcher, asks: bool, may_let_go: bool) -> CheckupFinding:
-    """What `calibrate` will meet when it takes over the motors; nothing lets go of them meanwhile.
+    """Predict what `calibrate` will meet when it takes over the motors; nothing is released meanwhile.
 
     Args:
         switcher: mode switcher of the robot; is asked for its mode alone.
@@ -130,7 +130,7 @@ def outlook(switcher: MotionSwitcher, asks: bool, may_let_go: bool) -> CheckupFi
 
 
 def _wait_for(look: Callable[[], Any], patience: float) -> Any | None:
-    """What a look finds, once it finds something; None after a time [s]."""
+    """Return the result of a look as soon as there is one; None after a time [s]."""
     until = time.monotonic() + patience
     while not (found := look()):
         if time.monotonic() > until:

@@ -36,7 +36,7 @@ _PAUSE = 0.1  # [s] without a look at the socket; who did not look heard no sile
 
 
 class UnitreeUdpConnection:
-    """To a robot in low-level mode: the link of a `HardwarePlatform`.
+    """Connection of a `HardwarePlatform` to a robot in low-level mode.
 
     Until the first command it is asked for samples by packets that set no torque: it answers whom it hears. By its answers are
     learnt the form of its packets and the unit of its clock; no sample is handed over and no command sent before. The system
@@ -54,7 +54,7 @@ class UnitreeUdpConnection:
 
     Raises:
         SettingsError: the robot has other legs.
-        CommunicationError: the local port is taken, or there is no way to the robot's network.
+        CommunicationError: the local port is taken, or the robot's network cannot be reached.
     """
 
     def __init__(self, robot: RobotModel, settings: UnitreeUdpSettings, beside: bool = False) -> None:
@@ -91,7 +91,7 @@ class UnitreeUdpConnection:
         return {"form": self._spoken()}
 
     def receive(self) -> list[RobotState]:
-        """As a link's; raises CommunicationError also if only packets arrive that cannot be used."""
+        """Return the samples that have arrived; raise CommunicationError also if only packets arrive that cannot be used."""
         if self._asked is not None:
             self._ask()
         self._fetch()
@@ -110,7 +110,7 @@ class UnitreeUdpConnection:
         return self._samples(states)
 
     def send(self, command: JointCommand) -> None:
-        """As a link's; waits until the robot has answered, and raises CommunicationError if it does not."""
+        """Send a command; wait until the robot has answered, and raise CommunicationError if it does not."""
         if len(command.position) != MOTORS:
             raise SettingsError(f"commands for {len(command.position)} joints; {self.name} has {MOTORS}")
         packet = self._packets[self._spoken()]
@@ -241,10 +241,10 @@ class UnitreeUdpConnection:
 
 
 def open_connection(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpConnection:
-    """A link to an A1 or a Go1, which one the settings say."""
+    """Open the connection to an A1 or a Go1; the settings determine which."""
     return UnitreeUdpConnection(robot, settings)
 
 
 def open_beside(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpConnection:
-    """The same, for a watchdog: `drivers/platforms.py` says what that is."""
+    """Open the second connection, as `open_second` of `drivers/platforms.py` describes it."""
     return UnitreeUdpConnection(robot, settings, beside=True)
