@@ -32,10 +32,10 @@ of the IMU and of the forces at the feet."""
 COMMANDS: Mapping[str, str] = {
     LOW_CMD: "motor_cmd", "unitree_legged_msgs/msg/LowCmd": "motorCmd", "ros2_unitree_legged_msgs/msg/LowCmd": "motor_cmd",
 }  # fmt: skip
-"""What Unitree's messages with commands call the motors' part, by type."""
+"""Unitree's messages with commands, by type: name of the field of motors."""
 
 MOTOR_NAMES = tuple(f"motor {index}" for index in range(MOTORS))
-"""Of STATES and COMMANDS, in the order of MOTOR_LEGS; the motors after them do not exist."""
+"""Names of the motors of STATES and COMMANDS, in the order of MOTOR_LEGS; the motors after them do not exist."""
 
 
 @lru_cache(maxsize=1)
@@ -50,7 +50,7 @@ def known_types() -> Mapping[str, Any]:
 
 
 def store_of(types: Mapping[str, Any]) -> Any:
-    """Field definitions as a `Typestore`, which can write messages of ROS 1 anew as ROS 2 has them."""
+    """Field definitions as a `Typestore`, which can write messages of ROS 1 again as ROS 2 has them."""
     from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
     store = get_typestore(Stores.EMPTY)

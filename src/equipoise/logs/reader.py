@@ -48,11 +48,11 @@ READERS: Table[LogReader] = Table(
         **dict.fromkeys((suffix.removeprefix(".") for suffix in files.SUFFIXES), _TABLES),
     },
 )
-"""By suffix, without the dot."""
+"""Readers by suffix, without the dot."""
 
 
 def is_log(path: Path) -> bool:
-    """Whether a path looks like a log of a kind that can be read."""
+    """Return whether a path looks like a log of a kind that can be read."""
     return is_bag(path) or (path.is_file() and _suffix(path) in READERS)
 
 
@@ -106,7 +106,7 @@ def read_log(
 
 
 def _read(reader: LogReader, path: Path, robot: RobotModel, topics: Topics) -> RawLog:
-    """What a reader finds; whatever it raises, the error is ours."""
+    """Return what a reader finds; whatever it raises becomes an error of ours."""
     try:
         raw = cast("object", reader(path, robot, topics))
     except EquipoiseError:

@@ -1,4 +1,4 @@
-"""What one simulated robot has of each effect, drawn from a seed, and the noise of its sensors.
+"""Effects of one simulated robot, drawn from a seed, and the noise of its sensors.
 
 What is constant over a run (joint zeros, IMU tilt, gains) is drawn once from the seed. Noise is keyed by the seed and the
 sample's index, so that it does not depend on the pieces in which a motion is simulated.
@@ -29,7 +29,7 @@ _ONE_STREAM = (
 
 @dataclass(frozen=True, eq=False)
 class DrawnErrors:
-    """What one simulated robot has of each effect.
+    """Effects of one simulated robot.
 
     Attributes:
         sizes: sizes that they were drawn from.

@@ -1,4 +1,4 @@
-"""What an effect is: one way in which a simulated robot differs from its model file, as a row of the table in `effects.py`."""
+"""Effects: the ways in which a simulated robot differs from its model file, each a row of the table in `effects.py`."""
 
 from __future__ import annotations
 
@@ -79,8 +79,8 @@ class Effect:
         name: name in code, in settings and as a flag.
         realistic: size in the preset `realistic`, on an A1.
         stress: size in the preset `stress`, on an A1; default: that in `realistic`.
-        alone: size that it is tried with by itself, on an A1; default: that in `stress`.
-        none: size at which there is no such effect.
+        alone: size that it is tried with alone, on an A1; default: that in `stress`.
+        none: size without such an effect.
         measure: quantity that the size grows with.
         inverse: whether a larger number is a smaller effect, as a spring's stiffness is.
         varied: whether studies vary it; what a robot cannot be without is not.
@@ -109,11 +109,11 @@ class Effect:
 
     @property
     def by_itself(self) -> float:
-        """Size that it is tried with by itself, on an A1."""
+        """Return the size that it is tried with alone, on an A1."""
         return self.in_stress if self.alone is None else self.alone
 
     def amount(self, size: float) -> float:
-        """How large the effect is at a size: of a spring or a filter, one over it."""
+        """Return the amount of the effect at a size: of a spring or a filter, one over it."""
         if not self.inverse:
             return float(size)
         return 1 / size if size else 0.0

@@ -48,7 +48,7 @@ from equipoise.simulation.effect import (
 
 Noise = Literal["ideal", "realistic", "stress"]
 Contacts = Literal["own", "file"]
-"""How feet touch the floor: as the effects say, or as the model file does."""
+"""Law of contacts between feet and floor: that of the effects, or that of the model file."""
 
 _JIG = "calibration jigs, by hand"
 _BUS = "a sample of a 500 Hz bus is up to 2 ms old"
@@ -299,14 +299,14 @@ class SensorErrors:
         return dataclasses.replace(self, **{row.name: getattr(self, row.name) * row.measure.of(scale) for row in rows})
 
     def having(self, effects: Mapping[str, float | None], scale: Scale) -> SensorErrors:
-        """With these effects besides, or of other sizes.
+        """Return the sizes with these effects added, or of other sizes.
 
         Args:
-            effects: size by name, taken as it is; None: what it is tried with by itself, on a robot of that scale.
+            effects: size by name, taken as it is; None: the size that it is tried with alone, on a robot of that scale.
             scale: scale of the robot.
 
         Raises:
-            SettingsError: there is no such effect, or the size means nothing.
+            SettingsError: the effect is not known, or the size means nothing.
         """
         rows = {name: self.row(name) for name in effects}
         usual = {name: row.by_itself * row.measure.of(scale) for name, row in rows.items()}
@@ -335,10 +335,10 @@ _MOST_LOST = 0.5
 
 
 def read_effects(texts: Iterable[str]) -> dict[str, float | None]:
-    """Effects with their sizes from "springs=3000,cable"; None: no size is given.
+    """Read effects with their sizes from "springs=3000,cable"; None: no size is given.
 
     Raises:
-        SettingsError: there is no such effect, or the size is no number.
+        SettingsError: the effect is not known, or the size is not a number.
     """
     read: dict[str, float | None] = {}
     for word in read_names(texts):
@@ -369,6 +369,6 @@ REALISTIC = SensorErrors(**{row.name: row.realistic for row in SensorErrors.rows
 """An A1's values, for a robot with the A1's m g h."""
 
 STRESS = SensorErrors(**{row.name: row.in_stress for row in SensorErrors.rows()})
-"""What ordinary robots have all at once, on an A1; more than the estimator is told of."""
+"""Effects that ordinary robots have all at once, on an A1; more than the estimator knows of."""
 
 PRESETS: dict[Noise, SensorErrors] = {"ideal": IDEAL, "realistic": REALISTIC, "stress": STRESS}

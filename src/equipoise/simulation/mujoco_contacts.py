@@ -141,7 +141,7 @@ def _dimensions(errors: DrawnErrors) -> int:
 
 
 def _of_the_file(spec: mujoco.MjSpec, robot: RobotModel) -> dict[str, dict[str, Any]]:
-    """By leg, contact parameters of the sphere that the file has where the foot is; it may belong to a body fixed to the link.
+    """Return by leg the contact parameters of the file's sphere at the foot; it may belong to a body fixed to the link.
 
     Args:
         spec: the file's bodies and shapes, before anything is added.

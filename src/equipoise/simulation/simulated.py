@@ -1,4 +1,4 @@
-"""What a simulated robot's platform does whatever the engine: commands arrive late, sensors err, motions are recorded."""
+"""Platform of a simulated robot in any engine: commands arrive late, sensors err, motions are recorded."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ class SimulatedPlatform(SteppedPlatform):
         """Roll the engine forward and return the samples (n, 3 nj + 6) sensed at each control period's start.
 
         Args:
-            turn: angle by which somebody turns the robot meanwhile, which lies [rad].
+            turn: angle by which the robot, which lies, is turned meanwhile [rad].
         """
         first, past = self._periods, len(self._raw_past)
         return self._samples.sensed(self._advance(control, turn), past, len(control) // self._substeps, first)
@@ -247,7 +247,7 @@ class SimulatedPlatform(SteppedPlatform):
 
 
 def _turns(trajectory: Trajectory) -> FloatArray | None:
-    """(n,) angle by which somebody turns the robot in each control period, half a turn in all [rad]; None: nobody does."""
+    """Return (n,) the angle by which the robot is turned in each control period, half a turn in all [rad]; None: it is not."""
     if not any(event.name == PHASE and event.data.get("name") == Phase.TURN for event in trajectory.events):
         return None
     return np.pi * np.diff(smooth_step(len(trajectory.position)), prepend=0.0)
