@@ -120,9 +120,9 @@ def test_an_interface_that_is_not_there_is_named_with_those_that_are():
 
 
 def test_beyond_loopback_the_version_is_checked_before_anything_is_sent(monkeypatch):
-    monkeypatch.setattr("equipoise.drivers.dds.domain.VERSION", "11.0.1")
+    monkeypatch.setattr("equipoise.drivers.dds.cyclone.VERSION", "11.0.1")
     monkeypatch.setattr("socket.if_nameindex", lambda: [(1, "lo"), (2, "eth7")])
-    monkeypatch.setattr("equipoise.drivers.dds.domain.Domain", lambda *_: pytest.fail("the domain was opened"))
+    monkeypatch.setattr("equipoise.drivers.dds.cyclone.Domain", lambda *_: pytest.fail("the domain was opened"))
     with pytest.raises(SettingsError, match=r"cyclonedds 11\.0\.1 is not proven"):
         DdsDomain(0, "eth7")
 

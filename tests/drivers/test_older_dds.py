@@ -53,7 +53,8 @@ main()
 as_robots_run = pytest.mark.parametrize("older", ["0.10.2"], indirect=True)
 COMES = """
 import sys
-from equipoise.drivers.dds.domain import VERSION, DdsDomain
+from equipoise.drivers.dds.cyclone import VERSION
+from equipoise.drivers.dds.domain import DdsDomain
 domain = DdsDomain(int(sys.argv[1]), "lo", (), VERSION)
 sys.stdin.read()
 """

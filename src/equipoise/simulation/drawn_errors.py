@@ -52,7 +52,7 @@ class DrawnErrors:
         drawn: dict[str, FloatArray] = {}
         for row in (*map(sizes.row, _ONE_STREAM), *(row for row in sizes.rows() if row.name not in _ONE_STREAM)):
             generator = shared if row.name in _ONE_STREAM else named_generator(seed, row.name)
-            drawn[row.name] = row.law.of(generator, getattr(sizes, row.name), row.each.of(joints))
+            drawn[row.name] = row.drawn(generator, getattr(sizes, row.name), joints)
         return cls(sizes, noise_seed, drawn)
 
     @cached_property
