@@ -282,7 +282,7 @@ def commanding(robot: str) -> dict[str, object]:
                 platform.step(JointCommand(here, kp=np.full(12, 40.0), kd=np.full(12, 2.0)))
         counts = link.counts
         told = said(process.stdout.read())
-    return {**told, "samples": counts.samples, "position": here.tolist()[:3]}
+    return {**told, "samples": counts["good"], "position": here.tolist()[:3]}
 
 
 def said(output: str) -> dict[str, object]:

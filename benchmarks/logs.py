@@ -21,8 +21,8 @@ from scipy.spatial.transform import Rotation
 
 from equipoise import Calibration, Recording, calibrate, load_robot, simulate
 from equipoise.errors import ModelWarning
-from equipoise.logs.log import RawImu, RawJoints, RawLog, assemble
 from equipoise.logs.offline import estimate_log
+from equipoise.logs.raw_log import RawImu, RawJoints, RawLog, assemble
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import RobotInertia, components
 

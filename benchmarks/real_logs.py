@@ -28,10 +28,10 @@ from equipoise.estimator.measurements.evidence import RunEvidence
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.problem import MapProblem
 from equipoise.estimator.solve import solve
-from equipoise.logs.log import Log
 from equipoise.logs.offline import LogEstimate, estimate_log
+from equipoise.logs.raw_log import Log
 from equipoise.logs.reader import read_log
-from equipoise.logs.tables.columns import Columns
+from equipoise.logs.tables.column_names import Columns
 from equipoise.result.held_out import FOUND, MODEL
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import components

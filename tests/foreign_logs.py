@@ -13,9 +13,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from equipoise import Precise
 from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.logs.joint_names import JointMap
-from equipoise.logs.log import Log
 from equipoise.logs.message_types import known_types
 from equipoise.logs.offline import estimate_log
+from equipoise.logs.raw_log import Log
 from equipoise.recording.recording import Recording
 
 LEGGED = {  # the parts that matter of what an A1 or a Go1 says by ROS 1, and another recorder's stamp

@@ -33,11 +33,10 @@ from equipoise import (
     load_robot,
     simulate,
 )
-from equipoise.drivers.catalog import given_settings
-from equipoise.drivers.unitree.formats import FORMS
+from equipoise.drivers.platforms import given_settings
+from equipoise.drivers.unitree.packet_formats import FORMS
 from equipoise.drivers.unitree.packets import (
     CommandPacket,
-    MotorCommands,
     SensorReadings,
     read_state,
 )
@@ -46,6 +45,7 @@ from equipoise.lab.emulators.udp_packets import StatePacket, read_command
 from equipoise.lab.static.method import Static
 from equipoise.logs.joint_names import read_joint_map
 from equipoise.logs.reader import read_log as read_foreign
+from equipoise.platform.platform import JointCommand
 from equipoise.recording.run_log_reader import read_log
 
 PATIENCE = 30.0  # [s] for one file; starting a child is not counted
@@ -112,7 +112,7 @@ def packets_of(layout):
 
     values = np.linspace(0.1, 1.2, 12)
     state = SensorReadings(values, values, values, 30 + values, values[:3], values[:3], 1234, 0.8, 24.0)
-    command = MotorCommands(values, values, values, 10 * values, values)
+    command = JointCommand(values, values, values, 10 * values, values)
     return [bytes(StatePacket(layout).write(state)), bytes(CommandPacket(layout).write(command))]
 
 

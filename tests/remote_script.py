@@ -17,7 +17,7 @@ from pathlib import Path
 from guarded import lift
 
 from equipoise import load_robot, nominal_stance
-from equipoise.drivers.catalog import given_settings
+from equipoise.drivers.platforms import given_settings
 from equipoise.experiments.stand import stand_up
 from equipoise.guard.remote_robot import RemoteRobot
 

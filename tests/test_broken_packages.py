@@ -73,7 +73,7 @@ def test_a_driver_whose_own_package_is_broken():
     code = (
         "import sys; from equipoise import load_robot; robot = load_robot('unitree_a1'); sys.modules['socket'] = None\n"
         "from equipoise.errors import MissingDependencyError\n"
-        "from equipoise.drivers.catalog import open_connection\n"
+        "from equipoise.drivers.platforms import open_connection\n"
         "try: open_connection('unitree-go1', robot, {})\n"
         "except MissingDependencyError as error: print(error)"
     )

@@ -19,7 +19,7 @@ from documents import PAGES, ROOT, assert_shown, blocks, commands
 from equipoise import RobotDescription, cli
 from equipoise.errors import MissingDependencyError
 from equipoise.logs.joint_names import read_joint_map
-from equipoise.logs.tables.columns import Columns
+from equipoise.logs.tables.column_names import Columns
 from equipoise.robot.catalog import CATALOG
 
 if sys.version_info >= (3, 11):

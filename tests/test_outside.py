@@ -13,8 +13,8 @@ from exporting import found
 
 from equipoise import Guard, JointCommand, Precise, RunFolder, nominal_stance
 from equipoise.cli import main
-from equipoise.drivers import catalog
-from equipoise.drivers.catalog import open_platform
+from equipoise.drivers import platforms
+from equipoise.drivers.platforms import open_platform
 from equipoise.errors import CommunicationError, MissingDependencyError, MotionError, SensorError, SettingsError
 from equipoise.exports import formats
 from equipoise.guard.remote_robot import RemoteRobot
@@ -27,7 +27,7 @@ STATIC = ["--method", "static", "--yes", "--quiet", "--no-report"]
 @pytest.fixture
 def installed(monkeypatch):
     """Puts packages of tests/outside where Python, and programs that it starts, find what is installed."""
-    tables = (catalog.PLATFORMS, formats._ALL, reader.READERS)
+    tables = (platforms.PLATFORMS, formats._ALL, reader.READERS)
 
     def forget():
         for table in tables:

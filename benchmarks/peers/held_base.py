@@ -20,8 +20,8 @@ from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.simulation import mujoco_model
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import IDEAL
-from equipoise.simulation.sensors import DrawnErrors
 
 FloatArray = NDArray[np.float64]
 

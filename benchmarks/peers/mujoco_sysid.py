@@ -34,10 +34,10 @@ from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.simulation import mujoco_model
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import IDEAL, REALISTIC
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_contacts import add_contacts
-from equipoise.simulation.sensors import DrawnErrors
 from peers.filtered import kind_of
 
 FloatArray = NDArray[np.float64]

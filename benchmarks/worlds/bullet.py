@@ -20,9 +20,9 @@ from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.tree import joint_axis
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.leg_errors import LegErrors, in_frame_of_hips
 from equipoise.simulation.payload import Payload
-from equipoise.simulation.sensors import DrawnErrors
 from equipoise.simulation.simulated import SimulatedPlatform
 
 _SLOW = 0.02  # [rad/s] below which joint friction holds

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from equipoise import Payload, RobotModel, nominal_stance, simulate
 from equipoise.platform.platform import Platform
 from equipoise.robot.inertial import InertialParameters
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import PRESETS
-from equipoise.simulation.sensors import DrawnErrors
 
 ENGINES = {"mujoco": "MuJoCo", "dart": "DART", "pybullet": "PyBullet"}
 """Names as they are written, by name."""

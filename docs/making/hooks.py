@@ -113,7 +113,7 @@ def effects() -> str:
     for row in SensorErrors.rows():
         sizes = (row.realistic, row.in_stress, row.by_itself)
         shown = ["" if size == row.none else f"{_short(size)} {row.unit}".strip() for size in sizes]
-        about = [row.meaning, row.each.name, row.law.name, row.measure.name, row.source, ", ".join(row.engines)]
+        about = [row.meaning, row.each, row.law, row.measure, row.source, ", ".join(row.engines)]
         lines.append("| " + " | ".join([f"`{row.name}`", *shown, *about]) + " |")
     return "\n".join(lines)
 

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from equipoise.calibration.delta import Delta, find_delta
     from equipoise.calibration.routine import calibrate, estimate
     from equipoise.calibration.run_folder import RunFolder
-    from equipoise.drivers.catalog import Driver
     from equipoise.drivers.hardware import RobotConnection
+    from equipoise.drivers.platforms import Driver
     from equipoise.errors import CommunicationError, EquipoiseError, RecordingError, SettingsError
     from equipoise.estimator.known.two_runs import ScaleReadings
     from equipoise.experiments.sway import SwaySettings
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from equipoise.exports.subject import Subject
     from equipoise.exports.written import Written
     from equipoise.guard.guard import Guard
-    from equipoise.logs.log import RawImu, RawJoints, RawLog
+    from equipoise.logs.raw_log import RawImu, RawJoints, RawLog
     from equipoise.logs.reader import LogReader
     from equipoise.logs.topics import Topics
     from equipoise.method.method import Method
@@ -59,7 +59,7 @@ _HOME = {
     "ComSearchSettings": "paper.trial_runner",
     "CommunicationError": "errors",
     "Delta": "calibration.delta",
-    "Driver": "drivers.catalog",
+    "Driver": "drivers.platforms",
     "EquipoiseError": "errors",
     "Format": "exports.formats",
     "Guard": "guard.guard",
@@ -73,9 +73,9 @@ _HOME = {
     "Platform": "platform.platform",
     "Precise": "precise.method",
     "Quantity": "result.quantity",
-    "RawImu": "logs.log",
-    "RawJoints": "logs.log",
-    "RawLog": "logs.log",
+    "RawImu": "logs.raw_log",
+    "RawJoints": "logs.raw_log",
+    "RawLog": "logs.raw_log",
     "Recording": "recording.recording",
     "RecordingError": "errors",
     "RobotConnection": "drivers.hardware",

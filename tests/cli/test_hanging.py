@@ -11,7 +11,7 @@ pytest.importorskip("cyclonedds")
 
 from equipoise import nominal_stance
 from equipoise.cli import main
-from equipoise.drivers import hanging
+from equipoise.drivers import motor_boards
 
 pytestmark = pytest.mark.realtime
 DOCTOR = ["doctor", "unitree_a1", "--platform", "unitree-go2", "--hanging"]
@@ -19,7 +19,7 @@ DOCTOR = ["doctor", "unitree_a1", "--platform", "unitree-go2", "--hanging"]
 
 def test_a_hanging_robot_is_damped_and_left_alone_in_turn(monkeypatch, capsys, a1):
     monkeypatch.setattr(sys, "stdin", io.StringIO("unitree_a1\n"))
-    monkeypatch.setattr(hanging.measure_hanging, "__defaults__", ((0.1, 1.5),))
+    monkeypatch.setattr(motor_boards.measure_hanging, "__defaults__", ((0.1, 1.5),))
     domain = unused_domain()
     with running_peer("unitree_dds", "--domain", domain, "--noise", "ideal") as peer:
         for number in range(30):  # hops, so that its legs move
@@ -49,7 +49,7 @@ def test_a_hanging_robot_is_damped_and_left_alone_in_turn(monkeypatch, capsys, a
 
 def test_a_table_is_printed_and_garbage_is_counted(monkeypatch, capsys):
     monkeypatch.setattr(sys, "stdin", io.StringIO("unitree_a1\n"))
-    monkeypatch.setattr(hanging.measure_hanging, "__defaults__", ((0.1,),))
+    monkeypatch.setattr(motor_boards.measure_hanging, "__defaults__", ((0.1,),))
     domain = unused_domain()
     with running_peer("unitree_dds", "--domain", domain, "--noise", "ideal", "--no-sport-mode") as peer:
         peer.fault(damage=0.5)

@@ -20,7 +20,7 @@ from equipoise import Precise, RunFolder, nominal_stance
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.cli import main
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.formats import FORMS
+from equipoise.drivers.unitree.packet_formats import FORMS
 from equipoise.lab.static.method import Static
 from equipoise.recording.run_log_reader import read_log
 from equipoise.terminal.platform import print_checkup, print_rehearsal

@@ -12,9 +12,9 @@ from equipoise.errors import CommunicationError
 from equipoise.platform.platform import Health
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import Recording
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.mujoco import MujocoPlatform
 from equipoise.simulation.mujoco_model import build_simulated_robot
-from equipoise.simulation.sensors import DrawnErrors
 
 
 class Altered(PlatformWrapper):

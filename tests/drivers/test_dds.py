@@ -11,9 +11,9 @@ pytest.importorskip("cyclonedds")
 from cyclonedds.idl import IdlStruct
 
 from equipoise.drivers.dds.domain import DdsDomain, RawSample, configuration, raw
-from equipoise.drivers.ros2 import messages as ros2_messages
-from equipoise.drivers.unitree import messages as unitree_messages
-from equipoise.drivers.unitree.messages import Request, RequestHeader, RequestIdentity, RequestLease, RequestPolicy
+from equipoise.drivers.ros2 import ros_messages as ros2_messages
+from equipoise.drivers.unitree import dds_types as unitree_messages
+from equipoise.drivers.unitree.dds_types import Request, RequestHeader, RequestIdentity, RequestLease, RequestPolicy
 from equipoise.errors import CommunicationError, SettingsError
 
 DOMAIN, ANOTHER = unused_domain(), unused_domain()
@@ -120,9 +120,9 @@ def test_an_interface_that_is_not_there_is_named_with_those_that_are():
 
 
 def test_beyond_loopback_the_version_is_checked_before_anything_is_sent(monkeypatch):
-    monkeypatch.setattr("equipoise.drivers.dds.domain.VERSION", "11.0.1")
+    monkeypatch.setattr("equipoise.drivers.dds.cyclone.VERSION", "11.0.1")
     monkeypatch.setattr("socket.if_nameindex", lambda: [(1, "lo"), (2, "eth7")])
-    monkeypatch.setattr("equipoise.drivers.dds.domain.Domain", lambda *_: pytest.fail("the domain was opened"))
+    monkeypatch.setattr("equipoise.drivers.dds.cyclone.Domain", lambda *_: pytest.fail("the domain was opened"))
     with pytest.raises(SettingsError, match=r"cyclonedds 11\.0\.1 is not proven"):
         DdsDomain(0, "eth7")
 

@@ -12,7 +12,7 @@ from peer_processes import PATIENCE, modes_heard, running_peer, unused_domain
 
 pytest.importorskip("cyclonedds")
 
-from equipoise.drivers.catalog import open_connection
+from equipoise.drivers.platforms import open_connection
 from equipoise.errors import SettingsError
 from equipoise.platform.platform import JointCommand
 
@@ -51,7 +51,8 @@ main()
 as_robots_run = pytest.mark.parametrize("older", ["0.10.2"], indirect=True)
 COMES = """
 import sys
-from equipoise.drivers.dds.domain import VERSION, DdsDomain
+from equipoise.drivers.dds.cyclone import VERSION
+from equipoise.drivers.dds.domain import DdsDomain
 domain = DdsDomain(int(sys.argv[1]), "lo", (), VERSION)
 sys.stdin.read()
 """

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from equipoise.cli import flags
-from equipoise.drivers.catalog import (
+from equipoise.drivers.platform_settings import read_settings
+from equipoise.drivers.platforms import (
     DRIVERS,
     PLATFORMS,
     for_platform,
@@ -16,7 +17,6 @@ from equipoise.drivers.catalog import (
     open_connection,
     settings_of,
 )
-from equipoise.drivers.settings import read_settings
 from equipoise.errors import SettingsError
 from equipoise.platform.engines import ENGINES
 from equipoise.terminal.platform import gain_lines

@@ -16,7 +16,7 @@ from equipoise import nominal_stance, simulate
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.ros2 import driver as ros2
 from equipoise.drivers.ros2.driver import open_connection
-from equipoise.drivers.ros2.settings import Ros2Settings
+from equipoise.drivers.ros2.ros2_settings import Ros2Settings
 from equipoise.errors import CommunicationError, SettingsError
 from equipoise.lab.emulators.ros2 import Interpolation
 from equipoise.platform.platform import JointCommand, Trajectory
@@ -338,7 +338,7 @@ def test_a_robot_that_falls_silent_shows_by_the_age_of_its_samples(peer, connect
 OTHER_JOINTS = """
 import sys, time
 from equipoise.drivers.dds.domain import DdsDomain
-from equipoise.drivers.ros2.messages import JointState, dds_topic
+from equipoise.drivers.ros2.ros_messages import JointState, dds_topic
 domain = DdsDomain(int(sys.argv[1]), "lo")
 states = domain.outbox(dds_topic("/joint_states"), JointState)
 print('{"ready": true}', flush=True)

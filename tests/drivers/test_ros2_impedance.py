@@ -11,10 +11,10 @@ pytest.importorskip("cyclonedds")
 from equipoise import nominal_stance, simulate
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.ros2 import driver
-from equipoise.drivers.ros2.controllers import controllers_of
+from equipoise.drivers.ros2.command_topics import controllers_of
 from equipoise.drivers.ros2.driver import open_connection
-from equipoise.drivers.ros2.messages import Float64MultiArray, encoded_array
-from equipoise.drivers.ros2.settings import IMPEDANCE, STACKS, Ros2Settings
+from equipoise.drivers.ros2.ros2_settings import IMPEDANCE, STACKS, Ros2Settings
+from equipoise.drivers.ros2.ros_messages import Float64MultiArray, encoded_array
 from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.guard.guard import Guard
 from equipoise.lab.emulators import ros2 as peer

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
-from equipoise.drivers.ros2.messages import (
+from equipoise.drivers.ros2.ros_messages import (
     Duration,
     Float64MultiArray,
     Header,
@@ -23,7 +23,7 @@ from equipoise.drivers.ros2.messages import (
     Vector3,
     dds_topic,
 )
-from equipoise.drivers.ros2.samples import ImuTopic, JointTopic, StampClock, together
+from equipoise.drivers.ros2.sensor_topics import ImuTopic, JointTopic, StampClock, together
 from equipoise.errors import SensorError, SettingsError
 
 NAMES = ("hip", "thigh", "calf")
@@ -32,7 +32,7 @@ STATE = JointState(
     [-3.0, -9.0, -1.0, -2.0],
 )  # fmt: skip
 IMU = Imu(
-    Header(Time(7, 251_000_000), "imu_link"), Quaternion(), [-1.0] + 8 * [0.0], Vector3(0.1, 0.2, 0.3),
+    Header(Time(7, 251_000_000), "imu_link"), Quaternion(w=1.0), [-1.0] + 8 * [0.0], Vector3(0.1, 0.2, 0.3),
     linear_acceleration=Vector3(1.0, 2.0, 9.81),
 )  # fmt: skip
 MESSAGES = [

@@ -22,8 +22,8 @@ from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree import sport
 from equipoise.drivers.unitree.dds import open_connection
 from equipoise.drivers.unitree.dds_settings import UnitreeB2Settings, UnitreeDdsSettings
-from equipoise.drivers.unitree.messages import Request, Response
-from equipoise.drivers.unitree.samples import STATE, Message
+from equipoise.drivers.unitree.dds_types import Request, Response
+from equipoise.drivers.unitree.low_level import STATE, Message
 from equipoise.errors import CommunicationError, MotionError, OtherCommanderError, SettingsError
 from equipoise.platform.platform import JointCommand, Trajectory
 
@@ -297,8 +297,8 @@ COMMANDS = """
 import sys, time
 from equipoise.drivers.dds.domain import DdsDomain, raw
 from equipoise.drivers.unitree.dds import COMMAND_TOPIC
-from equipoise.drivers.unitree.messages import LowCmd
-from equipoise.drivers.unitree.samples import COMMAND, Message
+from equipoise.drivers.unitree.dds_types import LowCmd
+from equipoise.drivers.unitree.low_level import COMMAND, Message
 sample, domain = raw(LowCmd), DdsDomain(int(sys.argv[1]), "lo")
 commands, message = domain.outbox(COMMAND_TOPIC, sample), Message(COMMAND)
 print("ready", flush=True)

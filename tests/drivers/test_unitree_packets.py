@@ -15,19 +15,19 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from equipoise.drivers.unitree.crc import crc32_words
-from equipoise.drivers.unitree.formats import A1, A1_STRUCT, FORMS, GO1, GO1_SCRAMBLED, forms_of
 from equipoise.drivers.unitree.motors import MOTORS
+from equipoise.drivers.unitree.packet_formats import A1, A1_STRUCT, FORMS, GO1, GO1_SCRAMBLED, forms_of
 from equipoise.drivers.unitree.packets import (
+    NOT_CONTROLLED,
     POSITION_STOP,
     VELOCITY_STOP,
     CommandPacket,
-    Damage,
-    MotorCommands,
     SensorReadings,
     read_state,
 )
 from equipoise.errors import SettingsError
 from equipoise.lab.emulators.udp_packets import StatePacket, read_command
+from equipoise.platform.platform import JointCommand
 
 ALL = {"a1": A1, "a1 struct": A1_STRUCT, "go1": GO1, "go1 scrambled": GO1_SCRAMBLED}
 PACKETS = pytest.mark.parametrize("packets", ALL.values(), ids=ALL)
@@ -46,7 +46,7 @@ def of_motors(elements=numbers, width=MOTORS):
     return arrays(float, width, elements=elements)
 
 
-commands = st.builds(MotorCommands, *[of_motors()] * len(COMMANDED))
+commands = st.builds(JointCommand, *[of_motors()] * len(COMMANDED))
 states = st.builds(
     SensorReadings,
     position=of_motors(),
@@ -62,7 +62,7 @@ states = st.builds(
 
 
 def some_commands():
-    return MotorCommands(*(np.arange(MOTORS) * 0.125 + start for start in (-1.0, 2.0, -3.0, 40.0, 5.0)))
+    return JointCommand(*(np.arange(MOTORS) * 0.125 + start for start in (-1.0, 2.0, -3.0, 40.0, 5.0)))
 
 
 def some_state(tick=77):
@@ -156,7 +156,7 @@ def sdk_commands():
         f(5) + f(7.3) * joint,
         f(0.5) + f(0.37) * joint,
     )
-    return MotorCommands(*(value.astype(float) for value in values))
+    return JointCommand(*(value.astype(float) for value in values))
 
 
 @pytest.mark.parametrize(("packets", "checksum"), [(A1, "ceb5d18f"), (GO1, "256d4601")], ids=["a1", "go1"])
@@ -173,14 +173,14 @@ def test_commands_that_the_sdk_has_to_truncate_get_the_sdks_checksum(packets, ch
 
 @COMPRESSED
 def test_counts_are_of_the_float32_that_an_sdk_holds(packets):
-    almost = MotorCommands(*(np.full(MOTORS, value) for value in (0.0, 0.0, -(2 - 1e-9), 12.5 - 1e-9, 1 - 1e-9)))
+    almost = JointCommand(*(np.full(MOTORS, value) for value in (0.0, 0.0, -(2 - 1e-9), 12.5 - 1e-9, 1 - 1e-9)))
     read = read_command(packets, bytes(CommandPacket(packets).write(almost)))
     assert (read.torque[0], read.kp[0], read.kd[0]) == (-2.0, 12.5, 1.0)
 
 
 @PACKETS
 def test_a_gain_is_never_negative(packets):
-    wrong = MotorCommands(*(np.full(MOTORS, value) for value in (0.0, 0.0, -1.0, -2.0, -0.5)))
+    wrong = JointCommand(*(np.full(MOTORS, value) for value in (0.0, 0.0, -1.0, -2.0, -0.5)))
     read = read_command(packets, bytes(CommandPacket(packets).write(wrong)))
     assert (read.torque == -1).all()
     assert not read.kp.any()
@@ -227,7 +227,7 @@ def test_a_state_is_read_where_the_robot_writes_it(packets):
 def test_a_scrambled_state_is_taken_where_commands_are_scrambled_and_nowhere_else():
     state = described_state(GO1, some_state(), scrambles=True)
     assert_same(read_state(GO1_SCRAMBLED, state), some_state())
-    assert read_state(GO1, state) is Damage.CHECKSUM
+    assert read_state(GO1, state) == "wrong checksum"
 
 
 def assert_same(read, state):
@@ -336,7 +336,7 @@ def test_what_was_read_is_written_as_it_was(packets):
 
 @PACKETS
 def test_without_torque_nothing_is_controlled(packets):
-    read = read_command(packets, bytes(CommandPacket(packets).write(MotorCommands.without_torque())))
+    read = read_command(packets, bytes(CommandPacket(packets).write(NOT_CONTROLLED)))
     assert (read.position == np.float32(POSITION_STOP)).all()
     assert (read.velocity == VELOCITY_STOP).all()
     assert not any(getattr(read, name).any() for name in ("torque", "kp", "kd"))
@@ -345,7 +345,7 @@ def test_without_torque_nothing_is_controlled(packets):
 @PACKETS
 def test_a_packet_that_is_written_again_holds_nothing_of_the_first(packets):
     packet = CommandPacket(packets)
-    packet.write(MotorCommands.without_torque())
+    packet.write(NOT_CONTROLLED)
     assert packet.write(some_commands()) == CommandPacket(packets).write(some_commands())
 
 
@@ -365,7 +365,7 @@ def test_any_bytes_are_read_or_refused(packets, data):
     head = data.draw(st.sampled_from([b"", packets.begins]))
     body = data.draw(st.binary(max_size=1200) | st.binary(min_size=layout.itemsize, max_size=layout.itemsize))
     received = (head + body)[: max(len(body), 1)]
-    assert isinstance(read(packets, received), (Damage, MotorCommands, SensorReadings))
+    assert isinstance(read(packets, received), (str, JointCommand, SensorReadings))
 
 
 @PACKETS
@@ -385,9 +385,9 @@ def test_other_lengths_are_damage(packets):
         bytes(StatePacket(packets).write(some_state())),
     )
     for length in {*range(1000)} - {len(command)}:
-        assert read_command(packets, (2 * command)[:length]) is Damage.LENGTH
+        assert read_command(packets, (2 * command)[:length]) == "wrong length"
     for length in {*range(1000)} - {*packets.state_lengths}:
-        assert read_state(packets, (2 * state)[:length]) is Damage.LENGTH
+        assert read_state(packets, (2 * state)[:length]) == "wrong length"
 
 
 @PACKETS
@@ -396,7 +396,7 @@ def test_packets_of_another_level_or_robot_are_damage(packets):
     for index in range(len(packets.begins)):
         changed = bytearray(state)
         changed[index] ^= 0x11  # the level flag: 0xFF becomes 0xEE, the high level
-        assert read_state(packets, bytes(changed)) is Damage.HEAD
+        assert read_state(packets, bytes(changed)) == "wrong head"
 
 
 @PACKETS
@@ -414,6 +414,6 @@ def test_a_flipped_bit_is_seen(packets, data):
     at = data.draw(st.integers(len(packets.begins), covered - 1) | st.integers(len(packet) - 4, len(packet) - 1))
     changed = bytearray(packet)
     changed[at] ^= 1 << data.draw(st.integers(0, 7))
-    assert read(packets, bytes(changed)) is Damage.CHECKSUM
+    assert read(packets, bytes(changed)) == "wrong checksum"
     if read is read_state:
         assert isinstance(read_state(packets, bytes(changed), check=False), SensorReadings)

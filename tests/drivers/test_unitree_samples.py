@@ -12,7 +12,7 @@ pytest.importorskip("cyclonedds")
 
 
 from equipoise.drivers.unitree.crc import crc32_words
-from equipoise.drivers.unitree.messages import (
+from equipoise.drivers.unitree.dds_types import (
     BmsCmd,
     BmsState,
     IMUState,
@@ -21,8 +21,8 @@ from equipoise.drivers.unitree.messages import (
     MotorCmd,
     MotorState,
 )
+from equipoise.drivers.unitree.low_level import COMMAND, LOW_CMD, LOW_STATE, STATE, Message, read_message
 from equipoise.drivers.unitree.motors import joints_of_motors
-from equipoise.drivers.unitree.samples import COMMAND, LOW_CMD, LOW_STATE, STATE, Message, read_message
 from equipoise.errors import SettingsError
 
 # As in the robot's memory, fields in order: of a command and of a state.

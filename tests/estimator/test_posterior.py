@@ -20,8 +20,8 @@ from equipoise.estimator.problem import MapProblem, body_jacobian, estimate_post
 from equipoise.estimator.unknowns import Priors
 from equipoise.recording.recording import JointStream
 from equipoise.robot.inertial import COMPONENTS, components
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import PRESETS
-from equipoise.simulation.sensors import DrawnErrors
 
 READINGS = {
     "velocity_noise": "joint_velocity",

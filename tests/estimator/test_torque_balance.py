@@ -14,10 +14,10 @@ from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.robot.inertial import base_parameters, composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.stance import nominal_stance
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import IDEAL
 from equipoise.simulation.mujoco import MujocoPlatform
 from equipoise.simulation.mujoco_model import build_simulated_robot
-from equipoise.simulation.sensors import DrawnErrors
 
 
 @pytest.fixture(scope="module", params=["a1", "skewed", "two_jointed"])

@@ -5,7 +5,7 @@ import pytest
 from equipoise import nominal_stance, simulate
 from equipoise.errors import ReachError
 from equipoise.experiments.stand import stand_up
-from equipoise.platform.logged import Logged
+from equipoise.platform.logged_platform import Logged
 from equipoise.recording.run_log import RunLog
 from equipoise.recording.run_log_reader import read_log
 from equipoise.recording.trials import StandTrial

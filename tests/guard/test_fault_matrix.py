@@ -27,7 +27,7 @@ from equipoise.guard.endings import DAMPED_TIME, NOT_CONFIRMED
 from equipoise.guard.guard import Guard
 from equipoise.guard.limits import Limits
 from equipoise.motors.method import Motors
-from equipoise.platform.logged import Logged
+from equipoise.platform.logged_platform import Logged
 from equipoise.platform.platform import Trajectory
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper

@@ -32,8 +32,7 @@ from equipoise.guard.force_limit import ForceLimit
 from equipoise.guard.joint_checks import JointChecks, StuckDetector
 from equipoise.guard.known import Known
 from equipoise.guard.limits import Limits
-from equipoise.guard.messages import Setup
-from equipoise.guard.pipe import Pipe
+from equipoise.guard.pipe import Pipe, Setup
 from equipoise.guard.robot_loop import MotionOrder, RobotLoop
 from equipoise.guard.robot_process import RobotProcess
 from equipoise.guard.sample_filter import SampleFilter

@@ -252,8 +252,8 @@ OTHER = """
 import sys, time
 from equipoise.drivers.dds.domain import DdsDomain, raw
 from equipoise.drivers.unitree.dds import COMMAND_TOPIC
-from equipoise.drivers.unitree.messages import LowCmd
-from equipoise.drivers.unitree.samples import COMMAND, Message
+from equipoise.drivers.unitree.dds_types import LowCmd
+from equipoise.drivers.unitree.low_level import COMMAND, Message
 domain = DdsDomain(int(sys.argv[1]), "lo")
 kind = raw(LowCmd)
 outbox = domain.outbox(COMMAND_TOPIC, kind)

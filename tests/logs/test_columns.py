@@ -17,7 +17,7 @@ from equipoise.cli import main
 from equipoise.errors import ColumnsError, RecordingError, SettingsError
 from equipoise.logs.reader import is_log, read_log
 from equipoise.logs.tables.by_name import named
-from equipoise.logs.tables.columns import UNITS, Columns
+from equipoise.logs.tables.column_names import UNITS, Columns
 from equipoise.logs.tables.files import open_table
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.robot.kinematics import feet_under_base, foot_positions, inverse_kinematics

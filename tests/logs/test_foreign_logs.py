@@ -26,10 +26,10 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 
 from equipoise.errors import ColumnsError, EquipoiseError, RecordingError
 from equipoise.logs.cdr_arrays import read_messages
-from equipoise.logs.log import RawImu, RawJoints, RawLog, assemble
 from equipoise.logs.message_types import known_types
+from equipoise.logs.raw_log import RawImu, RawJoints, RawLog, assemble
 from equipoise.logs.reader import is_log, read_log
-from equipoise.logs.tables.columns import Columns
+from equipoise.logs.tables.column_names import Columns
 from equipoise.logs.topics import Topics
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
 

@@ -16,8 +16,8 @@ from equipoise.estimator.measurements.lift_samples import attitudes
 from equipoise.estimator.unknowns import Priors
 from equipoise.experiments.stand import stand_up
 from equipoise.logs.joint_names import map_joints
-from equipoise.logs.log import Log, RawImu, RawJoints, RawLog, assemble
 from equipoise.logs.offline import estimate_log
+from equipoise.logs.raw_log import Log, RawImu, RawJoints, RawLog, assemble
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial
 from equipoise.robot.inertial import COMPONENTS, components

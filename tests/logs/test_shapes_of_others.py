@@ -11,10 +11,10 @@ from equipoise import load_robot, simulate
 from equipoise.errors import ColumnsError, EquipoiseError, RecordingError
 from equipoise.lab.gaits.trot import trot
 from equipoise.logs.joint_names import JointMap
-from equipoise.logs.log import Log
 from equipoise.logs.offline import estimate_log
+from equipoise.logs.raw_log import Log
 from equipoise.logs.reader import read_log
-from equipoise.logs.tables.columns import Columns
+from equipoise.logs.tables.column_names import Columns
 from equipoise.precise.method import Precise
 from equipoise.user_file import toml_table
 

@@ -19,11 +19,11 @@ from equipoise.estimator.problem import MapProblem
 from equipoise.estimator.solve import solve
 from equipoise.lab.gaits.trot import trot
 from equipoise.logs.joint_names import JointMap
-from equipoise.logs.log import Log
 from equipoise.logs.motions import gyroscope
 from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import find_segments
 from equipoise.logs.offline import estimate_log
+from equipoise.logs.raw_log import Log
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.recording.trials import TwoFeet, WalkTrial, read_trial
 from equipoise.report.contents import run_contents

@@ -10,7 +10,7 @@ from platform_contract import WITHOUT_DELAY, SimulationContract, interrupt_after
 
 from equipoise import simulate
 from equipoise.errors import FallError, OutputError
-from equipoise.platform.logged import Logged
+from equipoise.platform.logged_platform import Logged
 from equipoise.platform.platform import JointCommand, MotionInterrupted
 from equipoise.recording.recording import Recording
 from equipoise.recording.run_log import RunLog

@@ -74,7 +74,7 @@ class TestGuardedRobot(PlatformContract):
         free, interrupted = another(), another()
         motion = wave(free, 20)
         expected = free.play(motion)
-        interrupt_after(monkeypatch, interrupted._platform, "step", 7)
+        interrupt_after(monkeypatch, interrupted._loop.platform, "step", 7)
         with pytest.raises(MotionInterrupted, match="interrupted") as caught:
             interrupted.play(motion)
         recording = caught.value.recording

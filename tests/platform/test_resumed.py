@@ -11,7 +11,7 @@ from platform_contract import TO_ROUNDING, SimulationContract, SteppedRobot
 from equipoise import ComSearchSettings, Paper, RunFolder, SwaySettings, calibrate, simulate
 from equipoise.errors import RecordingError
 from equipoise.motors.method import Motors
-from equipoise.platform.logged import Logged
+from equipoise.platform.logged_platform import Logged
 from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import PHASE, TRIAL

@@ -9,7 +9,7 @@ from guarded import PERIOD, at_rest, simulated
 
 from equipoise import ComSearchSettings, Paper, RunFolder, SwaySettings, calibrate, simulate
 from equipoise.guard.guard import Guard
-from equipoise.platform.logged import Logged
+from equipoise.platform.logged_platform import Logged
 from equipoise.platform.platform import Trajectory
 from equipoise.platform.stepping import Recorder, play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
@@ -88,10 +88,10 @@ def test_a_platform_that_only_repeats_itself_records_what_it_was_sent(stay, stut
 def test_a_command_is_recorded_when_it_was_sent_by_the_robots_clock(a1):
     """Which is half a minute behind ours here."""
     recorder = Recorder(a1.joint_names, PERIOD)
-    recorder.observe([replace(at_rest(a1, 0), received=30.0)])
+    recorder.take(None, None, [replace(at_rest(a1, 0), received=30.0)])
     for index in range(20):
         sent = index * PERIOD + 30.0 + 7e-4
-        recorder.add(np.zeros(12), sent, [replace(at_rest(a1, index + 1), received=(index + 1) * PERIOD + 30.0)])
+        recorder.take(np.zeros(12), sent, [replace(at_rest(a1, index + 1), received=(index + 1) * PERIOD + 30.0)])
     played = recorder.recording()
     assert played.commands.time == pytest.approx(played.joints.time + 7e-4, abs=2e-9)
 
@@ -100,8 +100,8 @@ def test_commands_that_seem_to_be_sent_at_once_have_increasing_times(a1):
     """By a clock that drifts past ours."""
     recorder = Recorder(a1.joint_names, PERIOD)
     for index in range(40):
-        recorder.observe([replace(at_rest(a1, index), received=index * PERIOD * (1 + 2e-6))])
-        recorder.add(np.zeros(12), 0.01, [])
+        recorder.take(None, None, [replace(at_rest(a1, index), received=index * PERIOD * (1 + 2e-6))])
+        recorder.take(np.zeros(12), 0.01, [])
     times = recorder.recording().commands.time
     assert len(times) == 40
     assert (np.diff(times) > 0).all()

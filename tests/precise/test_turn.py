@@ -21,7 +21,7 @@ from equipoise.estimator.measurements.tilt_equation import TiltEquation
 from equipoise.estimator.measurements.traced import Traced
 from equipoise.estimator.unknowns import Priors, by_the_model
 from equipoise.experiments.stand import stand_up
-from equipoise.platform.logged import Logged
+from equipoise.platform.logged_platform import Logged
 from equipoise.platform.platform import TURNS
 from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
 from equipoise.platform.wrapper import PlatformWrapper
@@ -30,9 +30,9 @@ from equipoise.precise.plan import make_plan
 from equipoise.precise.trials import PreciseTrials
 from equipoise.recording.trials import DesignedLift, TurnTrial, read_trial
 from equipoise.robot.inertial import composite_parameters
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import SensorErrors
 from equipoise.simulation.mujoco_contacts import foothold_heights
-from equipoise.simulation.sensors import DrawnErrors
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
@@ -187,9 +187,9 @@ def test_a_robot_that_cannot_lie_is_not_turned(a1, monkeypatch):
 class Someone(PlatformWrapper):
     """A robot that nobody turns but somebody."""
 
-    @property
-    def accepts(self):
-        return super().accepts - {TURNS}
+    def __init__(self, inner):
+        super().__init__(inner)
+        self.accepts = inner.accepts - {TURNS}
 
 
 def test_a_robot_without_anybody_is_not_turned(a1):

@@ -27,9 +27,9 @@ from equipoise import (
 from equipoise.errors import FallError, ModelError, SettingsError
 from equipoise.robot.inertial import nominal_inertia
 from equipoise.robot.kinematics import inverse_kinematics
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.mujoco_model import build_simulated_robot
 from equipoise.simulation.mujoco_truth import simulated_truth
-from equipoise.simulation.sensors import DrawnErrors
 from equipoise.simulation.simulated import PERIODS_BETWEEN_STOP_TESTS
 
 pytest.importorskip("dartpy", reason="DART is an extra: pip install 'equipoise[dart]'")

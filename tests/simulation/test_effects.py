@@ -13,6 +13,7 @@ from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, si
 from equipoise.errors import SettingsError
 from equipoise.robot.inertial import InertialParameters, composite_parameters, nominal_inertia
 from equipoise.robot.scale import Scale
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import PRESETS, REALISTIC, STRESS, read_effects
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_contacts import foot_name
@@ -20,7 +21,6 @@ from equipoise.simulation.mujoco_drive import ChangingFriction, as_a_spring, spr
 from equipoise.simulation.mujoco_model import SLING, SWINGING_LOAD, build_simulated_robot
 from equipoise.simulation.mujoco_truth import simulated_truth
 from equipoise.simulation.samples import Samples
-from equipoise.simulation.sensors import DrawnErrors
 
 ROWS = SensorErrors.rows()
 JOINTS, SEED, PERIOD = 12, 5, 2e-3
@@ -175,9 +175,9 @@ def test_sizes_are_what_their_laws_say():
     many = DrawnErrors.draw(sizes, 20000, SEED).drawn
     for row in ROWS:
         size, values = getattr(sizes, row.name), many[row.name]
-        if row.law.name == "rms" and values.size > 1000:
+        if row.law == "rms" and values.size > 1000:
             assert values.std() == pytest.approx(size, rel=0.05), row.name
-        elif row.law.name == "exact":
+        elif row.law == "exact":
             assert (values == size).all(), row.name
     assert np.log(many["friction_spread"]).std() == pytest.approx(0.3, rel=0.05)
     frictions = [drawn(STRESS, seed).floor_friction for seed in range(200)]

@@ -12,9 +12,9 @@ from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, si
 from equipoise.errors import SettingsError
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.scale import Scale
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import IDEAL, PRESETS, REALISTIC, STRESS
 from equipoise.simulation.mujoco import MujocoPlatform
-from equipoise.simulation.sensors import DrawnErrors
 
 JOINTS = 12
 PERIOD = 2e-3

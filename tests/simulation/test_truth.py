@@ -19,11 +19,11 @@ from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, base_parameters, composite_parameters, nominal_inertia
 from equipoise.robot.links import link_names
 from equipoise.robot.stance import nominal_stance
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import IDEAL
 from equipoise.simulation.mujoco_model import build_simulated_robot
 from equipoise.simulation.mujoco_truth import link_truth, simulated_truth
 from equipoise.simulation.payload import Payload
-from equipoise.simulation.sensors import DrawnErrors
 
 # MuJoCo 3 stops diagonalising a link's inertia at 1e-5 of it.
 TOLERANCE = 1e-9 if int(mujoco.__version__.split(".")[0]) >= 4 else 1e-6

@@ -12,7 +12,7 @@ from equipoise.calibration.routine import estimate
 from equipoise.errors import RecordingError
 from equipoise.logs.reader import read_log
 from equipoise.method.reading import ComEstimate
-from equipoise.platform.logged import Logged
+from equipoise.platform.logged_platform import Logged
 from equipoise.recording.event import TRIAL
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import read_trial

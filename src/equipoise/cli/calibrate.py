@@ -108,7 +108,7 @@ class PlatformFlags:
 
     def place(self) -> Place:
         """Where the run happens; raises SettingsError."""
-        from equipoise.drivers.catalog import given_settings
+        from equipoise.drivers.platforms import given_settings
 
         return Place(self.platform, given_settings(self.set, self.settings))
 

@@ -141,7 +141,7 @@ def interruption_told(folder: Any) -> Generator[None]:
 @contextmanager
 def connected(platform: str, model: Any, pairs: tuple[str, ...], settings: Path | None) -> Generator[Any]:
     """A platform to look at: a robot that is connected to, or one that is simulated with ordinary sensors."""
-    from equipoise.drivers.catalog import find_platform, given_settings, open_platform
+    from equipoise.drivers.platforms import find_platform, given_settings, open_platform
     from equipoise.platform.engines import ENGINES
 
     find_platform(platform)

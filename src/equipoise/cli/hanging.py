@@ -26,8 +26,8 @@ def examine_hanging(platform: str, robot: RobotModel, given: dict[str, Any], as_
         SettingsError: the platform has no driver, or the operator did not type the robot's name.
         CommunicationError: the robot falls silent.
     """
-    from equipoise.drivers.catalog import Driver, find_platform, for_platform, open_connection, settings_of
-    from equipoise.drivers.hanging import HangingPhase, measure_hanging
+    from equipoise.drivers.motor_boards import HangingPhase, measure_hanging
+    from equipoise.drivers.platforms import Driver, find_platform, for_platform, open_connection, settings_of
     from equipoise.terminal.platform import print_hanging
 
     if not isinstance(find_platform(platform), Driver):

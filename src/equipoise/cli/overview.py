@@ -32,7 +32,7 @@ def platforms(*, json: bool = False) -> None:
     Args:
         json: Print one JSON object and nothing else on stdout.
     """
-    from equipoise.drivers.catalog import describe_platforms
+    from equipoise.drivers.platforms import describe_platforms
     from equipoise.terminal.lists import print_platforms
 
     rows = describe_platforms()

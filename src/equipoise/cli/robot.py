@@ -63,8 +63,8 @@ def doctor(
             lets go of the motors, and they are damped; you are asked for the robot's name first.
     """
     from equipoise.cli.hanging import examine_hanging
-    from equipoise.drivers.catalog import given_settings
     from equipoise.drivers.checkup import examine, foretold, joint_table
+    from equipoise.drivers.platforms import given_settings
     from equipoise.platform.engines import ENGINES
     from equipoise.terminal.platform import print_checkup
 

@@ -50,7 +50,7 @@ class Place:
     contacts: str = "own"
 
     def __post_init__(self) -> None:
-        from equipoise.drivers.catalog import find_platform
+        from equipoise.drivers.platforms import find_platform
 
         find_platform(self.platform)  # before anything is made for it
 
@@ -115,7 +115,7 @@ class Session:
     """
 
     def __init__(self, place: Place, robot: RobotModel) -> None:
-        from equipoise.drivers.catalog import for_platform
+        from equipoise.drivers.platforms import for_platform
 
         self.place, self.robot = place, for_platform(place.platform, robot)
         self._simulation: Simulation | None = None
@@ -174,7 +174,7 @@ class Session:
     @contextmanager
     def _platform(self, folder: RunFolder, content: LogContent | None) -> Generator[tuple[Platform, Keyboard]]:
         """The platform that the routine moves, and the operator's keyboard."""
-        from equipoise.platform.logged import Logged
+        from equipoise.platform.logged_platform import Logged
         from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
 
         if self._simulation is not None:
@@ -212,8 +212,8 @@ def confirm(place: Place, robot: RobotModel, method: Method, yes: bool) -> None:
     if place.simulated:
         return
     from equipoise.calibration.rehearsal import rehearse
-    from equipoise.drivers.catalog import for_platform, open_platform
     from equipoise.drivers.checkup import examine
+    from equipoise.drivers.platforms import for_platform, open_platform
     from equipoise.terminal.platform import rehearsal_lines
 
     robot = for_platform(place.platform, robot)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -38,11 +38,11 @@ _HOT, _WEAK_BATTERY = 60.0, 0.3  # [deg C], share
 
 @dataclass(frozen=True)
 class CheckupFinding:
-    """One thing that was looked at.
+    """Finding of the doctor.
 
     Attributes:
-        name: name of what was looked at.
-        value: value that was seen, in words.
+        name: name of the quantity that was checked.
+        value: value that was measured, in words.
         fine: whether it is as it should be; None: there is nothing to compare with.
         advice: advice about it, or "".
         serious: whether a robot must not be moved like that.
@@ -63,24 +63,18 @@ _CABLE = CheckupFinding(
 )  # fmt: skip
 
 
-@runtime_checkable
-class Foretelling(Protocol):
-    """A platform, or a driver's link, that can say what its first command will meet."""
+def foretold(source: Any) -> list[CheckupFinding]:
+    """Return what `calibrate` will meet when it takes over the motors, as a platform or a connection predicts it.
 
-    def foretell(self) -> list[CheckupFinding]:
-        """What `calibrate` will meet when it takes over the motors; commands nothing, and lets go of nothing."""
-        ...
-
-
-def foretold(source: object) -> list[CheckupFinding]:
-    """What a platform or a link foretells; nothing if it cannot."""
-    return source.foretell() if isinstance(source, Foretelling) else []
+    A `foretell` method is optional; it commands nothing, and has no controller let go of the motors.
+    """
+    return source.foretell() if hasattr(source, "foretell") else []
 
 
 def watch(
     platform: Platform, robot: RobotModel, duration: float | None, arrived: list[float] | None = None
 ) -> Generator[Recording]:
-    """What a robot senses while nobody moves it, in pieces of a quarter of a second.
+    """Record a robot that is not moved, in pieces of a quarter of a second.
 
     A simulated robot holds its stance meanwhile: its time passes only when it is stepped.
 
@@ -168,6 +162,11 @@ def joint_table(robot: RobotModel, position: FloatArray) -> list[tuple[str, str,
     ]  # fmt: skip
 
 
+def _judged(name: str, value: str, fine: bool | np.bool_, advice: str, serious: bool = False) -> CheckupFinding:
+    """Return a finding that is fine or not; its advice is for one that is not."""
+    return CheckupFinding(name, value, bool(fine), "" if fine else advice, serious)
+
+
 def _rate(name: str, times: FloatArray) -> CheckupFinding:
     steps = np.diff(times)
     if len(steps) < 2:
@@ -184,14 +183,14 @@ def _rate(name: str, times: FloatArray) -> CheckupFinding:
 
 
 def _arrival(arrived: FloatArray, stamps: FloatArray) -> list[CheckupFinding]:
-    """How evenly samples come in, whatever their stamps say: what the guard waits for."""
+    """Check the times of arrival, which the guard waits for, whatever the stamps are."""
     if len(arrived) < 3:
         return []
     pauses = np.diff(arrived)
     longest, usual = float(pauses.max()), float(np.median(np.diff(stamps)))
     value = f"jitter {pauses.std() * 1000:.2f} ms, longest pause {longest * 1000:.1f} ms"
     fine = float(np.quantile(pauses, 0.99)) < usual + _JITTER
-    return [CheckupFinding("arrival", value, fine, "" if fine else "the network holds samples back: use a cable")]
+    return [_judged("arrival", value, fine, "the network holds samples back: use a cable")]
 
 
 def _limits(robot: RobotModel, position: FloatArray) -> list[CheckupFinding]:
@@ -199,22 +198,16 @@ def _limits(robot: RobotModel, position: FloatArray) -> list[CheckupFinding]:
     worst = int(np.argmax(beyond))
     if beyond[worst] <= 0:
         return [CheckupFinding("joint positions", "within the model's limits", True)]
-    fine = bool(beyond[worst] < _BEYOND)
-    return [
-        CheckupFinding(
-            "joint positions", f"{robot.joint_names[worst]} is {beyond[worst]:.2f} rad beyond its limit", fine,
-            "" if fine else "is the joint map right, are signs and zeros?", serious=True,
-        )
-    ]  # fmt: skip
+    value = f"{robot.joint_names[worst]} is {beyond[worst]:.2f} rad beyond its limit"
+    advice = "is the joint map right, are signs and zeros?"
+    return [_judged("joint positions", value, beyond[worst] < _BEYOND, advice, serious=True)]
 
 
 def _still(angular_velocity_in_imu: FloatArray) -> CheckupFinding:
     bias, noise = np.linalg.norm(angular_velocity_in_imu.mean(axis=0)), angular_velocity_in_imu.std(axis=0).max()
     value = f"mean {bias * 1000:.1f} mrad/s, noise {noise * 1000:.1f} mrad/s"
-    fine = bool(bias < _BIAS and noise < _STILL)
-    return CheckupFinding(
-        "gyroscope at rest", value, fine, "" if fine else "does the robot move? else its gyroscope is biased"
-    )
+    fine = bias < _BIAS and noise < _STILL
+    return _judged("gyroscope at rest", value, fine, "does the robot move? else its gyroscope is biased")
 
 
 def _gravity(acceleration_in_imu: FloatArray) -> CheckupFinding:
@@ -222,7 +215,7 @@ def _gravity(acceleration_in_imu: FloatArray) -> CheckupFinding:
     fine = WELL_SCALED_ACCELERATION_AT_REST[0] < size < WELL_SCALED_ACCELERATION_AT_REST[1]
     in_g = AT_REST_IN_UNITS_OF_G[0] < size < AT_REST_IN_UNITS_OF_G[1]
     hint = f"it must read about {GRAVITY} m/s2 upward at rest" + (" (is it in units of g?)" if in_g else "")
-    return CheckupFinding("accelerometer at rest", f"{size:.2f} m/s2", fine, "" if fine else hint, serious=True)
+    return _judged("accelerometer at rest", f"{size:.2f} m/s2", fine, hint, serious=True)
 
 
 def _floor(robot: RobotModel, position: FloatArray, acceleration_in_imu: FloatArray) -> CheckupFinding:
@@ -241,8 +234,7 @@ def _floor(robot: RobotModel, position: FloatArray, acceleration_in_imu: FloatAr
         advice = "does the robot lie level?" if fine is None else f"{turned}, does the robot lie level?"
         return CheckupFinding("gravity against the stance", value + " (the robot lies)", fine, advice, serious=True)
     advice = f"{turned}, is the joint map right, does the floor slope?"
-    fine = bool(angle < _LEAN)
-    return CheckupFinding("gravity against the stance", value, fine, "" if fine else advice, serious=True)
+    return _judged("gravity against the stance", value, angle < _LEAN, advice, serious=True)
 
 
 def _torque(robot: RobotModel, position: FloatArray, torque: FloatArray | None) -> CheckupFinding:
@@ -252,17 +244,14 @@ def _torque(robot: RobotModel, position: FloatArray, torque: FloatArray | None) 
     value = f"they carry {mass:.1f} kg; the model weighs {robot.mass:.1f} kg"
     if lies(robot, nominal_stance(robot), position):
         return CheckupFinding("joint torques", value + " (the robot lies)", None)
-    fine = bool(_MASS_RANGE[0] < mass / robot.mass < _MASS_RANGE[1])
-    return CheckupFinding(
-        "joint torques", value, fine, "" if fine else "are they in Nm, with the joints' signs?", serious=True
-    )
+    fine = _MASS_RANGE[0] < mass / robot.mass < _MASS_RANGE[1]
+    return _judged("joint torques", value, fine, "are they in Nm, with the joints' signs?", serious=True)
 
 
 def _temperature(robot: RobotModel, temperature: FloatArray) -> CheckupFinding:
     hottest = int(np.argmax(temperature))
-    fine = bool(temperature[hottest] < _HOT)
     value = f"{temperature[hottest]:.0f} deg C at most ({robot.joint_names[hottest]})"
-    return CheckupFinding("motor temperatures", value, fine, "" if fine else "let them cool down first")
+    return _judged("motor temperatures", value, temperature[hottest] < _HOT, "let them cool down first")
 
 
 def _battery(voltage: float | None, charge: float | None) -> list[CheckupFinding]:
@@ -270,6 +259,5 @@ def _battery(voltage: float | None, charge: float | None) -> list[CheckupFinding
     if voltage is not None:
         found.append(CheckupFinding("battery voltage", f"{voltage:.1f} V", None))
     if charge is not None:
-        fine = charge > _WEAK_BATTERY
-        found.append(CheckupFinding("battery charge", f"{charge:.0%}", fine, "" if fine else "charge it first"))
+        found.append(_judged("battery charge", f"{charge:.0%}", charge > _WEAK_BATTERY, "charge it first"))
     return found

@@ -1,4 +1,4 @@
-"""Code of other people: whatever it raises, the error is ours."""
+"""Code of other packages: whatever it raises becomes an error of ours."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Returned = TypeVar("Returned")
 
 
 def translated(name: str, what: str, act: Callable[[], Returned]) -> Returned:
-    """What a method of a platform or of a driver's link returns.
+    """Call a method of a platform or of a driver's connection, and return its result.
 
     Args:
         name: name of the platform.

@@ -12,9 +12,8 @@ from equipoise.conventions import FloatArray
 from equipoise.drivers.checkup import CheckupFinding, foretold
 from equipoise.drivers.foreign import translated
 from equipoise.errors import CommunicationError, MotionError, OverrunError
-from equipoise.platform.platform import JointCommand, RobotState, TiltLimit, Trajectory
-from equipoise.platform.stepping import play_by_stepping
-from equipoise.recording.recording import Recording
+from equipoise.platform.platform import JointCommand, RobotState
+from equipoise.platform.stepped import SteppedPlatform
 
 _LEAD, _LEAD_SHARES = 0.8e-3, (0.1, 0.4)  # [s] before a deadline at which samples are taken; least and most of a period
 _SPIN = 0.15e-3  # [s] of waiting that is not left to the scheduler
@@ -78,7 +77,7 @@ class RobotConnection(Protocol):
 
 
 class LoopTiming:
-    """How late commands left after their deadlines.
+    """Lateness of commands after their deadlines.
 
     Attributes:
         lateness: (n,) lateness of every command so far [s].
@@ -111,7 +110,7 @@ class LoopTiming:
         self.overruns += late > _ON_TIME
 
 
-class HardwarePlatform:
+class HardwarePlatform(SteppedPlatform):
     """A robot behind a connection. The guard makes it safe to move.
 
     Commands leave at absolute deadlines, one control period apart from when the first one left.
@@ -129,6 +128,8 @@ class HardwarePlatform:
 
     def __init__(self, connection: RobotConnection, patience: float = 5.0) -> None:
         self._connection, self._patience = connection, patience
+        self.name, self.joint_names, self.accepts = connection.name, connection.joint_names, connection.accepts
+        self.control_period = connection.control_period
         self._newest: RobotState | None = None
         self.arrived: list[RobotState] = []
         self.commanded = False
@@ -140,28 +141,12 @@ class HardwarePlatform:
         self.timing = LoopTiming()
 
     @property
-    def name(self) -> str:
-        return self._connection.name
-
-    @property
-    def control_period(self) -> float:
-        return self._connection.control_period
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._connection.joint_names
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return self._connection.accepts
-
-    @property
     def rejected(self) -> int:
         return self._connection.rejected
 
     @property
     def unchecked(self) -> bool:
-        """Whether samples are accepted whatever their checksum."""
+        """Return whether samples are accepted whatever their checksum."""
         return getattr(self._connection, "unchecked", False)
 
     def read(self) -> RobotState:
@@ -207,9 +192,6 @@ class HardwarePlatform:
         self._worked = time.thread_time()
         return self._sense(0.0)
 
-    def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-        return play_by_stepping(self, trajectory, stop)
-
     def close(self) -> None:
         if self._closed:
             return
@@ -219,12 +201,6 @@ class HardwarePlatform:
                 translated(self.name, "release", self._connection.release)
         finally:
             translated(self.name, "close", self._connection.close)
-
-    def __enter__(self) -> HardwarePlatform:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     def _send(self, command: JointCommand) -> None:
         if self._closed:

@@ -11,7 +11,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.drivers.checkup import CheckupFinding, foretold
 from equipoise.drivers.foreign import translated
-from equipoise.drivers.settings import read_values, settings_of_constructor
+from equipoise.drivers.platform_settings import read_values, settings_of_platform
 from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, SensorError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.stepped import SteppedPlatform
@@ -29,7 +29,7 @@ def open_home_built(name: str, kind: type[Any], robot: RobotModel, given: Mappin
         CommunicationError: the constructor raises an OSError.
         MissingDependencyError: the constructor fails in another way, or what it makes lacks something.
     """
-    settings = read_values(settings_of_constructor(kind), given, name)
+    settings = read_values(settings_of_platform(kind), given, name)
     try:
         made = kind(robot, **settings)
     except EquipoiseError:
@@ -51,11 +51,11 @@ def open_second_of_class(
     make = getattr(kind, "second", None)
     if make is None:
         return None
-    return translated(name, "second", lambda: make(robot, **read_values(settings_of_constructor(kind), given, name)))
+    return translated(name, "second", lambda: make(robot, **read_values(settings_of_platform(kind), given, name)))
 
 
 class HomeBuilt(SteppedPlatform):
-    """Somebody's platform: what it raises becomes an error of ours, what it senses is looked at.
+    """A platform of another package: what it raises becomes an error of ours, and its samples are checked.
 
     Args:
         name: name in messages.
@@ -93,7 +93,7 @@ class HomeBuilt(SteppedPlatform):
         translated(self.name, "close", self._inner.close)
 
     def foretell(self) -> list[CheckupFinding]:
-        """What it knows of what its first command will meet; commands nothing."""
+        """Return what the platform predicts of its first command; command nothing."""
         return foretold(self._inner)
 
     def _sensed(self, what: str, act: Callable[[], Any]) -> RobotState:

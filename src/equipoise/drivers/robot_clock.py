@@ -17,7 +17,7 @@ _STEADY = 1.05  # ratio between the rates of a clock that does keep time
 
 
 class RobotClock:
-    """Seconds from a counter of 32 bits that begins anew when it is full.
+    """Seconds from a counter of 32 bits that begins again when it is full.
 
     Args:
         tick: time step of the counter [s]; 0: there is none.
@@ -30,7 +30,7 @@ class RobotClock:
         self._compared = tick == 0
 
     def time(self, count: int, received: float) -> float:
-        """When a sample was taken [s], given its counter and when it arrived; late ones are earlier than the last.
+        """Return the time of a sample [s] from its counter and its time of arrival; late ones are earlier than the last.
 
         Raises:
             CommunicationError: the counter runs so fast or slowly that its unit must be another.
@@ -63,8 +63,8 @@ class UnitSearch:
     """The unit of a robot's counter, learnt from when the first samples arrive.
 
     Some samples come late, twice or never, and the system may hold them up: so a rate is that between the medians of the first
-    and the last third of a quarter of a second. The first rate that agrees with a unit tells it. If none does, a clock that is
-    steady has another unit, and one that is not is a simulated robot's that gets too little of a computer.
+    and the last third of a quarter of a second. The first rate that agrees with a unit determines it. If none does, a clock
+    that is steady has another unit, and one that is not is a simulated robot's that gets too little of a computer.
 
     Attributes:
         learnt: unit of the counter [s]; None: not yet.
@@ -116,5 +116,5 @@ def _unit(rate: float, slowest: float) -> float | None:
 
 
 def _ahead(count: int, other: int) -> int:
-    """How far one count of 32 bits is ahead of another, the shorter way round."""
+    """Return by how much one count of 32 bits is ahead of another, the shorter way round."""
     return (count - other + 2**31) % 2**32 - 2**31

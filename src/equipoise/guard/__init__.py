@@ -1,1 +1,1 @@
-"""What stands between a command and a robot that can break."""
+"""Guard: the checks between a command and a robot that can break."""

@@ -1,4 +1,4 @@
-"""Whether the base stands as it should: upright before anything moves, and then as the feet's targets would have it."""
+"""Checks of the base: upright before anything moves, and then in the posture that the targets of the feet determine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether commands keep the robot's links from each other."""
+"""Checks that commands keep the robot's links apart."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from equipoise.robot.stance import Stance
 class ClearanceChecks:
     """Refuse commands that bring links together.
 
-    Targets are looked at, not where the joints are: those follow within the guard's other limits.
+    Targets are checked, not joint positions: those follow within the guard's other limits.
 
     Attributes:
         at_rest: checks before a robot is moved; they raise nothing.

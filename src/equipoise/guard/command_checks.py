@@ -1,4 +1,4 @@
-"""Whether a command may be sent at all."""
+"""Checks of a command before it is sent."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class CommandChecks:
         self.at_rest: tuple[Check, ...] = (*self.in_motion, self._check_start)
 
     def _check_position(self, command: JointCommand, known: Known) -> None:
-        """Numbers, within the limits or as far beyond as the joint is by itself, and no jump from the targets before."""
+        """Refuse targets that are not numbers, are beyond the limits and the joint, or jump from the targets before."""
         robot, target = self._robot, command.position
         here = known.state.joint_position
         before = here if known.sent.limp else known.sent.position  # limp joints are where somebody has moved them
@@ -64,7 +64,7 @@ class CommandChecks:
             )
 
     def _check_beyond(self, target: FloatArray, here: FloatArray) -> None:
-        """Of targets of which some are not within the joints' limits."""
+        """Refuse targets that are farther beyond a joint's limits than the joint itself."""
         robot = self._robot
         beyond = np.maximum(np.minimum(robot.lower_limit, here) - target, target - np.maximum(robot.upper_limit, here))
         if not (beyond <= _ROUNDING).all():

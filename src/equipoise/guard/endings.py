@@ -46,7 +46,7 @@ NOT_CONFIRMED = "NOT CONFIRMED: it may be stiff; cut the battery"
 
 
 def append_ending(path: str, text: str) -> None:
-    """Append what was done with the robot to a file, now that it is safe; an empty path is no file."""
+    """Append the steps of an ending to a file, now that the robot is safe; nothing if the path is empty."""
     with contextlib.suppress(OSError):
         if path:
             with open(path, "a", encoding="utf-8") as file:

@@ -27,7 +27,7 @@ _RAISED = 0.1  # of the leg length by which a foot is then above where the lying
 
 
 def look_at_feet(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> tuple[bool, Vector]:
-    """Whether joints hold feet above the floor that the others stand on, and that floor's upward normal in the base.
+    """Return whether joints hold feet above the floor under the others, and that floor's upward normal in the base.
 
     Args:
         stance: stance in which all feet stand.
@@ -43,14 +43,14 @@ def feet_are_lifted(robot: RobotModel, stance: Stance, joint_position: FloatArra
 
 
 def legs_are_up(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
-    """Whether joints hold a foot where it is only if the robot lies with its legs turned up."""
+    """Return whether joints hold a foot where it is only if the robot lies with its legs turned up."""
     folded, _ = lying_posture(robot, stance)
     feet, lying = (foot_positions(robot, position) for position in (joint_position, folded))
     return float((feet - lying)[:, 2].max()) > _RAISED * robot.leg_length
 
 
 def damping_time(stance: Stance, legs_up: bool) -> float:
-    """How long a robot has to be damped, until nothing moves any more, if nobody sees that [s]."""
+    """Return the time after which a damped robot is at rest if no sample shows it [s]."""
     return stance.scale.time * _SUNK * (_LEGS_UP if legs_up else 1.0)
 
 
@@ -75,12 +75,12 @@ def floor_on_three_feet(
 
 @lru_cache(maxsize=4)
 def _usually_apart(stance: Stance) -> float:
-    """How far the diagonals are apart where all feet stand [m]."""
+    """Return the distance between the diagonals where all feet stand [m]."""
     return _diagonals(stance.feet_in_base)[0]
 
 
 def _diagonals(feet: FloatArray) -> tuple[float, Vector]:
-    """How far the middle of one diagonal is above that of the other [m], and the upward normal of both.
+    """Return the height of the middle of one diagonal above that of the other [m], and the upward normal of both.
 
     Args:
         feet: (4, 3) foot positions FL FR RL RR in the base frame [m].

@@ -35,21 +35,11 @@ class Guard:
     """
 
     def __init__(self, platform: Platform, robot: RobotModel, limits: Limits | None = None) -> None:
-        self._platform, self._loop = platform, RobotLoop(platform, robot, limits)
+        self.control_period, self.joint_names = platform.control_period, platform.joint_names
+        self.accepts = platform.accepts - {TURNS}
+        self._loop = RobotLoop(platform, robot, limits)
         self._recorder = Recorder(platform.joint_names, platform.control_period)
         self._number = 0
-
-    @property
-    def control_period(self) -> float:
-        return self._platform.control_period
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._platform.joint_names
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return self._platform.accepts - {TURNS}
 
     @property
     def phase(self) -> str:

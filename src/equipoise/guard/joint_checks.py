@@ -1,4 +1,4 @@
-"""Whether joints go where they are sent, and motors do what they are told: samples held against the limits."""
+"""Checks of samples: joints follow their targets, and motors give the torques of their commands, within the limits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class JointChecks:
         robot: model of the robot whose joints they are.
         hip_height: hip height that torques scale with [m].
         control_period: time between commands [s].
-        knows_gains: whether the motors run the gains that commands ask for, so that their torques can be foretold.
+        knows_gains: whether the motors run the gains that commands ask for, so that their torques can be predicted.
 
     Attributes:
         at_rest: checks before a robot is moved; they raise MotionError and HealthError.
@@ -175,7 +175,7 @@ class StuckDetector:
     Args:
         joints: number of joints.
         delay: number of control periods by which a joint may be late.
-        window: number of control periods that are looked at.
+        window: number of control periods in a window.
     """
 
     def __init__(self, joints: int, delay: int, window: int) -> None:

@@ -1,4 +1,4 @@
-"""What the checks of a guarded robot go by."""
+"""State on which the checks of a guarded robot depend."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far a guarded robot may go."""
+"""Limits of a guarded robot."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from equipoise.errors import SettingsError
 
 @dataclass(frozen=True)
 class Limits:
-    """What stops a robot, beyond its model's own limits. Each is wide enough that no calibration of a sound robot meets it.
+    """Limits beyond those of the robot's model. Each is wide enough that no calibration of a sound robot reaches it.
 
     In brackets: the most that was met in 26 guarded calibrations of the catalogue's robots (precise and paper, standing and
     lying at first, realistic noise, 10 or 15 % of the robot's mass on top and off centre).

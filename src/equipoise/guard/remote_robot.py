@@ -16,17 +16,16 @@ import time
 from collections.abc import Generator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from equipoise.drivers.catalog import open_second
+from equipoise.drivers.platforms import open_second
 from equipoise.errors import CommunicationError, MotionError
 from equipoise.guard.endings import STILL, STILL_TIME, append_ending
 from equipoise.guard.guard import PUT_DOWN
 from equipoise.guard.limits import Limits
-from equipoise.guard.messages import Batch, End, Ended, Ready, Setup, StopMotion
-from equipoise.guard.pipe import Pipe
+from equipoise.guard.pipe import Batch, End, Ended, Pipe, Ready, Setup
 from equipoise.guard.report import GuardReport
 from equipoise.guard.robot_loop import MotionOrder
 from equipoise.guard.second_connection import SecondConnection
@@ -38,6 +37,7 @@ from equipoise.platform.tilt_limit import TiltLimit
 from equipoise.recording.event import PHASE, Event
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
+from equipoise.recording.run_log import RunLog
 from equipoise.robot.model import RobotModel
 from equipoise.threads import ONE_THREAD
 
@@ -48,18 +48,6 @@ _STOPPED, _SILENT = 0.02, 0.3  # [s] without a message: of a process that is sto
 _FIRST = 5.0  # [s] for the first sample
 _PIECE_TIME = 0.25  # [s] of a motion that are written at once
 _ENDS = 60.0  # [s] for an ending
-
-
-class MotionLog(Protocol):
-    """A log of motions, written while they are played."""
-
-    def begin(self, commands: int, trial: int | None = None) -> None:
-        """Begin a motion of so many commands, which is part of a trial with an id."""
-        ...
-
-    def add(self, piece: Recording) -> None:
-        """Write the next piece of the motion."""
-        ...
 
 
 class RemoteRobot:
@@ -91,7 +79,7 @@ class RemoteRobot:
         platform: str,
         robot: RobotModel,
         given: Mapping[str, Any],
-        log: MotionLog | None = None,
+        log: RunLog | None = None,
         ending_file: Path | None = None,
         limits: Limits | None = None,
         realtime: bool = True,
@@ -194,7 +182,7 @@ class RemoteRobot:
                 self._write_piece(trajectory, whole=False)
                 if asked is not None and asked():
                     asked = None
-                    self._post(StopMotion(self._number))
+                    self._post(self._number)
                 self._raise_waiting_signal(trajectory)
                 if self._ended.is_set():
                     raise self._with_recording(self._trouble or MotionError(PUT_DOWN), trajectory)

@@ -1,19 +1,22 @@
-"""What a guarded run was like."""
+"""Report of a guarded run."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from equipoise.drivers.hardware import LoopTiming
 from equipoise.guard.sample_filter import SampleCounts
-from equipoise.platform.platform import RobotState
+
+if TYPE_CHECKING:
+    from equipoise.drivers.hardware import LoopTiming
+    from equipoise.platform.platform import RobotState
 
 
 @dataclass
 class GuardReport:
-    """What a guarded run was like.
+    """Report of a guarded run.
 
     Attributes:
         samples: counts of samples that arrived.

@@ -64,7 +64,7 @@ class MotionOrder:
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """What happened in one control period.
+    """Events of one control period.
 
     Attributes:
         motion: number of the motion to which the command belongs; 0: none.
@@ -291,17 +291,17 @@ class RobotLoop:
 
     @property
     def watched(self) -> bool:
-        """Whether commands and samples are checked: not any more while the robot is damped."""
+        """Return whether commands and samples are checked: not while the robot is damped."""
         return self.ending is None or not self.ending.unsound
 
     @property
     def waits(self) -> bool:
-        """Whether nothing is to be done: time passes on this platform only when it is stepped, and no motion is asked for."""
+        """Return whether nothing has to be done: time passes only when the platform is stepped, and no motion is requested."""
         return self.state is not None and not self.clocked and self.motion is None and self.ending is None
 
     @property
     def clocked(self) -> bool:
-        """Whether the robot's time passes by itself: simulated platforms give no time of arrival."""
+        """Return whether the robot's time passes without steps: simulated platforms give no time of arrival."""
         return self.state is not None and self.state.received is not None
 
     @property

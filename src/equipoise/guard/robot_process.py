@@ -19,12 +19,11 @@ import warnings
 from typing import Any
 
 from equipoise import _version
-from equipoise.drivers.catalog import for_platform, open_platform
 from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.drivers.platforms import for_platform, open_platform
 from equipoise.errors import CommunicationError, EquipoiseError, MotionError, OverrunError
 from equipoise.guard.endings import append_ending
-from equipoise.guard.messages import Batch, End, Ended, Ready, Setup, StopMotion
-from equipoise.guard.pipe import Pipe
+from equipoise.guard.pipe import Batch, End, Ended, Pipe, Ready, Setup
 from equipoise.guard.robot_loop import MotionOrder, RobotLoop, Tick
 from equipoise.platform.platform import Platform
 from equipoise.platform.realtime import claim_real_time
@@ -101,7 +100,7 @@ class RobotProcess:
             if isinstance(order, MotionOrder):
                 self._begun = order.number
                 loop.move(order)
-            elif isinstance(order, StopMotion) and loop.motion is not None and loop.motion.number == order.number:
+            elif isinstance(order, int) and loop.motion is not None and loop.motion.number == order:
                 loop.stop_motion()
             elif isinstance(order, End) and order.request:
                 loop.obey(order.request, "the operator")

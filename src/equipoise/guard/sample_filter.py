@@ -1,4 +1,4 @@
-"""Lets through samples that can be believed: fresh, in order, numbers, and not frozen."""
+"""Filter of plausible samples: fresh, in order, numbers, and not frozen."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class SampleFilter:
         return fresh
 
     def _look(self, sample: RobotState) -> bool:
-        """Whether a sample says something new; counts it."""
+        """Count a sample; return whether it is new."""
         last = self._last
         imu = sample.time if sample.imu_time is None else sample.imu_time
         new_joints, new_imu = sample.time > self._joints, imu > self._imu

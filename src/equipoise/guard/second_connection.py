@@ -21,7 +21,7 @@ _AGAIN = 1.0  # [s] after which a connection over which nothing goes out is open
 
 
 class SecondConnection:
-    """A connection beside that of the robot process.
+    """A second connection to the robot of the robot process.
 
     Args:
         robot: model of the robot.

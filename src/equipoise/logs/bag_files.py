@@ -11,12 +11,12 @@ METADATA = "metadata.yaml"
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path looks like a bag: a folder of one of ROS 2, or one of its files."""
+    """Return whether a path looks like a bag: a folder of a ROS 2 bag, or one of its files."""
     if path.is_dir():
         return (path / METADATA).exists() or bool(bag_files(path))
     return path.suffix.lower() in SUFFIXES
 
 
 def bag_files(path: Path) -> list[Path]:
-    """Files of a bag of ROS 2 in a folder; none if the path is no folder."""
+    """Return the files of a ROS 2 bag in a folder; none if the path is not a folder."""
     return sorted(file for file in path.glob("*") if file.suffix in _PARTS) if path.is_dir() else []

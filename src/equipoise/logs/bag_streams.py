@@ -16,8 +16,8 @@ from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.errors import RecordingError
 from equipoise.logs.cdr_arrays import Messages, read_messages
-from equipoise.logs.log import RawImu, RawJoints
 from equipoise.logs.message_types import COMMANDS, IMU, JOINT_STATE, MOTOR_NAMES, STATES
+from equipoise.logs.raw_log import RawImu, RawJoints
 from equipoise.logs.stamps import Stamps
 from equipoise.recording.recording import read_only
 from equipoise.robot.model import LEG_NAMES
@@ -143,21 +143,21 @@ def _imus(topic: GatheredTopic, of: Messages) -> Arrays:
 
 
 def _whole_states(topic: GatheredTopic, of: Messages) -> Arrays:
-    called = STATES[topic.type]
-    if f"{called.motors}.0.q" not in of.numbers:
+    motors, torque, imu, foot_force = STATES[topic.type]
+    if f"{motors}.0.q" not in of.numbers:
         raise RecordingError(
             f"the {topic.type} of {topic.topic} hold no motors: its robot publishes them elsewhere, if at all"
         )
-    arrays: Arrays = {("gyroscope", ""): of.numbers[f"{called.imu}.gyroscope"]}
-    arrays["accelerometer", ""] = of.numbers[f"{called.imu}.accelerometer"]
-    for quantity, field in zip(_OF_JOINTS, ("q", "dq", called.torque), strict=True):
-        arrays |= _of_motors(quantity, of, f"{called.motors}.{{}}.{field}")
+    arrays: Arrays = {("gyroscope", ""): of.numbers[f"{imu}.gyroscope"]}
+    arrays["accelerometer", ""] = of.numbers[f"{imu}.accelerometer"]
+    for quantity, field in zip(_OF_JOINTS, ("q", "dq", torque), strict=True):
+        arrays |= _of_motors(quantity, of, f"{motors}.{{}}.{field}")
     if "stamp.sec" in of.numbers:  # as some recorders add them
         arrays["header", ""] = _stamps(of, "stamp")
     if "tick" in of.numbers:
         arrays["ticks", ""] = of.numbers["tick"]
-    if called.foot_force in of.numbers:
-        arrays["foot_force", ""] = of.numbers[called.foot_force][:, [MOTOR_LEGS.index(leg) for leg in LEG_NAMES]]
+    if foot_force in of.numbers:
+        arrays["foot_force", ""] = of.numbers[foot_force][:, [MOTOR_LEGS.index(leg) for leg in LEG_NAMES]]
     return arrays
 
 

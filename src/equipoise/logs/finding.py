@@ -1,4 +1,4 @@
-"""What is noticed in a log, in words."""
+"""Findings in a log, in words."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ def map_joints(robot: RobotModel, log_joints: Sequence[str], given: Mapping[str,
 
 
 def map_by_order(robot: RobotModel, legs: Sequence[str], motors: Sequence[str]) -> JointMap:
-    """Of a robot whose messages have no names but three motors a leg, from the hip down, leg after leg.
+    """Map the joints of a robot whose messages have no names but three motors a leg, from the hip down, leg after leg.
 
     Args:
         legs: names of the legs in the order of the messages.
@@ -133,7 +133,7 @@ def map_by_order(robot: RobotModel, legs: Sequence[str], motors: Sequence[str]) 
 
 
 def read_joint_map(path: Path) -> dict[str, str | int]:
-    """What a user says of joints, from a TOML file: the log's name, or its column from 0, by the robot's name.
+    """Read a user's joint map from a TOML file: the log's name, or its column from 0, by the robot's name.
 
     Raises:
         SettingsError: the file is missing or holds something else.

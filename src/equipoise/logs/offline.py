@@ -12,9 +12,9 @@ from equipoise.estimator.diagnostics.screening import screen_log
 from equipoise.estimator.measurements.scale_reading import check_mass_of
 from equipoise.estimator.unknowns import Priors
 from equipoise.logs.finding import LogFinding
-from equipoise.logs.log import Log, rate
 from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import LogSegment, find_segments, usable
+from equipoise.logs.raw_log import Log, rate
 from equipoise.precise.method import Precise
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import CrawlTrial, LiftTrial, PostureTrial, WalkTrial
@@ -29,7 +29,7 @@ _SLOW_JOINTS, _SLOW_IMU = 80.0, 80.0  # [Hz] on an A1
 
 @dataclass(frozen=True, eq=False)
 class LogReport:
-    """What a log holds.
+    """Contents of a log.
 
     Attributes:
         log: log as it was read.
@@ -63,7 +63,7 @@ class LogEstimate:
 
 
 def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> LogEstimate:
-    """What a log says of the robot, by the precise method.
+    """Estimate the robot's parameters from a log, by the precise method.
 
     Raises:
         LogError: nothing in it can be used, or its sensors cannot be believed; the error carries the report.
@@ -93,9 +93,9 @@ def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> 
 
 
 def _for_what_is_told(method: Precise, recordings: Sequence[Recording]) -> Precise:
-    """The method with a prior of the IMU's mounting as wide as robots have it, unless somebody set one.
+    """Return the method with a prior of the IMU's mounting as wide as robots have it, unless the user set one.
 
-    Planted moves tell it whatever the prior is; a walk hardly does, and its intervals hang on the prior.
+    Planted moves tell it whatever the prior is; a walk hardly does, and its intervals depend on the prior.
     """
     usual = Priors().imu_tilt
     told = any(isinstance(one.trial, PostureTrial) for one in recordings)
@@ -156,7 +156,7 @@ def _judged(segments: list[LogSegment], result: Calibration) -> tuple[LogSegment
 
 
 def _not_told(result: Calibration, report: LogReport, method: Precise) -> list[str]:
-    """What the result does not know, causes first."""
+    """Return what the log does not determine, causes first."""
     used = [segment for segment in report.segments if segment.used and segment.recording is not None]
     trials = [segment.recording.trial for segment in used if segment.recording is not None]
     diagonals = {trial.diagonal for trial in trials if isinstance(trial, LiftTrial)}

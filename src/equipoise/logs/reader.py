@@ -10,9 +10,9 @@ from typing import Protocol, cast, runtime_checkable
 from equipoise.errors import EquipoiseError, MissingDependencyError, RecordingError, SettingsError
 from equipoise.logs import bag_files
 from equipoise.logs.bag_files import is_bag
-from equipoise.logs.log import Log, RawLog, assemble
+from equipoise.logs.raw_log import Log, RawLog, assemble
 from equipoise.logs.tables import files
-from equipoise.logs.tables.columns import Columns
+from equipoise.logs.tables.column_names import Columns
 from equipoise.logs.topics import Topics
 from equipoise.plugins import Table
 from equipoise.robot.model import RobotModel
@@ -48,11 +48,11 @@ READERS: Table[LogReader] = Table(
         **dict.fromkeys((suffix.removeprefix(".") for suffix in files.SUFFIXES), _TABLES),
     },
 )
-"""By suffix, without the dot."""
+"""Readers by suffix, without the dot."""
 
 
 def is_log(path: Path) -> bool:
-    """Whether a path looks like a log of a kind that can be read."""
+    """Return whether a path looks like a log of a kind that can be read."""
     return is_bag(path) or (path.is_file() and _suffix(path) in READERS)
 
 
@@ -106,7 +106,7 @@ def read_log(
 
 
 def _read(reader: LogReader, path: Path, robot: RobotModel, topics: Topics) -> RawLog:
-    """What a reader finds; whatever it raises, the error is ours."""
+    """Return what a reader finds; whatever it raises becomes an error of ours."""
     try:
         raw = cast("object", reader(path, robot, topics))
     except EquipoiseError:

@@ -26,8 +26,8 @@ from equipoise.logs.bag_files import METADATA, ROS1, bag_files
 from equipoise.logs.bag_streams import GatheredTopic
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import map_by_order
-from equipoise.logs.log import RawLog
 from equipoise.logs.message_types import MOTOR_NAMES, STATES, known_types, store_of
+from equipoise.logs.raw_log import RawLog
 from equipoise.logs.stamps import common_times
 from equipoise.logs.topics import Topics, choose_topics, nothing_to_read
 from equipoise.recording.mcap_reader import Message, MessageReader

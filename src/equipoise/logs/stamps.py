@@ -24,7 +24,7 @@ _OVERLAP = 0.5  # of the shorter stream that must lie within the other
 
 @dataclass(frozen=True, eq=False)
 class Stamps:
-    """When the messages of a topic were made.
+    """Times of the messages of a topic.
 
     Attributes:
         topic: name of the topic.
@@ -39,7 +39,7 @@ class Stamps:
     ticks: IntArray
 
     def why_not_header(self) -> str | None:
-        """What speaks against the messages' own stamps, or None."""
+        """Return why the messages' own stamps are not used, or None."""
         if not self.header.size:
             return "its messages have no stamps"
         if not self.header.any():  # the first may well be: simulated clocks start there

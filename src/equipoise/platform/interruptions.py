@@ -25,7 +25,7 @@ class Terminated(KeyboardInterrupt):
 
 
 class Interruptions:
-    """What signals do while a robot is under command.
+    """Effects of signals while a robot is under command.
 
     As a rule they raise: KeyboardInterrupt, or `Terminated`. Within `held`, a motion, the first one waits until `check` is
     called: an exception in the middle of it would leave lists half done. Within `noted`, the ending, they interrupt nothing.

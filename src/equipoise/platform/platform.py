@@ -15,7 +15,7 @@ from equipoise.recording.recording import Event, Recording
 
 @dataclass(frozen=True, eq=False)
 class JointCommand:
-    """What the joints should do during the next control period. None leaves a value to the platform.
+    """Command of the joints for the next control period. None leaves a value to the platform.
 
     Attributes:
         position: (nj,) position targets in the model's joint order [rad].
@@ -33,7 +33,7 @@ class JointCommand:
 
     @property
     def limp(self) -> bool:
-        """Whether the joints only resist being moved."""
+        """Return whether the joints only resist being moved."""
         return self.kp is not None and not self.kp.any()
 
     @classmethod
@@ -43,21 +43,32 @@ class JointCommand:
             position, kp=np.zeros_like(position), kd=np.broadcast_to(np.asarray(kd, dtype=float), position.shape)
         )
 
+    def table(self, kp: FloatArray | float, kd: FloatArray | float) -> FloatArray:
+        """Return (5, nj) positions, velocities, torques, kp and kd.
+
+        Args:
+            kp, kd: gains where the command has none [Nm/rad], [Nm s/rad]; velocities and torques are zero there.
+        """
+        zeros = np.zeros_like(self.position)
+        given = (self.position, self.velocity, self.torque, self.kp, self.kd)
+        own = (zeros, zeros, zeros, zeros + kp, zeros + kd)
+        return np.array([default if row is None else row for row, default in zip(given, own, strict=True)])
+
     def held(self) -> JointCommand:
         """Return the command that stays where this one leads."""
         return self if self.velocity is None else replace(self, velocity=None)
 
 
 ACCEPTS_EVERYTHING = frozenset({"velocity", "torque", "gains"})
-"""Of a platform that heeds all that a command can hold."""
+"""`accepts` of a platform that uses all that a command can hold."""
 
 TURNS = "turn"
-"""In `accepts`: in a motion's phase "turn" the robot is turned to face the other way, and nobody has to do it."""
+"""In `accepts`: in a motion's phase "turn" the platform itself turns the robot to face the other way."""
 
 
 @dataclass(frozen=True, eq=False)
 class Health:
-    """How the robot is, besides its motion. What is missing on a robot is None.
+    """Condition of the robot. A value that the robot does not report is None.
 
     Attributes:
         motor_temperature: (nj,) motor temperatures in the model's joint order [deg C].
@@ -74,7 +85,7 @@ class Health:
 
 @dataclass(frozen=True, eq=False)
 class RobotState:
-    """What the robot's sensors say at one moment. What is missing on a robot is None.
+    """Readings of the robot's sensors at one moment. A value that the robot does not report is None.
 
     Attributes:
         time: time by the robot's clock [s].
@@ -157,8 +168,8 @@ class Platform(Protocol):
     Attributes:
         control_period: time between commands [s].
         joint_names: names of the joints, in the order of every joint vector.
-        accepts: those of "velocity", "torque" and "gains" that it heeds in commands, the others it leaves aside; and "turn" if
-            it is turned by itself in a motion's phase of that name.
+        accepts: those of "velocity", "torque" and "gains" that it uses of commands, the others are ignored; and "turn" if
+            the platform turns the robot in a motion's phase of that name.
     """
 
     @property

@@ -1,4 +1,4 @@
-"""How anything that a robot is sent goes from one value to another."""
+"""Ramps of commands."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from equipoise.conventions import FloatArray
 
 
 def smooth_step(count: int) -> FloatArray:
-    """(count,) values from just above 0 to 1, with velocity and acceleration zero at both ends (minimum jerk)."""
+    """Return (count,) values from just above 0 to 1, with velocity and acceleration zero at both ends (minimum jerk)."""
     s = np.arange(1, count + 1) / count
     return s**3 * (10 - 15 * s + 6 * s**2)

@@ -1,4 +1,4 @@
-"""A run that was interrupted, gone on with: its routine begins anew and is given what was recorded while that lasts.
+"""An interrupted run that is resumed: its routine begins again and is given the recordings as long as there are any.
 
 Decisions depend on recordings alone, so the routine asks for the same motions again. In simulation they are played again, so
 that the simulated robot, too, is where it was. A real robot stands still meanwhile.

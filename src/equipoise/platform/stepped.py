@@ -24,7 +24,7 @@ class SteppedPlatform(ABC):
     Attributes:
         control_period: time between commands [s].
         joint_names: names of the robot's leg joints, in the model's order, which every joint vector has.
-        accepts: those of "velocity", "torque" and "gains" that it heeds in commands besides positions.
+        accepts: those of "velocity", "torque" and "gains" that it uses of commands besides positions.
     """
 
     control_period: float

@@ -47,12 +47,6 @@ class Recorder:
     def count(self) -> int:
         return len(self._sent)
 
-    def observe(self, samples: Iterable[RobotState]) -> None:
-        """Take samples of a robot that no motion moves; those of a short pause are recorded with the next motion."""
-        self._waiting += samples
-        if len(self._waiting) > 1 and self._waiting[0].time < self._waiting[-1].time - _PAUSE:
-            self._waiting = [s for s in self._waiting if s.time >= self._waiting[-1].time - _PAUSE]
-
     def restart(self) -> None:
         """Forget all samples but the newest one."""
         self._waiting = self._waiting[-1:]
@@ -65,13 +59,20 @@ class Recorder:
             self._waiting = self._waiting[-1:]
         self._rows, self._targets, self._sent = [], [], []
 
-    def add(self, target: FloatArray, sent: float | None, samples: Iterable[RobotState]) -> None:
-        """Note a command and the samples that arrived after it.
+    def take(self, target: FloatArray | None, sent: float | None, samples: Iterable[RobotState]) -> None:
+        """Take one control period: a command, and the samples that arrived after it.
 
         Args:
-            target: (nj,) joint position targets [rad].
-            sent: time at which it was sent, by this computer's monotonic clock [s]; None in simulation.
+            target: (nj,) joint position targets of the present motion [rad]; None: no motion moves the robot, and only the
+                samples of a short pause are recorded with the next one.
+            sent: time at which the command was sent, by this computer's monotonic clock [s]; None in simulation.
+            samples: samples that arrived.
         """
+        if target is None:
+            self._waiting += samples
+            if len(self._waiting) > 1 and self._waiting[0].time < self._waiting[-1].time - _PAUSE:
+                self._waiting = [s for s in self._waiting if s.time >= self._waiting[-1].time - _PAUSE]
+            return
         self._sent.append(self._by_robot_clock(sent))
         self._rows.append(self._waiting)
         self._targets.append(target)
@@ -80,13 +81,6 @@ class Recorder:
     def recorded(self, events: tuple[Event, ...] = ()) -> Recording | None:
         """Return the present motion so far, or None if no command was sent."""
         return self.recording(events) if self.count else None
-
-    def take(self, target: FloatArray | None, sent: float | None, samples: Iterable[RobotState]) -> None:
-        """Take one control period: with a target of the present motion as `add`, without one as `observe`."""
-        if target is None:
-            self.observe(samples)
-        else:
-            self.add(target, sent, samples)
 
     def recording(self, events: tuple[Event, ...] = (), first: int = 0) -> Recording:
         """Return the commands from one on, and their samples; times of events count from the motion's begin [s]."""
@@ -120,14 +114,14 @@ def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit
         MotionInterrupted: Ctrl-C; carries the recording so far.
     """
     recorder = Recorder(platform.joint_names, platform.control_period)
-    recorder.observe([platform.read()])
+    recorder.take(None, None, [platform.read()])
     test = TiltTest(stop, platform.control_period)
     try:
         for index in range(len(trajectory.position)):
             command = trajectory.command(index)
             sent = time.monotonic()
             state = platform.step(command)
-            recorder.add(command.position, None if state.received is None else sent, [state])
+            recorder.take(command.position, None if state.received is None else sent, [state])
             if test.reached(state.angular_velocity_in_imu[None], state.joint_position[None]):
                 break
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""When a motion on two feet is stopped: the robot has tipped far enough, or is about to tip farther than it may.
+"""Limit at which a motion on two feet is stopped: the robot has tipped far enough, or is about to tip too far.
 
 The lean of the CoM about the line between the feet, since the motion began, is linear in what the sensors tell:
 
@@ -25,14 +25,14 @@ class TiltLimit:
 
     Attributes:
         angle: lean that counts, either way [rad].
-        axis_in_imu: (3,) axis of the lean in the IMU frame. On two feet a robot also yaws on its soft legs; that is no
+        axis_in_imu: (3,) axis of the lean in the IMU frame. On two feet a robot also yaws on its soft legs; that is not a
             tilt.
         joints: (nj,) share of each joint's motion in the lean; empty: none.
         horizon: time by which the rate is multiplied where it counts [s].
         spin: share of the base's own angular velocity in the rate.
         bounds: limits of lean plus horizon times rate [rad].
         window: time over which the lean is differentiated [s].
-        told: function that says whether somebody has ended the motion by a word; None: nobody is asked.
+        told: function that returns whether the operator has ended the motion; None: the operator is not asked.
     """
 
     angle: float
@@ -62,7 +62,7 @@ class TiltTest:
             self._past = np.zeros(max(1, round(limit.window / control_period)))
 
     def reached(self, angular_velocity_in_imu: FloatArray, joint_position: FloatArray) -> bool:
-        """Whether the limit is reached in any of the next samples.
+        """Return whether the limit is reached in any of the next samples.
 
         Args:
             angular_velocity_in_imu: (n, 3) angular velocity in the IMU frame [rad/s].

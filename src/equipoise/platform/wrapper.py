@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 from equipoise.platform.platform import JointCommand, Platform, RobotState, TiltLimit, Trajectory
+from equipoise.platform.stepped import SteppedPlatform
 from equipoise.recording.recording import Recording
 
 
-class PlatformWrapper:
+class PlatformWrapper(SteppedPlatform):
     """Does what the platform inside does; those that inherit do something besides."""
 
     def __init__(self, inner: Platform) -> None:
         self._inner = inner
-
-    @property
-    def control_period(self) -> float:
-        return self._inner.control_period
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._inner.joint_names
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return self._inner.accepts
+        self.control_period, self.joint_names, self.accepts = inner.control_period, inner.joint_names, inner.accepts
 
     def read(self) -> RobotState:
         return self._inner.read()
@@ -35,9 +25,3 @@ class PlatformWrapper:
 
     def close(self) -> None:
         self._inner.close()
-
-    def __enter__(self) -> PlatformWrapper:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()

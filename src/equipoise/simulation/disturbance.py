@@ -1,4 +1,4 @@
-"""What can happen to a simulated robot from outside: a cable pulls, somebody pushes it."""
+"""Forces on a simulated robot from outside: a cable, a push."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class Disturbance:
         self.push(np.zeros(3))
 
     def push(self, force_in_world: FloatArray) -> None:
-        """Push the base at its CoM with a (3,) force [N], beside its cable's, until told otherwise."""
+        """Push the base at its CoM with a (3,) force [N] besides its cable's, until the next call."""
         self.wrench[self._base, :3] = self._cable_in_world + force_in_world
 
     @property
     def spec(self) -> int:
-        """What of the engine's input a rollout must be told."""
+        """Return which of the engine's inputs a rollout needs."""
         control, pushed = int(mujoco.mjtState.mjSTATE_CTRL), int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
         return control | pushed if self.wrench.any() else control
 

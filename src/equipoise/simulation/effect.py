@@ -1,8 +1,8 @@
-"""What an effect is: one way in which a simulated robot differs from its model file, as a row of the table in `effects.py`."""
+"""Effects: the ways in which a simulated robot differs from its model file, each a row of the table in `effects.py`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,72 +15,37 @@ ROW = "effect"
 """Key of a row among the metadata of its field."""
 
 
-@dataclass(frozen=True)
-class PartOfRobot:
-    """A kind of part of which each has its own drawn value.
+PARTS: Mapping[str, Callable[[int], int]] = {
+    "robot": lambda joints: 1,
+    "joint": lambda joints: joints,
+    "joint, two directions": lambda joints: 2 * joints,
+    "leg link, along and twice across": lambda joints: 3 * joints,
+    "kind of leg link": lambda joints: max(joints // 4, 1),
+    "kind of leg link, along and twice across": lambda joints: 3 * max(joints // 4, 1),
+    "leg": lambda joints: 4,
+    "leg, three axes": lambda joints: 12,
+    "axis": lambda joints: 3,
+    "pair of axes": lambda joints: 6,
+}
+"""Parts of which each has its own drawn value: number of them, of a robot with so many leg joints."""
 
-    Attributes:
-        name: name of it in words.
-        count: number of them, of a robot with so many leg joints.
-    """
+LAWS: Mapping[str, Callable[[np.random.Generator, float, int], FloatArray]] = {
+    "exact": lambda generator, size, count: np.full(count, size),
+    "rms": lambda generator, size, count: size * generator.standard_normal(count),
+    "rms of a factor's logarithm": lambda generator, size, count: np.exp(size * generator.standard_normal(count)),
+    "half width": lambda generator, size, count: size * generator.uniform(-1, 1, count),
+    "exact, its direction drawn": lambda generator, size, count: generator.uniform(0, 2 * np.pi, count),  # angles [rad]
+}
+"""Meaning of a size, and the values that a generator draws with it, as many as there are parts."""
 
-    name: str
-    count: Callable[[int], int]
-
-
-ROBOT = PartOfRobot("robot", lambda joints: 1)
-JOINT = PartOfRobot("joint", lambda joints: joints)
-JOINT_DIRECTION = PartOfRobot("joint, two directions", lambda joints: 2 * joints)
-LINK_DIRECTION = PartOfRobot("leg link, along and twice across", lambda joints: 3 * joints)
-LINK_KIND = PartOfRobot("kind of leg link", lambda joints: max(joints // 4, 1))
-LINK_KIND_DIRECTION = PartOfRobot("kind of leg link, along and twice across", lambda joints: 3 * max(joints // 4, 1))
-LEG = PartOfRobot("leg", lambda joints: 4)
-LEG_DIRECTION = PartOfRobot("leg, three axes", lambda joints: 12)
-AXIS = PartOfRobot("axis", lambda joints: 3)
-AXIS_PAIR = PartOfRobot("pair of axes", lambda joints: 6)
-
-
-@dataclass(frozen=True)
-class Law:
-    """How the values of one robot follow from a size.
-
-    Attributes:
-        name: meaning of the size, in words.
-        draw: function of a generator, the size and how many there are, that gives their values.
-    """
-
-    name: str
-    draw: Callable[[np.random.Generator, float, int], FloatArray]
-
-
-EXACT = Law("exact", lambda generator, size, count: np.full(count, size))
-NORMAL = Law("rms", lambda generator, size, count: size * generator.standard_normal(count))
-FACTOR = Law(
-    "rms of a factor's logarithm", lambda generator, size, count: np.exp(size * generator.standard_normal(count))
-)
-UNIFORM = Law("half width", lambda generator, size, count: size * generator.uniform(-1, 1, count))
-AZIMUTH = Law("exact, its direction drawn", lambda generator, size, count: generator.uniform(0, 2 * np.pi, count))
-"""The values are angles, whatever the size [rad]."""
-
-
-@dataclass(frozen=True)
-class Magnitude:
-    """Factor of an effect's size on a robot other than an A1.
-
-    Attributes:
-        name: name of it in words; empty: it is the same on all robots.
-        of: function that gives the factor.
-    """
-
-    name: str
-    of: Callable[[Scale], float]
-
-
-SAME = Magnitude("", lambda scale: 1.0)
-TORQUE = Magnitude("torque", lambda scale: scale.torque)
-LENGTH = Magnitude("length", lambda scale: scale.length)
-MASS = Magnitude("mass", lambda scale: scale.torque / scale.length)
-STIFFNESS = Magnitude("force over length", lambda scale: scale.torque / scale.length**2)
+MEASURES: Mapping[str, Callable[[Scale], float]] = {
+    "": lambda scale: 1.0,
+    "torque": lambda scale: scale.torque,
+    "length": lambda scale: scale.length,
+    "mass": lambda scale: scale.torque / scale.length,
+    "force over length": lambda scale: scale.torque / scale.length**2,
+}
+"""Quantity with which an effect's size grows, and its factor on a robot other than an A1; "": the same on all robots."""
 
 ALL_ENGINES = ("mujoco", "dart")
 MUJOCO = ("mujoco",)
@@ -93,15 +58,15 @@ class Effect:
     Attributes:
         meaning: noun phrase, with sign and frame.
         unit: SI unit; empty for a fraction.
-        each: parts of the robot that have one each, as its joints.
-        law: law by which values are drawn.
+        each: part of the robot that has one each, of `PARTS`.
+        law: law by which values are drawn, of `LAWS`.
         source: reason for the size.
         name: name in code, in settings and as a flag.
         realistic: size in the preset `realistic`, on an A1.
         stress: size in the preset `stress`, on an A1; default: that in `realistic`.
-        alone: size that it is tried with by itself, on an A1; default: that in `stress`.
-        none: size at which there is no such effect.
-        measure: quantity that the size grows with.
+        alone: size that it is tried with alone, on an A1; default: that in `stress`.
+        none: size without such an effect.
+        measure: quantity that the size grows with, of `MEASURES`.
         inverse: whether a larger number is a smaller effect, as a spring's stiffness is.
         varied: whether studies vary it; what a robot cannot be without is not.
         engines: engines that have it.
@@ -109,18 +74,31 @@ class Effect:
 
     meaning: str
     unit: str
-    each: PartOfRobot
-    law: Law
+    each: str
+    law: str
     source: str
     name: str = ""
     realistic: float = 0.0
     stress: float | None = None
     alone: float | None = None
     none: float = 0.0
-    measure: Magnitude = SAME
+    measure: str = ""
     inverse: bool = False
     varied: bool = True
     engines: tuple[str, ...] = ALL_ENGINES
+
+    def __post_init__(self) -> None:
+        assert self.each in PARTS
+        assert self.law in LAWS
+        assert self.measure in MEASURES
+
+    def drawn(self, generator: np.random.Generator, size: float, joints: int) -> FloatArray:
+        """Return the values of a robot with so many leg joints."""
+        return LAWS[self.law](generator, size, PARTS[self.each](joints))
+
+    def scaled(self, size: float, scale: Scale) -> float:
+        """Return the size on a robot of a scale, given that on an A1."""
+        return size * MEASURES[self.measure](scale)
 
     @property
     def in_stress(self) -> float:
@@ -129,11 +107,11 @@ class Effect:
 
     @property
     def by_itself(self) -> float:
-        """Size that it is tried with by itself, on an A1."""
+        """Return the size that it is tried with alone, on an A1."""
         return self.in_stress if self.alone is None else self.alone
 
     def amount(self, size: float) -> float:
-        """How large the effect is at a size: of a spring or a filter, one over it."""
+        """Return the amount of the effect at a size: of a spring or a filter, one over it."""
         if not self.inverse:
             return float(size)
         return 1 / size if size else 0.0
@@ -145,7 +123,7 @@ class Effect:
         return size / factor if factor else self.none
 
 
-def effect(meaning: str, unit: str, each: PartOfRobot, law: Law, source: str, **more: Any) -> Any:
+def effect(meaning: str, unit: str, each: str, law: str, source: str, **more: Any) -> Any:
     """A row of the table as a field; the arguments are those of `Effect`."""
     row = Effect(meaning, unit, each, law, source, **more)
     return field(default=row.none, metadata={ROW: row})

@@ -20,35 +20,11 @@ import numpy as np
 
 from equipoise.errors import SettingsError, did_you_mean
 from equipoise.robot.scale import Scale
-from equipoise.simulation.effect import (
-    AXIS,
-    AXIS_PAIR,
-    AZIMUTH,
-    EXACT,
-    FACTOR,
-    JOINT,
-    JOINT_DIRECTION,
-    LEG,
-    LEG_DIRECTION,
-    LENGTH,
-    LINK_DIRECTION,
-    LINK_KIND,
-    LINK_KIND_DIRECTION,
-    MASS,
-    MUJOCO,
-    NORMAL,
-    ROBOT,
-    ROW,
-    STIFFNESS,
-    TORQUE,
-    UNIFORM,
-    Effect,
-    effect,
-)
+from equipoise.simulation.effect import MUJOCO, ROW, Effect, effect
 
 Noise = Literal["ideal", "realistic", "stress"]
 Contacts = Literal["own", "file"]
-"""How feet touch the floor: as the effects say, or as the model file does."""
+"""Law of contacts between feet and floor: that of the effects, or that of the model file."""
 
 _JIG = "calibration jigs, by hand"
 _BUS = "a sample of a 500 Hz bus is up to 2 ms old"
@@ -70,197 +46,203 @@ class SensorErrors:
     """
 
     encoder_noise: float = effect(
-        "noise of the encoders", "rad", JOINT, NORMAL, _SHEET, realistic=0.3e-3,
+        "noise of the encoders", "rad", "joint", "rms", _SHEET, realistic=0.3e-3,
     )  # fmt: skip
     joint_zero: float = effect(
-        "encoder reading less joint position", "rad", JOINT, NORMAL, _JIG, realistic=5e-3, stress=10e-3,
+        "encoder reading less joint position", "rad", "joint", "rms", _JIG, realistic=5e-3, stress=10e-3,
     )  # fmt: skip
     joint_velocity_noise: float = effect(
-        "noise of the joint velocities", "rad/s", JOINT, NORMAL, "encoders, differentiated on the motor boards",
+        "noise of the joint velocities", "rad/s", "joint", "rms", "encoders, differentiated on the motor boards",
         realistic=0.03,
     )  # fmt: skip
-    gyro_noise: float = effect("noise of the gyroscope", "rad/s", AXIS, NORMAL, _SHEET, realistic=3e-3)
-    gyro_bias: float = effect("bias of the gyroscope, in the IMU frame", "rad/s", AXIS, NORMAL, _SHEET, realistic=2e-3)
-    accelerometer_noise: float = effect("noise of the accelerometer", "m/s2", AXIS, NORMAL, _SHEET, realistic=0.05)
+    gyro_noise: float = effect("noise of the gyroscope", "rad/s", "axis", "rms", _SHEET, realistic=3e-3)
+    gyro_bias: float = effect("bias of the gyroscope, in the IMU frame", "rad/s", "axis", "rms", _SHEET, realistic=2e-3)
+    accelerometer_noise: float = effect("noise of the accelerometer", "m/s2", "axis", "rms", _SHEET, realistic=0.05)
     accelerometer_bias: float = effect(
-        "bias of the accelerometer, in the IMU frame", "m/s2", AXIS, NORMAL, _SHEET, realistic=0.03,
+        "bias of the accelerometer, in the IMU frame", "m/s2", "axis", "rms", _SHEET, realistic=0.03,
     )  # fmt: skip
     imu_tilt: float = effect(
-        "rotation vector of the IMU in the frame where it should be", "rad", AXIS, NORMAL, _JIG,
+        "rotation vector of the IMU in the frame where it should be", "rad", "axis", "rms", _JIG,
         realistic=5e-3, stress=10e-3,
     )  # fmt: skip
     torque_noise: float = effect(
-        "noise of the reported joint torques", "Nm", JOINT, NORMAL, "current sensors", realistic=0.2, measure=TORQUE,
+        "noise of the reported joint torques", "Nm", "joint", "rms", "current sensors", realistic=0.2, measure="torque",
     )  # fmt: skip
     coulomb_friction: float = effect(
-        "Coulomb friction of a joint", "Nm", ROBOT, EXACT, f"{_FRICTION}; half as much again when cold",
-        realistic=0.3, stress=0.45, measure=TORQUE,
+        "Coulomb friction of a joint", "Nm", "robot", "exact", f"{_FRICTION}; half as much again when cold",
+        realistic=0.3, stress=0.45, measure="torque",
     )  # fmt: skip
     viscous_friction: float = effect(
-        "viscous friction of a joint", "Nm s/rad", ROBOT, EXACT, f"{_FRICTION}; half as much again when cold",
-        realistic=0.05, stress=0.075, measure=TORQUE,
+        "viscous friction of a joint", "Nm s/rad", "robot", "exact", f"{_FRICTION}; half as much again when cold",
+        realistic=0.05, stress=0.075, measure="torque",
     )  # fmt: skip
     armature: float = effect(
-        "rotor inertia seen at a joint", "kg m2", ROBOT, EXACT, "motors with a gear ratio of six to ten",
-        realistic=0.01, measure=TORQUE,
+        "rotor inertia seen at a joint", "kg m2", "robot", "exact", "motors with a gear ratio of six to ten",
+        realistic=0.01, measure="torque",
     )  # fmt: skip
     torque_gain: float = effect(
-        "true over reported torque, less one", "", JOINT, NORMAL, "magnets and windings differ", realistic=0.03,
+        "true over reported torque, less one", "", "joint", "rms", "magnets and windings differ", realistic=0.03,
     )  # fmt: skip
     leg_mass: float = effect(
-        "mass, first moment and inertia of a leg link over the model's, less one", "", JOINT, NORMAL, _SCREWS,
+        "mass, first moment and inertia of a leg link over the model's, less one", "", "joint", "rms", _SCREWS,
         realistic=0.03,
     )  # fmt: skip
     command_delay: float = effect(
-        "time from sending a command until it acts", "s", ROBOT, EXACT, _BUS, realistic=2e-3,
+        "time from sending a command until it acts", "s", "robot", "exact", _BUS, realistic=2e-3,
     )  # fmt: skip
-    sensor_delay: float = effect("time from sensing until the time stamp", "s", ROBOT, EXACT, _BUS, realistic=2e-3)
+    sensor_delay: float = effect("time from sensing until the time stamp", "s", "robot", "exact", _BUS, realistic=2e-3)
     imu_clock_offset: float = effect(
-        "time by which IMU samples are younger than joint samples of the same stamp", "s", ROBOT, EXACT, _BUS,
+        "time by which IMU samples are younger than joint samples of the same stamp", "s", "robot", "exact", _BUS,
         realistic=0.5e-3, stress=0.0,
     )  # fmt: skip
     floor_friction: float = effect(
-        "friction coefficient of the floor", "", ROBOT, EXACT, "rubber on a dusty floor", realistic=0.8, none=1.0,
+        "friction coefficient of the floor", "", "robot", "exact", "rubber on a dusty floor", realistic=0.8, none=1.0,
         varied=False,
     )  # fmt: skip
     floor_slope: float = effect(
-        "angle between gravity and the floor's normal", "rad", ROBOT, AZIMUTH, "a floor", realistic=5e-3,
+        "angle between gravity and the floor's normal", "rad", "robot", "exact, its direction drawn",
+        "a floor", realistic=5e-3,
     )  # fmt: skip
 
     springs: float = effect(
-        "stiffness of the spring between a motor's encoder and the link", "Nm/rad", ROBOT, EXACT,
+        "stiffness of the spring between a motor's encoder and the link", "Nm/rad", "robot", "exact",
         "gear and shank of a 12 kg robot bend by some mrad under 10 Nm; not measured, the softest guess of this table",
-        stress=3000.0, measure=TORQUE, inverse=True, engines=MUJOCO,
+        stress=3000.0, measure="torque", inverse=True, engines=MUJOCO,
     )  # fmt: skip
     spring_spread: float = effect(
-        "stiffness of a joint's spring over that of all", "", JOINT, FACTOR, "shanks and gears differ by joint",
-        stress=0.2, engines=MUJOCO,
+        "stiffness of a joint's spring over that of all", "", "joint", "rms of a factor's logarithm",
+        "shanks and gears differ by joint", stress=0.2, engines=MUJOCO,
     )  # fmt: skip
     backlash: float = effect(
-        "play between a motor's encoder and the link, from stop to stop", "rad", ROBOT, EXACT, "0.1 deg: a planetary gear",
-        stress=float(np.deg2rad(0.1)), engines=MUJOCO,
+        "play between a motor's encoder and the link, from stop to stop", "rad", "robot", "exact",
+        "0.1 deg: a planetary gear", stress=float(np.deg2rad(0.1)), engines=MUJOCO,
     )  # fmt: skip
     rotor_spin: float = effect(
         "spin of the rotors in the links that carry them, as a fraction of the armature: one over the gear ratio", "",
-        ROBOT, EXACT, "every geared motor; a ratio of nine", stress=1 / 9, engines=MUJOCO,
+        "robot", "exact", "every geared motor; a ratio of nine", stress=1 / 9, engines=MUJOCO,
     )  # fmt: skip
     friction_spread: float = effect(
-        "Coulomb and viscous friction of a joint over those of all", "", JOINT, FACTOR, "temperature, seals", stress=0.3,
+        "Coulomb and viscous friction of a joint over those of all", "", "joint", "rms of a factor's logarithm",
+        "temperature, seals", stress=0.3,
     )  # fmt: skip
     load_friction: float = effect(
-        "friction of a joint over the torque of its motor", "", ROBOT, EXACT, "teeth under load", stress=0.04,
+        "friction of a joint over the torque of its motor", "", "robot", "exact", "teeth under load", stress=0.04,
     )  # fmt: skip
     stribeck: float = effect(
-        "Coulomb friction at rest over that in motion, less one", "", ROBOT, EXACT, "grease at rest", alone=0.3,
+        "Coulomb friction at rest over that in motion, less one", "", "robot", "exact", "grease at rest", alone=0.3,
     )  # fmt: skip
     leg_mass_common: float = effect(
-        "mass, first moment and inertia of all leg links over the model's, less one", "", ROBOT, NORMAL,
+        "mass, first moment and inertia of all leg links over the model's, less one", "", "robot", "rms",
         f"{_SCREWS}; files are wrong in common", stress=0.05,
     )  # fmt: skip
     leg_com_common: float = effect(
-        "shift of the CoM of all leg links of a kind", "m", LINK_KIND_DIRECTION, NORMAL, _CAD, stress=4e-3, measure=LENGTH,
+        "shift of the CoM of all leg links of a kind", "m", "kind of leg link, along and twice across", "rms",
+        _CAD, stress=4e-3, measure="length",
     )  # fmt: skip
     leg_com: float = effect(
-        "shift of the CoM of a leg link", "m", LINK_DIRECTION, NORMAL, _CAD, stress=3e-3, measure=LENGTH,
+        "shift of the CoM of a leg link", "m", "leg link, along and twice across", "rms",
+        _CAD, stress=3e-3, measure="length",
     )  # fmt: skip
     leg_inertia: float = effect(
-        "inertia of a leg link about its CoM over what its mass makes it, less one", "", JOINT, NORMAL,
+        "inertia of a leg link about its CoM over what its mass makes it, less one", "", "joint", "rms",
         "solids of one density in CAD", alone=0.1,
     )  # fmt: skip
     leg_length_common: float = effect(
-        "length of all thighs or of all calves, less the model's", "m", LINK_KIND, NORMAL, _WORN, stress=0.7e-3,
-        measure=LENGTH,
+        "length of all thighs or of all calves, less the model's", "m", "kind of leg link", "rms", _WORN, stress=0.7e-3,
+        measure="length",
     )  # fmt: skip
     leg_length: float = effect(
-        "length of a thigh or a calf, less the model's", "m", JOINT, NORMAL, _WORN, stress=0.7e-3, measure=LENGTH,
+        "length of a thigh or a calf, less the model's", "m", "joint", "rms", _WORN, stress=0.7e-3, measure="length",
     )  # fmt: skip
     hip_position: float = effect(
-        "position of a leg's first joint, less the model's, in base axes", "m", LEG_DIRECTION, NORMAL, "tolerances",
-        stress=0.7e-3, measure=LENGTH,
+        "position of a leg's first joint, less the model's, in base axes", "m", "leg, three axes", "rms", "tolerances",
+        stress=0.7e-3, measure="length",
     )  # fmt: skip
     foot_radius: float = effect(
-        "radius of a foot, less the model's", "m", LEG, NORMAL, "rubber wears", stress=1e-3, measure=LENGTH,
+        "radius of a foot, less the model's", "m", "leg", "rms", "rubber wears", stress=1e-3, measure="length",
     )  # fmt: skip
     joint_axes: float = effect(
-        "tilt of a joint's axis, about two directions across it", "rad", JOINT_DIRECTION, NORMAL, "bores and bearings",
-        alone=5e-3,
+        "tilt of a joint's axis, about two directions across it", "rad", "joint, two directions", "rms",
+        "bores and bearings", alone=5e-3,
     )  # fmt: skip
     foot_stiffness: float = effect(
-        "stiffness of a foot and the floor under it", "N/m", ROBOT, EXACT, _RUBBER, stress=30e3, measure=STIFFNESS,
+        "stiffness of a foot and the floor under it", "N/m", "robot", "exact",
+        _RUBBER, stress=30e3, measure="force over length",
         inverse=True, engines=MUJOCO,
     )  # fmt: skip
     rolling_friction: float = effect(
-        "rolling friction of a foot: the largest moment over the normal force", "m", ROBOT, EXACT,
-        f"{_RUBBER}: the patch that it stands on", stress=0.3e-3, measure=LENGTH, engines=MUJOCO,
+        "rolling friction of a foot: the largest moment over the normal force", "m", "robot", "exact",
+        f"{_RUBBER}: the patch that it stands on", stress=0.3e-3, measure="length", engines=MUJOCO,
     )  # fmt: skip
     torsional_friction: float = effect(
-        "torsional friction of a foot: the largest moment over the normal force", "m", ROBOT, EXACT,
-        f"{_RUBBER}: the patch that it stands on", stress=4e-3, measure=LENGTH, engines=MUJOCO,
+        "torsional friction of a foot: the largest moment over the normal force", "m", "robot", "exact",
+        f"{_RUBBER}: the patch that it stands on", stress=4e-3, measure="length", engines=MUJOCO,
     )  # fmt: skip
     floor_friction_spread: float = effect(
-        "friction coefficient of the floor, less the usual one", "", ROBOT, UNIFORM, "rubber on floors of all kinds",
-        stress=0.2, varied=False,
+        "friction coefficient of the floor, less the usual one", "", "robot", "half width",
+        "rubber on floors of all kinds", stress=0.2, varied=False,
     )  # fmt: skip
     foothold_height: float = effect(
-        "height of the floor under a foot", "m", LEG, NORMAL, "a floor", stress=1e-3, measure=LENGTH, engines=MUJOCO,
+        "height of the floor under a foot", "m", "leg", "rms", "a floor", stress=1e-3, measure="length", engines=MUJOCO,
     )  # fmt: skip
     torque_gain_common: float = effect(
-        "true over reported torque of all motors, less one", "", ROBOT, NORMAL, _MOTORS, stress=0.05,
+        "true over reported torque of all motors, less one", "", "robot", "rms", _MOTORS, stress=0.05,
     )  # fmt: skip
     gyro_gain: float = effect(
-        "gyroscope's gain, less one", "", AXIS, NORMAL, f"{_SHEET}: 1 to 3 % uncalibrated", stress=5e-3,
+        "gyroscope's gain, less one", "", "axis", "rms", f"{_SHEET}: 1 to 3 % uncalibrated", stress=5e-3,
     )  # fmt: skip
     gyro_misalignment: float = effect(
-        "share of another axis's rate in the gyroscope's reading", "", AXIS_PAIR, NORMAL, _SHEET, stress=2e-3,
+        "share of another axis's rate in the gyroscope's reading", "", "pair of axes", "rms", _SHEET, stress=2e-3,
     )  # fmt: skip
     gyro_turn: float = effect(
-        "rotation vector of the gyroscope in the accelerometer's frame", "rad", AXIS, NORMAL, _SHEET, stress=5e-3,
+        "rotation vector of the gyroscope in the accelerometer's frame", "rad", "axis", "rms", _SHEET, stress=5e-3,
     )  # fmt: skip
     imu_position: float = effect(
-        "position of the IMU, less the model's, in base axes", "m", AXIS, NORMAL, "boards and drawings", alone=2e-3,
+        "position of the IMU, less the model's, in base axes", "m", "axis", "rms", "boards and drawings", alone=2e-3,
     )  # fmt: skip
     accelerometer_gain: float = effect(
-        "accelerometer's gain, less one", "", AXIS, NORMAL, f"{_SHEET}: 0.3 to 1 % uncalibrated", stress=3e-3,
+        "accelerometer's gain, less one", "", "axis", "rms", f"{_SHEET}: 0.3 to 1 % uncalibrated", stress=3e-3,
     )  # fmt: skip
     gyro_drift: float = effect(
-        "change of the gyroscope's bias in two minutes", "rad/s", AXIS, NORMAL, "an IMU that warms up", alone=2e-3,
+        "change of the gyroscope's bias in two minutes", "rad/s", "axis", "rms", "an IMU that warms up", alone=2e-3,
     )  # fmt: skip
     imu_filter: float = effect(
-        "cut-off frequency of the IMU's low pass, a Butterworth filter of second order", "Hz", ROBOT, EXACT,
+        "cut-off frequency of the IMU's low pass, a Butterworth filter of second order", "Hz", "robot", "exact",
         "on-board filters", stress=100.0, inverse=True,
     )  # fmt: skip
     imu_latency: float = effect(
-        "time by which IMU samples are older than joint samples of the same stamp", "s", ROBOT, EXACT, "on-board filters",
-        stress=2e-3,
+        "time by which IMU samples are older than joint samples of the same stamp", "s", "robot", "exact",
+        "on-board filters", stress=2e-3,
     )  # fmt: skip
     sample_rate: float = effect(
-        "rate of the samples; none: each control period has one", "Hz", ROBOT, EXACT, "logs and buses of 100 to 200 Hz",
-        alone=200.0, inverse=True,
+        "rate of the samples; none: each control period has one", "Hz", "robot", "exact",
+        "logs and buses of 100 to 200 Hz", alone=200.0, inverse=True,
     )  # fmt: skip
     jitter: float = effect(
-        "time stamp of a sample, less when it was read", "s", ROBOT, NORMAL, "DDS, UDP", stress=0.2e-3,
+        "time stamp of a sample, less when it was read", "s", "robot", "rms", "DDS, UDP", stress=0.2e-3,
     )  # fmt: skip
-    lost_samples: float = effect("share of the samples that are lost", "", ROBOT, EXACT, "DDS, UDP", stress=3e-3)
+    lost_samples: float = effect("share of the samples that are lost", "", "robot", "exact", "DDS, UDP", stress=3e-3)
     encoder_eccentricity: float = effect(
-        "amplitude of an encoder's error over a turn of the joint", "rad", JOINT, AZIMUTH,
+        "amplitude of an encoder's error over a turn of the joint", "rad", "joint", "exact, its direction drawn",
         "a magnet beside its axis", alone=3e-3,
     )  # fmt: skip
     cable: float = effect(
-        "constant horizontal force on the base, fixed in the room", "N", ROBOT, AZIMUTH, "half a metre of Ethernet",
-        stress=0.15,
+        "constant horizontal force on the base, fixed in the room", "N", "robot", "exact, its direction drawn",
+        "half a metre of Ethernet", stress=0.15,
     )  # fmt: skip
     swinging_load: float = effect(
-        "mass of a load that swings under the base, on 0.1 m of string times the robot's length over an A1's", "kg", ROBOT,
-        EXACT, "a plug, a lanyard", alone=0.1, measure=MASS, engines=MUJOCO,
+        "mass of a load that swings under the base, on 0.1 m of string times the robot's length over an A1's", "kg", "robot",
+        "exact", "a plug, a lanyard", alone=0.1, measure="mass", engines=MUJOCO,
     )  # fmt: skip
     sling: float = effect(
         "stiffness of a safety sling above the base, slack by 5 mm at the stance times the robot's length over an A1's",
-        "N/m", ROBOT, EXACT, "a crane that was lowered too little", alone=1e3, measure=STIFFNESS, engines=MUJOCO,
+        "N/m", "robot", "exact",
+        "a crane that was lowered too little", alone=1e3, measure="force over length", engines=MUJOCO,
         varied=False,
     )  # fmt: skip
     foot_width: float = effect(
-        "half width of feet that are cylinders across the leg", "m", ROBOT, EXACT, "feet of rubber hose or of printed plates",
-        alone=6e-3, measure=LENGTH, engines=MUJOCO, varied=False,
+        "half width of feet that are cylinders across the leg", "m", "robot", "exact",
+        "feet of rubber hose or of printed plates", alone=6e-3, measure="length", engines=MUJOCO, varied=False,
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -295,21 +277,22 @@ class SensorErrors:
 
     def scaled_to(self, scale: Scale) -> SensorErrors:
         """An A1's effects on a robot of another size: each grows with what its row says."""
-        rows = [row for row in self.rows() if row.measure.name]
-        return dataclasses.replace(self, **{row.name: getattr(self, row.name) * row.measure.of(scale) for row in rows})
+        return dataclasses.replace(
+            self, **{r.name: r.scaled(getattr(self, r.name), scale) for r in self.rows() if r.measure}
+        )
 
     def having(self, effects: Mapping[str, float | None], scale: Scale) -> SensorErrors:
-        """With these effects besides, or of other sizes.
+        """Return the sizes with these effects added, or of other sizes.
 
         Args:
-            effects: size by name, taken as it is; None: what it is tried with by itself, on a robot of that scale.
+            effects: size by name, taken as it is; None: the size that it is tried with alone, on a robot of that scale.
             scale: scale of the robot.
 
         Raises:
-            SettingsError: there is no such effect, or the size means nothing.
+            SettingsError: the effect is not known, or the size means nothing.
         """
         rows = {name: self.row(name) for name in effects}
-        usual = {name: row.by_itself * row.measure.of(scale) for name, row in rows.items()}
+        usual = {name: row.scaled(row.by_itself, scale) for name, row in rows.items()}
         return dataclasses.replace(self, **{n: usual[n] if size is None else size for n, size in effects.items()})
 
     def without(self, names: Iterable[str]) -> SensorErrors:
@@ -335,10 +318,10 @@ _MOST_LOST = 0.5
 
 
 def read_effects(texts: Iterable[str]) -> dict[str, float | None]:
-    """Effects with their sizes from "springs=3000,cable"; None: no size is given.
+    """Read effects with their sizes from "springs=3000,cable"; None: no size is given.
 
     Raises:
-        SettingsError: there is no such effect, or the size is no number.
+        SettingsError: the effect is not known, or the size is not a number.
     """
     read: dict[str, float | None] = {}
     for word in read_names(texts):
@@ -369,6 +352,6 @@ REALISTIC = SensorErrors(**{row.name: row.realistic for row in SensorErrors.rows
 """An A1's values, for a robot with the A1's m g h."""
 
 STRESS = SensorErrors(**{row.name: row.in_stress for row in SensorErrors.rows()})
-"""What ordinary robots have all at once, on an A1; more than the estimator is told of."""
+"""Effects that ordinary robots have all at once, on an A1; more than the estimator knows of."""
 
 PRESETS: dict[Noise, SensorErrors] = {"ideal": IDEAL, "realistic": REALISTIC, "stress": STRESS}

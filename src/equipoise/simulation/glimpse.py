@@ -1,4 +1,4 @@
-"""What a bystander sees of a simulated robot, and the robot itself does not feel."""
+"""True state of a simulated robot, which its own sensors do not measure."""
 
 from __future__ import annotations
 

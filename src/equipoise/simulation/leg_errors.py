@@ -1,4 +1,4 @@
-"""How the legs of a simulated robot differ from the model's, drawn effects told in the axes of their links."""
+"""Differences of a simulated robot's legs from the model's: drawn effects in the axes of their links."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from equipoise.conventions import FloatArray
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.simulation.sensors import DrawnErrors
+from equipoise.simulation.drawn_errors import DrawnErrors
 
 _MOST_WORN = 0.5  # of a foot's radius: some is left
 _PARALLEL = 0.9  # cosine beyond which a link points forward, and "across" begins with up
@@ -19,7 +19,7 @@ _PARALLEL = 0.9  # cosine beyond which a link points forward, and "across" begin
 
 @dataclass(frozen=True, eq=False)
 class LegErrors:
-    """What moves in a leg, in the axes of the link that it belongs to; along a link is towards the next joint or the foot.
+    """Shifts in a leg, in the axes of the link that they belong to; along a link is towards the next joint or the foot.
 
     Attributes:
         com_shift: (nj, 3) shift of the CoM of the link that each joint moves, in that link's axes [m].
@@ -37,7 +37,7 @@ class LegErrors:
 
     @property
     def any_moved(self) -> bool:
-        """Whether any joint, foot or axis is elsewhere."""
+        """Return whether any joint, foot or axis is elsewhere."""
         return bool(self.end_shift.any() or self.hip_shift.any() or self.axis_turn.any())
 
     @classmethod

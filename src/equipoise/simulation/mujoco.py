@@ -138,7 +138,7 @@ class MujocoPlatform(SimulatedPlatform):
         return states[0], sensors[0]
 
     def _stepped(self, initial: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same, step by step: for what has to be set anew before each."""
+        """Do the same, step by step: for what has to be set before each."""
         data, model = self._data, self._model
         states, sensors = np.empty((len(control), initial.size)), np.empty((len(control), model.nsensordata))
         warm = np.array(data.qacc_warmstart)

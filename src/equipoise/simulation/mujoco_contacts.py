@@ -11,10 +11,10 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import BELLY_RATIO, Stance
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import Contacts
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_drive import as_a_spring
-from equipoise.simulation.sensors import DrawnErrors
 
 FLOOR = "equipoise_floor"
 # Tangential stiffness over normal stiffness of contacts: MuJoCo's soft contacts creep at 1, and a foot that creeps by
@@ -141,7 +141,7 @@ def _dimensions(errors: DrawnErrors) -> int:
 
 
 def _of_the_file(spec: mujoco.MjSpec, robot: RobotModel) -> dict[str, dict[str, Any]]:
-    """By leg, contact parameters of the sphere that the file has where the foot is; it may belong to a body fixed to the link.
+    """Return by leg the contact parameters of the file's sphere at the foot; it may belong to a body fixed to the link.
 
     Args:
         spec: the file's bodies and shapes, before anything is added.

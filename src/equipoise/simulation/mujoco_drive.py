@@ -1,4 +1,4 @@
-"""What gives and rubs in the simulated robot in MuJoCo: springs and play behind motors, friction that load and rest change."""
+"""Springs and play behind motors of the simulated robot in MuJoCo, and friction that depends on load and rest."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
-from equipoise.simulation.sensors import DrawnErrors
+from equipoise.simulation.drawn_errors import DrawnErrors
 
 _TEETH = 10.0  # stiffness of the stops of a play without springs, over that of the springs in `stress`
 
@@ -66,7 +66,7 @@ def add_springs(spec: mujoco.MjSpec, robot: RobotModel, errors: DrawnErrors, arm
 
 
 def has_springs(errors: DrawnErrors) -> bool:
-    """Whether anything gives between motors and links."""
+    """Return whether anything gives between motors and links."""
     return bool(errors.sizes.springs or errors.sizes.backlash)
 
 
@@ -102,7 +102,7 @@ def set_stops(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors, sca
 
 
 class ChangingFriction:
-    """Friction of joints that depends on the motors' torques and on their speeds: it is set anew before each engine step.
+    """Friction of joints that depends on the motors' torques and on their speeds: it is set before each engine step.
 
     That is half of what such a robot costs: what it reads of the model are views, and no step looks for them.
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_contacts import foot_name
-from equipoise.simulation.sensors import DrawnErrors
 
 Ids = NDArray[np.intp]
 

@@ -17,13 +17,13 @@ from equipoise.errors import ModelError, SettingsError
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
 from equipoise.robot.stance import Stance
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import Contacts
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_contacts import CONTACT_TIME, IMPEDANCE, IMPRATIO, add_contacts, soften_feet
 from equipoise.simulation.mujoco_drive import add_springs, has_springs, set_springs, set_stops
 from equipoise.simulation.mujoco_legs import add_rotor_spin, change_legs
 from equipoise.simulation.payload import Payload
-from equipoise.simulation.sensors import DrawnErrors
 
 IMU_SITE = "equipoise_imu"
 ACCELEROMETER = "equipoise_accelerometer"
@@ -143,7 +143,7 @@ def build_simulated_robot(
 
 
 def set_options(spec: mujoco.MjSpec, timestep: float) -> None:
-    """How the engine moves on; damping is not its integrator's (`set_joints` says why).
+    """Set the options of the engine; damping is not its integrator's (`set_joints` says why).
 
     A robot is one tree: searching it at each step for islands, which MuJoCo does since 3.3.6, finds one.
 
@@ -261,7 +261,7 @@ def _linear(value: float, like: Any) -> Any:
 
 
 def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
-    """Remove joints that are no leg's, with their links turned to where they are held."""
+    """Remove joints that do not belong to a leg, with their links turned to where they are held."""
     if not robot.held:
         return
     compiled = spec.compile()

@@ -1,4 +1,4 @@
-"""What the robot in MuJoCo really weighs and does: computed from the engine's model, by no code that an estimator uses."""
+"""True parameters and states of the robot in MuJoCo: computed from the engine's model, without code of the estimators."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from equipoise.simulation.mujoco_model import SWINGING_LOAD, SimulatedRobot
 
 
 def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position: FloatArray) -> RobotInertia:
-    """The truth at a stance, payload and leg errors included; `robot` only tells which joints are knees.
+    """The truth at a stance, payload and leg errors included; `robot` only determines which joints are knees.
 
     The base's frame is the one that the hips define. Springs are unbent. A load that swings is part of the base, and where its
     string hangs, for there it pulls.
@@ -47,7 +47,7 @@ def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position
 
 
 def link_truth(robot: RobotModel, simulated: SimulatedRobot) -> dict[str, dict[str, float]]:
-    """Mass, first moment about its joint and length of each moving leg link by its name; `robot` tells which they are."""
+    """Mass, first moment about its joint and length of each moving leg link by its name; `robot` determines which they are."""
     model = simulated.links
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -80,7 +80,7 @@ def _sum(model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.bool_]) 
 
 
 class MujocoWitness:
-    """Sees what the simulated robot really does, beside the platform: for judging, never for control.
+    """Ground truth of the simulated robot, besides its platform: for evaluation, never for control.
 
     Args:
         present: state of the engine that the platform moves.

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.platform.platform import RobotState
-from equipoise.simulation.sensors import DrawnErrors
+from equipoise.simulation.drawn_errors import DrawnErrors
 
 _LARGEST_JITTER = 0.4  # of a control period: samples keep their order
 _ORDER = 2  # of the IMU's low pass
@@ -43,7 +43,7 @@ class Samples:
         """Raw values (n, 3 nj + 6) at consecutive engine steps, with the IMU's behind its filter.
 
         Args:
-            keep: whether the steps have happened, and are not only looked at.
+            keep: whether the steps have happened, and are not only predicted.
         """
         if self._sections is None:
             return raw
@@ -121,7 +121,7 @@ class Samples:
         return there
 
     def state(self, sample: FloatArray, period: int) -> RobotState:
-        """What the robot says in a control period with that (3 nj + 6,) sample; if it is lost, what it said last."""
+        """Return the state in a control period with that (3 nj + 6,) sample; if it is lost, the state before."""
         if self._newest is None or self.arrived(period, 1)[0]:
             self._newest = self._state_of(sample, period)
         return self._newest

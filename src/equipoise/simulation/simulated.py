@@ -1,9 +1,9 @@
-"""What a simulated robot's platform does whatever the engine: commands arrive late, sensors err, motions are recorded."""
+"""Platform of a simulated robot in any engine: commands arrive late, sensors err, motions are recorded."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import Literal, TypeVar
+from abc import abstractmethod
+from typing import Literal
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from equipoise.platform.platform import (
     Trajectory,
 )
 from equipoise.platform.ramp import smooth_step
+from equipoise.platform.stepped import SteppedPlatform
 from equipoise.platform.stepping import started_events
 from equipoise.platform.tilt_limit import TiltLimit, TiltTest
 from equipoise.recording.event import PHASE
@@ -25,11 +26,10 @@ from equipoise.recording.phases import Phase
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, lying_posture
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.samples import Samples
-from equipoise.simulation.sensors import DrawnErrors
 
 Start = Literal["standing", "lying"]
-_Platform = TypeVar("_Platform", bound="SimulatedPlatform")
 
 _SETTLING_TIME = 1.5  # [s] before time zero, so that a calibration does not start with a drop
 _LEAST_KP = 1e-6  # [Nm/rad]: torques act through the gain, also those of a joint without one
@@ -37,7 +37,7 @@ _LEAST_KP = 1e-6  # [Nm/rad]: torques act through the gain, also those of a join
 PERIODS_BETWEEN_STOP_TESTS, _CHUNK = 5, 500
 
 
-class SimulatedPlatform(ABC):
+class SimulatedPlatform(SteppedPlatform):
     """A quadruped in an engine. It shows what hardware shows: encoders, reported torques, gyroscope and accelerometer.
 
     An engine is told one row of joint position targets for each of its steps, and answers with a row of raw sensor values
@@ -61,12 +61,13 @@ class SimulatedPlatform(ABC):
         timestep: float,
         control_period: float,
     ) -> None:
-        self._robot = robot
-        self._errors = errors
+        super().__init__(robot)
+        self._robot, self._errors = robot, errors
         self._own_kp, self._own_kd = kp, kd
         self._kp, self._kd = kp, kd
         self._timestep = timestep
         self._substeps = _whole_steps(control_period, timestep)
+        self.control_period, self.accepts = self._substeps * timestep, ACCEPTS_EVERYTHING | {TURNS}
         self._closed = False
         self._samples = Samples(errors, len(self.joint_names), timestep, self._substeps)
         self._raw_past = np.zeros((0, self._raw_width))
@@ -106,32 +107,14 @@ class SimulatedPlatform(ABC):
     def _base_up(self) -> float:
         """Cosine of the angle between the base's z axis and the floor's normal."""
 
-    @property
-    def control_period(self) -> float:
-        return self._substeps * self._timestep
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._robot.joint_names
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return ACCEPTS_EVERYTHING | {TURNS}
-
     def read(self) -> RobotState:
         raw = np.concatenate([self._raw_past, self._samples.filtered(self._raw_now()[None], keep=False)])
         sample = self._samples.sensed(raw, len(raw) - 1, 1, self._periods)
         return self._samples.state(sample[0], self._periods)
 
     def step(self, command: JointCommand) -> RobotState:
-        velocity, torque = command.velocity, command.torque
         self._set_gains(command.kp, command.kd)
-        trajectory = Trajectory(
-            command.position[None],
-            None if velocity is None else velocity[None],
-            None if torque is None else torque[None],
-        )
-        self._advance(self._control(trajectory))
+        self._advance(self._control(Trajectory.of(command)))
         return self.read()
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
@@ -161,12 +144,6 @@ class SimulatedPlatform(ABC):
 
     def close(self) -> None:
         self._closed = True
-
-    def __enter__(self: _Platform) -> _Platform:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     @property
     def _raw_width(self) -> int:
@@ -224,7 +201,7 @@ class SimulatedPlatform(ABC):
         """Roll the engine forward and return the samples (n, 3 nj + 6) sensed at each control period's start.
 
         Args:
-            turn: angle by which somebody turns the robot meanwhile, which lies [rad].
+            turn: angle by which the robot, which lies, is turned meanwhile [rad].
         """
         first, past = self._periods, len(self._raw_past)
         return self._samples.sensed(self._advance(control, turn), past, len(control) // self._substeps, first)
@@ -270,7 +247,7 @@ class SimulatedPlatform(ABC):
 
 
 def _turns(trajectory: Trajectory) -> FloatArray | None:
-    """(n,) angle by which somebody turns the robot in each control period, half a turn in all [rad]; None: nobody does."""
+    """Return (n,) the angle by which the robot is turned in each control period, half a turn in all [rad]; None: it is not."""
     if not any(event.name == PHASE and event.data.get("name") == Phase.TURN for event in trajectory.events):
         return None
     return np.pi * np.diff(smooth_step(len(trajectory.position)), prepend=0.0)

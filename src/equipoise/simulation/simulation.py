@@ -14,10 +14,10 @@ from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 from equipoise.robot.stance import Stance, nominal_stance
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import PRESETS, Contacts, Noise, SensorErrors
 from equipoise.simulation.glimpse import Glimpse
 from equipoise.simulation.payload import Payload
-from equipoise.simulation.sensors import DrawnErrors
 from equipoise.simulation.simulated import SimulatedPlatform, Start
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Witness(Protocol):
-    """Sees what the simulated robot really does, beside the platform: for judging, never for control."""
+    """Ground truth of the simulated robot, besides its platform: for evaluation, never for control."""
 
     def look(self) -> Glimpse:
         """The present moment."""
@@ -139,7 +139,7 @@ def sizes_of(
     """Sizes of a robot's effects; arguments are those of `simulate`.
 
     Raises:
-        SettingsError: there is no such preset or effect, or it is asked for and left out.
+        SettingsError: the preset or the effect is not known, or it is both enabled and left out.
     """
     if isinstance(noise, str) and noise not in PRESETS:
         raise SettingsError(f"noise {noise!r} is not known; it is one of {', '.join(PRESETS)}, or SensorErrors")

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from equipoise.errors import ColumnsError, OutputError, SettingsError
 from equipoise.logs.joint_names import read_joint_map
-from equipoise.logs.log import Log
+from equipoise.logs.raw_log import Log
 from equipoise.logs.reader import read_log
-from equipoise.logs.tables.columns import Columns
+from equipoise.logs.tables.column_names import Columns
 from equipoise.logs.topics import Topics
 from equipoise.robot.model import RobotModel
 from equipoise.user_file import write_file

@@ -8,7 +8,7 @@ from typing import Any, cast
 from rich.console import Console
 from rich.markup import escape
 
-from equipoise.drivers.catalog import PlatformRow
+from equipoise.drivers.platforms import PlatformRow
 from equipoise.robot.catalog import CatalogRow
 from equipoise.terminal.tables import show_table
 

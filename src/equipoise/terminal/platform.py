@@ -11,9 +11,9 @@ from rich.markup import escape
 
 from equipoise.calibration.rehearsal import Rehearsal
 from equipoise.conventions import FloatArray
-from equipoise.drivers.catalog import DRIVERS
 from equipoise.drivers.checkup import CheckupFinding
-from equipoise.drivers.hanging import HangingPhase
+from equipoise.drivers.motor_boards import HangingPhase
+from equipoise.drivers.platforms import DRIVERS
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from equipoise.errors import EquipoiseError, RecordingError
-from equipoise.logs.log import Log
 from equipoise.logs.motions.segments import find_segments, usable
+from equipoise.logs.raw_log import Log
 from equipoise.recording.mcap_reader import MessageReader
 from equipoise.recording.recording import Recording
 from equipoise.recording.run_log_reader import LogAssembler, check_format, damage_reported, log_files

@@ -11,8 +11,8 @@ from equipoise.errors import SettingsError
 from equipoise.lab.study.variation import LARGEST_SPREAD, SegmentVariation, vary, with_segments
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.mujoco_model import build_simulated_robot
-from equipoise.simulation.sensors import DrawnErrors
 
 SAME = SegmentVariation(1.0, 1.0)
 FORMATS = ["urdf", "mjcf", "a1", "two_jointed", "skewed"]

@@ -1,4 +1,4 @@
-"""What is used of cyclonedds, from whichever version is installed: robots run 0.10, newer Pythons have wheels of 11 only.
+"""Names of cyclonedds, from the version that is installed: robots run 0.10, newer Pythons have wheels of 11 only.
 
 Unitree's uint8 are called `byte` here. On the wire the two are the same; but cyclonedds 11 announces a uint8 as a kind of type
 that 0.10 does not know and crashes at, and a byte as what 0.10, which has no such name, announces for its uint8.
@@ -9,12 +9,12 @@ from __future__ import annotations
 import importlib.util
 import sys
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import Any
 
 from equipoise.errors import MissingDependencyError
 
 INSTALL = "'cyclonedds>=0.10.2,<0.11'" if sys.version_info < (3, 11) else "'cyclonedds>=11,<12'"
-"""What pip has a wheel of, for this Python."""
+"""Requirement for which pip has a wheel, for this Python."""
 
 
 def _why_not(error: Exception) -> str:
@@ -31,8 +31,8 @@ try:
     from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
     from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState, WaitSet
     from cyclonedds.domain import Domain, DomainParticipant
-    from cyclonedds.idl import IdlStruct, types
-    from cyclonedds.idl.types import array, float32, float64, int16, int32, int64, sequence, uint16, uint32
+    from cyclonedds.idl import make_idl_struct, types
+    from cyclonedds.idl.types import array, sequence
     from cyclonedds.pub import DataWriter
     from cyclonedds.qos import Policy, Qos
     from cyclonedds.sub import DataReader
@@ -40,16 +40,16 @@ try:
     from cyclonedds.util import duration
 
     VERSION = version("cyclonedds")
-    if TYPE_CHECKING:
-        from cyclonedds.idl.types import byte
-    else:
-        byte = types.byte if hasattr(types, "byte") else types.uint8
+    _BYTE = types.byte if hasattr(types, "byte") else types.uint8  # pyright: ignore
+    FIELD_TYPES: dict[str, Any] = {
+        "bool": bool, "string": str, "uint8": _BYTE, "int8": _BYTE,
+        **{name: getattr(types, name) for name in ("int16", "uint16", "int32", "uint32", "int64", "float32", "float64")},
+    }  # fmt: skip
 except Exception as error:  # a package that is half there fails as it likes: ImportError, OSError, AttributeError
     raise MissingDependencyError(_why_not(error)) from error
 
 __all__ = [
-    "INSTALL", "VERSION", "BuiltinDataReader", "BuiltinTopicDcpsPublication",
-    "DDSException", "DataReader", "DataWriter", "Domain", "DomainParticipant", "IdlStruct",
-    "InstanceState", "Listener", "Policy", "Qos", "ReadCondition", "SampleState", "Topic", "ViewState", "WaitSet", "array",
-    "byte", "duration", "float32", "float64", "int16", "int32", "int64", "sequence", "uint16", "uint32",
+    "FIELD_TYPES", "INSTALL", "VERSION", "BuiltinDataReader", "BuiltinTopicDcpsPublication", "DDSException", "DataReader",
+    "DataWriter", "Domain", "DomainParticipant", "InstanceState", "Listener", "Policy", "Qos", "ReadCondition",
+    "SampleState", "Topic", "ViewState", "WaitSet", "array", "duration", "make_idl_struct", "sequence",
 ]  # fmt: skip

@@ -2,34 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import socket
 import threading
 import time
 from collections import deque
+from collections.abc import Mapping
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
-from equipoise.drivers.dds.cyclone import (
-    VERSION,
-    BuiltinDataReader,
-    BuiltinTopicDcpsPublication,
-    DataReader,
-    DataWriter,
-    DDSException,
-    Domain,
-    DomainParticipant,
-    IdlStruct,
-    InstanceState,
-    Listener,
-    Policy,
-    Qos,
-    ReadCondition,
-    SampleState,
-    Topic,
-    ViewState,
-    WaitSet,
-    duration,
-)
+from equipoise.drivers.dds import cyclone
 from equipoise.drivers.dds.versions import DiscoveryNotes, check_company, check_version
 from equipoise.errors import CommunicationError, SettingsError
 
@@ -39,10 +22,10 @@ _NOBODY = ("0.0.0.0", "255.255.255.255")
 _MEETING = 0.3  # [s] in which others on the domain have answered; on loopback they take 10 ms
 
 # A best-effort reader matches whatever a robot offers; a reliable writer of the plain encoding whatever it asks for.
-_PLAIN = Policy.DataRepresentation(use_cdrv0_representation=True)
-_READING: Any = Policy.Reliability.BestEffort  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
-_OTHERS: Any = Policy.IgnoreLocal.Participant  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
-_WRITING = Policy.Reliability.Reliable(max_blocking_time=duration(milliseconds=1))
+_PLAIN = cyclone.Policy.DataRepresentation(use_cdrv0_representation=True)
+_READING: Any = cyclone.Policy.Reliability.BestEffort  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+_OTHERS: Any = cyclone.Policy.IgnoreLocal.Participant  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+_WRITING = cyclone.Policy.Reliability.Reliable(max_blocking_time=cyclone.duration(milliseconds=1))
 _KEPT = (
     64  # samples kept until they are taken, the newest: more of them are a flood, which must not delay a control loop
 )
@@ -76,9 +59,43 @@ class RawSample:
     deserialize_key = deserialize
 
 
-def raw(idl_type: type[IdlStruct]) -> type[RawSample]:
-    """A type that is the same on the wire and in discovery, but whose samples are `RawSample`."""
-    return type(idl_type.__name__, (RawSample,), {"__idl__": idl_type.__idl__})
+def raw(message_type: Any) -> type[RawSample]:
+    """Return a type that is the same on the wire and in discovery, but whose samples are `RawSample`."""
+    return type(message_type.__name__, (RawSample,), {"__idl__": message_type.__idl__})
+
+
+def message_types(definitions: Mapping[str, str]) -> tuple[Any, ...]:
+    """Make the DDS types of messages, in the order of their definitions; a field that is not given is zero or empty.
+
+    Args:
+        definitions: fields by "package/Name", as ROS writes them but with commas, as in "float64 x, uint8[3] reserve"; a
+            message stands after those that it contains.
+    """
+    made: dict[str, Any] = {}
+    for full_name, definition in definitions.items():
+        package, name = full_name.split("/")
+        types = {field: _field_type(kind, made) for kind, field in (each.split() for each in definition.split(", "))}
+        message = cyclone.make_idl_struct(name, f"{package}.msg.dds_.{name}_", types, dataclassify=False)
+        for field, kind in types.items():
+            setattr(message, field, dataclasses.field(default_factory=functools.partial(_zero, kind)))
+        made[full_name] = dataclasses.dataclass(message)
+    return tuple(made.values())
+
+
+def _field_type(text: str, made: Mapping[str, Any]) -> Any:
+    name, brackets, count = text.rstrip("]").partition("[")
+    kind = cyclone.FIELD_TYPES[name] if name in cyclone.FIELD_TYPES else made[name]
+    if not brackets:
+        return kind
+    return cyclone.array[kind, int(count)] if count else cyclone.sequence[kind]
+
+
+def _zero(kind: Any) -> Any:
+    """Return the zero of a field's type: a number, an empty text or sequence, or a message or an array of zeros."""
+    [kind] = getattr(kind, "__metadata__", (kind,))
+    if isinstance(kind, type):
+        return kind()
+    return 0 if isinstance(kind, str) else [_zero(kind.subtype) for _ in range(getattr(kind, "length", 0))]
 
 
 class Inbox:
@@ -89,15 +106,18 @@ class Inbox:
     """
 
     def __init__(self, participant: Any, topic: str, sample_type: Any, notes: DiscoveryNotes, own: bool) -> None:
-        qos = Qos(_READING, _PLAIN, Policy.History.KeepLast(_KEPT))
+        qos = cyclone.Qos(_READING, _PLAIN, cyclone.Policy.History.KeepLast(_KEPT))
         if not own:
-            qos = qos + Qos(_OTHERS)
+            qos = qos + cyclone.Qos(_OTHERS)
         self.writers = 0
         self._participant, self._topic, self._notes = participant, topic, notes
-        listener: Any = Listener(on_subscription_matched=self._match)
-        self._reader: Any = DataReader(participant, Topic(participant, topic, sample_type), qos, listener)
-        self._waiting: Any = WaitSet(participant)
-        self._waiting.attach(ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.NotRead))
+        listener: Any = cyclone.Listener(on_subscription_matched=self._match)
+        self._reader: Any = cyclone.DataReader(
+            participant, cyclone.Topic(participant, topic, sample_type), qos, listener
+        )
+        self._waiting: Any = cyclone.WaitSet(participant)
+        unread = cyclone.ViewState.Any | cyclone.InstanceState.Any | cyclone.SampleState.NotRead
+        self._waiting.attach(cyclone.ReadCondition(self._reader, unread))
         self._arrived: deque[tuple[float, Any]] = deque(maxlen=_KEPT)
         self._collecting = threading.Lock()
         self._closed = threading.Event()
@@ -115,7 +135,7 @@ class Inbox:
 
     def names_of_writers(self) -> dict[int, str]:
         """Return the names of the processes that write on the topic, by the handles that samples have of them."""
-        reader: Any = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
+        reader: Any = cyclone.BuiltinDataReader(self._participant, cyclone.BuiltinTopicDcpsPublication)
         return {
             writer.sample_info.instance_handle: self._notes.name_of(writer.participant_key)
             for writer in reader.read(_MOST_WRITERS)
@@ -135,7 +155,7 @@ class Inbox:
 
     def _listen(self) -> None:
         reader, waiting = self._reader, self._waiting
-        patience = duration(seconds=_PATIENCE)
+        patience = cyclone.duration(seconds=_PATIENCE)
         while not self._closed.is_set():
             if waiting.wait(patience) and self._collect(reader) > _FLOOD:
                 time.sleep(_REST)
@@ -163,9 +183,11 @@ class Outbox:
     def __init__(self, participant: Any, topic: str, sample_type: Any) -> None:
         self._topic = topic
         self.readers = 0
-        qos = Qos(_WRITING, _PLAIN, Policy.History.KeepLast(1))
-        listener: Any = Listener(on_publication_matched=self._match)
-        self._writer: Any = DataWriter(participant, Topic(participant, topic, sample_type), qos, listener)
+        qos = cyclone.Qos(_WRITING, _PLAIN, cyclone.Policy.History.KeepLast(1))
+        listener: Any = cyclone.Listener(on_publication_matched=self._match)
+        self._writer: Any = cyclone.DataWriter(
+            participant, cyclone.Topic(participant, topic, sample_type), qos, listener
+        )
 
     def send(self, sample: Any) -> None:
         """Write a sample of the topic's type.
@@ -177,7 +199,7 @@ class Outbox:
             raise CommunicationError(f"{self._topic} is closed; open the link again")
         try:
             self._writer.write(sample)
-        except DDSException as error:
+        except cyclone.DDSException as error:
             raise CommunicationError(f"{self._topic}: the network does not take what is sent ({error})") from error
 
     def close(self) -> None:
@@ -199,8 +221,8 @@ class DdsDomain:
         accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
 
     Raises:
-        SettingsError: there is no such interface, a peer has no address, or the version may crash others and was not asked for
-            by name.
+        SettingsError: the interface does not exist, a peer has no address, or the version may crash others and was not
+            accepted by name.
         CommunicationError: the domain cannot be opened.
 
     Attributes:
@@ -211,7 +233,7 @@ class DdsDomain:
         _check_interface(interface)
         _check_peers(peers)
         if interface != LOOPBACK:
-            check_version(VERSION, accept_cyclonedds)
+            check_version(cyclone.VERSION, accept_cyclonedds)
         self.where, self._accepted = f"domain {domain} on {interface}", accept_cyclonedds
         self._boxes: list[Inbox | Outbox] = []
         self._domain: Any = None
@@ -226,14 +248,14 @@ class DdsDomain:
             raise
 
     def check_company(self) -> None:
-        """Raises SettingsError if a version that is unsafe beside this one has been seen on the domain."""
-        check_company(VERSION, self._accepted, self._notes.processes(), self.where)
+        """Raise SettingsError if a version that is unsafe together with this one has been seen on the domain."""
+        check_company(cyclone.VERSION, self._accepted, self._notes.processes(), self.where)
 
     def _join(self, domain: int, settings: str) -> None:
         try:
-            self._domain = Domain(domain, settings)
-            self._participant = DomainParticipant(domain)
-        except DDSException as error:
+            self._domain = cyclone.Domain(domain, settings)
+            self._participant = cyclone.DomainParticipant(domain)
+        except cyclone.DDSException as error:
             raise CommunicationError(
                 f"DDS {self.where} cannot be opened ({error}): is the interface up, or the domain open in "
                 "this process already?"

@@ -121,13 +121,13 @@ def check_company(installed: str, accepted: str, others: list[DdsProcess], where
 
 
 def _series(version: str) -> str:
-    """What versions that go together have in common: 0.10 of 0.10.5, 11 of 11.0.1."""
+    """Return the series of a version, within which versions are compatible: 0.10 of 0.10.5, 11 of 11.0.1."""
     first, _, rest = version.partition(".")
     return f"{first}.{rest.partition('.')[0]}" if first == "0" else first
 
 
 def _proven() -> str:
-    """How to come by a proven version, for this Python."""
+    """Return instructions for the installation of a proven version, for this Python."""
     if sys.version_info < (3, 11):
         return "Use 0.10: pip install 'cyclonedds==0.10.5'"
     return "Use 0.10: Python 3.10 and pip install 'cyclonedds==0.10.5', or build it (docs/unitree-go2.md)"

@@ -10,11 +10,11 @@ from typing import Any
 
 from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain, Inbox, raw
-from equipoise.drivers.ros2.controllers import controllers_of
-from equipoise.drivers.ros2.messages import Imu, JointState, dds_topic
+from equipoise.drivers.ros2.command_topics import controllers_of
 from equipoise.drivers.ros2.outlook import REMEDY, listeners, stiffness
-from equipoise.drivers.ros2.samples import ImuTopic, JointTopic, StampClock, together
-from equipoise.drivers.ros2.settings import Ros2Settings
+from equipoise.drivers.ros2.ros2_settings import Ros2Settings
+from equipoise.drivers.ros2.ros_messages import Imu, JointState, dds_topic
+from equipoise.drivers.ros2.sensor_topics import ImuTopic, JointTopic, StampClock, together
 from equipoise.errors import CommunicationError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
@@ -34,8 +34,9 @@ class Ros2Connection:
 
     def __init__(self, robot: RobotModel, settings: Ros2Settings) -> None:
         self._robot, self._settings = robot, settings
-        self._joint_names = robot.joint_names
         self._controllers = controllers_of(robot, settings)
+        self.name, self.joint_names = f"ros2 domain {settings.domain} on {settings.interface}", robot.joint_names
+        self.accepts, self.control_period = self._controllers.accepts, 1 / settings.rate
         self._clock = StampClock(settings.stamps == "header")
         self._joints = JointTopic(settings.joint_state_topic, self._clock, robot.joint_names)
         self._imu = ImuTopic(settings.imu_topic, self._clock)
@@ -50,28 +51,12 @@ class Ros2Connection:
         self._opened = time.monotonic()
 
     @property
-    def name(self) -> str:
-        return f"ros2 domain {self._settings.domain} on {self._settings.interface}"
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._joint_names
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return self._controllers.accepts
-
-    @property
-    def control_period(self) -> float:
-        return 1 / self._settings.rate
-
-    @property
     def rejected(self) -> int:
         """Number of messages that arrived and could not be read."""
         return self._joints.damaged + self._imu.damaged
 
     def receive(self) -> list[RobotState]:
-        """As a link's.
+        """Return the samples that have arrived, as a connection does.
 
         Raises:
             CommunicationError: one of the topics has brought nothing since the link was opened, or two robots write on one.
@@ -92,7 +77,7 @@ class Ros2Connection:
         return states
 
     def send(self, command: JointCommand) -> None:
-        """As a link's.
+        """Send a command, as a connection does.
 
         Raises:
             CommunicationError: a topic of commands has no controller that listens.
@@ -107,7 +92,7 @@ class Ros2Connection:
             raise self._nobody(unheard)
 
     def foretell(self) -> list[CheckupFinding]:
-        """What the first command will meet: who listens, and whether the joints are limp that positions are to move."""
+        """Predict the first command: which controllers listen, and whether joints that positions have to move are limp."""
         torque = None if self._joints.newest is None else self._joints.newest.torque
         limp_at_first = self._controllers.limp is not None
         return [listeners(tuple(self._outboxes), self._unheard()), *stiffness(self._robot, torque, limp_at_first)]
@@ -162,7 +147,7 @@ class Ros2Connection:
         if time.monotonic() - self._opened < _PATIENCE:
             return
         if self._joints.others and self._joints.newest is None:
-            raise self._joints.refuse(self._joint_names, self._joints.others)
+            raise self._joints.refuse(self.joint_names, self._joints.others)
         topics = (("JointState", self._joints, self._joint_inbox), ("Imu", self._imu, self._imu_inbox))
         missing = [_silent(kind, topic.topic, inbox) for kind, topic, inbox in topics if topic.newest is None]
         raise CommunicationError(
@@ -172,11 +157,11 @@ class Ros2Connection:
 
 
 def open_connection(robot: RobotModel, settings: Ros2Settings) -> Ros2Connection:
-    """To the robot that the settings name.
+    """Open the connection to the robot that the settings name.
 
     Raises:
-        SettingsError: there is no such interface, `joint_order` is not the model's joints, or the version of cyclonedds is not
-            proven beyond loopback.
+        SettingsError: the interface does not exist, `joint_order` is not the model's joints, or the version of cyclonedds
+            is not proven beyond loopback.
         CommunicationError: the domain cannot be opened.
     """
     return Ros2Connection(robot, settings)

@@ -1,4 +1,4 @@
-"""What the first command will meet at a ROS 2 robot, before one is sent."""
+"""Prediction of the first command to a ROS 2 robot, before one is sent."""
 
 from __future__ import annotations
 
@@ -22,7 +22,12 @@ _NOTHING = 0.03  # of the largest torque that holds the robot up: less is what a
 
 
 def listeners(topics: Collection[str], unheard: Sequence[str]) -> CheckupFinding:
-    """Whether every topic of commands has somebody who listens, of which some are unheard."""
+    """Check that every topic of commands has a reader.
+
+    Args:
+        topics: topics of commands.
+        unheard: those without a reader.
+    """
     if unheard:
         value = f"nobody listens to {', '.join(unheard)}; calibrate will refuse"
         return CheckupFinding("controllers", value, False, REMEDY, serious=True)
@@ -30,7 +35,7 @@ def listeners(topics: Collection[str], unheard: Sequence[str]) -> CheckupFinding
 
 
 def stiffness(robot: RobotModel, torque: FloatArray | None, limp_at_first: bool) -> list[CheckupFinding]:
-    """Whether the joints hold: an active position controller does, hardware that takes gains is limp until they come.
+    """Check that the joints hold: an active position controller does, hardware that takes gains is limp until they come.
 
     Args:
         torque: (nj,) joint torques [Nm], or None, where nothing can be said.

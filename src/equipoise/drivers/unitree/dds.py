@@ -15,10 +15,10 @@ from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain, raw
 from equipoise.drivers.robot_clock import RobotClock
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
-from equipoise.drivers.unitree.messages import LowCmd, LowState
+from equipoise.drivers.unitree.dds_types import LowCmd, LowState
+from equipoise.drivers.unitree.low_level import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, request_of
-from equipoise.drivers.unitree.samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.drivers.unitree.sport import MotionSwitcher, outlook
 from equipoise.errors import CommunicationError, MotionError, OtherCommanderError, SettingsError
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
@@ -39,12 +39,12 @@ _FOLDED = 0.5  # of a leg's length, between hip and foot, when a robot lies
 
 
 class UnitreeDdsConnection:
-    """To a Go2 or a B2: the link of a `HardwarePlatform`.
+    """Connection of a `HardwarePlatform` to a Go2 or a B2.
 
     Args:
         robot: model of a robot with three joints a leg.
         settings: settings of a Go2 or a B2.
-        beside: whether another process has taken the robot over, and this one only speaks where somebody hears it.
+        beside: whether another process has taken the robot over, and this one only sends if a robot receives.
 
     Attributes:
         rejected: number of samples that arrived and were left out: a wrong checksum or length.
@@ -57,6 +57,8 @@ class UnitreeDdsConnection:
 
     def __init__(self, robot: RobotModel, settings: UnitreeDdsSettings, beside: bool = False) -> None:
         self._robot, self._settings, self._beside = robot, settings, beside
+        self.name, self.joint_names = f"{settings.kind} on {settings.interface}", robot.joint_names
+        self.accepts, self.control_period = ACCEPTS_EVERYTHING, CONTROL_PERIOD
         self._joint_of_motor = joints_of_motors(robot, settings.kind)
         self._motor_of_joint = np.argsort(self._joint_of_motor)
         self._own_gains = robot.gains(nominal_stance(robot).hip_height)
@@ -81,24 +83,8 @@ class UnitreeDdsConnection:
         self._others = None if beside else self._domain.inbox(COMMAND_TOPIC, self._sample, own=False)
         self._switcher = MotionSwitcher(self._domain, self.name)
 
-    @property
-    def name(self) -> str:
-        return f"{self._settings.kind} on {self._settings.interface}"
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._robot.joint_names
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return ACCEPTS_EVERYTHING
-
-    @property
-    def control_period(self) -> float:
-        return CONTROL_PERIOD
-
     def receive(self) -> list[RobotState]:
-        """As a link's.
+        """Return the samples that have arrived, as a connection does.
 
         Raises:
             CommunicationError: the robot falls silent, only damaged samples arrive, or several robots send samples.
@@ -115,7 +101,7 @@ class UnitreeDdsConnection:
         return samples
 
     def send(self, command: JointCommand) -> None:
-        """As a link's. Before the first command the robot's own controller lets go of the motors, which takes seconds.
+        """Send a command. Before the first one the robot's own controller releases the motors, which takes seconds.
 
         Raises:
             MotionError: it holds them, and the robot does not lie.
@@ -129,19 +115,13 @@ class UnitreeDdsConnection:
             self._take_over()
         if self._beside and not self._commands.readers:
             raise CommunicationError(f"nobody hears {self.name}: is the robot on, is the cable in?")
-        order, (kp, kd) = self._joint_of_motor, self._own_gains
-        values = zip(
-            ("q", "dq", "tau", "kp", "kd"),
-            (command.position, command.velocity, command.torque, command.kp, command.kd),
-            (0.0, 0.0, 0.0, kp, kd),
-            strict=True,
-        )
-        for name, given, default in values:
-            self._motors[name][:MOTORS] = default if given is None else given[order]
+        table = command.table(*self._own_gains)[:, self._joint_of_motor]
+        for motors, values in zip(self._motors.values(), table, strict=True):
+            motors[:MOTORS] = values
         self._transmit()
 
     def foretell(self) -> list[CheckupFinding]:
-        """What the first command will meet: which controller holds the motors. The question lets go of none."""
+        """Predict the first command: which controller holds the motors. The request releases none."""
         return [outlook(self._switcher, self._settings.release_sport_mode, self._may_let_go())]
 
     def motor_report(self) -> dict[str, list[int]]:
@@ -216,7 +196,7 @@ class UnitreeDdsConnection:
         return self._settings.hanging or self._lies()
 
     def _lies(self) -> bool:
-        """Whether all legs are folded."""
+        """Return whether all legs are folded."""
         if self._newest is None:
             raise MotionError(f"{self.name} must be read before it is commanded: is it lying?")
         kinematics, position = Kinematics(self._robot), self._newest.joint_position
@@ -301,10 +281,10 @@ class UnitreeDdsConnection:
 
 
 def open_connection(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsConnection:
-    """A link to a Go2 or a B2, which one the settings say."""
+    """Open the connection to a Go2 or a B2; the settings determine which."""
     return UnitreeDdsConnection(robot, settings)
 
 
 def open_beside(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsConnection:
-    """The same, for a watchdog: `drivers/catalog.py` says what that is."""
+    """Open the second connection, as `open_second` of `drivers/platforms.py` describes it."""
     return UnitreeDdsConnection(robot, settings, beside=True)

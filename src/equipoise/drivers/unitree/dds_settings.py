@@ -1,17 +1,17 @@
-"""What can be set about the link to a Unitree Go2 or B2."""
+"""Settings of the connection to a Unitree Go2 or B2."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-from equipoise.drivers.settings import check_range
+from equipoise.drivers.platform_settings import check_range
 from equipoise.errors import SettingsError
 
 
 @dataclass(frozen=True)
 class UnitreeDdsSettings:
-    """How a Go2 is reached.
+    """Settings of the connection to a Go2.
 
     Attributes:
         interface: network interface of this computer, that the robot's cable is in; "lo" for a simulated robot.
@@ -49,7 +49,7 @@ class UnitreeDdsSettings:
 
 @dataclass(frozen=True)
 class UnitreeB2Settings(UnitreeDdsSettings):
-    """How a B2 is reached; it speaks as a Go2 does."""
+    """Settings of the connection to a B2, which has the messages of a Go2."""
 
     motor_mode: int = 10
 

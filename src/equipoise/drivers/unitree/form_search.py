@@ -1,17 +1,16 @@
-"""Which form of its packets a robot speaks: it is asked in one after the other, and its answer tells."""
+"""Search for the form of a robot's packets: it is asked in one after the other, and its answer determines the form."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from equipoise.drivers.unitree.formats import PacketFormat
-from equipoise.drivers.unitree.packets import Damage, SensorReadings, read_state
+from equipoise.drivers.unitree.packet_formats import PacketFormat
+from equipoise.drivers.unitree.packets import DAMAGES, Damage, SensorReadings, read_state
 
 _TURN = 0.25  # [s] that a form is asked in
 _QUIET = (
     0.05  # [s] at its end without asking, so that an answer belongs to one form; on a cable it takes less than 1 ms
 )
-_SERIOUSNESS = (Damage.LENGTH, Damage.HEAD, Damage.CHECKSUM)  # the later, the nearer a packet is to a good one
 
 
 class FormSearch:
@@ -56,12 +55,12 @@ class FormSearch:
         """A state, or what is wrong with it; of forms that are not ruled out, by the one that fits best."""
         if self.learnt is not None:
             return self._read(self.learnt, data)
-        read = [self._read(name, data) for name in self._names]
-        return max((damage for damage in read if isinstance(damage, Damage)), key=_SERIOUSNESS.index)
+        read = (self._read(name, data) for name in self._names)
+        return DAMAGES[max(DAMAGES.index(damage) for damage in read if not isinstance(damage, SensorReadings))]
 
     def _read(self, name: str, data: bytes) -> SensorReadings | Damage:
         return read_state(self._forms[name], data, self._check)
 
     def _asked_in(self, moment: float) -> str:
-        """What was asked in last before a moment; who was not asked was asked by somebody before us: in the likeliest form."""
+        """Return the form that was asked in last before a moment; the likeliest one if another program asked before."""
         return next((name for began, name in reversed(self._turns) if began <= moment), self._names[0])

@@ -1,24 +1,24 @@
 """The low-level packets of the Unitree A1 and Go1, as the driver writes and reads them.
 
-What is held against packets of the makers' SDKs and what is not, `equipoise.drivers.unitree.formats` says.
+What is held against packets of the makers' SDKs and what is not, `equipoise.drivers.unitree.packet_formats` says.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.crc import crc32_words
-from equipoise.drivers.unitree.formats import PacketFormat
 from equipoise.drivers.unitree.motors import MOTORS
+from equipoise.drivers.unitree.packet_formats import PacketFormat
 from equipoise.drivers.unitree.remote_control import KEYS_AT
 from equipoise.errors import SettingsError
+from equipoise.platform.platform import JointCommand
 
 POSITION_STOP, VELOCITY_STOP = 2.146e9, 16000.0  # instead of a target: do not control this
 _SERVO = 0x0A
@@ -30,42 +30,17 @@ SENSED = ("position", "velocity", "torque")
 _GAINS = ("kp", "kd")  # never negative: what a robot makes of such a count is not known
 
 
-class Damage(Enum):
-    """Why a packet is not one."""
-
-    LENGTH = "wrong length"
-    HEAD = "wrong head"
-    CHECKSUM = "wrong checksum"
-
-
-@dataclass(frozen=True, eq=False)
-class MotorCommands:
-    """What the twelve motors should do: (12,) in the order FR FL RR RL.
-
-    Attributes:
-        position: (12,) position targets, or POSITION_STOP [rad].
-        velocity: (12,) velocity targets, or VELOCITY_STOP [rad/s].
-        torque: (12,) feed-forward torques [Nm].
-        kp: (12,) position gains [Nm/rad].
-        kd: (12,) velocity gains [Nm s/rad].
-    """
-
-    position: FloatArray
-    velocity: FloatArray
-    torque: FloatArray
-    kp: FloatArray
-    kd: FloatArray
-
-    @classmethod
-    def without_torque(cls) -> MotorCommands:
-        """Nothing is controlled."""
-        zeros = np.zeros(MOTORS)
-        return cls(np.full(MOTORS, POSITION_STOP), np.full(MOTORS, VELOCITY_STOP), zeros, zeros, zeros)
+Damage = Literal["wrong length", "wrong head", "wrong checksum"]
+"""Fault of a packet."""
+DAMAGES: tuple[Damage, ...] = get_args(Damage)
+"""The later, the nearer a packet is to a good one."""
+NOT_CONTROLLED = JointCommand(np.full(MOTORS, POSITION_STOP), np.full(MOTORS, VELOCITY_STOP), *np.zeros((3, MOTORS)))
+"""Command without position, velocity and torque."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorReadings:
-    """What the robot says: (12,) in the order FR FL RR RL, and the IMU.
+    """Readings of the robot: (12,) in the order FR FL RR RL, and the IMU.
 
     Attributes:
         position: (12,) joint positions [rad].
@@ -93,7 +68,7 @@ class SensorReadings:
 
 
 class CommandPacket:
-    """A command's bytes, written over and over: at 500 Hz nothing should be made anew."""
+    """A command's bytes, written over and over: at 500 Hz nothing should be allocated."""
 
     def __init__(self, packets: PacketFormat) -> None:
         self._format = packets
@@ -103,20 +78,22 @@ class CommandPacket:
         motors["mode"], motors["position"], motors["velocity"] = _SERVO, POSITION_STOP, VELOCITY_STOP
         self._motors = FieldWriter(motors[:MOTORS], COMMANDED, packets.counts, np.trunc)  # as the makers' SDKs
 
-    def write(self, commands: MotorCommands) -> bytearray:
-        """The packet; the next call writes over it. Beyond what a field can hold, it holds the most that it can.
+    def write(self, command: JointCommand) -> bytearray:
+        """Return the packet; the next call writes over it. Beyond what a field can hold, it holds the most that it can.
+
+        Args:
+            command: command of the twelve motors, complete and in their order.
 
         Raises:
-            SettingsError: a command is no number.
+            SettingsError: a command is not a number.
         """
-        values = (commands.position, commands.velocity, commands.torque, commands.kp, commands.kd)
-        self._motors.write(np.array(values))
+        self._motors.write(np.array([getattr(command, name) for name in COMMANDED]))
         seal(self._format, self._bytes)
         return self._bytes
 
 
 def read_state(packets: PacketFormat, data: bytes, check: bool = True) -> SensorReadings | Damage:
-    """What a state packet says, as the driver reads it.
+    """Read a state packet, as the driver does.
 
     Args:
         packets: packet format of the robot.
@@ -124,13 +101,13 @@ def read_state(packets: PacketFormat, data: bytes, check: bool = True) -> Sensor
         check: whether a wrong checksum is damage.
     """
     if len(data) not in packets.state_lengths:
-        return Damage.LENGTH
+        return "wrong length"
     if not data.startswith(packets.begins):
-        return Damage.HEAD
+        return "wrong head"
     data = data[: packets.state.itemsize]
     record = np.frombuffer(data, packets.state)[0]
     if check and not _is_whole(packets, data, record["checksum"]):
-        return Damage.CHECKSUM
+        return "wrong checksum"
     motors, imu = record["motors"][:MOTORS], record["imu"]
     return SensorReadings(
         *(read_field(motors[name], packets.counts.get(name)) for name in (*SENSED, "temperature")),
@@ -199,12 +176,12 @@ def seal(packets: PacketFormat, data: bytearray) -> None:
 
 
 def _is_whole(packets: PacketFormat, state: bytes, checksum: int) -> bool:
-    """Whether a state's checksum is right; where commands are scrambled, either kind is."""
+    """Return whether a state's checksum is right; where commands are scrambled, either kind is."""
     return checksum == checksum_of(state, False) or (packets.scrambled and checksum == checksum_of(state, True))
 
 
 def checksum_of(data: bytes | bytearray, scrambled: bool) -> int:
-    """Of all whole words but the last: where a packet's length is no multiple of four, its last bytes are not covered."""
+    """Return the checksum of all whole words but the last; it leaves out the bytes after a multiple of four."""
     plain = crc32_words(data[: (len(data) // _CHECKSUM_SIZE - 1) * _CHECKSUM_SIZE])
     if not scrambled:
         return plain

@@ -1,4 +1,4 @@
-"""Who holds a Go2's motors: the robot's own controller lets go of them when it is asked to."""
+"""Release of a Go2's motors by the robot's own controller."""
 
 from __future__ import annotations
 
@@ -9,14 +9,7 @@ from typing import Any
 
 from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain
-from equipoise.drivers.unitree.messages import (
-    Request,
-    RequestHeader,
-    RequestIdentity,
-    RequestLease,
-    RequestPolicy,
-    Response,
-)
+from equipoise.drivers.unitree.dds_types import Request, RequestHeader, RequestIdentity, Response
 from equipoise.errors import CommunicationError
 
 CHECK_MODE, RELEASE_MODE = 1001, 1003  # functions of the service
@@ -27,7 +20,6 @@ _ANSWER = 1.0  # [s] in which it must answer
 _TRIES = 3  # a request or a response may get lost
 _LETS_GO = 10.0  # [s] in which the mode must end
 _POLL, _AGAIN = 2e-3, 0.5  # [s] between looks at what has arrived, and between requests to let go
-_NO_BYTES: Any = []
 
 
 class MotionSwitcher:
@@ -57,7 +49,7 @@ class MotionSwitcher:
             raise self._failure(f"answers {answer[:80]!r} when it is asked for the mode") from None
 
     def release(self) -> None:
-        """Have the robot's own controller let go of the motors. They are limp then: the robot must lie or hang.
+        """Have the robot's own controller release the motors. They are limp then: the robot must lie or hang.
 
         Raises:
             CommunicationError: it does not.
@@ -85,10 +77,7 @@ class MotionSwitcher:
             )
         for _ in range(_TRIES):
             self._number += 1
-            identity = RequestIdentity(self._number, function)
-            self._requests.send(
-                Request(RequestHeader(identity, RequestLease(0), RequestPolicy(0, False)), "{}", _NO_BYTES)
-            )
+            self._requests.send(Request(RequestHeader(RequestIdentity(self._number, function)), "{}"))
             response = _wait_for(lambda number=self._number: self._response(number), _ANSWER)
             if response is not None:
                 if response.header.status.code != 0:
@@ -107,7 +96,7 @@ class MotionSwitcher:
 
 
 def outlook(switcher: MotionSwitcher, asks: bool, may_let_go: bool) -> CheckupFinding:
-    """What `calibrate` will meet when it takes over the motors; nothing lets go of them meanwhile.
+    """Predict what `calibrate` will meet when it takes over the motors; nothing is released meanwhile.
 
     Args:
         switcher: mode switcher of the robot; is asked for its mode alone.
@@ -141,7 +130,7 @@ def outlook(switcher: MotionSwitcher, asks: bool, may_let_go: bool) -> CheckupFi
 
 
 def _wait_for(look: Callable[[], Any], patience: float) -> Any | None:
-    """What a look finds, once it finds something; None after a time [s]."""
+    """Return the result of a look as soon as there is one; None after a time [s]."""
     until = time.monotonic() + patience
     while not (found := look()):
         if time.monotonic() > until:

@@ -9,15 +9,14 @@ import socket
 import time
 from collections import Counter, deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from equipoise.drivers.robot_clock import RobotClock, UnitSearch
 from equipoise.drivers.unitree.form_search import FormSearch
-from equipoise.drivers.unitree.formats import forms_of
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
-from equipoise.drivers.unitree.packets import CommandPacket, Damage, MotorCommands, SensorReadings
+from equipoise.drivers.unitree.packet_formats import forms_of
+from equipoise.drivers.unitree.packets import DAMAGES, NOT_CONTROLLED, CommandPacket, SensorReadings
 from equipoise.drivers.unitree.remote_control import request_of
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.drivers.unitree.udp_socket import Address, address_towards, no_way, open_socket, receive
@@ -36,29 +35,8 @@ _PATIENCE = 3.0  # [s] of packets that cannot be used, and no other
 _PAUSE = 0.1  # [s] without a look at the socket; who did not look heard no silence
 
 
-@dataclass
-class PacketCounts:
-    """What arrived.
-
-    Attributes:
-        samples: number of good packets.
-        damaged: numbers of others from the robot, by what is wrong with them.
-        strangers: number of datagrams from elsewhere.
-        unread: number of those that were too old when somebody looked.
-    """
-
-    samples: int = 0
-    damaged: Counter[Damage] = field(default_factory=Counter[Damage])
-    strangers: int = 0
-    unread: int = 0
-
-    def __str__(self) -> str:
-        damaged = [f"{count} of {kind.value}" for kind, count in self.damaged.items()]
-        return ", ".join([f"{self.samples} good", *damaged, f"{self.strangers} from elsewhere"])
-
-
 class UnitreeUdpConnection:
-    """To a robot in low-level mode: the link of a `HardwarePlatform`.
+    """Connection of a `HardwarePlatform` to a robot in low-level mode.
 
     Until the first command it is asked for samples by packets that set no torque: it answers whom it hears. By its answers are
     learnt the form of its packets and the unit of its clock; no sample is handed over and no command sent before. The system
@@ -71,25 +49,24 @@ class UnitreeUdpConnection:
             before, for it takes what the robot sends away from the other one. The robot hears the sender that it knows.
 
     Attributes:
-        counts: counts of what arrived so far.
+        counts: numbers of packets that arrived so far: "good" ones, those of each of `DAMAGES`, "from elsewhere", and "unread"
+            ones, which were too old.
 
     Raises:
         SettingsError: the robot has other legs.
-        CommunicationError: the local port is taken, or there is no way to the robot's network.
+        CommunicationError: the local port is taken, or the robot's network cannot be reached.
     """
 
     def __init__(self, robot: RobotModel, settings: UnitreeUdpSettings, beside: bool = False) -> None:
         self._settings, self._beside = settings, beside
-        self._joint_names = robot.joint_names
+        self.name, self.joint_names = f"{settings.name} at {settings.address}:{settings.port}", robot.joint_names
+        self.accepts, self.control_period = ACCEPTS_EVERYTHING, CONTROL_PERIOD
         self._joint_of_motor = joints_of_motors(robot, settings.name)
         self._motor_of_joint = np.argsort(self._joint_of_motor)
-        kp, kd = robot.gains(nominal_stance(robot).hip_height)
-        self._kp, self._kd = np.full(MOTORS, kp), np.full(MOTORS, kd)
-        self._zeros = np.zeros(MOTORS)
+        self._own_gains = robot.gains(nominal_stance(robot).hip_height)
         forms = forms_of(settings.protocol, settings.form)
         self._packets = {name: CommandPacket(form) for name, form in forms.items()}
-        limp = MotorCommands.without_torque()
-        self._passive = {name: bytes(packet.write(limp)) for name, packet in self._packets.items()}
+        self._passive = {name: bytes(packet.write(NOT_CONTROLLED)) for name, packet in self._packets.items()}
         self._forms = FormSearch(forms, settings.check)
         self._unit = UnitSearch()
         self._clock = None if settings.tick is None else RobotClock(settings.tick)
@@ -99,38 +76,22 @@ class UnitreeUdpConnection:
         self._opened = self._looked = self._since = time.monotonic()
         self._heard: float | None = None
         self._asked: float | None = 0.0
-        self.counts = PacketCounts()
+        self.counts: Counter[str] = Counter()
         self.unchecked = not settings.check
         self._closed = False
         self._opened_socket = None if beside else self._open_socket()
 
     @property
-    def name(self) -> str:
-        return f"{self._settings.name} at {self._settings.address}:{self._settings.port}"
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._joint_names
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return ACCEPTS_EVERYTHING
-
-    @property
-    def control_period(self) -> float:
-        return CONTROL_PERIOD
-
-    @property
     def rejected(self) -> int:
         """Number of packets that arrived and were left out: damaged, or from elsewhere."""
-        return sum(self.counts.damaged.values()) + self.counts.strangers
+        return sum(self.counts[kind] for kind in (*DAMAGES, "from elsewhere"))
 
     def learn(self) -> Mapping[str, str]:
         """Settings that the robot's answers tell; raises CommunicationError if it does not answer."""
         return {"form": self._spoken()}
 
     def receive(self) -> list[RobotState]:
-        """As a link's; raises CommunicationError also if only packets arrive that cannot be used."""
+        """Return the samples that have arrived; raise CommunicationError also if only packets arrive that cannot be used."""
         if self._asked is not None:
             self._ask()
         self._fetch()
@@ -138,23 +99,23 @@ class UnitreeUdpConnection:
         while self._arrived:
             received, data = self._arrived.popleft()
             if self._looked - received > self._settings.silence:  # what the system kept while nobody looked
-                self.counts.unread += 1
+                self.counts["unread"] += 1
                 continue
             state = self._forms.read(data)
-            if isinstance(state, Damage):
-                self.counts.damaged[state] += 1
+            if isinstance(state, str):
+                self.counts[state] += 1
             else:
                 states.append((state, received))
         self._note(states)
         return self._samples(states)
 
     def send(self, command: JointCommand) -> None:
-        """As a link's; waits until the robot has answered, and raises CommunicationError if it does not."""
+        """Send a command; wait until the robot has answered, and raise CommunicationError if it does not."""
         if len(command.position) != MOTORS:
             raise SettingsError(f"commands for {len(command.position)} joints; {self.name} has {MOTORS}")
         packet = self._packets[self._spoken()]
         self._asked = None
-        self._transmit(packet.write(self._for_motors(command)))
+        self._transmit(packet.write(JointCommand(*command.table(*self._own_gains)[:, self._joint_of_motor])))
         self._fetch()
 
     def release(self) -> None:
@@ -219,9 +180,9 @@ class UnitreeUdpConnection:
                 return
             received, data, sender = datagram
             if sender != self._robot:
-                self.counts.strangers += 1
+                self.counts["from elsewhere"] += 1
                 continue
-            self.counts.unread += len(self._arrived) == _KEPT
+            self.counts["unread"] += len(self._arrived) == _KEPT
             received = min(max(received, before), now)  # the system's clock may have been set meanwhile
             self._forms.hear(data, received)
             self._arrived.append((received, data))
@@ -233,16 +194,6 @@ class UnitreeUdpConnection:
             return  # the network is busy: as good as lost on the way
         except OSError as error:
             raise no_way(self.name, error) from error
-
-    def _for_motors(self, command: JointCommand) -> MotorCommands:
-        order = self._joint_of_motor
-        return MotorCommands(
-            command.position[order],
-            self._zeros if command.velocity is None else command.velocity[order],
-            self._zeros if command.torque is None else command.torque[order],
-            self._kp if command.kp is None else command.kp[order],
-            self._kd if command.kd is None else command.kd[order],
-        )
 
     def _samples(self, states: list[tuple[SensorReadings, float]]) -> list[RobotState]:
         """With times; those that arrive before the unit of the robot's clock is known come as soon as it is."""
@@ -271,15 +222,17 @@ class UnitreeUdpConnection:
 
     def _note(self, states: list[tuple[SensorReadings, float]]) -> None:
         """Keep count; complain when the robot has fallen silent, or cannot be understood."""
-        self.counts.samples += len(states)
+        self.counts["good"] += len(states)
         now = time.monotonic()
         if states:
             self._heard = states[-1][1]
         elif self._heard is None:
-            if now - self._opened > _PATIENCE and (self.counts.damaged or self.counts.strangers):
+            if now - self._opened > _PATIENCE and self.rejected:
+                damaged = "".join(f"{self.counts[kind]} of {kind}, " for kind in DAMAGES if self.counts[kind])
                 raise CommunicationError(
-                    f"{self.name} cannot be understood: of what arrived in {_PATIENCE:g} s, {self.counts}. Is it the right "
-                    "kind of robot, and its port? 'check = false' takes samples with wrong checksums"
+                    f"{self.name} cannot be understood: of what arrived in {_PATIENCE:g} s, {self.counts['good']} good, "
+                    f"{damaged}{self.counts['from elsewhere']} from elsewhere. Is it the right kind of robot, and its port? "
+                    "'check = false' takes samples with wrong checksums"
                 )
         elif (silent := now - max(self._heard, self._since)) > self._settings.silence:
             raise CommunicationError(
@@ -288,10 +241,10 @@ class UnitreeUdpConnection:
 
 
 def open_connection(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpConnection:
-    """A link to an A1 or a Go1, which one the settings say."""
+    """Open the connection to an A1 or a Go1; the settings determine which."""
     return UnitreeUdpConnection(robot, settings)
 
 
 def open_beside(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpConnection:
-    """The same, for a watchdog: `drivers/catalog.py` says what that is."""
+    """Open the second connection, as `open_second` of `drivers/platforms.py` describes it."""
     return UnitreeUdpConnection(robot, settings, beside=True)

@@ -1,4 +1,4 @@
-"""What can be set about the link to a Unitree A1 or Go1."""
+"""Settings of the connection to a Unitree A1 or Go1."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import ipaddress
 from dataclasses import dataclass
 from typing import Literal
 
-from equipoise.drivers.settings import check_range
+from equipoise.drivers.platform_settings import check_range
 from equipoise.errors import SettingsError
 
 Protocol = Literal["a1", "go1"]
 FORM_NAMES: dict[Protocol, tuple[str, ...]] = {"a1": ("compressed", "struct"), "go1": ("plain", "scrambled")}
-"""Of the packets that each robot may speak, the likeliest first."""
+"""Names of the forms of packets by robot, the likeliest first."""
 _LOCAL_PORTS: dict[Protocol, int] = {"a1": 8080, "go1": 8090}
 
 
 @dataclass(frozen=True)
 class UnitreeUdpSettings:
-    """How the robot is reached, and what is not known about it before it answers.
+    """Settings of the connection, and what is not known about the robot before it answers.
 
     Attributes:
         protocol: name of the robot whose packets it speaks: "a1" or "go1".
@@ -58,7 +58,7 @@ class UnitreeUdpSettings:
 
     @property
     def name(self) -> str:
-        """Of the platform."""
+        """Name of the platform."""
         return f"unitree-{self.protocol}"
 
     @property
@@ -71,7 +71,7 @@ def form_names(protocol: Protocol, form: str | None) -> tuple[str, ...]:
     """Names of the forms that a robot may speak: the one that is asked for, or all.
 
     Raises:
-        SettingsError: there is no such robot or form.
+        SettingsError: the robot or the form is not known.
     """
     if protocol not in FORM_NAMES:
         raise SettingsError(f"protocol is {protocol!r}; it is one of {', '.join(FORM_NAMES)}")

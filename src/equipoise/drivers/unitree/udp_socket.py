@@ -18,7 +18,7 @@ _LARGEST = 2048  # [bytes] of a datagram
 
 
 def open_socket(local: Address, beside: bool = False) -> socket.socket:
-    """A socket that never waits, and has its port alone: it shares it with one that is opened beside it, with no other.
+    """Open a socket that never waits; it shares its port with the second connection alone.
 
     Raises:
         CommunicationError: the port is taken.
@@ -43,14 +43,14 @@ def open_socket(local: Address, beside: bool = False) -> socket.socket:
 
 
 def address_towards(robot: Address, name: str) -> str:
-    """This computer's address on the way to a robot, at which nobody from another network can reach us.
+    """Return this computer's address towards a robot, which cannot be reached from another network.
 
     Args:
         robot: address of the robot.
         name: name of the link, for the message.
 
     Raises:
-        CommunicationError: there is no way.
+        CommunicationError: the robot's network cannot be reached.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
@@ -61,7 +61,7 @@ def address_towards(robot: Address, name: str) -> str:
 
 
 def no_way(name: str, error: OSError) -> CommunicationError:
-    """What a user is told if nothing can be sent."""
+    """Return the error that nothing can be sent."""
     return CommunicationError(
         f"cannot send to {name}: {error.strerror or error}; is the cable in, and has this computer an address "
         "in the robot's network, as in 192.168.123.162?"
@@ -83,7 +83,7 @@ def receive(opened: socket.socket, ahead: float) -> tuple[float, bytes, Address]
 
 
 def _arrival(notes: list[tuple[int, int, bytes]], ahead: float) -> float:
-    """When the system noted that a datagram arrived; now, if it did not."""
+    """Return the time at which the system noted the arrival of a datagram; now, if it did not."""
     for level, kind, value in notes:
         if level == socket.SOL_SOCKET and kind == _TIMESTAMPS and len(value) == _TIMESTAMP.size:
             seconds, nanoseconds = _TIMESTAMP.unpack(value)

@@ -16,9 +16,9 @@ from equipoise.lab.dart.dart_links import Axis, KinematicLink, moved_by, pose_of
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import BELLY_RATIO, Stance
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.payload import Payload
-from equipoise.simulation.sensors import DrawnErrors
 
 _FLOOR_SIZE = (200.0, 200.0, 1.0)  # [m]
 # Of the friction solver, which starts where it ended. Feet take it four sweeps; a belly that lies on the floor is held by more

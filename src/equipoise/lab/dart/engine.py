@@ -5,9 +5,9 @@ from __future__ import annotations
 from equipoise.errors import MissingDependencyError, SettingsError
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import Contacts
 from equipoise.simulation.payload import Payload
-from equipoise.simulation.sensors import DrawnErrors
 from equipoise.simulation.simulated import Start
 from equipoise.simulation.simulation import Simulation
 

@@ -21,7 +21,7 @@ from tyro.conf import OmitArgPrefixes
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.dds.domain import DdsDomain
-from equipoise.drivers.ros2.messages import (
+from equipoise.drivers.ros2.ros_messages import (
     Float64MultiArray,
     Header,
     Imu,
@@ -287,13 +287,13 @@ class Ros2Wire:
             self._pull = np.clip(grown, -most, most)
         return JointCommand(target, torque=self._pull, kp=self._kp, kd=self._kd)
 
-    def _take_array(self, message: Float64MultiArray) -> None:
+    def _take_array(self, message: Any) -> None:
         if not self._accept(len(message.data) == len(self._controlled)):
             return
         self._interpolation = None
         self._target = self._in_model_order(self._controlled, message.data)
 
-    def _take_trajectory(self, message: JointTrajectory) -> None:
+    def _take_trajectory(self, message: Any) -> None:
         """A trajectory of all joints, as it begins at once; a controller has more to say to other ones."""
         all_joints = set(message.joint_names) == set(self._names)
         if not self._accept(all_joints and bool(message.points)) or self._state is None:
@@ -308,7 +308,7 @@ class Ros2Wire:
     def _in_model_order(self, names: list[str], values: list[float]) -> FloatArray:
         return np.array([values[names.index(name)] for name in self._names])
 
-    def _joint_state(self, state: RobotState) -> JointState:
+    def _joint_state(self, state: RobotState) -> Any:
         velocity = None if "velocity" in self._controllers.unreported else state.joint_velocity
         torque = None if "effort" in self._controllers.unreported else state.joint_torque
         return JointState(
@@ -323,17 +323,17 @@ class Ros2Wire:
         known = dict(zip(self._names, values.tolist(), strict=True))
         return [known.get(name, 0.0) for name in self._published]
 
-    def _imu(self, state: RobotState) -> Imu:
+    def _imu(self, state: RobotState) -> Any:
         unknown = [-1.0] + 8 * [0.0]  # there is no orientation filter
         return Imu(
             self._header(state, "imu_link"),
-            Quaternion(),
+            Quaternion(w=1.0),
             unknown,
             Vector3(*state.angular_velocity_in_imu.tolist()),
             linear_acceleration=Vector3(*state.acceleration_in_imu.tolist()),
         )
 
-    def _header(self, state: RobotState, frame: str) -> Header:
+    def _header(self, state: RobotState, frame: str) -> Any:
         return Header(Time(*divmod(self._day + round(1e9 * state.time), 10**9)), frame)
 
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from equipoise.drivers.unitree.formats import PacketFormat
 from equipoise.drivers.unitree.motors import MOTORS
+from equipoise.drivers.unitree.packet_formats import PacketFormat
 from equipoise.drivers.unitree.packets import (
     CELLS,
     COMMANDED,
     SENSED,
     Damage,
     FieldWriter,
-    MotorCommands,
     SensorReadings,
     blank_packet,
     checksum_of,
@@ -20,6 +19,7 @@ from equipoise.drivers.unitree.packets import (
     seal,
 )
 from equipoise.drivers.unitree.remote_control import KEYS_AT
+from equipoise.platform.platform import JointCommand
 
 
 class StatePacket:
@@ -45,14 +45,14 @@ class StatePacket:
         return self._bytes
 
 
-def read_command(packets: PacketFormat, data: bytes) -> MotorCommands | Damage:
+def read_command(packets: PacketFormat, data: bytes) -> JointCommand | Damage:
     """What a command packet says, as the robot reads it."""
     if len(data) != packets.command.itemsize:
-        return Damage.LENGTH
+        return "wrong length"
     if not data.startswith(packets.begins):
-        return Damage.HEAD
+        return "wrong head"
     record = np.frombuffer(data, packets.command)[0]
     if record["checksum"] != checksum_of(data, packets.scrambled):
-        return Damage.CHECKSUM
+        return "wrong checksum"
     motors = record["motors"][:MOTORS]
-    return MotorCommands(*(read_field(motors[name], packets.counts.get(name)) for name in COMMANDED))
+    return JointCommand(*(read_field(motors[name], packets.counts.get(name)) for name in COMMANDED))

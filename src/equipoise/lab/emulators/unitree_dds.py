@@ -22,10 +22,10 @@ from tyro.conf import OmitArgPrefixes
 
 from equipoise.drivers.dds.domain import LOOPBACK, DdsDomain, raw
 from equipoise.drivers.unitree.dds import COMMAND_TOPIC, CONTROL_PERIOD, STATE_TOPIC
-from equipoise.drivers.unitree.messages import LowCmd, LowState, Request, Response, ResponseHeader, ResponseStatus
+from equipoise.drivers.unitree.dds_types import LowCmd, LowState, Request, Response, ResponseHeader, ResponseStatus
+from equipoise.drivers.unitree.low_level import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, keys_of
-from equipoise.drivers.unitree.samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.drivers.unitree.sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
 from equipoise.lab.emulators.robot import PeerRobot, PeerSettings
@@ -125,8 +125,7 @@ class UnitreeDdsWire:
             elif function != CHECK_MODE:
                 code = _NO_SUCH_FUNCTION
             data = json.dumps({"form": "0", "name": self._mode})
-            nothing: Any = []
-            self._responses.send(Response(ResponseHeader(request.header.identity, ResponseStatus(code)), data, nothing))
+            self._responses.send(Response(ResponseHeader(request.header.identity, ResponseStatus(code)), data))
         if self._mode and self._lets_go is not None and self._now >= self._lets_go:
             self._mode = ""
             self._say(sport_mode="ended")

@@ -18,13 +18,11 @@ import numpy as np
 import tyro
 from tyro.conf import OmitArgPrefixes
 
-from equipoise.drivers.unitree.formats import PacketFormat, forms_of
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
+from equipoise.drivers.unitree.packet_formats import PacketFormat, forms_of
 from equipoise.drivers.unitree.packets import (
     POSITION_STOP,
     VELOCITY_STOP,
-    Damage,
-    MotorCommands,
     SensorReadings,
 )
 from equipoise.drivers.unitree.remote_control import keys_of
@@ -134,7 +132,7 @@ class UnitreeUdpWire:
         commands: list[JointCommand] = []
         for data in self._arrived():
             read = read_command(self._packets, data)
-            if isinstance(read, Damage):
+            if isinstance(read, str):
                 self.damaged += 1
                 continue
             self.received += 1
@@ -163,12 +161,12 @@ class UnitreeUdpWire:
                 data, sender = self._socket.recvfrom(_LARGEST)
             except (BlockingIOError, ConnectionError):
                 return arrived
-            if self._client is None and not isinstance(read_command(self._packets, data), Damage):
+            if self._client is None and not isinstance(read_command(self._packets, data), str):
                 self._client = sender
                 self._say(client=sender)
             arrived += self._inward.carry(data) if sender == self._client else []
 
-    def _for_joints(self, motors: MotorCommands) -> JointCommand:
+    def _for_joints(self, motors: JointCommand) -> JointCommand:
         """What the motor boards make of it: a stopped position or velocity is not controlled."""
         order = self._motor_of_joint
         position, velocity, torque, kp, kd = (
@@ -211,8 +209,8 @@ class UnitreeUdpWire:
         )
 
 
-def _asks(motors: MotorCommands) -> bool:
-    return not (motors.kp.any() or motors.kd.any() or motors.torque.any())
+def _asks(motors: JointCommand) -> bool:
+    return not any(getattr(motors, name).any() for name in ("kp", "kd", "torque"))
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,11 @@ from equipoise.lab.replay.motion import TwoFootMotion
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import nominal_stance
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import SensorErrors
 from equipoise.simulation.mujoco_contacts import foot_name
 from equipoise.simulation.mujoco_legs import set_inertia
 from equipoise.simulation.mujoco_model import TIMESTEP, SimulatedRobot, build_simulated_robot
-from equipoise.simulation.sensors import DrawnErrors
 
 # Of the control, over the robot's own: joints then follow to 0.2 mrad, and it is damped as much.
 _STIFFER, _DAMPED_MORE = 1000.0, 30.0

@@ -25,7 +25,7 @@ from equipoise.recording.recording import Recording
 from equipoise.result.calibration import Calibration
 from equipoise.robot.inertial import COMPONENTS, components
 from equipoise.robot.kinematics import foot_jacobians
-from equipoise.simulation.sensors import DrawnErrors
+from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.simulation import Simulation, simulate
 
 # Trials of a process share its robot models, whose scratch memory every call overwrites: one at a time, whoever asks.

@@ -1,1 +1,1 @@
-"""What a long recording holds: rests, moves, sways, lifts and walks."""
+"""Motions in a long recording: rests, moves, sways, lifts and walks."""

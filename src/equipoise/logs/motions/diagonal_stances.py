@@ -1,4 +1,4 @@
-"""When a robot stands on two diagonal feet, and whether that is a lift: from rest, by its legs, with the others standing."""
+"""Times on two diagonal feet, and tests that they are lifts: from rest, by the legs, with the others standing."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def diagonal_stances(paths: FootPaths, stance: Stance) -> list[TwoFeet]:
 
 
 def why_no_lift(paths: FootPaths, stances: Sequence[TwoFeet], rest: LoggedRest, stance: Stance) -> str | None:
-    """What speaks against the first diagonal stance after a rest being a lift, or None.
+    """Return the reason why the first diagonal stance after a rest is not a lift, or None.
 
     Args:
         paths: paths of the feet since that rest.

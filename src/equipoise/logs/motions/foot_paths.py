@@ -1,4 +1,4 @@
-"""Where the feet go while a robot moves, as its encoders and its gyroscope say, since it stood still.
+"""Paths of the feet since the robot stood still, from its encoders and its gyroscope.
 
 The base's way through the room is unknown, so that only differences between feet mean something: each foot's way less the
 mean way of the feet that stand. Standing feet roll, which is no way of theirs: a sphere's centre moves with its angular

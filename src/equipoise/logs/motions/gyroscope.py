@@ -19,7 +19,7 @@ from equipoise.estimator.diagnostics.screening import GYROSCOPE_MISTAKES, RIGHT_
 from equipoise.estimator.measurements.leg_motion import LegChains, cross, cross_matrix
 from equipoise.estimator.measurements.walking import CONTEXT, gyro_bias_of_walks
 from equipoise.logs.motions.track import STEP, Integral, Track, at_once
-from equipoise.logs.motions.walking import find_steps
+from equipoise.logs.motions.walking_feet import find_steps
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import TwoFeet
@@ -66,7 +66,7 @@ class GyroscopeComparison:
 
 
 def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -> GyroscopeComparison | None:
-    """By how much the IMU's clock differs; None if there is too little motion over planted feet, or walking, to tell.
+    """Compare the IMU's clock with the joints'; None if there is too little motion over planted feet, or walking.
 
     Raises:
         RecordingError: the gyroscope turns as the legs do only in other units or with another sign.
@@ -97,7 +97,7 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What the encoders say of the base's turning, in n steps of a track.
+    """Rotation of the base by the encoders, in n steps of a track.
 
     Attributes:
         edges: (2, n) begin and end of each [s].
@@ -125,7 +125,7 @@ def _parts(track: Track) -> Iterator[Track]:
 
 
 def _walking_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Seen | None:
-    """How the line between two standing feet turns in the base: none of them moves over the floor but by rolling.
+    """Return how the line between two standing feet turns in the base: none of them moves over the floor but by rolling.
 
     Of velocities v in the base frame, less rolling, that is v_one - v_other = -omega x (p_one - p_other).
     """
@@ -134,7 +134,7 @@ def _walking_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _S
 
 
 def _walked(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
-    """Of a piece of a track; None if nobody walks for long in it."""
+    """Return the steps of a piece of a track; None if the robot does not walk for long in it."""
     if len(track.time) * track.step < 2 * CONTEXT * stance.scale.time:
         return None
     up = np.median(track.acceleration_in_base, axis=0)
@@ -158,7 +158,7 @@ def _walked(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
 
 
 def _seen_in(legs: LegChains, track: Track, steps: Sequence[TwoFeet]) -> _Seen | None:
-    """What is seen in steps."""
+    """Return the rotation in steps."""
     up = np.median(track.acceleration_in_base, axis=0)
     edges: list[FloatArray] = []
     turning: list[FloatArray] = []
@@ -179,7 +179,7 @@ def _seen_in(legs: LegChains, track: Track, steps: Sequence[TwoFeet]) -> _Seen |
 
 
 def _moving_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Seen | None:
-    """How the base turns over planted feet, by the legs.
+    """Return how the base turns over planted feet, by the legs.
 
     Some minutes of motion tell all that there is to tell; a long log is looked at a piece at a time until there are as many.
     None if there is too little.
@@ -199,7 +199,7 @@ def _moving_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Se
 
 
 def angular_velocity_by_legs(legs: LegChains, stance: Stance, track: Track) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """(n, 3) angular velocity of the base by the encoders, in base axes, and where it can be believed.
+    """Return (n, 3) angular velocities of the base by the encoders, in base axes, and where they are valid.
 
     A planted foot's velocity in the base frame is J dq = rolling - v - omega x p: least squares over the four feet. Where
     that leaves much, a foot moves over the floor.
@@ -232,7 +232,7 @@ def _turning(
 
 
 def _best_offset(unexplained: Unexplained, correction: FloatArray, farthest: float = _FARTHEST) -> tuple[float, float]:
-    """Where it is least, and what is left there; of offsets that are nearly as good the least one."""
+    """Return the offset with the least residual, and that residual; of offsets that are nearly as good the smallest."""
     coarse = np.arange(-farthest, farthest + _COARSE / 2, _COARSE)
     left = np.array([unexplained(float(offset), correction) for offset in coarse])
     least = min(coarse[left <= _AS_GOOD * left.min()], key=abs)

@@ -1,4 +1,4 @@
-"""What the feet carry, by joint torques or by the feet's own sensors: whether those stand that legs and IMU see standing.
+"""Loads of the feet, by joint torques or by the feet's own sensors: a test of the feet that legs and IMU see standing.
 
 What sensors of feet say has any unit and any offset, and torques have gains and friction: loads are held against what the
 feet carry on average while the robot walks, a quarter of its weight each.
@@ -34,7 +34,7 @@ Step = TwoFeet | ThreeFeet
 
 @dataclass(frozen=True, eq=False)
 class FootForces:
-    """What the sensors of the feet say.
+    """Readings of the sensors of the feet.
 
     Attributes:
         time: (n,) times, on the joints' clock [s].
@@ -52,7 +52,7 @@ class FootLoads:
     Attributes:
         source: what they are from, in words.
         time: (n,) times [s].
-        load: (n, 4) loads of the feet FL FR RL RR; not a number where a sensor is not to be believed.
+        load: (n, 4) loads of the feet FL FR RL RR; not a number where a sensor is not plausible.
     """
 
     source: str
@@ -61,7 +61,7 @@ class FootLoads:
 
     @classmethod
     def by_sensors(cls, track: Track, sensed: FootForces, steps: Sequence[Step]) -> FootLoads:
-        """By sensors of the feet, over each one's own mean from the first step to the last.
+        """Return loads by sensors of the feet, over each one's own mean from the first step to the last.
 
         Args:
             steps: times on two feet and three.
@@ -78,7 +78,7 @@ class FootLoads:
 
     @classmethod
     def by_torques(cls, robot: RobotModel, track: Track, steps: Sequence[Step]) -> FootLoads | None:
-        """By joint torques less what carries the legs, in the steps; None if they carry no such robot.
+        """Return loads by joint torques less those that carry the legs, in the steps; None if they do not carry such a robot.
 
         Args:
             track: samples with joint torques.
@@ -92,7 +92,7 @@ class FootLoads:
         return cls("joint torques", track.time[looked_at], _vertical_forces(robot, track, looked_at) / usual)
 
     def contradicts(self, step: Step) -> bool:
-        """Whether a foot that is up carries all in all, or one that stands does not."""
+        """Return whether a foot that is up carries all in all, or one that stands does not."""
         # The median: feet that land do it hard, and what is near a step's ends is left out of it anyway.
         load, stands = np.median(self._in(step)[1], axis=0), np.isin(LEG_NAMES, step.standing)
         return bool((load[~stands] > _CARRIES).any() or (load[stands] < _IDLE).any())
@@ -188,7 +188,7 @@ class Contacts:
 
 
 def _walking(track: Track, steps: Sequence[Step]) -> slice:
-    """Of a track, from the first step to the last."""
+    """Return the part of a track from the first step to the last."""
     return track.indices(min(step.start for step in steps), max(step.end for step in steps))
 
 

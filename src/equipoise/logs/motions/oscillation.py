@@ -1,4 +1,4 @@
-"""Whether a base oscillates, about which of its axes, and from when to when it does so steadily."""
+"""Steady oscillations of a base: their axes, frequencies and times."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def _folded(stance: Stance, feet: FloatArray, normal: FloatArray) -> bool:
 
 
 def _why_not_level(stance: Stance, feet: FloatArray, normal: FloatArray, up: FloatArray) -> str | None:
-    """Why (4, 3) feet in the base frame, and the normal of their plane, are not those of a robot that stands on them."""
+    """Return why (4, 3) feet in the base frame, and the normal of their plane, are not those of a standing robot, or None."""
     # One foot that is raised by d turns the plane through all four: each is then d / 4 off it.
     raised = 4 * float(np.abs((feet - feet.mean(axis=0)) @ normal).max())
     if raised > _RAISED * stance.scale.length:
@@ -133,7 +133,7 @@ def _why_not_level(stance: Stance, feet: FloatArray, normal: FloatArray, up: Flo
 
 
 def why_not_carried(robot: RobotModel, position: FloatArray, torque: FloatArray) -> str | None:
-    """Why (nj,) joint torques [Nm] at (nj,) joint positions [rad] are not those of a robot that stands, or None."""
+    """Return why (nj,) joint torques [Nm] at (nj,) joint positions [rad] are not those of a standing robot, or None."""
     carried = carried_mass(robot, position, torque)
     if abs(carried) < PLAUSIBLE_LOAD[0] * robot.mass:  # a wrong sign is another matter, and screened for
         return f"the joint torques carry only {carried:.1f} kg: it hangs, or lies"

@@ -1,4 +1,4 @@
-"""What a long recording without events holds: rests, moves and sways over planted feet, lifts of two feet, walks and crawls.
+"""Segments of a long recording without events: rests, moves and sways over planted feet, lifts of two feet, walks, crawls.
 
 Every piece of it ends up in a `LogSegment`: what it is, and whether it can be used or why not. What can be used comes with a
 `Recording` that says what it is in the words that the estimators know, as if we had commanded it ourselves.
@@ -27,7 +27,7 @@ from equipoise.logs.motions.loads import Contacts, FootForces
 from equipoise.logs.motions.oscillation import Oscillation, find_oscillation
 from equipoise.logs.motions.rests import LoggedRest, find_rests, why_not_carried
 from equipoise.logs.motions.track import Track
-from equipoise.logs.motions.walking import SHORTEST_ON_THREE, WalkingFeet, crawls, walks
+from equipoise.logs.motions.walking_feet import SHORTEST_ON_THREE, WalkingFeet, crawls, walks
 from equipoise.recording.event import PHASE, Event
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.phases import Phase
@@ -88,7 +88,7 @@ class LogSegment:
 
     @property
     def used(self) -> bool:
-        """Whether the estimate gets it; most rests go with the motions between them."""
+        """Return whether the estimate gets it; most rests go with the motions between them."""
         return self.why_not is None
 
     @property
@@ -112,7 +112,7 @@ def find_segments(
         findings: what was noticed of contacts is appended here.
 
     Raises:
-        RecordingError: a sensor that cannot be believed, as `screen` finds it in the rests.
+        RecordingError: a sensor that is not plausible, as `screen` finds it in the rests.
         MotionError: the IMU is mounted turned.
     """
     pieces = split_at_gaps(recording)
@@ -136,7 +136,7 @@ def find_segments(
 
 
 def _gyro_bias(stance: Stance, tracks: Sequence[Track], rests: Sequence[LoggedRest]) -> FloatArray:
-    """(3,) in base axes [rad/s]; where nothing rests, what gravity tells."""
+    """Return (3,) the gyroscope's bias in base axes [rad/s]; without rests it is found from gravity."""
     if rests:
         return np.asarray(np.median([rest.angular_velocity_in_base for rest in rests], axis=0), dtype=float)
     long = [track for track in tracks if len(track.time) * track.step > 2 * CONTEXT * stance.scale.time]
@@ -195,14 +195,14 @@ class _PieceReader:
         return self._around([self._walk(walk) for walk in walks(steps, self.stance)], segment)
 
     def _crawled(self, segment: LogSegment) -> list[LogSegment]:
-        """The same of times on three feet, in what is no walk."""
+        """Return the crawls in a segment that is not a walk, and what is left of it around them."""
         if segment.used or segment.kind not in _OF_STEPS:
             return [segment]
         steps = [one for one in self._steps[1] if segment.start <= one.start and one.end <= segment.end]
         return self._around([self._crawl(crawl) for crawl in crawls(steps, self.stance)], segment)
 
     def _around(self, motions: Sequence[LogSegment], segment: LogSegment) -> list[LogSegment]:
-        """Motions in a segment, and what is left of it around them; what is short goes with the motion beside it."""
+        """Return motions in a segment, and what is left of it around them; what is short goes with the next motion."""
         pieces, start, untold = list[LogSegment](), segment.start, _UNTOLD * self.stance.scale.time
         for motion in motions:
             if motion.start > start + untold:
@@ -232,7 +232,7 @@ class _PieceReader:
         return LogSegment(start, end, "crawl", what, why_not, None if why_not else self._of_walk(start, end, trial))
 
     def _why_not_told(self, steps: Sequence[ThreeFeet]) -> str | None:
-        """Why times on three feet tell nothing, or None."""
+        """Return why times on three feet determine nothing, or None."""
         if self.track.joint_torque is None:
             return "no joint torques: a robot on three feet tells nothing without them"
         parts = [self.track.indices(step.start, step.end) for step in steps]
@@ -275,7 +275,7 @@ class _PieceReader:
         return LogSegment(rest.start, rest.end, "rest", "rest on four feet", None, recording)
 
     def _motion(self, index: int, until: float, after: LoggedRest | None) -> list[LogSegment]:
-        """What follows a rest."""
+        """Return the segments that follow a rest."""
         rest = self.rests[index]
         if not rest.standing:
             return [LogSegment(rest.end, until, "motion", "motion", "no rest on four feet before it")]
@@ -419,7 +419,7 @@ class _PieceReader:
 
 
 def _moved(rest: LoggedRest, after: LoggedRest) -> float:
-    """By how much the joint that moved most is elsewhere [rad]."""
+    """Return the largest change of a joint's position [rad]."""
     return float(np.abs(after.joint_position - rest.joint_position).max())
 
 

@@ -47,7 +47,7 @@ class Track:
 
     @classmethod
     def of(cls, robot: RobotModel, recording: Recording, time_scale: float) -> Track:
-        """Of the time that joints and IMU share; empty if that is shorter than two steps.
+        """Make a track of the time that joints and IMU share; empty if that is shorter than two steps.
 
         Args:
             time_scale: factor on times, of the robot's scale; one on an A1.

@@ -52,7 +52,7 @@ class Named:
 
 
 def named(name: str) -> Named | None:
-    """What a name says, or None."""
+    """Return the meaning of a name, or None."""
     words = [word.lower() for word in _WORDS.findall(name)]
     said = set(words)
     if said & _COUNTS:
@@ -69,7 +69,7 @@ def named(name: str) -> Named | None:
 
 
 def _sensor(words: list[str]) -> Named | None:
-    """Of an IMU: its kind by words before the axis, or by letters that are one with it."""
+    """Return the meaning of an IMU's column: its kind by words before the axis, or by letters that are one with it."""
     said, last = set(words), words[-1] if words else ""
     axis = re.fullmatch(r"([a-z]*?)([wxyz])", last)
     kind = None

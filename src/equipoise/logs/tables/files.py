@@ -281,7 +281,7 @@ def _fields(name: str, array: NDArray[Any]) -> _Named:
 
 
 def pickle_refused(path: Path) -> str:
-    """Why a file of Python objects is not opened, and what to do instead."""
+    """Return why a file of Python objects is not opened, and what to do instead."""
     load = {".pt": "torch.load(FILE)", ".pth": "torch.load(FILE)", ".npy": "numpy.load(FILE, allow_pickle=True).item()"}
     loaded = load.get(path.suffix.lower(), "pickle.load(open(FILE, 'rb'))")
     return (

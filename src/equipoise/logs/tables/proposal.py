@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Sequence
 from equipoise.errors import RecordingError
 from equipoise.logs.joint_names import map_joints
 from equipoise.logs.tables.by_name import Families, families
-from equipoise.logs.tables.columns import (
+from equipoise.logs.tables.column_names import (
     ACCELEROMETER,
     ANGLES,
     FOOT_FORCES,

@@ -21,9 +21,9 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ColumnsError, RecordingError
-from equipoise.logs.log import RawImu, RawJoints, RawLog
 from equipoise.logs.orientation import quaternions_of
-from equipoise.logs.tables.columns import (
+from equipoise.logs.raw_log import RawImu, RawJoints, RawLog
+from equipoise.logs.tables.column_names import (
     ACCELEROMETER,
     ANGLES,
     FOOT_FORCES,
@@ -47,7 +47,7 @@ def read_table(path: Path, robot: RobotModel, topics: Topics, columns: Columns |
 
     Raises:
         ColumnsError: columns are missing; it proposes which are which.
-        RecordingError: it cannot be read, or cells are no numbers.
+        RecordingError: it cannot be read, or cells are not numbers.
         SettingsError: the user's columns are not in the table.
         MissingDependencyError: Parquet needs pyarrow.
     """
@@ -62,7 +62,7 @@ def read_table(path: Path, robot: RobotModel, topics: Topics, columns: Columns |
 
 
 class _Streams:
-    """What the columns of a file hold."""
+    """Streams in the columns of a file."""
 
     def __init__(self, file: TableFile, columns: Columns) -> None:
         self.file, self.columns = file, columns

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.drivers.unitree.crc import crc32_words
-from equipoise.drivers.unitree.messages import LowCmd, LowState
+from equipoise.drivers.unitree.dds_types import LowCmd, LowState
 
 STOP_POSITION, STOP_VELOCITY = 2.146e9, 16000.0  # what tells a motor not to hold a position or a velocity
 SERVO = 1  # mode of a motor that heeds its command
@@ -41,7 +41,7 @@ LOW_CMD, LOW_STATE = _in_memory(LowCmd), _in_memory(LowState)
 
 @dataclass(frozen=True, eq=False)
 class RecordLayout:
-    """Of one message.
+    """Layouts of one message.
 
     Attributes:
         memory: structured type of the message in memory.

@@ -1,15 +1,16 @@
-"""What ros2_control's controllers are told: the topics that take a command, and the message that goes to each."""
+"""Commands of ros2_control's controllers: the topics that take a command, and the message that goes to each."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.drivers.dds.domain import RawSample
-from equipoise.drivers.ros2.messages import (
+from equipoise.drivers.ros2.ros2_settings import IMPEDANCE, Ros2Settings
+from equipoise.drivers.ros2.ros_messages import (
     ENCODED_ARRAY,
     Duration,
     Header,
@@ -17,14 +18,14 @@ from equipoise.drivers.ros2.messages import (
     JointTrajectoryPoint,
     encoded_array,
 )
-from equipoise.drivers.ros2.samples import listed
-from equipoise.drivers.ros2.settings import IMPEDANCE, Ros2Settings
+from equipoise.drivers.ros2.sensor_topics import listed
 from equipoise.errors import SettingsError
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, JointCommand
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
-Message = RawSample | JointTrajectory
+Messages = dict[str, Any]
+"""Messages by topic."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +34,13 @@ class Controllers:
 
     Attributes:
         messages: types of messages, by topic.
-        told: what a command is to them: messages by topic, in the order of sending.
-        accepts: what they heed of a command besides positions, as a platform's.
+        told: function that makes the messages of a command by topic, in the order of sending.
+        accepts: what they use of a command besides positions, as a platform's.
         limp: command that leaves the joints without torque; None: position controllers hold where they were sent last.
     """
 
-    messages: Mapping[str, type[Message]]
-    told: Callable[[JointCommand], dict[str, Message]]
+    messages: Mapping[str, Any]
+    told: Callable[[JointCommand], Messages]
     accepts: frozenset[str]
     limp: JointCommand | None = None
 
@@ -62,10 +63,10 @@ def _positions(names: tuple[str, ...], order: NDArray[np.intp], settings: Ros2Se
         torque = 0.0 if command.torque is None or not stiffness else command.torque / stiffness
         return (command.position + torque)[order].tolist()
 
-    def array(command: JointCommand) -> dict[str, Message]:
+    def array(command: JointCommand) -> Messages:
         return {topic: encoded_array(target(command))}
 
-    def trajectory(command: JointCommand) -> dict[str, Message]:
+    def trajectory(command: JointCommand) -> Messages:
         point = JointTrajectoryPoint(target(command), time_from_start=time)
         return {topic: JointTrajectory(Header(), list(names), [point])}
 
@@ -79,21 +80,18 @@ def _impedance(robot: RobotModel, names: tuple[str, ...], order: NDArray[np.intp
     Topics may overtake each other. So positions go before stiffness, and a limp joint keeps the position that it was sent
     last: whatever comes first, stiffness never meets a position that is not its own.
     """
-    kp, kd = (np.full(len(names), gain) for gain in robot.gains(nominal_stance(robot).hip_height))
-    zeros = np.zeros(len(names))
+    kp, kd = robot.gains(nominal_stance(robot).hip_height)
     by_interface = "{interface}" in pattern
     mark, marked = ("{interface}", IMPEDANCE) if by_interface else ("{joint}", names)
     topics = [pattern.replace(mark, name) for name in marked]
 
-    def told(command: JointCommand) -> dict[str, Message]:
-        given = (command.position, command.velocity, command.torque, command.kp, command.kd)
-        values = [own if one is None else one for one, own in zip(given, (zeros, zeros, zeros, kp, kd), strict=True)]
-        table = np.array(values)[:, order]
+    def told(command: JointCommand) -> Messages:
+        table = command.table(kp, kd)[:, order]
         rows = zip(topics, (table if by_interface else table.T).tolist(), strict=True)
         skipped = int(by_interface and command.limp)
         return {topic: encoded_array(row) for topic, row in list(rows)[skipped:]}
 
-    limp = JointCommand(zeros, kp=zeros, kd=zeros)
+    limp = JointCommand.damping(np.zeros(len(names)), 0.0)
     return Controllers(dict.fromkeys(topics, ENCODED_ARRAY), told, ACCEPTS_EVERYTHING, limp)
 
 

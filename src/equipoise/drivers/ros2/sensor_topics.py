@@ -1,4 +1,4 @@
-"""What ROS 2 messages say, as samples of a robot: joints by their names, times by the robot's clock or ours."""
+"""Samples of a robot from ROS 2 messages: joints by their names, times by the robot's clock or ours."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.drivers.ros2.messages import Header, Imu, JointState
+from equipoise.drivers.ros2.ros_messages import Imu, JointState
 from equipoise.errors import SensorError, SettingsError
 from equipoise.platform.platform import Health, RobotState
 
@@ -21,7 +21,7 @@ _ASUNDER = 1.0  # [s] between the newest of both topics, beyond which they are n
 
 @dataclass(frozen=True, eq=False)
 class JointSample:
-    """Of a JointState, vectors in the model's order; what a robot does not tell is None."""
+    """Sample of a JointState, vectors in the model's order; a value that the robot does not report is None."""
 
     time: float
     received: float
@@ -32,7 +32,7 @@ class JointSample:
 
 @dataclass(frozen=True, eq=False)
 class ImuSample:
-    """Of an Imu, in its frame."""
+    """Sample of an Imu, in its frame."""
 
     time: float
     received: float
@@ -57,8 +57,8 @@ class StampClock:
         self._began: tuple[float, float] | None = None
         self.health: Health | None = None
 
-    def time(self, header: Header, received: float) -> float | None:
-        """Of a message [s]; None if it has no stamp."""
+    def time(self, header: Any, received: float) -> float | None:
+        """Return the time of a message [s]; None if it has no stamp."""
         stamp = header.stamp
         if not self._by_header:
             return received
@@ -103,7 +103,7 @@ class _Topic:
             self.damaged += 1
             return None
 
-    def _time(self, header: Header, received: float) -> float | None:
+    def _time(self, header: Any, received: float) -> float | None:
         """[s]; a simulation's first message may have no stamp, as its time is zero.
 
         Raises:
@@ -120,7 +120,7 @@ class JointTopic(_Topic):
     """JointState messages, joints found by their names.
 
     Attributes:
-        others: names in messages without any of the model's joints, which are somebody else's (an arm's, a gripper's).
+        others: names in messages without any of the model's joints, as those of an arm or a gripper.
     """
 
     kind = JointState
@@ -139,7 +139,7 @@ class JointTopic(_Topic):
             SettingsError: some of the model's joints are in it, and some not.
             SensorError: messages have no stamps.
         """
-        message: JointState | None = self._message(data)
+        message = self._message(data)
         if message is None or (places := self._places_of(tuple(message.name))) is None:
             return False
         position = _chosen(message.position, places, len(message.name))
@@ -162,7 +162,7 @@ class JointTopic(_Topic):
         )
 
     def _places_of(self, names: tuple[str, ...]) -> NDArray[np.intp] | None:
-        """Where the model's joints are in a message; None if they are not."""
+        """Return the places of the model's joints in a message; None if they are not in it."""
         if names not in self._places:
             missing = tuple(name for name in self._joint_names if name not in names)
             if 0 < len(missing) < len(self._joint_names):
@@ -187,7 +187,7 @@ class ImuTopic(_Topic):
         Raises:
             SensorError: messages have no stamps, or no angular velocity or acceleration.
         """
-        message: Imu | None = self._message(data)
+        message = self._message(data)
         if message is None:
             return False
         if message.angular_velocity_covariance[0] == -1 or message.linear_acceleration_covariance[0] == -1:

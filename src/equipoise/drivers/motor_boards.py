@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,15 +20,6 @@ _DAMPING = 0.2  # of the robot's own damping gain, while it is commanded
 _AS_FOUND, _DAMPED = 2.0, 2.0  # [s] of samples before the first command, and of damping before each silence
 _MOVING = 0.2  # [rad/s] of a joint whose damping can be measured
 _LEAST = 20  # samples of moving joints that a damping is measured from
-
-
-@runtime_checkable
-class ReportsMotors(Protocol):
-    """A connection that knows more of the motors than a sample holds."""
-
-    def motor_report(self) -> dict[str, list[int]]:
-        """Return the newest "mode" of each motor, and its count of "lost" messages, in the model's joint order."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -118,7 +108,9 @@ def _phase(link: RobotConnection, name: str, duration: float, command: JointComm
 
 
 def _report(link: RobotConnection) -> dict[str, list[int]]:
-    return link.motor_report() if isinstance(link, ReportsMotors) else {}
+    """Return the newest "mode" of each motor and its count of "lost" messages, if the connection has a `motor_report`."""
+    report: Callable[[], dict[str, list[int]]] = getattr(link, "motor_report", dict)
+    return report()
 
 
 def _largest(values: Sequence[np.ndarray | None]) -> float | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import typing
 from collections.abc import Mapping
@@ -11,50 +10,36 @@ from typing import Any
 from equipoise.errors import SettingsError
 
 
-@dataclasses.dataclass(frozen=True)
-class PlatformSetting:
-    """Something that can be set.
-
-    Attributes:
-        kind: type of the setting.
-        default: value if nobody sets it; `inspect.Parameter.empty` if somebody has to.
-    """
-
-    kind: Any
-    default: Any
-
-    @property
-    def needed(self) -> bool:
-        """Whether somebody has to set it."""
-        return self.default is inspect.Parameter.empty
-
-    def row(self, name: str) -> tuple[str, str, Any]:
-        """For a list: the name, the type in words, the default."""
-        return name, _named(self.kind), None if self.needed else self.default
-
-
-def settings_of_class(kind: type[Any]) -> dict[str, PlatformSetting]:
-    """By name, the fields of a driver's settings class, which is a dataclass."""
-    hints = typing.get_type_hints(kind)
-    return {field.name: PlatformSetting(hints[field.name], field.default) for field in dataclasses.fields(kind)}
-
-
-def settings_of_constructor(kind: type[Any]) -> dict[str, PlatformSetting]:
-    """By name, what a platform's constructor takes besides the robot, which comes first."""
+def settings_of_class(kind: type[Any]) -> dict[str, inspect.Parameter]:
+    """Return what a class's constructor takes, by name: a driver's settings class, or a platform after its robot."""
     try:
-        hints = typing.get_type_hints(kind.__init__)
+        return dict(inspect.signature(kind, eval_str=True).parameters)
     except Exception:  # names that are there for type checkers alone
-        hints = {}
+        parameters = inspect.signature(kind).parameters
+        return {name: each.replace(annotation=inspect.Parameter.empty) for name, each in parameters.items()}
+
+
+def settings_of_platform(kind: type[Any]) -> dict[str, inspect.Parameter]:
+    """Return what a platform's constructor takes besides the robot, which comes first."""
     variadic = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    settings: dict[str, PlatformSetting] = {}
-    for parameter in list(inspect.signature(kind).parameters.values())[1:]:
-        if parameter.kind not in variadic:
-            default = parameter.default
-            known = default is not None and default is not inspect.Parameter.empty
-            settings[parameter.name] = PlatformSetting(
-                hints.get(parameter.name, type(default) if known else str), default
-            )
-    return settings
+    settings = list(settings_of_class(kind).items())[1:]
+    return {name: setting for name, setting in settings if setting.kind not in variadic}
+
+
+def setting_row(setting: inspect.Parameter) -> tuple[str, str, Any]:
+    """Return the name of a setting, its type in words and its default."""
+    return setting.name, _named(_type_of(setting)), None if _is_needed(setting) else setting.default
+
+
+def _is_needed(setting: inspect.Parameter) -> bool:
+    return setting.default is inspect.Parameter.empty
+
+
+def _type_of(setting: inspect.Parameter) -> Any:
+    """Return the type of a setting: that of its default if it has no annotation."""
+    if setting.annotation is not inspect.Parameter.empty:
+        return setting.annotation
+    return str if setting.default is None or _is_needed(setting) else setting.default.__class__
 
 
 def check_range(settings: Any, name: str, least: float, most: float) -> None:
@@ -69,7 +54,7 @@ def read_settings(kind: type[Any], given: Mapping[str, Any], name: str) -> Any:
     return kind(**read_values(settings_of_class(kind), given, name))
 
 
-def read_values(settings: Mapping[str, PlatformSetting], given: Mapping[str, Any], name: str) -> dict[str, Any]:
+def read_values(settings: Mapping[str, inspect.Parameter], given: Mapping[str, Any], name: str) -> dict[str, Any]:
     """Values by name; text is read as what the setting is.
 
     Raises:
@@ -79,10 +64,10 @@ def read_values(settings: Mapping[str, PlatformSetting], given: Mapping[str, Any
     if unknown:
         known = f"it has {', '.join(settings)}" if settings else "it has none"
         raise SettingsError(f"platform {name!r} has no setting {unknown[0]!r}; {known} (see 'equipoise platforms')")
-    missing = [key for key, setting in settings.items() if setting.needed and key not in given]
+    missing = [key for key, setting in settings.items() if _is_needed(setting) and key not in given]
     if missing:
         raise SettingsError(f"platform {name!r} needs the setting {missing[0]!r}: --set {missing[0]}=VALUE")
-    return {key: _read(value, settings[key].kind, key) for key, value in given.items()}
+    return {key: _read(value, _type_of(settings[key]), key) for key, value in given.items()}
 
 
 def _read(value: Any, hint: Any, key: str) -> Any:

@@ -64,7 +64,7 @@ class Columns:
 
     @classmethod
     def from_toml(cls, path: Path) -> Columns:
-        """As a user's file says.
+        """Read columns from a user's file.
 
         Raises:
             SettingsError: the file is missing or holds something else.
@@ -77,7 +77,7 @@ class Columns:
 
     @classmethod
     def from_text(cls, text: str, what: str) -> Columns:
-        """As TOML says.
+        """Read columns from TOML.
 
         Args:
             what: word for the text in messages.
@@ -133,11 +133,11 @@ class Columns:
             by_theirs[theirs] = ours
 
     def factor(self, kind: str) -> float:
-        """Of a kind's numbers to our unit."""
+        """Return the factor from a kind's numbers to our unit."""
         return UNITS[kind][self.units[kind]] if kind in self.units else 1.0
 
     def has(self, names: Iterable[str]) -> bool:
-        """Whether all of some of ours are there."""
+        """Return whether all of some of ours are there."""
         return all(map(self.names.get, names))
 
     def joints(self, kind: str) -> list[str]:
@@ -147,14 +147,14 @@ class Columns:
         ]
 
     def missing(self) -> tuple[str, ...]:
-        """What an estimate needs and is not there."""
+        """Return the columns that an estimate needs and the table lacks."""
         absent = [name for name in (TIME, *ACCELEROMETER) if not self.names.get(name)]
         if not any(map(self.has, (GYROSCOPE, QUATERNION, ANGLES))):
             absent += [name for name in GYROSCOPE if not self.names.get(name)]
         return (*absent, *([] if self.joints("position") else ["position.JOINT"]))
 
     def to_toml(self, notes: Mapping[str, str] | None = None) -> str:
-        """As `from_toml` reads it; columns that have our names are left out.
+        """Return TOML as `from_toml` reads it; columns that have our names are left out.
 
         Args:
             notes: remarks by kind, written above its columns.
@@ -171,7 +171,7 @@ class Columns:
 
 
 def is_ours(name: str) -> bool:
-    """Whether a name is one that docs/logs.md lists."""
+    """Return whether a name is one that docs/logs.md lists."""
     kind, _, of = name.partition(".")
     return name == TIME or name in _SENSED or (kind in JOINT_KINDS and bool(of))
 

@@ -1,4 +1,4 @@
-"""What one simulated robot has of each effect, drawn from a seed, and the noise of its sensors.
+"""Effects of one simulated robot, drawn from a seed, and the noise of its sensors.
 
 What is constant over a run (joint zeros, IMU tilt, gains) is drawn once from the seed. Noise is keyed by the seed and the
 sample's index, so that it does not depend on the pieces in which a motion is simulated.
@@ -29,7 +29,7 @@ _ONE_STREAM = (
 
 @dataclass(frozen=True, eq=False)
 class DrawnErrors:
-    """What one simulated robot has of each effect.
+    """Effects of one simulated robot.
 
     Attributes:
         sizes: sizes that they were drawn from.
@@ -52,7 +52,7 @@ class DrawnErrors:
         drawn: dict[str, FloatArray] = {}
         for row in (*map(sizes.row, _ONE_STREAM), *(row for row in sizes.rows() if row.name not in _ONE_STREAM)):
             generator = shared if row.name in _ONE_STREAM else named_generator(seed, row.name)
-            drawn[row.name] = row.law.draw(generator, getattr(sizes, row.name), row.each.count(joints))
+            drawn[row.name] = row.drawn(generator, getattr(sizes, row.name), joints)
         return cls(sizes, noise_seed, drawn)
 
     @cached_property

@@ -68,7 +68,7 @@ class RawImu:
 
 @dataclass(frozen=True, eq=False)
 class RawLog:
-    """What a reader found.
+    """Streams of a log, as its reader found them.
 
     Attributes:
         joints, imu, commands: streams of the log.
@@ -110,14 +110,14 @@ def assemble(
     given: Mapping[str, str | int] | None = None,
     span: tuple[float | None, float | None] = (None, None),
 ) -> Log:
-    """The recording that a raw log holds.
+    """Return the recording that a raw log holds.
 
     Args:
         given: joint map of the user.
         span: start and end of what is read, after the log's first sample [s].
 
     Raises:
-        RecordingError: joints cannot be told, streams do not overlap, or too many samples are no samples.
+        RecordingError: joints cannot be identified, streams do not overlap, or too many samples are invalid.
         SettingsError: the user's joint map does not fit.
     """
     findings = list(raw.findings)
@@ -164,7 +164,7 @@ def _joint_stream(
 
 
 def _foot_forces(raw: RawJoints, origin: float) -> FootForces | None:
-    """What the sensors of the feet say; None where there are none, or none that ever changes."""
+    """Return the readings of the sensors of the feet; None where there are none, or none that ever changes."""
     if raw.foot_force is None:
         return None
     latest = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(raw.time[:-1], nan=-np.inf)]))
@@ -260,7 +260,7 @@ def _angular_velocity(raw: RawImu, acceleration_in_imu: FloatArray, findings: li
 
 
 def _any_numbers(values: FloatArray) -> bool:
-    """Whether there is anything but zeros and what is no number."""
+    """Return whether there is a finite number other than zero."""
     return bool((np.isfinite(values) & (values != 0)).any())
 
 

@@ -1,4 +1,4 @@
-"""Where a robot walks: the times in which it stands on two feet or on three, and pieces of a log that hold some of them.
+"""Walks: the times in which a robot stands on two feet or on three, and pieces of a log that hold some of them.
 
 No contact sensors are needed. Feet stand where none moves against the others but by rolling, and those that are off the floor
 are plainly higher; what the floor does to feet as they come and go is left to what is trimmed off either end.
@@ -54,7 +54,7 @@ def find_steps(legs: LegChains, stance: Stance, track: Track) -> tuple[list[TwoF
 
 @dataclass(frozen=True, eq=False)
 class WalkingFeet:
-    """Where the feet are and go, in n steps of a track.
+    """Positions and velocities of the feet, in n steps of a track.
 
     Attributes:
         stance: nominal stance of the robot.
@@ -77,7 +77,7 @@ class WalkingFeet:
 
     @classmethod
     def of(cls, legs: LegChains, stance: Stance, track: Track) -> WalkingFeet | None:
-        """Of a track with the gyroscope's bias taken off; None if it is too short to say where up is."""
+        """Make it of a track with the gyroscope's bias taken off; None if it is too short to determine the vertical."""
         time, clock = track.time, stance.scale.time
         if len(time) * track.step < 2 * CONTEXT * clock:
             return None
@@ -113,7 +113,7 @@ class WalkingFeet:
         return sorted(found, key=lambda step: step.start)
 
     def _stand_too(self, feet: list[int], start: float, end: float) -> bool:
-        """Whether feet that seem to be up, as the robot speeds up, stand with the others from one time to another [s].
+        """Return whether feet that seem to be up, as the robot speeds up, stand with the others from one time to another [s].
 
         Args:
             feet: indices of the two feet that stand.
@@ -138,7 +138,7 @@ class WalkingFeet:
 
         Args:
             shortest: shortest duration that counts, on an A1 [s].
-            where: (n,) whether the times are looked at at all; None: all are.
+            where: (n,) whether the times are considered; None: all are.
         """
         scale, height, time = self.stance.scale, self.height, self.time
         lifted = [foot for foot in range(4) if foot not in feet]
@@ -155,14 +155,14 @@ class WalkingFeet:
 
 
 def walks(steps: Sequence[TwoFeet], stance: Stance) -> list[list[TwoFeet]]:
-    """Steps that follow each other, in pieces that are one motion to the estimate; what is no walk is left out."""
+    """Return steps that follow each other, in pieces that are one motion to the estimate; only walks are kept."""
     clock = stance.scale.time
     gaits = [_without_rare(bout) for bout in _bouts(steps, _PAUSE * clock)]
     return [piece for gait in gaits if len(gait) >= _FEWEST for piece in _pieces(gait, _PIECE * clock)]
 
 
 def crawls(steps: Sequence[ThreeFeet], stance: Stance) -> list[list[ThreeFeet]]:
-    """As `walks`, of times on three feet: one is enough."""
+    """Return pieces as `walks` does, of times on three feet: one is enough."""
     bouts, duration = _bouts(steps, _PAUSE * stance.scale.time), _PIECE * stance.scale.time
     return [piece for bout in bouts if bout for piece in _pieces(bout, duration)]
 
@@ -184,7 +184,7 @@ def _without_rare(bout: Sequence[TwoFeet]) -> list[TwoFeet]:
 
 
 def _pieces(bout: Sequence[_Step], duration: float) -> list[list[_Step]]:
-    """Of about equal duration."""
+    """Cut a bout into pieces of about equal duration."""
     start, end = bout[0].start, bout[-1].end
     count = max(1, round((end - start) / duration))
     edges = np.linspace(start, end, count + 1)[1:-1]

@@ -1,4 +1,4 @@
-"""What can be set about the link to a ROS 2 robot."""
+"""Settings of the connection to a ROS 2 robot."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ STACKS: dict[str, dict[str, str | float]] = {
     "unitree-go2-ros2": _TRAJECTORIES_TO_TORQUES,
     "quadruped_ros2_control": {"command_type": "impedance", "imu_topic": "/imu_sensor_broadcaster/imu"},
 }
-"""What known software for quadrupeds has where a setting is left out: of their files, in 2026."""
+"""Settings of known software for quadrupeds, from their files of 2026; used where a setting is left out."""
 _ELSE: dict[str, str | float] = {"command_type": "float64_multi_array", "imu_topic": "/imu/data"}
 _STAMPS = ("header", "arrival")
 
 
 @dataclass(frozen=True)
 class Ros2Settings:
-    """How a ROS 2 robot is reached.
+    """Settings of the connection to a ROS 2 robot.
 
     Attributes:
         interface: network interface of this computer; on "lo" ROS runs here too, and is told to stay here (docs/ros2.md).
@@ -102,7 +102,7 @@ class Ros2Settings:
         return self.command_rate or _USUAL[self.command_type][1]
 
     def _fill_in(self) -> None:
-        """What was left out, as the stack has it."""
+        """Fill in what was left out, as the stack has it."""
         if self.stack and self.stack not in STACKS:
             raise SettingsError(f"stack is {self.stack!r}; it is one of {', '.join(STACKS)}, or empty")
         for name, value in {**_ELSE, **STACKS.get(self.stack, {})}.items():

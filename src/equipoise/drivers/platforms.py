@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from equipoise.drivers.settings import PlatformSetting, read_settings, settings_of_class, settings_of_constructor
+from equipoise.drivers.platform_settings import read_settings, setting_row, settings_of_class, settings_of_platform
 from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, SettingsError
 from equipoise.platform.engines import ENGINES
 from equipoise.plugins import Table, import_users, resolve
@@ -54,17 +54,6 @@ class Driver:
     motor_speeds: tuple[float, float, float] | None = None
 
 
-@dataclasses.dataclass(frozen=True)
-class Engine:
-    """A simulator.
-
-    Attributes:
-        name: name of the platform.
-    """
-
-    name: str
-
-
 _DDS = "equipoise.drivers.dds.cyclone"
 DRIVERS: dict[str, Driver] = {
     driver.name: driver
@@ -85,7 +74,7 @@ DRIVERS: dict[str, Driver] = {
         Driver(
             "ros2", "Gazebo and ros2_control robots: JointState and Imu in, positions or impedance out; no ROS needed here",
             "load controllers that take commands, --set interface=eth0 --set stack=NAME; topics and joint order are settings",
-            "docs/ros2.md", "equipoise.drivers.ros2.driver", "equipoise.drivers.ros2.settings:Ros2Settings", needs=_DDS,
+            "docs/ros2.md", "equipoise.drivers.ros2.driver", "equipoise.drivers.ros2.ros2_settings:Ros2Settings", needs=_DDS,
         ),
         Driver(
             "unitree-a1", "Unitree A1 over UDP (beta: never tried on a robot)",
@@ -104,14 +93,14 @@ DRIVERS: dict[str, Driver] = {
     )
 }  # fmt: skip
 """Our own."""
-PLATFORMS: Table[Driver | Engine | type[Any]] = Table(
-    "platform", "equipoise.platforms", (Driver, type), {**{name: Engine(name) for name in ENGINES}, **DRIVERS}
+PLATFORMS: Table[Driver | type[Any] | None] = Table(
+    "platform", "equipoise.platforms", (Driver, type), {**dict.fromkeys(ENGINES), **DRIVERS}
 )
-"""With what packages add: drivers, or classes as `equipoise.SteppedPlatform`."""
+"""With what packages add: drivers, or classes as `equipoise.SteppedPlatform`. A simulator has None."""
 
 
-def find_platform(name: str) -> Driver | Engine | type[Any]:
-    """What has a name, or is at MODULE:NAME, which may be in the current folder.
+def find_platform(name: str) -> Driver | type[Any] | None:
+    """Return what has a name, or is at MODULE:NAME, which may be in the current folder; None: a simulator.
 
     Raises:
         SettingsError: there is no such platform, or two have the name.
@@ -217,7 +206,7 @@ def describe_platforms() -> list[PlatformRow]:
     """Every robot's platform, with what can be set, or why it cannot be used here."""
     rows: list[PlatformRow] = []
     for name, row in PLATFORMS.rows().items():
-        if isinstance(row, Engine):
+        if row is None:
             continue
         if isinstance(row, EquipoiseError):
             rows.append(PlatformRow(name, "", "", "", f"cannot be used here: {row}"))
@@ -236,17 +225,14 @@ def describe_platforms() -> list[PlatformRow]:
 def settings_of(name: str) -> list[tuple[str, str, Any]]:
     """Names, types and defaults of a platform's settings; raises MissingDependencyError if it cannot be used here."""
     row = find_platform(name)
-    if isinstance(row, Engine):
+    if row is None:
         return []
     if isinstance(row, type):
-        return [setting.row(key) for key, setting in settings_of_constructor(row).items()]
+        return [setting_row(setting) for setting in settings_of_platform(row).values()]
     if row.needs:
         _imported(row, row.needs)
-    settings = settings_of_class(_imported(row, row.settings))
-    return [
-        PlatformSetting(setting.kind, row.preset.get(key, setting.default)).row(key)
-        for key, setting in settings.items()
-    ]
+    settings = settings_of_class(_imported(row, row.settings)).values()
+    return [setting_row(each.replace(default=row.preset.get(each.name, each.default))) for each in settings]
 
 
 def given_settings(pairs: Sequence[str], path: Path | None) -> dict[str, Any]:

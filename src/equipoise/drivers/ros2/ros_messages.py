@@ -1,0 +1,58 @@
+"""The ROS 2 messages that a robot's joints and IMU speak, as DDS types.
+
+A ROS message `pkg/msg/Name` is the DDS type `pkg::msg::dds_::Name_`, a topic `/x` is the DDS topic `rt/x`; fields and their
+order are those of the public .msg definitions. cyclonedds takes a JointState of 12 joints apart in 24 us, an Imu in 21 us.
+None of them holds a uint8, which is what crashes cyclonedds 0.10 when 11 announces it.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+
+from equipoise.drivers.dds.domain import RawSample, message_types, raw
+
+_LITTLE_ENDIAN = b"\0\1\0\0"  # of plain CDR, before a sample
+_DEFINITIONS = {
+    "builtin_interfaces/Time": "int32 sec, uint32 nanosec",
+    "builtin_interfaces/Duration": "int32 sec, uint32 nanosec",
+    "std_msgs/Header": "builtin_interfaces/Time stamp, string frame_id",
+    "geometry_msgs/Vector3": "float64 x, float64 y, float64 z",
+    "geometry_msgs/Quaternion": "float64 x, float64 y, float64 z, float64 w",
+    "sensor_msgs/JointState": (
+        "std_msgs/Header header, string[] name, float64[] position, float64[] velocity, float64[] effort"
+    ),
+    "sensor_msgs/Imu": (
+        "std_msgs/Header header, geometry_msgs/Quaternion orientation, float64[9] orientation_covariance, "
+        "geometry_msgs/Vector3 angular_velocity, float64[9] angular_velocity_covariance, "
+        "geometry_msgs/Vector3 linear_acceleration, float64[9] linear_acceleration_covariance"
+    ),
+    "std_msgs/MultiArrayDimension": "string label, uint32 size, uint32 stride",
+    "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim, uint32 data_offset",
+    "std_msgs/Float64MultiArray": "std_msgs/MultiArrayLayout layout, float64[] data",
+    "trajectory_msgs/JointTrajectoryPoint": (
+        "float64[] positions, float64[] velocities, float64[] accelerations, float64[] effort, "
+        "builtin_interfaces/Duration time_from_start"
+    ),
+    "trajectory_msgs/JointTrajectory": (
+        "std_msgs/Header header, string[] joint_names, trajectory_msgs/JointTrajectoryPoint[] points"
+    ),
+}
+"""In [rad], [rad/s], [Nm] and [m/s2]. Velocities and efforts may be empty, a covariance that begins with -1 states that its
+datum is missing, and a trajectory that is stamped zero begins at once."""
+
+(
+    Time, Duration, Header, Vector3, Quaternion, JointState, Imu, MultiArrayDimension, MultiArrayLayout, Float64MultiArray,
+    JointTrajectoryPoint, JointTrajectory,
+) = message_types(_DEFINITIONS)  # fmt: skip
+ENCODED_ARRAY = raw(Float64MultiArray)
+
+
+def dds_topic(name: str) -> str:
+    """Return the DDS name of a ROS topic: "rt/joint_states" of "/joint_states"."""
+    return "rt" + name
+
+
+def encoded_array(values: Sequence[float]) -> RawSample:
+    """Encode a `Float64MultiArray` without a layout: a dozen of them a command take cyclonedds half a millisecond."""
+    return ENCODED_ARRAY(struct.pack(f"<4s3I4x{len(values)}d", _LITTLE_ENDIAN, 0, 0, len(values), *values))

@@ -1,0 +1,120 @@
+"""Layouts of the low-level packets of the Unitree A1 and Go1.
+
+Each robot may speak one of two forms; which one, its answers tell. The A1's compressed form and the Go1's plain one are held
+against packets that the makers' own SDKs sent and accepted (docs/unitree-udp.md says how); no packet of a real robot was
+seen. Not proven are the A1's structures as they are (its header, packed) and the Go1's scrambled checksum, which one public
+program sends.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from equipoise.drivers.unitree.udp_settings import Protocol, form_names
+
+_PARTS = {
+    "Imu": "float32[4] quat_wxyz, float32[3] gyroscope, float32[3] accelerometer, float32[3] rpy, int8 temperature",
+    "MotorCommand": (
+        "uint8 mode, float32 position, float32 velocity, float32 torque, float32 kp, float32 kd, uint32[3] reserve"
+    ),
+    "MotorState": (
+        "uint8 mode, float32 position, float32 velocity, float32 acceleration, float32 torque, float32[3] raw, "
+        "int8 temperature, uint32[2] reserve"
+    ),
+    "CompressedCommand": (
+        "uint8 mode, float32 position, float32 velocity, int16 torque, int16 kp, int16 kd, uint32[3] reserve"
+    ),
+    "CompressedState": (
+        "uint8 mode, float32 position, float32 velocity, int16 acceleration, int16 torque, float32 raw_position, "
+        "float32 raw_velocity, int16 raw_acceleration, int8 temperature, uint32[2] reserve"
+    ),
+    "Go1Battery": (
+        "uint8[2] version, uint8 status, uint8 charge, int32 current, uint16 cycles, int8[4] temperature, uint8[10] cells"
+    ),
+}
+_A1_HEAD = "uint8 level, uint16 version, uint16 robot, uint32 serial, uint8 bandwidth"
+_GO1_HEAD = "uint8[2] head, uint8 level, uint8 frame, uint32[2] serial, uint32[2] version, uint16 bandwidth"
+_FEET = "int16[4] foot_force, int16[4] foot_force_estimate, uint32 tick"
+_TAIL = "uint8[40] remote, uint32 reserve, uint32 checksum"
+
+
+def _packed(definition: str) -> np.dtype[Any]:
+    """Return a structured type of fields in their order, without padding; parts of a packet by their names in `_PARTS`."""
+    fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = []
+    for kind, name in (each.split() for each in definition.split(", ")):
+        kind, _, count = kind.rstrip("]").partition("[")  # noqa: PLW2901
+        part = _packed(_PARTS[kind]) if kind in _PARTS else np.dtype(kind).newbyteorder("<")
+        fields.append((name, part, (int(count),) if count else ()))
+    return np.dtype(fields)
+
+
+_COUNTS = {"torque": 256.0, "kp": 32.0, "kd": 16.0}  # per Nm, Nm/rad, Nm s/rad in a compressed record
+
+
+@dataclass(frozen=True, eq=False)
+class PacketFormat:
+    """Form of a robot's packets.
+
+    Attributes:
+        command: structured type of the command packet.
+        state: structured type of the state packet.
+        begins: first bytes of both packets, by which they are known.
+        state_lengths: lengths that states may have [bytes]; what is longer is padding.
+        counts: counts per SI unit, of fields that are integers.
+        scrambled: whether the checksum of commands is scrambled; states are then taken either way.
+        bandwidth: value of a field of commands whose meaning is not known.
+    """
+
+    command: np.dtype[Any]
+    state: np.dtype[Any]
+    begins: bytes
+    state_lengths: tuple[int, ...]
+    counts: Mapping[str, float] = field(default_factory=dict[str, float])
+    scrambled: bool = False
+    bandwidth: int = 0
+
+
+A1 = PacketFormat(
+    _packed(f"{_A1_HEAD}, CompressedCommand[20] motors, uint8[12] led, {_TAIL}"),
+    _packed(f"{_A1_HEAD}, Imu imu, CompressedState[20] motors, {_FEET}, {_TAIL}"),
+    begins=b"\xff",
+    state_lengths=(771,),
+    counts=_COUNTS,
+)
+"""Form that its SDK sends as `UDP(LOWLEVEL)`, the constructor of public programs: 610 bytes, 771 back."""
+
+A1_STRUCT = PacketFormat(
+    _packed(f"{_A1_HEAD}, MotorCommand[20] motors, uint8[12] led, {_TAIL}"),
+    _packed(f"{_A1_HEAD}, Imu imu, MotorState[20] motors, {_FEET}, {_TAIL}"),
+    begins=b"\xff",
+    state_lengths=(891,),
+)
+"""Form that its SDK sends when it is given the sizes of its structures: those, without padding; 730 bytes, 891 back."""
+
+GO1 = PacketFormat(
+    _packed(f"{_GO1_HEAD}, CompressedCommand[20] motors, uint8[4] battery, {_TAIL}"),
+    _packed(f"{_GO1_HEAD}, Imu imu, CompressedState[20] motors, Go1Battery battery, {_FEET}, {_TAIL}"),
+    begins=b"\xfe\xef\xff",
+    state_lengths=(807, 820),  # public programs receive 13 bytes of zeros more
+    counts={**_COUNTS, "cells": 1 / 0.032},
+)
+"""SDK 3.8.4: 614 bytes, 807 back."""
+
+GO1_SCRAMBLED = dataclasses.replace(GO1, scrambled=True, bandwidth=0xC03A)
+"""Form that one public program sends; the maker's SDK rejects states with such a checksum."""
+
+FORMS: dict[Protocol, dict[str, PacketFormat]] = {
+    "a1": {"compressed": A1, "struct": A1_STRUCT},
+    "go1": {"plain": GO1, "scrambled": GO1_SCRAMBLED},
+}
+"""Forms by robot and name, the likeliest first."""
+
+
+def forms_of(protocol: Protocol, form: str | None) -> dict[str, PacketFormat]:
+    """Return the forms that a robot may send: the one of that name, or any; raises SettingsError as `form_names`."""
+    return {name: FORMS[protocol][name] for name in form_names(protocol, form)}
