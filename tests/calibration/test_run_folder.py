@@ -419,14 +419,13 @@ def test_a_folder_without_a_run_is_no_run(tmp_path, name, kind):
         (b"\xff\xfe\x00", "is not a run folder of a calibration: .*run.json' is not JSON"),
         (b"[1, 2]", "is not a run folder of a calibration: .*run.json' holds no JSON object"),
         (b"{}", "is damaged: its run.json lacks 'schema'; copy it again from where it is whole"),
-        (b'{"schema": [2]}', r"is \[2\]; this version reads 'equipoise.run/3'"),
-        (b'{"schema": "equipoise.run/4"}', "is 'equipoise.run/4'; this version reads 'equipoise.run/3'"),
+        (b'{"schema": [2]}', r"is \[2\]; this version reads 'equipoise.run/1'"),
         (
-            b'{"schema": "equipoise.run/1"}',
-            "is 'equipoise.run/1'; this version reads 'equipoise.run/3': estimate it with the version of "
-            "equipoise that made it, or calibrate again",
+            b'{"schema": "equipoise.run/3"}',
+            "is 'equipoise.run/3'; this version reads 'equipoise.run/1': it was made by an earlier version; record or "
+            "estimate again$",
         ),
-        (b'{"schema": "equipoise.run/3"}', "is damaged: its run.json lacks 'model'"),
+        (b'{"schema": "equipoise.run/1"}', "is damaged: its run.json lacks 'model'"),
     ],
 )
 def test_a_damaged_header_is_told(run, content, message):

@@ -49,9 +49,9 @@ from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
-from equipoise.user_file import json_value, kind_of, read_text, typed, write_file
+from equipoise.user_file import check_schema, json_value, kind_of, read_text, typed, write_file
 
-SCHEMA = "equipoise.run/3"
+SCHEMA = "equipoise.run/1"
 RESULT = "calibration.json"
 POSTERIOR = "posterior.json"
 HEADER = "run.json"
@@ -136,11 +136,7 @@ class RunFolder:
         header = _read_json(path / HEADER, f"{str(path)!r} is not a run folder of a calibration")
         if (schema := header.get("schema")) is None:
             raise _damaged(path, f"its {HEADER} lacks 'schema'")
-        if schema != SCHEMA:
-            raise RecordingError(
-                f"the run {str(path)!r} is {schema!r}; this version reads {SCHEMA!r}: estimate it with the version of "
-                "equipoise that made it, or calibrate again"
-            )
+        check_schema(schema, SCHEMA, f"the run {str(path)!r}")
         for key in ("model", "description", "settings", "provenance"):
             if not isinstance(header.get(key), dict):
                 raise _damaged(path, f"its {HEADER} lacks {key!r}")
@@ -274,9 +270,9 @@ class RunFolder:
                 model["sha256"],
                 tuple(model["repairs"]),
                 model["effort_limits"],
-                model.get("home", {}),  # older runs held all else at zero
-                model.get("forward", "+x"),
-                imu_sensors=tuple(model.get("imu_sensors", ())),
+                model["home"],
+                model["forward"],
+                imu_sensors=tuple(model["imu_sensors"]),
             )
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)

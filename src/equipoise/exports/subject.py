@@ -158,7 +158,7 @@ class Subject:
 
     @property
     def _in_file(self) -> tuple[str, pin.SE3]:
-        return link_in_file(self.base_link, cast(Forward, self.result.model.get("forward", "+x")))
+        return link_in_file(self.base_link, cast(Forward, self.result.model["forward"]))
 
     @property
     def stance(self) -> str:

@@ -15,6 +15,7 @@ from equipoise.recording.log_messages import COMMANDS, EVENTS, FORMAT, INERTIAL,
 from equipoise.recording.mcap_reader import MessageReader
 from equipoise.recording.messages import read_imu, read_joints, read_text
 from equipoise.recording.recording import CommandStream, Recording
+from equipoise.user_file import check_schema
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +92,7 @@ def check_format(reader: MessageReader) -> None:
     found = reader.channels.get(LOG, {}).get("format")
     if found is None:
         raise RecordingError(f"{str(reader.path)!r} is not a log of equipoise: it has no topic {LOG}")
-    if found != FORMAT:
-        raise RecordingError(f"the log {str(reader.path)!r} is {found!r}; this version reads {FORMAT!r}")
+    check_schema(found, FORMAT, f"the log {str(reader.path)!r}")
 
 
 @contextmanager

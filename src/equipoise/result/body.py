@@ -263,7 +263,7 @@ class Body(_Group):
     def from_dict(cls, table: Mapping[str, Any], model: InertialParameters | None = None) -> Body:
         """From the JSON form."""
         body = cls.of(_components_of(table), model=model)
-        uncertainty = table.get("uncertainty")
+        uncertainty = table["uncertainty"]
         if uncertainty is None:
             return body
         known = uncertainty["intervals"]

@@ -28,13 +28,11 @@ from equipoise.result.requirements import verdicts
 from equipoise.result.uncertainty import UncertaintySource
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
-from equipoise.user_file import json_value, kind_of, read_text, write_file
+from equipoise.user_file import check_schema, json_value, kind_of, read_text, write_file
 
 Maybe = float | None
 
-SCHEMA = "equipoise.calibration/3"
-_BEFORE = "equipoise.calibration/2"
-"""Had `uncertainty` by body beside the bodies, and `feet` beside the settings that have it too."""
+SCHEMA = "equipoise.calibration/1"
 
 
 @dataclass(frozen=True)
@@ -365,13 +363,9 @@ class Calibration:
         found = cast("dict[str, Any]", table).get("schema") if isinstance(table, dict) else None
         if found is None:
             raise RecordingError(f"{str(path)!r} {kind} of another kind; {remedy}")
-        if found not in (SCHEMA, _BEFORE):
-            raise RecordingError(
-                f"the result {str(path)!r} has the schema {found!r}; this version reads {SCHEMA!r}: make it again with "
-                "`equipoise estimate RUN`, or read it with the version of equipoise that wrote it"
-            )
+        check_schema(found, SCHEMA, f"the result {str(path)!r}")
         try:
-            return cls._from_dict(_as_now(cast("dict[str, Any]", table)))
+            return cls._from_dict(cast("dict[str, Any]", table))
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"the result {str(path)!r} is damaged: {error!r}") from error
 
@@ -382,7 +376,7 @@ class Calibration:
             robot=table["robot"],
             method=table["method"],
             joint_position=table["stance"]["joint_position"],
-            held=table["stance"].get("held", {}),
+            held=table["stance"]["held"],
             model=table["model"],
             composite=Body.from_dict(table["composite"], nominal.composite),
             base=Body.from_dict(table["base"], nominal.base),
@@ -393,23 +387,16 @@ class Calibration:
             settings=table["settings"],
             provenance=table["provenance"],
             warnings=tuple(table["warnings"]),
-            assumptions=tuple(table.get("assumptions", ())),
+            assumptions=tuple(table["assumptions"]),
             sensors=tuple(SensorFinding(**finding) for finding in table["sensors"]),
             checks=tuple(Check(**check) for check in table["checks"]),
-            budget=tuple(UncertaintySource.from_dict(source) for source in table.get("budget", ())),
-            held_out=None if table.get("held_out") is None else HeldOut.from_dict(table["held_out"]),
+            budget=tuple(UncertaintySource.from_dict(source) for source in table["budget"]),
+            held_out=None if table["held_out"] is None else HeldOut.from_dict(table["held_out"]),
             mass_comparison=MassComparison.from_dict(table.get("mass_comparison")),
             motors={name: Motor.from_dict(motor) for name, motor in table.get("motors", {}).items()},
             links={name: Link.from_dict(link) for name, link in table.get("links", {}).items()},
         )
         return result if truth is None else result.with_truth(inertia_from_dict(truth))
-
-
-def _as_now(table: dict[str, Any]) -> dict[str, Any]:
-    """The JSON form of today from that or the one before."""
-    if table["schema"] == SCHEMA:
-        return table
-    return {**table, **{name: {**table[name], "uncertainty": table["uncertainty"].get(name)} for name in BODIES}}
 
 
 def _given(body: InertialParameters | None, name: str) -> InertialParameters:

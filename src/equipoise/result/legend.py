@@ -24,7 +24,7 @@ def frame_sentence(result: Calibration) -> str:
         f"CoM from the origin of base link {result.model['base_link']!r}, x forward, z up; inertia about the CoM, in the "
         f"same axes{_standing(result)}."
     )
-    imu = f" {result.model['imu']}." if "imu" in result.model else ""
+    imu = f" {result.model['imu']}."
     if "response_test" in result.provenance:
         imu += f" {ResponseTest.from_dict(result.provenance['response_test']).sentence}."
     return words + imu + " Of 20 intervals one is expected to miss the truth." * result.has_intervals

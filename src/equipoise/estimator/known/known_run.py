@@ -26,7 +26,7 @@ from equipoise.estimator.unknowns import Priors
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.user_file import json_value, kind_of, read_text, typed
+from equipoise.user_file import check_schema, json_value, kind_of, read_text, typed
 
 POSTERIOR = "posterior.json"
 SCHEMA = "equipoise.posterior/1"
@@ -119,13 +119,14 @@ class KnownRun:
         """
         try:
             table = json_value(read_text(path / POSTERIOR))
-            if (found := table["schema"]) != SCHEMA:
-                raise SettingsError(f"its {POSTERIOR} is {found!r}; this version reads {SCHEMA!r}: calibrate it anew")
+            check_schema(table["schema"], SCHEMA, f"--known {path}: its {POSTERIOR}")
             return replace(cls(**table), run=str(path))
         except (FileNotFoundError, NotADirectoryError) as error:
             raise _why_none(path) from error
         except OSError as error:
             raise RecordingError(f"--known {path}: its {POSTERIOR} cannot be read: {error.strerror}") from error
+        except RecordingError:
+            raise
         except SettingsError as error:
             raise RecordingError(f"--known {path}: {error}") from error
         except (ValueError, TypeError, KeyError) as error:
@@ -285,6 +286,6 @@ def _why_none(path: Path) -> EquipoiseError:
             f"--known {path}: this run came to no result; go on with: equipoise calibrate --resume {typed(path)}"
         )
     return RecordingError(
-        f"--known {path}: this run was made before runs kept what the next one needs; make it with: "
+        f"--known {path}: this run has no {POSTERIOR}, which the next one needs; make it with: "
         f"equipoise estimate {typed(path)}"
     )
