@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from equipoise.exports.found import BASE
-from equipoise.exports.subject import PAYLOAD, Subject
-from equipoise.exports.written import Written
+from equipoise.exports.subject import PAYLOAD, Subject, Written
 
 FileUse = Literal["model", "given", ""]
 _QUANTITIES = {

@@ -24,6 +24,7 @@ from equipoise.robot.source import Forward
 
 PAYLOAD = "equipoise_payload"
 """Name of the link that `--add-payload-link` writes."""
+COMPOSITE_WORDS = "composite: the whole robot frozen at the stance"
 _BASE_WORDS = (
     "base link {!r} with all that is fixed to it or held; with the model's legs it makes the composite that was found"
 )
@@ -37,6 +38,20 @@ class UsersFile:
 
     path: Path
     content: bytes
+
+
+@dataclass(frozen=True)
+class Written:
+    """A file's content, and words for the body or the parts that it holds."""
+
+    content: bytes
+    about: str
+    notes: tuple[str, ...] = ()  # what speaks against it, found while writing
+
+    @classmethod
+    def text(cls, lines: list[str], about: str) -> Written:
+        """From lines of text."""
+        return cls(("\n".join(lines) + "\n").encode(), about)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +204,10 @@ class Subject:
         )
         return tuple(map(_one_line, lines))
 
+    def comment(self, about: str, mark: str = "# ") -> list[str]:
+        """The header as comments of one line."""
+        return [mark + line for line in self.header(about)]
+
     def column(self, name: str) -> dict[str, float]:
         """Numbers of one kind that are written, by joint or axis; none, if there is nothing to write of it."""
         found = [column for column in self.columns if column.name == name]
@@ -215,11 +234,6 @@ class Subject:
     def words_in_file(self) -> str:
         """About `base_in_file`."""
         return _BASE_WORDS.format(self.file_link)
-
-    @property
-    def composite_words(self) -> str:
-        """About the composite."""
-        return "composite: the whole robot frozen at the stance"
 
 
 def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameters:

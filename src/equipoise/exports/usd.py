@@ -19,8 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.errors import MissingDependencyError, ModelError, SettingsError
 from equipoise.exports.found import BASE
-from equipoise.exports.subject import FloatArray, Subject
-from equipoise.exports.written import Written
+from equipoise.exports.subject import FloatArray, Subject, Written
 from equipoise.robot.inertial import InertialParameters
 
 _SCALED = 1e-4  # how far from one a body's scale may be: files are in single precision
