@@ -18,6 +18,11 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f"did you mean {near[0]!r}? " if near else ""
 
 
+def reason(error: Exception) -> str:
+    """Return the words of an error for another one's message; those of other programs need their type beside them."""
+    return str(error) if isinstance(error, EquipoiseError) else repr(error)
+
+
 class EquipoiseError(Exception):
     """Base of all errors that equipoise raises on purpose.
 

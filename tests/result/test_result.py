@@ -20,8 +20,9 @@ from equipoise import (
     simulate,
 )
 from equipoise.errors import NotEstimatedError, OutputError, RecordingError
-from equipoise.result.body import Body, inertia_from_dict, inertia_to_dict
-from equipoise.robot.inertial import nominal_inertia
+from equipoise.json_form import from_json, to_json
+from equipoise.result.body import Body
+from equipoise.robot.inertial import RobotInertia, nominal_inertia
 
 SETTINGS = Paper(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
 BASE = InertialParameters(
@@ -65,8 +66,8 @@ def test_the_json_keys_are_those_that_others_rely_on(calibration):
     table = json.loads(calibration.to_json())
     assert list(table) == [
         "schema", "robot", "method", "model", "stance", "composite", "base", "stance_effective",
-        "sensors", "checks", "budget", "held_out", "verdicts", "sways", "support_lines", "trials",
-        "settings", "provenance", "warnings", "assumptions", "nominal", "truth", "errors",
+        "sensors", "motors", "links", "checks", "budget", "held_out", "mass_comparison", "sways", "support_lines", "trials",
+        "settings", "provenance", "warnings", "assumptions", "verdicts", "nominal", "truth", "errors",
     ]  # fmt: skip
     assert table["schema"] == "equipoise.calibration/1"
     assert table["robot"] == "unitree_a1"
@@ -215,7 +216,7 @@ def test_joining_facts_leaves_the_result_as_it_was(without_truth):
 
 def test_the_three_bodies_go_there_and_back(a1):
     bodies = nominal_inertia(a1, nominal_stance(a1).joint_position)
-    again = inertia_from_dict(json.loads(json.dumps(inertia_to_dict(bodies))))
+    again = from_json(RobotInertia, json.loads(json.dumps(to_json(bodies))))
     for field in dataclasses.fields(bodies):
         assert np.array_equal(getattr(again, field.name).inertia, getattr(bodies, field.name).inertia)
 

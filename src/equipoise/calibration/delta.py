@@ -21,8 +21,9 @@ from equipoise.estimator.measurements.evidence import read_evidence
 from equipoise.estimator.parameters import base_vector
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.unknowns import Priors
+from equipoise.json_form import to_json
 from equipoise.recording.recording import Recording
-from equipoise.result.body import Body, parameters_to_dict
+from equipoise.result.body import Body
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import InertialParameters, RobotInertia, components, composite_parameters
 from equipoise.robot.model import RobotModel
@@ -73,7 +74,7 @@ class Delta:
             "change": {quantity.name: quantity.value for quantity in self.change},
             "change_intervals": self.change.intervals(),
             "warnings": list(self.warnings),
-            "truth": None if self.payload.truth is None else parameters_to_dict(self.payload.truth),
+            "truth": to_json(self.payload.truth),
             "provenance": dict(self.provenance),
         }
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.json_form import to_json
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import RehearsedPosture, held_posture
 from equipoise.robot.model import RobotModel
@@ -61,12 +62,8 @@ class Rehearsal:
                 name: {"from": low, "to": high, "torque": torque, "torque_limit": limit if np.isfinite(limit) else None}
                 for name, low, high, torque, limit in rows
             },
-            "postures": [
-                {"what": posture.what, "times": posture.times, "joint_position": posture.joint_position.tolist(),
-                 "torque": posture.torque.tolist()}
-                for posture in self.postures
-            ],
-        }  # fmt: skip
+            "postures": to_json(self.postures),
+        }
 
 
 def rehearse(robot: RobotModel, method: Method) -> Rehearsal:

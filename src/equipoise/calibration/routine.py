@@ -13,6 +13,7 @@ from equipoise.experiments.response import check_base, check_joints
 from equipoise.experiments.response_test import ResponseTest
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.guard.report import GuardReport
+from equipoise.json_form import to_json
 from equipoise.method.method import Method
 from equipoise.platform.platform import Platform
 from equipoise.precise.method import Precise
@@ -115,7 +116,7 @@ def perform(
             response = check_base(planted, stance, joints, confirm)
             robot = planted.robot  # methods put robots of other masses there later
             on_response(response)
-            facts["response_test"] = response.to_dict()
+            facts["response_test"] = to_json(response)
         _confirm_mass(method.mass_in_doubt(planted, stance), confirm)
         method.run(planted, stance, recordings, report)
         move_to(planted, feet_at_end)
@@ -141,7 +142,7 @@ def with_guard_report(result: Calibration, report: GuardReport) -> Calibration:
     if share > _BAD_SAMPLES:
         message += f". More than {_BAD_SAMPLES:.0%} is suspect: check the cable, and what else sends to this computer"
     checks = sorted([*result.checks, Check("samples", share <= _BAD_SAMPLES, message)], key=lambda check: check.passed)
-    return dataclasses.replace(result, checks=tuple(checks)).with_provenance(guard=dataclasses.asdict(report))
+    return dataclasses.replace(result, checks=tuple(checks)).with_provenance(guard=to_json(report))
 
 
 def _confirm_mass(doubt: MassComparison | None, confirm: Callable[[str], bool] | None) -> None:
@@ -151,7 +152,7 @@ def _confirm_mass(doubt: MassComparison | None, confirm: Callable[[str], bool] |
             f"{doubt.sentence}; no foot was lifted. Weigh the robot again, or give no mass; if the mass is "
             "right (torque constants may be off by so much), confirm it: --confirm-mass (in Python confirm_mass=True)",
             doubt,
-            {"mass_comparison": doubt.to_dict()},
+            {"mass_comparison": to_json(doubt)},
         )
 
 

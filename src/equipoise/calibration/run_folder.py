@@ -29,13 +29,14 @@ import numpy as np
 
 from equipoise.calibration.routine import estimate
 from equipoise.errors import (
-    EquipoiseError,
     ModelWarning,
     OutputError,
     RecordingError,
     SettingsError,
+    reason,
 )
 from equipoise.experiments.response_test import ResponseTest
+from equipoise.json_form import fields_to_json, from_json, to_json
 from equipoise.method.method import Method
 from equipoise.method.table import method_from_dict
 from equipoise.recording.mcap_reader import was_closed
@@ -43,7 +44,7 @@ from equipoise.recording.recording import Recording
 from equipoise.recording.rosbag2 import METADATA, write_metadata
 from equipoise.recording.run_log import RunLog, resume_log
 from equipoise.recording.run_log_reader import LogContent, log_file, log_files, read_log
-from equipoise.result.body import inertia_from_dict, inertia_to_dict
+from equipoise.result.body import BODIES
 from equipoise.result.calibration import Calibration, PartsTruth
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import RobotInertia
@@ -86,18 +87,8 @@ class RunFolder:
         header = {
             "schema": SCHEMA,
             "robot": robot.name,
-            "model": {
-                "format": robot.source.format,
-                "path": str(robot.source.path),
-                "sha256": robot.source.sha256,
-                "xml_sha256": _sha256(robot.source.xml),
-                "repairs": list(robot.source.repairs),
-                "effort_limits": robot.source.effort_limits,
-                "home": robot.source.home,
-                "forward": robot.source.forward,
-                "imu_sensors": list(robot.source.imu_sensors),
-            },
-            "description": dataclasses.asdict(robot.description),
+            "model": _model_table(robot.source),
+            "description": to_json(robot.description),
             "settings": method.to_dict(),
             **({"attachments": [*method.attachments()]} if method.attachments() else {}),
             "provenance": dict(provenance),
@@ -199,7 +190,7 @@ class RunFolder:
                 f"{str(self.path)!r} has: was the IMU moved? Begin a new run"
             )
         if found.uses_measurement or _RESPONSE not in self.provenance:
-            self._header = {**self._header, "provenance": {**self.provenance, _RESPONSE: found.to_dict()}}
+            self._header = {**self._header, "provenance": {**self.provenance, _RESPONSE: to_json(found)}}
             write_file(self.path / HEADER, json.dumps(self._header, indent=2) + "\n")
 
     def keep(self, recording: Recording) -> None:
@@ -263,24 +254,15 @@ class RunFolder:
             xml = read_text(self.path / _MODEL)
             if _sha256(xml) != model["xml_sha256"]:
                 raise RecordingError("the model is not the one that it was recorded with")
-            source = ModelSource(
-                Path(model["path"]),
-                model["format"],
-                xml,
-                model["sha256"],
-                tuple(model["repairs"]),
-                model["effort_limits"],
-                model["home"],
-                model["forward"],
-                imu_sensors=tuple(model["imu_sensors"]),
-            )
+            own = {name: value for name, value in model.items() if name != "xml_sha256"}
+            source = from_json(ModelSource, {**own, "path": Path(own["path"]), "xml": xml})
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)
                 return RobotModel.from_source(source, self._header["robot"], RobotDescription.from_dict(description))
         except OSError as error:
             raise _damaged(self.path, f"its {_MODEL} cannot be read ({error.strerror})") from error
         except (KeyError, TypeError, ValueError) as error:
-            raise _damaged(self.path, f"its {HEADER} and {_MODEL} make no robot ({_told(error)})") from error
+            raise _damaged(self.path, f"its {HEADER} and {_MODEL} make no robot ({reason(error)})") from error
 
     def method(self) -> Method:
         """Return the method of the run; raises MissingDependencyError if the package that brings it cannot be used."""
@@ -288,7 +270,7 @@ class RunFolder:
             return method_from_dict({**self._header["settings"], **self._attached()})
         except (AttributeError, TypeError, SettingsError) as error:
             raise RecordingError(
-                f"the settings of run {str(self.path)!r} are damaged: {_told(error)}; they stand in its {HEADER}: {_REMEDY}; "
+                f"the settings of run {str(self.path)!r} are damaged: {reason(error)}; they stand in its {HEADER}: {_REMEDY}; "
                 "or, if another version of equipoise made the run, estimate it with that version"
             ) from error
 
@@ -298,7 +280,7 @@ class RunFolder:
 
     def save_truth(self, truth: RobotInertia, of_parts: PartsTruth | None = None) -> None:
         """Keep a simulated robot's truth beside its recordings; only `estimate` reads it, and after estimating."""
-        table = {**inertia_to_dict(truth), **(of_parts or {})}
+        table = {**to_json(truth), **(of_parts or {})}
         write_file(self.path / _TRUTH, json.dumps(table, indent=2) + "\n")
 
     def estimate(self, method: Method | None = None) -> Calibration:
@@ -317,9 +299,10 @@ class RunFolder:
         if not (self.path / _TRUTH).exists():
             return None
         try:
-            return inertia_from_dict(self._truth_table())
+            table = self._truth_table()
+            return from_json(RobotInertia, {name: table[name] for name in BODIES})
         except (KeyError, TypeError, ValueError) as error:
-            raise _damaged(self.path, f"its {_TRUTH} holds no truth ({error!r})") from error
+            raise _damaged(self.path, f"its {_TRUTH} holds no truth ({reason(error)})") from error
 
     def _truth_table(self) -> dict[str, Any]:
         return self._read_table(_TRUTH)
@@ -355,9 +338,11 @@ class RunFolder:
             write_file(self.path / POSTERIOR, json.dumps(kept) + "\n")
 
 
-def _told(error: Exception) -> str:
-    """An error of ours says what is wrong; any other one needs its type for that."""
-    return str(error) if isinstance(error, EquipoiseError) else repr(error)
+def _model_table(source: ModelSource) -> dict[str, Any]:
+    """Return what a run says of its model; the cleaned model itself has a file of its own."""
+    table = {**fields_to_json(source), "path": str(source.path), "xml_sha256": _sha256(source.xml)}
+    del table["xml"]
+    return table
 
 
 def _damaged(path: Path, what: str) -> RecordingError:

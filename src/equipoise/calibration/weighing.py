@@ -10,6 +10,7 @@ from equipoise.calibration.delta import Delta, find_delta_since
 from equipoise.errors import NotEstimatedError
 from equipoise.estimator.known.known_run import KnownRun
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
+from equipoise.json_form import to_json
 from equipoise.result.calibration import Calibration
 from equipoise.result.requirements import verdicts
 from equipoise.result.statistics import NORMAL_95
@@ -49,17 +50,14 @@ class Weighing:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
-        checks = [
-            {"name": check.name, "passed": check.passed, "message": check.message} for check in self.result.checks
-        ]
         return {
             **self.delta.to_dict(),
             "schema": SCHEMA,
             "answer": self.answer,
             "sentence": self.sentence,
             "robot_time": _robot_time(self.result),
-            "checks": checks,
-            "mass_comparison": None if self.result.mass_comparison is None else self.result.mass_comparison.to_dict(),
+            "checks": to_json(self.result.checks),
+            "mass_comparison": to_json(self.result.mass_comparison),
             "verdicts": self.verdicts,
         }
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import types
-import typing
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, TypeVar, cast
+from typing import Any, ClassVar, TypeVar
 
-from equipoise.errors import SettingsError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
+from equipoise.json_form import fields_to_json, from_json
 from equipoise.method.reading import Reading
 from equipoise.method.rehearsal import Course, Forecast
 from equipoise.recording.recording import Recording
@@ -21,7 +19,6 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 Self = TypeVar("Self", bound="Method")
-Settings = TypeVar("Settings")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,7 +160,7 @@ class Method(ABC):
 
     def to_dict(self) -> dict[str, Any]:
         """Name and settings as JSON values."""
-        return {"method": self.name, **dataclasses.asdict(self)}
+        return {"method": self.name, **fields_to_json(self)}
 
     @classmethod
     def from_dict(cls: type[Self], table: Mapping[str, Any]) -> Self:
@@ -172,37 +169,4 @@ class Method(ABC):
         Raises:
             SettingsError: a setting is not known, or is none that can be.
         """
-        return read_settings(cls, {name: value for name, value in table.items() if name != "method"})
-
-
-def read_settings(kind: type[Settings], table: Mapping[str, Any], above: str = "") -> Settings:
-    """A dataclass of settings, and those in it, from JSON values by field name; raises SettingsError."""
-    hints = typing.get_type_hints(kind)
-    known = [field.name for field in dataclasses.fields(cast("Any", kind))]
-    given: dict[str, Any] = {}
-    for name, value in table.items():
-        if name not in known:
-            raise SettingsError(f"unknown setting {above + name!r}; known are {', '.join(known)}")
-        given[name] = _converted(hints[name], value, above + name)
-    return kind(**given)
-
-
-def _converted(hint: Any, value: Any, name: str) -> Any:
-    """A JSON value as a setting's type: tables are dataclasses of settings, lists are tuples, whole numbers numbers."""
-    of_union = typing.get_origin(hint) in (typing.Union, types.UnionType)
-    kinds = [kind for kind in (typing.get_args(hint) if of_union else (hint,)) if kind is not type(None)]
-    found = cast("type[Any]", type(value))
-    if found is type(None) and len(kinds) < len(typing.get_args(hint)):
-        return None
-    if dataclasses.is_dataclass(kinds[0]):
-        if not issubclass(found, Mapping):
-            raise SettingsError(f"setting {name!r} is {value!r}; it must be a table")
-        return read_settings(cast("type[Any]", kinds[0]), value, f"{name}.")
-    if found is list and tuple in (*kinds, *map(typing.get_origin, kinds)):
-        return tuple(value)
-    plain = [kind for kind in kinds if kind in (bool, int, float, str)]
-    if len(plain) < len(kinds) or found in plain:
-        return value  # other types are for the settings to refuse
-    if found is int and float in plain:
-        return float(value)
-    raise SettingsError(f"setting {name!r} is {value!r}; it must be {' or '.join(kind.__name__ for kind in plain)}")
+        return from_json(cls, {name: value for name, value in table.items() if name != "method"})

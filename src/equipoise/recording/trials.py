@@ -7,12 +7,13 @@ phases in its recording: `Recording.complete`, `interrupted`, `refused`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
 from equipoise.conventions import AXES, SWINGS, Axis, Swing
 from equipoise.errors import RecordingError
+from equipoise.json_form import from_json
 from equipoise.recording.phases import Phase
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, PAIRS
 from equipoise.robot.posture import BodyPosture
@@ -300,28 +301,12 @@ def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
         return None
     if kind is LiftTrial and "offset" in data:
         kind = DesignedLift if "posture" in data else CommandedLift
-    names = [field.name for field in fields(kind) if data.get(field.name) is not None]
     try:
-        return kind(**{name: _READ.get(name, float)(data[name]) for name in names})
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        return from_json(kind, {name: value for name, value in data.items() if name != "kind" and value is not None})
+    except ValueError as error:
         raise RecordingError(
-            f"the recording's trial {dict(data)} is damaged: {type(error).__name__}: {error}; leave the recording out"
+            f"the recording's trial {dict(data)} is damaged: {error}; leave the recording out"
         ) from error
 
 
 _KINDS = (LiftTrial, PostureTrial, SwayTrial, StandTrial, WalkTrial, CrawlTrial, TurnTrial, MotorTrial)
-
-
-def _step(data: Mapping[str, Any]) -> TwoFeet | ThreeFeet:
-    times = float(data["start"]), float(data["end"])
-    return TwoFeet(str(data["pair"]), *times) if "pair" in data else ThreeFeet(str(data["lifted"]), *times)
-
-
-_READ: Mapping[str, Callable[[Any], Any]] = {
-    **dict.fromkeys(("diagonal", "turn", "swing", "leg"), str),
-    "side": int,
-    "posture": lambda data: BodyPosture(**{name: float(value) for name, value in data.items()}),
-    "frequencies": lambda data: {str(axis): float(frequency) for axis, frequency in data.items()},
-    "steps": lambda data: tuple(_step(step) for step in data),
-}
-"""Functions that read the fields of trials from JSON values; all others are numbers."""

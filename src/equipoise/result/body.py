@@ -26,7 +26,8 @@ class _Group:
     """Quantities that belong together: in a loop, or as arrays with nan for what is not known."""
 
     def __iter__(self) -> Iterator[Quantity]:
-        raise NotImplementedError
+        """The quantities, in the order of the fields."""
+        return iter(vars(self).values())
 
     def _array(self, attribute: str) -> FloatArray:
         known = (getattr(quantity, attribute) for quantity in self)
@@ -60,10 +61,6 @@ class CentreOfMass(_Group):
     y: Quantity
     z: Quantity
 
-    def __iter__(self) -> Iterator[Quantity]:
-        """X, y, z."""
-        return iter((self.x, self.y, self.z))
-
 
 @dataclass(frozen=True)
 class InertiaTensor(_Group):
@@ -80,10 +77,6 @@ class InertiaTensor(_Group):
     Ixy: Quantity
     Ixz: Quantity
     Iyz: Quantity
-
-    def __iter__(self) -> Iterator[Quantity]:
-        """Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
-        return iter((self.Ixx, self.Iyy, self.Izz, self.Ixy, self.Ixz, self.Iyz))
 
     def _array(self, attribute: str) -> FloatArray:
         xx, yy, zz, xy, xz, yz = super()._array(attribute)
@@ -260,9 +253,9 @@ class Body(_Group):
         return {"mass": mass, "com_in_base": com, "inertia": rows.tolist() if np.isfinite(rows).all() else None}
 
     @classmethod
-    def from_dict(cls, table: Mapping[str, Any], model: InertialParameters | None = None) -> Body:
-        """From the JSON form."""
-        body = cls.of(_components_of(table), model=model)
+    def from_dict(cls, table: Mapping[str, Any]) -> Body:
+        """Return the body of a JSON form."""
+        body = cls.of(_components_of(table))
         uncertainty = table["uncertainty"]
         if uncertainty is None:
             return body
@@ -273,26 +266,6 @@ class Body(_Group):
         )
         covariance = uncertainty["covariance"]
         return body if covariance is None else dataclasses.replace(body, covariance=_read_only(covariance))
-
-
-def parameters_to_dict(body: InertialParameters) -> dict[str, Any]:
-    """JSON form of a body that is known: mass, com_in_base, inertia."""
-    return Body.known(body).numbers()
-
-
-def parameters_from_dict(table: Mapping[str, Any]) -> InertialParameters:
-    """From the JSON form; raises NotEstimatedError if something is missing."""
-    return Body.of(_components_of(table)).parameters()
-
-
-def inertia_to_dict(inertia: RobotInertia) -> dict[str, Any]:
-    """JSON form of the three bodies."""
-    return {name: parameters_to_dict(getattr(inertia, name)) for name in BODIES}
-
-
-def inertia_from_dict(table: Mapping[str, Any]) -> RobotInertia:
-    """From the JSON form."""
-    return RobotInertia(**{name: parameters_from_dict(table[name]) for name in BODIES})
 
 
 def _components_of(table: Mapping[str, Any]) -> FloatArray:

@@ -16,9 +16,10 @@ import pinocchio as pin
 
 from equipoise._version import __version__
 from equipoise.conventions import AXES, Axis, FloatArray
-from equipoise.errors import NotEstimatedError, RecordingError
+from equipoise.errors import NotEstimatedError, RecordingError, reason
+from equipoise.json_form import from_json, to_json
 from equipoise.recording.recording import Recording
-from equipoise.result.body import BODIES, Body, inertia_from_dict, inertia_to_dict
+from equipoise.result.body import BODIES, Body
 from equipoise.result.findings import Check, JointFindings, Link, Motor, SensorFinding
 from equipoise.result.held_out import HeldOut
 from equipoise.result.mass_comparison import MassComparison
@@ -33,6 +34,11 @@ from equipoise.user_file import check_schema, json_value, kind_of, read_text, wr
 Maybe = float | None
 
 SCHEMA = "equipoise.calibration/1"
+_WRITTEN = (
+    "sensors", "motors", "links", "checks", "budget", "held_out", "mass_comparison", "sways", "support_lines", "trials",
+    "settings", "provenance", "warnings", "assumptions",
+)  # fmt: skip
+"""Fields of a calibration that stand in its JSON form as they are."""
 
 
 @dataclass(frozen=True)
@@ -96,16 +102,6 @@ class SupportLine:
     upper: float
     point: tuple[float, float, float]
     normal: tuple[float, float, float]
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        return {**dataclasses.asdict(self), "point": list(self.point), "normal": list(self.normal)}
-
-    @classmethod
-    def from_dict(cls, table: Mapping[str, Any]) -> SupportLine:
-        """From the JSON form."""
-        point, normal = ((x, y, z) for x, y, z in (table["point"], table["normal"]))
-        return cls(table["offset"], table["lower"], table["upper"], point, normal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,26 +300,10 @@ class Calibration:
             "method": self.method,
             "model": dict(self.model),
             "stance": self.stance_dict(),
-            "composite": self.composite.to_dict(),
-            "base": self.base.to_dict(),
-            "stance_effective": self.stance_effective.to_dict(),
-            "sensors": [dataclasses.asdict(finding) for finding in self.sensors],
-            **({"motors": {name: motor.to_dict() for name, motor in self.motors.items()}} if self.motors else {}),
-            **({"links": {name: link.to_dict() for name, link in self.links.items()}} if self.links else {}),
-            "checks": [dataclasses.asdict(check) for check in self.checks],
-            "budget": [source.to_dict() for source in self.budget],
-            "held_out": None if self.held_out is None else self.held_out.to_dict(),
-            **({} if self.mass_comparison is None else {"mass_comparison": self.mass_comparison.to_dict()}),
+            **{name: to_json(getattr(self, name)) for name in (*BODIES, *_WRITTEN)},
             "verdicts": verdicts(self.composite, self.checks),
-            "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
-            "support_lines": {name: line.to_dict() for name, line in self.support_lines.items()},
-            "trials": [dataclasses.asdict(trial) for trial in self.trials],
-            "settings": dict(self.settings),
-            "provenance": dict(self.provenance),
-            "warnings": list(self.warnings),
-            "assumptions": list(self.assumptions),
-            "nominal": inertia_to_dict(self.nominal),
-            "truth": None if self.truth is None else inertia_to_dict(self.truth),
+            "nominal": to_json(self.nominal),
+            "truth": to_json(self.truth),
             "errors": None if self.truth is None else self._errors(),
         }
 
@@ -367,36 +347,16 @@ class Calibration:
         try:
             return cls._from_dict(cast("dict[str, Any]", table))
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise RecordingError(f"the result {str(path)!r} is damaged: {error!r}") from error
+            raise RecordingError(f"the result {str(path)!r} is damaged: {reason(error)}") from error
 
     @classmethod
     def _from_dict(cls, table: Mapping[str, Any]) -> Calibration:
-        truth, nominal = table["truth"], inertia_from_dict(table["nominal"])
-        result = cls(
-            robot=table["robot"],
-            method=table["method"],
-            joint_position=table["stance"]["joint_position"],
-            held=table["stance"]["held"],
-            model=table["model"],
-            composite=Body.from_dict(table["composite"], nominal.composite),
-            base=Body.from_dict(table["base"], nominal.base),
-            stance_effective=Body.from_dict(table["stance_effective"], nominal.stance_effective),
-            sways={axis: SwayEstimate(**sway) for axis, sway in table["sways"].items()},
-            support_lines={name: SupportLine.from_dict(line) for name, line in table["support_lines"].items()},
-            trials=tuple(Trial(**trial) for trial in table["trials"]),
-            settings=table["settings"],
-            provenance=table["provenance"],
-            warnings=tuple(table["warnings"]),
-            assumptions=tuple(table["assumptions"]),
-            sensors=tuple(SensorFinding(**finding) for finding in table["sensors"]),
-            checks=tuple(Check(**check) for check in table["checks"]),
-            budget=tuple(UncertaintySource.from_dict(source) for source in table["budget"]),
-            held_out=None if table["held_out"] is None else HeldOut.from_dict(table["held_out"]),
-            mass_comparison=MassComparison.from_dict(table.get("mass_comparison")),
-            motors={name: Motor.from_dict(motor) for name, motor in table.get("motors", {}).items()},
-            links={name: Link.from_dict(link) for name, link in table.get("links", {}).items()},
-        )
-        return result if truth is None else result.with_truth(inertia_from_dict(truth))
+        fields = {name: table[name] for name in ("robot", "method", "model", *BODIES, *_WRITTEN)}
+        result = from_json(cls, {**fields, **table["stance"]})
+        nominal = from_json(RobotInertia, table["nominal"], "nominal")
+        bodies = {name: getattr(result, name).with_model(getattr(nominal, name)) for name in BODIES}
+        truth = None if table["truth"] is None else from_json(RobotInertia, table["truth"], "truth")
+        return dataclasses.replace(result, **bodies).with_truth(truth)
 
 
 def _given(body: InertialParameters | None, name: str) -> InertialParameters:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import NORMAL_95
@@ -65,16 +65,6 @@ class Part:
     def doubted(self: Found) -> Found:
         """The same after a check of the run has failed."""
         return replace(self, **{name: quantity.doubted() for name, quantity in self.quantities.items()})
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls: type[Found], table: Mapping[str, Any]) -> Found:
-        """From the JSON form."""
-        quantities = {name: Quantity(**table[name]) for name in cls().quantities if name in table}
-        return cls(**{**table, **quantities})
 
 
 @dataclass(frozen=True)

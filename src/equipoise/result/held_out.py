@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from equipoise.json_form import from_json, to_json
 
 MODEL, EARLIER, FOUND = "model file", "earlier run", "this run"
 """Whose body predicts."""
@@ -96,10 +98,10 @@ class HeldOut:
             "folds": self.folds,
             "errors": {body: self.error(body) for body in self.bodies},
             "inside": {body: self.inside(body) for body in self.bodies},
-            "lifts": [asdict(lift) for lift in self.lifts],
+            "lifts": to_json(self.lifts),
         }
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> HeldOut:
         """From the JSON form."""
-        return cls(tuple(HeldOutLift(**lift) for lift in table["lifts"]))
+        return from_json(cls, {"lifts": table["lifts"]})

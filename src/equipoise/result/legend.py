@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from equipoise.experiments.response_test import ResponseTest
+from equipoise.json_form import from_json
 from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
 from equipoise.robot.stance import stance_at
@@ -26,7 +27,7 @@ def frame_sentence(result: Calibration) -> str:
     )
     imu = f" {result.model['imu']}."
     if "response_test" in result.provenance:
-        imu += f" {ResponseTest.from_dict(result.provenance['response_test']).sentence}."
+        imu += f" {from_json(ResponseTest, result.provenance['response_test']).sentence}."
     return words + imu + " Of 20 intervals one is expected to miss the truth." * result.has_intervals
 
 

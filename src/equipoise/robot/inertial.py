@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -67,6 +69,15 @@ class InertialParameters:
         xx, xy, yy, xz, yz, zz = vector[4:]
         about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         return cls(mass, com, about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {"mass": self.mass, "com_in_base": self.com.tolist(), "inertia": self.inertia.tolist()}
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> InertialParameters:
+        """Return the body of a JSON form."""
+        return cls(table["mass"], table["com_in_base"], table["inertia"])
 
     @property
     def vector(self) -> FloatArray:

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import EquipoiseError, RecordingError, SettingsError
+from equipoise.errors import EquipoiseError, RecordingError, SettingsError, reason
 from equipoise.estimator.parameters import Belief, Unknowns, base_vector
 from equipoise.estimator.problem import Posterior, total_mass
 from equipoise.estimator.unknown import ROBOT, Unknown, unknown
 from equipoise.estimator.unknowns import Priors
+from equipoise.json_form import from_json
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
@@ -120,18 +121,16 @@ class KnownRun:
         try:
             table = json_value(read_text(path / POSTERIOR))
             check_schema(table["schema"], SCHEMA, f"--known {path}: its {POSTERIOR}")
-            return replace(cls(**table), run=str(path))
+            return replace(from_json(cls, table), run=str(path))
         except (FileNotFoundError, NotADirectoryError) as error:
             raise _why_none(path) from error
         except OSError as error:
             raise RecordingError(f"--known {path}: its {POSTERIOR} cannot be read: {error.strerror}") from error
         except RecordingError:
             raise
-        except SettingsError as error:
-            raise RecordingError(f"--known {path}: {error}") from error
         except (ValueError, TypeError, KeyError) as error:
             raise RecordingError(
-                f"--known {path}: its {POSTERIOR} is damaged ({error!r}); remove it, and make it again with: "
+                f"--known {path}: its {POSTERIOR} is damaged ({reason(error)}); remove it, and make it again with: "
                 f"equipoise estimate {typed(path)}"
             ) from error
 
