@@ -13,7 +13,7 @@ from typing import Any
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """What somebody who mistyped a name may have meant, as a question for a message; empty if nothing is near."""
+    """Return the nearest known name, as a question for a message; empty if nothing is near."""
     near = get_close_matches(name, [*known], n=1)
     return f"did you mean {near[0]!r}? " if near else ""
 
@@ -147,7 +147,7 @@ class ColumnsError(RecordingError):
 
 
 class LogError(RecordingError):
-    """What is in a log cannot be used.
+    """The content of a log cannot be used.
 
     Attributes:
         report: what the log holds, piece by piece (LogReport).

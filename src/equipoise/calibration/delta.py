@@ -1,4 +1,4 @@
-"""What was added to a robot, or taken off, between two calibrations: errors of sensors and of a scale cancel.
+"""Mass that was added to a robot or taken off between two calibrations: errors of sensors and of a scale cancel.
 
 Both runs are estimated together (precise/two_runs.py). Of bodies that are rigidly joined, mass, first moment and inertia
 about the base's origin add up: those of the second run's base less those of the first one's are the payload's.
@@ -36,7 +36,7 @@ _UNFELT = np.array([0.01, 2e-3, 0.05])
 
 @dataclass(frozen=True, eq=False)
 class Delta:
-    """What was added.
+    """Difference between two runs of one robot.
 
     Attributes:
         robot: name of the robot.
@@ -58,7 +58,7 @@ class Delta:
     provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     def with_truth(self, before: RobotInertia, after: RobotInertia) -> Delta:
-        """The same with the truth of both simulated runs joined to it."""
+        """Return the difference with the ground truth of both simulated runs."""
         added = after.base.vector - before.base.vector
         truth = InertialParameters.from_vector(-added if self.removed else added) if added[0] else None
         return replace(self, payload=self.payload.with_truth(truth))
@@ -86,7 +86,7 @@ def find_delta(
     scale: ScaleReadings | None = None,
     priors: Priors | None = None,
 ) -> Delta:
-    """What was added between two runs of the method `precise`.
+    """Estimate what was added between two runs of the method `precise`.
 
     Args:
         before, after: recordings of each run.
@@ -106,7 +106,7 @@ def find_delta(
 
 
 def find_delta_since(robot: RobotModel, known: KnownRun, evidence: PosteriorEvidence) -> Delta:
-    """What was added since an earlier run, by a run that knows it.
+    """Estimate what was added since a prior run, from a run that uses it.
 
     Args:
         evidence: evidence of the result of such a run.

@@ -22,7 +22,7 @@ _AROUND = 12.0  # [s] on an A1: looking, standing up, lying down, damping
 
 @dataclass(frozen=True, eq=False)
 class Rehearsal:
-    """What a calibration would do.
+    """Motions of a calibration, from the model alone.
 
     Attributes:
         robot: model of the robot.

@@ -38,7 +38,7 @@ class Repeated:
 
 
 def repeatability(results: Sequence[Calibration]) -> list[Repeated]:
-    """How well calibrations of one robot repeat themselves.
+    """Compare the spread of several calibrations of one robot with their intervals.
 
     Raises:
         SettingsError: fewer than two.

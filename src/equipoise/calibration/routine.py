@@ -167,7 +167,7 @@ def check(robot: RobotModel, method: Method) -> None:
 
 
 def estimate(robot: RobotModel, recordings: Sequence[Recording], method: Method | None = None) -> Calibration:
-    """What the recordings of a calibration say. Moves nothing and needs no platform.
+    """Estimate from the recordings of a calibration. Moves nothing and needs no platform.
 
     Args:
         robot: model of the robot that was recorded.

@@ -154,19 +154,19 @@ class RunFolder:
 
     @property
     def log(self) -> RunLog:
-        """What the platform writes to; raises OutputError if the run is not open for writing."""
+        """Log that the platform writes to; raises OutputError if the run is not open for writing."""
         if self._log is None:
             raise OutputError(f"the run {str(self.path)!r} is not open for writing; make a new one, or resume it")
         return self._log
 
     @property
     def complete(self) -> bool:
-        """Whether the run came to its result."""
+        """True if the run has a result."""
         return (self.path / RESULT).exists()
 
     @property
     def cut(self) -> bool:
-        """Whether the recording lost its end since the run came to its result, as where a copy of it broke off."""
+        """True if the recording lost its end after the run had a result, as where a copy of it broke off."""
         return self.complete and self._ends_early
 
     @property
@@ -175,7 +175,7 @@ class RunFolder:
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """When, on what and how the run was made."""
+        """Time, platform and settings of the run."""
         return self._header["provenance"]
 
     def save_response(self, found: ResponseTest) -> None:
@@ -218,7 +218,7 @@ class RunFolder:
         return read_log(self.path)
 
     def _told_of_end(self) -> str:
-        """What is said of a log that was not closed."""
+        """Return the warning about a log that was not closed."""
         ends = f"the recording of the run {str(self.path)!r} ends in the middle"
         if self.cut:
             return (
@@ -295,7 +295,7 @@ class RunFolder:
         return calibration.with_truth(truth).with_truth_of_parts(of_parts)
 
     def truth(self) -> RobotInertia | None:
-        """Of a simulated robot; None of a real one. Only to be joined to what was estimated without it."""
+        """Return a simulated robot's ground truth; None for a real one. Only for comparison with an estimate without it."""
         if not (self.path / _TRUTH).exists():
             return None
         try:

@@ -1,4 +1,4 @@
-"""What is on a robot now, beside its last calibration: one answer from a run of half a minute."""
+"""Payload measurement: one answer from a run of half a minute, against a prior run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SMALL_MASS, _SMALL_SHIFT = 0.01, 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Weighing:
-    """What was found.
+    """Result of a payload measurement.
 
     Attributes:
         delta: what was added since the earlier run, or taken off.
@@ -42,7 +42,7 @@ class Weighing:
 
     @property
     def verdicts(self) -> dict[str, bool]:
-        """What is met of requirements: of the payload, or where there is none of its mass being none."""
+        """Requirements that are met: of the payload; without one, of its mass being zero."""
         found = verdicts(self.delta.payload, self.result.checks)
         # Of a payload's inertia nobody asks half a minute; that nothing is there is told.
         told = [one for one in ("mass", "com_x", "com_y") if self.answer != "nothing"]
@@ -63,7 +63,7 @@ class Weighing:
 
 
 def weigh(robot: RobotModel, known: KnownRun, result: Calibration) -> Weighing:
-    """What is on a robot beside its earlier run.
+    """Compare a run with its prior run.
 
     Args:
         result: result of `calibrate` or `estimate` by a method that knows the earlier run.

@@ -1,4 +1,4 @@
-"""How near a robot's links come to each other along a motion, looked at no more often than they could meet.
+"""Distances between a robot's links along a motion, computed no more often than they could meet.
 
 While a joint turns by an angle, what hangs at it moves by that times its reach at most. Two shapes that are d apart cannot
 touch before both together have moved by d; until then nobody has to look.

@@ -1,4 +1,4 @@
-"""How far a standing robot's links are above the floor that its feet stand on."""
+"""Heights of a standing robot's links above the floor that its feet stand on."""
 
 from __future__ import annotations
 

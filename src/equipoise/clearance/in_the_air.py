@@ -22,7 +22,7 @@ _BOTH_SWING = 5.0  # times the room is kept between two legs
 
 
 class LegsInTheAir:
-    """What room there is about the legs of a robot that lies on its belly, or stands on others, by its model file's shapes.
+    """Room around the legs of a robot that lies on its belly or stands on others, from its model file's shapes.
 
     A link is not held against the one that it hangs on; two that are near each
     other in the nominal stance may come to a quarter of that, and shapes that overlap there say nothing.
@@ -60,7 +60,7 @@ class LegsInTheAir:
         self._room = np.where(usual > 0, np.minimum(rooms, usual / 4), -np.inf)
 
     def kept(self, joint_position: FloatArray) -> bool:
-        """Whether all distances are kept at (nj,) joint positions [rad], by a level base on a level floor."""
+        """Return whether all distances are kept at (nj,) joint positions [rad], by a level base on a level floor."""
         return bool((self._distances.all(joint_position) > self._room).all())
 
 

@@ -69,7 +69,7 @@ _ALL: Table[Format] = Table("format", "equipoise.formats", Format, FORMATS)
 
 @dataclass(frozen=True)
 class Export:
-    """What goes into a file.
+    """Content of a file that is written.
 
     Attributes:
         format: row of the format in the table.
@@ -220,7 +220,7 @@ def all_formats() -> dict[str, Format | EquipoiseError]:
 
 
 def _parts(row: Format, result: Calibration, what: str | None) -> tuple[str, ...]:
-    """What of a result is asked for, in the order of the format's parts; raises SettingsError for what it cannot hold."""
+    """Return the parts that are asked for, in the format's order; raises SettingsError for one that it cannot hold."""
     if what is None and BASE in row.parts:
         return (BASE,)
     if what in (None, "all"):
@@ -248,7 +248,7 @@ def _words(what: str) -> set[str]:
 
 
 def _has(result: Calibration, part: str) -> bool:
-    """Whether a run looked at a part."""
+    """Return whether a run estimated a part."""
     if part != BASE:
         return bool(columns_of(result, part))
     try:

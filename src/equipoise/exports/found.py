@@ -1,4 +1,4 @@
-"""What a run finds besides bodies: of sensors, motors and legs, in columns of one kind of number each."""
+"""Findings about sensors, motors and legs, in columns of one kind of number each."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Column:
         return float(self.values[key].value or 0.0) if key in self.values else 0.0
 
     def only(self, wanted: Callable[[Quantity], bool]) -> Column:
-        """The same with some values alone."""
+        """Return the column with the wanted values alone."""
         return replace(self, values={key: value for key, value in self.values.items() if wanted(value)})
 
 
@@ -83,7 +83,7 @@ def _sensors(result: Calibration) -> list[Column]:
 
 
 def _of_row(row: Unknown, result: Calibration) -> dict[str, Quantity]:
-    """What the findings say of a row of the table of unknowns, by joint or axis; in the joints' order."""
+    """Return the findings of one row of the table of unknowns, by joint or axis, in the joints' order."""
     pattern = re.compile(re.escape(row.finding).replace(re.escape("{each}"), "(.+)"), re.DOTALL)
     prior = result.settings.get("priors", {}).get(row.name, row.usual)
     found: dict[str, Quantity] = {}

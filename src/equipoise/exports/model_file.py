@@ -1,4 +1,4 @@
-"""What urdf and mjcf have in common: the user's own model file, the link in it that is edited, and what that link gets.
+"""The user's own model file: the link in it that is edited, and the inertial that this link gets.
 
 The link's own inertial gains what the robot that was found has more than the file's robot. So the file's robot, read
 again, has the composite that was found, whatever else is fixed to its base.
@@ -156,7 +156,7 @@ def new_inertial(subject: Subject, robot: RobotModel) -> tuple[str, InertialPara
 
 
 def _other_legs(subject: Subject, robot: RobotModel) -> tuple[str, ...]:
-    """What is to be said of a file whose legs stand elsewhere than those of the run's model.
+    """Return a note on a file whose legs stand elsewhere than those of the run's model.
 
     Raises:
         SettingsError: they stand so far off that it is another robot's file, or has other axes or zeros.
@@ -174,7 +174,7 @@ def _other_legs(subject: Subject, robot: RobotModel) -> tuple[str, ...]:
 
 
 def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialParameters, tuple[str, ...]]:
-    """What was added to a robot with this composite, in the base frame; and what is to be said of it.
+    """Return the body that was added to a robot with this composite, in the base frame, and notes on it.
 
     Raises:
         NotEstimatedError: no body near enough can have it, and that is not overridden, or cannot be.

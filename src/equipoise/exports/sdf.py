@@ -118,7 +118,7 @@ def _moment_edits(document: Document, inertia: Element, moments: dict[str, str])
 
 
 def _refuse_fixed_links(document: Document, link: Element) -> None:
-    """What is fixed to the base would be counted twice."""
+    """Raise ModelError for links that are fixed to the base, which would be counted twice."""
     assert link.parent is not None
     for joint in link.parent.all("joint"):
         ends = [_text(document, joint.first(tag)) for tag in ("parent", "child")]

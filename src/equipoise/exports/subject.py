@@ -1,4 +1,4 @@
-"""What is exported: the numbers, and what is said of them wherever they go."""
+"""Input of the writers of exported files: numbers, header and notes."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Written:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What a writer is given.
+    """Input of a writer.
 
     Attributes:
         result: result of the calibration.
@@ -100,7 +100,7 @@ class Subject:
 
     @property
     def base_notes(self) -> tuple[str, ...]:
-        """What is to be said of that; raises as `base` does."""
+        """Notes on the base; raises as `base` does."""
         return self._base[1]
 
     @cached_property
@@ -149,7 +149,7 @@ class Subject:
         return self.composite.vector - composite.vector
 
     def within_intervals(self, change: FloatArray) -> bool:
-        """Whether a change of the inertia [kg m2] (3, 3) is within what the run leaves open of the whole robot's."""
+        """Return whether a change of the inertia [kg m2] (3, 3) is within the 95 % intervals of the whole robot's."""
         return bool((np.abs(change) <= NORMAL_95 * self.result.composite.inertia.deviations).all())  # nan: none given
 
     @property
@@ -182,7 +182,7 @@ class Subject:
         return ", ".join(f"{name} {round(q, 6) + 0.0:g}" for name, q in joints)
 
     def header(self, about: str, *notes: str) -> tuple[str, ...]:
-        """What every output says of itself, a sentence a line.
+        """Return the lines that every file begins with, a sentence a line.
 
         Args:
             about: words for the body or the parts that are written.
@@ -248,7 +248,7 @@ def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameter
 
 
 def _one_line(text: str) -> str:
-    """What a comment of one line may hold: names of robots and files may hold anything."""
+    """Return a text as a comment of one line may hold it; names of robots and files may hold anything."""
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
 
 

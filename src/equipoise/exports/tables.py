@@ -19,13 +19,13 @@ _WORDS = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")  # which 
 
 
 def write_json(subject: Subject) -> Written:
-    """As JSON."""
+    """Write all numbers as JSON."""
     about = _about(subject)
     return Written((json.dumps(_table(subject, about), indent=2) + "\n").encode(), about)
 
 
 def write_yaml(subject: Subject) -> Written:
-    """As YAML."""
+    """Write all numbers as YAML."""
     about = _about(subject)
     return Written.text(yaml_lines(_table(subject, about)), about)
 
@@ -46,7 +46,7 @@ def _table(subject: Subject, about: str) -> dict[str, Any]:
 
 
 def provenance(subject: Subject, schema: str, about: str) -> dict[str, Any]:
-    """Where numbers come from, and what speaks against them."""
+    """Return the provenance of the numbers, and the objections to them."""
     result = subject.result
     return {
         "schema": schema,

@@ -123,7 +123,7 @@ def _open(path: Path) -> _Stage:
 
 
 def _words_of(error: Exception) -> str:
-    """What usd-core says, without where in its own source it says it."""
+    """Return the message of usd-core without the place in its own source."""
     return str(error).strip().splitlines()[-1].rpartition(" : ")[2].strip("' \t")
 
 
@@ -144,7 +144,7 @@ def _base(stage: _Stage, name: str) -> Any:
 
 
 def _refuse_fixed_bodies(stage: _Stage, base: Any, held: set[str]) -> None:
-    """What is fixed to the base, or was held, would be counted twice.
+    """Raise ModelError for bodies that are fixed to the base or were held, which would be counted twice.
 
     Args:
         held: names of the joints that were held.

@@ -85,7 +85,7 @@ class Method(ABC):
 
     @abstractmethod
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
-        """What the recordings of a run of this method say.
+        """Estimate from the recordings of a run of this method.
 
         Raises:
             RecordingError: they do not hold what the method needs.
@@ -93,7 +93,7 @@ class Method(ABC):
 
     @abstractmethod
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
-        """What `run` would do, by the model.
+        """Return the motions of `run`, from the model alone.
 
         Raises:
             SettingsError: a setting does not fit the robot.
@@ -101,11 +101,11 @@ class Method(ABC):
         """
 
     def forecast(self, robot: RobotModel, stance: Stance) -> Forecast | None:
-        """How accurate `estimate` would be after the trials of `run`; None from a method that does not foretell it."""
+        """Predict the accuracy of `estimate` after the trials of `run`; None from a method that cannot."""
         return None
 
     def foretold_evidence(self, robot: RobotModel, stance: Stance) -> Evidence | None:
-        """What `run` would leave for another method of the same run, of a robot that is as its model says; None: nothing.
+        """Predict the evidence that `run` leaves for another method of the same run, from the model; None: nothing.
 
         Raises:
             ReachError: something is out of reach.
@@ -114,11 +114,11 @@ class Method(ABC):
         return None
 
     def expected_trials(self, stance: Stance) -> int | None:
-        """How many trials `run` does, roughly; None if nobody knows."""
+        """Return the approximate number of trials of `run`; None if it is not known."""
         return None
 
     def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> Reading | None:
-        """What is known of the CoM after each trial, to be looked at; None from a method that does not tell.
+        """Return the estimates of the CoM after each trial, for display; None from a method without them.
 
         Raises:
             RecordingError: the recordings cannot be read.
@@ -126,7 +126,7 @@ class Method(ABC):
         return None
 
     def weighed(self: Self, mass: float, deviation: float) -> Self:
-        """The same method, told what a scale says; itself if it does not use that.
+        """Return the method with the mass from a scale; itself if it does not use that.
 
         Args:
             mass: mass of the whole robot [kg].
@@ -136,17 +136,17 @@ class Method(ABC):
         return self
 
     def informed(self: Self, evidence: Evidence) -> Self:
-        """The same method, told what another one of the same run has seen; itself if it does not use that."""
+        """Return the method with the evidence of another one of the same run; itself if it does not use that."""
         del evidence
         return self
 
     @property
     def is_informed(self) -> bool:
-        """Whether `informed` makes another method of this one."""
+        """True if `informed` returns another method."""
         return False
 
     def having(self: Self, settings: Mapping[str, Any]) -> Self:
-        """The same method with other values of some settings, by field name; raises SettingsError."""
+        """Return the method with other values of some settings, by field name; raises SettingsError."""
         return dataclasses.replace(self, **settings)
 
     def study_columns(self, result: Calibration, stance: Stance) -> Mapping[str, Any]:

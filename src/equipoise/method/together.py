@@ -23,7 +23,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 AND_MOTORS = "and_motors"
-"""Of settings: those of the motors, which a run looks at after its method."""
+"""Key of the motors' settings, which a run estimates after its method."""
 
 
 def of_the_base(recordings: Sequence[Recording]) -> list[Recording]:

@@ -10,7 +10,7 @@ from equipoise.conventions import FloatArray
 IntArray = NDArray[np.int64]
 
 LONGEST = 2.0**31
-"""What a stamp holds, either way [s]: 68 years."""
+"""Largest time of a stamp, either way [s]: 68 years."""
 _SECOND = 10**9
 
 
@@ -21,7 +21,7 @@ def nanoseconds(time: FloatArray) -> IntArray:
 
 
 def seconds(time: IntArray) -> FloatArray:
-    """Whole nanoseconds as seconds. `nanoseconds` of it gives them back, for times of less than 97 days (2^23 s)."""
+    """Return whole nanoseconds as seconds. `nanoseconds` of it gives them back, for times of less than 97 days (2^23 s)."""
     whole, fraction = np.divmod(time, _SECOND)
     return np.asarray(whole + fraction / 1e9)
 

@@ -6,7 +6,7 @@ from typing import Final
 
 
 class Phase:
-    """What a robot is doing from one moment to the next; a recording's phase events bear these names."""
+    """Names of the phases of a motion, in a recording's phase events."""
 
     # up and down
     FOLD: Final = "fold"

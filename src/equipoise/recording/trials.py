@@ -21,7 +21,7 @@ from equipoise.robot.posture import BodyPosture
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedTrial:
-    """What all trials have.
+    """Base of all trials.
 
     Attributes:
         kind: kind of trial, "lift", "posture", "sway", "stand", "walk", "crawl", "turn" or "motors".
@@ -83,7 +83,7 @@ class CommandedLift(LiftTrial):
 
 
 MEANWHILE = ("passive", *AXES, *(f"swing {direction}" for direction in SWINGS))
-"""What a robot does on two feet, in words."""
+"""Words for the motions of a robot on two feet."""
 
 
 def meanwhile(turn: Axis | None, swing: Swing | None) -> str:
@@ -115,7 +115,7 @@ class DesignedLift(CommandedLift):
 
     @property
     def meanwhile(self) -> str:
-        """What the robot does on two feet, one of MEANWHILE."""
+        """Motion of the robot on two feet, one of MEANWHILE."""
         return meanwhile(self.turn, self.swing)
 
 

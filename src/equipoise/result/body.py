@@ -168,7 +168,7 @@ class Body(_Group):
         return iter((self.mass, *self.com_in_base, *self.inertia))
 
     def _with(self, **columns: Sequence[Any] | FloatArray) -> Body:
-        """The same with other attributes of the ten, by column; nan stands for None."""
+        """Return the body with other attributes of its ten quantities, by column; nan stands for None."""
         rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         ten = [
             dataclasses.replace(quantity, **{name: _without_nan(value) for name, value in row.items()})
@@ -177,7 +177,7 @@ class Body(_Group):
         return self._of(ten, self.covariance)
 
     def with_sure_zeros(self, sizes: FloatArray) -> Body:
-        """The same, of differences, where what is zero within an interval no wider than a size is called "no change".
+        """Return differences with the verdict "no change" where zero lies in an interval that is narrow enough.
 
         Args:
             sizes: (10,) halves of intervals that are narrow enough.
@@ -190,11 +190,11 @@ class Body(_Group):
         return self._with(verdict=[verdict(one, float(size)) for one, size in zip(self, sizes, strict=True)])
 
     def with_truth(self, truth: InertialParameters | None) -> Body:
-        """The same beside the simulated body; None takes that away."""
+        """Return the body with the ground truth; None removes it."""
         return self._with(truth=10 * [None] if truth is None else components(truth))
 
     def with_model(self, model: InertialParameters) -> Body:
-        """The same beside another body of the model file."""
+        """Return the body with another body of the model file."""
         return self._with(model=components(model))
 
     @property
@@ -208,7 +208,7 @@ class Body(_Group):
         return _parameters(self._array("truth"))
 
     def parameters(self) -> InertialParameters:
-        """As inertial parameters; raises NotEstimatedError naming what is missing."""
+        """Return the inertial parameters; raises NotEstimatedError if one is missing, and names it."""
         missing = ["mass"] if self.mass.value is None else []
         missing += ["inertia"] if any(quantity.value is None for quantity in self.inertia) else []
         missing += [

@@ -89,7 +89,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class SupportLine:
-    """Where one diagonal's search ended.
+    """Result of the search on one diagonal.
 
     Attributes:
         offset: offset along the base's x axis at which the robot balances [m].
@@ -106,7 +106,7 @@ class SupportLine:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the pictures show: too large for the JSON file, and made again from the recordings. Methods add theirs.
+    """Data of the figures: too large for the JSON file, and made again from the recordings. Methods add theirs.
 
     Attributes:
         recordings: recordings that were estimated from, in order.
@@ -115,7 +115,7 @@ class Evidence:
     recordings: tuple[Recording, ...]
 
     def keepsake(self, settings: Mapping[str, Any]) -> dict[str, Any] | None:
-        """What the next run of the robot may know of this one, as JSON values; None: nothing.
+        """Return what the next run of the robot uses of this one, as JSON values; None: nothing.
 
         Args:
             settings: settings of the method, as JSON values.
@@ -125,7 +125,7 @@ class Evidence:
 
 
 PartsTruth = Mapping[str, Mapping[str, Mapping[str, float]]]
-"""Of a simulated robot: true values by name, of every one of its "motors" and "links", by name."""
+"""True values by name of each of a simulated robot's "motors" and "links", by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +192,7 @@ class Calibration:
 
     @property
     def trustworthy(self) -> bool:
-        """Whether every check passed."""
+        """True if every check passed."""
         return all(check.passed for check in self.checks)
 
     @property
@@ -202,7 +202,7 @@ class Calibration:
 
     @property
     def has_intervals(self) -> bool:
-        """Whether the method says how sure it is of the whole robot."""
+        """True if the method gives intervals for the whole robot."""
         return any(quantity.deviation is not None for quantity in self.composite)
 
     @property
@@ -238,25 +238,25 @@ class Calibration:
 
     @property
     def joints(self) -> dict[str, JointFindings]:
-        """What was found about each joint, by the model's joint names."""
+        """Findings about each joint, by the model's joint names."""
         found = {finding.name: finding for finding in self.sensors}
         return {name: JointFindings.of(name, found, self.motors.get(name)) for name in self.joint_position}
 
     def with_truth(self, truth: RobotInertia | None) -> Calibration:
-        """The same with the truth joined to it; None takes it away."""
+        """Return the result with the ground truth; None removes it."""
         bodies = {
             name: getattr(self, name).with_truth(None if truth is None else getattr(truth, name)) for name in BODIES
         }
         return dataclasses.replace(self, **bodies)
 
     def with_truth_of_parts(self, truth: PartsTruth) -> Calibration:
-        """The same with the true values of motors and links joined to what was found about them."""
+        """Return the result with the true values of motors and links."""
         motors = {name: motor.with_truth(truth.get("motors", {}).get(name, {})) for name, motor in self.motors.items()}
         links = {name: link.with_truth(truth.get("links", {}).get(name, {})) for name, link in self.links.items()}
         return dataclasses.replace(self, motors=motors, links=links)
 
     def with_provenance(self, **facts: Any) -> Calibration:
-        """The same with more facts about where it came from."""
+        """Return the result with further facts in its provenance."""
         return dataclasses.replace(self, provenance={**self.provenance, **facts})
 
     def to_pinocchio(self) -> pin.Model:
@@ -367,12 +367,12 @@ def _given(body: InertialParameters | None, name: str) -> InertialParameters:
 
 
 def library_versions() -> dict[str, str]:
-    """What an estimate was made with."""
+    """Return the versions of the libraries that made an estimate."""
     return {"equipoise": __version__, "pinocchio": pin.__version__}
 
 
 def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]:
-    """What every result says of the model and the stance it refers to: arguments of `Calibration`."""
+    """Return the facts of the model and of the stance that a result refers to: arguments of `Calibration`."""
     return {
         "robot": robot.name,
         "joint_position": {name: float(q) for name, q in zip(robot.joint_names, joint_position, strict=True)},

@@ -1,4 +1,4 @@
-"""What stands under a table of numbers: which frame and point they refer to, and what words and marks mean."""
+"""Notes under a table of numbers: their frame and reference point, and the meaning of words and marks."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _standing(result: Calibration) -> str:
 
 
 def verdict_sentence(quantities: Iterable[Quantity], meanings: Mapping[str, str] = _VERDICTS) -> str:
-    """What the words and marks in the table mean that are not good news; empty if there are none.
+    """Return the meaning of the verdicts and marks in a table that need explaining; empty if there are none.
 
     Args:
         meanings: a verdict and what it means, by verdict.
@@ -62,6 +62,6 @@ def doubt_sentence(result: Calibration) -> str:
 
 
 def checks_sentence(result: Calibration) -> str:
-    """How many of its checks a result failed, in words."""
+    """Return the number of failed checks, in words."""
     failed = sum(not check.passed for check in result.checks)
     return "all checks passed" if not failed else f"{failed} of {len(result.checks)} checks failed"

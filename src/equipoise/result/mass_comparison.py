@@ -30,7 +30,7 @@ class MassComparison:
 
     @property
     def disagrees(self) -> bool:
-        """Whether the difference is larger than the limit, or the joint torques carry no weight at all."""
+        """True if the difference is larger than the limit, or the joint torques carry no weight at all."""
         return not self.carried > 0 or abs(self.difference) > self.limit
 
     @property

@@ -1,4 +1,4 @@
-"""What a model file says of a robot's inertia, and what speaks against it."""
+"""Audit of a model file: the inertias in it, and findings about them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from equipoise.robot.stance import Stance, nominal_stance
 
 @dataclass(frozen=True, eq=False)
 class Audit:
-    """What a model file says, and what speaks against it.
+    """Inertias of a model file, and findings about them.
 
     Attributes:
         robot: name of the robot.

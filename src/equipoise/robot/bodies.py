@@ -57,7 +57,7 @@ class LinkInertial:
 
     @property
     def mass_share(self) -> float:
-        """Of its body's."""
+        """Fraction of its body's mass."""
         return self.parameters.mass / self.body.mass if self.body.mass > 0 else 1.0
 
     @property

@@ -44,7 +44,7 @@ class CatalogEntry:
 
     @property
     def hint(self) -> str:
-        """How to get the package."""
+        """Command that installs the package."""
         return {
             "equipoise": "built in",
             "example-robot-data": "pip install 'equipoise[robots]'",
@@ -58,7 +58,7 @@ class CatalogEntry:
 
     @property
     def installed(self) -> bool:
-        """Whether its package is."""
+        """True if its package is installed."""
         path = self._path
         return path is not None and path.is_file()
 

@@ -1,4 +1,4 @@
-"""What a user may say about a robot that its model file leaves out or gets wrong."""
+"""Description of a robot by its user: what its model file leaves out or gets wrong."""
 
 from __future__ import annotations
 

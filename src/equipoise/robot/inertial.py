@@ -49,7 +49,7 @@ class InertialParameters:
         return cls(float(inertia.mass), np.array(inertia.lever), np.array(inertia.inertia))
 
     def to_pinocchio(self) -> pin.Inertia:
-        """As a pinocchio.Inertia, which also keeps the inertia about the centre of mass."""
+        """Return a pinocchio.Inertia, which also keeps the inertia about the centre of mass."""
         return pin.Inertia(self.mass, self.com, self.inertia)
 
     @classmethod
@@ -96,7 +96,7 @@ class InertialParameters:
         return np.asarray(np.linalg.eigvalsh(self.inertia), dtype=float)
 
     def physical_defect(self) -> str | None:
-        """Why no rigid body can have these parameters, or None if one can.
+        """Return the reason why no rigid body can have these parameters, or None if one can.
 
         A body has a positive mass, positive principal moments, and none of them exceeds the sum of the others.
         """
@@ -142,7 +142,7 @@ class RobotInertia:
 
 
 def nominal_inertia(robot: RobotModel, joint_position: FloatArray) -> RobotInertia:
-    """What the model file says at a posture.
+    """Return the three bodies of the model file at a posture.
 
     Args:
         joint_position: (nj,) joint positions in the model's joint order [rad].

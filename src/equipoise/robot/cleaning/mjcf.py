@@ -153,7 +153,7 @@ class _Defaults:
             self._read(child, child.get("class", ""), attributes)
 
     def all(self, element: ET.Element, childclass: str = "main") -> dict[str, str]:
-        """What the element inherits from its class."""
+        """Return the attributes that the element inherits from its class."""
         return self._classes.get(element.get("class", childclass), {}).get(_default_tag(element), {})
 
     def get(self, element: ET.Element, key: str, childclass: str = "main") -> str | None:
@@ -162,7 +162,7 @@ class _Defaults:
 
 
 def _default_tag(element: ET.Element) -> str:
-    """What an element's defaults are kept under: all kinds of actuators share theirs."""
+    """Return the key of an element's defaults: all kinds of actuators share theirs."""
     return "actuator" if element.tag in _ACTUATORS else element.tag
 
 
