@@ -19,7 +19,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def reason(error: Exception) -> str:
-    """Return the words of an error for another one's message; those of other programs need their type beside them."""
+    """Return the words of an error for another one's message; those of other programs need their type too."""
     return str(error) if isinstance(error, EquipoiseError) else repr(error)
 
 
@@ -94,7 +94,7 @@ class FallError(MotionError):
 
 
 class SensorError(MotionError):
-    """The robot's samples cannot be believed: frozen, not a number, out of order."""
+    """The robot's samples cannot be used: frozen, not a number, out of order."""
 
 
 class OverrunError(MotionError):

@@ -3,7 +3,7 @@
     [project.entry-points."equipoise.platforms"]
     my-robot = "my_package.robot:DRIVER"
 
-An entry point is loaded when somebody asks for its name; to list names loads none.
+An entry point is loaded when its name is used; listing names loads none.
 """
 
 from __future__ import annotations

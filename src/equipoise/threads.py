@@ -1,7 +1,7 @@
 """Number of threads of NumPy's linear algebra: one, in every process of ours.
 
 Its matrices here are small: the threads that BLAS keeps for large ones have nothing to do but to wait, which they do
-spinning. They double the time that a processor is busy, and stand beside a loop that has to be on time.
+spinning. They double the time that a processor is busy, and disturb a loop that has to be on time.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def read_cached(name: str) -> bytes | None:
 
 
 def keep_cached(name: str, content: bytes) -> None:
-    """Keep a file, whole or not at all, in place of the oldest of many; that it cannot be kept is no error."""
+    """Keep a file, whole or not at all, in place of the oldest of many; a file that cannot be kept is not an error."""
     folder = _folder()
     if folder is None:
         return

@@ -41,12 +41,12 @@ class Delta:
     Attributes:
         robot: name of the robot.
         payload: mass, CoM in the base frame and inertia about its own CoM of what was added. Of what was taken off, if
-            `removed`. CoM and inertia are not estimated if no mass can be told from none. Verdicts say how sure a mass
-            is beside itself, a CoM beside the robot's size, an inertia beside the payload's largest moment.
+            `removed`. CoM and inertia are not estimated if the mass may be zero. Verdicts compare the deviation of a mass
+            with the mass, of a CoM with the robot's size, of an inertia with the payload's largest moment.
         change: differences of the whole robot's ten quantities at its stance, after less before. Verdicts say whether a
             change can be told from none, or none from a change: "no change".
         removed: whether the robot became lighter.
-        warnings: sentences that speak against the result.
+        warnings: objections to the result.
         provenance: version, time, runs, readings of a scale.
     """
 

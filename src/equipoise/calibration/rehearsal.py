@@ -1,6 +1,6 @@
 """A calibration thought through before anything moves: which postures, how far the joints go, what torques that takes.
 
-From the model alone. A robot that carries what its model does not know needs more torque than is foretold here.
+From the model alone. A robot that carries what its model does not know needs more torque than is predicted here.
 """
 
 from __future__ import annotations

@@ -48,8 +48,8 @@ def calibrate(
         keep: function that gets every recording as soon as it is complete, and the last, broken one if the routine ends
             early.
         report: function that is called before every trial, and before the estimate.
-        told: function that says whether somebody at the robot has said that what was asked is done, as turning it; it must not
-            wait. None: nobody is there.
+        told: function that returns whether the operator has confirmed a request, as turning the robot; it must not
+            wait. None: there is no operator.
         confirm: function that asks the operator a question while the robot stands: whether a given mass is right that
             disagrees with the joint torques, or a measured orientation of the IMU that differs from the model's. None:
             there is no operator, and either raises.

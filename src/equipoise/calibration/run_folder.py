@@ -62,9 +62,9 @@ _REMEDY = "copy it again from where it is whole"
 
 
 class RunFolder:
-    """A run on disk. Made by `create`, found again by `open`, gone on with by `resume`.
+    """A run on disk. Made by `create`, found again by `open`, continued by `resume`.
 
-    What was made or is gone on with is open for writing: use it as a context manager, or close it.
+    A run that was made or resumed is open for writing: use it as a context manager, or close it.
 
     Attributes:
         path: path of the folder.
@@ -143,7 +143,7 @@ class RunFolder:
                 motion stays in the log.
 
         Raises:
-            RecordingError: it is no run, or its log is damaged.
+            RecordingError: it is not a run, or its log is damaged.
             OutputError: it cannot be written, or another process writes it.
         """
         folder = cls.open(path)
@@ -197,7 +197,7 @@ class RunFolder:
         """Keep the next recording: of motions that the log has, or, where it has not, as it is.
 
         Raises:
-            RecordingError: a run that is gone on with comes to another recording than it came to before.
+            RecordingError: a resumed run comes to another recording than before.
         """
         if not self._known:
             self.log.keep(recording)
@@ -279,7 +279,7 @@ class RunFolder:
         return {name: self._read_table(f"{name}.json") for name in self._header.get("attachments", ())}
 
     def save_truth(self, truth: RobotInertia, of_parts: PartsTruth | None = None) -> None:
-        """Keep a simulated robot's truth beside its recordings; only `estimate` reads it, and after estimating."""
+        """Keep a simulated robot's ground truth with its recordings; only `estimate` reads it, and after estimating."""
         table = {**to_json(truth), **(of_parts or {})}
         write_file(self.path / _TRUTH, json.dumps(table, indent=2) + "\n")
 

@@ -21,7 +21,7 @@ def floor_contact(
 ) -> Contact | None:
     """The lowest link, if it is nearer to the floor than links may be to each other.
 
-    Lower legs are not looked at: they end on the floor.
+    Lower legs are left out: they end on the floor.
 
     Args:
         joint_poses: poses of the joints' frames in the base frame, as of `Kinematics`.

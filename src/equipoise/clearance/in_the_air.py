@@ -31,7 +31,7 @@ class LegsInTheAir:
         robot: the robot.
         stance: nominal stance of the robot.
         room: distance that is to be kept; a multiple of it between legs, which all swing [m].
-        legs: names of the legs that are looked at.
+        legs: names of the legs that are checked.
         floor: height of the floor in the base frame; default a belly's depth under the hips [m].
     """
 

@@ -76,7 +76,7 @@ class Export:
         content: bytes of the file.
         file_name: name of the file by default; names the parts where others are written than by default.
         header: lines that the file begins with: which body, what of it in which frame, from which run, at which stance.
-        notes: sentences that speak against the numbers, worst first.
+        notes: objections to the numbers, worst first.
         parts: what of the result was written, of "base", "sensors", "motors" and "legs".
         contents: sentence that states which of mass, CoM and inertia was written, and what the consumer cannot hold.
     """

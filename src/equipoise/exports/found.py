@@ -34,7 +34,7 @@ _OF_LINKS = {
     "length": ("m", "distance across the joint's axis to the next joint, or to the middle of the foot"),
 }
 _IN_COMMON = {"coulomb_friction": "coulomb", "viscous_friction": "viscous", "armature": "armature"}
-"""Rows of the table of unknowns that tell a motor's number where no motor was looked at by itself."""
+"""Rows of the table of unknowns for a motor's number where motors were not estimated one by one."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def _known(parts: Mapping[str, Part], name: str) -> dict[str, Quantity]:
 
 
 def _in_common(result: Calibration, name: str) -> dict[str, Quantity]:
-    """One number for all joints, which a run finds that looked at no motor by itself."""
+    """Return one number for all joints, of a run that did not estimate motors one by one."""
     findings = {finding.name: finding for finding in result.sensors}
     row = Priors.row(_IN_COMMON[name]) if name in _IN_COMMON else None
     if row is None or row.finding not in findings:

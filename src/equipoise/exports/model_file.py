@@ -78,7 +78,7 @@ def _of_other_format(robot: str, known: str, wanted: str) -> tuple[UsersFile, tu
 
 
 def _borrowed(path: Path) -> tuple[UsersFile, tuple[str, ...]]:
-    """A file that is nobody's own, with the folders of its meshes and textures in full: it is written elsewhere."""
+    """Return a file that is not the user's, with the folders of its meshes in full, because it is written elsewhere."""
     content = _read(path, "")
     document = Document(content, path)
     folders = [

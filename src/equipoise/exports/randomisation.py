@@ -4,8 +4,8 @@ A body's pseudo-inertia is J = [[S, h], [h', m]], with its second moments of mas
 frame's origin; bodies that can exist are those with a positive definite J (Wensing, Kim and Slotine 2018). Drawn is from the
 normal distribution that the estimate is, of which bodies that cannot exist are left out.
 
-The composite is what a run tells best, and a simulated robot has the legs of its file: so the base gets what is open of the
-composite. A drawn body is also told by the ten entries of an upper triangular U (log-Cholesky, Rucker and Wensing 2022):
+A run determines the composite best, and a simulated robot has the legs of its file: so the base gets the uncertainty of the
+composite. A drawn body is also given by the ten entries of an upper triangular U (log-Cholesky, Rucker and Wensing 2022):
 
     J = U J0 U',   U = exp(alpha) [exp(d1)   s12      s13     t1]
                                   [   0    exp(d2)    s23     t2]

@@ -98,7 +98,7 @@ def _zeros(subject: Subject) -> dict[str, float]:
 
 
 def _keys(column: Column, joints: list[str]) -> list[str]:
-    """All joints, or all axes, of a column; told or not."""
+    """Return all joints, or all axes, of a column, with a value or without."""
     if set(column.values) <= set(joints):
         return joints
     return list(_AXES.get(column.name, "xyz"))

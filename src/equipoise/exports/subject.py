@@ -65,7 +65,7 @@ class Subject:
         payload_link: whether what was added is to be a link of its own.
         samples: number of bodies to draw and list.
         seed: seed of everything drawn.
-        notes: sentences that speak against the numbers, worst first.
+        notes: objections to the numbers, worst first.
         forced: whether to write the nearest body where no body can have what was added.
         parts: what of the result is to be written, of "base", "sensors", "motors" and "legs".
         columns: what is written of sensors, motors and legs.
@@ -93,7 +93,7 @@ class Subject:
     def base(self) -> InertialParameters:
         """The base link with all that is fixed to it or held.
 
-        It is such that the model's own legs make it the composite that was found, which is what a run tells best. The
+        It is such that the model's own legs make it the composite that was found, which a run determines best. The
         calibration's own base goes with legs that were adjusted too, which no file has that gets the base alone.
         """
         return self._base[0]
@@ -186,7 +186,7 @@ class Subject:
 
         Args:
             about: words for the body or the parts that are written.
-            notes: further sentences that speak against the numbers.
+            notes: further objections to the numbers.
         """
         result = self.result
         time = result.provenance.get("time")

@@ -211,7 +211,7 @@ def _set_joint(stage: _Stage, prim: Any, found: dict[str, float | None]) -> None
 
 
 def _composed(stage: _Stage) -> tuple[str, ...]:
-    """A note on the other files that the file needs beside it."""
+    """Return a note on the other files that the file needs in its folder."""
     others = sorted(stage.layer.GetCompositionAssetDependencies())
     if not others:
         return ()

@@ -28,7 +28,7 @@ class Method(ABC):
     A field may be a dataclass of settings itself. On the command line fields are flags, with what the docstring's
     "Attributes" say as help; `metadata={"prefix": "sway_"}` of a field that holds settings begins the names of their flags,
     and None as a prefix leaves them without flags. `metadata={"file": read}` makes one flag of such a field, a file that
-    `read` reads; `"metavar"` beside it is what help calls that file. `metadata={"flag": False}` makes none.
+    `read` reads; `"metavar"` with it is the name of that file in the help. `metadata={"flag": False}` makes none.
 
     Attributes:
         name: name that users choose it by, as in `--method precise`.

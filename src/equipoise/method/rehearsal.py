@@ -41,7 +41,7 @@ class Course:
     Attributes:
         doing: motions in words, as in "the robot stands up, ... and ends where it began".
         duration: time that it takes on the robot [s].
-        postures: postures in order, beside the nominal stance.
+        postures: postures in order, without the nominal stance.
     """
 
     doing: str

@@ -15,7 +15,7 @@ _SECOND = 10**9
 
 
 def nanoseconds(time: FloatArray) -> IntArray:
-    """Seconds as whole nanoseconds; the fraction by itself, so that times since 1970 keep what a double holds of it."""
+    """Return seconds as whole nanoseconds; the fraction is converted alone, which keeps the precision of times since 1970."""
     whole = np.floor(time)
     return np.asarray(whole, dtype=np.int64) * _SECOND + np.asarray(np.rint((time - whole) * 1e9), dtype=np.int64)
 

@@ -24,7 +24,7 @@ class Phase:
     # turned by hand
     LIE: Final = "lie"
     TURN: Final = "turn"
-    """The joints only resist being moved, and somebody turns the robot; a simulated one is turned."""
+    """The joints only resist being moved, and the operator turns the robot; a simulated one is turned."""
     # legs turned up by a robot that lies
     RAISE: Final = "raise"
     SWING: Final = "swing"

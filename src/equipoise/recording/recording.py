@@ -273,7 +273,7 @@ def _validate(stream: Any, kind: str, name: str, shape: tuple[int, ...], require
 
 
 def _own(value: Any) -> FloatArray:
-    """The array itself if nobody can change it, nor what it is a part of, else a copy: parts of recordings share samples."""
+    """Return the array itself if it and its base are read-only, else a copy: parts of recordings share samples."""
     part = value
     while isinstance(part, np.ndarray) and not part.flags.writeable:
         part = cast("Any", part.base)
@@ -281,7 +281,7 @@ def _own(value: Any) -> FloatArray:
 
 
 def read_only(array: FloatArray) -> FloatArray:
-    """An array that nobody else has, read-only from now on: a stream takes it as it is."""
+    """Return an array that has no other owner, read-only from now on: a stream takes it without a copy."""
     array.setflags(write=False)
     return array
 

@@ -258,7 +258,7 @@ class CrawlTrial(SteppingTrial):
 
 @dataclass(frozen=True, kw_only=True)
 class TurnTrial(RecordedTrial):
-    """The robot lies down, somebody turns it to face the other way, and it stands up."""
+    """The robot lies down, the operator turns it to face the other way, and it stands up."""
 
     kind: ClassVar[str] = "turn"
     starts_with: ClassVar[str] = Phase.LIE
@@ -270,7 +270,7 @@ class MotorTrial(RecordedTrial):
     """The robot swings all joints at once, lying with its legs up; or those of one leg, standing on its other three feet.
 
     Attributes:
-        kp, kd: gains of the joints that swing, meanwhile [Nm/rad], [Nm s/rad]; None: the platform's own, which nobody knows.
+        kp, kd: gains of the joints that swing, meanwhile [Nm/rad], [Nm s/rad]; None: the platform's own, which are not known.
         leg: name of the leg that swings while the others stand; None: all do.
     """
 

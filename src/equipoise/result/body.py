@@ -17,7 +17,7 @@ from equipoise.result.statistics import verdict_of
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, RobotInertia, components
 
 BODIES = tuple(field.name for field in dataclasses.fields(RobotInertia))
-"""The bodies that are told of, by name; attributes of a result."""
+"""Names of the bodies of a result; its attributes."""
 
 _UNITS = ("kg", *3 * ("m",), *6 * ("kg m2",))
 
@@ -68,7 +68,7 @@ class InertiaTensor(_Group):
 
     Attributes:
         Ixx, Iyy, Izz: moments of inertia [kg m2].
-        Ixy, Ixz, Iyz: entries beside the diagonal [kg m2].
+        Ixy, Ixz, Iyz: entries off the diagonal [kg m2].
     """
 
     Ixx: Quantity
@@ -117,7 +117,7 @@ class Body(_Group):
         Args:
             values: (10,) estimates in the order of COMPONENTS, SI units.
             covariance: (10, 10) covariance of the values.
-            compared_with: (10,) quantities that each standard deviation is small or large beside, in the values' units.
+            compared_with: (10,) sizes that the standard deviations are compared with, in the values' units.
             model: body by the model file.
         """
         table: dict[str, Any] = {"value": np.asarray(values, dtype=float)}
@@ -232,7 +232,7 @@ class Body(_Group):
         return self._of([one.doubted() for one in wider], covariance)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form, with `uncertainty` beside the numbers; None there: the method gives none."""
+        """Return the JSON form, with `uncertainty`; None: the method gives none."""
         intervals = self.intervals()
         covariance = None if self.covariance is None else self.covariance.tolist()
         uncertainty = {"intervals": intervals, "covariance": covariance} if intervals else None

@@ -50,7 +50,7 @@ class SwayEstimate:
         damping: damping C about the sway's axis [Nm s/rad].
         frequency: frequency of the sway, as found [Hz].
         amplitude: amplitude of the base's rotation, as found [rad].
-        note: reason why there is no estimate, or what speaks against it; None if nothing does.
+        note: reason why there is no estimate, or an objection to it; None without either.
     """
 
     moment: Maybe
@@ -139,7 +139,7 @@ class Calibration:
         robot: name of the robot.
         method: name of the method.
         joint_position: joint positions of the nominal stance that all refers to, by joint name [rad].
-        held: positions of joints that are no leg's and were held still, an arm's or a head's, by joint name [rad].
+        held: positions of joints that do not belong to legs and were held still, as an arm's, by joint name [rad].
         model: format, hash and base link of the model file, and a sentence on the IMU's pose.
         composite: body of the whole robot, frozen at the stance.
         base: body of the base link with all that is fixed to it.
@@ -147,11 +147,11 @@ class Calibration:
         sways: moments of inertia I and damping C of the paper, by axis; `paper` only.
         support_lines: support lines that were found, by diagonal; `paper` only.
         sensors: errors of the sensors that were found; `precise` only.
-        checks: checks of the result by itself, failed ones first.
+        checks: checks of the result, failed ones first.
         trials: all motions, in order.
         settings: settings of the method, as JSON values; "method" is its name.
         provenance: version, time, and in simulation seed, noise and payload.
-        warnings: sentences that speak against the result, worst first.
+        warnings: objections to the result, worst first.
         assumptions: what the intervals rest on: what the user said to be so, what of the model file the run contradicts, and
             what it cannot.
         evidence: data that pictures show; not in the JSON form.
@@ -197,7 +197,7 @@ class Calibration:
 
     @property
     def feet(self) -> str | None:
-        """Which feet the support lines run through, "measured" or "commanded"; None: there are no support lines."""
+        """Feet that the support lines run through, "measured" or "commanded"; None without support lines."""
         return self.settings.get("feet") if self.support_lines else None
 
     @property
@@ -219,7 +219,7 @@ class Calibration:
 
     @property
     def base_for_model_legs(self) -> FloatArray:
-        """(10,) base with which the model file's legs make the composite that was found, which a run tells best.
+        """(10,) base with which the model file's legs make the composite that was found, which a run determines best.
 
         In Pinocchio's order, about the base's origin; perhaps of no body that can exist.
         """
@@ -228,7 +228,7 @@ class Calibration:
 
     @property
     def moments(self) -> dict[Axis, Quantity]:
-        """The paper's I by axis [kg m2], for axes with an estimate, beside the body that it is meant to be of."""
+        """The paper's I by axis [kg m2], for axes with an estimate, with the model's and the true value of its body."""
         moments: dict[Axis, Quantity] = {}
         for axis, letter, of_body in zip(AXES, "xyz", self.stance_effective.inertia.moments, strict=True):
             if axis in self.sways and self.sways[axis].moment is not None:
@@ -289,7 +289,7 @@ class Calibration:
         }
 
     def _repr_html_(self) -> str:
-        """In a notebook: the whole robot, and what speaks against it."""
+        """Return the table for a notebook: the whole robot, and warnings."""
         return notebook_table(self.robot, self.method, self.composite, self.warnings)
 
     def to_dict(self) -> dict[str, Any]:

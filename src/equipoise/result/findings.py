@@ -100,7 +100,7 @@ _LENGTH = Quantity("length", "m")
 class Link(Part):
     """Findings about one moving link of a leg, with all that is fixed to it, in the frame of its joint.
 
-    Its first moment m c is what motions show: a CoM is a moment over a mass, and of the mass they show little beside.
+    Motions determine its first moment m c; its mass, and so its CoM, they determine less well.
 
     Attributes:
         mass: mass [kg].
@@ -151,8 +151,8 @@ class Check:
 
     Attributes:
         name: name of the check.
-        passed: whether nothing speaks against the result.
-        message: sentence on what was looked at, and what speaks against it.
+        passed: whether the check found no objection.
+        message: sentence on what was checked, and the objection.
     """
 
     name: str

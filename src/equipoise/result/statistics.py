@@ -23,7 +23,7 @@ def verdict_of(deviation: float, compared_with: float) -> str:
 
     Args:
         deviation: posterior standard deviation.
-        compared_with: number that it is small or large beside, in the same unit: the one before the run, or the
+        compared_with: number that it is compared with, in the same unit: the one before the run, or the
             quantity's size.
     """
     if deviation <= IDENTIFIED * compared_with:

@@ -119,7 +119,7 @@ def load_robot(name_or_path: str | Path, description: RobotDescription | None = 
     """A robot by its catalogue name, by the path of a URDF or MJCF file, or as `robot_descriptions:NAME`.
 
     Raises:
-        ModelError: no such name or file, or the file is no quadruped.
+        ModelError: no such name or file, or the file is not a quadruped.
         MissingDependencyError: the name is known and the package that holds it is not installed.
     """
     from equipoise.robot.model import RobotModel  # noqa: PLC0415 - who lists robots needs no Pinocchio

@@ -38,7 +38,7 @@ class RobotDescription:
         kd: joint velocity gain [Nm s/rad]; default 3 x m g h / 38 Nm.
         joint_limits: position limits by joint name, where the model's are missing or too wide: lower upper [rad]; wider
             ones are refused.
-        held: positions of joints that are no leg's and are held still, by joint name [rad]; default the
+        held: positions of joints that do not belong to legs and are held still, by joint name [rad]; default the
             file's keyframe "home", else 0.
     """
 

@@ -132,7 +132,7 @@ def _severity_of_impossible(link: LinkInertial) -> Severity:
 
 
 def _placeholders(links: list[LinkInertial]) -> Iterator[ModelFinding]:
-    """Inertias that somebody typed to satisfy a parser: the identity and its like, or too large for the link."""
+    """Find inertias that were typed to satisfy a parser: the identity and its like, or too large for the link."""
     for link in links:
         reasons: list[str] = []
         moment = equal_round_moment(link.parameters.inertia)
@@ -266,7 +266,7 @@ def _limits(robot: RobotModel) -> Iterator[ModelFinding]:
 
 
 def _missing_limits(robot: RobotModel) -> Iterator[ModelFinding]:
-    """Leg joints that the guard has no limit for. MJCF has none of speeds, so nobody can give one there."""
+    """Find leg joints that the guard has no limit for. MJCF has no limits of speeds."""
     urdf = robot.source.format == "urdf"
     place = "effort [Nm] of their <limit>" if urdf else "forcerange [Nm] of their actuators"
     yield from _unlimited(robot, robot.effort_limit, "torque", "torques that are too large", place)

@@ -51,7 +51,7 @@ class Foot:
 class RobotModel:
     """A quadruped: a floating base and four legs of two or three joints. Made by `from_file` or `from_source`.
 
-    Joint vectors everywhere have the leg joints in Pinocchio's order, `joint_names`. Joints that are no leg's are held
+    Joint vectors everywhere have the leg joints in Pinocchio's order, `joint_names`. Other joints are held
     still and belong to the base.
 
     A model never changes, so that threads may share one: arrays are read-only, and who computes brings the memory to compute
@@ -63,7 +63,7 @@ class RobotModel:
         description: description with which the user overrode what the file says.
         pinocchio: Pinocchio model, free-flyer first, then the leg joints.
         full_pinocchio: the user's own Pinocchio model, before other joints were locked.
-        held: positions of joints that are no leg's, by name [rad].
+        held: positions of joints that do not belong to legs, by name [rad].
         legs: legs by name, in the order FL FR RL RR.
         lower_limit, upper_limit: (nj,) position limits [rad].
         velocity_limit: (nj,) velocity limits [rad/s]; infinite where the model gives none.

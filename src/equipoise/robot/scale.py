@@ -22,7 +22,7 @@ class Scale:
     Robots of one build move alike if lengths go with the height h of their hips, times with that of a pendulum as long,
     sqrt(h / g), and torques with their weight at that height, m g h: gravity, which all share, allows nothing else (Froude's
     similarity). So a constant that depends on how large a robot is stands in the code as what was tried on an A1, in plain
-    units, with the words "on an A1" beside it, and is multiplied by one of these where it is used. A speed takes length over
+    units, with the words "on an A1", and is multiplied by one of these where it is used. A speed takes length over
     time, a frequency one over time.
 
     Attributes:

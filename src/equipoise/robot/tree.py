@@ -208,7 +208,7 @@ def _turns_freely(model: pin.Model, joint: int) -> bool:
 def hold_other_joints(
     model: pin.Model, chains: list[list[str]], description: RobotDescription, home: Mapping[str, float]
 ) -> tuple[pin.Model, dict[str, float]]:
-    """The model with every joint that is no leg's locked, and where each was locked.
+    """Return the model with every joint that does not belong to a leg locked, and the position of each.
 
     Where the description says, else where they are at home, else at zero or the limit that is nearest to it.
 
@@ -261,7 +261,7 @@ def hips_of(model: pin.Model, chains: list[list[str]]) -> FloatArray:
 
 
 def name_legs(model: pin.Model, chains: list[list[int]]) -> dict[str, list[int]]:
-    """Chains by leg name, told by where the hips are: x forward, y left in the base frame."""
+    """Return the chains by leg name, from the places of the hips: x forward, y left in the base frame."""
     hips = hips_of(model, [[str(model.names[joint]) for joint in chain] for chain in chains])
     named = dict(zip(legs_by_place(hips), chains, strict=True))
     if len(named) != 4:

@@ -28,7 +28,7 @@ _GENERATORS = ("replicate", "attach", "composite", "flexcomp")
 
 
 class CleanedMjcf(NamedTuple):
-    """A cleaned MJCF file: its root, and what `ModelSource` keeps beside it."""
+    """A cleaned MJCF file: its root, and what else `ModelSource` keeps."""
 
     root: ET.Element
     repairs: list[str]
@@ -42,7 +42,7 @@ def clean_mjcf(root: ET.Element, path: Path) -> CleanedMjcf:
     """Clean a parsed MJCF file.
 
     Raises:
-        ModelError: no body with a free joint, a body whose mass only a mesh tells, bodies or masses that only MuJoCo
+        ModelError: no body with a free joint, a body whose mass only a mesh determines, bodies or masses that only MuJoCo
             can work out, joints without an axis or with exchanged limits.
         ValueError: something that is not a number.
     """

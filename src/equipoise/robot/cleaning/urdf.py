@@ -155,7 +155,7 @@ def _prune_to_base(root: ET.Element, links: dict[str, ET.Element], path: Path, b
 
 
 def _tree(joints: list[ET.Element], links: dict[str, ET.Element], path: Path) -> tuple[dict[int, tuple[str, str]], str]:
-    """Parent and child link of each joint, by its `id`, and the root link; refuses what is no tree of all links."""
+    """Parent and child link of each joint, by its `id`, and the root link; refuses what is not a tree of all links."""
     ends: dict[int, tuple[str, str]] = {}
     joint_above: dict[str, str] = {}
     for joint in joints:
