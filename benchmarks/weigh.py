@@ -39,7 +39,7 @@ from equipoise import (
 from equipoise.calibration.weighing import weigh
 from equipoise.errors import EquipoiseError, ModelWarning
 from equipoise.estimator.known.known_run import KnownRun
-from equipoise.result.body import inertia_from_dict, inertia_to_dict
+from equipoise.json_form import from_json, to_json
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 
 RESULTS = Path(__file__).parent / "results"
@@ -64,12 +64,12 @@ def first_run(name: str, seed: int) -> tuple[KnownRun, RobotInertia, float]:
         robot = load_robot(name)
         with simulate(robot, "realistic", None, seed, noise_seed=2 * seed + 1) as simulation:
             method = Precise(legs="trusted", cable="none", mass=read(factor, simulation.truth))
-            result, truth = calibrate(simulation.platform, robot, method), simulation.truth
-        kept = {"known": result.evidence.keepsake(result.settings), "truth": inertia_to_dict(truth), "factor": factor}
+            result, truth = calibrate(simulation.platform, robot, method), to_json(simulation.truth)
+        kept = {"known": result.evidence.keepsake(result.settings), "truth": truth, "factor": factor}
         FIRST_RUNS.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(kept), encoding="utf-8")
     table = json.loads(file.read_text(encoding="utf-8"))
-    return replace(KnownRun(**table["known"]), run=""), inertia_from_dict(table["truth"]), table["factor"]
+    return replace(KnownRun(**table["known"]), run=""), from_json(RobotInertia, table["truth"]), table["factor"]
 
 
 def read(factor: float, truth: RobotInertia) -> float:

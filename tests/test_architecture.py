@@ -14,7 +14,7 @@ SOURCE = Path(equipoise.__file__).parent
 # From the ground up; a module may import from lower floors and from its own.
 FLOORS = [
     ["errors", "conventions", "_version"],
-    ["threads", "thread_memory", "user_file", "plugins"],
+    ["threads", "thread_memory", "user_file", "json_form", "plugins"],
     ["user_cache"],
     ["robot"],
     ["recording", "clearance"],

@@ -90,7 +90,7 @@ def test_what_a_command_needs_is_installed_before_it():
             extras |= {
                 extra for word in words for extra in re.findall(r"\[(.*)\]", word)[:1] for extra in extra.split(",")
             }
-        needed = {PACKAGES[CATALOG[word].package] for word in words if word in CATALOG and word != BUILT_IN_ROBOT}
+        needed = {PACKAGES[CATALOG[word].source] for word in words if word in CATALOG and word != BUILT_IN_ROBOT}
         needed |= {"dds"} if "unitree-go2" in words else {"desk"} if "calibrate" in words else set()
         assert needed <= extras, command
 

@@ -10,7 +10,7 @@ from equipoise.threads import unless_told
 
 
 def run() -> int:
-    """What the command does: its own process is the only one whose environment is ours to set, before NumPy reads it."""
+    """Run the command. Its own process is the only one whose environment is ours to set, before NumPy reads it."""
     os.environ.update(unless_told(os.environ))
     stdout: Any = sys.stdout
     if getattr(stdout, "errors", None) == "strict":  # it may have no letters for a robot's name, or a file's

@@ -1,4 +1,4 @@
-"""What all modules agree on: array types, axes, how strongly the earth pulls, and what an accelerometer reads of it."""
+"""Conventions of all modules: array types, axes, gravity, and the readings of an accelerometer at rest."""
 
 from __future__ import annotations
 

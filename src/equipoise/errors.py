@@ -13,9 +13,14 @@ from typing import Any
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """What somebody who mistyped a name may have meant, as a question for a message; empty if nothing is near."""
+    """Return the nearest known name, as a question for a message; empty if nothing is near."""
     near = get_close_matches(name, [*known], n=1)
     return f"did you mean {near[0]!r}? " if near else ""
+
+
+def reason(error: Exception) -> str:
+    """Return the words of an error for another one's message; those of other programs need their type too."""
+    return str(error) if isinstance(error, EquipoiseError) else repr(error)
 
 
 class EquipoiseError(Exception):
@@ -89,7 +94,7 @@ class FallError(MotionError):
 
 
 class SensorError(MotionError):
-    """The robot's samples cannot be believed: frozen, not a number, out of order."""
+    """The robot's samples cannot be used: frozen, not a number, out of order."""
 
 
 class OverrunError(MotionError):
@@ -142,7 +147,7 @@ class ColumnsError(RecordingError):
 
 
 class LogError(RecordingError):
-    """What is in a log cannot be used.
+    """The content of a log cannot be used.
 
     Attributes:
         report: what the log holds, piece by piece (LogReport).

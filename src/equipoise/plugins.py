@@ -1,9 +1,9 @@
-"""What other packages add to our tables: an entry point each, as this one in their `pyproject.toml`.
+"""Rows that other packages add to our tables: an entry point each, as this one in their `pyproject.toml`.
 
     [project.entry-points."equipoise.platforms"]
     my-robot = "my_package.robot:DRIVER"
 
-An entry point is loaded when somebody asks for its name; to list names loads none.
+An entry point is loaded when its name is used; listing names loads none.
 """
 
 from __future__ import annotations
@@ -108,13 +108,13 @@ def distribution(entry: EntryPoint) -> str:
 
 
 def resolve(path: str) -> Any:
-    """What "module:name" names."""
+    """Return the object that "module:name" names."""
     module, _, name = path.partition(":")
     return getattr(importlib.import_module(module), name)
 
 
 def import_users(noun: str, path: str) -> Any:
-    """What a user names as MODULE:NAME; the module may be in the current folder.
+    """Return the object that a user names as MODULE:NAME; the module may be in the current folder.
 
     Args:
         noun: word for it in messages, as "platform".

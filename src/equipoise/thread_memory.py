@@ -12,7 +12,7 @@ Made = TypeVar("Made")
 
 
 class ThreadMemory(threading.local, Generic[Key, Made]):
-    """What each thread has made for itself and keeps, of the keys that it asked for last.
+    """Memory that each thread has made for itself, for the keys that it asked for last.
 
     Args:
         make: makes the memory of a key.

@@ -1,4 +1,4 @@
-"""What was computed once and may be computed again: files in the user's folder for such, which anybody may empty at any time.
+"""Cache of computed files in the user's folder, which may be emptied at any time.
 
 It is `EQUIPOISE_CACHE`, or `equipoise` in the folder that the system keeps for caches. If it is set to nothing, or cannot be
 written, nothing is kept.
@@ -30,7 +30,7 @@ def read_cached(name: str) -> bytes | None:
 
 
 def keep_cached(name: str, content: bytes) -> None:
-    """Keep a file, whole or not at all, in place of the oldest of many; that it cannot be kept is no error."""
+    """Keep a file, whole or not at all, in place of the oldest of many; a file that cannot be kept is not an error."""
     folder = _folder()
     if folder is None:
         return

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from equipoise.errors import OutputError
+from equipoise.errors import OutputError, RecordingError
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -100,6 +100,22 @@ def json_value(text: str) -> Any:
         return json.loads(text)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
+
+
+def check_schema(found: object, expected: str, what: str) -> None:
+    """Refuse a file of another schema; raises RecordingError.
+
+    Args:
+        found: schema in the file.
+        expected: schema that this version writes and reads.
+        what: name of the file in the message, as in "the result 'calibration.json'".
+    """
+    if found != expected:
+        raise RecordingError(
+            f"{what} is {found!r}; this version reads {expected!r}: it was made by an earlier version; record or estimate "
+            "again",
+            details={"found": found, "expected": expected},
+        )
 
 
 def write_file(path: Path, content: str | bytes, what: str = "") -> None:

@@ -60,7 +60,7 @@ def test_the_kind_of_file_and_what_is_needed_are_named(verb, needed, name, kind,
 
 @pytest.mark.usefixtures("folder")
 def test_a_result_is_not_a_run(tmp_path, capsys):
-    (tmp_path / "result.json").write_text('{"schema": "equipoise.calibration/3"}', encoding="utf-8")
+    (tmp_path / "result.json").write_text('{"schema": "equipoise.calibration/1"}', encoding="utf-8")
     said = fails(capsys, 5, "estimate", "result.json")
     assert said == f"error: 'result.json' is the result of a calibration; {RUN}"
 

@@ -193,7 +193,11 @@ def test_a_default_run_says_nothing_of_it():
     [
         (lambda table: {**table, "schema": "equipoise.posterior/9"}, "'equipoise.posterior/9'; this version reads"),
         (lambda table: {**table, "x": table["x"][:-1]}, "rows of 1 to"),
-        (lambda table: {**table, "x": [None, *table["x"][1:]]}, "no numbers"),
+        (
+            lambda table: {**table, "x": [None, *table["x"][1:]]},
+            r"damaged \(x\[0\] is None; it must be a number\); remove",
+        ),
+        (lambda table: {**table, "x": [float("nan"), *table["x"][1:]]}, "its unknowns are no numbers"),
         (lambda table: {**table, "x": ["much", *table["x"][1:]]}, "damaged"),
         (
             lambda table: {**table, "covariance": [[-value for value in row] for row in table["covariance"]]},

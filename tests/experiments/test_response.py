@@ -16,6 +16,7 @@ from equipoise.experiments.imu_orientation import wirings
 from equipoise.experiments.response import check_base, check_joints, find_orientation, turn_base
 from equipoise.experiments.response_test import ResponseTest
 from equipoise.experiments.stand import stand_up
+from equipoise.json_form import from_json
 from equipoise.result.calibration import Calibration
 from equipoise.result.legend import frame_sentence
 from equipoise.robot.catalog import CATALOG
@@ -166,14 +167,14 @@ def test_a_run_with_a_turned_imu_is_estimated_again_with_the_orientation_found(a
     assert np.abs(result.composite.com_in_base.values - truth)[:2].max() < 4e-3
     assert all(recording.trial is not None for recording in kept)  # the response test is not a trial
     again = RunFolder.open(tmp_path / "run")
-    test = ResponseTest.from_dict(again.provenance["response_test"])
+    test = from_json(ResponseTest, again.provenance["response_test"])
     assert test.uses_measurement
     assert test.joints == 12
     assert np.degrees(test.angle) == pytest.approx(90, abs=1)
     assert again.robot().description.imu_rpy == test.measured_rpy
     assert again.estimate().composite.com_in_base.values == pytest.approx(result.composite.com_in_base.values, abs=1e-7)
     stored = Calibration.load(tmp_path / "run" / "calibration.json")
-    assert ResponseTest.from_dict(stored.provenance["response_test"]) == test
+    assert from_json(ResponseTest, stored.provenance["response_test"]) == test
     assert f" {test.sentence}." in frame_sentence(stored)
 
 

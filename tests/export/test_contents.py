@@ -12,8 +12,7 @@ from equipoise import export
 from equipoise.cli import main
 from equipoise.exports.format import Format
 from equipoise.exports.formats import FORMATS
-from equipoise.exports.subject import Subject, number
-from equipoise.exports.written import Written
+from equipoise.exports.subject import Subject, Written, number
 
 WHOLE = "CoM [m] in the frame of base link 'trunk', inertia [kg m2] about the CoM in axes of base link 'trunk'"
 LINK = "CoM [m] in the frame of that link, inertia [kg m2] about the CoM in axes of that link"

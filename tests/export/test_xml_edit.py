@@ -99,7 +99,7 @@ def test_an_attribute_goes_with_the_space_before_it(case):
 
 def test_lines_are_put_with_the_indentation_and_the_line_ends_of_the_file():
     text = "<robot>\r\n\t<link>\r\n\t\t<visual/>\r\n\t</link>\r\n</robot>"
-    edited = document(text).edited([document(text).put_first(document(text).root.first("link"), ["<a/>", "<b/>"])])
+    edited = document(text).edited([document(text).put(document(text).root.first("link"), ["<a/>", "<b/>"])])
     assert edited.decode() == text.replace("\t\t<visual/>", "\t\t<a/>\r\n\t\t<b/>\r\n\t\t<visual/>")
 
 
@@ -107,13 +107,14 @@ def test_lines_are_put_behind_the_last_child():
     text = "<robot>\n  <link/>\n</robot>\n"
     file = document(text)
     assert (
-        file.edited([file.put_last(file.root, ["<joint/>"])]).decode() == "<robot>\n  <link/>\n  <joint/>\n</robot>\n"
+        file.edited([file.put(file.root, ["<joint/>"], last=True)]).decode()
+        == "<robot>\n  <link/>\n  <joint/>\n</robot>\n"
     )
 
 
 def test_an_element_without_content_gets_some():
     file = document("<robot>\n  <link name='a'/>\n</robot>")
-    edited = file.edited([file.put_first(file.root.first("link"), ["<inertial/>"])]).decode()
+    edited = file.edited([file.put(file.root.first("link"), ["<inertial/>"])]).decode()
     assert edited == "<robot>\n  <link name='a'>\n    <inertial/>\n  </link>\n</robot>"
     assert document("<a><b/></a>").edited(
         [document("<a><b/></a>").fill(document("<a><b/></a>").root.first("b"), "1")]

@@ -72,7 +72,7 @@ def test_a_body_gives_back_what_it_was_made_of(body):
 
 def test_a_known_body_goes_there_and_back(body):
     table = json.loads(json.dumps(body.to_dict(), allow_nan=False))
-    again = Body.from_dict(table, TRUE).with_truth(TRUE)
+    again = Body.from_dict(table).with_model(TRUE).with_truth(TRUE)
     assert list(again) == list(body)
     assert np.array_equal(again.covariance, body.covariance)
     assert table["uncertainty"]["intervals"]["Ixy"] == {
@@ -134,7 +134,7 @@ def test_what_is_doubted_keeps_its_numbers_and_is_neither_identified_nor_weak():
     for one, other in zip(doubted, body, strict=True):
         assert dataclasses.replace(one, verdict=other.verdict) == other
     assert np.array_equal(doubted.covariance, body.covariance)
-    again = Body.from_dict(json.loads(json.dumps(doubted.to_dict())), TRUE).with_truth(TRUE)
+    again = Body.from_dict(json.loads(json.dumps(doubted.to_dict()))).with_model(TRUE).with_truth(TRUE)
     assert list(again) == list(doubted)
 
 

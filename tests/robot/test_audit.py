@@ -115,7 +115,7 @@ def test_json_form_has_stable_keys_and_plain_values(a1):
     for body in ("composite", "base", "stance_effective"):
         assert list(report[body]) == ["mass", "com_in_base", "inertia"]
     assert list(report["bodies"][0]) == [
-        "name", "mass", "com_in_link", "principal_moments", "radius_of_gyration", "extent",
+        "name", "mass", "com_in_link", "principal_moments", "extent", "radius_of_gyration",
     ]  # fmt: skip
     assert list(report["findings"][0]) == ["severity", "body", "text"]
     assert list(report["stance"]) == ["joint_position", "hip_height"]

@@ -92,21 +92,21 @@ def test_what_a_description_holds_can_be_written_as_json_and_read_back(from_toml
 
 
 KNOWN = (
-    "base_link, foot_frames, foot_radius, forward, held, imu_frame, imu_position, imu_rpy, joint_limits, kd, kp, stance, "
-    "stance_height"
+    "base_link, forward, foot_frames, foot_radius, imu_frame, imu_position, imu_rpy, stance, stance_height, kp, "
+    "kd, joint_limits, held"
 )
 REFUSED = [
     ('colour = "blue"', f"unknown key 'colour'; known are {KNOWN}"),
     ('forward = "up"', "forward is 'up'; it is an axis of the base link: +x, +y, -x or -y"),
-    ("base_link = 3", "base_link is 3; it must be a name"),
+    ("base_link = 3", "base_link is 3; it must be a text"),
     ('kp = "stiff"', "kp is 'stiff'; it must be a number"),
     ('kp = "80"', "kp is '80'; it must be a number"),
     ("kd = true", "kd is True; it must be a number"),
     ("imu_position = [0, 0]", "imu_position is [0, 0]; it must be 3 numbers"),
     ('imu_rpy = "123"', "imu_rpy is '123'; it must be 3 numbers"),
-    ('imu_rpy = [0, 0, "up"]', "imu_rpy is 'up'; it must be a number"),
+    ('imu_rpy = [0, 0, "up"]', "imu_rpy[2] is 'up'; it must be a number"),
     ("foot_frames = 3", "foot_frames is 3; it must be a table"),
-    ("[foot_frames]\nFL = 3", "foot_frames.FL is 3; it must be a name"),
+    ("[foot_frames]\nFL = 3", "foot_frames.FL is 3; it must be a text"),
     ('stance = "low"', "stance is 'low'; it must be a table"),
     ("[stance]\nFL_hip = [1]", "stance.FL_hip is [1]; it must be a number"),
     ("[held]\narm = false", "held.arm is False; it must be a number"),

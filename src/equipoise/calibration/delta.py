@@ -1,4 +1,4 @@
-"""What was added to a robot, or taken off, between two calibrations: errors of sensors and of a scale cancel.
+"""Mass that was added to a robot or taken off between two calibrations: errors of sensors and of a scale cancel.
 
 Both runs are estimated together (precise/two_runs.py). Of bodies that are rigidly joined, mass, first moment and inertia
 about the base's origin add up: those of the second run's base less those of the first one's are the payload's.
@@ -21,8 +21,9 @@ from equipoise.estimator.measurements.evidence import read_evidence
 from equipoise.estimator.parameters import base_vector
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.unknowns import Priors
+from equipoise.json_form import to_json
 from equipoise.recording.recording import Recording
-from equipoise.result.body import Body, parameters_to_dict
+from equipoise.result.body import Body
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import InertialParameters, RobotInertia, components, composite_parameters
 from equipoise.robot.model import RobotModel
@@ -35,17 +36,17 @@ _UNFELT = np.array([0.01, 2e-3, 0.05])
 
 @dataclass(frozen=True, eq=False)
 class Delta:
-    """What was added.
+    """Difference between two runs of one robot.
 
     Attributes:
         robot: name of the robot.
         payload: mass, CoM in the base frame and inertia about its own CoM of what was added. Of what was taken off, if
-            `removed`. CoM and inertia are not estimated if no mass can be told from none. Verdicts say how sure a mass
-            is beside itself, a CoM beside the robot's size, an inertia beside the payload's largest moment.
+            `removed`. CoM and inertia are not estimated if the mass may be zero. Verdicts compare the deviation of a mass
+            with the mass, of a CoM with the robot's size, of an inertia with the payload's largest moment.
         change: differences of the whole robot's ten quantities at its stance, after less before. Verdicts say whether a
             change can be told from none, or none from a change: "no change".
         removed: whether the robot became lighter.
-        warnings: sentences that speak against the result.
+        warnings: objections to the result.
         provenance: version, time, runs, readings of a scale.
     """
 
@@ -57,7 +58,7 @@ class Delta:
     provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     def with_truth(self, before: RobotInertia, after: RobotInertia) -> Delta:
-        """The same with the truth of both simulated runs joined to it."""
+        """Return the difference with the ground truth of both simulated runs."""
         added = after.base.vector - before.base.vector
         truth = InertialParameters.from_vector(-added if self.removed else added) if added[0] else None
         return replace(self, payload=self.payload.with_truth(truth))
@@ -73,7 +74,7 @@ class Delta:
             "change": {quantity.name: quantity.value for quantity in self.change},
             "change_intervals": self.change.intervals(),
             "warnings": list(self.warnings),
-            "truth": None if self.payload.truth is None else parameters_to_dict(self.payload.truth),
+            "truth": to_json(self.payload.truth),
             "provenance": dict(self.provenance),
         }
 
@@ -85,7 +86,7 @@ def find_delta(
     scale: ScaleReadings | None = None,
     priors: Priors | None = None,
 ) -> Delta:
-    """What was added between two runs of the method `precise`.
+    """Estimate what was added between two runs of the method `precise`.
 
     Args:
         before, after: recordings of each run.
@@ -105,7 +106,7 @@ def find_delta(
 
 
 def find_delta_since(robot: RobotModel, known: KnownRun, evidence: PosteriorEvidence) -> Delta:
-    """What was added since an earlier run, by a run that knows it.
+    """Estimate what was added since a prior run, from a run that uses it.
 
     Args:
         evidence: evidence of the result of such a run.

@@ -1,6 +1,6 @@
 """A calibration thought through before anything moves: which postures, how far the joints go, what torques that takes.
 
-From the model alone. A robot that carries what its model does not know needs more torque than is foretold here.
+From the model alone. A robot that carries what its model does not know needs more torque than is predicted here.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.json_form import to_json
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import RehearsedPosture, held_posture
 from equipoise.robot.model import RobotModel
@@ -21,7 +22,7 @@ _AROUND = 12.0  # [s] on an A1: looking, standing up, lying down, damping
 
 @dataclass(frozen=True, eq=False)
 class Rehearsal:
-    """What a calibration would do.
+    """Motions of a calibration, from the model alone.
 
     Attributes:
         robot: model of the robot.
@@ -61,12 +62,8 @@ class Rehearsal:
                 name: {"from": low, "to": high, "torque": torque, "torque_limit": limit if np.isfinite(limit) else None}
                 for name, low, high, torque, limit in rows
             },
-            "postures": [
-                {"what": posture.what, "times": posture.times, "joint_position": posture.joint_position.tolist(),
-                 "torque": posture.torque.tolist()}
-                for posture in self.postures
-            ],
-        }  # fmt: skip
+            "postures": to_json(self.postures),
+        }
 
 
 def rehearse(robot: RobotModel, method: Method) -> Rehearsal:

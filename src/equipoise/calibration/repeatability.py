@@ -32,13 +32,13 @@ class Repeated:
     def ratio(self) -> float | None:
         """Spread over deviation: at most about one for an honest interval.
 
-        Less is no sign of caution: an interval also covers what is the same each time, as joint zeros and a scale's error.
+        Less is not a sign of caution: an interval also covers what is the same each time, as joint zeros and a scale's error.
         """
         return self.spread / self.quantity.deviation if self.quantity.deviation else None
 
 
 def repeatability(results: Sequence[Calibration]) -> list[Repeated]:
-    """How well calibrations of one robot repeat themselves.
+    """Compare the spread of several calibrations of one robot with their intervals.
 
     Raises:
         SettingsError: fewer than two.

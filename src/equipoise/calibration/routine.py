@@ -13,6 +13,7 @@ from equipoise.experiments.response import check_base, check_joints
 from equipoise.experiments.response_test import ResponseTest
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.guard.report import GuardReport
+from equipoise.json_form import to_json
 from equipoise.method.method import Method
 from equipoise.platform.platform import Platform
 from equipoise.precise.method import Precise
@@ -47,8 +48,8 @@ def calibrate(
         keep: function that gets every recording as soon as it is complete, and the last, broken one if the routine ends
             early.
         report: function that is called before every trial, and before the estimate.
-        told: function that says whether somebody at the robot has said that what was asked is done, as turning it; it must not
-            wait. None: nobody is there.
+        told: function that returns whether the operator has confirmed a request, as turning the robot; it must not
+            wait. None: there is no operator.
         confirm: function that asks the operator a question while the robot stands: whether a given mass is right that
             disagrees with the joint torques, or a measured orientation of the IMU that differs from the model's. None:
             there is no operator, and either raises.
@@ -115,7 +116,7 @@ def perform(
             response = check_base(planted, stance, joints, confirm)
             robot = planted.robot  # methods put robots of other masses there later
             on_response(response)
-            facts["response_test"] = response.to_dict()
+            facts["response_test"] = to_json(response)
         _confirm_mass(method.mass_in_doubt(planted, stance), confirm)
         method.run(planted, stance, recordings, report)
         move_to(planted, feet_at_end)
@@ -141,7 +142,7 @@ def with_guard_report(result: Calibration, report: GuardReport) -> Calibration:
     if share > _BAD_SAMPLES:
         message += f". More than {_BAD_SAMPLES:.0%} is suspect: check the cable, and what else sends to this computer"
     checks = sorted([*result.checks, Check("samples", share <= _BAD_SAMPLES, message)], key=lambda check: check.passed)
-    return dataclasses.replace(result, checks=tuple(checks)).with_provenance(guard=dataclasses.asdict(report))
+    return dataclasses.replace(result, checks=tuple(checks)).with_provenance(guard=to_json(report))
 
 
 def _confirm_mass(doubt: MassComparison | None, confirm: Callable[[str], bool] | None) -> None:
@@ -151,7 +152,7 @@ def _confirm_mass(doubt: MassComparison | None, confirm: Callable[[str], bool] |
             f"{doubt.sentence}; no foot was lifted. Weigh the robot again, or give no mass; if the mass is "
             "right (torque constants may be off by so much), confirm it: --confirm-mass (in Python confirm_mass=True)",
             doubt,
-            {"mass_comparison": doubt.to_dict()},
+            {"mass_comparison": to_json(doubt)},
         )
 
 
@@ -166,7 +167,7 @@ def check(robot: RobotModel, method: Method) -> None:
 
 
 def estimate(robot: RobotModel, recordings: Sequence[Recording], method: Method | None = None) -> Calibration:
-    """What the recordings of a calibration say. Moves nothing and needs no platform.
+    """Estimate from the recordings of a calibration. Moves nothing and needs no platform.
 
     Args:
         robot: model of the robot that was recorded.

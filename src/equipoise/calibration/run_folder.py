@@ -29,13 +29,14 @@ import numpy as np
 
 from equipoise.calibration.routine import estimate
 from equipoise.errors import (
-    EquipoiseError,
     ModelWarning,
     OutputError,
     RecordingError,
     SettingsError,
+    reason,
 )
 from equipoise.experiments.response_test import ResponseTest
+from equipoise.json_form import fields_to_json, from_json, to_json
 from equipoise.method.method import Method
 from equipoise.method.table import method_from_dict
 from equipoise.recording.mcap_reader import was_closed
@@ -43,15 +44,15 @@ from equipoise.recording.recording import Recording
 from equipoise.recording.rosbag2 import METADATA, write_metadata
 from equipoise.recording.run_log import RunLog, resume_log
 from equipoise.recording.run_log_reader import LogContent, log_file, log_files, read_log
-from equipoise.result.body import inertia_from_dict, inertia_to_dict
+from equipoise.result.body import BODIES
 from equipoise.result.calibration import Calibration, PartsTruth
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
-from equipoise.user_file import json_value, kind_of, read_text, typed, write_file
+from equipoise.user_file import check_schema, json_value, kind_of, read_text, typed, write_file
 
-SCHEMA = "equipoise.run/3"
+SCHEMA = "equipoise.run/1"
 RESULT = "calibration.json"
 POSTERIOR = "posterior.json"
 HEADER = "run.json"
@@ -61,9 +62,9 @@ _REMEDY = "copy it again from where it is whole"
 
 
 class RunFolder:
-    """A run on disk. Made by `create`, found again by `open`, gone on with by `resume`.
+    """A run on disk. Made by `create`, found again by `open`, continued by `resume`.
 
-    What was made or is gone on with is open for writing: use it as a context manager, or close it.
+    A run that was made or resumed is open for writing: use it as a context manager, or close it.
 
     Attributes:
         path: path of the folder.
@@ -86,18 +87,8 @@ class RunFolder:
         header = {
             "schema": SCHEMA,
             "robot": robot.name,
-            "model": {
-                "format": robot.source.format,
-                "path": str(robot.source.path),
-                "sha256": robot.source.sha256,
-                "xml_sha256": _sha256(robot.source.xml),
-                "repairs": list(robot.source.repairs),
-                "effort_limits": robot.source.effort_limits,
-                "home": robot.source.home,
-                "forward": robot.source.forward,
-                "imu_sensors": list(robot.source.imu_sensors),
-            },
-            "description": dataclasses.asdict(robot.description),
+            "model": _model_table(robot.source),
+            "description": to_json(robot.description),
             "settings": method.to_dict(),
             **({"attachments": [*method.attachments()]} if method.attachments() else {}),
             "provenance": dict(provenance),
@@ -136,11 +127,7 @@ class RunFolder:
         header = _read_json(path / HEADER, f"{str(path)!r} is not a run folder of a calibration")
         if (schema := header.get("schema")) is None:
             raise _damaged(path, f"its {HEADER} lacks 'schema'")
-        if schema != SCHEMA:
-            raise RecordingError(
-                f"the run {str(path)!r} is {schema!r}; this version reads {SCHEMA!r}: estimate it with the version of "
-                "equipoise that made it, or calibrate again"
-            )
+        check_schema(schema, SCHEMA, f"the run {str(path)!r}")
         for key in ("model", "description", "settings", "provenance"):
             if not isinstance(header.get(key), dict):
                 raise _damaged(path, f"its {HEADER} lacks {key!r}")
@@ -156,7 +143,7 @@ class RunFolder:
                 motion stays in the log.
 
         Raises:
-            RecordingError: it is no run, or its log is damaged.
+            RecordingError: it is not a run, or its log is damaged.
             OutputError: it cannot be written, or another process writes it.
         """
         folder = cls.open(path)
@@ -167,19 +154,19 @@ class RunFolder:
 
     @property
     def log(self) -> RunLog:
-        """What the platform writes to; raises OutputError if the run is not open for writing."""
+        """Log that the platform writes to; raises OutputError if the run is not open for writing."""
         if self._log is None:
             raise OutputError(f"the run {str(self.path)!r} is not open for writing; make a new one, or resume it")
         return self._log
 
     @property
     def complete(self) -> bool:
-        """Whether the run came to its result."""
+        """True if the run has a result."""
         return (self.path / RESULT).exists()
 
     @property
     def cut(self) -> bool:
-        """Whether the recording lost its end since the run came to its result, as where a copy of it broke off."""
+        """True if the recording lost its end after the run had a result, as where a copy of it broke off."""
         return self.complete and self._ends_early
 
     @property
@@ -188,7 +175,7 @@ class RunFolder:
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """When, on what and how the run was made."""
+        """Time, platform and settings of the run."""
         return self._header["provenance"]
 
     def save_response(self, found: ResponseTest) -> None:
@@ -203,14 +190,14 @@ class RunFolder:
                 f"{str(self.path)!r} has: was the IMU moved? Begin a new run"
             )
         if found.uses_measurement or _RESPONSE not in self.provenance:
-            self._header = {**self._header, "provenance": {**self.provenance, _RESPONSE: found.to_dict()}}
+            self._header = {**self._header, "provenance": {**self.provenance, _RESPONSE: to_json(found)}}
             write_file(self.path / HEADER, json.dumps(self._header, indent=2) + "\n")
 
     def keep(self, recording: Recording) -> None:
         """Keep the next recording: of motions that the log has, or, where it has not, as it is.
 
         Raises:
-            RecordingError: a run that is gone on with comes to another recording than it came to before.
+            RecordingError: a resumed run comes to another recording than before.
         """
         if not self._known:
             self.log.keep(recording)
@@ -231,7 +218,7 @@ class RunFolder:
         return read_log(self.path)
 
     def _told_of_end(self) -> str:
-        """What is said of a log that was not closed."""
+        """Return the warning about a log that was not closed."""
         ends = f"the recording of the run {str(self.path)!r} ends in the middle"
         if self.cut:
             return (
@@ -267,24 +254,15 @@ class RunFolder:
             xml = read_text(self.path / _MODEL)
             if _sha256(xml) != model["xml_sha256"]:
                 raise RecordingError("the model is not the one that it was recorded with")
-            source = ModelSource(
-                Path(model["path"]),
-                model["format"],
-                xml,
-                model["sha256"],
-                tuple(model["repairs"]),
-                model["effort_limits"],
-                model.get("home", {}),  # older runs held all else at zero
-                model.get("forward", "+x"),
-                imu_sensors=tuple(model.get("imu_sensors", ())),
-            )
+            own = {name: value for name, value in model.items() if name != "xml_sha256"}
+            source = from_json(ModelSource, {**own, "path": Path(own["path"]), "xml": xml})
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)
                 return RobotModel.from_source(source, self._header["robot"], RobotDescription.from_dict(description))
         except OSError as error:
             raise _damaged(self.path, f"its {_MODEL} cannot be read ({error.strerror})") from error
         except (KeyError, TypeError, ValueError) as error:
-            raise _damaged(self.path, f"its {HEADER} and {_MODEL} make no robot ({_told(error)})") from error
+            raise _damaged(self.path, f"its {HEADER} and {_MODEL} make no robot ({reason(error)})") from error
 
     def method(self) -> Method:
         """Return the method of the run; raises MissingDependencyError if the package that brings it cannot be used."""
@@ -292,7 +270,7 @@ class RunFolder:
             return method_from_dict({**self._header["settings"], **self._attached()})
         except (AttributeError, TypeError, SettingsError) as error:
             raise RecordingError(
-                f"the settings of run {str(self.path)!r} are damaged: {_told(error)}; they stand in its {HEADER}: {_REMEDY}; "
+                f"the settings of run {str(self.path)!r} are damaged: {reason(error)}; they stand in its {HEADER}: {_REMEDY}; "
                 "or, if another version of equipoise made the run, estimate it with that version"
             ) from error
 
@@ -301,8 +279,8 @@ class RunFolder:
         return {name: self._read_table(f"{name}.json") for name in self._header.get("attachments", ())}
 
     def save_truth(self, truth: RobotInertia, of_parts: PartsTruth | None = None) -> None:
-        """Keep a simulated robot's truth beside its recordings; only `estimate` reads it, and after estimating."""
-        table = {**inertia_to_dict(truth), **(of_parts or {})}
+        """Keep a simulated robot's ground truth with its recordings; only `estimate` reads it, and after estimating."""
+        table = {**to_json(truth), **(of_parts or {})}
         write_file(self.path / _TRUTH, json.dumps(table, indent=2) + "\n")
 
     def estimate(self, method: Method | None = None) -> Calibration:
@@ -317,13 +295,14 @@ class RunFolder:
         return calibration.with_truth(truth).with_truth_of_parts(of_parts)
 
     def truth(self) -> RobotInertia | None:
-        """Of a simulated robot; None of a real one. Only to be joined to what was estimated without it."""
+        """Return a simulated robot's ground truth; None for a real one. Only for comparison with an estimate without it."""
         if not (self.path / _TRUTH).exists():
             return None
         try:
-            return inertia_from_dict(self._truth_table())
+            table = self._truth_table()
+            return from_json(RobotInertia, {name: table[name] for name in BODIES})
         except (KeyError, TypeError, ValueError) as error:
-            raise _damaged(self.path, f"its {_TRUTH} holds no truth ({error!r})") from error
+            raise _damaged(self.path, f"its {_TRUTH} holds no truth ({reason(error)})") from error
 
     def _truth_table(self) -> dict[str, Any]:
         return self._read_table(_TRUTH)
@@ -359,9 +338,11 @@ class RunFolder:
             write_file(self.path / POSTERIOR, json.dumps(kept) + "\n")
 
 
-def _told(error: Exception) -> str:
-    """An error of ours says what is wrong; any other one needs its type for that."""
-    return str(error) if isinstance(error, EquipoiseError) else repr(error)
+def _model_table(source: ModelSource) -> dict[str, Any]:
+    """Return what a run says of its model; the cleaned model itself has a file of its own."""
+    table = {**fields_to_json(source), "path": str(source.path), "xml_sha256": _sha256(source.xml)}
+    del table["xml"]
+    return table
 
 
 def _damaged(path: Path, what: str) -> RecordingError:

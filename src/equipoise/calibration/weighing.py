@@ -1,4 +1,4 @@
-"""What is on a robot now, beside its last calibration: one answer from a run of half a minute."""
+"""Payload measurement: one answer from a run of half a minute, against a prior run."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from equipoise.calibration.delta import Delta, find_delta_since
 from equipoise.errors import NotEstimatedError
 from equipoise.estimator.known.known_run import KnownRun
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
+from equipoise.json_form import to_json
 from equipoise.result.calibration import Calibration
 from equipoise.result.requirements import verdicts
 from equipoise.result.statistics import NORMAL_95
@@ -24,7 +25,7 @@ _SMALL_MASS, _SMALL_SHIFT = 0.01, 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Weighing:
-    """What was found.
+    """Result of a payload measurement.
 
     Attributes:
         delta: what was added since the earlier run, or taken off.
@@ -41,7 +42,7 @@ class Weighing:
 
     @property
     def verdicts(self) -> dict[str, bool]:
-        """What is met of requirements: of the payload, or where there is none of its mass being none."""
+        """Requirements that are met: of the payload; without one, of its mass being zero."""
         found = verdicts(self.delta.payload, self.result.checks)
         # Of a payload's inertia nobody asks half a minute; that nothing is there is told.
         told = [one for one in ("mass", "com_x", "com_y") if self.answer != "nothing"]
@@ -49,23 +50,20 @@ class Weighing:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
-        checks = [
-            {"name": check.name, "passed": check.passed, "message": check.message} for check in self.result.checks
-        ]
         return {
             **self.delta.to_dict(),
             "schema": SCHEMA,
             "answer": self.answer,
             "sentence": self.sentence,
             "robot_time": _robot_time(self.result),
-            "checks": checks,
-            "mass_comparison": None if self.result.mass_comparison is None else self.result.mass_comparison.to_dict(),
+            "checks": to_json(self.result.checks),
+            "mass_comparison": to_json(self.result.mass_comparison),
             "verdicts": self.verdicts,
         }
 
 
 def weigh(robot: RobotModel, known: KnownRun, result: Calibration) -> Weighing:
-    """What is on a robot beside its earlier run.
+    """Compare a run with its prior run.
 
     Args:
         result: result of `calibrate` or `estimate` by a method that knows the earlier run.

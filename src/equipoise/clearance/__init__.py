@@ -1,1 +1,1 @@
-"""Whether a robot's links keep clear of each other: simple bodies on them, and how near those come."""
+"""Clearance between a robot's links: simple bodies on them, and the distances between these."""

@@ -1,7 +1,7 @@
-"""How near a robot's links come to each other along a motion, looked at no more often than they could meet.
+"""Distances between a robot's links along a motion, computed no more often than they could meet.
 
 While a joint turns by an angle, what hangs at it moves by that times its reach at most. Two shapes that are d apart cannot
-touch before both together have moved by d; until then nobody has to look.
+touch before both together have moved by d; until then nothing is computed.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Clearance:
         self.begin(joint_position)
 
     def begin(self, joint_position: FloatArray) -> None:
-        """Begin anew, somewhere else."""
+        """Begin again, at another place."""
         distance, pairs = self._distances.all(joint_position), self._pairs
         self._here, self._travelled = joint_position, np.zeros(len(pairs.first))  # [m] along each route
         self._allowed = np.minimum(distance - _ROUNDING, pairs.least)  # [m] of each pair

@@ -1,4 +1,4 @@
-"""How far a standing robot's links are above the floor that its feet stand on."""
+"""Heights of a standing robot's links above the floor that its feet stand on."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def floor_contact(
 ) -> Contact | None:
     """The lowest link, if it is nearer to the floor than links may be to each other.
 
-    Lower legs are not looked at: they end on the floor.
+    Lower legs are left out: they end on the floor.
 
     Args:
         joint_poses: poses of the joints' frames in the base frame, as of `Kinematics`.

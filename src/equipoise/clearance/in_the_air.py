@@ -22,7 +22,7 @@ _BOTH_SWING = 5.0  # times the room is kept between two legs
 
 
 class LegsInTheAir:
-    """What room there is about the legs of a robot that lies on its belly, or stands on others, by its model file's shapes.
+    """Room around the legs of a robot that lies on its belly or stands on others, from its model file's shapes.
 
     A link is not held against the one that it hangs on; two that are near each
     other in the nominal stance may come to a quarter of that, and shapes that overlap there say nothing.
@@ -31,7 +31,7 @@ class LegsInTheAir:
         robot: the robot.
         stance: nominal stance of the robot.
         room: distance that is to be kept; a multiple of it between legs, which all swing [m].
-        legs: names of the legs that are looked at.
+        legs: names of the legs that are checked.
         floor: height of the floor in the base frame; default a belly's depth under the hips [m].
     """
 
@@ -60,7 +60,7 @@ class LegsInTheAir:
         self._room = np.where(usual > 0, np.minimum(rooms, usual / 4), -np.inf)
 
     def kept(self, joint_position: FloatArray) -> bool:
-        """Whether all distances are kept at (nj,) joint positions [rad], by a level base on a level floor."""
+        """Return whether all distances are kept at (nj,) joint positions [rad], by a level base on a level floor."""
         return bool((self._distances.all(joint_position) > self._room).all())
 
 

@@ -126,7 +126,7 @@ def _routes(robot: RobotModel, shapes: pin.GeometryModel) -> tuple[NDArray[np.in
 
 
 def _joint_reaches(robot: RobotModel, shapes: pin.GeometryModel) -> dict[int, FloatArray]:
-    """By joint, (nj,) how far what hangs at it moves at most while each joint above it, and itself, turns [m/rad]."""
+    """Return by joint the (nj,) largest travel of its bodies while each joint above it, and itself, turns [m/rad]."""
     reaches = {joint: np.zeros(len(robot.joint_names)) for joint in range(robot.pinocchio.njoints)}
     spheres = Spheres.around(shapes.geometryObjects)
     for parent, centre, radius in zip(spheres.joint, spheres.centre, spheres.radius, strict=True):

@@ -1,4 +1,4 @@
-"""What stands in for links of which the model file shows nothing simple: capsules along them, a box around the hips."""
+"""Stand-ins for links without simple shapes in the model file: capsules along them, a box around the hips."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Limb:
 
     @property
     def length(self) -> float:
-        """Of the straight part [m]."""
+        """Length of the straight part [m]."""
         return float(np.linalg.norm(self.end - self.start))
 
     @property

@@ -14,14 +14,14 @@ def robots(*, json: bool = False) -> None:
     Args:
         json: Print one JSON object and nothing else on stdout.
     """
-    from equipoise.robot.catalog import describe_catalog
+    from equipoise.json_form import to_json
+    from equipoise.robot.catalog import CATALOG
     from equipoise.terminal.lists import print_robots
 
-    rows = describe_catalog()
     if json:
-        print(json_module.dumps({"schema": "equipoise.robots/1", "robots": [dataclasses.asdict(row) for row in rows]}))
+        print(json_module.dumps({"schema": "equipoise.robots/1", "robots": to_json([*CATALOG.values()])}))
     else:
-        print_robots(rows)
+        print_robots(CATALOG.values())
 
 
 def platforms(*, json: bool = False) -> None:

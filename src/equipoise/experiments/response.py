@@ -17,6 +17,7 @@ from equipoise.experiments.posture import check_posture
 from equipoise.experiments.response_test import ResponseTest
 from equipoise.experiments.stand import take_over
 from equipoise.experiments.sway import feet_during_sway
+from equipoise.json_form import to_json
 from equipoise.platform.platform import Platform
 from equipoise.platform.ramp import smooth_step
 from equipoise.recording.phases import Phase
@@ -228,7 +229,7 @@ def check_base(
             f"{sentence}; not confirmed, and no foot was lifted. If the measurement is right: {rpy_flag(found.rotation)} "
             "(imu_rpy in a robot description); else examine its mounting",
             (recording,),
-            test.to_dict(),
+            to_json(test),
         )
     planted.robot = replace(robot, description=replace(robot.description, imu_rpy=measured))
     return replace(test, uses_measurement=True)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +23,7 @@ class ResponseTest:
         uses_measurement: whether the run uses the measured orientation; False: the model's.
     """
 
+    COMPUTED: ClassVar = ("angle",)
     joints: int
     axes: tuple[str, ...]
     residual: float
@@ -57,15 +57,3 @@ class ResponseTest:
             f"Response test: {joints}; turns in {', '.join(self.axes)} have a residual of {self.residual:.1%}; "
             f"{self.orientation}, {np.degrees(self.angle):.1f} deg from the model's: {used}"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        return {**asdict(self), "angle": self.angle}
-
-    @classmethod
-    def from_dict(cls, table: Mapping[str, Any]) -> ResponseTest:
-        """From the JSON form."""
-        values: dict[str, Any] = {name: value for name, value in table.items() if name != "angle"}
-        for name in ("axes", "measured_rpy", "model_rpy"):
-            values[name] = tuple(values[name])
-        return cls(**values)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from equipoise.exports.subject import FloatArray, Subject, number
-from equipoise.exports.written import Written
+from equipoise.exports.subject import COMPOSITE_WORDS, FloatArray, Subject, Written, number
 
 
 def quadruped_pympc(subject: Subject) -> Written:
     """Quadruped-PyMPC, quadruped_pympc/config.py."""
-    body, about = subject.composite, subject.composite_words
+    body, about = subject.composite, COMPOSITE_WORDS
     rows = [f"[{', '.join(map(number, row))}]" for row in body.inertia]
     indent = ",\n" + " " * len("inertia = np.array([")
     return Written.text(
         [
-            *_comment("# ", subject.header(about)),
+            *subject.comment(about),
             "# quadruped_pympc/config.py, behind the choice of the robot; needs 'use_inertia_recomputation': False",
             f"mass = {number(body.mass)}",
             f"inertia = np.array([{indent.join(rows)}])",
@@ -26,10 +23,10 @@ def quadruped_pympc(subject: Subject) -> Written:
 
 def unitree_guide(subject: Subject) -> Written:
     """unitree_guide, src/common/unitreeRobot.cpp."""
-    body, about = subject.composite, subject.composite_words
+    body, about = subject.composite, COMPOSITE_WORDS
     return Written.text(
         [
-            *_comment("// ", subject.header(about)),
+            *subject.comment(about, "// "),
             "// src/common/unitreeRobot.cpp, in the constructor of the robot",
             f"_mass = {number(body.mass)};",
             f"_pcb << {', '.join(map(number, body.com))};",
@@ -42,10 +39,10 @@ def unitree_guide(subject: Subject) -> Written:
 def mit_cheetah(subject: Subject) -> Written:
     """Cheetah-Software: RobotState.h, RobotState.cpp (composite) and MiniCheetah.h (base)."""
     whole, base = subject.composite, subject.base
-    about = f"{subject.composite_words}; in MiniCheetah.h the {subject.base_words}"
+    about = f"{COMPOSITE_WORDS}; in MiniCheetah.h the {subject.base_words}"
     return Written.text(
         [
-            *_comment("// ", subject.header(about)),
+            *subject.comment(about, "// "),
             "// user/MIT_Controller/Controllers/convexMPC/RobotState.h: composite",
             f"fpt m = {number(whole.mass)}f;",
             "// user/MIT_Controller/Controllers/convexMPC/RobotState.cpp: composite; for Id and I_body.diagonal()",
@@ -62,11 +59,11 @@ def mit_cheetah(subject: Subject) -> Written:
 
 def quad_sdk(subject: Subject) -> Written:
     """Quad-SDK: quad_utils/config/ROBOT.yaml, and nmpc_controller/scripts/main.m in a comment."""
-    body, about = subject.composite, subject.composite_words
+    body, about = subject.composite, COMPOSITE_WORDS
     rows = "; ".join(" ".join(map(number, row)) for row in body.inertia)
     return Written.text(
         [
-            *_comment("# ", subject.header(about)),
+            *subject.comment(about),
             "# nmpc_controller/scripts/main.m, before dynamicsModel(parameter), in place of all that was added up till there:",
             f"#   parameter.physics.mass_body = {number(body.mass)};",
             f"#   parameter.physics.inertia_body = [{rows}];",
@@ -85,7 +82,3 @@ def _matrix(name: str, rows: FloatArray, suffix: str = "") -> list[str]:
     lines = [", ".join(number(value) + suffix for value in row) for row in rows]
     indent = " " * len(name)
     return [f"{name}{lines[0]},", f"{indent}{lines[1]},", f"{indent}{lines[2]};"]
-
-
-def _comment(mark: str, lines: Sequence[str]) -> list[str]:
-    return [mark + line for line in lines]

@@ -1,4 +1,4 @@
-"""What a consumer takes, and the sentence about mass, CoM and inertia that every file of it gets."""
+"""Formats of consumers, and the sentence about mass, CoM and inertia in every file."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from equipoise.exports.found import BASE
-from equipoise.exports.subject import PAYLOAD, Subject
-from equipoise.exports.written import Written
+from equipoise.exports.subject import PAYLOAD, Subject, Written
 
 FileUse = Literal["model", "given", ""]
 _QUANTITIES = {
@@ -50,7 +49,7 @@ class Format:
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """What it can hold, in words: the body or "both", and "sensors", "motors" and "legs"."""
+        """Words for the parts that the format holds: the body or "both", and "sensors", "motors" and "legs"."""
         bodies = self.bodies if len(self.bodies) < 2 else ("both",)
         return (*bodies, *(part for part in self.parts if part != BASE))
 

@@ -69,14 +69,14 @@ _ALL: Table[Format] = Table("format", "equipoise.formats", Format, FORMATS)
 
 @dataclass(frozen=True)
 class Export:
-    """What goes into a file.
+    """Content of a file that is written.
 
     Attributes:
         format: row of the format in the table.
         content: bytes of the file.
         file_name: name of the file by default; names the parts where others are written than by default.
         header: lines that the file begins with: which body, what of it in which frame, from which run, at which stance.
-        notes: sentences that speak against the numbers, worst first.
+        notes: objections to the numbers, worst first.
         parts: what of the result was written, of "base", "sensors", "motors" and "legs".
         contents: sentence that states which of mass, CoM and inertia was written, and what the consumer cannot hold.
     """
@@ -220,7 +220,7 @@ def all_formats() -> dict[str, Format | EquipoiseError]:
 
 
 def _parts(row: Format, result: Calibration, what: str | None) -> tuple[str, ...]:
-    """What of a result is asked for, in the order of the format's parts; raises SettingsError for what it cannot hold."""
+    """Return the parts that are asked for, in the format's order; raises SettingsError for one that it cannot hold."""
     if what is None and BASE in row.parts:
         return (BASE,)
     if what in (None, "all"):
@@ -248,7 +248,7 @@ def _words(what: str) -> set[str]:
 
 
 def _has(result: Calibration, part: str) -> bool:
-    """Whether a run looked at a part."""
+    """Return whether a run estimated a part."""
     if part != BASE:
         return bool(columns_of(result, part))
     try:

@@ -1,4 +1,4 @@
-"""What a run finds besides bodies: of sensors, motors and legs, in columns of one kind of number each."""
+"""Findings about sensors, motors and legs, in columns of one kind of number each."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _OF_LINKS = {
     "length": ("m", "distance across the joint's axis to the next joint, or to the middle of the foot"),
 }
 _IN_COMMON = {"coulomb_friction": "coulomb", "viscous_friction": "viscous", "armature": "armature"}
-"""Rows of the table of unknowns that tell a motor's number where no motor was looked at by itself."""
+"""Rows of the table of unknowns for a motor's number where motors were not estimated one by one."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Column:
         return float(self.values[key].value or 0.0) if key in self.values else 0.0
 
     def only(self, wanted: Callable[[Quantity], bool]) -> Column:
-        """The same with some values alone."""
+        """Return the column with the wanted values alone."""
         return replace(self, values={key: value for key, value in self.values.items() if wanted(value)})
 
 
@@ -83,7 +83,7 @@ def _sensors(result: Calibration) -> list[Column]:
 
 
 def _of_row(row: Unknown, result: Calibration) -> dict[str, Quantity]:
-    """What the findings say of a row of the table of unknowns, by joint or axis; in the joints' order."""
+    """Return the findings of one row of the table of unknowns, by joint or axis, in the joints' order."""
     pattern = re.compile(re.escape(row.finding).replace(re.escape("{each}"), "(.+)"), re.DOTALL)
     prior = result.settings.get("priors", {}).get(row.name, row.usual)
     found: dict[str, Quantity] = {}
@@ -112,7 +112,7 @@ def _known(parts: Mapping[str, Part], name: str) -> dict[str, Quantity]:
 
 
 def _in_common(result: Calibration, name: str) -> dict[str, Quantity]:
-    """One number for all joints, which a run finds that looked at no motor by itself."""
+    """Return one number for all joints, of a run that did not estimate motors one by one."""
     findings = {finding.name: finding for finding in result.sensors}
     row = Priors.row(_IN_COMMON[name]) if name in _IN_COMMON else None
     if row is None or row.finding not in findings:

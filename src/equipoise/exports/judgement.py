@@ -1,4 +1,4 @@
-"""What speaks against a result, and what of it is not written unless that is overridden."""
+"""Objections to a result, and the parts of it that are only written if forced."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _GYRATIONS = 3.0  # radii of gyration of the model's robot: the same where the m
 
 
 def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str, ...]:
-    """What speaks against a result's bodies, a sentence each, worst first.
+    """Return the objections to a result's bodies, a sentence each, worst first.
 
     Raises:
         NotEstimatedError: its method does not estimate one of them; or a parameter is not identified, and that is not
@@ -54,7 +54,7 @@ def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str,
 
 
 def judge_columns(result: Calibration, parts: Sequence[str], force: bool) -> tuple[tuple[Column, ...], tuple[str, ...]]:
-    """What is written of sensors and motors, and what speaks against it, a sentence each, worst first.
+    """Return the columns of sensors, motors and legs to write, and the objections, a sentence each, worst first.
 
     Of a table with a row for every joint, what is not identified is left out, or, by force, written. A part of which nothing
     remains is refused.

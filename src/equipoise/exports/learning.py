@@ -1,4 +1,4 @@
-"""Domain randomisation for reinforcement learning: Python files with plain numbers, to import from a task."""
+"""Reinforcement learning: Python files with ranges of the base and numbers of joints, to import from a task."""
 
 from __future__ import annotations
 
@@ -8,28 +8,57 @@ import numpy as np
 
 from equipoise.errors import NotEstimatedError
 from equipoise.exports.found import BASE
-from equipoise.exports.learning_joints import isaaclab_joints, mjlab_joints
 from equipoise.exports.randomisation import Spread, spread
-from equipoise.exports.subject import Subject, number
-from equipoise.exports.written import Written
+from equipoise.exports.subject import Subject, Written, number
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
+
+_MJLAB = """
+# One event a joint: 'encoder_bias_FL_hip_joint': EventTermCfg(mode='startup', func=dr.encoder_bias, params={'bias_range':
+#   ENCODER_BIAS['FL_hip_joint'], 'asset_cfg': SceneEntityCfg('robot', joint_names=('FL_hip_joint',))})
+
+
+def actuators(timestep):
+    \"\"\"One for each joint: BuiltinPositionActuatorCfg(stiffness=..., damping=..., **row); timestep of the physics [s].\"\"\"
+    rows = []
+    for joint in JOINTS:
+        row = {"target_names_expr": (joint,)}
+        for key, values in (("armature", ARMATURE), ("frictionloss", FRICTION), ("viscous_damping", VISCOUS)):
+            if joint in values:
+                row[key] = max(0.0, values[joint])
+        if joint in DELAY:
+            row["delay_min_lag"], row["delay_max_lag"] = (max(0, round(end / timestep)) for end in DELAY[joint])
+        rows.append(row)
+    return rows
+"""
+_ISAACLAB = """
+# Isaac Sim 5 takes friction as torques, as here; 4.5 took it as a coefficient, which none of these is.
+
+
+def actuator(timestep):
+    \"\"\"DelayedPDActuatorCfg(joint_names_expr=list(JOINTS), stiffness=..., damping=..., **actuator(timestep)).\"\"\"
+    fields = {"armature": ARMATURE, "friction": FRICTION, "dynamic_friction": FRICTION, "viscous_friction": VISCOUS}
+    row = {key: {joint: max(0.0, value) for joint, value in values.items()} for key, values in fields.items() if values}
+    if DELAY:
+        row["min_delay"] = max(0, round(min(low for low, _ in DELAY.values()) / timestep))
+        row["max_delay"] = max(0, round(max(high for _, high in DELAY.values()) / timestep))
+    return row
+"""
 
 
 def mjlab(subject: Subject) -> Written:
     """mjlab: ranges of dr.pseudo_inertia and dr.encoder_bias, and what actuators take."""
-    return _together(subject, _mjlab_base, mjlab_joints)
+    return _together(subject, _mjlab_base, "ENCODER_BIAS", _MJLAB)
 
 
 def isaaclab(subject: Subject) -> Written:
     """Isaac Lab: ranges of randomize_rigid_body_mass and randomize_rigid_body_com, and what actuators take."""
-    return _together(subject, _isaaclab_base, isaaclab_joints)
+    return _together(subject, _isaaclab_base, "JOINT_ZERO", _ISAACLAB)
 
 
-def _together(subject: Subject, *writers: Callable[[Subject], Written]) -> Written:
-    """The base, then sensors and motors, each if it is asked for."""
-    of_base, of_joints = writers
+def _together(subject: Subject, of_base: Callable[[Subject], Written], zeros: str, code: str) -> Written:
+    """Return the base, then sensors and motors, each if it is asked for."""
     parts = [of_base(subject)] if BASE in subject.parts else []
-    parts += [of_joints(subject)] if subject.columns else []
+    parts += [_joints(subject, zeros, code)] if subject.columns else []
     return Written(b"".join(part.content for part in parts), "; ".join(part.about for part in parts))
 
 
@@ -91,7 +120,7 @@ def _about(subject: Subject) -> str:
 
 def _head(subject: Subject, about: str) -> list[str]:
     return [
-        *(f"# {line}" for line in subject.header(about)),
+        *subject.comment(about),
         "# Drawn through the pseudo-inertia: all bodies in these ranges, and all SAMPLES, can exist.",
     ]
 
@@ -110,3 +139,38 @@ def _tail(subject: Subject, drawn: Spread) -> list[str]:
 def _dictionary(name: str, ranges: dict[str, tuple[float, ...]] | dict[str, tuple[float, float]]) -> list[str]:
     rows = [f'    "{key}": ({", ".join(map(number, pair))}),' for key, pair in ranges.items()]
     return [f"{name} = {{", *rows, "}"]
+
+
+def _joints(subject: Subject, zeros: str, code: str) -> Written:
+    about = subject.columns_words
+    lines = [
+        *subject.comment(about),
+        f"JOINTS = ({''.join(f'{joint!a}, ' for joint in subject.joints).rstrip()})",
+        "# 95 % of encoder reading less joint position [rad]",
+        *_ranges(zeros, subject, "joint_zero"),
+        "# 95 % of the age of the command that a torque obeys [s]",
+        *_ranges("DELAY", subject, "delay"),
+        *_values("ARMATURE", subject.column("armature"), "kg m2"),
+        *_values("FRICTION", subject.column("coulomb_friction"), "Nm"),
+        *_values("VISCOUS", subject.column("viscous_friction"), "Nm s/rad"),
+        *_values(
+            "RELATIVE_GAIN", subject.column("relative_gain"), "true over reported torque, over their mean, less one"
+        ),
+        *code.rstrip("\n").split("\n"),
+    ]
+    return Written.text(lines, about)
+
+
+def _ranges(name: str, subject: Subject, found: str) -> list[str]:
+    intervals = {
+        key: quantity.interval
+        for column in subject.columns
+        if column.name == found
+        for key, quantity in column.values.items()
+    }
+    rows = [f"    {key!a}: ({number(ends[0])}, {number(ends[1])})," for key, ends in intervals.items() if ends]
+    return [f"{name} = {{", *rows, "}"]
+
+
+def _values(name: str, values: dict[str, float], unit: str) -> list[str]:
+    return [f"{name} = {{  # {unit}", *(f"    {key!a}: {number(value)}," for key, value in values.items()), "}"]

@@ -1,4 +1,4 @@
-"""What urdf and mjcf have in common: the user's own model file, the link in it that is edited, and what that link gets.
+"""The user's own model file: the link in it that is edited, and the inertial that this link gets.
 
 The link's own inertial gains what the robot that was found has more than the file's robot. So the file's robot, read
 again, has the composite that was found, whatever else is fixed to its base.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,6 @@ import pinocchio as pin
 
 from equipoise.errors import MissingDependencyError, ModelError, ModelWarning, SettingsError
 from equipoise.exports.subject import PAYLOAD, FloatArray, Subject, UsersFile, seen_from
-from equipoise.exports.written import Written
 from equipoise.exports.xml_edit import Document, Element, escaped
 from equipoise.result.calibration import Calibration
 from equipoise.robot.catalog import find_in_menagerie
@@ -32,21 +31,6 @@ from equipoise.user_file import read_bytes
 
 _SAME_LEGS, _OTHER_LEGS = 0.003, 0.05  # of the leg length; files of one robot place its feet to a few millimetres
 _CLOSE = 1e-9  # how well the file that is written must give the composite that was found, relative
-
-
-@dataclass(frozen=True, eq=False)
-class EditedLink:
-    """A link that moves with the base, or with another joint: its own part alone.
-
-    Attributes:
-        name: name of the link.
-        placement: placement of the link's frame in the joint's, which is the base's of the base.
-        vector: (10,) inertial parameters of the link in the joint's frame, Pinocchio's order, about its origin.
-    """
-
-    name: str
-    placement: pin.SE3
-    vector: FloatArray
 
 
 def find_users_file(result: Calibration, model_format: str, file: Path | None) -> tuple[UsersFile, tuple[str, ...]]:
@@ -94,7 +78,7 @@ def _of_other_format(robot: str, known: str, wanted: str) -> tuple[UsersFile, tu
 
 
 def _borrowed(path: Path) -> tuple[UsersFile, tuple[str, ...]]:
-    """A file that is nobody's own, with the folders of its meshes and textures in full: it is written elsewhere."""
+    """Return a file that is not the user's, with the folders of its meshes in full, because it is written elsewhere."""
     content = _read(path, "")
     document = Document(content, path)
     folders = [
@@ -127,56 +111,52 @@ def read_robot(subject: Subject, content: bytes) -> RobotModel:
         return RobotModel.from_source(source, subject.result.robot, description)
 
 
-def require_format(robot: RobotModel, model_format: str) -> None:
-    """Raise SettingsError for a file of another format."""
-    if robot.source.format != model_format:
-        raise SettingsError(f"{str(robot.source.path)!r} is {robot.source.format.upper()}, not {model_format.upper()}")
-
-
 def composite_of(subject: Subject, robot: RobotModel) -> InertialParameters:
     """The composite of a file's robot at the result's stance."""
     stance = robot.joint_vector(dict(subject.result.joint_position), "the run's stance")
     return composite_parameters(robot, stance)
 
 
-def edited_link(robot: RobotModel, joint: int = 1) -> EditedLink:
-    """The link whose inertial is edited: a joint's own, or, where it has no mass, the heaviest link fixed to it.
+def edited_link(robot: RobotModel, joint: int = 1) -> tuple[str, pin.SE3, FloatArray]:
+    """Find the link whose inertial is edited: a joint's own, or, where it has no mass, the heaviest link fixed to it.
 
     Args:
         joint: Pinocchio's id of the joint in the full model; 1 is the base.
+
+    Returns:
+        name of the link; placement of its frame in the joint's; (10,) inertial parameters of the link alone in the joint's
+        frame, Pinocchio's order, about its origin.
     """
     model = robot.full_pinocchio
     names = {frame.parentFrame: str(frame.name) for frame in model.frames if frame.type == pin.FrameType.BODY}
     own = np.array(model.inertias[joint].toDynamicParameters())
-    fixed: list[EditedLink] = []
+    fixed: list[tuple[str, pin.SE3, FloatArray]] = []
     for index, frame in enumerate(model.frames):
         if frame.parentJoint == joint and frame.type == pin.FrameType.FIXED_JOINT and frame.inertia.mass > 0:
             vector = np.array(frame.placement.act(frame.inertia).toDynamicParameters())
-            fixed.append(EditedLink(names.get(index, str(frame.name)), frame.placement, vector))
+            fixed.append((names.get(index, str(frame.name)), frame.placement, vector))
             own -= vector
     if own[0] > NEGLIGIBLE_MASS_FRACTION * robot.mass or not fixed:
-        own_name = robot.base_link if joint == 1 else link_names(model)[joint]
-        return EditedLink(own_name, pin.SE3.Identity(), own)
-    return max(fixed, key=lambda link: link.vector[0])
+        return robot.base_link if joint == 1 else link_names(model)[joint], pin.SE3.Identity(), own
+    return max(fixed, key=lambda link: link[2][0])
 
 
-def new_inertial(
-    subject: Subject, robot: RobotModel, link: EditedLink
-) -> tuple[InertialParameters, tuple[str, ...], FloatArray]:
-    """What the edited link gets, in its own frame; what is to be said of it; the (10,) composite that the robot then has.
+def new_inertial(subject: Subject, robot: RobotModel) -> tuple[str, InertialParameters, tuple[str, ...], FloatArray]:
+    """Return the base's edited link; what it gets, in its own frame; notes; the (10,) composite that the robot then has.
 
     Raises:
         NotEstimatedError: no body near enough can have it, and that is not overridden, or cannot be.
     """
+    link, placement, vector = edited_link(robot)
     before, apart = composite_of(subject, robot).vector, _other_legs(subject, robot)
-    what = f"link {link.name!r} of {robot.source.path.name}, less what else the file has,"
+    what = f"link {link!r} of {robot.source.path.name}, less what else the file has,"
     remedy = "legs and links that are fixed or held take more than there is, see 'equipoise audit'"
-    body, notes = subject.nearest_body(link.vector + subject.composite.vector - before, what, remedy)
-    return seen_from(body, link.placement), (*apart, *notes), before + body.vector - link.vector
+    body, notes = subject.nearest_body(vector + subject.composite.vector - before, what, remedy)
+    return link, seen_from(body, placement), (*apart, *notes), before + body.vector - vector
 
 
 def _other_legs(subject: Subject, robot: RobotModel) -> tuple[str, ...]:
-    """What is to be said of a file whose legs stand elsewhere than those of the run's model.
+    """Return a note on a file whose legs stand elsewhere than those of the run's model.
 
     Raises:
         SettingsError: they stand so far off that it is another robot's file, or has other axes or zeros.
@@ -194,7 +174,7 @@ def _other_legs(subject: Subject, robot: RobotModel) -> tuple[str, ...]:
 
 
 def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialParameters, tuple[str, ...]]:
-    """What was added to a robot with this composite, in the base frame; and what is to be said of it.
+    """Return the body that was added to a robot with this composite, in the base frame, and notes on it.
 
     Raises:
         NotEstimatedError: no body near enough can have it, and that is not overridden, or cannot be.
@@ -212,12 +192,6 @@ def joint_element(document: Document, joints: Mapping[str | None, Element], name
             "of them all, with a name for each joint, and name it with --file"
         )
     return joints[name]
-
-
-def with_joints_alone(subject: Subject, robot: RobotModel, content: bytes, about: str) -> Written:
-    """A file in which joints were edited; raises ModelError if its bodies are not what they were."""
-    require_composite(subject, content, composite_of(subject, robot).vector)
-    return Written(content, about)
 
 
 def require_composite(subject: Subject, content: bytes, wanted: FloatArray) -> None:

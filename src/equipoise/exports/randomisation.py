@@ -4,8 +4,8 @@ A body's pseudo-inertia is J = [[S, h], [h', m]], with its second moments of mas
 frame's origin; bodies that can exist are those with a positive definite J (Wensing, Kim and Slotine 2018). Drawn is from the
 normal distribution that the estimate is, of which bodies that cannot exist are left out.
 
-The composite is what a run tells best, and a simulated robot has the legs of its file: so the base gets what is open of the
-composite. A drawn body is also told by the ten entries of an upper triangular U (log-Cholesky, Rucker and Wensing 2022):
+A run determines the composite best, and a simulated robot has the legs of its file: so the base gets the uncertainty of the
+composite. A drawn body is also given by the ten entries of an upper triangular U (log-Cholesky, Rucker and Wensing 2022):
 
     J = U J0 U',   U = exp(alpha) [exp(d1)   s12      s13     t1]
                                   [   0    exp(d2)    s23     t2]
@@ -27,7 +27,7 @@ from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 
 ENTRIES = ("alpha", "d1", "d2", "d3", "s12", "s13", "s23", "t1", "t2", "t3")
-"""Of U: density, stretches along x y z, shears, shifts of the CoM."""
+"""Entries of U: density, stretches along x y z, shears, shifts of the CoM."""
 DRAWS = 10_000
 _FEWEST = 0.01  # of what is drawn must exist; otherwise the run left nearly everything open
 _QUANTILES = (0.025, 0.975)
@@ -48,7 +48,7 @@ class Spread:
     bodies: FloatArray
 
     def entry_ranges(self) -> dict[str, tuple[float, float]]:
-        """By how much each entry of U is open, to 95 %, while the others stay: 1.96 / sqrt of its precision.
+        """Return the 95 % range of each entry of U while the others stay: 1.96 / sqrt of its precision.
 
         For who draws each by itself. The entries are correlated: a box of the 95 % of each would hold bodies whose CoM is
         several times as far off as the run left open.

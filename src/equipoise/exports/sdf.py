@@ -5,10 +5,10 @@ Gazebo's reader joins all that is fixed to a URDF's base into one link, so the l
 
 from __future__ import annotations
 
-from equipoise.errors import ModelError, SettingsError
+from equipoise.errors import ModelError
 from equipoise.exports.model_file import payload
-from equipoise.exports.subject import PAYLOAD, Subject, number, numbers, products
-from equipoise.exports.written import Written
+from equipoise.exports.model_writer import refuse_second_payload
+from equipoise.exports.subject import PAYLOAD, Subject, Written, number, numbers, products
 from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, escaped
 from equipoise.robot.inertial import InertialParameters
 
@@ -78,16 +78,15 @@ def _link(document: Document, name: str) -> Element:
 
 def _payload_edits(document: Document, link: Element, lines: list[str]) -> list[Edit]:
     assert link.parent is not None
-    if any(other.attributes.get("name") == PAYLOAD for other in link.parent.all("link")):
-        raise SettingsError(f"{str(document.path)!r} has a link {PAYLOAD!r} already; start from the file without it")
-    return [document.put_last(link.parent, lines)]
+    refuse_second_payload(document, link.parent, "link")
+    return [document.put(link.parent, lines, last=True)]
 
 
 def _inertial_edits(document: Document, link: Element, body: InertialParameters, header: tuple[str, ...]) -> list[Edit]:
     _refuse_fixed_links(document, link)
     inertial = link.first("inertial")
     if inertial is None:
-        return [document.put_first(link, [*comment_lines(header), *inertial_lines(body)])]
+        return [document.put(link, [*comment_lines(header), *inertial_lines(body)])]
     edits, missing = [document.comment(inertial, header)], list[str]()
     pose, mass, inertia = (inertial.first(tag) for tag in ("pose", "mass", "inertia"))
     if pose is None:
@@ -103,7 +102,7 @@ def _inertial_edits(document: Document, link: Element, body: InertialParameters,
         missing.append("<inertia>" + "".join(f"<{key}>{text}</{key}>" for key, text in moments.items()) + "</inertia>")
     else:
         edits += _moment_edits(document, inertia, moments)
-    return [*edits, document.put_first(inertial, missing)] if missing else edits
+    return [*edits, document.put(inertial, missing)] if missing else edits
 
 
 def _moment_edits(document: Document, inertia: Element, moments: dict[str, str]) -> list[Edit]:
@@ -115,11 +114,11 @@ def _moment_edits(document: Document, inertia: Element, moments: dict[str, str])
             missing.append(f"<{key}>{text}</{key}>")
         else:
             edits.append(document.fill(element, text))
-    return [*edits, document.put_first(inertia, missing)] if missing else edits
+    return [*edits, document.put(inertia, missing)] if missing else edits
 
 
 def _refuse_fixed_links(document: Document, link: Element) -> None:
-    """What is fixed to the base would be counted twice."""
+    """Raise ModelError for links that are fixed to the base, which would be counted twice."""
     assert link.parent is not None
     for joint in link.parent.all("joint"):
         ends = [_text(document, joint.first(tag)) for tag in ("parent", "child")]

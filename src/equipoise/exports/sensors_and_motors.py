@@ -8,9 +8,8 @@ from typing import Any, cast
 
 from equipoise.errors import NotEstimatedError, SettingsError
 from equipoise.exports.found import Column
-from equipoise.exports.subject import Subject, number
+from equipoise.exports.subject import Subject, Written, number
 from equipoise.exports.tables import columns_table, provenance, yaml_lines
-from equipoise.exports.written import Written
 
 SCHEMA = "equipoise.sensors-and-motors/1"
 _AXES = {"imu_tilt": ("roll", "pitch", "yaw"), "clock_offset": ("imu",)}
@@ -21,7 +20,7 @@ def write_toml(subject: Subject) -> Written:
     """Everything, with deviations and verdicts, as TOML."""
     about = subject.columns_words
     table = {**provenance(subject, SCHEMA, about), **columns_table(subject.columns)}
-    return Written.text([*_comment(subject, about), *_toml(table, ())], about)
+    return Written.text([*subject.comment(about), *_toml(table, ())], about)
 
 
 def write_ros2(subject: Subject) -> Written:
@@ -29,7 +28,7 @@ def write_ros2(subject: Subject) -> Written:
     about = subject.columns_words
     values = {column.name: {key: column.number(key) for key in column.values} for column in subject.columns}
     lines = yaml_lines({"/**": {"ros__parameters": {"equipoise": values}}})
-    return Written.text([*_comment(subject, about), *_meanings(subject, "# "), *lines], about)
+    return Written.text([*subject.comment(about), *_meanings(subject, "# "), *lines], about)
 
 
 def write_c_header(subject: Subject) -> Written:
@@ -37,7 +36,7 @@ def write_c_header(subject: Subject) -> Written:
     about, joints = subject.columns_words, list(subject.result.joint_position)
     names = ", ".join(map(_quoted, joints))
     lines = [
-        *_comment(subject, about, "// "),
+        *subject.comment(about, "// "),
         "#ifndef EQUIPOISE_SENSORS_AND_MOTORS_H",
         "#define EQUIPOISE_SENSORS_AND_MOTORS_H",
         f"#define EQUIPOISE_JOINTS {len(joints)}",
@@ -58,7 +57,7 @@ def write_c_header(subject: Subject) -> Written:
 def write_zeros(subject: Subject) -> Written:
     """Joint zeros alone, by joint, as YAML."""
     zeros, about = _zeros(subject), "joint zeros: encoder reading less joint position [rad]; joint = reading - zero"
-    return Written.text([*_comment(subject, about), *yaml_lines(zeros)], about)
+    return Written.text([*subject.comment(about), *yaml_lines(zeros)], about)
 
 
 def write_unitree(subject: Subject) -> Written:
@@ -69,7 +68,7 @@ def write_unitree(subject: Subject) -> Written:
     joints = _in_motor_order(subject)
     values = {column.name: [column.number(key) for key in _keys(column, joints)] for column in subject.columns}
     lines = yaml_lines({"joint_names": joints, **values})
-    return Written.text([*_comment(subject, about), *_meanings(subject, "# "), *lines], about)
+    return Written.text([*subject.comment(about), *_meanings(subject, "# "), *lines], about)
 
 
 def write_holosoma(subject: Subject) -> Written:
@@ -77,7 +76,7 @@ def write_holosoma(subject: Subject) -> Written:
     about = "joint zeros in degrees: encoder reading less joint position, which is what a command has to be more by"
     degrees = {joint: math.degrees(zero) for joint, zero in _zeros(subject).items()}
     lines = [
-        *_comment(subject, about),
+        *subject.comment(about),
         "JOINT_OFFSETS_DEG = {",
         *(f"    {name!a}: {number(value)}," for name, value in degrees.items()),
         "}",
@@ -99,7 +98,7 @@ def _zeros(subject: Subject) -> dict[str, float]:
 
 
 def _keys(column: Column, joints: list[str]) -> list[str]:
-    """All joints, or all axes, of a column; told or not."""
+    """Return all joints, or all axes, of a column, with a value or without."""
     if set(column.values) <= set(joints):
         return joints
     return list(_AXES.get(column.name, "xyz"))
@@ -110,10 +109,6 @@ def _in_motor_order(subject: Subject) -> list[str]:
     if robot is None:
         raise SettingsError("a calibration.json alone does not know the robot's legs: name the run folder")
     return [robot.joint_names[joint] for leg in _MOTOR_LEGS for joint in robot.legs[leg].joints]
-
-
-def _comment(subject: Subject, about: str, mark: str = "# ") -> list[str]:
-    return [mark + line for line in subject.header(about)]
 
 
 def _meanings(subject: Subject, mark: str) -> list[str]:

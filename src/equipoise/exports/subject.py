@@ -1,4 +1,4 @@
-"""What is exported: the numbers, and what is said of them wherever they go."""
+"""Input of the writers of exported files: numbers, header and notes."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from equipoise.robot.source import Forward
 
 PAYLOAD = "equipoise_payload"
 """Name of the link that `--add-payload-link` writes."""
+COMPOSITE_WORDS = "composite: the whole robot frozen at the stance"
 _BASE_WORDS = (
     "base link {!r} with all that is fixed to it or held; with the model's legs it makes the composite that was found"
 )
@@ -39,9 +40,23 @@ class UsersFile:
     content: bytes
 
 
+@dataclass(frozen=True)
+class Written:
+    """A file's content, and words for the body or the parts that it holds."""
+
+    content: bytes
+    about: str
+    notes: tuple[str, ...] = ()  # what speaks against it, found while writing
+
+    @classmethod
+    def text(cls, lines: list[str], about: str) -> Written:
+        """From lines of text."""
+        return cls(("\n".join(lines) + "\n").encode(), about)
+
+
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What a writer is given.
+    """Input of a writer.
 
     Attributes:
         result: result of the calibration.
@@ -50,7 +65,7 @@ class Subject:
         payload_link: whether what was added is to be a link of its own.
         samples: number of bodies to draw and list.
         seed: seed of everything drawn.
-        notes: sentences that speak against the numbers, worst first.
+        notes: objections to the numbers, worst first.
         forced: whether to write the nearest body where no body can have what was added.
         parts: what of the result is to be written, of "base", "sensors", "motors" and "legs".
         columns: what is written of sensors, motors and legs.
@@ -78,14 +93,14 @@ class Subject:
     def base(self) -> InertialParameters:
         """The base link with all that is fixed to it or held.
 
-        It is such that the model's own legs make it the composite that was found, which is what a run tells best. The
+        It is such that the model's own legs make it the composite that was found, which a run determines best. The
         calibration's own base goes with legs that were adjusted too, which no file has that gets the base alone.
         """
         return self._base[0]
 
     @property
     def base_notes(self) -> tuple[str, ...]:
-        """What is to be said of that; raises as `base` does."""
+        """Notes on the base; raises as `base` does."""
         return self._base[1]
 
     @cached_property
@@ -134,7 +149,7 @@ class Subject:
         return self.composite.vector - composite.vector
 
     def within_intervals(self, change: FloatArray) -> bool:
-        """Whether a change of the inertia [kg m2] (3, 3) is within what the run leaves open of the whole robot's."""
+        """Return whether a change of the inertia [kg m2] (3, 3) is within the 95 % intervals of the whole robot's."""
         return bool((np.abs(change) <= NORMAL_95 * self.result.composite.inertia.deviations).all())  # nan: none given
 
     @property
@@ -158,7 +173,7 @@ class Subject:
 
     @property
     def _in_file(self) -> tuple[str, pin.SE3]:
-        return link_in_file(self.base_link, cast(Forward, self.result.model.get("forward", "+x")))
+        return link_in_file(self.base_link, cast(Forward, self.result.model["forward"]))
 
     @property
     def stance(self) -> str:
@@ -167,11 +182,11 @@ class Subject:
         return ", ".join(f"{name} {round(q, 6) + 0.0:g}" for name, q in joints)
 
     def header(self, about: str, *notes: str) -> tuple[str, ...]:
-        """What every output says of itself, a sentence a line.
+        """Return the lines that every file begins with, a sentence a line.
 
         Args:
             about: words for the body or the parts that are written.
-            notes: further sentences that speak against the numbers.
+            notes: further objections to the numbers.
         """
         result = self.result
         time = result.provenance.get("time")
@@ -188,6 +203,10 @@ class Subject:
             *self.notes,
         )
         return tuple(map(_one_line, lines))
+
+    def comment(self, about: str, mark: str = "# ") -> list[str]:
+        """The header as comments of one line."""
+        return [mark + line for line in self.header(about)]
 
     def column(self, name: str) -> dict[str, float]:
         """Numbers of one kind that are written, by joint or axis; none, if there is nothing to write of it."""
@@ -216,11 +235,6 @@ class Subject:
         """About `base_in_file`."""
         return _BASE_WORDS.format(self.file_link)
 
-    @property
-    def composite_words(self) -> str:
-        """About the composite."""
-        return "composite: the whole robot frozen at the stance"
-
 
 def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameters:
     """A body in another frame's axes, about the same CoM.
@@ -234,7 +248,7 @@ def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameter
 
 
 def _one_line(text: str) -> str:
-    """What a comment of one line may hold: names of robots and files may hold anything."""
+    """Return a text as a comment of one line may hold it; names of robots and files may hold anything."""
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
 
 

@@ -9,40 +9,29 @@ from typing import Any, cast
 
 from equipoise._version import __version__
 from equipoise.exports.found import BASE, Column
-from equipoise.exports.subject import Subject, number
-from equipoise.exports.written import Written
-from equipoise.result.body import Body, parameters_to_dict
+from equipoise.exports.subject import COMPOSITE_WORDS, Subject, Written, number
+from equipoise.result.body import Body
 from equipoise.robot.inertial import InertialParameters
 
 SCHEMA = "equipoise.inertia/1"
 _PLAIN = re.compile(r"[A-Za-z_/][\w/*.-]*", re.ASCII)  # keys that need no quotes
-_WORDS = (
-    "y",
-    "n",
-    "yes",
-    "no",
-    "on",
-    "off",
-    "true",
-    "false",
-    "null",
-)  # that readers of YAML 1.1 take for something else
+_WORDS = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")  # which YAML 1.1 reads as something else
 
 
 def write_json(subject: Subject) -> Written:
-    """As JSON."""
+    """Write all numbers as JSON."""
     about = _about(subject)
     return Written((json.dumps(_table(subject, about), indent=2) + "\n").encode(), about)
 
 
 def write_yaml(subject: Subject) -> Written:
-    """As YAML."""
+    """Write all numbers as YAML."""
     about = _about(subject)
     return Written.text(yaml_lines(_table(subject, about)), about)
 
 
 def _about(subject: Subject) -> str:
-    bodies = f"{subject.composite_words}; base: {subject.base_words}" if BASE in subject.parts else ""
+    bodies = f"{COMPOSITE_WORDS}; base: {subject.base_words}" if BASE in subject.parts else ""
     columns = subject.columns_words if subject.columns else ""
     return "; ".join(words for words in (bodies, columns) if words)
 
@@ -57,7 +46,7 @@ def _table(subject: Subject, about: str) -> dict[str, Any]:
 
 
 def provenance(subject: Subject, schema: str, about: str) -> dict[str, Any]:
-    """Where numbers come from, and what speaks against them."""
+    """Return the provenance of the numbers, and the objections to them."""
     result = subject.result
     return {
         "schema": schema,
@@ -89,7 +78,7 @@ def columns_table(columns: Iterable[Column]) -> dict[str, Any]:
 
 
 def _body(found: Body, written: InertialParameters) -> dict[str, Any]:
-    table = parameters_to_dict(written)
+    table = Body.known(written).numbers()
     told = [quantity for quantity in found if quantity.deviation is not None]
     if told:
         table["deviation"] = {quantity.name: quantity.deviation for quantity in told}

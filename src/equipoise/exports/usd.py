@@ -19,8 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.errors import MissingDependencyError, ModelError, SettingsError
 from equipoise.exports.found import BASE
-from equipoise.exports.subject import FloatArray, Subject
-from equipoise.exports.written import Written
+from equipoise.exports.subject import FloatArray, Subject, Written
 from equipoise.robot.inertial import InertialParameters
 
 _SCALED = 1e-4  # how far from one a body's scale may be: files are in single precision
@@ -124,7 +123,7 @@ def _open(path: Path) -> _Stage:
 
 
 def _words_of(error: Exception) -> str:
-    """What usd-core says, without where in its own source it says it."""
+    """Return the message of usd-core without the place in its own source."""
     return str(error).strip().splitlines()[-1].rpartition(" : ")[2].strip("' \t")
 
 
@@ -145,7 +144,7 @@ def _base(stage: _Stage, name: str) -> Any:
 
 
 def _refuse_fixed_bodies(stage: _Stage, base: Any, held: set[str]) -> None:
-    """What is fixed to the base, or was held, would be counted twice.
+    """Raise ModelError for bodies that are fixed to the base or were held, which would be counted twice.
 
     Args:
         held: names of the joints that were held.
@@ -212,7 +211,7 @@ def _set_joint(stage: _Stage, prim: Any, found: dict[str, float | None]) -> None
 
 
 def _composed(stage: _Stage) -> tuple[str, ...]:
-    """A note on the other files that the file needs beside it."""
+    """Return a note on the other files that the file needs in its folder."""
     others = sorted(stage.layer.GetCompositionAssetDependencies())
     if not others:
         return ()

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from equipoise.errors import SettingsError
-from equipoise.exports.subject import Subject, number, products
-from equipoise.exports.written import Written
+from equipoise.exports.subject import Subject, Written, number, products
 from equipoise.exports.xml_edit import Document, comment_lines
 
 _PREFIX = "trunk"

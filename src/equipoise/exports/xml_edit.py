@@ -116,20 +116,13 @@ class Document:
         slash = self.data.rindex(b"/", element.start, element.end)
         return Edit(slash, element.end, f">{text}</{element.tag}>")
 
-    def put_first(self, element: Element, lines: Iterable[str]) -> Edit:
-        """Put lines before an element's first child."""
-        return self._put(element, lines, first=True)
-
-    def put_last(self, element: Element, lines: Iterable[str]) -> Edit:
-        """Put lines behind an element's last child."""
-        return self._put(element, lines, first=False)
-
-    def _put(self, element: Element, lines: Iterable[str], first: bool) -> Edit:
+    def put(self, element: Element, lines: Iterable[str], last: bool = False) -> Edit:
+        """Put lines before an element's first child, or behind its last one."""
         margin = self.margin(element.children[0]) if element.children else self.margin(element) + "  "
         text = "".join(f"{margin}{line}" for line in lines)
         if not element.closed:
             return self.fill(element, text + self.margin(element))
-        if first:
+        if not last:
             return Edit(element.inside, element.inside, text)
         content = self.data[element.inside : element.inside_end]
         at = element.inside + len(content.rstrip())  # before the end tag's own indentation

@@ -1,1 +1,1 @@
-"""What a method of calibration is, and which there are."""
+"""Methods of calibration: their base class, and the table of all."""

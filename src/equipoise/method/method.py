@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import types
-import typing
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, TypeVar, cast
+from typing import Any, ClassVar, TypeVar
 
-from equipoise.errors import SettingsError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
+from equipoise.json_form import fields_to_json, from_json
 from equipoise.method.reading import Reading
 from equipoise.method.rehearsal import Course, Forecast
 from equipoise.recording.recording import Recording
@@ -21,7 +19,6 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 Self = TypeVar("Self", bound="Method")
-Settings = TypeVar("Settings")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +28,7 @@ class Method(ABC):
     A field may be a dataclass of settings itself. On the command line fields are flags, with what the docstring's
     "Attributes" say as help; `metadata={"prefix": "sway_"}` of a field that holds settings begins the names of their flags,
     and None as a prefix leaves them without flags. `metadata={"file": read}` makes one flag of such a field, a file that
-    `read` reads; `"metavar"` beside it is what help calls that file. `metadata={"flag": False}` makes none.
+    `read` reads; `"metavar"` with it is the name of that file in the help. `metadata={"flag": False}` makes none.
 
     Attributes:
         name: name that users choose it by, as in `--method precise`.
@@ -88,7 +85,7 @@ class Method(ABC):
 
     @abstractmethod
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
-        """What the recordings of a run of this method say.
+        """Estimate from the recordings of a run of this method.
 
         Raises:
             RecordingError: they do not hold what the method needs.
@@ -96,7 +93,7 @@ class Method(ABC):
 
     @abstractmethod
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
-        """What `run` would do, by the model.
+        """Return the motions of `run`, from the model alone.
 
         Raises:
             SettingsError: a setting does not fit the robot.
@@ -104,11 +101,11 @@ class Method(ABC):
         """
 
     def forecast(self, robot: RobotModel, stance: Stance) -> Forecast | None:
-        """How accurate `estimate` would be after the trials of `run`; None from a method that does not foretell it."""
+        """Predict the accuracy of `estimate` after the trials of `run`; None from a method that cannot."""
         return None
 
     def foretold_evidence(self, robot: RobotModel, stance: Stance) -> Evidence | None:
-        """What `run` would leave for another method of the same run, of a robot that is as its model says; None: nothing.
+        """Predict the evidence that `run` leaves for another method of the same run, from the model; None: nothing.
 
         Raises:
             ReachError: something is out of reach.
@@ -117,11 +114,11 @@ class Method(ABC):
         return None
 
     def expected_trials(self, stance: Stance) -> int | None:
-        """How many trials `run` does, roughly; None if nobody knows."""
+        """Return the approximate number of trials of `run`; None if it is not known."""
         return None
 
     def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> Reading | None:
-        """What is known of the CoM after each trial, to be looked at; None from a method that does not tell.
+        """Return the estimates of the CoM after each trial, for display; None from a method without them.
 
         Raises:
             RecordingError: the recordings cannot be read.
@@ -129,7 +126,7 @@ class Method(ABC):
         return None
 
     def weighed(self: Self, mass: float, deviation: float) -> Self:
-        """The same method, told what a scale says; itself if it does not use that.
+        """Return the method with the mass from a scale; itself if it does not use that.
 
         Args:
             mass: mass of the whole robot [kg].
@@ -139,17 +136,17 @@ class Method(ABC):
         return self
 
     def informed(self: Self, evidence: Evidence) -> Self:
-        """The same method, told what another one of the same run has seen; itself if it does not use that."""
+        """Return the method with the evidence of another one of the same run; itself if it does not use that."""
         del evidence
         return self
 
     @property
     def is_informed(self) -> bool:
-        """Whether `informed` makes another method of this one."""
+        """True if `informed` returns another method."""
         return False
 
     def having(self: Self, settings: Mapping[str, Any]) -> Self:
-        """The same method with other values of some settings, by field name; raises SettingsError."""
+        """Return the method with other values of some settings, by field name; raises SettingsError."""
         return dataclasses.replace(self, **settings)
 
     def study_columns(self, result: Calibration, stance: Stance) -> Mapping[str, Any]:
@@ -163,7 +160,7 @@ class Method(ABC):
 
     def to_dict(self) -> dict[str, Any]:
         """Name and settings as JSON values."""
-        return {"method": self.name, **dataclasses.asdict(self)}
+        return {"method": self.name, **fields_to_json(self)}
 
     @classmethod
     def from_dict(cls: type[Self], table: Mapping[str, Any]) -> Self:
@@ -172,37 +169,4 @@ class Method(ABC):
         Raises:
             SettingsError: a setting is not known, or is none that can be.
         """
-        return read_settings(cls, {name: value for name, value in table.items() if name != "method"})
-
-
-def read_settings(kind: type[Settings], table: Mapping[str, Any], above: str = "") -> Settings:
-    """A dataclass of settings, and those in it, from JSON values by field name; raises SettingsError."""
-    hints = typing.get_type_hints(kind)
-    known = [field.name for field in dataclasses.fields(cast("Any", kind))]
-    given: dict[str, Any] = {}
-    for name, value in table.items():
-        if name not in known:
-            raise SettingsError(f"unknown setting {above + name!r}; known are {', '.join(known)}")
-        given[name] = _converted(hints[name], value, above + name)
-    return kind(**given)
-
-
-def _converted(hint: Any, value: Any, name: str) -> Any:
-    """A JSON value as a setting's type: tables are dataclasses of settings, lists are tuples, whole numbers numbers."""
-    of_union = typing.get_origin(hint) in (typing.Union, types.UnionType)
-    kinds = [kind for kind in (typing.get_args(hint) if of_union else (hint,)) if kind is not type(None)]
-    found = cast("type[Any]", type(value))
-    if found is type(None) and len(kinds) < len(typing.get_args(hint)):
-        return None
-    if dataclasses.is_dataclass(kinds[0]):
-        if not issubclass(found, Mapping):
-            raise SettingsError(f"setting {name!r} is {value!r}; it must be a table")
-        return read_settings(cast("type[Any]", kinds[0]), value, f"{name}.")
-    if found is list and tuple in (*kinds, *map(typing.get_origin, kinds)):
-        return tuple(value)
-    plain = [kind for kind in kinds if kind in (bool, int, float, str)]
-    if len(plain) < len(kinds) or found in plain:
-        return value  # other types are for the settings to refuse
-    if found is int and float in plain:
-        return float(value)
-    raise SettingsError(f"setting {name!r} is {value!r}; it must be {' or '.join(kind.__name__ for kind in plain)}")
+        return from_json(cls, {name: value for name, value in table.items() if name != "method"})

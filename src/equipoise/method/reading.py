@@ -1,4 +1,4 @@
-"""What trials say of the CoM while they come: the estimate after each, and the plane that each lift adds."""
+"""Estimates of the CoM during a run: one after each trial, and the plane that each lift adds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from equipoise.experiments.tilt import SupportPlane
 
 @dataclass(frozen=True, eq=False)
 class LiftPlane:
-    """What one lift says of the CoM.
+    """Constraint on the CoM from one lift.
 
     Attributes:
         trial: index of the lift's recording.
@@ -28,7 +28,7 @@ class LiftPlane:
 
 @dataclass(frozen=True, eq=False)
 class ComEstimate:
-    """What is known of the CoM after so many trials.
+    """Estimate of the CoM after a number of trials.
 
     Attributes:
         trials: number of complete recordings that it is from.
@@ -49,7 +49,7 @@ class Reading(Protocol):
     """A method's reading of the trials so far."""
 
     def planes(self) -> list[LiftPlane]:
-        """Of all lifts, in order."""
+        """Return the planes of all lifts, in order."""
         ...
 
     def estimate(self, trials: int) -> ComEstimate:

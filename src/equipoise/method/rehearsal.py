@@ -1,4 +1,4 @@
-"""What a method would do on a robot, by the model alone: postures, torques, duration, and how accurate the result would be."""
+"""Motions of a method, from the model alone: postures, torques, duration, and the predicted accuracy."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class RehearsedPosture:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What a method does between standing up and lying down.
+    """Motions of a method between standing up and lying down.
 
     Attributes:
         doing: motions in words, as in "the robot stands up, ... and ends where it began".
         duration: time that it takes on the robot [s].
-        postures: postures in order, beside the nominal stance.
+        postures: postures in order, without the nominal stance.
     """
 
     doing: str
@@ -50,7 +50,7 @@ class Course:
 
 
 class Forecast(Protocol):
-    """How accurate a result will be, and after which trials.
+    """Predicted accuracy of a result, and the trials that it takes.
 
     Attributes:
         robot_time: expected time on the robot [s].

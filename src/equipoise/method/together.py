@@ -23,11 +23,11 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 AND_MOTORS = "and_motors"
-"""Of settings: those of the motors, which a run looks at after its method."""
+"""Key of the motors' settings, which a run estimates after its method."""
 
 
 def of_the_base(recordings: Sequence[Recording]) -> list[Recording]:
-    """Those of a run that tell of the base: a robot that lies and swings its legs tells nothing of it."""
+    """Return the recordings that depend on the base: those of a robot that lies and swings its legs do not."""
     return [recording for recording in recordings if not isinstance(recording.trial, MotorTrial)]
 
 
@@ -90,7 +90,7 @@ class Together(Method):
         return Course(doing, duration, (*first.postures, *second.postures))
 
     def forecast(self, robot: RobotModel, stance: Stance) -> Forecast | None:
-        """The method's, with what the swing is foretold to say of legs where they are looked for."""
+        """Return the method's forecast, with the predicted evidence of the swing where legs are estimated."""
         evidence = self.motors.foretold_evidence(robot, stance) if self.base.is_informed else None
         return (self.base if evidence is None else self.base.informed(evidence)).forecast(robot, stance)
 

@@ -8,7 +8,6 @@ over reported quantities of posterior variance over the square of its goal (A-op
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.estimator.diagnostics.link_findings import link_findings
 from equipoise.estimator.problem import body_jacobian, prior_rows
+from equipoise.json_form import to_json
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.planning.gains import Steps
@@ -128,19 +128,20 @@ class Plan:
             "turn_after": self.turn_after,
             "visits": [
                 {
-                    "posture": dataclasses.asdict(visit.posture),
-                    "lifts": [
-                        {"diagonal": lift.diagonal, "side": lift.side, "turn": lift.turn, "swing": lift.swing}
-                        for lift in visit.lifts
-                    ],
+                    "posture": to_json(visit.posture),
+                    "lifts": [{name: getattr(lift, name) for name in _IN_JSON} for lift in visit.lifts],
                 }
                 for visit in self.visits
             ],
             "predicted_deviation": name_components(self.deviation),
             "left_out": list(self.left_out),
-            **({"links": {name: link.to_dict() for name, link in self.links.items()}} if self.links else {}),
+            **({"links": to_json(self.links)} if self.links else {}),
             **({} if self.without is None else {"predicted_deviation_without_known": name_components(self.without)}),
         }
+
+
+_IN_JSON = ("diagonal", "side", "turn", "swing")
+"""Attributes of a lift in the JSON form of a plan."""
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""What was felt and sent while a robot moved: records, their files, and the log of a run."""
+"""Samples and commands of a motion: records, their files, and the log of a run."""

@@ -10,18 +10,18 @@ from equipoise.conventions import FloatArray
 IntArray = NDArray[np.int64]
 
 LONGEST = 2.0**31
-"""What a stamp holds, either way [s]: 68 years."""
+"""Largest time of a stamp, either way [s]: 68 years."""
 _SECOND = 10**9
 
 
 def nanoseconds(time: FloatArray) -> IntArray:
-    """Seconds as whole nanoseconds; the fraction by itself, so that times since 1970 keep what a double holds of it."""
+    """Return seconds as whole nanoseconds; the fraction is converted alone, which keeps the precision of times since 1970."""
     whole = np.floor(time)
     return np.asarray(whole, dtype=np.int64) * _SECOND + np.asarray(np.rint((time - whole) * 1e9), dtype=np.int64)
 
 
 def seconds(time: IntArray) -> FloatArray:
-    """Whole nanoseconds as seconds. `nanoseconds` of it gives them back, for times of less than 97 days (2^23 s)."""
+    """Return whole nanoseconds as seconds. `nanoseconds` of it gives them back, for times of less than 97 days (2^23 s)."""
     whole, fraction = np.divmod(time, _SECOND)
     return np.asarray(whole + fraction / 1e9)
 

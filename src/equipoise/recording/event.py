@@ -1,4 +1,4 @@
-"""What an experiment says about moments of a recording."""
+"""Events of an experiment, at moments of a recording."""
 
 from __future__ import annotations
 

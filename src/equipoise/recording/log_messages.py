@@ -34,7 +34,7 @@ from equipoise.recording.messages import (
 )
 from equipoise.recording.recording import Recording
 
-FORMAT = "equipoise.log/2"
+FORMAT = "equipoise.log/1"
 JOINTS, INERTIAL, COMMANDS, EVENTS, LOG = "/joint_states", "/imu/data", "/joint_commands", "/events", "/run_log"
 TYPES = {LOG: STRING, JOINTS: JOINT_STATE, INERTIAL: IMU, COMMANDS: JOINT_STATE, EVENTS: STRING}
 """Types of the messages, by topic."""

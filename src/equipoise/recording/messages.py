@@ -53,7 +53,7 @@ float64 z
 """,
     STRING: "string data\n",
 }
-"""What the fields of each type are, in ROS's own form, for readers that do not know the types."""
+"""Fields of each type in ROS's own form, for readers that do not know the types."""
 
 _UNKNOWN_COVARIANCE = (0.0,) * 9  # what zeros mean, by the definition of the message
 _NO_ORIENTATION = (-1.0, *(0.0,) * 8)  # likewise

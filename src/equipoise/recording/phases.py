@@ -6,7 +6,7 @@ from typing import Final
 
 
 class Phase:
-    """What a robot is doing from one moment to the next; a recording's phase events bear these names."""
+    """Names of the phases of a motion, in a recording's phase events."""
 
     # up and down
     FOLD: Final = "fold"
@@ -24,7 +24,7 @@ class Phase:
     # turned by hand
     LIE: Final = "lie"
     TURN: Final = "turn"
-    """The joints only resist being moved, and somebody turns the robot; a simulated one is turned."""
+    """The joints only resist being moved, and the operator turns the robot; a simulated one is turned."""
     # legs turned up by a robot that lies
     RAISE: Final = "raise"
     SWING: Final = "swing"

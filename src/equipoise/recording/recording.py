@@ -92,7 +92,7 @@ _Stream = TypeVar("_Stream", JointStream, ImuStream, CommandStream)
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What was sensed and commanded during one motion.
+    """Samples and commands of one motion.
 
     Attributes:
         joint_names: (nj) names of the joint columns.
@@ -126,11 +126,11 @@ class Recording:
 
     @property
     def broken(self) -> bool:
-        """Whether its motion did not come to its end."""
+        """True if the motion did not come to its end."""
         return any(event.name == BROKEN for event in self.events)
 
     def broken_off(self) -> Recording:
-        """The same recording, saying that its motion did not come to its end."""
+        """Return the recording with an event that its motion did not come to its end."""
         end = float(self.joints.time[-1]) if self.joints.time.size else 0.0
         return self if self.broken else replace(self, events=(*self.events, Event(end, BROKEN)))
 
@@ -159,23 +159,23 @@ class Recording:
 
     @property
     def complete(self) -> bool:
-        """Whether its trial has shown what it is for; what was interrupted later than that counts."""
+        """True if its trial has reached its purpose; one that was interrupted later counts."""
         trial = self.trial
         return trial is not None and self.has_phase(trial.complete_with)
 
     @property
     def interrupted(self) -> bool:
-        """Whether its trial was begun, feet lifted, say, and did not become complete."""
+        """True if its trial was begun, as by lifting feet, and did not become complete."""
         trial = self.trial
         return trial is not None and self.has_phase(trial.starts_with) and not self.complete
 
     @property
     def refused(self) -> bool:
-        """Whether its trial was never begun: out of reach, or not safe."""
+        """True if its trial was never begun: out of reach, or not safe."""
         return self.trial is not None and not self.complete and not self.interrupted
 
     def has_phase(self, name: str) -> bool:
-        """Whether a phase of that name began."""
+        """Return whether a phase of that name began."""
         return any(event.name == PHASE and event.data.get("name") == name for event in self.events)
 
     def phase(self, name: str, until: str | None = None) -> Recording:
@@ -273,7 +273,7 @@ def _validate(stream: Any, kind: str, name: str, shape: tuple[int, ...], require
 
 
 def _own(value: Any) -> FloatArray:
-    """The array itself if nobody can change it, nor what it is a part of, else a copy: parts of recordings share samples."""
+    """Return the array itself if it and its base are read-only, else a copy: parts of recordings share samples."""
     part = value
     while isinstance(part, np.ndarray) and not part.flags.writeable:
         part = cast("Any", part.base)
@@ -281,7 +281,7 @@ def _own(value: Any) -> FloatArray:
 
 
 def read_only(array: FloatArray) -> FloatArray:
-    """An array that nobody else has, read-only from now on: a stream takes it as it is."""
+    """Return an array that has no other owner, read-only from now on: a stream takes it without a copy."""
     array.setflags(write=False)
     return array
 

@@ -162,7 +162,7 @@ def resume_log(folder: Path, repeats: bool) -> tuple[RunLog, LogContent]:
 
 
 def save_recording(recording: Recording, path: Path) -> None:
-    """Write one recording by itself; the file appears under its name only when it is complete.
+    """Write one recording alone; the file appears under its name only when it is complete.
 
     Raises:
         OutputError: it cannot be written (no permission, disk full).

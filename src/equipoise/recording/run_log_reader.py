@@ -6,6 +6,7 @@ import json
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,22 +16,31 @@ from equipoise.recording.log_messages import COMMANDS, EVENTS, FORMAT, INERTIAL,
 from equipoise.recording.mcap_reader import MessageReader
 from equipoise.recording.messages import read_imu, read_joints, read_text
 from equipoise.recording.recording import CommandStream, Recording
+from equipoise.user_file import check_schema
+
+LoggedPiece = tuple[Mapping[str, Any], dict[str, list[bytes]]]
+"""Entry of a piece, and its messages by topic."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Play:
     """One motion that was played.
 
     Attributes:
         commands: number of commands that were planned; a motion that was stopped early has fewer samples.
-        recording: recording of the motion.
         trial: id of the trial that it is a part of; None if it is a part of none, as standing up is, or of one that a
             resumed run began again.
+        pieces: what its recording is made of, in order.
     """
 
     commands: int
-    recording: Recording
     trial: int | None = None
+    pieces: list[LoggedPiece] = field(default_factory=list["LoggedPiece"])
+
+    @cached_property
+    def recording(self) -> Recording:
+        """Recording of the motion; raises what a damaged message raises."""
+        return Recording.concatenate([read_piece(entry, messages) for entry, messages in self.pieces])
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +101,7 @@ def check_format(reader: MessageReader) -> None:
     found = reader.channels.get(LOG, {}).get("format")
     if found is None:
         raise RecordingError(f"{str(reader.path)!r} is not a log of equipoise: it has no topic {LOG}")
-    if found != FORMAT:
-        raise RecordingError(f"the log {str(reader.path)!r} is {found!r}; this version reads {FORMAT!r}")
+    check_schema(found, FORMAT, f"the log {str(reader.path)!r}")
 
 
 @contextmanager
@@ -106,38 +115,20 @@ def damage_reported(path: Path) -> Generator[None]:
         raise RecordingError(f"the recording {str(path)!r} is damaged: {error!r}") from error
 
 
-@dataclass
-class LoggedPiece:
-    """Messages of one piece, by topic, under what its entry says."""
-
-    entry: Mapping[str, Any]
-    messages: dict[str, list[bytes]] = field(default_factory=lambda: {topic: [] for topic in TYPES})
-
-    def recording(self) -> Recording:
-        names = tuple(str(name) for name in self.entry["joint_names"])
-        commands = None
-        if self.entry["commands"]:
-            stream = read_joints(self.messages[COMMANDS], names, velocity=False, torque=False)
-            commands = CommandStream(stream.time, stream.position)
-        return Recording(
-            names,
-            read_joints(self.messages[JOINTS], names, bool(self.entry["velocity"]), bool(self.entry["torque"])),
-            read_imu(self.messages[INERTIAL]),
-            commands,
-            tuple(_event(message) for message in self.messages[EVENTS]),
-        )
-
-
-@dataclass
-class _Play:
-    """A play whose pieces are still read."""
-
-    commands: int
-    trial: int | None
-    pieces: list[LoggedPiece] = field(default_factory=list[LoggedPiece])
-
-    def whole(self) -> Play:
-        return Play(self.commands, Recording.concatenate([piece.recording() for piece in self.pieces]), self.trial)
+def read_piece(entry: Mapping[str, Any], messages: Mapping[str, list[bytes]]) -> Recording:
+    """Return the recording of one piece: its messages by topic, which its entry describes."""
+    names = tuple(str(name) for name in entry["joint_names"])
+    commands = None
+    if entry["commands"]:
+        stream = read_joints(messages[COMMANDS], names, velocity=False, torque=False)
+        commands = CommandStream(stream.time, stream.position)
+    return Recording(
+        names,
+        read_joints(messages[JOINTS], names, bool(entry["velocity"]), bool(entry["torque"])),
+        read_imu(messages[INERTIAL]),
+        commands,
+        tuple(_event(message) for message in messages[EVENTS]),
+    )
 
 
 class LogAssembler:
@@ -149,7 +140,7 @@ class LogAssembler:
     """
 
     def __init__(self) -> None:
-        self.plays: list[_Play] = []
+        self.plays: list[Play] = []
         self.kept: list[list[int]] = []
         self._broken: list[int] = []  # those of the last one, if its motion broke off
         self._complete = 0  # plays up to the end of the last complete recording
@@ -157,21 +148,24 @@ class LogAssembler:
 
     def take(self, topic: str, message: bytes) -> None:
         if topic != LOG:
-            self.plays[-1].pieces[-1].messages[topic].append(message)
+            self.plays[-1].pieces[-1][1][topic].append(message)
             return
         entry = json.loads(read_text(message))
         if entry["entry"] == "play":
             trial = None if entry["trial"] is None else int(entry["trial"])
-            self.plays.append(_Play(int(entry["commands"]), trial))
+            self.plays.append(Play(int(entry["commands"]), trial))
         elif entry["entry"] == "piece":
-            self.plays[-1].pieces.append(LoggedPiece(entry))
+            self.plays[-1].pieces.append((entry, {name: [] for name in TYPES}))
         elif entry["entry"] == "kept":
             self._keep(entry)
         elif entry["entry"] == "resumed":
             self._resume(int(entry["plays"]))
 
     def content(self, closed: bool) -> LogContent:
-        plays = [play.whole() for play in self.plays]
+        plays = self.plays
+        for play in plays:
+            _ = play.recording  # which holds what the messages hold
+            play.pieces.clear()
         unfinished = self._broken or self._begun(plays)
         return LogContent(
             tuple(plays),

@@ -7,12 +7,13 @@ phases in its recording: `Recording.complete`, `interrupted`, `refused`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
 from equipoise.conventions import AXES, SWINGS, Axis, Swing
 from equipoise.errors import RecordingError
+from equipoise.json_form import from_json
 from equipoise.recording.phases import Phase
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, PAIRS
 from equipoise.robot.posture import BodyPosture
@@ -20,7 +21,7 @@ from equipoise.robot.posture import BodyPosture
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedTrial:
-    """What all trials have.
+    """Base of all trials.
 
     Attributes:
         kind: kind of trial, "lift", "posture", "sway", "stand", "walk", "crawl", "turn" or "motors".
@@ -82,7 +83,7 @@ class CommandedLift(LiftTrial):
 
 
 MEANWHILE = ("passive", *AXES, *(f"swing {direction}" for direction in SWINGS))
-"""What a robot does on two feet, in words."""
+"""Words for the motions of a robot on two feet."""
 
 
 def meanwhile(turn: Axis | None, swing: Swing | None) -> str:
@@ -114,7 +115,7 @@ class DesignedLift(CommandedLift):
 
     @property
     def meanwhile(self) -> str:
-        """What the robot does on two feet, one of MEANWHILE."""
+        """Motion of the robot on two feet, one of MEANWHILE."""
         return meanwhile(self.turn, self.swing)
 
 
@@ -257,7 +258,7 @@ class CrawlTrial(SteppingTrial):
 
 @dataclass(frozen=True, kw_only=True)
 class TurnTrial(RecordedTrial):
-    """The robot lies down, somebody turns it to face the other way, and it stands up."""
+    """The robot lies down, the operator turns it to face the other way, and it stands up."""
 
     kind: ClassVar[str] = "turn"
     starts_with: ClassVar[str] = Phase.LIE
@@ -269,7 +270,7 @@ class MotorTrial(RecordedTrial):
     """The robot swings all joints at once, lying with its legs up; or those of one leg, standing on its other three feet.
 
     Attributes:
-        kp, kd: gains of the joints that swing, meanwhile [Nm/rad], [Nm s/rad]; None: the platform's own, which nobody knows.
+        kp, kd: gains of the joints that swing, meanwhile [Nm/rad], [Nm s/rad]; None: the platform's own, which are not known.
         leg: name of the leg that swings while the others stand; None: all do.
     """
 
@@ -300,28 +301,12 @@ def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
         return None
     if kind is LiftTrial and "offset" in data:
         kind = DesignedLift if "posture" in data else CommandedLift
-    names = [field.name for field in fields(kind) if data.get(field.name) is not None]
     try:
-        return kind(**{name: _READ.get(name, float)(data[name]) for name in names})
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        return from_json(kind, {name: value for name, value in data.items() if name != "kind" and value is not None})
+    except ValueError as error:
         raise RecordingError(
-            f"the recording's trial {dict(data)} is damaged: {type(error).__name__}: {error}; leave the recording out"
+            f"the recording's trial {dict(data)} is damaged: {error}; leave the recording out"
         ) from error
 
 
 _KINDS = (LiftTrial, PostureTrial, SwayTrial, StandTrial, WalkTrial, CrawlTrial, TurnTrial, MotorTrial)
-
-
-def _step(data: Mapping[str, Any]) -> TwoFeet | ThreeFeet:
-    times = float(data["start"]), float(data["end"])
-    return TwoFeet(str(data["pair"]), *times) if "pair" in data else ThreeFeet(str(data["lifted"]), *times)
-
-
-_READ: Mapping[str, Callable[[Any], Any]] = {
-    **dict.fromkeys(("diagonal", "turn", "swing", "leg"), str),
-    "side": int,
-    "posture": lambda data: BodyPosture(**{name: float(value) for name, value in data.items()}),
-    "frequencies": lambda data: {str(axis): float(frequency) for axis, frequency in data.items()},
-    "steps": lambda data: tuple(_step(step) for step in data),
-}
-"""Functions that read the fields of trials from JSON values; all others are numbers."""

@@ -70,7 +70,7 @@ def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Out
     both = make_plan(candidates, time, known=known + scale, searched=True)
     now = np.sqrt(np.diag(posterior.robot_covariance))
     with_scale = np.sqrt(np.diag(to_body @ np.linalg.inv(known + scale) @ to_body.T))
-    weighed = result.settings.get("precise", result.settings).get("mass") is not None
+    weighed = result.settings["mass"] is not None
     intervals = {"now": now, **({} if weighed else {"with a scale": np.minimum(with_scale, now)})}
     intervals[f"{time:.0f} s more"] = np.minimum(more.deviation, now)
     if not weighed:

@@ -26,7 +26,6 @@ def facts(result: Calibration) -> dict[str, str]:
 
 def provenance_blocks(result: Calibration) -> list[Block]:
     """Return facts, settings and the stance as tables."""
-    used = {name: value for name, value in result.settings.items() if name not in _others(result)}
     blocks: list[Block] = [DataTable("Where this comes from", ["fact", "value"], list(facts(result).items()))]
     joints = {
         "Joint positions of the stance that all refers to": result.joint_position,
@@ -35,17 +34,8 @@ def provenance_blocks(result: Calibration) -> list[Block]:
     for title, positions in joints.items():
         rows = [[name, number(q, 1, ".4f"), number(float(np.degrees(q)), 1, ".2f")] for name, q in positions.items()]
         blocks += [DataTable(title, ["joint", "|[rad]", "|[deg]"], rows, folded=True)] if rows else []
-    settings = dict(_flat(used, "not given"))
+    settings = dict(_flat(result.settings, "not given"))
     return [*blocks, DataTable("All settings", ["setting", "value"], list(settings.items()), folded=True)]
-
-
-def _others(result: Calibration) -> set[str]:
-    """Settings of what the run did not do: older results hold those of all methods."""
-    if "precise" not in result.settings:
-        return set()
-    did = {"com_search": result.support_lines, "feet": result.support_lines, "sway": result.sways,
-           "precise": result.has_intervals}  # fmt: skip
-    return {name for name, what in did.items() if not what}
 
 
 def _flat(table_of: Mapping[str, Any], nothing: str, above: str = "") -> Iterator[tuple[str, str]]:

@@ -1,1 +1,1 @@
-"""What was found, how sure it is, and how it is kept."""
+"""Results of a calibration: estimates with intervals, checks, and their JSON form."""

@@ -17,7 +17,7 @@ from equipoise.result.statistics import verdict_of
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, RobotInertia, components
 
 BODIES = tuple(field.name for field in dataclasses.fields(RobotInertia))
-"""The bodies that are told of, by name; attributes of a result."""
+"""Names of the bodies of a result; its attributes."""
 
 _UNITS = ("kg", *3 * ("m",), *6 * ("kg m2",))
 
@@ -26,7 +26,8 @@ class _Group:
     """Quantities that belong together: in a loop, or as arrays with nan for what is not known."""
 
     def __iter__(self) -> Iterator[Quantity]:
-        raise NotImplementedError
+        """The quantities, in the order of the fields."""
+        return iter(vars(self).values())
 
     def _array(self, attribute: str) -> FloatArray:
         known = (getattr(quantity, attribute) for quantity in self)
@@ -60,10 +61,6 @@ class CentreOfMass(_Group):
     y: Quantity
     z: Quantity
 
-    def __iter__(self) -> Iterator[Quantity]:
-        """X, y, z."""
-        return iter((self.x, self.y, self.z))
-
 
 @dataclass(frozen=True)
 class InertiaTensor(_Group):
@@ -71,7 +68,7 @@ class InertiaTensor(_Group):
 
     Attributes:
         Ixx, Iyy, Izz: moments of inertia [kg m2].
-        Ixy, Ixz, Iyz: entries beside the diagonal [kg m2].
+        Ixy, Ixz, Iyz: entries off the diagonal [kg m2].
     """
 
     Ixx: Quantity
@@ -80,10 +77,6 @@ class InertiaTensor(_Group):
     Ixy: Quantity
     Ixz: Quantity
     Iyz: Quantity
-
-    def __iter__(self) -> Iterator[Quantity]:
-        """Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
-        return iter((self.Ixx, self.Iyy, self.Izz, self.Ixy, self.Ixz, self.Iyz))
 
     def _array(self, attribute: str) -> FloatArray:
         xx, yy, zz, xy, xz, yz = super()._array(attribute)
@@ -124,7 +117,7 @@ class Body(_Group):
         Args:
             values: (10,) estimates in the order of COMPONENTS, SI units.
             covariance: (10, 10) covariance of the values.
-            compared_with: (10,) quantities that each standard deviation is small or large beside, in the values' units.
+            compared_with: (10,) sizes that the standard deviations are compared with, in the values' units.
             model: body by the model file.
         """
         table: dict[str, Any] = {"value": np.asarray(values, dtype=float)}
@@ -175,7 +168,7 @@ class Body(_Group):
         return iter((self.mass, *self.com_in_base, *self.inertia))
 
     def _with(self, **columns: Sequence[Any] | FloatArray) -> Body:
-        """The same with other attributes of the ten, by column; nan stands for None."""
+        """Return the body with other attributes of its ten quantities, by column; nan stands for None."""
         rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         ten = [
             dataclasses.replace(quantity, **{name: _without_nan(value) for name, value in row.items()})
@@ -184,7 +177,7 @@ class Body(_Group):
         return self._of(ten, self.covariance)
 
     def with_sure_zeros(self, sizes: FloatArray) -> Body:
-        """The same, of differences, where what is zero within an interval no wider than a size is called "no change".
+        """Return differences with the verdict "no change" where zero lies in an interval that is narrow enough.
 
         Args:
             sizes: (10,) halves of intervals that are narrow enough.
@@ -197,11 +190,11 @@ class Body(_Group):
         return self._with(verdict=[verdict(one, float(size)) for one, size in zip(self, sizes, strict=True)])
 
     def with_truth(self, truth: InertialParameters | None) -> Body:
-        """The same beside the simulated body; None takes that away."""
+        """Return the body with the ground truth; None removes it."""
         return self._with(truth=10 * [None] if truth is None else components(truth))
 
     def with_model(self, model: InertialParameters) -> Body:
-        """The same beside another body of the model file."""
+        """Return the body with another body of the model file."""
         return self._with(model=components(model))
 
     @property
@@ -215,7 +208,7 @@ class Body(_Group):
         return _parameters(self._array("truth"))
 
     def parameters(self) -> InertialParameters:
-        """As inertial parameters; raises NotEstimatedError naming what is missing."""
+        """Return the inertial parameters; raises NotEstimatedError if one is missing, and names it."""
         missing = ["mass"] if self.mass.value is None else []
         missing += ["inertia"] if any(quantity.value is None for quantity in self.inertia) else []
         missing += [
@@ -239,7 +232,7 @@ class Body(_Group):
         return self._of([one.doubted() for one in wider], covariance)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form, with `uncertainty` beside the numbers; None there: the method gives none."""
+        """Return the JSON form, with `uncertainty`; None: the method gives none."""
         intervals = self.intervals()
         covariance = None if self.covariance is None else self.covariance.tolist()
         uncertainty = {"intervals": intervals, "covariance": covariance} if intervals else None
@@ -260,10 +253,10 @@ class Body(_Group):
         return {"mass": mass, "com_in_base": com, "inertia": rows.tolist() if np.isfinite(rows).all() else None}
 
     @classmethod
-    def from_dict(cls, table: Mapping[str, Any], model: InertialParameters | None = None) -> Body:
-        """From the JSON form."""
-        body = cls.of(_components_of(table), model=model)
-        uncertainty = table.get("uncertainty")
+    def from_dict(cls, table: Mapping[str, Any]) -> Body:
+        """Return the body of a JSON form."""
+        body = cls.of(_components_of(table))
+        uncertainty = table["uncertainty"]
         if uncertainty is None:
             return body
         known = uncertainty["intervals"]
@@ -273,26 +266,6 @@ class Body(_Group):
         )
         covariance = uncertainty["covariance"]
         return body if covariance is None else dataclasses.replace(body, covariance=_read_only(covariance))
-
-
-def parameters_to_dict(body: InertialParameters) -> dict[str, Any]:
-    """JSON form of a body that is known: mass, com_in_base, inertia."""
-    return Body.known(body).numbers()
-
-
-def parameters_from_dict(table: Mapping[str, Any]) -> InertialParameters:
-    """From the JSON form; raises NotEstimatedError if something is missing."""
-    return Body.of(_components_of(table)).parameters()
-
-
-def inertia_to_dict(inertia: RobotInertia) -> dict[str, Any]:
-    """JSON form of the three bodies."""
-    return {name: parameters_to_dict(getattr(inertia, name)) for name in BODIES}
-
-
-def inertia_from_dict(table: Mapping[str, Any]) -> RobotInertia:
-    """From the JSON form."""
-    return RobotInertia(**{name: parameters_from_dict(table[name]) for name in BODIES})
 
 
 def _components_of(table: Mapping[str, Any]) -> FloatArray:

@@ -16,9 +16,10 @@ import pinocchio as pin
 
 from equipoise._version import __version__
 from equipoise.conventions import AXES, Axis, FloatArray
-from equipoise.errors import NotEstimatedError, RecordingError
+from equipoise.errors import NotEstimatedError, RecordingError, reason
+from equipoise.json_form import from_json, to_json
 from equipoise.recording.recording import Recording
-from equipoise.result.body import BODIES, Body, inertia_from_dict, inertia_to_dict
+from equipoise.result.body import BODIES, Body
 from equipoise.result.findings import Check, JointFindings, Link, Motor, SensorFinding
 from equipoise.result.held_out import HeldOut
 from equipoise.result.mass_comparison import MassComparison
@@ -28,13 +29,16 @@ from equipoise.result.requirements import verdicts
 from equipoise.result.uncertainty import UncertaintySource
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
-from equipoise.user_file import json_value, kind_of, read_text, write_file
+from equipoise.user_file import check_schema, json_value, kind_of, read_text, write_file
 
 Maybe = float | None
 
-SCHEMA = "equipoise.calibration/3"
-_BEFORE = "equipoise.calibration/2"
-"""Had `uncertainty` by body beside the bodies, and `feet` beside the settings that have it too."""
+SCHEMA = "equipoise.calibration/1"
+_WRITTEN = (
+    "sensors", "motors", "links", "checks", "budget", "held_out", "mass_comparison", "sways", "support_lines", "trials",
+    "settings", "provenance", "warnings", "assumptions",
+)  # fmt: skip
+"""Fields of a calibration that stand in its JSON form as they are."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class SwayEstimate:
         damping: damping C about the sway's axis [Nm s/rad].
         frequency: frequency of the sway, as found [Hz].
         amplitude: amplitude of the base's rotation, as found [rad].
-        note: reason why there is no estimate, or what speaks against it; None if nothing does.
+        note: reason why there is no estimate, or an objection to it; None without either.
     """
 
     moment: Maybe
@@ -85,7 +89,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class SupportLine:
-    """Where one diagonal's search ended.
+    """Result of the search on one diagonal.
 
     Attributes:
         offset: offset along the base's x axis at which the robot balances [m].
@@ -99,20 +103,10 @@ class SupportLine:
     point: tuple[float, float, float]
     normal: tuple[float, float, float]
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        return {**dataclasses.asdict(self), "point": list(self.point), "normal": list(self.normal)}
-
-    @classmethod
-    def from_dict(cls, table: Mapping[str, Any]) -> SupportLine:
-        """From the JSON form."""
-        point, normal = ((x, y, z) for x, y, z in (table["point"], table["normal"]))
-        return cls(table["offset"], table["lower"], table["upper"], point, normal)
-
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the pictures show: too large for the JSON file, and made again from the recordings. Methods add theirs.
+    """Data of the figures: too large for the JSON file, and made again from the recordings. Methods add theirs.
 
     Attributes:
         recordings: recordings that were estimated from, in order.
@@ -121,7 +115,7 @@ class Evidence:
     recordings: tuple[Recording, ...]
 
     def keepsake(self, settings: Mapping[str, Any]) -> dict[str, Any] | None:
-        """What the next run of the robot may know of this one, as JSON values; None: nothing.
+        """Return what the next run of the robot uses of this one, as JSON values; None: nothing.
 
         Args:
             settings: settings of the method, as JSON values.
@@ -131,7 +125,7 @@ class Evidence:
 
 
 PartsTruth = Mapping[str, Mapping[str, Mapping[str, float]]]
-"""Of a simulated robot: true values by name, of every one of its "motors" and "links", by name."""
+"""True values by name of each of a simulated robot's "motors" and "links", by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +139,7 @@ class Calibration:
         robot: name of the robot.
         method: name of the method.
         joint_position: joint positions of the nominal stance that all refers to, by joint name [rad].
-        held: positions of joints that are no leg's and were held still, an arm's or a head's, by joint name [rad].
+        held: positions of joints that do not belong to legs and were held still, as an arm's, by joint name [rad].
         model: format, hash and base link of the model file, and a sentence on the IMU's pose.
         composite: body of the whole robot, frozen at the stance.
         base: body of the base link with all that is fixed to it.
@@ -153,11 +147,11 @@ class Calibration:
         sways: moments of inertia I and damping C of the paper, by axis; `paper` only.
         support_lines: support lines that were found, by diagonal; `paper` only.
         sensors: errors of the sensors that were found; `precise` only.
-        checks: checks of the result by itself, failed ones first.
+        checks: checks of the result, failed ones first.
         trials: all motions, in order.
         settings: settings of the method, as JSON values; "method" is its name.
         provenance: version, time, and in simulation seed, noise and payload.
-        warnings: sentences that speak against the result, worst first.
+        warnings: objections to the result, worst first.
         assumptions: what the intervals rest on: what the user said to be so, what of the model file the run contradicts, and
             what it cannot.
         evidence: data that pictures show; not in the JSON form.
@@ -198,17 +192,17 @@ class Calibration:
 
     @property
     def trustworthy(self) -> bool:
-        """Whether every check passed."""
+        """True if every check passed."""
         return all(check.passed for check in self.checks)
 
     @property
     def feet(self) -> str | None:
-        """Which feet the support lines run through, "measured" or "commanded"; None: there are no support lines."""
+        """Feet that the support lines run through, "measured" or "commanded"; None without support lines."""
         return self.settings.get("feet") if self.support_lines else None
 
     @property
     def has_intervals(self) -> bool:
-        """Whether the method says how sure it is of the whole robot."""
+        """True if the method gives intervals for the whole robot."""
         return any(quantity.deviation is not None for quantity in self.composite)
 
     @property
@@ -225,7 +219,7 @@ class Calibration:
 
     @property
     def base_for_model_legs(self) -> FloatArray:
-        """(10,) base with which the model file's legs make the composite that was found, which a run tells best.
+        """(10,) base with which the model file's legs make the composite that was found, which a run determines best.
 
         In Pinocchio's order, about the base's origin; perhaps of no body that can exist.
         """
@@ -234,7 +228,7 @@ class Calibration:
 
     @property
     def moments(self) -> dict[Axis, Quantity]:
-        """The paper's I by axis [kg m2], for axes with an estimate, beside the body that it is meant to be of."""
+        """The paper's I by axis [kg m2], for axes with an estimate, with the model's and the true value of its body."""
         moments: dict[Axis, Quantity] = {}
         for axis, letter, of_body in zip(AXES, "xyz", self.stance_effective.inertia.moments, strict=True):
             if axis in self.sways and self.sways[axis].moment is not None:
@@ -244,25 +238,25 @@ class Calibration:
 
     @property
     def joints(self) -> dict[str, JointFindings]:
-        """What was found about each joint, by the model's joint names."""
+        """Findings about each joint, by the model's joint names."""
         found = {finding.name: finding for finding in self.sensors}
         return {name: JointFindings.of(name, found, self.motors.get(name)) for name in self.joint_position}
 
     def with_truth(self, truth: RobotInertia | None) -> Calibration:
-        """The same with the truth joined to it; None takes it away."""
+        """Return the result with the ground truth; None removes it."""
         bodies = {
             name: getattr(self, name).with_truth(None if truth is None else getattr(truth, name)) for name in BODIES
         }
         return dataclasses.replace(self, **bodies)
 
     def with_truth_of_parts(self, truth: PartsTruth) -> Calibration:
-        """The same with the true values of motors and links joined to what was found about them."""
+        """Return the result with the true values of motors and links."""
         motors = {name: motor.with_truth(truth.get("motors", {}).get(name, {})) for name, motor in self.motors.items()}
         links = {name: link.with_truth(truth.get("links", {}).get(name, {})) for name, link in self.links.items()}
         return dataclasses.replace(self, motors=motors, links=links)
 
     def with_provenance(self, **facts: Any) -> Calibration:
-        """The same with more facts about where it came from."""
+        """Return the result with further facts in its provenance."""
         return dataclasses.replace(self, provenance={**self.provenance, **facts})
 
     def to_pinocchio(self) -> pin.Model:
@@ -295,7 +289,7 @@ class Calibration:
         }
 
     def _repr_html_(self) -> str:
-        """In a notebook: the whole robot, and what speaks against it."""
+        """Return the table for a notebook: the whole robot, and warnings."""
         return notebook_table(self.robot, self.method, self.composite, self.warnings)
 
     def to_dict(self) -> dict[str, Any]:
@@ -306,26 +300,10 @@ class Calibration:
             "method": self.method,
             "model": dict(self.model),
             "stance": self.stance_dict(),
-            "composite": self.composite.to_dict(),
-            "base": self.base.to_dict(),
-            "stance_effective": self.stance_effective.to_dict(),
-            "sensors": [dataclasses.asdict(finding) for finding in self.sensors],
-            **({"motors": {name: motor.to_dict() for name, motor in self.motors.items()}} if self.motors else {}),
-            **({"links": {name: link.to_dict() for name, link in self.links.items()}} if self.links else {}),
-            "checks": [dataclasses.asdict(check) for check in self.checks],
-            "budget": [source.to_dict() for source in self.budget],
-            "held_out": None if self.held_out is None else self.held_out.to_dict(),
-            **({} if self.mass_comparison is None else {"mass_comparison": self.mass_comparison.to_dict()}),
+            **{name: to_json(getattr(self, name)) for name in (*BODIES, *_WRITTEN)},
             "verdicts": verdicts(self.composite, self.checks),
-            "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
-            "support_lines": {name: line.to_dict() for name, line in self.support_lines.items()},
-            "trials": [dataclasses.asdict(trial) for trial in self.trials],
-            "settings": dict(self.settings),
-            "provenance": dict(self.provenance),
-            "warnings": list(self.warnings),
-            "assumptions": list(self.assumptions),
-            "nominal": inertia_to_dict(self.nominal),
-            "truth": None if self.truth is None else inertia_to_dict(self.truth),
+            "nominal": to_json(self.nominal),
+            "truth": to_json(self.truth),
             "errors": None if self.truth is None else self._errors(),
         }
 
@@ -365,51 +343,20 @@ class Calibration:
         found = cast("dict[str, Any]", table).get("schema") if isinstance(table, dict) else None
         if found is None:
             raise RecordingError(f"{str(path)!r} {kind} of another kind; {remedy}")
-        if found not in (SCHEMA, _BEFORE):
-            raise RecordingError(
-                f"the result {str(path)!r} has the schema {found!r}; this version reads {SCHEMA!r}: make it again with "
-                "`equipoise estimate RUN`, or read it with the version of equipoise that wrote it"
-            )
+        check_schema(found, SCHEMA, f"the result {str(path)!r}")
         try:
-            return cls._from_dict(_as_now(cast("dict[str, Any]", table)))
+            return cls._from_dict(cast("dict[str, Any]", table))
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise RecordingError(f"the result {str(path)!r} is damaged: {error!r}") from error
+            raise RecordingError(f"the result {str(path)!r} is damaged: {reason(error)}") from error
 
     @classmethod
     def _from_dict(cls, table: Mapping[str, Any]) -> Calibration:
-        truth, nominal = table["truth"], inertia_from_dict(table["nominal"])
-        result = cls(
-            robot=table["robot"],
-            method=table["method"],
-            joint_position=table["stance"]["joint_position"],
-            held=table["stance"].get("held", {}),
-            model=table["model"],
-            composite=Body.from_dict(table["composite"], nominal.composite),
-            base=Body.from_dict(table["base"], nominal.base),
-            stance_effective=Body.from_dict(table["stance_effective"], nominal.stance_effective),
-            sways={axis: SwayEstimate(**sway) for axis, sway in table["sways"].items()},
-            support_lines={name: SupportLine.from_dict(line) for name, line in table["support_lines"].items()},
-            trials=tuple(Trial(**trial) for trial in table["trials"]),
-            settings=table["settings"],
-            provenance=table["provenance"],
-            warnings=tuple(table["warnings"]),
-            assumptions=tuple(table.get("assumptions", ())),
-            sensors=tuple(SensorFinding(**finding) for finding in table["sensors"]),
-            checks=tuple(Check(**check) for check in table["checks"]),
-            budget=tuple(UncertaintySource.from_dict(source) for source in table.get("budget", ())),
-            held_out=None if table.get("held_out") is None else HeldOut.from_dict(table["held_out"]),
-            mass_comparison=MassComparison.from_dict(table.get("mass_comparison")),
-            motors={name: Motor.from_dict(motor) for name, motor in table.get("motors", {}).items()},
-            links={name: Link.from_dict(link) for name, link in table.get("links", {}).items()},
-        )
-        return result if truth is None else result.with_truth(inertia_from_dict(truth))
-
-
-def _as_now(table: dict[str, Any]) -> dict[str, Any]:
-    """The JSON form of today from that or the one before."""
-    if table["schema"] == SCHEMA:
-        return table
-    return {**table, **{name: {**table[name], "uncertainty": table["uncertainty"].get(name)} for name in BODIES}}
+        fields = {name: table[name] for name in ("robot", "method", "model", *BODIES, *_WRITTEN)}
+        result = from_json(cls, {**fields, **table["stance"]})
+        nominal = from_json(RobotInertia, table["nominal"], "nominal")
+        bodies = {name: getattr(result, name).with_model(getattr(nominal, name)) for name in BODIES}
+        truth = None if table["truth"] is None else from_json(RobotInertia, table["truth"], "truth")
+        return dataclasses.replace(result, **bodies).with_truth(truth)
 
 
 def _given(body: InertialParameters | None, name: str) -> InertialParameters:
@@ -420,12 +367,12 @@ def _given(body: InertialParameters | None, name: str) -> InertialParameters:
 
 
 def library_versions() -> dict[str, str]:
-    """What an estimate was made with."""
+    """Return the versions of the libraries that made an estimate."""
     return {"equipoise": __version__, "pinocchio": pin.__version__}
 
 
 def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]:
-    """What every result says of the model and the stance it refers to: arguments of `Calibration`."""
+    """Return the facts of the model and of the stance that a result refers to: arguments of `Calibration`."""
     return {
         "robot": robot.name,
         "joint_position": {name: float(q) for name, q in zip(robot.joint_names, joint_position, strict=True)},

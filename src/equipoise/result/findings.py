@@ -1,10 +1,10 @@
-"""What an estimate says about itself and about the sensors."""
+"""Findings of an estimate about sensors, motors, leg links and itself."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import NORMAL_95
@@ -12,7 +12,7 @@ from equipoise.result.statistics import NORMAL_95
 
 @dataclass(frozen=True)
 class SensorFinding:
-    """What a sensor, a joint or the floor was found to be off by.
+    """Error of a sensor, a joint or the floor.
 
     Attributes:
         name: name of the sensor error, as "FL_thigh_joint zero".
@@ -50,7 +50,7 @@ Found = TypeVar("Found", bound="Part")
 
 @dataclass(frozen=True)
 class Part:
-    """What was found about a part of the robot: fields that are quantities, and perhaps numbers beside them."""
+    """Findings about a part of the robot: fields that are quantities, and others."""
 
     @property
     def quantities(self) -> dict[str, Quantity]:
@@ -58,28 +58,18 @@ class Part:
         return {name: value for name, value in vars(self).items() if isinstance(value, Quantity)}
 
     def with_truth(self: Found, truth: Mapping[str, float]) -> Found:
-        """The same with the true values by name joined to it."""
+        """Return the part with true values, by name."""
         joined = {name: replace(q, truth=truth.get(name)) for name, q in self.quantities.items()}
         return replace(self, **joined)
 
     def doubted(self: Found) -> Found:
-        """The same after a check of the run has failed."""
+        """Return the part as a run gives it of which a check failed."""
         return replace(self, **{name: quantity.doubted() for name, quantity in self.quantities.items()})
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls: type[Found], table: Mapping[str, Any]) -> Found:
-        """From the JSON form."""
-        quantities = {name: Quantity(**table[name]) for name in cls().quantities if name in table}
-        return cls(**{**table, **quantities})
 
 
 @dataclass(frozen=True)
 class Motor(Part):
-    """What was found about one joint's motor, torques being in the unit in which the motors report them on average.
+    """Findings about one joint's motor; torques are in the unit in which the motors report them on average.
 
     Attributes:
         coulomb_friction: friction that does not depend on the speed [Nm].
@@ -108,9 +98,9 @@ _LENGTH = Quantity("length", "m")
 
 @dataclass(frozen=True)
 class Link(Part):
-    """What was found about one moving link of a leg, with all that is fixed to it, in the frame of its joint.
+    """Findings about one moving link of a leg, with all that is fixed to it, in the frame of its joint.
 
-    Its first moment m c is what motions show: a CoM is a moment over a mass, and of the mass they show little beside.
+    Motions determine its first moment m c; its mass, and so its CoM, they determine less well.
 
     Attributes:
         mass: mass [kg].
@@ -132,7 +122,7 @@ class Link(Part):
 
 @dataclass(frozen=True)
 class JointFindings(Motor):
-    """What was found about one joint and its motor; values are None where the method finds none.
+    """Findings about one joint and its motor; values are None where the method estimates none.
 
     Attributes:
         zero: encoder reading less joint position [rad].
@@ -161,8 +151,8 @@ class Check:
 
     Attributes:
         name: name of the check.
-        passed: whether nothing speaks against the result.
-        message: sentence on what was looked at, and what speaks against it.
+        passed: whether the check found no objection.
+        message: sentence on what was checked, and the objection.
     """
 
     name: str

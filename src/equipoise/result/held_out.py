@@ -1,16 +1,18 @@
-"""How well a result predicts motions that its estimate has not seen: lifts, and the steps of a walk."""
+"""Held-out prediction: errors of lifts and steps that are predicted by estimates without them."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from equipoise.json_form import from_json, to_json
+
 MODEL, EARLIER, FOUND = "model file", "earlier run", "this run"
-"""Whose body predicts."""
+"""Names of the bodies that predict."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class HeldOut:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Whose bodies predict: MODEL, EARLIER if an earlier run is known, FOUND."""
+        """Names of the bodies that predict: MODEL, EARLIER if there is a prior run, FOUND."""
         return tuple(self.lifts[0].errors)
 
     @property
@@ -64,24 +66,24 @@ class HeldOut:
 
     @property
     def left_out(self) -> str:
-        """What is left out to predict one, in words."""
+        """Words for the motions that are left out to predict one."""
         return "its walk" if self.lifts[0].kind == "step" else "the lift's posture"
 
     @property
     def others(self) -> str:
-        """What a lift or a step is predicted from, in words."""
+        """Words for the motions that a lift or a step is predicted from."""
         if any(lift.kind == "step" for lift in self.lifts):
             return "other motions"
         return "other postures" if self.folds < len(self.lifts) else "all other motions"
 
     @property
     def counted(self) -> str:
-        """As "12 lifts and 30 steps"."""
+        """Number of lifts and steps, as "12 lifts and 30 steps"."""
         counts = Counter(lift.kind for lift in self.lifts)
         return " and ".join(f"{count} {kind}s" for kind, count in counts.items())
 
     def sentence(self) -> str:
-        """What was predicted, how well, and how well by the other bodies."""
+        """Return the number of predictions and the errors with each body."""
         beside = "; ".join(
             f"with the {body}'s body off by {1000 * self.error(body):.2f} mm" for body in self.bodies if body != FOUND
         )
@@ -96,10 +98,10 @@ class HeldOut:
             "folds": self.folds,
             "errors": {body: self.error(body) for body in self.bodies},
             "inside": {body: self.inside(body) for body in self.bodies},
-            "lifts": [asdict(lift) for lift in self.lifts],
+            "lifts": to_json(self.lifts),
         }
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> HeldOut:
         """From the JSON form."""
-        return cls(tuple(HeldOutLift(**lift) for lift in table["lifts"]))
+        return from_json(cls, {"lifts": table["lifts"]})

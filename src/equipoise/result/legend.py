@@ -1,4 +1,4 @@
-"""What stands under a table of numbers: which frame and point they refer to, and what words and marks mean."""
+"""Notes under a table of numbers: their frame and reference point, and the meaning of words and marks."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from equipoise.experiments.response_test import ResponseTest
+from equipoise.json_form import from_json
 from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
 from equipoise.robot.stance import stance_at
@@ -24,9 +25,9 @@ def frame_sentence(result: Calibration) -> str:
         f"CoM from the origin of base link {result.model['base_link']!r}, x forward, z up; inertia about the CoM, in the "
         f"same axes{_standing(result)}."
     )
-    imu = f" {result.model['imu']}." if "imu" in result.model else ""
+    imu = f" {result.model['imu']}."
     if "response_test" in result.provenance:
-        imu += f" {ResponseTest.from_dict(result.provenance['response_test']).sentence}."
+        imu += f" {from_json(ResponseTest, result.provenance['response_test']).sentence}."
     return words + imu + " Of 20 intervals one is expected to miss the truth." * result.has_intervals
 
 
@@ -39,7 +40,7 @@ def _standing(result: Calibration) -> str:
 
 
 def verdict_sentence(quantities: Iterable[Quantity], meanings: Mapping[str, str] = _VERDICTS) -> str:
-    """What the words and marks in the table mean that are not good news; empty if there are none.
+    """Return the meaning of the verdicts and marks in a table that need explaining; empty if there are none.
 
     Args:
         meanings: a verdict and what it means, by verdict.
@@ -61,6 +62,6 @@ def doubt_sentence(result: Calibration) -> str:
 
 
 def checks_sentence(result: Calibration) -> str:
-    """How many of its checks a result failed, in words."""
+    """Return the number of failed checks, in words."""
     failed = sum(not check.passed for check in result.checks)
     return "all checks passed" if not failed else f"{failed} of {len(result.checks)} checks failed"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import ClassVar
 
 
 @dataclass(frozen=True)
@@ -18,6 +17,7 @@ class MassComparison:
         earlier: name of the earlier run whose torque constants the carried mass is computed with; None: as reported.
     """
 
+    COMPUTED: ClassVar = ("disagrees",)
     given: float
     carried: float
     limit: float
@@ -30,7 +30,7 @@ class MassComparison:
 
     @property
     def disagrees(self) -> bool:
-        """Whether the difference is larger than the limit, or the joint torques carry no weight at all."""
+        """True if the difference is larger than the limit, or the joint torques carry no weight at all."""
         return not self.carried > 0 or abs(self.difference) > self.limit
 
     @property
@@ -39,14 +39,3 @@ class MassComparison:
         constants = f", with the torque constants of {self.earlier}" if self.earlier else ""
         masses = f"the given mass is {self.given:g} kg, and the joint torques carry {self.carried:.2f} kg{constants}"
         return f"{masses} ({self.difference:+.0%}, limit {self.limit:.0%})"
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        return {**asdict(self), "disagrees": self.disagrees}
-
-    @classmethod
-    def from_dict(cls, table: Mapping[str, Any] | None) -> MassComparison | None:
-        """From the JSON form."""
-        if table is None:
-            return None
-        return cls(**{name: value for name, value in table.items() if name != "disagrees"})

@@ -61,12 +61,12 @@ class Quantity:
         return _difference(self.value, self.model)
 
     def doubted(self) -> Quantity:
-        """The same, as a run gives it of which a check failed: what it told is doubtful."""
+        """Return the quantity as a run gives it of which a check failed."""
         return replace(self, verdict="doubtful") if self.verdict in ("identified", "weak") else self
 
     @property
     def missed(self) -> bool:
-        """Whether the truth is known and outside the interval."""
+        """True if the ground truth is known and outside the interval."""
         return self.error is not None and self.half is not None and abs(self.error) > self.half
 
 

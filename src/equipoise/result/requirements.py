@@ -1,4 +1,4 @@
-"""What a script may require of a result, in words that stand on a command line."""
+"""Requirements that a script may have of a result, as words on a command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How people read numbers: labels, units and digits."""
+"""Labels, units and digits of numbers in tables."""
 
 from __future__ import annotations
 
@@ -34,5 +34,5 @@ ROWS = (
 
 
 def called(name: str) -> str:
-    """What people call a body's quantity: "CoM x" for com_x."""
+    """Return the name of a body's quantity in a sentence: "CoM x" for com_x."""
     return next(shown[1].split(" [")[0] for shown in ROWS if shown[0] == name)

@@ -1,4 +1,4 @@
-"""How sure an estimate is: what holds 95 % in one, two and three dimensions, and what is called identified."""
+"""Intervals of 95 % in one, two and three dimensions, and the limits of the verdicts."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from equipoise.conventions import FloatArray
 NORMAL_95 = 1.96
 """Standard deviations to either side that hold 95 % of a normal distribution: the root of chi-squared's 95 %, one degree."""
 PLANAR_95 = 2.4477
-"""The same in the plane, two degrees: the half axes of an ellipse."""
+"""Standard deviations to the edge of the ellipse that holds 95 % in the plane, two degrees of freedom."""
 SPATIAL_95 = 2.7955
-"""The same in space, three degrees: the half axes of an ellipsoid."""
+"""Standard deviations to the surface of the ellipsoid that holds 95 % in space, three degrees of freedom."""
 NORMAL = {50: 0.674490, 90: 1.644854, 95: NORMAL_95}
 """Standard deviations to either side that hold so many percent of a normal distribution."""
 IDENTIFIED, WEAK = 0.1, 0.5
@@ -19,11 +19,11 @@ IDENTIFIED, WEAK = 0.1, 0.5
 
 
 def verdict_of(deviation: float, compared_with: float) -> str:
-    """How much a run told beyond what was believed before: "identified", "weak" or "not identified".
+    """Return the verdict on a standard deviation: "identified", "weak" or "not identified".
 
     Args:
         deviation: posterior standard deviation.
-        compared_with: number that it is small or large beside, in the same unit: the one before the run, or the
+        compared_with: number that it is compared with, in the same unit: the one before the run, or the
             quantity's size.
     """
     if deviation <= IDENTIFIED * compared_with:
@@ -32,7 +32,7 @@ def verdict_of(deviation: float, compared_with: float) -> str:
 
 
 def ellipsoid_95(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What holds 95 % of a normal distribution around its mean: an ellipse in the plane, an ellipsoid in space.
+    """Return the region that holds 95 % of a normal distribution around its mean: an ellipse or an ellipsoid.
 
     Args:
         covariance: (2, 2) or (3, 3), in a unit squared.

@@ -1,4 +1,4 @@
-"""Where the uncertainty of a result comes from."""
+"""Sources of the uncertainty of a result."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What we know of a robot: its model, kinematics, stance and nominal inertia."""
+"""Model of a robot: kinematics, stance and nominal inertia."""

@@ -1,4 +1,4 @@
-"""What a model file says of a robot's inertia, and what speaks against it."""
+"""Audit of a model file: the inertias in it, and findings about them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from equipoise.errors import ReachError
+from equipoise.json_form import to_json
 from equipoise.robot.bodies import RigidBody, bodies_of, links_of
 from equipoise.robot.findings import ModelFinding, find
 from equipoise.robot.imu import ImuPose
@@ -16,7 +17,7 @@ from equipoise.robot.stance import Stance, nominal_stance
 
 @dataclass(frozen=True, eq=False)
 class Audit:
-    """What a model file says, and what speaks against it.
+    """Inertias of a model file, and findings about them.
 
     Attributes:
         robot: name of the robot.
@@ -70,13 +71,13 @@ class Audit:
             "robot": self.robot,
             "mass": self.mass,
             "base_link": self.base_link,
-            "composite": None if self.composite is None else _parameters_to_dict(self.composite),
-            "base": _parameters_to_dict(self.base),
-            "stance_effective": None if self.stance_effective is None else _parameters_to_dict(self.stance_effective),
-            "ratio_composite_over_base": None if ratio is None else list(ratio),
-            "bodies": [body.to_dict() for body in self.bodies],
-            "findings": [{"severity": f.severity, "body": f.body, "text": f.text} for f in self.findings],
-            "imu": self.imu.to_dict(),
+            "composite": to_json(self.composite),
+            "base": to_json(self.base),
+            "stance_effective": to_json(self.stance_effective),
+            "ratio_composite_over_base": to_json(ratio),
+            "bodies": to_json(self.bodies),
+            "findings": to_json(self.findings),
+            "imu": to_json(self.imu),
             "stance": None if self.stance is None else _stance_to_dict(self.stance, self.joint_names),
         }
 
@@ -115,14 +116,6 @@ def _find_stance(robot: RobotModel) -> tuple[Stance | None, list[ModelFinding]]:
         return None, [
             ModelFinding("error", "", f"it has no nominal stance, so its composite inertia is unknown: {error}")
         ]
-
-
-def _parameters_to_dict(parameters: InertialParameters) -> dict[str, Any]:
-    return {
-        "mass": parameters.mass,
-        "com_in_base": parameters.com.tolist(),
-        "inertia": parameters.inertia.tolist(),
-    }
 
 
 def _stance_to_dict(stance: Stance, joint_names: tuple[str, ...]) -> dict[str, Any]:

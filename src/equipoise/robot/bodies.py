@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,6 +30,7 @@ class RigidBody:
         extent: approximate length, from its joint to the next one or the foot, or from hip to opposite hip [m].
     """
 
+    COMPUTED: ClassVar = ("radius_of_gyration",)
     name: str
     mass: float
     com_in_link: FloatArray
@@ -45,17 +46,6 @@ class RigidBody:
         """Root mean square distance of its mass from its CoM, sqrt(tr(I) / 2m) [m]; 0 without mass."""
         return radius_of_gyration_of(self.mass, self.principal_moments)
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        return {
-            "name": self.name,
-            "mass": self.mass,
-            "com_in_link": self.com_in_link.tolist(),
-            "principal_moments": self.principal_moments.tolist(),
-            "radius_of_gyration": self.radius_of_gyration,
-            "extent": self.extent,
-        }
-
 
 @dataclass(frozen=True, eq=False)
 class LinkInertial:
@@ -67,7 +57,7 @@ class LinkInertial:
 
     @property
     def mass_share(self) -> float:
-        """Of its body's."""
+        """Fraction of its body's mass."""
         return self.parameters.mass / self.body.mass if self.body.mass > 0 else 1.0
 
     @property

@@ -7,7 +7,7 @@ import importlib.util
 from dataclasses import dataclass
 from importlib import metadata, resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from equipoise.errors import MissingDependencyError, ModelError, did_you_mean
 
@@ -25,40 +25,46 @@ class CatalogEntry:
 
     Attributes:
         name: name that `load_robot` takes.
-        package: package that has its model file.
+        source: package that has its model file.
         path: path of the file inside the package.
         mass: mass of the whole robot [kg], to a gram.
-        joints: number of joints of each leg.
+        legs: number of legs and of their joints, as in "4 x 3".
         leg_length: length of thigh and shank together [m], to a millimetre.
         note: remark for its user.
     """
 
+    COMPUTED: ClassVar = ("install",)
     name: str
-    package: Package
+    source: Package
     path: str
     mass: float
-    joints: int
+    legs: str
     leg_length: float
     note: str
 
     @property
     def hint(self) -> str:
-        """How to get the package."""
+        """Command that installs the package."""
         return {
             "equipoise": "built in",
             "example-robot-data": "pip install 'equipoise[robots]'",
             "pybullet": "pip install pybullet",
-        }[self.package]
+        }[self.source]
+
+    @property
+    def install(self) -> str | None:
+        """Command that installs the package, if it is missing."""
+        return None if self.installed else self.hint
 
     @property
     def installed(self) -> bool:
-        """Whether its package is."""
+        """True if its package is installed."""
         path = self._path
         return path is not None and path.is_file()
 
     @property
     def _path(self) -> Path | None:
-        folder = _package_folder(self.package)
+        folder = _package_folder(self.source)
         return None if folder is None else folder / self.path
 
     def find(self) -> Path:
@@ -70,7 +76,7 @@ class CatalogEntry:
         path = self._path
         if path is None or not path.is_file():
             raise MissingDependencyError(
-                f"robot {self.name!r} comes with the package {self.package}, which is not installed: {self.hint}; "
+                f"robot {self.name!r} comes with the package {self.source}, which is not installed: {self.hint}; "
                 f"{BUILT_IN_ROBOT!r} is built in"
             )
         return path
@@ -80,19 +86,25 @@ _ERD, _PYBULLET = "example-robot-data", "pybullet"
 CATALOG: dict[str, CatalogEntry] = {
     entry.name: entry
     for entry in (
-        CatalogEntry(BUILT_IN_ROBOT, "equipoise", "a1.urdf", 12.458, 3, 0.4, "A1 of the paper"),
-        CatalogEntry("a1", _ERD, "a1_description/urdf/a1.urdf", 13.741, 3, 0.4, "A1, newer"),
-        CatalogEntry("go1", _ERD, "go1_description/urdf/go1.urdf", 13.1, 3, 0.426, "Unitree Go1"),
-        CatalogEntry("go2", _ERD, "go2_description/urdf/go2.urdf", 16.085, 3, 0.426, "Unitree Go2"),
-        CatalogEntry("b1", _ERD, "b1_description/urdf/b1.urdf", 55.689, 3, 0.7, "Unitree B1"),
-        CatalogEntry("laikago", _ERD, "laikago_description/urdf/laikago.urdf", 25.433, 3, 0.5, "Unitree Laikago"),
-        CatalogEntry("anymal_b", _ERD, "anymal_b_simple_description/robots/anymal.urdf", 30.475, 3, 0.564, "ANYmal B"),
-        CatalogEntry("anymal_c", _ERD, "anymal_c_simple_description/urdf/anymal.urdf", 52.135, 3, 0.613, "ANYmal C"),
-        CatalogEntry("hyq", _ERD, "hyq_description/robots/hyq_no_sensors.urdf", 86.774, 3, 0.696, "IIT HyQ"),
-        CatalogEntry("solo8", _ERD, "solo_description/robots/solo.urdf", 2.178, 2, 0.32, "ODRI Solo 8"),
-        CatalogEntry("solo12", _ERD, "solo_description/robots/solo12.urdf", 2.5, 3, 0.32, "ODRI Solo 12"),
-        CatalogEntry("aliengo", _PYBULLET, "aliengo/aliengo.urdf", 20.638, 3, 0.5, "Unitree Aliengo"),
-        CatalogEntry("mini_cheetah", _PYBULLET, "mini_cheetah/mini_cheetah.urdf", 8.852, 3, 0.389, "MIT Mini Cheetah"),
+        CatalogEntry(BUILT_IN_ROBOT, "equipoise", "a1.urdf", 12.458, "4 x 3", 0.4, "A1 of the paper"),
+        CatalogEntry("a1", _ERD, "a1_description/urdf/a1.urdf", 13.741, "4 x 3", 0.4, "A1, newer"),
+        CatalogEntry("go1", _ERD, "go1_description/urdf/go1.urdf", 13.1, "4 x 3", 0.426, "Unitree Go1"),
+        CatalogEntry("go2", _ERD, "go2_description/urdf/go2.urdf", 16.085, "4 x 3", 0.426, "Unitree Go2"),
+        CatalogEntry("b1", _ERD, "b1_description/urdf/b1.urdf", 55.689, "4 x 3", 0.7, "Unitree B1"),
+        CatalogEntry("laikago", _ERD, "laikago_description/urdf/laikago.urdf", 25.433, "4 x 3", 0.5, "Unitree Laikago"),
+        CatalogEntry(
+            "anymal_b", _ERD, "anymal_b_simple_description/robots/anymal.urdf", 30.475, "4 x 3", 0.564, "ANYmal B"
+        ),
+        CatalogEntry(
+            "anymal_c", _ERD, "anymal_c_simple_description/urdf/anymal.urdf", 52.135, "4 x 3", 0.613, "ANYmal C"
+        ),
+        CatalogEntry("hyq", _ERD, "hyq_description/robots/hyq_no_sensors.urdf", 86.774, "4 x 3", 0.696, "IIT HyQ"),
+        CatalogEntry("solo8", _ERD, "solo_description/robots/solo.urdf", 2.178, "4 x 2", 0.32, "ODRI Solo 8"),
+        CatalogEntry("solo12", _ERD, "solo_description/robots/solo12.urdf", 2.5, "4 x 3", 0.32, "ODRI Solo 12"),
+        CatalogEntry("aliengo", _PYBULLET, "aliengo/aliengo.urdf", 20.638, "4 x 3", 0.5, "Unitree Aliengo"),
+        CatalogEntry(
+            "mini_cheetah", _PYBULLET, "mini_cheetah/mini_cheetah.urdf", 8.852, "4 x 3", 0.389, "MIT Mini Cheetah"
+        ),
     )
 }
 
@@ -107,7 +119,7 @@ def load_robot(name_or_path: str | Path, description: RobotDescription | None = 
     """A robot by its catalogue name, by the path of a URDF or MJCF file, or as `robot_descriptions:NAME`.
 
     Raises:
-        ModelError: no such name or file, or the file is no quadruped.
+        ModelError: no such name or file, or the file is not a quadruped.
         MissingDependencyError: the name is known and the package that holds it is not installed.
     """
     from equipoise.robot.model import RobotModel  # noqa: PLC0415 - who lists robots needs no Pinocchio
@@ -135,38 +147,6 @@ def find_in_menagerie(robot: str) -> Path | None:
     """
     name = robot.removesuffix("_description")
     return _find_robot_description(_IN_MENAGERIE[name]) if name in _IN_MENAGERIE else None
-
-
-@dataclass(frozen=True)
-class CatalogRow:
-    """A catalogue entry as it is on this machine.
-
-    Attributes:
-        name: name that `load_robot` takes.
-        mass: mass of the whole robot [kg].
-        legs: number of legs and of their joints, as in "4 x 3".
-        leg_length: length of thigh and shank together [m].
-        source: package of the model file.
-        note: remark for its user.
-        install: command that installs the package, if it is missing.
-    """
-
-    name: str
-    mass: float
-    legs: str
-    leg_length: float
-    source: str
-    note: str
-    install: str | None
-
-
-def describe_catalog() -> list[CatalogRow]:
-    """Every robot known by name, and how to get those that are not installed."""
-    return [
-        CatalogRow(entry.name, entry.mass, f"4 x {entry.joints}", entry.leg_length, entry.package, entry.note,
-                   None if entry.installed else entry.hint)
-        for entry in CATALOG.values()
-    ]  # fmt: skip
 
 
 def _find_robot_description(name: str) -> Path:

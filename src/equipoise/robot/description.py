@@ -1,4 +1,4 @@
-"""What a user may say about a robot that its model file leaves out or gets wrong."""
+"""Description of a robot by its user: what its model file leaves out or gets wrong."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from equipoise.errors import SettingsError
+from equipoise.json_form import from_json
 from equipoise.robot.source import Forward
 from equipoise.user_file import read_text, toml_table
 
@@ -37,7 +38,7 @@ class RobotDescription:
         kd: joint velocity gain [Nm s/rad]; default 3 x m g h / 38 Nm.
         joint_limits: position limits by joint name, where the model's are missing or too wide: lower upper [rad]; wider
             ones are refused.
-        held: positions of joints that are no leg's and are held still, by joint name [rad]; default the
+        held: positions of joints that do not belong to legs and are held still, by joint name [rad]; default the
             file's keyframe "home", else 0.
     """
 
@@ -103,11 +104,7 @@ class RobotDescription:
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> RobotDescription:
         """From TOML or JSON values by field name."""
-        fields = {f.name for f in dataclasses.fields(cls)}
-        for key in table:
-            if key not in fields:
-                raise SettingsError(f"unknown key {key!r}; known are {', '.join(sorted(fields))}")
-        return cls(**{key: _converted(key, value) for key, value in table.items() if value is not None})
+        return from_json(cls, {name: value for name, value in table.items() if value is not None})
 
     def overridden_by(self, other: RobotDescription) -> RobotDescription:
         """This description with every value that `other` sets taken from `other`."""
@@ -118,42 +115,3 @@ class RobotDescription:
             if getattr(other, f.name) != getattr(default, f.name)
         }
         return dataclasses.replace(self, **set_there)
-
-
-def _converted(key: str, value: Any) -> Any:
-    """TOML values as the field's type: numbers to float, arrays to tuples."""
-    if key in ("base_link", "forward", "imu_frame"):
-        return _text(value, key)
-    if key == "foot_frames":
-        return {leg: _text(frame, f"{key}.{leg}") for leg, frame in _table(value, key).items()}
-    if key in ("imu_position", "imu_rpy"):
-        return _numbers(value, 3, key)
-    if key in ("stance", "held"):
-        return {joint: _number(position, f"{key}.{joint}") for joint, position in _table(value, key).items()}
-    if key == "joint_limits":
-        return {joint: _numbers(limits, 2, f"{key}.{joint}") for joint, limits in _table(value, key).items()}
-    return _number(value, key)
-
-
-def _text(value: Any, key: str) -> str:
-    if not isinstance(value, str):
-        raise SettingsError(f"{key} is {value!r}; it must be a name")
-    return value
-
-
-def _number(value: Any, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise SettingsError(f"{key} is {value!r}; it must be a number")
-    return float(value)
-
-
-def _numbers(value: Any, count: int, key: str) -> Any:
-    if not isinstance(value, (list, tuple)) or len(cast("list[Any]", value)) != count:
-        raise SettingsError(f"{key} is {value!r}; it must be {count} numbers")
-    return tuple(_number(number, key) for number in cast("list[Any]", value))
-
-
-def _table(value: Any, key: str) -> dict[str, Any]:
-    if not isinstance(value, Mapping):
-        raise SettingsError(f"{key} is {value!r}; it must be a table")
-    return {str(name): entry for name, entry in cast("Mapping[Any, Any]", value).items()}

@@ -1,4 +1,4 @@
-"""What speaks against a model: impossible, made-up and lopsided inertias, and limits that it lacks."""
+"""Findings about a model: impossible, made-up and lopsided inertias, and missing limits."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def find(
 
 
 def _impossible_in_file(robot: RobotModel, links: list[LinkInertial]) -> Iterator[ModelFinding]:
-    """What the reader repaired (inertias) or passed over."""
+    """Find what the reader repaired (inertias) or passed over."""
     for repair in robot.source.repairs:
         for link in links:
             prefix = f"link {link.name!r} has "
@@ -112,7 +112,7 @@ def _impossible_in_file(robot: RobotModel, links: list[LinkInertial]) -> Iterato
 
 
 def _impossible_as_read(bodies: Iterable[RigidBody], links: list[LinkInertial]) -> Iterator[ModelFinding]:
-    """What the reader let pass: MJCF inertias are not repaired, and no reader invents a mass."""
+    """Find what the reader let pass: MJCF inertias are not repaired, and no reader invents a mass."""
     for link in links:
         defect = link.parameters.physical_defect()
         if defect is not None:
@@ -132,7 +132,7 @@ def _severity_of_impossible(link: LinkInertial) -> Severity:
 
 
 def _placeholders(links: list[LinkInertial]) -> Iterator[ModelFinding]:
-    """Inertias that somebody typed to satisfy a parser: the identity and its like, or too large for the link."""
+    """Find inertias that were typed to satisfy a parser: the identity and its like, or too large for the link."""
     for link in links:
         reasons: list[str] = []
         moment = equal_round_moment(link.parameters.inertia)
@@ -195,7 +195,7 @@ def _asymmetries(robot: RobotModel, bodies: dict[int, RigidBody], stance: Stance
 def _compare_sides(
     robot: RobotModel, poses: list[pin.SE3], joints: tuple[int, int], middle: float, placed: bool
 ) -> tuple[Severity, str] | None:
-    """How the bodies of a left and a right joint differ, or None if they are mirror images in the plane y = middle [m].
+    """Compare the bodies of a left and a right joint; None if they are mirror images in the plane y = middle [m].
 
     Where the legs are not `placed` as mirror images, only what does not depend on it is compared.
     """
@@ -242,7 +242,7 @@ def _mirror(body: InertialParameters, middle: float) -> InertialParameters:
 
 
 def _lateral_offsets(robot: RobotModel, composite: InertialParameters | None) -> Iterator[ModelFinding]:
-    """How far the CoMs are from the base frame's middle, and the hips if they are; y points left."""
+    """Find offsets of the CoMs and of the hips from the base frame's middle; y points left."""
     named = [("the whole robot", composite), (f"the base ({robot.base_link})", base_parameters(robot))]
     offsets = [(what, float(body.com[1])) for what, body in named if body is not None]
     if max(abs(y) for _, y in offsets) >= _SMALLEST_OFFSET:
@@ -266,7 +266,7 @@ def _limits(robot: RobotModel) -> Iterator[ModelFinding]:
 
 
 def _missing_limits(robot: RobotModel) -> Iterator[ModelFinding]:
-    """Leg joints that the guard has no limit for. MJCF has none of speeds, so nobody can give one there."""
+    """Find leg joints that the guard has no limit for. MJCF has no limits of speeds."""
     urdf = robot.source.format == "urdf"
     place = "effort [Nm] of their <limit>" if urdf else "forcerange [Nm] of their actuators"
     yield from _unlimited(robot, robot.effort_limit, "torque", "torques that are too large", place)

@@ -32,7 +32,7 @@ def floor_normal_by_diagonals(feet_in_base: FloatArray) -> Vector:
 
 
 def floor_normals_by_fit(feet_in_base: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Of many postures, the planes nearest to the feet, which all stand; three feet or four, in any order.
+    """Return, for many postures, the planes nearest to the feet, which all stand; three feet or four, in any order.
 
     Args:
         feet_in_base: (n, 3 or 4, 3) foot positions in the base frame [m]; the base is above them.

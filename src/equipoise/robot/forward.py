@@ -65,7 +65,7 @@ def forward_axis(chains: Sequence[Sequence[str]], hips_in_base: FloatArray, path
 
 
 def legs_by_place(hips_in_base: FloatArray, yaw: float = 0.0) -> list[str]:
-    """Names of legs, told by where their hips are of each other.
+    """Return the names of legs, from the places of their hips relative to each other.
 
     Args:
         hips_in_base: (4, 3) hips in the base frame [m].
@@ -83,7 +83,7 @@ def turned(source: ModelSource, base_link: str, axis: Forward, told: bool) -> Mo
     Args:
         base_link: name of the file's base link.
         axis: axis of it that points forward.
-        told: whether the user says so; the legs' names otherwise.
+        told: whether the user gives it; the legs' names otherwise.
     """
     root = ET.fromstring(source.xml)
     (_turn_urdf if source.format == "urdf" else _turn_mjcf)(root, base_link, -_YAW[axis])

@@ -53,12 +53,12 @@ class ImuPose:
 
     @property
     def is_assumed(self) -> bool:
-        """Whether neither a description nor a frame of the model determines its position."""
+        """True if neither a description nor a frame of the model determines its position."""
         return self.frame is None and "imu_position" not in self.described
 
     @property
     def sentence(self) -> str:
-        """Where the IMU is, and according to what."""
+        """Position of the IMU and its source."""
         if self.is_assumed:
             turned = ", turned as described" if "imu_rpy" in self.described else ""
             flag = f": --imu-frame {self.proposed[0]}" if self.proposed else ""
@@ -68,7 +68,7 @@ class ImuPose:
 
     @property
     def reason(self) -> str:
-        """Why the pose is assumed, and the frames that may be the IMU's."""
+        """Reason why the pose is assumed, and the frames that may be the IMU's."""
         if not self.proposed:
             return "no frame of the model looks like an IMU"
         names = " or ".join(map(repr, self.proposed))
@@ -158,7 +158,7 @@ def _words(name: str) -> list[str]:
 
 
 def _is_imu(name: str) -> bool:
-    """Whether a word of a name is, begins or ends with "imu"; a simulation is not an IMU."""
+    """Return whether a word of a name is, begins or ends with "imu"; a simulation is not an IMU."""
     words = [word.rstrip("0123456789") for word in _words(name)]
     return any(word.startswith("imu") or (word.endswith("imu") and word != "simu") for word in words)
 

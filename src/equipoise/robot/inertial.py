@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -47,7 +49,7 @@ class InertialParameters:
         return cls(float(inertia.mass), np.array(inertia.lever), np.array(inertia.inertia))
 
     def to_pinocchio(self) -> pin.Inertia:
-        """As a pinocchio.Inertia, which also keeps the inertia about the centre of mass."""
+        """Return a pinocchio.Inertia, which also keeps the inertia about the centre of mass."""
         return pin.Inertia(self.mass, self.com, self.inertia)
 
     @classmethod
@@ -68,6 +70,15 @@ class InertialParameters:
         about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         return cls(mass, com, about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com)))
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {"mass": self.mass, "com_in_base": self.com.tolist(), "inertia": self.inertia.tolist()}
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> InertialParameters:
+        """Return the body of a JSON form."""
+        return cls(table["mass"], table["com_in_base"], table["inertia"])
+
     @property
     def vector(self) -> FloatArray:
         """(10,) about the origin, in Pinocchio's order; what `from_vector` takes. It need not be physical either."""
@@ -85,7 +96,7 @@ class InertialParameters:
         return np.asarray(np.linalg.eigvalsh(self.inertia), dtype=float)
 
     def physical_defect(self) -> str | None:
-        """Why no rigid body can have these parameters, or None if one can.
+        """Return the reason why no rigid body can have these parameters, or None if one can.
 
         A body has a positive mass, positive principal moments, and none of them exceeds the sum of the others.
         """
@@ -131,7 +142,7 @@ class RobotInertia:
 
 
 def nominal_inertia(robot: RobotModel, joint_position: FloatArray) -> RobotInertia:
-    """What the model file says at a posture.
+    """Return the three bodies of the model file at a posture.
 
     Args:
         joint_position: (nj,) joint positions in the model's joint order [rad].

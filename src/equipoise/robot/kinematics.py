@@ -21,7 +21,7 @@ _memory = ThreadMemory(RobotModel.create_data)
 
 
 class Kinematics:
-    """Where the links, the feet and the centre of mass of a robot are at given joint positions, in the base frame.
+    """Positions of the links, the feet and the CoM of a robot at given joint positions, in the base frame.
 
     What is returned is the caller's own. The memory that Pinocchio computes in takes longer to make than most answers: each
     thread has one for a robot.
@@ -76,7 +76,7 @@ class Kinematics:
         return np.array(pin.jacobianCenterOfMass(self._robot.pinocchio, self._data, configuration)[:, 6:])
 
     def _feet(self) -> FloatArray:
-        """Of the configuration that was computed last."""
+        """Return the foot positions of the last computed configuration."""
         model, data = self._robot.pinocchio, self._data
         return np.array([pin.updateFramePlacement(model, data, frame).translation for frame in self._robot.foot_frames])
 
@@ -161,7 +161,7 @@ def inverse_kinematics(
 
 
 def inverse_kinematics_best_effort(robot: RobotModel, feet_in_base: FloatArray, start: FloatArray) -> FloatArray:
-    """As `inverse_kinematics`, but returns the nearest posture it finds, however far that is."""
+    """Return the nearest posture that `inverse_kinematics` finds, however far that is."""
     return _nearest_posture(robot, Kinematics(robot), feet_in_base, start)
 
 
@@ -193,7 +193,7 @@ def _within(values: FloatArray, low: FloatArray | float, high: FloatArray | floa
 
 
 def feet_under_base(feet_in_base: FloatArray, translation: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Where planted feet are in the base frame once the base has moved.
+    """Return the positions of planted feet in the base frame after the base has moved.
 
     Args:
         feet_in_base: (4, 3) foot positions in the base frame before the move [m].

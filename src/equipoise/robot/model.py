@@ -40,7 +40,7 @@ _KP, _KD = 100.0, 3.0  # joint gains [Nm/rad], [Nm s/rad] on an A1
 
 @dataclass(frozen=True)
 class Foot:
-    """Where a foot's sphere sits: on which link (body), where on it [m], and its radius [m]."""
+    """Sphere of a foot: its link (body), its position on it [m], and its radius [m]."""
 
     body: str
     position_in_body: tuple[float, float, float]
@@ -51,7 +51,7 @@ class Foot:
 class RobotModel:
     """A quadruped: a floating base and four legs of two or three joints. Made by `from_file` or `from_source`.
 
-    Joint vectors everywhere have the leg joints in Pinocchio's order, `joint_names`. Joints that are no leg's are held
+    Joint vectors everywhere have the leg joints in Pinocchio's order, `joint_names`. Other joints are held
     still and belong to the base.
 
     A model never changes, so that threads may share one: arrays are read-only, and who computes brings the memory to compute
@@ -63,7 +63,7 @@ class RobotModel:
         description: description with which the user overrode what the file says.
         pinocchio: Pinocchio model, free-flyer first, then the leg joints.
         full_pinocchio: the user's own Pinocchio model, before other joints were locked.
-        held: positions of joints that are no leg's, by name [rad].
+        held: positions of joints that do not belong to legs, by name [rad].
         legs: legs by name, in the order FL FR RL RR.
         lower_limit, upper_limit: (nj,) position limits [rad].
         velocity_limit: (nj,) velocity limits [rad/s]; infinite where the model gives none.
@@ -147,7 +147,7 @@ class RobotModel:
         return robot
 
     def with_base(self, base: pin.Inertia) -> RobotModel:
-        """The same robot with another base, as a plan or a feed-forward torque takes it to be.
+        """Return the robot with another base, as a plan or a feed-forward torque takes it to be.
 
         Args:
             base: inertial parameters of the base link with everything fixed to it, in the base frame.
@@ -168,12 +168,12 @@ class RobotModel:
 
     @cached_property
     def mass(self) -> float:
-        """Of the whole robot [kg]."""
+        """Mass of the whole robot [kg]."""
         return float(pin.computeTotalMass(self.pinocchio))
 
     @property
     def defect_of_base(self) -> str | None:
-        """What is wrong with the mass that the file gives the base, or None if nothing is."""
+        """Defect of the mass that the file gives the base, or None."""
         mass = float(self.pinocchio.inertias[1].mass)
         if mass >= LIGHTEST_BASE * self.mass:
             return None
@@ -211,7 +211,7 @@ class RobotModel:
 
     @cached_property
     def feet(self) -> Mapping[str, Foot]:
-        """Where the foot spheres sit on the links, for an engine that reads the same model."""
+        """Spheres of the feet on the links, for an engine that reads the same model."""
         feet: dict[str, Foot] = {}
         for leg in self.legs.values():
             frame = self.pinocchio.frames[leg.foot_frame_id]

@@ -1,4 +1,4 @@
-"""Where the base of a standing robot is, compared with its nominal stance."""
+"""Posture of the base of a standing robot, relative to its nominal stance."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from equipoise.conventions import FloatArray
 
 @dataclass(frozen=True)
 class BodyPosture:
-    """Where the base is, compared with the nominal stance.
+    """Posture of the base, relative to the nominal stance.
 
     Attributes:
         roll, pitch, yaw: orientation of the base; intrinsic z-y'-x'' angles [rad].

@@ -60,7 +60,7 @@ class ModelSource:
 
 
 def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSource:
-    """Read and clean a URDF or MJCF file; the format is told by the root element.
+    """Read and clean a URDF or MJCF file; the root element determines the format.
 
     Args:
         path: path of the file.

@@ -50,7 +50,7 @@ class Stance:
 
 
 def lies(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
-    """Whether a robot with its joints at (nj,) [rad] lies: its hips are much lower over its feet than when it stands."""
+    """Return whether a robot lies with its joints at (nj,) [rad]: its hips are much lower over its feet than standing."""
     raised = float(foot_positions(robot, joint_position)[:, 2].mean() - stance.feet_in_base[:, 2].mean())
     return stance.hip_height - raised < _LYING_SHARE * stance.hip_height
 

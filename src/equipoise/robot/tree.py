@@ -188,7 +188,7 @@ def _refuse_coupled(source: ModelSource, leg_joints: set[str]) -> None:
 
 
 def _kind_unless_revolute(model: pin.Model, joint: int) -> str | None:
-    """What a joint is, in words, that does not turn about one axis; None for one that does."""
+    """Return the kind of a joint that does not turn about one axis, in words; None for one that does."""
     at = model.joints[joint]
     if at.nq != 1 or at.nv != 1:
         name = str(cast("Any", at).shortname()).removeprefix("JointModel")
@@ -197,7 +197,7 @@ def _kind_unless_revolute(model: pin.Model, joint: int) -> str | None:
 
 
 def _turns_freely(model: pin.Model, joint: int) -> bool:
-    """Whether a joint has no stops, as a wheel."""
+    """Return whether a joint has no stops, as a wheel."""
     at = model.joints[joint]
     if at.nq != 1:  # Pinocchio's own joint without stops has a sine and a cosine
         return at.nv == 1
@@ -208,7 +208,7 @@ def _turns_freely(model: pin.Model, joint: int) -> bool:
 def hold_other_joints(
     model: pin.Model, chains: list[list[str]], description: RobotDescription, home: Mapping[str, float]
 ) -> tuple[pin.Model, dict[str, float]]:
-    """The model with every joint that is no leg's locked, and where each was locked.
+    """Return the model with every joint that does not belong to a leg locked, and the position of each.
 
     Where the description says, else where they are at home, else at zero or the limit that is nearest to it.
 
@@ -238,7 +238,7 @@ def hold_other_joints(
 def _held_at(
     model: pin.Model, joint: str, index: int, description: RobotDescription, home: Mapping[str, float]
 ) -> float:
-    """Where a joint is held [rad]; `index` is its place in the model's positions."""
+    """Return the position at which a joint is held [rad]; `index` is its place in the model's positions."""
     lower, upper = float(model.lowerPositionLimit[index]), float(model.upperPositionLimit[index])
     position = description.held.get(joint)
     if not lower < upper:
@@ -261,7 +261,7 @@ def hips_of(model: pin.Model, chains: list[list[str]]) -> FloatArray:
 
 
 def name_legs(model: pin.Model, chains: list[list[int]]) -> dict[str, list[int]]:
-    """Chains by leg name, told by where the hips are: x forward, y left in the base frame."""
+    """Return the chains by leg name, from the places of the hips: x forward, y left in the base frame."""
     hips = hips_of(model, [[str(model.names[joint]) for joint in chain] for chain in chains])
     named = dict(zip(legs_by_place(hips), chains, strict=True))
     if len(named) != 4:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, cast
 
 from rich.console import Console
 from rich.markup import escape
 
 from equipoise.drivers.platforms import PlatformRow
-from equipoise.robot.catalog import CatalogRow
+from equipoise.robot.catalog import CatalogEntry
 from equipoise.terminal.tables import show_table
 
 
@@ -31,7 +31,7 @@ def print_group(group: str, verbs: Mapping[str, str]) -> None:
     console.print(f"\n'{' '.join(filter(None, ('equipoise', group, 'VERB')))} --help' says more.")
 
 
-def print_robots(rows: Sequence[CatalogRow]) -> None:
+def print_robots(rows: Collection[CatalogEntry]) -> None:
     """The catalogue."""
     heads = ["name", "|mass [kg]", "legs", "|leg [m]", "source", "what"]
     about = [

@@ -11,7 +11,7 @@ from equipoise.logs.motions.segments import find_segments, usable
 from equipoise.logs.raw_log import Log
 from equipoise.recording.mcap_reader import MessageReader
 from equipoise.recording.recording import Recording
-from equipoise.recording.run_log_reader import LogAssembler, check_format, damage_reported, log_files
+from equipoise.recording.run_log_reader import LogAssembler, check_format, damage_reported, log_files, read_piece
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
@@ -88,11 +88,11 @@ class FollowedLog:
                         self._content.take(topic, message)
         with damage_reported(self.path):
             plays, kept = self._content.plays, self._content.kept[self._kept :]
-            pieces = [piece for play in plays for piece in play.pieces if any(piece.messages.values())]
+            pieces = [piece for play in plays for piece in play.pieces if any(piece[1].values())]
             pieces = pieces[self._shown : None if final or self.closed else -1]
             self._shown, self._kept = self._shown + len(pieces), self._kept + len(kept)
-            trials = [Recording.concatenate([plays[index].whole().recording for index in trial]) for trial in kept]
-            return [piece.recording() for piece in pieces], trials
+            trials = [Recording.concatenate([plays[index].recording for index in trial]) for trial in kept]
+            return [read_piece(*piece) for piece in pieces], trials
 
     def _files(self) -> list[Path]:
         files = log_files(self.path) if self.path.is_dir() else [self.path]

@@ -18,15 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import EquipoiseError, RecordingError, SettingsError
+from equipoise.errors import EquipoiseError, RecordingError, SettingsError, reason
 from equipoise.estimator.parameters import Belief, Unknowns, base_vector
 from equipoise.estimator.problem import Posterior, total_mass
 from equipoise.estimator.unknown import ROBOT, Unknown, unknown
 from equipoise.estimator.unknowns import Priors
+from equipoise.json_form import from_json
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.user_file import json_value, kind_of, read_text, typed
+from equipoise.user_file import check_schema, json_value, kind_of, read_text, typed
 
 POSTERIOR = "posterior.json"
 SCHEMA = "equipoise.posterior/1"
@@ -119,18 +120,17 @@ class KnownRun:
         """
         try:
             table = json_value(read_text(path / POSTERIOR))
-            if (found := table["schema"]) != SCHEMA:
-                raise SettingsError(f"its {POSTERIOR} is {found!r}; this version reads {SCHEMA!r}: calibrate it anew")
-            return replace(cls(**table), run=str(path))
+            check_schema(table["schema"], SCHEMA, f"--known {path}: its {POSTERIOR}")
+            return replace(from_json(cls, table), run=str(path))
         except (FileNotFoundError, NotADirectoryError) as error:
             raise _why_none(path) from error
         except OSError as error:
             raise RecordingError(f"--known {path}: its {POSTERIOR} cannot be read: {error.strerror}") from error
-        except SettingsError as error:
-            raise RecordingError(f"--known {path}: {error}") from error
+        except RecordingError:
+            raise
         except (ValueError, TypeError, KeyError) as error:
             raise RecordingError(
-                f"--known {path}: its {POSTERIOR} is damaged ({error!r}); remove it, and make it again with: "
+                f"--known {path}: its {POSTERIOR} is damaged ({reason(error)}); remove it, and make it again with: "
                 f"equipoise estimate {typed(path)}"
             ) from error
 
@@ -285,6 +285,6 @@ def _why_none(path: Path) -> EquipoiseError:
             f"--known {path}: this run came to no result; go on with: equipoise calibrate --resume {typed(path)}"
         )
     return RecordingError(
-        f"--known {path}: this run was made before runs kept what the next one needs; make it with: "
+        f"--known {path}: this run has no {POSTERIOR}, which the next one needs; make it with: "
         f"equipoise estimate {typed(path)}"
     )

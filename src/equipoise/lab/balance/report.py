@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from equipoise.errors import OutputError
+from equipoise.json_form import fields_to_json, to_json
 from equipoise.lab.balance.judge import BalanceTraces, Verdict
 from equipoise.lab.balance.routine import BalanceSettings
 from equipoise.lab.balance.run import BalanceRun
@@ -44,7 +44,7 @@ class BalanceTrial:
             "model": self.source,
             "believed_error": self.believed_error,
             "unstable_pole": self.run.unstable_pole,
-            **self.verdict.to_dict(),
+            **fields_to_json(self.verdict),
         }
 
 
@@ -80,7 +80,7 @@ class BalanceReport:
             "balanced": self.balanced,
             "sensor_errors_taken_off": self.sensors_known,
             "diagonals": {trial.run.diagonal: trial.to_dict() for trial in self.trials},
-            "settings": dataclasses.asdict(self.settings),
+            "settings": to_json(self.settings),
             "provenance": dict(self.provenance),
         }
 

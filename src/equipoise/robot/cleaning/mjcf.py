@@ -28,7 +28,7 @@ _GENERATORS = ("replicate", "attach", "composite", "flexcomp")
 
 
 class CleanedMjcf(NamedTuple):
-    """A cleaned MJCF file: its root, and what `ModelSource` keeps beside it."""
+    """A cleaned MJCF file: its root, and what else `ModelSource` keeps."""
 
     root: ET.Element
     repairs: list[str]
@@ -42,7 +42,7 @@ def clean_mjcf(root: ET.Element, path: Path) -> CleanedMjcf:
     """Clean a parsed MJCF file.
 
     Raises:
-        ModelError: no body with a free joint, a body whose mass only a mesh tells, bodies or masses that only MuJoCo
+        ModelError: no body with a free joint, a body whose mass only a mesh determines, bodies or masses that only MuJoCo
             can work out, joints without an axis or with exchanged limits.
         ValueError: something that is not a number.
     """
@@ -153,7 +153,7 @@ class _Defaults:
             self._read(child, child.get("class", ""), attributes)
 
     def all(self, element: ET.Element, childclass: str = "main") -> dict[str, str]:
-        """What the element inherits from its class."""
+        """Return the attributes that the element inherits from its class."""
         return self._classes.get(element.get("class", childclass), {}).get(_default_tag(element), {})
 
     def get(self, element: ET.Element, key: str, childclass: str = "main") -> str | None:
@@ -162,7 +162,7 @@ class _Defaults:
 
 
 def _default_tag(element: ET.Element) -> str:
-    """What an element's defaults are kept under: all kinds of actuators share theirs."""
+    """Return the key of an element's defaults: all kinds of actuators share theirs."""
     return "actuator" if element.tag in _ACTUATORS else element.tag
 
 

@@ -15,14 +15,14 @@ _PLACED = ("body", "geom", "site", "inertial", "frame")
 
 @dataclass(frozen=True)
 class AngleConvention:
-    """How a file writes angles: `unit` in radians, and the axes of Euler angles (lower case: each in the turned frame)."""
+    """Form of angles in a file: `unit` in radians, and the axes of Euler angles (lower case: each in the turned frame)."""
 
     unit: float
     euler_sequence: str
 
     @classmethod
     def of(cls, root: ET.Element) -> AngleConvention:
-        """Of a file that has one <compiler> at most. MuJoCo's defaults are degrees and xyz."""
+        """Return the convention of a file that has one <compiler> at most. MuJoCo's defaults are degrees and xyz."""
         found = root.find("compiler")
         compiler = ET.Element("compiler") if found is None else found
         unit = 1.0 if compiler.get("angle", "degree") == "radian" else np.pi / 180

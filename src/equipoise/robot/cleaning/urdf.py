@@ -123,7 +123,7 @@ def _second_moments(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _is_physical_but_for_rounding(inertia: NDArray[np.float64]) -> bool:
-    """Whether it breaks the triangle inequality at most as a plate's does whose moments were rounded."""
+    """Return whether it breaks the triangle inequality by no more than a plate's does whose moments were rounded."""
     values = np.linalg.eigvalsh(_second_moments(inertia))
     return bool(values.min() >= -1e-3 * abs(values.max()) and np.linalg.eigvalsh(inertia).min() > 0)
 
@@ -155,7 +155,7 @@ def _prune_to_base(root: ET.Element, links: dict[str, ET.Element], path: Path, b
 
 
 def _tree(joints: list[ET.Element], links: dict[str, ET.Element], path: Path) -> tuple[dict[int, tuple[str, str]], str]:
-    """Parent and child link of each joint, by its `id`, and the root link; refuses what is no tree of all links."""
+    """Parent and child link of each joint, by its `id`, and the root link; refuses what is not a tree of all links."""
     ends: dict[int, tuple[str, str]] = {}
     joint_above: dict[str, str] = {}
     for joint in joints:

@@ -1,0 +1,153 @@
+"""Bodies and joints in the user's own model file: what urdf and mjcf share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from equipoise.errors import ModelError, SettingsError
+from equipoise.exports.found import BASE, LEGS, MOTORS
+from equipoise.exports.model_file import composite_of, edited_link, new_inertial, payload, read_robot, require_composite
+from equipoise.exports.subject import PAYLOAD, Subject, Written, seen_from
+from equipoise.exports.xml_edit import Document, Edit, Element
+from equipoise.robot.forward import link_in_file
+from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.links import link_names
+from equipoise.robot.model import RobotModel
+
+_COMMENT = ("equipoise: mass and first moment as found, with the base",)
+_LEGS = (
+    "the leg links' <inertial> as found, each whole, what is not identified about as it was; their own inertias scaled with "
+    "their masses, lengths as they were"
+)
+
+
+@dataclass(frozen=True)
+class ModelFormat:
+    """One format of model files.
+
+    Attributes:
+        name: name of the format, "urdf" or "mjcf".
+        link: name of a link's element.
+        joints: words for what is written of joints.
+        find: function that returns the element of a link, by its name; the base's is given too.
+        set_inertial: function that gives a link's element another inertial, with a comment before it.
+        set_joints: function that gives joints what was found, with a comment before the first.
+        add_link: function that adds a link that is fixed to the base, with a comment before it.
+    """
+
+    name: str
+    link: str
+    joints: str
+    find: Callable[[Document, str, str], Element]
+    set_inertial: Callable[[Document, Element, InertialParameters, tuple[str, ...]], list[Edit]]
+    set_joints: Callable[[Document, Subject, tuple[str, ...]], list[Edit]]
+    add_link: Callable[[Document, str, InertialParameters, tuple[str, ...]], list[Edit]]
+
+
+def write_model(subject: Subject, form: ModelFormat) -> Written:
+    """Return the user's file with another inertial of the base, other joints and leg links, or with one link more."""
+    assert subject.file is not None
+    robot = read_robot(subject, subject.file.content)
+    if robot.source.format != form.name:
+        raise SettingsError(f"{str(robot.source.path)!r} is {robot.source.format.upper()}, not {form.name.upper()}")
+    if LEGS in subject.parts:
+        subject = _with_legs(subject, robot, form)
+        assert subject.file is not None
+        robot = read_robot(subject, subject.file.content)
+    document = Document(subject.file.content, subject.file.path)
+    write = _write_joints if BASE not in subject.parts else _write_payload if subject.payload_link else _write_base
+    return write(document, subject, robot, form)
+
+
+def _write_joints(document: Document, subject: Subject, robot: RobotModel, form: ModelFormat) -> Written:
+    content = document.edited(form.set_joints(document, subject, subject.header(form.joints)))
+    require_composite(subject, content, composite_of(subject, robot).vector)
+    return Written(content, form.joints)
+
+
+def _write_payload(document: Document, subject: Subject, robot: RobotModel, form: ModelFormat) -> Written:
+    base_link, place = link_in_file(robot.base_link, robot.source.forward)
+    about = (
+        f"{form.link} {PAYLOAD!r}, fixed to base {form.link} {base_link!r}, is what the robot has more than the model file, "
+        f"in that {form.link}'s frame; nothing else was changed"
+    )
+    before = composite_of(subject, robot)
+    body, notes = payload(subject, before)
+    refuse_second_payload(document, document.root, form.link)
+    edits = form.add_link(document, base_link, seen_from(body, place), subject.header(about, *notes))
+    content = document.edited(edits)
+    require_composite(subject, content, before.vector + body.vector)
+    return Written(content, about, notes)
+
+
+def _write_base(document: Document, subject: Subject, robot: RobotModel, form: ModelFormat) -> Written:
+    link, body, notes, composite = new_inertial(subject, robot)
+    others = {LEGS: _LEGS, MOTORS: form.joints}
+    about = (
+        f"the <inertial> of {form.link} {link!r}, such that the whole robot has the composite that was found; "
+        f"{'; '.join(words for part, words in others.items() if part in subject.parts) or 'nothing else was changed'}"
+    )
+    element = form.find(document, link, robot.base_link)
+    edits = form.set_inertial(document, element, body, subject.header(about, *notes))
+    content = document.edited([*edits, *form.set_joints(document, subject, ())])
+    require_composite(subject, content, composite)
+    return Written(content, about, notes)
+
+
+def refuse_second_payload(document: Document, within: Element, link: str) -> None:
+    """Raise SettingsError if an earlier export has put a payload into the file.
+
+    Args:
+        link: name of a link's element.
+    """
+    if any(element.tag == link and element.attributes.get("name") == PAYLOAD for element in within.walk()):
+        raise SettingsError(f"{str(document.path)!r} has a {link} {PAYLOAD!r} already; start from the file without it")
+
+
+def _with_legs(subject: Subject, robot: RobotModel, form: ModelFormat) -> Subject:
+    """Return the subject with the leg links in its file as found.
+
+    Args:
+        robot: robot that the file describes as it is.
+
+    Raises:
+        SettingsError: legs are asked for without the base, which was found with them.
+        ModelError: the file has other links than the run's.
+        NotEstimatedError: no body near enough can be what a link gets, and that is not overridden.
+    """
+    if BASE not in subject.parts:
+        raise SettingsError("legs are found with the base that goes with them: write both, with --what base,legs")
+    assert subject.file is not None
+    document = Document(subject.file.content, subject.file.path)
+    edits = [
+        edit
+        for name, body in _leg_links(subject, robot)
+        for edit in form.set_inertial(document, form.find(document, name, robot.base_link), body, _COMMENT)
+    ]
+    return replace(subject, file=replace(subject.file, content=document.edited(edits)))
+
+
+def _leg_links(subject: Subject, robot: RobotModel) -> Iterator[tuple[str, InertialParameters]]:
+    """Names of the links that are edited, and what each gets, in its own frame.
+
+    A link and all that is fixed to it then have the mass and the first moment that were found, and an inertia about their
+    CoM that went with the mass.
+    """
+    model, found = robot.full_pinocchio, subject.result.links
+    names = link_names(model)
+    for leg in robot.legs.values():
+        for joint in map(model.getJointId, leg.joint_names):
+            if (name := names.get(joint, "")) not in found:
+                raise ModelError(f"{robot.source.path.name} has a leg link {name!r}, which the run knows nothing of")
+            edited, placement, own = edited_link(robot, joint)
+            total, body = model.inertias[joint], found[name]
+            mass = float(body.mass.value or total.mass)
+            moment = np.array([one.value for one in body.moment], dtype=float)
+            wanted = InertialParameters(mass, moment / mass, mass / total.mass * np.array(total.inertia))
+            what = f"link {edited!r} of {robot.source.path.name}"
+            vector = own + wanted.vector - np.array(total.toDynamicParameters())
+            nearest, _ = subject.nearest_body(vector, what, "what is fixed to it takes more than there is")
+            yield edited, seen_from(nearest, placement)
