@@ -8,7 +8,7 @@ import pytest
 
 from equipoise import Calibration, Precise, calibrate, estimate, simulate
 from equipoise.cli import main
-from equipoise.cli.settings import seconds
+from equipoise.cli.setting_flags import seconds
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.estimator.unknowns import Priors
 from equipoise.precise import routine as precise_routine

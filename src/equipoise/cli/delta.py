@@ -29,7 +29,7 @@ def delta(
     scale_gain: float = 0.005,
     scale_noise: float = 0.001,
     out: File = None,
-    output: Output = Output(),  # noqa: B008
+    output: Output,
 ) -> None:
     """Find what was added to a robot between two calibrations, or taken off: its mass, centre of mass and inertia.
 

@@ -38,7 +38,7 @@ def export(
     samples: int = 0,
     seed: int = 0,
     list: Flag = False,
-    output: Output = Output(),  # noqa: B008
+    output: Output,
 ) -> None:
     """Write a result into the file that a controller or simulator reads. Without --to: which formats there are.
 

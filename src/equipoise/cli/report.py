@@ -25,7 +25,7 @@ Runs = Annotated[
 ]
 
 
-def report(runs: Runs, *, out: File = None, output: Output = Output()) -> None:  # noqa: B008
+def report(runs: Runs, *, out: File = None, output: Output) -> None:
     """Write a run's report.html anew, or one page that compares two or more runs.
 
     The page is one file that needs nothing else, no network either: send it, print it, keep it. docs/report.md says how to

@@ -9,9 +9,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from tyro.conf import arg
+from typing import TYPE_CHECKING
 
 from equipoise.cli.flags import (
     Described,
@@ -20,14 +18,15 @@ from equipoise.cli.flags import (
     Output,
     PlatformName,
     Robot,
-    RobotFlags,
+    SettingsFile,
     SettingsGiven,
     connected,
-    load,
+    is_simulated,
 )
 from equipoise.cli.operator_prompt import with_known_imu
-from equipoise.cli.settings import seconds
+from equipoise.cli.setting_flags import seconds
 from equipoise.errors import OutputError, SettingsError
+from equipoise.robot.catalog import load_robot
 from equipoise.user_file import made_folder, typed
 
 if TYPE_CHECKING:
@@ -41,11 +40,11 @@ def doctor(
     *,
     platform: PlatformName = "mujoco",
     set: SettingsGiven = (),
-    settings: File = None,
+    settings: SettingsFile = None,
     duration: Duration = None,
     hanging: bool = False,
-    description: Described = RobotFlags(),  # noqa: B008
-    output: Output = Output(),  # noqa: B008
+    description: Described,
+    output: Output,
 ) -> int:
     """Connect to a robot, look for five seconds, move nothing, and say what is right and what is not.
 
@@ -56,8 +55,6 @@ def doctor(
     Example: equipoise doctor go2 --platform unitree-go2 --set interface=eth0
 
     Args:
-        set: A setting of the platform, as KEY=VALUE; may be given again.
-        settings: TOML file with settings of the platform.
         duration: How long to look; default 5 s.
         hanging: The robot hangs with its legs free: measure what its motor boards do when commands stop. Its own controller
             lets go of the motors, and they are damped; you are asked for the robot's name first.
@@ -65,12 +62,11 @@ def doctor(
     from equipoise.cli.hanging import examine_hanging
     from equipoise.drivers.catalog import given_settings
     from equipoise.drivers.checkup import examine, foretold, joint_table
-    from equipoise.platform.engines import ENGINES
     from equipoise.terminal.platform import print_checkup
 
     if hanging:
-        return examine_hanging(platform, load(robot, description), given_settings(set, settings), output.json)
-    model = with_known_imu(load(robot, description), platform in ENGINES)
+        return examine_hanging(platform, load_robot(robot, description), given_settings(set, settings), output.json)
+    model = with_known_imu(load_robot(robot, description), is_simulated(platform))
     with connected(platform, model, set, settings) as connection:
         findings = examine(connection, model, _lasting(duration) or 5.0) + foretold(connection)
         joints = joint_table(model, connection.read().joint_position)
@@ -88,11 +84,11 @@ def record(
     *,
     platform: PlatformName = "mujoco",
     set: SettingsGiven = (),
-    settings: File = None,
+    settings: SettingsFile = None,
     duration: Duration = None,
-    out: Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")] = None,
-    description: Described = RobotFlags(),  # noqa: B008
-    output: Output = Output(),  # noqa: B008
+    out: File = None,
+    description: Described,
+    output: Output,
 ) -> None:
     """Log a robot's joint sensors and IMU without moving it, until --duration is over or Ctrl-C.
 
@@ -101,20 +97,17 @@ def record(
     Example: equipoise record go2 --platform unitree-go2 --set interface=eth0 --duration 60s
 
     Args:
-        set: A setting of the platform, as KEY=VALUE; may be given again.
-        settings: TOML file with settings of the platform.
         duration: How long; default until Ctrl-C, in simulation, whose time runs faster, 10 s.
         out: The file, in a folder that is there; default logs/ROBOT-TIME.mcap.
     """
     from equipoise.drivers.checkup import watch
-    from equipoise.platform.engines import ENGINES
     from equipoise.platform.interruptions import Interruptions
     from equipoise.terminal.platform import RecordingProgress
 
-    model = load(robot, description)
+    model = load_robot(robot, description)
     now = datetime.now(timezone.utc)
     out = out or made_folder(Path("logs")) / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
-    lasting = _lasting(duration) or (_SIMULATED_TIME if platform in ENGINES else None)
+    lasting = _lasting(duration) or (_SIMULATED_TIME if is_simulated(platform) else None)
     interruptions, samples = Interruptions(), 0
     with (
         connected(platform, model, set, settings) as connection,

@@ -5,17 +5,22 @@ from __future__ import annotations
 import json as json_module
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from equipoise.cli.calibrate import begun, placed, run_into
-from equipoise.cli.flags import Described, File, Output, Required, Robot, RobotFlags, exit_code, interruption_told, load
+from tyro.conf import arg
+from tyro.constructors import StructConstructorSpec
+
+from equipoise.cli.flags import Described, File, Output, Required, Robot, exit_code
 from equipoise.cli.operator_prompt import with_known_imu
-from equipoise.cli.session import Session, confirm
-from equipoise.cli.settings import SettingFlag, Verb, flags_class, given_flags, settings_of
+from equipoise.cli.parsing import ChosenFlags
+from equipoise.cli.session import Place, confirm, new_run, place_flags, refuse_other_place
+from equipoise.cli.setting_flags import flags_of, optional, settings_from, spec_of
 from equipoise.errors import RecordingError, SettingsError
+from equipoise.precise.method import Precise
+from equipoise.robot.catalog import load_robot
 from equipoise.user_file import write_file
 
 if TYPE_CHECKING:
@@ -31,30 +36,22 @@ _FLAGS = {
     "cable": "cable",
     "surface": "surface",
 }
+_REQUIRED = (
+    "End with 11 where the answer is less than that, as identified,checks: what was added is identified, or nothing was; all "
+    "checks passed; or mass, com_x and others of what was added."
+)
 WEIGHING = "weighing.json"
-
-
-@dataclass(frozen=True)
-class WeighOutput(Output):
-    """What is written and shown.
-
-    Attributes:
-        out: Run folder; default runs/ROBOT-TIME.
-        require: End with 11 where the answer is less than that, as identified,checks: what was added is identified, or nothing
-            was; all checks passed; or mass, com_x and others of what was added.
-    """
-
-    out: File = None
-    require: Required = None
 
 
 def weigh(
     robot: Robot,
     *,
-    method: Any = None,
-    description: Described = RobotFlags(),  # noqa: B008
-    place: Any = None,
-    output: WeighOutput = WeighOutput(),
+    out: File = None,
+    require: Annotated[Required, arg(help=_REQUIRED)] = None,
+    method: Precise,
+    description: Described,
+    place: Annotated[Place, arg(name="platform")],
+    output: Output,
 ) -> int:
     """Find what is on a robot now beside its last calibration: mass, place and how sure, in half a minute and one line.
 
@@ -63,29 +60,27 @@ def weigh(
 
     Example: equipoise weigh go2 --known runs/last
              equipoise weigh go2 --known runs/last --scale 16.31 --json
+
+    Args:
+        out: Run folder; default runs/ROBOT-TIME.
     """
     from equipoise.calibration.routine import check
     from equipoise.calibration.weighing import weigh as weighed
-    from equipoise.precise.method import Precise
     from equipoise.result.requirements import read_requirements
 
-    given, where, required = given_flags(method), place.place(), read_requirements(output.require)
-    if "known" not in given:
+    required = read_requirements(require)
+    if method.known is None:
         raise SettingsError("name the run folder of this robot's last calibration: --known RUN")
-    asked = Precise(**given)
-    model = with_known_imu(load(robot, description), where.simulated)
+    model = with_known_imu(load_robot(robot, description), place.simulated)
     if not output.silent:
         print(model.imu.sentence, file=sys.stderr)
-    assert asked.known is not None
-    check(model, asked)
-    confirm(where, model, asked, getattr(place, "yes", True))
+    check(model, method)
+    confirm(place, model, method)
     now = datetime.now(timezone.utc)
-    out = output.out or Path("runs") / f"{model.name}-{now:%Y%m%d-%H%M%S-%f}"
-    with Session(where, model) as session:
-        folder = begun(session, out, asked, {"time": now.isoformat(timespec="seconds")})
-        with interruption_told(folder):
-            result = run_into(session, folder, asked, output.silent)
-    found = _with_truth(weighed(model, asked.known, result), asked.known)
+    out = out or Path("runs") / f"{model.name}-{now:%Y%m%d-%H%M%S-%f}"
+    with new_run(place, model, out, method, {"time": now.isoformat(timespec="seconds")}) as run:
+        result = run(output.silent)
+    found = _with_truth(weighed(model, method.known, result), method.known)
     write_file(out / WEIGHING, json_module.dumps(found.to_dict(), indent=2) + "\n")
     if output.json:
         print(json_module.dumps(found.to_dict(), indent=2))
@@ -94,17 +89,18 @@ def weigh(
     return exit_code(required, found.verdicts)
 
 
-def weigh_for(arguments: Sequence[str]) -> Verb:
-    """`weigh` with the flags of the platform that is asked for; raises SettingsError."""
-    from equipoise.precise.method import Precise
+def _weigh_flags(arguments: Sequence[str]) -> StructConstructorSpec:
+    """Return the settings of the precise method that matter here, under the names that they have here."""
+    del arguments
+    flags = [optional(replace(flag, name=_FLAGS[flag.name])) for flag in flags_of(Precise) if flag.name in _FLAGS]
 
-    settings = [_renamed(setting) for setting in settings_of(Precise, tuple(_FLAGS))]
-    return placed(weigh, arguments, flags_class("WeighFlags", "What is known, and how to weigh.", settings))
+    def method(values: dict[str, Any]) -> Precise:
+        return settings_from(Precise, {name: values[flag] for name, flag in _FLAGS.items()})
+
+    return spec_of("What is known, and how to weigh.", flags, method)
 
 
-def _renamed(setting: SettingFlag) -> SettingFlag:
-    renamed = replace(setting, name=_FLAGS[setting.name])
-    return renamed if setting.kind is bool else renamed.or_none()
+CHOSEN: dict[type, ChosenFlags] = {Precise: (_weigh_flags, None), Place: (place_flags, refuse_other_place)}
 
 
 def _with_truth(found: Weighing, known: KnownRun) -> Weighing:

@@ -20,14 +20,14 @@ from equipoise.cli.flags import (
     Flag,
     NoiseName,
     Output,
+    PayloadGiven,
     Robot,
-    RobotFlags,
     WithEffects,
     WithoutEffects,
-    load,
 )
-from equipoise.cli.settings import seconds
+from equipoise.cli.setting_flags import seconds
 from equipoise.errors import FallError, MotionError, OutputError, SettingsError
+from equipoise.robot.catalog import load_robot
 
 if TYPE_CHECKING:
     from equipoise.lab.balance.belief import Plant
@@ -55,13 +55,13 @@ def balance(
     effects: WithEffects = (),
     without: WithoutEffects = (),
     contacts: ContactsName = "own",
-    payload: Annotated[str | None, arg(metavar="M,X,Y,Z", help_behavior_hint="")] = None,
+    payload: PayloadGiven = None,
     seed: int = 0,
-    description: Described = RobotFlags(),  # noqa: B008
     out: File = None,
     report: Flag = True,
     check: Flag = False,
-    output: Output = Output(),  # noqa: B008
+    description: Described,
+    output: Output,
 ) -> int:
     """Stand up on two diagonal feet and stay there, in simulation: a test of its centre of mass.
 
@@ -82,7 +82,6 @@ def balance(
         duration: How long to balance on each diagonal, as 10s.
         observe_offset: Also observe how far the true centre of mass is from the believed one, and stand accordingly. This
             measures the error; that the robot then balances proves nothing.
-        payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
         seed: Of everything drawn.
         out: Folder; default runs/ROBOT-balance-TIME.
         report: Leave out the page balance.html.
@@ -101,7 +100,7 @@ def balance(
         raise SettingsError("--com and --com-error both say what the law believes; give one of them")
     settings = BalanceSettings(_duration(duration), observe_offset)
     error = None if com_error is None else metres(com_error)
-    model = load(robot, description)
+    model = load_robot(robot, description)
     stance = nominal_stance(model)
     calibration = None if com is None else _calibration(com)
     loaded = Payload.parse(payload) if payload is not None else None

@@ -8,9 +8,10 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 from tyro.conf import arg
+from tyro.constructors import StructConstructorSpec, StructFieldSpec
 
 from equipoise.cli.flags import (
     ContactsName,
@@ -21,14 +22,15 @@ from equipoise.cli.flags import (
     NoiseName,
     Output,
     Robot,
-    RobotFlags,
     WithEffects,
     WithoutEffects,
-    described,
 )
-from equipoise.cli.methods import refuse_flags_of_other_methods
-from equipoise.cli.settings import Verb, chosen, flags_class, read_flags, seconds, settings_of, shaped
+from equipoise.cli.methods import owners, refuse_flag_of
+from equipoise.cli.parsing import ChosenFlags
+from equipoise.cli.setting_flags import chosen, flags_of, seconds, settings_from, spec_of
 from equipoise.errors import SettingsError
+from equipoise.method.method import Method
+from equipoise.simulation.effects import read_effects, read_names
 
 DEFAULT_METHODS = "paper"
 Names = Annotated[str, arg(metavar="NAME,NAME", help_behavior_hint="")]
@@ -61,19 +63,6 @@ class DrawnFlags:
     seed: int = 0
 
 
-@dataclass(frozen=True)
-class StudyOutput(Output):
-    """What is written and shown.
-
-    Attributes:
-        out: Folder of the study; default runs/monte-carlo-ROBOT.
-        report: Leave out the page summary.html.
-    """
-
-    out: File = None
-    report: Flag = True
-
-
 def monte_carlo(
     robot: Robot = "unitree_a1",
     *,
@@ -82,10 +71,12 @@ def monte_carlo(
     executor: Literal["process", "dask"] = "process",
     scheduler: Annotated[str | None, arg(metavar="tcp://HOST:PORT", help_behavior_hint="")] = None,
     trial_limit: Annotated[str, arg(metavar="TIME")] = "30min",
-    method: Any = None,
-    simulation: DrawnFlags = DrawnFlags(),
-    description: Described = RobotFlags(),  # noqa: B008
-    output: StudyOutput = StudyOutput(),
+    out: File = None,
+    report: Flag = True,
+    methods: Annotated[tuple[Method, ...], arg(name="method")],
+    simulation: DrawnFlags,
+    description: Described,
+    output: Output,
 ) -> None:
     """Calibrate many simulated robots, each with its own payload and sensor errors, and count how near the truth they come.
 
@@ -100,6 +91,8 @@ def monte_carlo(
         executor: process: on this machine; dask: on the cluster of --scheduler.
         scheduler: Address of a Dask scheduler.
         trial_limit: Longest time that a trial may take; then its process is ended, and the trial is lost if that was twice.
+        out: Folder of the study; default runs/monte-carlo-ROBOT.
+        report: Leave out the page summary.html.
     """
     from equipoise.lab.pages.markdown import markdown
     from equipoise.lab.pages.study import study_page
@@ -108,15 +101,12 @@ def monte_carlo(
     from equipoise.lab.study.study import Study
     from equipoise.lab.study.summary import save_summary, summary_table
     from equipoise.lab.terminal.study import StudyLine, print_study
-    from equipoise.method.table import method_named
     from equipoise.report.page import save_page
-    from equipoise.simulation.effects import read_effects, read_names
 
-    drawn: dict[str, Any] = {**vars(simulation), "only": names(simulation.only)}
+    drawn: dict[str, Any] = {**vars(simulation), "only": read_names([simulation.only])}
     drawn |= {"effects": read_effects(simulation.effects), "without": read_names(simulation.without)}
-    methods = tuple(read_flags(method_named(name), method) for name in names(method.methods))
-    study = Study(robot, methods, **drawn, description=described(description))
-    folder = output.out or Path("runs") / f"monte-carlo-{Path(robot).stem}"
+    study = Study(robot, methods, **drawn, description=description)
+    folder = out or Path("runs") / f"monte-carlo-{Path(robot).stem}"
     with _executor(executor, scheduler) as (pool, count), StudyLine(output.silent) as line:
         at_once = count if workers is None else workers
         rows = run_study(study, trials, folder, pool, at_once, line.update, seconds(trial_limit, "trial-limit") or 0.0)
@@ -126,7 +116,7 @@ def monte_carlo(
     table = summary_table(study, summaries, costs)
     page = study_page(study, rows, summaries, costs)
     files = save_summary(folder, table, markdown(page, "summary.html"))
-    if output.report:
+    if report:
         files.append(save_page(page, folder / "summary.html"))
     if output.json:
         print(json_module.dumps(table, indent=2))
@@ -134,23 +124,26 @@ def monte_carlo(
         print_study(page, files)
 
 
-def monte_carlo_for(arguments: Sequence[str]) -> Verb:
-    """`monte-carlo` with the flags of the methods that are asked for; raises SettingsError."""
+def _study_flags(arguments: Sequence[str]) -> StructConstructorSpec:
+    """Return `--methods` and the flags of the methods that it names; raises SettingsError."""
     from equipoise.method.table import METHODS, method_named
 
-    asked = chosen(arguments, "--methods", DEFAULT_METHODS)
-    settings = [setting for name in names(asked) for setting in settings_of(method_named(name))]
     words = f"Each calibrates every drawn robot, of {', '.join(METHODS)}. Flags of a method: --methods NAME --help."
-    kind = Annotated[str, arg(metavar="NAME,NAME", help=words)]
-    flags = flags_class("MethodFlags", "What calibrates.", settings, [("methods", kind, DEFAULT_METHODS)])
-    verb = shaped(monte_carlo, method=flags)
-    refuse_flags_of_other_methods(verb, arguments, f"--methods {asked}")
-    return verb
+    names = Annotated[str, arg(metavar="NAME,NAME", help=words)]
+    kinds = [method_named(name) for name in read_names([chosen(arguments, "--methods", DEFAULT_METHODS)])]
+    flags = [StructFieldSpec("methods", cast("Any", names), DEFAULT_METHODS)]
+
+    def methods(values: dict[str, Any]) -> tuple[Method, ...]:
+        return tuple(settings_from(kind, values) for kind in kinds)
+
+    return spec_of("What calibrates.", [*flags, *(flag for kind in kinds for flag in flags_of(kind))], methods)
 
 
-def names(text: str) -> tuple[str, ...]:
-    """The words between commas."""
-    return tuple(word.strip() for word in text.split(",") if word.strip())
+def _refuse_other(flag: str, arguments: Sequence[str]) -> None:
+    refuse_flag_of(owners(flag), flag, f"--methods {chosen(arguments, '--methods', DEFAULT_METHODS)}")
+
+
+CHOSEN: dict[Any, ChosenFlags] = {tuple[Method, ...]: (_study_flags, _refuse_other)}
 
 
 @contextmanager

@@ -18,7 +18,7 @@ def reproduce(
     trials: Annotated[int, arg(metavar="N")] = 200,
     precise_trials: Annotated[int, arg(metavar="N")] = 40,
     workers: Count = None,
-    output: Output = Output(),  # noqa: B008
+    output: Output,
 ) -> None:
     """Make the paper's results again: Table I, Fig. 3, the Monte Carlo rate, and what joint errors cost.
 
