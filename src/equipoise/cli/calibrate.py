@@ -10,36 +10,32 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from tyro.conf import arg
 
-from equipoise.cli.flags import (
-    Described,
-    File,
-    Flag,
-    Output,
-    Required,
-    RobotOrNone,
-    Verbose,
-    exit_code,
-)
+from equipoise.calibration.rehearsal import rehearse
+from equipoise.calibration.repeatability import repeatability, to_dict
+from equipoise.calibration.routine import check
+from equipoise.calibration.run_folder import RunFolder
+from equipoise.cli.flags import Described, File, Flag, Output, Required, RobotOrNone, Verbose, exit_code
 from equipoise.cli.methods import method_flags, refuse_other_method
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags, Verb
-from equipoise.cli.report import if_installed
+from equipoise.cli.report import try_to_save
 from equipoise.cli.session import Place, SimulatedPlace, confirm, new_run, place_flags, refuse_other_place, resumed_run
 from equipoise.cli.setting_flags import chosen
 from equipoise.cli.view import viewer_of
 from equipoise.errors import SettingsError
 from equipoise.method.method import Method
+from equipoise.result.calibration import Calibration
+from equipoise.result.requirements import read_requirements, verdicts
 from equipoise.robot.catalog import load_robot
+from equipoise.robot.model import RobotModel
+from equipoise.terminal.calibration import print_calibration
+from equipoise.terminal.platform import print_rehearsal
+from equipoise.terminal.repeatability import print_repeatability
 from equipoise.user_file import write_file
-
-if TYPE_CHECKING:
-    from equipoise.calibration.run_folder import RunFolder
-    from equipoise.result.calibration import Calibration
-    from equipoise.robot.model import RobotModel
 
 _DEFAULT_ROBOT = "unitree_a1"
 CHOSEN: dict[type, ChosenFlags] = {
@@ -91,27 +87,13 @@ class ShownFlags(Output):
 
     def show(self, result: Calibration, folder: RunFolder) -> None:
         """Draw and print a result."""
-        from equipoise.terminal.calibration import print_calibration
-
         files = [folder.path / "calibration.json"]
         if self.report:
-            files += if_installed(_page, result, folder.path)
+            files += try_to_save(result, folder.path, _elsewhere(folder.path))
         if self.json:
             print(result.to_json(), end="")
         else:
             print_calibration(result, files, self.verbose, folder.path)
-
-
-def _page(result: Calibration, folder: Path) -> list[Path]:
-    from equipoise.report.page import save_report
-
-    return [save_report(result, folder)]
-
-
-def _comparison(results: dict[str, Calibration], folder: Path) -> list[Path]:
-    from equipoise.report.page import save_comparison
-
-    return [save_comparison(results, folder)]
 
 
 def calibrate(
@@ -127,11 +109,13 @@ def calibrate(
     place: Annotated[Place, arg(name="platform")],
     output: ShownFlags,
 ) -> int:
-    """Find a quadruped's mass, centre of mass and inertia, in simulation or on the robot.
+    """Find a quadruped's mass, centre of mass and inertia, in simulation or on the
+    robot.
 
-    The run folder keeps every recording. On a robot a guard watches every command and sample, and lets it down on any trouble.
+    The run folder keeps every recording. On a robot a guard watches every command
+    and sample, and lets it down on any trouble.
 
-    Example: equipoise calibrate go2 --noise realistic --payload 1.5,0.1,0,0.08 --seed 3 --out runs/go2
+    Example: equipoise calibrate a1 --payload 1.5,0.1,0,0.08 --seed 3 --out runs/a1
              equipoise calibrate go2 --noise stress --without springs --with cable=0.5
              equipoise calibrate go2 --platform unitree-go2 --set interface=eth0
              equipoise calibrate --resume runs/go2
@@ -142,9 +126,6 @@ def calibrate(
         resume: Go on with the run in this folder behind its last complete trial, as it began: no other settings may be given.
         out: Run folder; default runs/ROBOT-TIME.
     """
-    from equipoise.calibration.routine import check
-    from equipoise.result.requirements import read_requirements, verdicts
-
     del resume  # a run that is gone on with is what `_resume` does
     required = read_requirements(require)
     if repeat < 1:
@@ -180,14 +161,13 @@ def _resume(
     yes: Flag = False,
     output: ShownFlags,
 ) -> None:
-    """Go on with a run behind its last complete trial, as it began, and show its result.
+    """Go on with a run behind its last complete trial, as it began, and show its
+    result.
 
     Args:
         resume: Folder of the run.
         yes: Robots: do not ask before the first motion.
     """
-    from equipoise.calibration.run_folder import RunFolder
-
     if robot is not None:
         raise SettingsError("--resume goes on as the run began; a robot cannot be given with it")
     folder = RunFolder.open(resume)
@@ -216,9 +196,6 @@ def calibrate_for(arguments: Sequence[str]) -> Verb:
 
 def rehearsed(model: RobotModel, method: Method, platform: str, json: bool) -> None:
     """Print what a calibration would do."""
-    from equipoise.calibration.rehearsal import rehearse
-    from equipoise.terminal.platform import print_rehearsal
-
     rehearsal = rehearse(model, method)
     if json:
         table = {"schema": "equipoise.rehearsal/1", "platform": platform, **rehearsal.to_dict()}
@@ -227,6 +204,10 @@ def rehearsed(model: RobotModel, method: Method, platform: str, json: bool) -> N
     else:
         print_rehearsal(rehearsal, platform)
         print(f"{model.imu.sentence}.")
+
+
+def _elsewhere(folder: Path) -> str:
+    return f"; 'equipoise report {folder}' draws the page elsewhere"
 
 
 def _say_what(robot: str | None, place: Place, method: Method, out: Path) -> None:
@@ -243,9 +224,6 @@ def _repeated(
     model: RobotModel, place: Place, out: Path, method: Method, facts: Mapping[str, Any], count: int, output: ShownFlags
 ) -> list[Calibration]:
     """Several runs on one robot, and how much they differ; each is whole by itself, and can be gone on with."""
-    from equipoise.calibration.repeatability import repeatability, to_dict
-    from equipoise.terminal.repeatability import print_repeatability
-
     results: dict[str, Calibration] = {}
     for number in range(count):
         if not output.silent:
@@ -255,11 +233,11 @@ def _repeated(
         with new_run(place.again(number), model, folder, method, about) as run, output.viewing(run.folder, stays=last):
             results[folder.name] = run(output.silent)
         if output.report:
-            if_installed(_page, results[folder.name], folder)
+            try_to_save(results[folder.name], folder, _elsewhere(folder))
     repeated = repeatability(list(results.values()))
     table = to_dict(repeated, count)
     write_file(out / "repeatability.json", json_module.dumps(table, indent=2) + "\n")
-    page = if_installed(_comparison, results, out) if output.report else []
+    page = try_to_save(results, out, _elsewhere(out)) if output.report else []
     if output.json:
         print(json_module.dumps(table, indent=2))
     else:

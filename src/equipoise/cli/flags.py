@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import json as json_module
 import sys
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
+from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli.setting_flags import seconds
+from equipoise.drivers.catalog import find_platform, given_settings, open_platform
 from equipoise.errors import RecordingError, SettingsError
+from equipoise.logs.log import Log
+from equipoise.logs.reader import is_log
+from equipoise.logs.topics import Topics
+from equipoise.platform.engines import ENGINES
+from equipoise.result.requirements import UNMET
 from equipoise.robot.description import RobotDescription
-
-if TYPE_CHECKING:
-    from equipoise.calibration.run_folder import RunFolder
-    from equipoise.logs.log import Log
-    from equipoise.robot.model import RobotModel
+from equipoise.robot.model import RobotModel
+from equipoise.terminal.columns import read_as_told
 
 DEFAULT_PLATFORM = "mujoco"
 Robot = Annotated[Positional[str], arg(metavar="ROBOT", help="Name (see 'equipoise robots'), or a URDF or MJCF file.")]
@@ -92,6 +97,13 @@ class Output:
         """Whether nothing but the result is printed."""
         return self.quiet or self.json
 
+    def write(self, table: Any, text: Callable[[], None]) -> None:
+        """Print JSON values with --json, else what a function prints."""
+        if self.json:
+            print(json_module.dumps(table, indent=2))
+        else:
+            text()
+
 
 @dataclass(frozen=True)
 class LogFlags:
@@ -125,9 +137,6 @@ class LogFlags:
             model: robot whose log it is.
             asking: whether the operator is asked to confirm proposed columns.
         """
-        from equipoise.logs.topics import Topics
-        from equipoise.terminal.columns import read_as_told
-
         topics = Topics(self.joint_topic, self.imu_topic, self.command_topic)
         span = seconds(self.start, "from"), seconds(self.until, "until")
         return read_as_told(path, model, topics, self.joint_map, self.columns, span, asking)
@@ -140,9 +149,6 @@ def open_run(path: Path, source: LogFlags, description: RobotDescription) -> Run
         SettingsError: flags were given that are for logs.
         RecordingError: it is not a run folder.
     """
-    from equipoise.calibration.run_folder import RunFolder
-    from equipoise.logs.reader import is_log
-
     if source != LogFlags() or description != RobotDescription():
         raise SettingsError(
             "topics, --joint-map, --columns, --from, --until and descriptions are for logs that are not ours: give --robot too"
@@ -156,15 +162,11 @@ def open_run(path: Path, source: LogFlags, description: RobotDescription) -> Run
 
 def is_simulated(platform: str) -> bool:
     """Return whether a platform is a simulator."""
-    from equipoise.platform.engines import ENGINES
-
     return platform in ENGINES
 
 
 def exit_code(required: Sequence[str], verdicts: Mapping[str, bool]) -> int:
     """0, or where something that was required is not so, which is told on stderr, the code that says so."""
-    from equipoise.result.requirements import UNMET
-
     unmet = [word for word in required if not verdicts[word]]
     for word in unmet:
         print(f"required, and not met: {word}", file=sys.stderr)
@@ -174,8 +176,6 @@ def exit_code(required: Sequence[str], verdicts: Mapping[str, bool]) -> int:
 @contextmanager
 def connected(platform: str, model: Any, pairs: tuple[str, ...], settings: Path | None) -> Generator[Any]:
     """A platform to look at: a robot that is connected to, or one that is simulated with ordinary sensors."""
-    from equipoise.drivers.catalog import find_platform, given_settings, open_platform
-
     find_platform(platform)
     given = given_settings(pairs, settings)
     if not is_simulated(platform):

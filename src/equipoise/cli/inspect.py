@@ -8,60 +8,53 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 from tyro.constructors import StructConstructorSpec
 
+from equipoise.calibration.run_folder import HEADER, RESULT, RunFolder
+from equipoise.cli import flags
 from equipoise.cli.calibrate import rehearsed
-from equipoise.cli.flags import (
-    DEFAULT_PLATFORM,
-    Described,
-    File,
-    Flag,
-    LogFlags,
-    Output,
-    Required,
-    Robot,
-    Verbose,
-    exit_code,
-    open_run,
-)
 from equipoise.cli.methods import DEFAULT_METHOD, method_flags, owners, refuse_flag_of, refuse_other_method
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags
+from equipoise.cli.report import try_to_save
 from equipoise.cli.setting_flags import chosen, flags_of, optional, spec_of, values_of
 from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
+from equipoise.logs.offline import LogEstimate, estimate_log
 from equipoise.method.method import Method
+from equipoise.method.table import method_named
+from equipoise.method.together import Together
+from equipoise.precise.method import Precise
+from equipoise.result.calibration import Calibration
+from equipoise.result.requirements import read_requirements, verdicts
+from equipoise.robot.audit import Audit
+from equipoise.robot.audit import audit as run
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
-
-if TYPE_CHECKING:
-    from equipoise.calibration.run_folder import RunFolder
-    from equipoise.logs.offline import LogEstimate
-    from equipoise.result.calibration import Calibration
-    from equipoise.robot.audit import Audit
+from equipoise.robot.stance import nominal_stance
+from equipoise.terminal.annotations import annotation_lines, refusal
+from equipoise.terminal.calibration import print_audit, print_budget, print_calibration, print_plan
+from equipoise.terminal.log import print_log_report
 
 
 def plan(
-    robot: Robot = "unitree_a1",
+    robot: flags.Robot = "unitree_a1",
     *,
     method: Method,
-    description: Described,
-    output: Output,
+    description: flags.Described,
+    output: flags.Output,
 ) -> None:
-    """Show what 'calibrate' would do, and how accurate it would be. Moves nothing, needs no simulator.
+    """Show what 'calibrate' would do, and how accurate it would be. Moves nothing,
+    needs no simulator.
 
     Example: equipoise plan go2 --budget 60s
     """
-    from equipoise.method.together import Together
-    from equipoise.robot.stance import nominal_stance
-    from equipoise.terminal.calibration import print_plan
-
     model = load_robot(robot, description)
     result = method.forecast(model, nominal_stance(model))
     if result is None:
-        rehearsed(model, method, DEFAULT_PLATFORM, output.json)
+        rehearsed(model, method, flags.DEFAULT_PLATFORM, output.json)
     elif output.json:
         table = {"schema": "equipoise.plan/1", "robot": model.name, **result.to_dict(), "imu": model.imu.to_dict()}
         print(json_module.dumps(table, indent=2))
@@ -74,7 +67,7 @@ def plan(
 
 
 @dataclass(frozen=True)
-class EstimateOutput(Output):
+class EstimateOutput(flags.Output):
     """What is written and shown.
 
     Attributes:
@@ -84,15 +77,13 @@ class EstimateOutput(Output):
         explain: Show where the uncertainty comes from, and what would make it less.
     """
 
-    out: File = None
-    report: Flag = True
-    verbose: Verbose = False
-    explain: Flag = False
+    out: flags.File = None
+    report: flags.Flag = True
+    verbose: flags.Verbose = False
+    explain: flags.Flag = False
 
     def save(self, result: Calibration, page: Path | None) -> list[Path]:
         """Save a result where it is asked for, else the page alone, if it has a place; return the files."""
-        from equipoise.cli.report import try_to_save
-
         if self.out is not None:
             result.save(self.out)
             page = self.out.with_suffix(".html")
@@ -101,8 +92,6 @@ class EstimateOutput(Output):
 
     def show(self, result: Calibration, files: Sequence[Path], kept: Path | None) -> None:
         """Print a result, and where its uncertainty comes from; `kept`: file or folder to export it from."""
-        from equipoise.terminal.calibration import print_budget, print_calibration
-
         print_calibration(result, files, self.verbose, kept)
         if self.explain:
             print_budget(result)
@@ -111,34 +100,32 @@ class EstimateOutput(Output):
 def estimate(
     log: Annotated[Positional[Path], arg(metavar="LOG", help="Run folder of a calibration, or a log of another kind.")],
     *,
-    require: Required = None,
+    require: flags.Required = None,
     given: Annotated[dict[str, Any], arg(name="method")],
-    source: Annotated[LogFlags, arg(name="log")],
-    description: Described,
+    source: Annotated[flags.LogFlags, arg(name="log")],
+    description: flags.Described,
     output: EstimateOutput,
 ) -> int:
-    """Estimate again from a run's recordings, or from a log that is not ours. Needs no robot and no simulator.
+    """Estimate again from a run's recordings, or from a log that is not ours. Needs no
+    robot and no simulator.
 
-    Logs are bags of ROS 2 (a folder, an .mcap or a .db3 file) and of ROS 1 with JointState and Imu or unitree_go/LowState,
-    and tables (.csv, .parquet, .npz, .npy, .mat); docs/logs.md says what is in them. What can be used is found: lifts of two
-    diagonal feet, moves and sways over planted feet, walks and crawls.
+    Logs are bags of ROS 2 (a folder, an .mcap or a .db3 file) and of ROS 1 with
+    JointState and Imu or unitree_go/LowState, and tables (.csv, .parquet, .npz,
+    .npy, .mat); docs/logs.md says what is in them. What can be used is found: lifts
+    of two diagonal feet, moves and sways over planted feet, walks and crawls.
 
     Example: equipoise estimate bags/wiggle --robot go2 --mass 16.2 --from 10s
     """
-    from equipoise.result.requirements import read_requirements, verdicts
-
     required = read_requirements(require)
     if source.robot is not None:
         result = _estimate_log(log, source, description, given, output)
     else:
-        result = _estimate_run(open_run(log, source, description), given, output)
-    return exit_code(required, verdicts(result.composite, result.checks))
+        result = _estimate_run(flags.open_run(log, source, description), given, output)
+    return flags.exit_code(required, verdicts(result.composite, result.checks))
 
 
 def _given_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     """Return the flags of a run's method that an estimate may be made again with; raises SettingsError."""
-    from equipoise.method.table import method_named
-
     name = _method_of(arguments)
     kind = method_named(name)
     flags = (optional(flag) for flag in flags_of(kind) if flag.name in kind.judging)
@@ -158,8 +145,6 @@ CHOSEN: dict[Any, ChosenFlags] = {
 
 def _method_of(arguments: Sequence[str]) -> str:
     """The method of the run that is named; what is wrong with a run is told when it is opened."""
-    from equipoise.calibration.run_folder import HEADER, RunFolder
-
     if chosen(arguments, "--robot", ""):
         return DEFAULT_METHOD
     for path in map(Path, arguments):
@@ -170,8 +155,6 @@ def _method_of(arguments: Sequence[str]) -> str:
 
 
 def _estimate_run(folder: RunFolder, given: Mapping[str, Any], output: EstimateOutput) -> Calibration:
-    from equipoise.calibration.run_folder import RESULT
-
     method = folder.method()
     asked = method.having(given)
     result = folder.estimate(asked)
@@ -190,7 +173,7 @@ def _estimate_run(folder: RunFolder, given: Mapping[str, Any], output: EstimateO
 
 
 def estimated_log(
-    path: Path, source: LogFlags, description: RobotDescription, given: Mapping[str, Any], output: Output,
+    path: Path, source: flags.LogFlags, description: RobotDescription, given: Mapping[str, Any], output: flags.Output,
     verbose: bool = False,
 ) -> LogEstimate:  # fmt: skip
     """What a log that is not ours says; what was found in it is printed first where nothing can be estimated.
@@ -199,10 +182,6 @@ def estimated_log(
         given: settings of the method.
         verbose: whether every piece of the log is printed then.
     """
-    from equipoise.logs.offline import estimate_log
-    from equipoise.precise.method import Precise
-    from equipoise.terminal.log import print_log_report
-
     method = Precise(**given)
     model = with_known_imu(load_robot(source.robot or "", description))  # the result states it
     log = source.read(path, model, not output.silent)
@@ -216,10 +195,8 @@ def estimated_log(
 
 
 def _estimate_log(
-    path: Path, source: LogFlags, description: RobotDescription, given: Mapping[str, Any], output: EstimateOutput
+    path: Path, source: flags.LogFlags, description: RobotDescription, given: Mapping[str, Any], output: EstimateOutput
 ) -> Calibration:
-    from equipoise.terminal.log import print_log_report
-
     found = estimated_log(path, source, description, given, output, output.verbose)
     result = found.result
     files = output.save(result, None)
@@ -241,10 +218,11 @@ def audit(
     robots: Robots = (),
     *,
     format: Literal["table", "github"] = "table",
-    description: Described,
-    output: Output,
+    description: flags.Described,
+    output: flags.Output,
 ) -> int:
-    """Check the inertial parameters in robots' model files. Needs no simulator. Ends with 1 where something is in error.
+    """Check the inertial parameters in robots' model files. Needs no simulator. Ends
+    with 1 where something is in error.
 
     Example: equipoise audit my_robot.urdf
              equipoise audit --format github urdf/*.urdf
@@ -261,16 +239,12 @@ def audit(
     if output.json:
         print(json_module.dumps(tables[0] if len(tables) == 1 else tables, indent=2))
     else:
-        from equipoise.terminal.calibration import print_audit
-
         for result in audits:
             print_audit(result)
     return max(map(_in_error, audits))
 
 
 def _audit(robot: str, description: RobotDescription) -> Audit:
-    from equipoise.robot.audit import audit as run
-
     with warnings.catch_warnings():  # the audit says what was repaired
         warnings.simplefilter("ignore")
         return run(load_robot(robot, description))
@@ -278,8 +252,6 @@ def _audit(robot: str, description: RobotDescription) -> Audit:
 
 def _annotate(robot: str, description: RobotDescription) -> int:
     """One file's annotations; one that cannot be read does not hide what is found in others."""
-    from equipoise.terminal.annotations import annotation_lines, refusal
-
     try:
         result = _audit(robot, description)
     except ModelError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Annotated, Any, cast
 
 from tyro.conf import arg
 from tyro.constructors import StructConstructorSpec, StructFieldSpec
@@ -12,9 +12,10 @@ from tyro.extras import literal_type_from_choices
 
 from equipoise.cli.setting_flags import chosen, flags_of, settings_from, spec_of
 from equipoise.errors import EquipoiseError, SettingsError
-
-if TYPE_CHECKING:
-    from equipoise.method.method import Method
+from equipoise.method.method import Method
+from equipoise.method.table import METHODS, method_named
+from equipoise.method.together import Together
+from equipoise.precise.method import Precise
 
 DEFAULT_METHOD = "precise"
 MOTORS = "motors"
@@ -49,8 +50,6 @@ def method_asked_for(arguments: Sequence[str]) -> str:
 
 def method_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     """Return `--method`, `--what` and the flags of the settings of the method that they name; raises SettingsError."""
-    from equipoise.method.table import METHODS, method_named
-
     name = method_asked_for(arguments)
     with_motors = name != MOTORS and MOTORS in asked_for(chosen(arguments, "--what", _BASE))
     words = _summaries() if {"-h", "--help"} & set(arguments) else ""
@@ -67,9 +66,6 @@ def method_flags(arguments: Sequence[str]) -> StructConstructorSpec:
 
 def _method(flags: Mapping[str, Any]) -> Method:
     """Return the method that flags describe; raises SettingsError."""
-    from equipoise.method.table import method_named
-    from equipoise.method.together import Together
-
     method = settings_from(method_named(flags["method"]), flags)
     asked = asked_for(flags["what"])
     if _LEGS in asked:
@@ -81,8 +77,6 @@ def _method(flags: Mapping[str, Any]) -> Method:
 
 def _with_legs(method: Method) -> Method:
     """The method, which finds what the legs weigh too; raises SettingsError where it cannot."""
-    from equipoise.precise.method import Precise
-
     if not isinstance(method, Precise):
         raise SettingsError(f"--what legs is for --method precise; {method.name} does not find legs: leave them out")
     return dataclasses.replace(method, swings=True)
@@ -123,8 +117,6 @@ def owners(flag: str, judging: bool = False) -> list[str]:
 
 
 def _usable() -> dict[str, type[Method]]:
-    from equipoise.method.table import METHODS, method_named
-
     found: dict[str, type[Method]] = {}
     for name in METHODS:
         try:
@@ -135,8 +127,6 @@ def _usable() -> dict[str, type[Method]]:
 
 
 def _summaries() -> str:
-    from equipoise.method.table import METHODS, method_named
-
     said: list[str] = []
     for name in METHODS:
         try:

@@ -55,8 +55,8 @@ def parse(
         return values
 
     asked = functools.partial(
-        tyro.cli, given, args=words, prog=program, config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-        registry=_rules(specs),
+        tyro.cli, given, args=words, prog=program, registry=_rules(specs),
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )  # fmt: skip
     with _help_in_width() if {"-h", "--help"} & {*words} else nullcontext():
         values, unknown = asked(return_unknown_args=True)

@@ -14,33 +14,31 @@ from typing import TYPE_CHECKING, Any, Literal
 from tyro.conf import Suppress
 from tyro.constructors import StructConstructorSpec
 
-from equipoise.cli.flags import (
-    DEFAULT_PLATFORM,
-    ContactsName,
-    Count,
-    Flag,
-    NoiseName,
-    PayloadGiven,
-    PlatformName,
-    SettingsFile,
-    SettingsGiven,
-    WithEffects,
-    WithoutEffects,
-    is_simulated,
-)
+from equipoise.calibration.rehearsal import rehearse
+from equipoise.calibration.routine import perform, with_guard_report
+from equipoise.calibration.run_folder import RunFolder
+from equipoise.cli import flags
 from equipoise.cli.operator_prompt import Keyboard
 from equipoise.cli.setting_flags import chosen, fields_of, spec_of
+from equipoise.drivers.catalog import find_platform, for_platform, given_settings, open_platform
+from equipoise.drivers.checkup import examine
 from equipoise.errors import EquipoiseError, MotionError, RecordingError, SettingsError, UnconfirmedMassError
+from equipoise.method.method import Method
+from equipoise.platform.logged import Logged
+from equipoise.platform.platform import Platform
+from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
+from equipoise.recording.run_log_reader import LogContent
+from equipoise.result.calibration import Calibration
+from equipoise.robot.model import RobotModel
+from equipoise.robot.scale import Scale
+from equipoise.simulation.effects import read_effects, read_names
+from equipoise.simulation.payload import Payload
+from equipoise.terminal.calibration import TrialProgress
+from equipoise.terminal.platform import rehearsal_lines
 from equipoise.user_file import typed
 
 if TYPE_CHECKING:
-    from equipoise.calibration.run_folder import RunFolder
     from equipoise.guard.report import GuardReport
-    from equipoise.method.method import Method
-    from equipoise.platform.platform import Platform
-    from equipoise.recording.run_log_reader import LogContent
-    from equipoise.result.calibration import Calibration
-    from equipoise.robot.model import RobotModel
     from equipoise.simulation.simulation import Simulation
 
 _NAMES = {"effects": "with"}  # flags of fields with another name
@@ -56,7 +54,7 @@ class Place:
         platform: name of a simulator or a robot's platform, or MODULE:CLASS.
     """
 
-    platform: PlatformName = DEFAULT_PLATFORM
+    platform: flags.PlatformName = flags.DEFAULT_PLATFORM
 
     @property
     def simulated(self) -> bool:
@@ -105,19 +103,16 @@ class SimulatedPlace(Place):
         noise_seed: Of the noise alone, for several runs of one robot; default as --seed.
     """
 
-    noise: NoiseName = "realistic"
-    effects: WithEffects = ()
-    without: WithoutEffects = ()
-    contacts: ContactsName = "own"
-    payload: PayloadGiven = None
+    noise: flags.NoiseName = "realistic"
+    effects: flags.WithEffects = ()
+    without: flags.WithoutEffects = ()
+    contacts: flags.ContactsName = "own"
+    payload: flags.PayloadGiven = None
     start: Literal["standing", "lying"] = "standing"
     seed: int = 0
-    noise_seed: Count = None
+    noise_seed: flags.Count = None
 
     def __post_init__(self) -> None:
-        from equipoise.robot.scale import Scale
-        from equipoise.simulation.effects import read_names
-        from equipoise.simulation.payload import Payload
         from equipoise.simulation.simulation import sizes_of
 
         if self.payload is not None:
@@ -130,8 +125,6 @@ class SimulatedPlace(Place):
     @property
     def sizes(self) -> dict[str, float | None]:
         """Size of each effect that the preset has not, or has in another size."""
-        from equipoise.simulation.effects import read_effects
-
         return read_effects(self.effects)
 
     @property
@@ -172,14 +165,12 @@ class RealPlace(Place):
         yes: Do not ask before the first motion.
     """
 
-    set: SettingsGiven = ()
-    settings: SettingsFile = None
-    yes: Flag = False
+    set: flags.SettingsGiven = ()
+    settings: flags.SettingsFile = None
+    yes: flags.Flag = False
     given: Suppress[Mapping[str, Any]] = field(default_factory=dict[str, Any])
 
     def __post_init__(self) -> None:
-        from equipoise.drivers.catalog import find_platform, given_settings
-
         find_platform(self.platform)  # before anything is made for it
         object.__setattr__(self, "given", {**self.given, **given_settings(self.set, self.settings)})
 
@@ -189,18 +180,16 @@ class RealPlace(Place):
 
 def place_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     """Return the flags of a simulated robot or of a real one; raises SettingsError for an unknown platform."""
-    from equipoise.drivers.catalog import find_platform
-
-    platform = chosen(arguments, "--platform", DEFAULT_PLATFORM)
+    platform = chosen(arguments, "--platform", flags.DEFAULT_PLATFORM)
     find_platform(platform)
-    kind = SimulatedPlace if is_simulated(platform) else RealPlace
+    kind = SimulatedPlace if flags.is_simulated(platform) else RealPlace
     return spec_of(kind.__doc__ or "", fields_of(kind), lambda values: kind(**values))
 
 
 def refuse_other_place(flag: str, arguments: Sequence[str]) -> None:
     """Raise SettingsError for a flag of simulators on a real robot, or the other way round."""
-    platform = chosen(arguments, "--platform", DEFAULT_PLATFORM)
-    kind, other = ("real robots", RealPlace) if is_simulated(platform) else ("simulators", SimulatedPlace)
+    platform = chosen(arguments, "--platform", flags.DEFAULT_PLATFORM)
+    kind, other = ("real robots", RealPlace) if flags.is_simulated(platform) else ("simulators", SimulatedPlace)
     if flag in {_NAMES.get(setting.name, setting.name) for setting in fields_of(other)}:
         raise SettingsError(f"--{flag.replace('_', '-')} is for {kind}; {platform} is none")
 
@@ -218,8 +207,6 @@ class Session:
     content: LogContent | None = None  # of a run that is resumed
 
     def __init__(self, place: Place, robot: RobotModel, method: Method) -> None:
-        from equipoise.drivers.catalog import for_platform
-
         self.place, self.robot, self.method = place, for_platform(place.platform, robot), method
         self._simulation = place.simulate(robot) if isinstance(place, SimulatedPlace) else None
         self._report: GuardReport | None = None  # of a real robot, once it was put down
@@ -239,9 +226,6 @@ class Session:
 
     def __call__(self, quiet: bool) -> Calibration:
         """Do one calibration; its result is on disk."""
-        from equipoise.calibration.routine import perform, with_guard_report
-        from equipoise.terminal.calibration import TrialProgress
-
         folder, content, method = self.folder, self.content, self.method
         with folder:
             if self._simulation is not None:
@@ -269,9 +253,6 @@ class Session:
     @contextmanager
     def _platform(self) -> Generator[tuple[Platform, Keyboard]]:
         """The platform that the routine moves, and the operator's keyboard."""
-        from equipoise.platform.logged import Logged
-        from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
-
         folder, content = self.folder, self.content
         if self._simulation is not None:
             bare = self._simulation.platform
@@ -302,8 +283,6 @@ def new_run(place: Place, robot: RobotModel, out: Path, method: Method, facts: M
         out: run folder.
         facts: provenance besides that of the place.
     """
-    from equipoise.calibration.run_folder import RunFolder
-
     with Session(place, robot, method) as session:
         session.folder = RunFolder.create(out, session.robot, method, {**facts, **session.facts})
         with _interruption_told(session.folder):
@@ -313,8 +292,6 @@ def new_run(place: Place, robot: RobotModel, out: Path, method: Method, facts: M
 @contextmanager
 def resumed_run(place: Place, robot: RobotModel, path: Path, method: Method) -> Generator[Session]:
     """Open a session in the folder of a run that goes on behind its last complete trial."""
-    from equipoise.calibration.run_folder import RunFolder
-
     with Session(place, robot, method) as session:
         session.folder, session.content = RunFolder.resume(path, repeats=place.simulated)
         with _interruption_told(session.folder):
@@ -355,10 +332,6 @@ def confirm(place: Place, robot: RobotModel, method: Method, yes: bool = False) 
     """
     if not isinstance(place, RealPlace):
         return
-    from equipoise.calibration.rehearsal import rehearse
-    from equipoise.drivers.catalog import for_platform, open_platform
-    from equipoise.drivers.checkup import examine
-    from equipoise.terminal.platform import rehearsal_lines
 
     robot = for_platform(place.platform, robot)
     with open_platform(place.platform, robot, place.given) as connection:

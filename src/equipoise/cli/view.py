@@ -12,18 +12,19 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
+from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli.flags import Described, Flag, LogFlags, Output, Run, open_run
 from equipoise.errors import OutputError
+from equipoise.method.method import Method
+from equipoise.precise.method import Precise
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
+from equipoise.robot.model import RobotModel
 from equipoise.user_file import typed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from equipoise.calibration.run_folder import RunFolder
-    from equipoise.method.method import Method
-    from equipoise.robot.model import RobotModel
     from equipoise.view.follow import News
 
 RECORDING = "view.rrd"
@@ -40,9 +41,11 @@ def view(
     description: Described,
     output: Output,
 ) -> None:
-    """Show a run or any recording in the Rerun viewer: the robot moving, the support line, the CoM estimate converging.
+    """Show a run or any recording in the Rerun viewer: the robot moving, the support
+    line, the CoM estimate converging.
 
-    A window opens. On a computer without a display a file is written instead, and its path is printed.
+    A window opens. On a computer without a display a file is written instead, and
+    its path is printed.
 
     Example: equipoise view runs/go2
              equipoise view bags/wiggle --robot go2
@@ -81,7 +84,6 @@ def view(
 def _opened(
     path: Path, source: LogFlags, description: RobotDescription, follow: bool, asking: bool
 ) -> tuple[str, RobotModel, Method, Iterable[News]]:
-    from equipoise.precise.method import Precise
     from equipoise.view.follow import follow as followed
     from equipoise.view.follow import log_news
 

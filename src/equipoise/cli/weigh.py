@@ -8,24 +8,26 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from tyro.conf import arg
 from tyro.constructors import StructConstructorSpec
 
+from equipoise.calibration.routine import check as check_settings
+from equipoise.calibration.run_folder import RunFolder
+from equipoise.calibration.weighing import Weighing
+from equipoise.calibration.weighing import weigh as weighed
 from equipoise.cli.flags import Described, File, Output, Required, Robot, exit_code
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.session import Place, confirm, new_run, place_flags, refuse_other_place
 from equipoise.cli.setting_flags import flags_of, optional, settings_from, spec_of
 from equipoise.errors import RecordingError, SettingsError
+from equipoise.estimator.known.known_run import KnownRun
 from equipoise.precise.method import Precise
+from equipoise.result.requirements import read_requirements
 from equipoise.robot.catalog import load_robot
 from equipoise.user_file import write_file
-
-if TYPE_CHECKING:
-    from equipoise.calibration.weighing import Weighing
-    from equipoise.estimator.known.known_run import KnownRun
 
 _FLAGS = {
     "known": "known",
@@ -53,10 +55,12 @@ def weigh(
     place: Annotated[Place, arg(name="platform")],
     output: Output,
 ) -> int:
-    """Find what is on a robot now beside its last calibration: mass, place and how sure, in half a minute and one line.
+    """Find what is on a robot now beside its last calibration: mass, place and how
+    sure, in half a minute and one line.
 
-    It stands, moves over planted feet, lifts two feet some six times. Sensors, legs and friction are those of the run that
-    --known names; what changed since, as an encoder's zero, is said. Answers may be 'too small to matter', 'cannot tell'.
+    It stands, moves over planted feet, lifts two feet some six times. Sensors, legs
+    and friction are those of the run that --known names; what changed since, as an
+    encoder's zero, is said. Answers may be 'too small to matter', 'cannot tell'.
 
     Example: equipoise weigh go2 --known runs/last
              equipoise weigh go2 --known runs/last --scale 16.31 --json
@@ -64,17 +68,13 @@ def weigh(
     Args:
         out: Run folder; default runs/ROBOT-TIME.
     """
-    from equipoise.calibration.routine import check
-    from equipoise.calibration.weighing import weigh as weighed
-    from equipoise.result.requirements import read_requirements
-
     required = read_requirements(require)
     if method.known is None:
         raise SettingsError("name the run folder of this robot's last calibration: --known RUN")
     model = with_known_imu(load_robot(robot, description), place.simulated)
     if not output.silent:
         print(model.imu.sentence, file=sys.stderr)
-    check(model, method)
+    check_settings(model, method)
     confirm(place, model, method)
     now = datetime.now(timezone.utc)
     out = out or Path("runs") / f"{model.name}-{now:%Y%m%d-%H%M%S-%f}"
@@ -82,10 +82,7 @@ def weigh(
         result = run(output.silent)
     found = _with_truth(weighed(model, method.known, result), method.known)
     write_file(out / WEIGHING, json_module.dumps(found.to_dict(), indent=2) + "\n")
-    if output.json:
-        print(json_module.dumps(found.to_dict(), indent=2))
-    else:
-        _print(found)
+    output.write(found.to_dict(), lambda: _print(found))
     return exit_code(required, found.verdicts)
 
 
@@ -105,8 +102,6 @@ CHOSEN: dict[type, ChosenFlags] = {Precise: (_weigh_flags, None), Place: (place_
 
 def _with_truth(found: Weighing, known: KnownRun) -> Weighing:
     """Beside the truth, where both runs are simulated."""
-    from equipoise.calibration.run_folder import RunFolder
-
     try:
         before = RunFolder.open(known.run).truth()
     except RecordingError:  # moved since: it was read whole
@@ -117,9 +112,8 @@ def _with_truth(found: Weighing, known: KnownRun) -> Weighing:
 
 
 def _print(found: Weighing) -> None:
-    for check in found.result.checks:
-        if not check.passed:
-            print(f"check failed: {check.name}: {check.message}")
+    for failed in (check for check in found.result.checks if not check.passed):
+        print(f"check failed: {failed.name}: {failed.message}")
     for warning in found.delta.warnings:
         print(f"changed: {warning}")
     print(found.sentence)

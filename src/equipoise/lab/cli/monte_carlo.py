@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -13,23 +12,18 @@ from typing import Annotated, Any, Literal, cast
 from tyro.conf import arg
 from tyro.constructors import StructConstructorSpec, StructFieldSpec
 
-from equipoise.cli.flags import (
-    ContactsName,
-    Count,
-    Described,
-    File,
-    Flag,
-    NoiseName,
-    Output,
-    Robot,
-    WithEffects,
-    WithoutEffects,
-)
+from equipoise.cli import flags
 from equipoise.cli.methods import owners, refuse_flag_of
 from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.setting_flags import chosen, flags_of, seconds, settings_from, spec_of
 from equipoise.errors import SettingsError
+from equipoise.lab.study.executors import dask_cluster
+from equipoise.lab.study.runner import run_study
+from equipoise.lab.study.statistics import slopes, summarize
+from equipoise.lab.study.study import Study
+from equipoise.lab.study.summary import save_summary, summary_table
 from equipoise.method.method import Method
+from equipoise.method.table import METHODS, method_named
 from equipoise.simulation.effects import read_effects, read_names
 
 DEFAULT_METHODS = "paper"
@@ -50,12 +44,12 @@ class DrawnFlags:
         seed: Of everything drawn.
     """
 
-    noise: NoiseName = "realistic"
-    effects: WithEffects = ()
-    without: WithoutEffects = ()
-    contacts: ContactsName = "own"
+    noise: flags.NoiseName = "realistic"
+    effects: flags.WithEffects = ()
+    without: flags.WithoutEffects = ()
+    contacts: flags.ContactsName = "own"
     only: Names = ""
-    vary_noise: Flag = False
+    vary_noise: flags.Flag = False
     payload: Annotated[str, arg(metavar="random|none|M,X,Y,Z")] = "random"
     spread: float = 0.0
     scale_error: Annotated[float | None, arg(metavar="FRACTION", help_behavior_hint="")] = None
@@ -64,26 +58,28 @@ class DrawnFlags:
 
 
 def monte_carlo(
-    robot: Robot = "unitree_a1",
+    robot: flags.Robot = "unitree_a1",
     *,
     trials: Annotated[int, arg(metavar="N")] = 100,
-    workers: Count = None,
+    workers: flags.Count = None,
     executor: Literal["process", "dask"] = "process",
     scheduler: Annotated[str | None, arg(metavar="tcp://HOST:PORT", help_behavior_hint="")] = None,
     trial_limit: Annotated[str, arg(metavar="TIME")] = "30min",
-    out: File = None,
-    report: Flag = True,
+    out: flags.File = None,
+    report: flags.Flag = True,
     methods: Annotated[tuple[Method, ...], arg(name="method")],
     simulation: DrawnFlags,
-    description: Described,
-    output: Output,
+    description: flags.Described,
+    output: flags.Output,
 ) -> None:
-    """Calibrate many simulated robots, each with its own payload and sensor errors, and count how near the truth they come.
+    """Calibrate many simulated robots, each with its own payload and sensor errors,
+    and count how near the truth they come.
 
-    A trial's number and the seed decide everything about it, whatever runs it and when. Rows reach the disk as they come;
-    run the same command again after an interruption, or with more trials, and it goes on.
+    A trial's number and the seed decide everything about it, whatever runs it and
+    when. Rows reach the disk as they come; run the same command again after an
+    interruption, or with more trials, and it goes on.
 
-    Example: equipoise lab monte-carlo go2 --trials 200 --methods paper,precise --out runs/mc-go2
+    Example: equipoise lab monte-carlo go2 --trials 200 --methods paper,precise
 
     Args:
         trials: How many.
@@ -96,10 +92,6 @@ def monte_carlo(
     """
     from equipoise.lab.pages.markdown import markdown
     from equipoise.lab.pages.study import study_page
-    from equipoise.lab.study.runner import run_study
-    from equipoise.lab.study.statistics import slopes, summarize
-    from equipoise.lab.study.study import Study
-    from equipoise.lab.study.summary import save_summary, summary_table
     from equipoise.lab.terminal.study import StudyLine, print_study
     from equipoise.report.page import save_page
 
@@ -118,16 +110,11 @@ def monte_carlo(
     files = save_summary(folder, table, markdown(page, "summary.html"))
     if report:
         files.append(save_page(page, folder / "summary.html"))
-    if output.json:
-        print(json_module.dumps(table, indent=2))
-    else:
-        print_study(page, files)
+    output.write(table, lambda: print_study(page, files))
 
 
 def _study_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     """Return `--methods` and the flags of the methods that it names; raises SettingsError."""
-    from equipoise.method.table import METHODS, method_named
-
     words = f"Each calibrates every drawn robot, of {', '.join(METHODS)}. Flags of a method: --methods NAME --help."
     names = Annotated[str, arg(metavar="NAME,NAME", help=words)]
     kinds = [method_named(name) for name in read_names([chosen(arguments, "--methods", DEFAULT_METHODS)])]
@@ -148,8 +135,6 @@ CHOSEN: dict[Any, ChosenFlags] = {tuple[Method, ...]: (_study_flags, _refuse_oth
 
 @contextmanager
 def _executor(kind: str, scheduler: str | None) -> Generator[tuple[Executor | None, Callable[[], int] | None]]:
-    from equipoise.lab.study.executors import dask_cluster
-
     if (kind == "dask") != (scheduler is not None):
         raise SettingsError("--executor dask and --scheduler tcp://HOST:PORT go together")
     if scheduler is None:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import json as json_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from tyro.conf import arg
 
+from equipoise.calibration.run_folder import HEADER, RunFolder
 from equipoise.cli.flags import Described, File, LogFlags, Output, Run, open_run
 from equipoise.cli.inspect import estimated_log
+from equipoise.lab.replay.validation import validate as played
+from equipoise.lab.terminal.validation import print_validation
+from equipoise.result.calibration import Calibration
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
+from equipoise.robot.model import RobotModel
 from equipoise.user_file import write_file
-
-if TYPE_CHECKING:
-    from equipoise.result.calibration import Calibration
-    from equipoise.robot.model import RobotModel
 
 VALIDATION = "validation.json"
 
@@ -30,10 +31,12 @@ def validate(
     description: Described,
     output: Output,
 ) -> None:
-    """Play a run's lifts again in simulation, with the body found and the model file's: which tips as the robot did?
+    """Play a run's lifts again in simulation, with the body found and the model
+    file's: which tips as the robot did?
 
-    The joints do what was measured, the base is free from when both feet were off the floor. One ratio says how much farther
-    from what was measured the model file's body tips than the one found; a page shows each lift.
+    The joints do what was measured, the base is free from when both feet were off
+    the floor. One ratio says how much farther from what was measured the model
+    file's body tips than the one found; a page shows each lift.
 
     Example: equipoise lab validate runs/go2
              equipoise lab validate runs/second --against runs/first go2_payload.urdf
@@ -42,10 +45,7 @@ def validate(
         against: Other bodies to play: robots by name, model files, or run folders of the same robot.
         out: JSON file to save all of it in, and the page beside it; default validation.json in the run's folder.
     """
-    from equipoise.calibration.run_folder import HEADER
     from equipoise.lab.pages.validation import validation_page
-    from equipoise.lab.replay.validation import validate as played
-    from equipoise.lab.terminal.validation import print_validation
     from equipoise.report.page import save_page
 
     if source.robot is None:
@@ -66,6 +66,4 @@ def validate(
 
 
 def _body(name: str, description: RobotDescription) -> RobotModel | Calibration:
-    from equipoise.calibration.run_folder import HEADER, RunFolder
-
     return RunFolder.open(name).result() if (Path(name) / HEADER).is_file() else load_robot(name, description)
