@@ -62,7 +62,13 @@ WORDS = {
     "tcp://HOST:PORT": "tcp://192.168.1.2:8786",
 }
 FILES = {"PATH": "settings.toml", "FILE": "settings.toml", "RUN": "run", "FILE.rrd": "run.rrd", "MODEL": "run"}
-OWN = {"--mass-sd": "0.1", "--methods": "static,paper", "--only": "joint_zero,imu_tilt", "--t-thres": "2s"}
+OWN = {
+    "--mass-sd": "0.1",
+    "--scale-sd": "0.1",
+    "--methods": "static,paper",
+    "--only": "joint_zero,imu_tilt",
+    "--t-thres": "2s",
+}
 BESIDE = {"--mass-sd": ["--mass", "12"], "--confirm-mass": ["--mass", "12"]}  # which a flag needs
 WEIGHED = {flag: ["--scale", "12"] for flag in ("--confirm-mass", "--scale-sd")}  # the same of `weigh`
 ALONE = ("--resume", "--method", "--what", "--methods", "--platform")  # not with others of their kind

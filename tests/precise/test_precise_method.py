@@ -16,7 +16,7 @@ from equipoise.precise.plan import make_plan
 from equipoise.precise.routine import PreciseRoutine
 from equipoise.recording.trials import LiftTrial, PostureTrial
 from equipoise.robot.inertial import COMPONENTS
-from equipoise.terminal.calibration import print_calibration
+from equipoise.terminal.results import print_calibration
 
 
 def test_every_parameter_has_an_interval_a_covariance_and_a_verdict(precise_run):

@@ -32,9 +32,9 @@ from equipoise.result.calibration import Calibration
 from equipoise.result.requirements import read_requirements, verdicts
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
-from equipoise.terminal.calibration import print_calibration
-from equipoise.terminal.platform import print_rehearsal
-from equipoise.terminal.repeatability import print_repeatability
+from equipoise.terminal.results import print_calibration
+from equipoise.terminal.robot_reports import print_rehearsal
+from equipoise.terminal.several_runs import print_repeatability
 from equipoise.user_file import write_file
 
 _DEFAULT_ROBOT = "unitree_a1"

@@ -17,7 +17,7 @@ from equipoise.estimator.known.two_runs import ScaleReadings
 from equipoise.method.together import Together, of_the_base
 from equipoise.precise.method import Precise
 from equipoise.robot.model import RobotModel
-from equipoise.terminal.delta import print_delta
+from equipoise.terminal.several_runs import print_delta
 from equipoise.user_file import write_file
 
 

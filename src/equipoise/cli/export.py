@@ -16,7 +16,7 @@ from equipoise.errors import OutputError, SettingsError
 from equipoise.exports import formats
 from equipoise.exports.formats import Export, Format, all_formats, export_all
 from equipoise.result.calibration import Calibration
-from equipoise.terminal.export import print_export, print_exports, print_formats
+from equipoise.terminal.export_listing import print_export, print_exports, print_formats
 from equipoise.user_file import made_folder, typed
 
 _FOLDER = "export"

@@ -23,7 +23,7 @@ from equipoise.platform.engines import ENGINES
 from equipoise.result.requirements import UNMET
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.model import RobotModel
-from equipoise.terminal.columns import read_as_told
+from equipoise.terminal.column_dialogue import read_as_told
 
 DEFAULT_PLATFORM = "mujoco"
 Robot = Annotated[Positional[str], arg(metavar="ROBOT", help="Name (see 'equipoise robots'), or a URDF or MJCF file.")]

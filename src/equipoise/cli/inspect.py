@@ -35,8 +35,8 @@ from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.stance import nominal_stance
 from equipoise.terminal.annotations import annotation_lines, refusal
-from equipoise.terminal.calibration import print_audit, print_budget, print_calibration, print_plan
-from equipoise.terminal.log import print_log_report
+from equipoise.terminal.log_summary import print_log_report
+from equipoise.terminal.results import print_audit, print_budget, print_calibration, print_plan
 
 
 def plan(

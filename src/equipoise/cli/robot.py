@@ -22,7 +22,7 @@ from equipoise.platform.interruptions import Interruptions
 from equipoise.recording.run_log import RunLog
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
-from equipoise.terminal.platform import RecordingProgress, print_checkup, print_hanging
+from equipoise.terminal.robot_reports import RecordingProgress, print_checkup, print_hanging
 from equipoise.user_file import made_folder, typed
 
 _SIMULATED_TIME = 10.0  # [s]: nobody waits for a robot that is not there, and disks fill

@@ -33,8 +33,8 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 from equipoise.simulation.effects import read_effects, read_names
 from equipoise.simulation.payload import Payload
-from equipoise.terminal.calibration import TrialProgress
-from equipoise.terminal.platform import rehearsal_lines
+from equipoise.terminal.results import TrialProgress
+from equipoise.terminal.robot_reports import rehearsal_lines
 from equipoise.user_file import typed
 
 if TYPE_CHECKING:

@@ -17,12 +17,12 @@ from equipoise.cli import flags
 from equipoise.cli.setting_flags import seconds
 from equipoise.errors import FallError, MotionError, OutputError, SettingsError
 from equipoise.lab.balance import belief
+from equipoise.lab.balance.balance_report import BalanceReport, BalanceTrial
+from equipoise.lab.balance.balance_routine import BalanceSettings
+from equipoise.lab.balance.balance_routine import balance as run
 from equipoise.lab.balance.belief import Plant, error_along
 from equipoise.lab.balance.judge import judge, seen_traces
-from equipoise.lab.balance.report import BalanceReport, BalanceTrial
-from equipoise.lab.balance.routine import BalanceSettings
-from equipoise.lab.balance.routine import balance as run
-from equipoise.lab.terminal.balance import print_balance
+from equipoise.lab.terminal import print_balance
 from equipoise.platform.platform import MotionInterrupted
 from equipoise.recording.run_log import save_recording
 from equipoise.result.calibration import Calibration
@@ -120,7 +120,7 @@ def balance(
     done = BalanceReport(model.name, sensors_known, settings, tuple(trials), provenance)
     files = done.save(out)
     if report:
-        from equipoise.lab.pages.balance import balance_page
+        from equipoise.lab.pages.balance_page import balance_page
         from equipoise.report.page import save_page
 
         files.append(save_page(balance_page(done), out / "balance.html"))

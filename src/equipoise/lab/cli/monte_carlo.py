@@ -19,8 +19,8 @@ from equipoise.cli.setting_flags import chosen, flags_of, seconds, settings_from
 from equipoise.errors import SettingsError
 from equipoise.lab.study.executors import dask_cluster
 from equipoise.lab.study.runner import run_study
-from equipoise.lab.study.statistics import slopes, summarize
 from equipoise.lab.study.study import Study
+from equipoise.lab.study.study_statistics import slopes, summarize
 from equipoise.lab.study.summary import save_summary, summary_table
 from equipoise.method.method import Method
 from equipoise.method.table import METHODS, method_named
@@ -91,8 +91,8 @@ def monte_carlo(
         report: Leave out the page summary.html.
     """
     from equipoise.lab.pages.markdown import markdown
-    from equipoise.lab.pages.study import study_page
-    from equipoise.lab.terminal.study import StudyLine, print_study
+    from equipoise.lab.pages.study_page import study_page
+    from equipoise.lab.terminal import StudyLine, print_study
     from equipoise.report.page import save_page
 
     drawn: dict[str, Any] = {**vars(simulation), "only": read_names([simulation.only])}

@@ -33,8 +33,8 @@ def reproduce(
         precise_trials: Of the precise method, which takes ten times as long.
         workers: Processes; default one for each core.
     """
-    from equipoise.lab.pages.reproduction import reproduction_page, save_reproduction
-    from equipoise.lab.terminal.study import StudyLine, print_study
+    from equipoise.lab.pages.reproduction_page import reproduction_page, save_reproduction
+    from equipoise.lab.terminal import StudyLine, print_study
 
     if trials < 1 or precise_trials < 1:
         raise SettingsError(f"{min(trials, precise_trials)} trials are none; ask for one at least")

@@ -12,7 +12,7 @@ from equipoise.calibration.run_folder import HEADER, RunFolder
 from equipoise.cli.flags import Described, File, LogFlags, Output, Run, open_run
 from equipoise.cli.inspect import estimated_log
 from equipoise.lab.replay.validation import validate as played
-from equipoise.lab.terminal.validation import print_validation
+from equipoise.lab.terminal import print_validation
 from equipoise.result.calibration import Calibration
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
@@ -45,7 +45,7 @@ def validate(
         against: Other bodies to play: robots by name, model files, or run folders of the same robot.
         out: JSON file to save all of it in, and the page beside it; default validation.json in the run's folder.
     """
-    from equipoise.lab.pages.validation import validation_page
+    from equipoise.lab.pages.validation_page import validation_page
     from equipoise.report.page import save_page
 
     if source.robot is None:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from equipoise.errors import OutputError
+from equipoise.lab.balance.balance_routine import BalanceSettings
 from equipoise.lab.balance.judge import BalanceTraces, Verdict
-from equipoise.lab.balance.routine import BalanceSettings
 from equipoise.lab.balance.run import BalanceRun
 from equipoise.recording.run_log import save_recording
 from equipoise.user_file import write_file
