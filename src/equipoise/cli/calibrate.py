@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json as json_module
 import sys
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from tyro.conf import arg
 
@@ -23,7 +22,16 @@ from equipoise.cli.methods import method_flags, refuse_other_method
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags, Verb
 from equipoise.cli.report import try_to_save
-from equipoise.cli.session import Place, SimulatedPlace, confirm, new_run, place_flags, refuse_other_place, resumed_run
+from equipoise.cli.session import (
+    Place,
+    SimulatedPlace,
+    confirm,
+    new_run,
+    place_flags,
+    refuse_other_place,
+    resumed_run,
+    run_path,
+)
 from equipoise.cli.setting_flags import chosen
 from equipoise.cli.view import viewer_of
 from equipoise.errors import SettingsError
@@ -139,16 +147,14 @@ def calibrate(
         rehearsed(model, method, place.platform, output.json)
         return 0
     confirm(place, model, method)
-    now = datetime.now(timezone.utc)
-    out = out or Path("runs") / f"{model.name}-{now:%Y%m%d-%H%M%S-%f}"
-    facts = {"time": now.isoformat(timespec="seconds")}
+    out = run_path(model, out)
     if not output.silent:
         _say_what(robot, place, method, out)
         print(model.imu.sentence, file=sys.stderr)
     if repeat > 1:
-        results = _repeated(model, place, out, method, facts, repeat, output)
+        results = _repeated(model, place, out, method, repeat, output)
     else:
-        with new_run(place, model, out, method, facts) as run, output.viewing(run.folder):
+        with new_run(place, model, out, method) as run, output.viewing(run.folder):
             results = [run(output.silent)]
             output.show(results[0], run.folder)
     return max(exit_code(required, verdicts(result.composite, result.checks)) for result in results)
@@ -221,7 +227,7 @@ def _say_what(robot: str | None, place: Place, method: Method, out: Path) -> Non
 
 
 def _repeated(
-    model: RobotModel, place: Place, out: Path, method: Method, facts: Mapping[str, Any], count: int, output: ShownFlags
+    model: RobotModel, place: Place, out: Path, method: Method, count: int, output: ShownFlags
 ) -> list[Calibration]:
     """Several runs on one robot, and how much they differ; each is whole by itself, and can be gone on with."""
     results: dict[str, Calibration] = {}
@@ -229,8 +235,8 @@ def _repeated(
         if not output.silent:
             print(f"calibration {number + 1} of {count}", file=sys.stderr)
         folder, last = out / f"{number + 1:02d}", number + 1 == count
-        about = {**facts, "repetition": number}
-        with new_run(place.again(number), model, folder, method, about) as run, output.viewing(run.folder, stays=last):
+        again = new_run(place.again(number), model, folder, method, repetition=number)
+        with again as run, output.viewing(run.folder, stays=last):
             results[folder.name] = run(output.silent)
         if output.report:
             try_to_save(results[folder.name], folder, _elsewhere(folder))

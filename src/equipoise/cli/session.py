@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -275,16 +276,22 @@ class Session:
             _tell_ending(self._report)
 
 
+def run_path(robot: RobotModel, out: Path | None) -> Path:
+    """Return the run folder that is asked for, or one by the robot's name and the time."""
+    return out or Path("runs") / f"{robot.name}-{datetime.now(timezone.utc):%Y%m%d-%H%M%S-%f}"
+
+
 @contextmanager
-def new_run(place: Place, robot: RobotModel, out: Path, method: Method, facts: Mapping[str, Any]) -> Generator[Session]:
+def new_run(place: Place, robot: RobotModel, out: Path, method: Method, **facts: Any) -> Generator[Session]:
     """Open a session in a new run folder.
 
     Args:
         out: run folder.
-        facts: provenance besides that of the place.
+        facts: provenance besides the time and that of the place.
     """
+    time = datetime.now(timezone.utc).isoformat(timespec="seconds")
     with Session(place, robot, method) as session:
-        session.folder = RunFolder.create(out, session.robot, method, {**facts, **session.facts})
+        session.folder = RunFolder.create(out, session.robot, method, {"time": time, **facts, **session.facts})
         with _interruption_told(session.folder):
             yield session
 

@@ -6,8 +6,6 @@ import json as json_module
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import datetime, timezone
-from pathlib import Path
 from typing import Annotated, Any
 
 from tyro.conf import arg
@@ -20,7 +18,7 @@ from equipoise.calibration.weighing import weigh as weighed
 from equipoise.cli.flags import Described, File, Output, Required, Robot, exit_code
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags
-from equipoise.cli.session import Place, confirm, new_run, place_flags, refuse_other_place
+from equipoise.cli.session import Place, confirm, new_run, place_flags, refuse_other_place, run_path
 from equipoise.cli.setting_flags import flags_of, optional, settings_from, spec_of
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.estimator.known.known_run import KnownRun
@@ -76,9 +74,8 @@ def weigh(
         print(model.imu.sentence, file=sys.stderr)
     check_settings(model, method)
     confirm(place, model, method)
-    now = datetime.now(timezone.utc)
-    out = out or Path("runs") / f"{model.name}-{now:%Y%m%d-%H%M%S-%f}"
-    with new_run(place, model, out, method, {"time": now.isoformat(timespec="seconds")}) as run:
+    out = run_path(model, out)
+    with new_run(place, model, out, method) as run:
         result = run(output.silent)
     found = _with_truth(weighed(model, method.known, result), method.known)
     write_file(out / WEIGHING, json_module.dumps(found.to_dict(), indent=2) + "\n")
