@@ -18,20 +18,11 @@ from equipoise.calibration.repeatability import repeatability, to_dict
 from equipoise.calibration.routine import check
 from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli.flags import Described, File, Flag, Output, Required, RobotOrNone, Verbose, exit_code
-from equipoise.cli.methods import method_flags, refuse_other_method
+from equipoise.cli.methods import METHOD_FLAGS
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags, Verb
 from equipoise.cli.report import try_to_save
-from equipoise.cli.session import (
-    Place,
-    SimulatedPlace,
-    confirm,
-    new_run,
-    place_flags,
-    refuse_other_place,
-    resumed_run,
-    run_path,
-)
+from equipoise.cli.session import PLACE_FLAGS, Place, SimulatedPlace, confirm, new_run, resumed_run, run_path
 from equipoise.cli.setting_flags import chosen
 from equipoise.cli.view import viewer_of
 from equipoise.errors import SettingsError
@@ -45,12 +36,9 @@ from equipoise.terminal.robot_reports import print_rehearsal
 from equipoise.terminal.several_runs import print_repeatability
 from equipoise.user_file import write_file
 
+_ELSEWHERE = "; 'equipoise report {}' draws the page elsewhere"
 _DEFAULT_ROBOT = "unitree_a1"
-CHOSEN: dict[type, ChosenFlags] = {
-    Method: (method_flags, refuse_other_method),
-    Place: (place_flags, refuse_other_place),
-}
-"""Flags of the parameters of `calibrate` that `--method`, `--what` and `--platform` choose."""
+CHOSEN: dict[type, ChosenFlags] = {Method: METHOD_FLAGS, Place: PLACE_FLAGS}
 
 
 @dataclass(frozen=True)
@@ -97,7 +85,7 @@ class ShownFlags(Output):
         """Draw and print a result."""
         files = [folder.path / "calibration.json"]
         if self.report:
-            files += try_to_save(result, folder.path, _elsewhere(folder.path))
+            files += try_to_save(result, folder.path, _ELSEWHERE.format(folder.path))
         if self.json:
             print(result.to_json(), end="")
         else:
@@ -212,10 +200,6 @@ def rehearsed(model: RobotModel, method: Method, platform: str, json: bool) -> N
         print(f"{model.imu.sentence}.")
 
 
-def _elsewhere(folder: Path) -> str:
-    return f"; 'equipoise report {folder}' draws the page elsewhere"
-
-
 def _say_what(robot: str | None, place: Place, method: Method, out: Path) -> None:
     """What is about to be done: nobody has to guess what the defaults are."""
     whose = robot or f"{_DEFAULT_ROBOT} (name another, or a URDF or MJCF file)"
@@ -239,11 +223,11 @@ def _repeated(
         with again as run, output.viewing(run.folder, stays=last):
             results[folder.name] = run(output.silent)
         if output.report:
-            try_to_save(results[folder.name], folder, _elsewhere(folder))
+            try_to_save(results[folder.name], folder, _ELSEWHERE.format(folder))
     repeated = repeatability(list(results.values()))
     table = to_dict(repeated, count)
     write_file(out / "repeatability.json", json_module.dumps(table, indent=2) + "\n")
-    page = try_to_save(results, out, _elsewhere(out)) if output.report else []
+    page = try_to_save(results, out, _ELSEWHERE.format(out)) if output.report else []
     if output.json:
         print(json_module.dumps(table, indent=2))
     else:

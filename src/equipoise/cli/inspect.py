@@ -16,7 +16,7 @@ from tyro.constructors import StructConstructorSpec
 from equipoise.calibration.run_folder import HEADER, RESULT, RunFolder
 from equipoise.cli import flags
 from equipoise.cli.calibrate import rehearsed
-from equipoise.cli.methods import DEFAULT_METHOD, method_flags, owners, refuse_flag_of, refuse_other_method
+from equipoise.cli.methods import DEFAULT_METHOD, METHOD_FLAGS, owners, refuse_flag_of
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.report import try_to_save
@@ -101,7 +101,7 @@ def estimate(
     log: Annotated[Positional[Path], arg(metavar="LOG", help="Run folder of a calibration, or a log of another kind.")],
     *,
     require: flags.Required = None,
-    given: Annotated[dict[str, Any], arg(name="method")],
+    given: Annotated[Mapping[str, Any], arg(name="method")],
     source: Annotated[flags.LogFlags, arg(name="log")],
     description: flags.Described,
     output: EstimateOutput,
@@ -137,8 +137,8 @@ def _refuse_other(flag: str, arguments: Sequence[str]) -> None:
 
 
 CHOSEN: dict[Any, ChosenFlags] = {
-    Method: (method_flags, refuse_other_method),
-    dict[str, Any]: (_given_flags, _refuse_other),
+    Method: METHOD_FLAGS,
+    Mapping[str, Any]: (_given_flags, _refuse_other),
 }
 """Flags of the parameters of `plan` and `estimate` that `--method`, `--what` and the run choose."""
 

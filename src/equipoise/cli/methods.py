@@ -10,6 +10,7 @@ from tyro.conf import arg
 from tyro.constructors import StructConstructorSpec, StructFieldSpec
 from tyro.extras import literal_type_from_choices
 
+from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.setting_flags import chosen, flags_of, settings_from, spec_of
 from equipoise.errors import EquipoiseError, SettingsError
 from equipoise.method.method import Method
@@ -87,6 +88,10 @@ def refuse_other_method(flag: str, arguments: Sequence[str]) -> None:
     refuse_flag_of(owners(flag), flag, f"--method {method_asked_for(arguments)}")
 
 
+METHOD_FLAGS: ChosenFlags = (method_flags, refuse_other_method)
+"""Flags of a parameter of the type `Method`, which `--method` and `--what` choose."""
+
+
 def refuse_flag_of(names: Sequence[str], flag: str, this: str) -> None:
     """Raise SettingsError if other methods have a flag.
 
@@ -111,26 +116,27 @@ def owners(flag: str, judging: bool = False) -> list[str]:
     name = flag.removeprefix("no_")
     return [
         method
-        for method, kind in _usable().items()
-        if name in {setting.name for setting in flags_of(kind)} and (not judging or name in kind.judging)
+        for method, kind in _methods().items()
+        if not isinstance(kind, EquipoiseError)
+        and name in {setting.name for setting in flags_of(kind)}
+        and (not judging or name in kind.judging)
     ]
 
 
-def _usable() -> dict[str, type[Method]]:
-    found: dict[str, type[Method]] = {}
+def _methods() -> dict[str, type[Method] | EquipoiseError]:
+    """Return each method, or why it cannot be used."""
+    found: dict[str, type[Method] | EquipoiseError] = {}
     for name in METHODS:
         try:
             found[name] = method_named(name)
-        except EquipoiseError:  # whoever asks for it by name is told
-            continue
+        except EquipoiseError as error:  # raised again where the method is asked for by name
+            found[name] = error
     return found
 
 
 def _summaries() -> str:
-    said: list[str] = []
-    for name in METHODS:
-        try:
-            said.append(f"{name}: {method_named(name).summary}.")
-        except EquipoiseError as error:
-            said.append(f"{name}: cannot be used here, {error}.")
+    said = [
+        f"{name}: cannot be used here, {kind}." if isinstance(kind, EquipoiseError) else f"{name}: {kind.summary}."
+        for name, kind in _methods().items()
+    ]
     return " ".join([*said, "Each has flags of its own: --method NAME --help."])

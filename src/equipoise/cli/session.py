@@ -20,6 +20,7 @@ from equipoise.calibration.routine import perform, with_guard_report
 from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli import flags
 from equipoise.cli.operator_prompt import Keyboard
+from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.setting_flags import chosen, fields_of, spec_of
 from equipoise.drivers.catalog import find_platform, for_platform, given_settings, open_platform
 from equipoise.drivers.checkup import examine
@@ -62,7 +63,7 @@ class Place:
         """Whether the robot is simulated."""
         return isinstance(self, SimulatedPlace)
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Mapping[str, Any]:
         """Return provenance of a run, enough to resume it."""
         raise NotImplementedError
 
@@ -135,7 +136,7 @@ class SimulatedPlace(Place):
         words = [f"noise {self.noise}", *(f"with {other}" for other in others), *(f"without {n}" for n in self.without)]
         return ", ".join(words + ["contacts of the file"] * (self.contacts == "file"))
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Mapping[str, Any]:
         names = ("platform", "noise", "payload", "seed", "start", "noise_seed")
         facts = {name: getattr(self, name) for name in names}
         other = {"effects": self.sizes, "without": list(self.without), "contacts": self.contacts}
@@ -175,7 +176,7 @@ class RealPlace(Place):
         find_platform(self.platform)  # before anything is made for it
         object.__setattr__(self, "given", {**self.given, **given_settings(self.set, self.settings)})
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Mapping[str, Any]:
         return {"platform": self.platform, "platform_settings": dict(self.given)}
 
 
@@ -193,6 +194,10 @@ def refuse_other_place(flag: str, arguments: Sequence[str]) -> None:
     kind, other = ("real robots", RealPlace) if flags.is_simulated(platform) else ("simulators", SimulatedPlace)
     if flag in {_NAMES.get(setting.name, setting.name) for setting in fields_of(other)}:
         raise SettingsError(f"--{flag.replace('_', '-')} is for {kind}; {platform} is none")
+
+
+PLACE_FLAGS: ChosenFlags = (place_flags, refuse_other_place)
+"""Flags of a parameter of the type `Place`, which `--platform` chooses."""
 
 
 class Session:
@@ -220,7 +225,7 @@ class Session:
             self._simulation.platform.close()
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Mapping[str, Any]:
         """For a run's provenance."""
         engine = {} if self._simulation is None else {self.place.platform: self._simulation.engine}
         return {**self.place.facts(), **engine}
@@ -321,9 +326,9 @@ def _interruption_told(folder: RunFolder) -> Generator[None]:
         raise
 
 
-def _went_on(sentence: str) -> bool:
-    """Whether a run goes on whose lifts have begun: yes."""
-    del sentence
+def _went_on(question: str) -> bool:
+    """Confirm that a run goes on whose lifts have begun."""
+    del question
     return True
 
 

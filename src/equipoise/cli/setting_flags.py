@@ -49,7 +49,7 @@ def settings_from(kind: type[Settings], flags: Mapping[str, Any]) -> Settings:
     return kind(**values_of(kind, flags))
 
 
-def values_of(kind: type[Any], flags: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def values_of(kind: type[Any], flags: Mapping[str, Any], prefix: str = "") -> Mapping[str, Any]:
     """Return the settings of a dataclass whose flags were given, by field name; raises SettingsError."""
     found: dict[str, Any] = {}
     for setting, metadata, nested in _settings_in(kind, prefix):
@@ -72,7 +72,7 @@ def optional(flag: StructFieldSpec) -> StructFieldSpec:
 
 
 def spec_of(
-    words: str, flags: Iterable[StructFieldSpec], make: Callable[[dict[str, Any]], Any]
+    words: str, flags: Iterable[StructFieldSpec], make: Callable[[Mapping[str, Any]], Any]
 ) -> StructConstructorSpec:
     """Return what tyro needs of a group of flags.
 
@@ -99,7 +99,7 @@ def description_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     file = Annotated[Path | None, arg(metavar="PATH", help=words, help_behavior_hint="")]
     flags = [StructFieldSpec("description_file", cast("Any", file), None), *flags_of(RobotDescription)]
 
-    def described(values: dict[str, Any]) -> RobotDescription:
+    def described(values: Mapping[str, Any]) -> RobotDescription:
         description = settings_from(RobotDescription, values)
         path = values["description_file"]
         return description if path is None else RobotDescription.from_toml(path).overridden_by(description)

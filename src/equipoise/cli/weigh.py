@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json as json_module
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -18,7 +18,7 @@ from equipoise.calibration.weighing import weigh as weighed
 from equipoise.cli.flags import Described, File, Output, Required, Robot, exit_code
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags
-from equipoise.cli.session import Place, confirm, new_run, place_flags, refuse_other_place, run_path
+from equipoise.cli.session import PLACE_FLAGS, Place, confirm, new_run, run_path
 from equipoise.cli.setting_flags import flags_of, optional, settings_from, spec_of
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.estimator.known.known_run import KnownRun
@@ -88,13 +88,13 @@ def _weigh_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     del arguments
     flags = [optional(replace(flag, name=_FLAGS[flag.name])) for flag in flags_of(Precise) if flag.name in _FLAGS]
 
-    def method(values: dict[str, Any]) -> Precise:
+    def method(values: Mapping[str, Any]) -> Precise:
         return settings_from(Precise, {name: values[flag] for name, flag in _FLAGS.items()})
 
     return spec_of("What is known, and how to weigh.", flags, method)
 
 
-CHOSEN: dict[type, ChosenFlags] = {Precise: (_weigh_flags, None), Place: (place_flags, refuse_other_place)}
+CHOSEN: dict[type, ChosenFlags] = {Precise: (_weigh_flags, None), Place: PLACE_FLAGS}
 
 
 def _with_truth(found: Weighing, known: KnownRun) -> Weighing:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -120,7 +120,7 @@ def _study_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     kinds = [method_named(name) for name in read_names([chosen(arguments, "--methods", DEFAULT_METHODS)])]
     flags = [StructFieldSpec("methods", cast("Any", names), DEFAULT_METHODS)]
 
-    def methods(values: dict[str, Any]) -> tuple[Method, ...]:
+    def methods(values: Mapping[str, Any]) -> tuple[Method, ...]:
         return tuple(settings_from(kind, values) for kind in kinds)
 
     return spec_of("What calibrates.", [*flags, *(flag for kind in kinds for flag in flags_of(kind))], methods)
