@@ -97,7 +97,7 @@ class Output:
         """Whether nothing but the result is printed."""
         return self.quiet or self.json
 
-    def write(self, table: Any, text: Callable[[], None]) -> None:
+    def write(self, table: Any, text: Callable[[], object]) -> None:
         """Print JSON values with --json, else what a function prints."""
         if self.json:
             print(json_module.dumps(table, indent=2))

@@ -235,12 +235,8 @@ def audit(
     if format == "github":
         return max(_annotate(robot, description) for robot in robots)
     audits = [_audit(robot, description) for robot in robots]
-    tables = [{"schema": "equipoise.audit/1", **result.to_dict()} for result in audits] if output.json else []
-    if output.json:
-        print(json_module.dumps(tables[0] if len(tables) == 1 else tables, indent=2))
-    else:
-        for result in audits:
-            print_audit(result)
+    tables = [{"schema": "equipoise.audit/1", **result.to_dict()} for result in audits]
+    output.write(tables[0] if len(tables) == 1 else tables, lambda: [print_audit(result) for result in audits])
     return max(map(_in_error, audits))
 
 

@@ -43,7 +43,7 @@ def parse(
         chosen: flags of parameters by their type, where other words choose them.
 
     Raises:
-        SettingsError: a flag belongs to another method or another kind of platform, or a value cannot be used.
+        SettingsError: a flag belongs to another method or another kind of platform.
         SystemExit: tyro has printed help, or that the words cannot be used.
     """
     hints = typing.get_type_hints(verb)
@@ -67,12 +67,19 @@ def parse(
                 refuse(flag[2:].replace("-", "_"), words)
     if unknown:
         asked()  # prints what tyro says of them
-    return functools.partial(verb, **{name: _made(value) for name, value in values.items()})
+    return functools.partial(call, verb, values)
 
 
-def _made(value: Any) -> Any:
-    """Return the value of a parameter; that of a group of flags is made once all of them are read."""
-    return cast("Any", value)() if isinstance(value, functools.partial) else value
+def call(verb: Verb, values: Mapping[str, Any]) -> int | None:
+    """Call a verb with the values of its parameters; those of groups of flags are made first.
+
+    Raises:
+        SettingsError: a value cannot be used.
+    """
+    made: dict[str, Any] = {}
+    for name, value in values.items():
+        made[name] = cast("Any", value)() if isinstance(value, functools.partial) else value
+    return verb(**made)
 
 
 _ALWAYS: Mapping[Any, ChosenFlags] = {RobotDescription: (description_flags, None)}
