@@ -154,7 +154,7 @@ def _flag(name: str, setting: StructFieldSpec, metadata: Mapping[str, Any]) -> S
 
 
 def _read(value: Any, name: str, setting: StructFieldSpec, metadata: Mapping[str, Any]) -> Any:
-    """Return a setting's value; raises SettingsError for a time that is none, or a file that cannot be read."""
+    """Return a setting's value; raises SettingsError for a wrong time or a file that cannot be read."""
     kind = cast("Any", setting).type
     if "file" in metadata:
         return metadata["file"](Path(value))
