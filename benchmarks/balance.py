@@ -35,9 +35,9 @@ from scipy.stats import beta
 import equipoise
 from equipoise import calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
+from equipoise.lab.balance.balance_routine import BalanceSettings, balance
 from equipoise.lab.balance.belief import Plant, calibrated, displaced, error_along, model_file
 from equipoise.lab.balance.judge import Verdict, judge
-from equipoise.lab.balance.routine import BalanceSettings, balance
 from equipoise.lab.balance.senses import SensorKnowledge
 from equipoise.method.table import method_named
 from equipoise.robot.model import DIAGONALS

@@ -70,7 +70,7 @@ def start_study(folder, *flags, setup="pass"):
     """`equipoise lab monte-carlo` in a session of its own, its progress on stderr after every trial."""
     code = (
         "import sys; from equipoise.cli import main; import equipoise.lab.study.store as store; "
-        f"import equipoise.lab.terminal.study as terminal; terminal._PLAIN_INTERVAL = 0; {setup}; sys.exit(main())"
+        f"import equipoise.lab.terminal as terminal; terminal._PLAIN_INTERVAL = 0; {setup}; sys.exit(main())"
     )
     return subprocess.Popen(
         [sys.executable, "-c", code, "lab", "monte-carlo", "--methods", "static", "--seed", "11", "--no-report",

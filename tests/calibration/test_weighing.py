@@ -8,7 +8,7 @@ import pytest
 from equipoise.calibration.delta import Delta
 from equipoise.calibration.weighing import _answer, _sentence
 from equipoise.result.body import Body
-from equipoise.terminal.delta import print_delta
+from equipoise.terminal.several_runs import print_delta
 
 SIZES = np.repeat([0.125, 2e-3, 5e-3], [1, 3, 6])  # of an A1
 

@@ -14,7 +14,7 @@ from equipoise.cli import main
 from equipoise.exports.formats import FORMATS
 from equipoise.result.body import Body
 from equipoise.robot.inertial import InertialParameters
-from equipoise.terminal.calibration import print_calibration
+from equipoise.terminal.results import print_calibration
 
 
 @pytest.fixture(scope="module")

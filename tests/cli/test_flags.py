@@ -9,9 +9,7 @@ from commands import fails
 
 from equipoise import RunFolder, cli
 from equipoise.cli import VERBS, find_verb, main
-from equipoise.cli.flags import RobotFlags, described
-from equipoise.cli.methods import read_method
-from equipoise.cli.settings import flag_types, given_flags
+from equipoise.method.table import METHODS, method_named
 
 # Verbs, and those with other flags because of one that is given; in front of them what a verb does not go without.
 SHAPES = {
@@ -64,9 +62,15 @@ WORDS = {
     "tcp://HOST:PORT": "tcp://192.168.1.2:8786",
 }
 FILES = {"PATH": "settings.toml", "FILE": "settings.toml", "RUN": "run", "FILE.rrd": "run.rrd", "MODEL": "run"}
-OWN = {"--mass-sd": "0.1", "--methods": "static,paper", "--only": "joint_zero,imu_tilt", "--t-thres": "2s"}
+OWN = {
+    "--mass-sd": "0.1",
+    "--scale-sd": "0.1",
+    "--methods": "static,paper",
+    "--only": "joint_zero,imu_tilt",
+    "--t-thres": "2s",
+}
 BESIDE = {"--mass-sd": ["--mass", "12"], "--confirm-mass": ["--mass", "12"]}  # which a flag needs
-WEIGHED = {"--confirm-mass": ["--scale", "12"]}  # the same of `weigh`
+WEIGHED = {flag: ["--scale", "12"] for flag in ("--confirm-mass", "--scale-sd")}  # the same of `weigh`
 ALONE = ("--resume", "--method", "--what", "--methods", "--platform")  # not with others of their kind
 LINE = re.compile(r"^  (?:(-\w), )?(--[a-z][\w-]*)((?: \S+)*?)(?:  .*)?$", re.MULTILINE)
 
@@ -100,22 +104,13 @@ def read(monkeypatch):
         @functools.wraps(verb)
         def reading(*positional, **given):
             seen.clear()
-            seen.update({key: settings_in(value) for key, value in given.items()})
+            seen.update(given)
             return 0
 
         return reading
 
     monkeypatch.setattr(cli, "find_verb", found)
     return seen
-
-
-def settings_in(flags):
-    """Settings that a class of flags holds."""
-    if isinstance(flags, RobotFlags):
-        return described(flags)
-    if hasattr(flags, "SETTINGS"):
-        return read_method(flags) if hasattr(flags, "method") else given_flags(flags)
-    return flags.place() if hasattr(flags, "place") else flags
 
 
 def shown_flags(words, capsys):
@@ -144,11 +139,17 @@ def test_every_flag_can_be_typed_as_its_help_shows_it(words, read, capsys):
             assert read
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-def test_help_shows_every_flag(words, capsys):
-    shown = {flag.removeprefix("--").removeprefix("no-").replace("-", "_") for flag, _ in shown_flags(words, capsys)}
-    assert shown <= {*flag_types(find_verb(*named(words)))}
-    assert len(shown) > 3
+@pytest.mark.parametrize("method", [*METHODS])
+def test_help_shows_every_setting_of_a_method(method, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    shown = {flag for flag, _ in shown_flags(["calibrate", "--method", method], capsys)}
+    for field in dataclasses.fields(method_named(method)):
+        nested = dataclasses.is_dataclass(field.default_factory) and "file" not in field.metadata
+        inner = [setting.name for setting in dataclasses.fields(field.default_factory)] if nested else []
+        below = field.metadata.get("prefix", f"{field.name}_")
+        hidden = not field.metadata.get("flag", True) or (nested and below is None)
+        for name in [] if hidden else [f"{below}{name}" for name in inner] if nested else [field.name]:
+            assert shown & {f"--{name.replace('_', '-')}", f"--no-{name.replace('_', '-')}"}, name
 
 
 @pytest.mark.parametrize("shape", SHAPES)

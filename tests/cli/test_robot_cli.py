@@ -23,7 +23,7 @@ from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.packet_formats import FORMS
 from equipoise.lab.static.method import Static
 from equipoise.recording.run_log_reader import read_log
-from equipoise.terminal.platform import print_checkup, print_rehearsal
+from equipoise.terminal.robot_reports import print_checkup, print_rehearsal
 
 EQUIPOISE = [sys.executable, "-m", "equipoise"]
 STATIC = ["--method", "static", "--quiet", "--yes"]

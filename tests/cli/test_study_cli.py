@@ -5,7 +5,7 @@ import json
 import pytest
 
 from equipoise.cli import main
-from equipoise.lab.study import statistics
+from equipoise.lab.study import study_statistics as statistics
 
 QUICK = ["lab", "monte-carlo", "--methods", "static", "--workers", "1", "--quiet"]
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from equipoise.cli import main
-from equipoise.cli.session import Place
+from equipoise.cli.session import Place, SimulatedPlace
 
 QUIET = ["--quiet", "--no-report"]
 
@@ -36,7 +36,7 @@ def test_a_run_keeps_which_world_it_was_made_in(tmp_path):
 
 
 def test_a_usual_run_says_nothing_of_effects():
-    assert set(Place("mujoco").facts()) == {"platform", "noise", "payload", "seed", "start", "noise_seed"}
+    assert set(SimulatedPlace("mujoco").facts()) == {"platform", "noise", "payload", "seed", "start", "noise_seed"}
 
 
 @pytest.mark.parametrize("verb", ["calibrate", "lab monte-carlo", "lab balance"])

@@ -19,7 +19,7 @@ from equipoise.drivers.platforms import (
 )
 from equipoise.errors import SettingsError
 from equipoise.platform.engines import ENGINES
-from equipoise.terminal.platform import gain_lines
+from equipoise.terminal.robot_reports import gain_lines
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,9 +8,9 @@ import pytest
 from equipoise import Calibration
 from equipoise.estimator.diagnostics.budget import GROUPS
 from equipoise.estimator.unknowns import Priors
-from equipoise.figures.uncertainty import remedies, uncertainty_table
+from equipoise.figures.uncertainty_budget import remedies, uncertainty_table
 from equipoise.robot.inertial import COMPONENTS
-from equipoise.terminal.calibration import print_budget
+from equipoise.terminal.results import print_budget
 
 
 def test_every_unknown_is_in_one_group():

@@ -11,7 +11,7 @@ from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli import main
 from equipoise.errors import NotEstimatedError, SettingsError
 from equipoise.lab.replay.in_mujoco import MujocoReplay
-from equipoise.lab.replay.motion import TwoFootMotion
+from equipoise.lab.replay.replayed_motion import TwoFootMotion
 from equipoise.lab.replay.validation import validate
 from equipoise.result.body import Body
 from equipoise.result.held_out import FOUND, MODEL

@@ -8,7 +8,7 @@ import pytest
 
 from equipoise import Calibration, Precise, calibrate, estimate, simulate
 from equipoise.cli import main
-from equipoise.cli.settings import seconds
+from equipoise.cli.setting_flags import seconds
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.estimator.unknowns import Priors
 from equipoise.precise import routine as precise_routine
@@ -16,7 +16,7 @@ from equipoise.precise.plan import make_plan
 from equipoise.precise.routine import PreciseRoutine
 from equipoise.recording.trials import LiftTrial, PostureTrial
 from equipoise.robot.inertial import COMPONENTS
-from equipoise.terminal.calibration import print_calibration
+from equipoise.terminal.results import print_calibration
 
 
 def test_every_parameter_has_an_interval_a_covariance_and_a_verdict(precise_run):

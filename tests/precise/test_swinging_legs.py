@@ -19,7 +19,7 @@ from equipoise.report.contents import run_contents
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.posture import BodyPosture
-from equipoise.terminal.calibration import print_calibration
+from equipoise.terminal.results import print_calibration
 
 LEANING = BodyPosture(roll=0.2, yaw=0.1)
 WRONG_LEGS = {"leg_mass_common": 0.1, "leg_com_common": 8e-3, "leg_length": 1.5e-3}

@@ -31,10 +31,10 @@ from equipoise.recording.trials import LiftTrial
 from equipoise.report.advice import outlook
 from equipoise.report.comparison import comparison_contents
 from equipoise.report.contents import run_contents
+from equipoise.report.convergence_figures import deviations_by_motion
 from equipoise.report.html import bar_places, block_html, typeset
 from equipoise.report.page import page, save_comparison, save_report
-from equipoise.report.progress import deviations_by_motion
-from equipoise.report.trials import narrowing
+from equipoise.report.trial_figures import narrowing
 from equipoise.result.calibration import SwayEstimate
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")

@@ -19,7 +19,7 @@ from equipoise.recording.trials import read_trial
 from equipoise.robot.model import LEG_NAMES
 from equipoise.view.convergence import estimates
 from equipoise.view.follow import follow, log_news
-from equipoise.view.scene import estimate_text, plane_piece, trial_title
+from equipoise.view.rerun_scene import estimate_text, plane_piece, trial_title
 from equipoise.view.viewer import view
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import io
 import json as json_module
 import os
-import shutil
 import sys
-import textwrap
 import traceback
 import warnings
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, redirect_stdout
+from contextlib import contextmanager
 from inspect import signature
 from typing import Any
 
@@ -116,35 +113,10 @@ def _run(arguments: Sequence[str]) -> int | None:
     verb = find_verb(name, words)
     if (switches := _switches(verb, words)) is not None:
         return verb(**switches)
-    import tyro
+    from equipoise.cli.parsing import parse
 
-    from equipoise.cli.numbers import number_rules, refuse_surplus_numbers
-    from equipoise.cli.settings import flag_types
-
-    refuse_surplus_numbers(flag_types(verb), words)
-    config, registry = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff), number_rules()
-    with _help_in_width() if {"-h", "--help"} & {*words} else nullcontext():
-        return tyro.cli(verb, args=words, prog=f"equipoise {name}", config=config, registry=registry)
-
-
-class _Captured(io.StringIO):
-    """What is written; coloured if it would be where it goes."""
-
-    def isatty(self) -> bool:
-        return sys.__stdout__ is not None and sys.__stdout__.isatty()
-
-
-@contextmanager
-def _help_in_width() -> Generator[None]:
-    """Break the lines of paragraphs between words, which tyro leaves as long as they are."""
-    said, width = _Captured(), shutil.get_terminal_size().columns
-    try:
-        with redirect_stdout(said):
-            yield
-    finally:
-        for line in said.getvalue().splitlines():
-            long = len(line) > width and not line.startswith((" ", "\x1b", "╭", "│", "╰", "usage"))
-            print(textwrap.fill(line, width) if long else line)
+    chosen = getattr(sys.modules[verb.__module__], "CHOSEN", {})
+    return parse(verb, words, f"equipoise {name}", chosen)()
 
 
 def _switches(verb: Callable[..., Any], words: Sequence[str]) -> dict[str, bool] | None:

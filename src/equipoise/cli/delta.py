@@ -5,19 +5,20 @@ from __future__ import annotations
 import json as json_module
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from equipoise.calibration.delta import find_delta
+from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli.flags import File, Kilograms, Output
 from equipoise.errors import SettingsError
+from equipoise.estimator.known.two_runs import ScaleReadings
+from equipoise.method.together import Together, of_the_base
+from equipoise.precise.method import Precise
+from equipoise.robot.model import RobotModel
+from equipoise.terminal.several_runs import print_delta
 from equipoise.user_file import write_file
-
-if TYPE_CHECKING:
-    from equipoise.calibration.run_folder import RunFolder
-    from equipoise.estimator.known.two_runs import ScaleReadings
-    from equipoise.precise.method import Precise
-    from equipoise.robot.model import RobotModel
 
 
 def delta(
@@ -29,14 +30,16 @@ def delta(
     scale_gain: float = 0.005,
     scale_noise: float = 0.001,
     out: File = None,
-    output: Output = Output(),  # noqa: B008
+    output: Output,
 ) -> None:
-    """Find what was added to a robot between two calibrations, or taken off: its mass, centre of mass and inertia.
+    """Find what was added to a robot between two calibrations, or taken off: its mass,
+    centre of mass and inertia.
 
-    Both runs are estimated together: joint zeros, the IMU's mounting and a scale's factor are the same in both, and cancel.
-    The robot may have been switched off in between, not taken apart.
+    Both runs are estimated together: joint zeros, the IMU's mounting and a scale's
+    factor are the same in both, and cancel. The robot may have been switched off in
+    between, not taken apart.
 
-    Example: equipoise delta runs/bare runs/with-lidar --mass-before 15.1 --mass-after 16.3
+    Example: equipoise delta runs/a runs/b --mass-before 15.1 --mass-after 16.3
 
     Args:
         mass_before: Of the whole robot, from a scale [kg]; default as in the run.
@@ -45,11 +48,6 @@ def delta(
         scale_noise: By how much a single reading is off beside that, as a fraction of the mass.
         out: JSON file to save the result in.
     """
-    from equipoise.calibration.delta import find_delta
-    from equipoise.calibration.run_folder import RunFolder
-    from equipoise.method.together import of_the_base
-    from equipoise.terminal.delta import print_delta
-
     folders = RunFolder.open(before), RunFolder.open(after)
     robot, methods = _shared_robot(*folders), (_precise(folders[0]), _precise(folders[1]))
     scale = _scale(methods, (mass_before, mass_after), scale_gain, scale_noise)
@@ -59,14 +57,11 @@ def delta(
     if truths[0] is not None and truths[1] is not None:
         found = found.with_truth(truths[0], truths[1])
     found = replace(found, provenance={"before": str(before), "after": str(after), "masses": scale.masses})
-    text = json_module.dumps(found.to_dict(), indent=2)
     if out is not None:
-        write_file(out, text + "\n")
-    if output.json:
-        print(text)
-    else:
-        print_delta(found)
-        print("" if out is None else f"saved: {out}\n", end="")
+        write_file(out, json_module.dumps(found.to_dict(), indent=2) + "\n")
+    output.write(found.to_dict(), lambda: print_delta(found))
+    if out is not None and not output.json:
+        print(f"saved: {out}")
 
 
 def _shared_robot(before: RunFolder, after: RunFolder) -> RobotModel:
@@ -83,9 +78,6 @@ def _shared_robot(before: RunFolder, after: RunFolder) -> RobotModel:
 
 
 def _precise(folder: RunFolder) -> Precise:
-    from equipoise.method.together import Together
-    from equipoise.precise.method import Precise
-
     method = folder.method()
     method = method.base if isinstance(method, Together) else method
     if not isinstance(method, Precise):
@@ -99,7 +91,5 @@ def _precise(folder: RunFolder) -> Precise:
 def _scale(
     methods: tuple[Precise, Precise], given: tuple[float | None, float | None], gain: float, noise: float
 ) -> ScaleReadings:
-    from equipoise.estimator.known.two_runs import ScaleReadings
-
     before, after = (mass if mass is not None else method.mass for method, mass in zip(methods, given, strict=True))
     return ScaleReadings((before, after), gain, noise)

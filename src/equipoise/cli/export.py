@@ -6,17 +6,18 @@ import dataclasses
 import json as json_module
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from equipoise.calibration.run_folder import HEADER, RESULT, RunFolder
 from equipoise.cli.flags import File, Flag, Output
 from equipoise.errors import OutputError, SettingsError
+from equipoise.exports import formats
+from equipoise.exports.formats import Export, Format, all_formats, export_all
+from equipoise.result.calibration import Calibration
+from equipoise.terminal.export_listing import print_export, print_exports, print_formats
 from equipoise.user_file import made_folder, typed
-
-if TYPE_CHECKING:
-    from equipoise.exports.formats import Export
-    from equipoise.result.calibration import Calibration
 
 _FOLDER = "export"
 Run = Annotated[
@@ -38,14 +39,16 @@ def export(
     samples: int = 0,
     seed: int = 0,
     list: Flag = False,
-    output: Output = Output(),  # noqa: B008
+    output: Output,
 ) -> None:
-    """Write a result into the file that a controller or simulator reads. Without --to: which formats there are.
+    """Write a result into the file that a controller or simulator reads. Without --to:
+    which formats there are.
 
-    urdf and mjcf are the run's own model file with another inertial of the base link, and otherwise the same to the byte.
-    Another --what, and another result than the run's own, go into files of their own: a1_motors.urdf, a1_weighed.urdf.
-    Every file says which body it holds, in which frame, at which stance and from which run. What the run did not identify is
-    refused.
+    urdf and mjcf are the run's own model file with another inertial of the base
+    link, and otherwise the same to the byte. Another --what, and another result
+    than the run's own, go into files of their own: a1_motors.urdf, a1_weighed.urdf.
+    Every file says which body it holds, in which frame, at which stance and from
+    which run. What the run did not identify is refused.
 
     Example: equipoise export runs/go2 --to urdf
              equipoise export runs/go2 --to xacro --file const.xacro --out const.xacro
@@ -66,8 +69,6 @@ def export(
         seed: Of everything drawn.
         list: Show the formats.
     """
-    from equipoise.exports import formats
-
     if run is None or list or not (all or to):
         if (all or to) and not list:
             raise SettingsError(f"name a run: equipoise export RUN {f'--to {to}' if to else '--all'}")
@@ -98,18 +99,11 @@ def export(
         what=what,
     )
     path = written.save(out or _place(run, written, file))
-    if output.json:
-        table = {"schema": "equipoise.export/1", "path": str(path), "run": str(run), **written.to_dict()}
-        print(json_module.dumps(table, indent=2))
-    elif not output.quiet:
-        from equipoise.terminal.export import print_export
-
-        print_export(written, path)
+    table = {"schema": "equipoise.export/1", "path": str(path), "run": str(run), **written.to_dict()}
+    output.write(table, lambda: None if output.quiet else print_export(written, path))
 
 
 def _export_all(run: Path, out: Path | None, force: bool, seed: int, what: str | None, output: Output) -> None:
-    from equipoise.exports.formats import Export, export_all
-
     found = export_all(_result(run), force=force, seed=seed, run=str(run), what=what)
     written = {name: one for name, one in found.items() if isinstance(one, Export)}
     refused = {name: one for name, one in found.items() if not isinstance(one, Export)}
@@ -117,14 +111,10 @@ def _export_all(run: Path, out: Path | None, force: bool, seed: int, what: str |
         raise next(iter(refused.values()))
     folder = made_folder(out or _folder(run))
     paths = {name: one.save(folder / _file_name(run, one)) for name, one in written.items()}
-    if output.json:
-        files = {name: {"path": str(paths[name]), **one.to_dict()} for name, one in written.items()}
-        left_out = {name: str(error) for name, error in refused.items()}
-        print(json_module.dumps({"schema": "equipoise.exports/1", "files": files, "left_out": left_out}, indent=2))
-    elif not output.quiet:
-        from equipoise.terminal.export import print_exports
-
-        print_exports(written, paths, refused)
+    files = {name: {"path": str(paths[name]), **one.to_dict()} for name, one in written.items()}
+    left_out = {name: str(error) for name, error in refused.items()}
+    table = {"schema": "equipoise.exports/1", "files": files, "left_out": left_out}
+    output.write(table, lambda: None if output.quiet else print_exports(written, paths, refused))
 
 
 def _folder(run: Path) -> Path:
@@ -133,19 +123,13 @@ def _folder(run: Path) -> Path:
 
 def _file_name(run: Path, written: Export) -> str:
     """With the result's own name, if it is not that of a run: one result would replace the other."""
-    from equipoise.calibration.run_folder import RESULT
-
     name = Path(written.file_name)
     return name.with_stem(f"{name.stem}_{run.stem}").name if run.is_file() and run.name != RESULT else name.name
 
 
 def _show_formats(json: bool) -> None:
-    from equipoise.exports.formats import Format, all_formats
-
     known = all_formats()
     if not json:
-        from equipoise.terminal.export import print_formats
-
         print_formats(known)
         return
     rows = [
@@ -160,9 +144,6 @@ def _show_formats(json: bool) -> None:
 
 def _result(run: Path) -> Calibration:
     """Of a run folder, with its model; so has a JSON file that lies in the folder of the run that it is of."""
-    from equipoise.calibration.run_folder import HEADER, RunFolder
-    from equipoise.result.calibration import Calibration
-
     if not run.is_file():
         return RunFolder.open(run).result()
     result = Calibration.load(run)

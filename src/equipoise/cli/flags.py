@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import json as json_module
 import sys
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from equipoise.cli.settings import flags_class, read_flags, settings_of
-from equipoise.errors import EquipoiseError, SettingsError, UnconfirmedMassError
+from equipoise.calibration.run_folder import RunFolder
+from equipoise.cli.setting_flags import seconds
+from equipoise.drivers.platforms import find_platform, given_settings, open_platform
+from equipoise.errors import RecordingError, SettingsError
+from equipoise.logs.raw_log import Log
+from equipoise.logs.reader import is_log
+from equipoise.logs.topics import Topics
+from equipoise.platform.engines import ENGINES
+from equipoise.result.requirements import UNMET
 from equipoise.robot.description import RobotDescription
-from equipoise.user_file import typed
+from equipoise.robot.model import RobotModel
+from equipoise.terminal.column_dialogue import read_as_told
 
+DEFAULT_PLATFORM = "mujoco"
 Robot = Annotated[Positional[str], arg(metavar="ROBOT", help="Name (see 'equipoise robots'), or a URDF or MJCF file.")]
 RobotOrNone = Annotated[
     Positional[str | None],
@@ -25,6 +35,8 @@ RobotOrNone = Annotated[
         help_behavior_hint="(default: unitree_a1)",
     ),
 ]
+Run = Annotated[Positional[Path], arg(metavar="RUN", help="Run folder of a calibration, or a log of another kind.")]
+Described = Annotated[RobotDescription, arg(name="robot")]
 # An option whose default is found at run time: its help says how.
 Kilograms = Annotated[float | None, arg(metavar="KG", help_behavior_hint="")]
 Duration = Annotated[str | None, arg(metavar="TIME", help_behavior_hint="")]
@@ -39,7 +51,10 @@ _PLATFORMS = (
     "this folder. 'equipoise platforms' lists what packages add too, and all settings."
 )
 PlatformName = Annotated[str, arg(metavar="PLATFORM", help=_PLATFORMS)]
-SettingsGiven = UseAppendAction[Annotated[tuple[str, ...], arg(metavar="KEY=VALUE", help_behavior_hint="")]]
+_SET = "A setting of the platform, as interface=eth0; may be given again."
+SettingsGiven = UseAppendAction[Annotated[tuple[str, ...], arg(metavar="KEY=VALUE", help=_SET, help_behavior_hint="")]]
+_SETTINGS = "TOML file with settings of the platform."
+SettingsFile = Annotated[Path | None, arg(metavar="PATH", help=_SETTINGS, help_behavior_hint="")]
 _WITH = (
     "Effects besides, or of another size, as springs=3000,cable; docs/method/world.md lists all. May be given again."
 )
@@ -57,13 +72,15 @@ WithEffects = UseAppendAction[
 WithoutEffects = UseAppendAction[
     Annotated[tuple[str, ...], arg(metavar="NAME,NAME", help=_WITHOUT, help_behavior_hint="")]
 ]
+_PAYLOAD = "MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM."
+PayloadGiven = Annotated[str | None, arg(metavar="M,X,Y,Z", help=_PAYLOAD, help_behavior_hint="")]
 ContactsName = Annotated[Literal["own", "file"], arg(help=_CONTACTS)]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
-FOR_LOGS = (
-    "topics, --joint-map, --columns, --from, --until and descriptions are for logs that are not ours: give --robot too"
+_REQUIRED = (
+    "End with 11 where the result is less than that, as identified,checks: all that the method estimates is identified; all "
+    "checks passed; or com_x, com_y and other quantities are identified."
 )
-"""What is told to who gives such flags without."""
-Required = Annotated[str | None, arg(metavar="WORDS", help_behavior_hint="")]
+Required = Annotated[str | None, arg(metavar="WORDS", help=_REQUIRED, help_behavior_hint="")]
 Json = Annotated[bool, arg(help="Print one JSON object and nothing else on stdout.", help_behavior_hint="")]
 
 
@@ -80,84 +97,94 @@ class Output:
         """Whether nothing but the result is printed."""
         return self.quiet or self.json
 
-
-_ABOUT_ROBOT = "What the model file leaves out or gets wrong."
-if TYPE_CHECKING:
-
-    @dataclass(frozen=True)
-    class RobotFlags:
-        """Flags of a robot description, and of a file that holds one."""
-
-        description_file: Path | None = None
-else:
-    RobotFlags = flags_class(
-        "RobotFlags", _ABOUT_ROBOT, settings_of(RobotDescription),
-        [("description_file", Annotated[File, arg(help="TOML file with a robot description; flags win over it.")], None)],
-    )  # fmt: skip
-Described = Annotated[RobotFlags, arg(name="robot", help=_ABOUT_ROBOT)]
+    def write(self, table: Any, text: Callable[[], object]) -> None:
+        """Print JSON values with --json, else what a function prints."""
+        if self.json:
+            print(json_module.dumps(table, indent=2))
+        else:
+            text()
 
 
-def load(robot: str, flags: RobotFlags) -> Any:
-    """The robot model that the flags name and describe."""
-    from equipoise.robot.catalog import load_robot
+@dataclass(frozen=True)
+class LogFlags:
+    """A log that is not ours.
 
-    return load_robot(robot, described(flags))
+    Attributes:
+        robot: Whose log it is: a name or a model file, as in 'calibrate'. A run of ours knows.
+        joint_topic: Joint states of a bag that has several.
+        imu_topic: IMU samples of a bag that has several.
+        command_topic: Joint commands of a bag that has several.
+        joint_map: TOML file with lines as FL_hip_joint = "front_left_hip": the log's name, or column, of a joint.
+        columns: TOML file with lines as gyro.x = "wx", for a table with other names; without it they are proposed.
+        start: Use the log from here on, after its first sample.
+        until: Use the log until here.
+    """
+
+    robot: Annotated[str | None, arg(metavar="ROBOT", help_behavior_hint="")] = None
+    joint_topic: Topic = None
+    imu_topic: Topic = None
+    command_topic: Topic = None
+    joint_map: File = None
+    columns: File = None
+    start: Annotated[Duration, arg(name="from")] = None
+    until: Duration = None
+
+    def read(self, path: Path, model: RobotModel, asking: bool) -> Log:
+        """Read a log with what the flags say of it; raises SettingsError and LogError.
+
+        Args:
+            path: file, or folder of a bag.
+            model: robot whose log it is.
+            asking: whether the operator is asked to confirm proposed columns.
+        """
+        topics = Topics(self.joint_topic, self.imu_topic, self.command_topic)
+        span = seconds(self.start, "from"), seconds(self.until, "until")
+        return read_as_told(path, model, topics, self.joint_map, self.columns, span, asking)
+
+
+def open_run(path: Path, source: LogFlags, description: RobotDescription) -> RunFolder:
+    """Open a run folder.
+
+    Raises:
+        SettingsError: flags were given that are for logs.
+        RecordingError: it is not a run folder.
+    """
+    if source != LogFlags() or description != RobotDescription():
+        raise SettingsError(
+            "topics, --joint-map, --columns, --from, --until and descriptions are for logs that are not ours: give --robot too"
+        )
+    try:
+        return RunFolder.open(path)
+    except RecordingError as error:
+        hint = "; if it is another kind of log, say whose with --robot" if is_log(path) else ""
+        raise RecordingError(f"{error}{hint}") from error
+
+
+def is_simulated(platform: str) -> bool:
+    """Return whether a platform is a simulator."""
+    return platform in ENGINES
 
 
 def exit_code(required: Sequence[str], verdicts: Mapping[str, bool]) -> int:
     """0, or where something that was required is not so, which is told on stderr, the code that says so."""
-    from equipoise.result.requirements import UNMET
-
     unmet = [word for word in required if not verdicts[word]]
     for word in unmet:
         print(f"required, and not met: {word}", file=sys.stderr)
     return UNMET if unmet else 0
 
 
-def described(flags: RobotFlags) -> RobotDescription:
-    """What a file and the flags say together; flags win."""
-    description = read_flags(RobotDescription, flags)
-    if flags.description_file is None:
-        return description
-    return RobotDescription.from_toml(flags.description_file).overridden_by(description)
-
-
-@contextmanager
-def interruption_told(folder: Any) -> Generator[None]:
-    """Say where the recordings are, and what goes on with them, if a run, or what shows it, does not come to its end."""
-    log = folder.log  # which a folder that is closed no longer has
-    try:
-        yield
-    except UnconfirmedMassError:
-        folder.discard()
-        raise
-    except (KeyboardInterrupt, EquipoiseError):
-        if not log.empty:
-            print(f"what was measured so far is kept in {folder.path}", file=sys.stderr)
-            print(f"go on: equipoise calibrate --resume {typed(folder.path)}", file=sys.stderr)
-        raise
-
-
 @contextmanager
 def connected(platform: str, model: Any, pairs: tuple[str, ...], settings: Path | None) -> Generator[Any]:
     """A platform to look at: a robot that is connected to, or one that is simulated with ordinary sensors."""
-    from equipoise.drivers.platforms import find_platform, given_settings, open_platform
-    from equipoise.platform.engines import ENGINES
-
     find_platform(platform)
     given = given_settings(pairs, settings)
-    if platform not in ENGINES:
+    if not is_simulated(platform):
         with open_platform(platform, model, given) as connection:
             yield connection
         return
-    refuse_settings(platform, given)
+    if given:
+        raise SettingsError(f"platform {platform!r} has no settings; --set and --settings are for robots")
     from equipoise.simulation.simulation import simulate
 
     with simulate(model, "realistic", engine=platform) as simulation:
         yield simulation.platform
-
-
-def refuse_settings(platform: str, given: Any) -> None:
-    """A simulator has none."""
-    if given:
-        raise SettingsError(f"platform {platform!r} has no settings; --set and --settings are for robots")

@@ -8,109 +8,66 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
+from tyro.constructors import StructConstructorSpec
 
-from equipoise.cli.calibrate import DEFAULT_PLATFORM, rehearsed
-from equipoise.cli.flags import (
-    FOR_LOGS,
-    Described,
-    Duration,
-    File,
-    Flag,
-    Output,
-    Required,
-    Robot,
-    RobotFlags,
-    Topic,
-    Verbose,
-    exit_code,
-    load,
-)
-from equipoise.cli.methods import (
-    DEFAULT_METHOD,
-    method_asked_for,
-    method_flags,
-    read_method,
-    refuse_flags_of_other_methods,
-)
+from equipoise.calibration.run_folder import HEADER, RESULT, RunFolder
+from equipoise.cli import flags
+from equipoise.cli.calibrate import rehearsed
+from equipoise.cli.methods import DEFAULT_METHOD, METHOD_FLAGS, owners, refuse_flag_of
 from equipoise.cli.operator_prompt import with_known_imu
-from equipoise.cli.settings import Verb, chosen, flags_class, given_flags, seconds, settings_of, shaped
+from equipoise.cli.parsing import ChosenFlags
+from equipoise.cli.report import try_to_save
+from equipoise.cli.setting_flags import chosen, flags_of, optional, spec_of, values_of
 from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
-from equipoise.logs.topics import Topics
-
-if TYPE_CHECKING:
-    from equipoise.logs.offline import LogEstimate
-    from equipoise.result.calibration import Calibration
-    from equipoise.robot.audit import Audit
+from equipoise.logs.offline import LogEstimate, estimate_log
+from equipoise.method.method import Method
+from equipoise.method.table import method_named
+from equipoise.method.together import Together
+from equipoise.precise.method import Precise
+from equipoise.result.calibration import Calibration
+from equipoise.result.requirements import read_requirements, verdicts
+from equipoise.robot.audit import Audit
+from equipoise.robot.audit import audit as run
+from equipoise.robot.catalog import load_robot
+from equipoise.robot.description import RobotDescription
+from equipoise.robot.stance import nominal_stance
+from equipoise.terminal.annotations import annotation_lines, refusal
+from equipoise.terminal.log_summary import print_log_report
+from equipoise.terminal.results import print_audit, print_budget, print_calibration, print_plan
 
 
 def plan(
-    robot: Robot = "unitree_a1",
+    robot: flags.Robot = "unitree_a1",
     *,
-    method: Any = None,
-    description: Described = RobotFlags(),  # noqa: B008
-    output: Output = Output(),  # noqa: B008
+    method: Method,
+    description: flags.Described,
+    output: flags.Output,
 ) -> None:
-    """Show what 'calibrate' would do, and how accurate it would be. Moves nothing, needs no simulator.
+    """Show what 'calibrate' would do, and how accurate it would be. Moves nothing,
+    needs no simulator.
 
     Example: equipoise plan go2 --budget 60s
     """
-    from equipoise.method.together import Together
-    from equipoise.robot.stance import nominal_stance
-    from equipoise.terminal.calibration import print_plan
-
-    asked, model = read_method(method), load(robot, description)
-    result = asked.forecast(model, nominal_stance(model))
+    model = load_robot(robot, description)
+    result = method.forecast(model, nominal_stance(model))
     if result is None:
-        rehearsed(model, asked, DEFAULT_PLATFORM, output.json)
+        rehearsed(model, method, flags.DEFAULT_PLATFORM, output.json)
     elif output.json:
         table = {"schema": "equipoise.plan/1", "robot": model.name, **result.to_dict(), "imu": model.imu.to_dict()}
         print(json_module.dumps(table, indent=2))
     else:
         print_plan(model.name, result)
         print(f"{model.imu.sentence}.")
-        if isinstance(asked, Together):
-            after = asked.motors.rehearse(model, nominal_stance(model))
+        if isinstance(method, Together):
+            after = method.motors.rehearse(model, nominal_stance(model))
             print(f"Then the robot {after.doing}: {after.duration:.0f} s more.")
 
 
-def plan_for(arguments: Sequence[str]) -> Verb:
-    """`plan` with the flags of the method that is asked for; raises SettingsError."""
-    name = method_asked_for(arguments)
-    verb = shaped(plan, method=method_flags(name, arguments))
-    refuse_flags_of_other_methods(verb, arguments, f"--method {name}")
-    return verb
-
-
 @dataclass(frozen=True)
-class LogFlags:
-    """A log that is not ours.
-
-    Attributes:
-        robot: Whose log it is: a name or a model file, as in 'calibrate'. A run of ours knows.
-        joint_topic: Joint states of a bag that has several.
-        imu_topic: IMU samples of a bag that has several.
-        command_topic: Joint commands of a bag that has several.
-        joint_map: TOML file with lines as FL_hip_joint = "front_left_hip": the log's name, or column, of a joint.
-        columns: TOML file with lines as gyro.x = "wx", for a table with other names; without it they are proposed.
-        start: Use the log from here on, after its first sample.
-        until: Use the log until here.
-    """
-
-    robot: Annotated[str | None, arg(metavar="ROBOT", help_behavior_hint="")] = None
-    joint_topic: Topic = None
-    imu_topic: Topic = None
-    command_topic: Topic = None
-    joint_map: File = None
-    columns: File = None
-    start: Annotated[Duration, arg(name="from")] = None
-    until: Duration = None
-
-
-@dataclass(frozen=True)
-class EstimateOutput(Output):
+class EstimateOutput(flags.Output):
     """What is written and shown.
 
     Attributes:
@@ -118,62 +75,78 @@ class EstimateOutput(Output):
         report: Leave out the page.
         verbose: Show every piece of a log, and how long each stage of the estimate took.
         explain: Show where the uncertainty comes from, and what would make it less.
-        require: End with 11 where the result is less than that, as identified,checks: all that the method estimates is
-            identified; all checks passed; or com_x, com_y and other quantities are identified.
     """
 
-    out: File = None
-    report: Flag = True
-    verbose: Verbose = False
-    explain: Flag = False
-    require: Required = None
+    out: flags.File = None
+    report: flags.Flag = True
+    verbose: flags.Verbose = False
+    explain: flags.Flag = False
+
+    def save(self, result: Calibration, page: Path | None) -> list[Path]:
+        """Save a result where it is asked for, else the page alone, if it has a place; return the files."""
+        if self.out is not None:
+            result.save(self.out)
+            page = self.out.with_suffix(".html")
+        saved = [] if self.out is None else [self.out]
+        return saved + (try_to_save(result, page) if self.report and page is not None else [])
+
+    def show(self, result: Calibration, files: Sequence[Path], kept: Path | None) -> None:
+        """Print a result, and where its uncertainty comes from; `kept`: file or folder to export it from."""
+        print_calibration(result, files, self.verbose, kept)
+        if self.explain:
+            print_budget(result)
 
 
 def estimate(
     log: Annotated[Positional[Path], arg(metavar="LOG", help="Run folder of a calibration, or a log of another kind.")],
     *,
-    method: Any = None,
-    source: Annotated[LogFlags, arg(name="log")] = LogFlags(),
-    description: Described = RobotFlags(),  # noqa: B008
-    output: EstimateOutput = EstimateOutput(),
+    require: flags.Required = None,
+    given: Annotated[Mapping[str, Any], arg(name="method")],
+    source: Annotated[flags.LogFlags, arg(name="log")],
+    description: flags.Described,
+    output: EstimateOutput,
 ) -> int:
-    """Estimate again from a run's recordings, or from a log that is not ours. Needs no robot and no simulator.
+    """Estimate again from a run's recordings, or from a log that is not ours. Needs no
+    robot and no simulator.
 
-    Logs are bags of ROS 2 (a folder, an .mcap or a .db3 file) and of ROS 1 with JointState and Imu or unitree_go/LowState,
-    and tables (.csv, .parquet, .npz, .npy, .mat); docs/logs.md says what is in them. What can be used is found: lifts of two
-    diagonal feet, moves and sways over planted feet, walks and crawls.
+    Logs are bags of ROS 2 (a folder, an .mcap or a .db3 file) and of ROS 1 with
+    JointState and Imu or unitree_go/LowState, and tables (.csv, .parquet, .npz,
+    .npy, .mat); docs/logs.md says what is in them. What can be used is found: lifts
+    of two diagonal feet, moves and sways over planted feet, walks and crawls.
 
     Example: equipoise estimate bags/wiggle --robot go2 --mass 16.2 --from 10s
     """
-    from equipoise.result.requirements import read_requirements, verdicts
-
-    given, required = given_flags(method), read_requirements(output.require)
+    required = read_requirements(require)
     if source.robot is not None:
-        result = _estimate_log(log, source.robot, source, description, given, output)
-    elif source != LogFlags() or description != RobotFlags():
-        raise SettingsError(FOR_LOGS)
+        result = _estimate_log(log, source, description, given, output)
     else:
-        result = _estimate_run(log, given, output)
-    return exit_code(required, verdicts(result.composite, result.checks))
+        result = _estimate_run(flags.open_run(log, source, description), given, output)
+    return flags.exit_code(required, verdicts(result.composite, result.checks))
 
 
-def estimate_for(arguments: Sequence[str]) -> Verb:
-    """`estimate` with the flags of a run's method that an estimate may be made again with; raises SettingsError."""
-    from equipoise.method.table import method_named
-
-    name = DEFAULT_METHOD if chosen(arguments, "--robot", "") else _method_of(arguments)
+def _given_flags(arguments: Sequence[str]) -> StructConstructorSpec:
+    """Return the flags of a run's method that an estimate may be made again with; raises SettingsError."""
+    name = _method_of(arguments)
     kind = method_named(name)
-    settings = [setting.or_none() for setting in settings_of(kind, kind.judging)]
-    flags = flags_class("MethodFlags", f"Settings of {name}; default as in the run.", settings)
-    verb = shaped(estimate, method=flags)
-    refuse_flags_of_other_methods(verb, arguments, f"--method {name}", judging=True)
-    return verb
+    flags = (optional(flag) for flag in flags_of(kind) if flag.name in kind.judging)
+    return spec_of(f"Settings of {name}; default as in the run.", flags, lambda values: values_of(kind, values))
+
+
+def _refuse_other(flag: str, arguments: Sequence[str]) -> None:
+    refuse_flag_of(owners(flag, judging=True), flag, f"--method {_method_of(arguments)}")
+
+
+CHOSEN: dict[Any, ChosenFlags] = {
+    Method: METHOD_FLAGS,
+    Mapping[str, Any]: (_given_flags, _refuse_other),
+}
+"""Flags of the parameters of `plan` and `estimate` that `--method`, `--what` and the run choose."""
 
 
 def _method_of(arguments: Sequence[str]) -> str:
     """The method of the run that is named; what is wrong with a run is told when it is opened."""
-    from equipoise.calibration.run_folder import HEADER, RunFolder
-
+    if chosen(arguments, "--robot", ""):
+        return DEFAULT_METHOD
     for path in map(Path, arguments):
         if (path / HEADER).is_file():
             with suppress(RecordingError):
@@ -181,44 +154,26 @@ def _method_of(arguments: Sequence[str]) -> str:
     return DEFAULT_METHOD
 
 
-def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) -> Calibration:
-    from equipoise.calibration.run_folder import RESULT, RunFolder
-    from equipoise.cli.report import try_to_save
-    from equipoise.logs.reader import is_log
-    from equipoise.terminal.calibration import print_budget, print_calibration
-
-    try:
-        folder = RunFolder.open(path)
-    except RecordingError as error:
-        hint = "; if it is another kind of log, say whose with --robot" if is_log(path) else ""
-        raise RecordingError(f"{error}{hint}") from error
+def _estimate_run(folder: RunFolder, given: Mapping[str, Any], output: EstimateOutput) -> Calibration:
     method = folder.method()
     asked = method.having(given)
     result = folder.estimate(asked)
     own = asked == method and not folder.cut  # the run's page, and what the next run may know, are of the run's result
-    files: list[Path] = []
-    if output.out is not None:
-        result.save(output.out)
-        files = [output.out, *(try_to_save(result, output.out.with_suffix(".html")) if output.report else [])]
-    elif own:
-        files = try_to_save(result, path) if output.report else []
-    kept = output.out or (path if own and folder.complete else None)
+    files = output.save(result, folder.path if own else None)
     if own and folder.complete:
         folder.keep_for_the_next(result)
     if output.json:
         print(result.to_json(), end="")
         return result
-    print_calibration(result, files, output.verbose, kept)
-    if output.explain:
-        print_budget(result)
+    output.show(result, files, output.out or (folder.path if own and folder.complete else None))
     if not own and output.out is None:
-        file = path / "again.json"
-        print(f"not kept, and not what {path / RESULT} holds: to keep, see and export it add --out {file}")
+        file, holds = folder.path / "again.json", folder.path / RESULT
+        print(f"not kept, and not what {holds} holds: to keep, see and export it add --out {file}")
     return result
 
 
 def estimated_log(
-    path: Path, robot: str, source: LogFlags, description: RobotFlags, given: Mapping[str, Any], output: Output,
+    path: Path, source: flags.LogFlags, description: RobotDescription, given: Mapping[str, Any], output: flags.Output,
     verbose: bool = False,
 ) -> LogEstimate:  # fmt: skip
     """What a log that is not ours says; what was found in it is printed first where nothing can be estimated.
@@ -227,16 +182,9 @@ def estimated_log(
         given: settings of the method.
         verbose: whether every piece of the log is printed then.
     """
-    from equipoise.logs.offline import estimate_log
-    from equipoise.precise.method import Precise
-    from equipoise.terminal.columns import read_as_told
-    from equipoise.terminal.log import print_log_report
-
     method = Precise(**given)
-    model = with_known_imu(load(robot, description))  # the result states it
-    topics = Topics(source.joint_topic, source.imu_topic, source.command_topic)
-    span = seconds(source.start, "from"), seconds(source.until, "until")
-    log = read_as_told(path, model, topics, source.joint_map, source.columns, span, not output.silent)
+    model = with_known_imu(load_robot(source.robot or "", description))  # the result states it
+    log = source.read(path, model, not output.silent)
     try:
         found = estimate_log(model, log, method)
     except LogError as error:
@@ -247,25 +195,16 @@ def estimated_log(
 
 
 def _estimate_log(
-    path: Path, robot: str, source: LogFlags, description: RobotFlags, given: Mapping[str, Any], output: EstimateOutput
+    path: Path, source: flags.LogFlags, description: RobotDescription, given: Mapping[str, Any], output: EstimateOutput
 ) -> Calibration:
-    from equipoise.cli.report import try_to_save
-    from equipoise.terminal.calibration import print_budget, print_calibration
-    from equipoise.terminal.log import print_log_report
-
-    found = estimated_log(path, robot, source, description, given, output, output.verbose)
+    found = estimated_log(path, source, description, given, output, output.verbose)
     result = found.result
-    files: list[Path] = []
-    if output.out is not None:
-        result.save(output.out)
-        files = [output.out, *(try_to_save(result, output.out.with_suffix(".html")) if output.report else [])]
+    files = output.save(result, None)
     if output.json:
         print(json_module.dumps({**result.to_dict(), "log": found.report.to_dict()}, indent=2))
     else:
         print_log_report(found.report, output.verbose)
-        print_calibration(result, files, output.verbose, output.out)
-        if output.explain:
-            print_budget(result)
+        output.show(result, files, output.out)
     return result
 
 
@@ -279,10 +218,11 @@ def audit(
     robots: Robots = (),
     *,
     format: Literal["table", "github"] = "table",
-    description: Described = RobotFlags(),  # noqa: B008
-    output: Output = Output(),  # noqa: B008
+    description: flags.Described,
+    output: flags.Output,
 ) -> int:
-    """Check the inertial parameters in robots' model files. Needs no simulator. Ends with 1 where something is in error.
+    """Check the inertial parameters in robots' model files. Needs no simulator. Ends
+    with 1 where something is in error.
 
     Example: equipoise audit my_robot.urdf
              equipoise audit --format github urdf/*.urdf
@@ -295,29 +235,19 @@ def audit(
     if format == "github":
         return max(_annotate(robot, description) for robot in robots)
     audits = [_audit(robot, description) for robot in robots]
-    tables = [{"schema": "equipoise.audit/1", **result.to_dict()} for result in audits] if output.json else []
-    if output.json:
-        print(json_module.dumps(tables[0] if len(tables) == 1 else tables, indent=2))
-    else:
-        from equipoise.terminal.calibration import print_audit
-
-        for result in audits:
-            print_audit(result)
+    tables = [{"schema": "equipoise.audit/1", **result.to_dict()} for result in audits]
+    output.write(tables[0] if len(tables) == 1 else tables, lambda: [print_audit(result) for result in audits])
     return max(map(_in_error, audits))
 
 
-def _audit(robot: str, description: RobotFlags) -> Audit:
-    from equipoise.robot.audit import audit as run
-
+def _audit(robot: str, description: RobotDescription) -> Audit:
     with warnings.catch_warnings():  # the audit says what was repaired
         warnings.simplefilter("ignore")
-        return run(load(robot, description))
+        return run(load_robot(robot, description))
 
 
-def _annotate(robot: str, description: RobotFlags) -> int:
+def _annotate(robot: str, description: RobotDescription) -> int:
     """One file's annotations; one that cannot be read does not hide what is found in others."""
-    from equipoise.terminal.annotations import annotation_lines, refusal
-
     try:
         result = _audit(robot, description)
     except ModelError as error:

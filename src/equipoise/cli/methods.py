@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, cast
 
 from tyro.conf import arg
+from tyro.constructors import StructConstructorSpec, StructFieldSpec
+from tyro.extras import literal_type_from_choices
 
-from equipoise.cli.settings import Verb, chosen, flags_class, one_of, read_flags, settings_of, unknown_flags
+from equipoise.cli.parsing import ChosenFlags
+from equipoise.cli.setting_flags import chosen, flags_of, settings_from, spec_of
 from equipoise.errors import EquipoiseError, SettingsError
-
-if TYPE_CHECKING:
-    from equipoise.method.method import Method
+from equipoise.method.method import Method
+from equipoise.method.table import METHODS, method_named
+from equipoise.method.together import Together
+from equipoise.precise.method import Precise
 
 DEFAULT_METHOD = "precise"
 MOTORS = "motors"
@@ -45,89 +49,94 @@ def method_asked_for(arguments: Sequence[str]) -> str:
     return method
 
 
-def method_flags(name: str, arguments: Sequence[str]) -> Any:
-    """The class of `--method` and of the flags of a method's settings."""
-    from equipoise.method.table import METHODS, method_named
-
-    kind = method_named(name)
+def method_flags(arguments: Sequence[str]) -> StructConstructorSpec:
+    """Return `--method`, `--what` and the flags of the settings of the method that they name; raises SettingsError."""
+    name = method_asked_for(arguments)
+    with_motors = name != MOTORS and MOTORS in asked_for(chosen(arguments, "--what", _BASE))
     words = _summaries() if {"-h", "--help"} & set(arguments) else ""
-    choice = Annotated[one_of(METHODS), arg(help=words)]
+    choice = Annotated[literal_type_from_choices([*METHODS]), arg(help=words)]
     what = Annotated[str, arg(help=_WHAT, metavar="WHAT")]
-    others = [("method", choice, name), ("what", what, MOTORS if name == MOTORS else _BASE)]
-    settings = settings_of(kind)
-    if name != MOTORS and MOTORS in asked_for(chosen(arguments, "--what", _BASE)):
-        settings += settings_of(method_named(MOTORS))
-    return flags_class("MethodFlags", f"What to do, and the settings of {name}.", settings, others)
+    flags = [
+        StructFieldSpec("method", cast("Any", choice), name),
+        StructFieldSpec("what", cast("Any", what), MOTORS if name == MOTORS else _BASE),
+        *flags_of(method_named(name)),
+        *(flags_of(method_named(MOTORS)) if with_motors else ()),
+    ]
+    return spec_of(f"What to do, and the settings of {name}.", flags, _method)
 
 
-def read_method(flags: Any) -> Method:
-    """The method that flags describe; raises SettingsError."""
-    from equipoise.method.table import method_named
-    from equipoise.method.together import Together
-
-    method = read_flags(method_named(flags.method), flags)
-    if _LEGS in asked_for(flags.what):
+def _method(flags: Mapping[str, Any]) -> Method:
+    """Return the method that flags describe; raises SettingsError."""
+    method = settings_from(method_named(flags["method"]), flags)
+    asked = asked_for(flags["what"])
+    if _LEGS in asked:
         method = _with_legs(method)
-    if flags.method == MOTORS or MOTORS not in asked_for(flags.what):
+    if method.name == MOTORS or MOTORS not in asked:
         return method
-    return Together(method, read_flags(method_named(MOTORS), flags))
+    return Together(method, settings_from(method_named(MOTORS), flags))
 
 
 def _with_legs(method: Method) -> Method:
     """The method, which finds what the legs weigh too; raises SettingsError where it cannot."""
-    from equipoise.precise.method import Precise
-
     if not isinstance(method, Precise):
         raise SettingsError(f"--what legs is for --method precise; {method.name} does not find legs: leave them out")
     return dataclasses.replace(method, swings=True)
 
 
-def refuse_flags_of_other_methods(verb: Verb, arguments: Sequence[str], this: str, judging: bool = False) -> None:
-    """Say whose a flag is that a verb has not.
+def refuse_other_method(flag: str, arguments: Sequence[str]) -> None:
+    """Raise SettingsError for a flag of another method than the one that the arguments name."""
+    refuse_flag_of(owners(flag), flag, f"--method {method_asked_for(arguments)}")
+
+
+METHOD_FLAGS: ChosenFlags = (method_flags, refuse_other_method)
+"""Flags of a parameter of the type `Method`, which `--method` and `--what` choose."""
+
+
+def refuse_flag_of(names: Sequence[str], flag: str, this: str) -> None:
+    """Raise SettingsError if other methods have a flag.
 
     Args:
-        this: method or platform of the verb, as "--method paper".
-        judging: whether only flags count with which recordings may be estimated again.
-
-    Raises:
-        SettingsError: another method has it.
+        names: names of the methods that have it.
+        flag: name of the flag, with underscores.
+        this: method of the verb, as "--method paper".
     """
-    for flag in unknown_flags(verb, arguments):
-        if whose := owners(flag, judging):
-            shown = f"--{flag.replace('_', '-')}"
-            where = " and ".join(f"--what {name}" if name == MOTORS else f"--method {name}" for name in whose)
-            raise SettingsError(f"{shown} belongs to {where}; this is {this}")
+    if names:
+        shown = f"--{flag.replace('_', '-')}"
+        where = " and ".join(f"--what {name}" if name == MOTORS else f"--method {name}" for name in names)
+        raise SettingsError(f"{shown} belongs to {where}; this is {this}")
 
 
 def owners(flag: str, judging: bool = False) -> list[str]:
-    """Names of the methods that have a flag."""
-    return [name for name, kind in _usable().items() if flag in _flags(kind, judging)]
+    """Return the names of the methods that have a flag.
+
+    Args:
+        flag: name of the flag, with underscores.
+        judging: whether only flags count with which recordings may be estimated again.
+    """
+    name = flag.removeprefix("no_")
+    return [
+        method
+        for method, kind in _methods().items()
+        if not isinstance(kind, EquipoiseError)
+        and name in {setting.name for setting in flags_of(kind)}
+        and (not judging or name in kind.judging)
+    ]
 
 
-def _flags(kind: type[Method], judging: bool) -> set[str]:
-    names = [setting.name for setting in settings_of(kind, kind.judging if judging else None)]
-    return {*names, *(f"no_{name}" for name in names)}
-
-
-def _usable() -> dict[str, type[Method]]:
-    from equipoise.method.table import METHODS, method_named
-
-    found: dict[str, type[Method]] = {}
+def _methods() -> dict[str, type[Method] | EquipoiseError]:
+    """Return each method, or why it cannot be used."""
+    found: dict[str, type[Method] | EquipoiseError] = {}
     for name in METHODS:
         try:
             found[name] = method_named(name)
-        except EquipoiseError:  # whoever asks for it by name is told
-            continue
+        except EquipoiseError as error:  # raised again where the method is asked for by name
+            found[name] = error
     return found
 
 
 def _summaries() -> str:
-    from equipoise.method.table import METHODS, method_named
-
-    said: list[str] = []
-    for name in METHODS:
-        try:
-            said.append(f"{name}: {method_named(name).summary}.")
-        except EquipoiseError as error:
-            said.append(f"{name}: cannot be used here, {error}.")
+    said = [
+        f"{name}: cannot be used here, {kind}." if isinstance(kind, EquipoiseError) else f"{name}: {kind.summary}."
+        for name, kind in _methods().items()
+    ]
     return " ".join([*said, "Each has flags of its own: --method NAME --help."])

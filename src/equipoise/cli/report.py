@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json as json_module
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli.flags import File, Output
 from equipoise.errors import MissingDependencyError, OutputError, SettingsError
-
-if TYPE_CHECKING:
-    from equipoise.result.calibration import Calibration
+from equipoise.result.calibration import Calibration
 
 _COMPARISON = "comparison.html"
-Shown = TypeVar("Shown")
 Runs = Annotated[
     Positional[tuple[Path, ...]],
     arg(metavar="RUN", help="Run folders, the folder of a --repeat, or JSON results of 'estimate LOG --out'."),
 ]
 
 
-def report(runs: Runs, *, out: File = None, output: Output = Output()) -> None:  # noqa: B008
+def report(runs: Runs, *, out: File = None, output: Output) -> None:
     """Write a run's report.html anew, or one page that compares two or more runs.
 
-    The page is one file that needs nothing else, no network either: send it, print it, keep it. docs/report.md says how to
-    read it. Runs may be of one robot or of several.
+    The page is one file that needs nothing else, no network either: send it, print
+    it, keep it. docs/report.md says how to read it. Runs may be of one robot or of
+    several.
 
     Example: equipoise report runs/go2
              equipoise report runs/before runs/after --out before-after.html
@@ -48,11 +44,8 @@ def report(runs: Runs, *, out: File = None, output: Output = Output()) -> None: 
     else:
         repeated = len(runs) == 1
         file = save_comparison(_named(paths), out or (runs[0] / REPORT if repeated else Path(_COMPARISON)))
-    if output.json:
-        told = {"schema": "equipoise.report/1", "report": str(file), "runs": [str(path) for path in paths]}
-        print(json_module.dumps(told, indent=2))
-    elif not output.quiet:
-        print(f"saved: {file}")
+    table = {"schema": "equipoise.report/1", "report": str(file), "runs": [str(path) for path in paths]}
+    output.write(table, lambda: None if output.quiet else print(f"saved: {file}"))
 
 
 def _runs(path: Path) -> list[Path]:
@@ -63,9 +56,6 @@ def _runs(path: Path) -> list[Path]:
 
 def _estimated(path: Path) -> Calibration:
     """With everything that its recordings tell, where they are whole."""
-    from equipoise.calibration.run_folder import RunFolder
-    from equipoise.result.calibration import Calibration
-
     return Calibration.load(path) if path.is_file() else RunFolder.open(path).shown()
 
 
@@ -82,32 +72,24 @@ def _named(paths: list[Path]) -> dict[str, Calibration]:
 
 def _found(path: Path) -> Calibration:
     """What a run came to; it is estimated if that is not on disk."""
-    from equipoise.calibration.run_folder import RESULT, RunFolder
-    from equipoise.result.calibration import Calibration
-
     if path.is_file():
         return Calibration.load(path)
     folder = RunFolder.open(path)
-    if not folder.complete:
-        return folder.estimate()
-    return dataclasses.replace(Calibration.load(path / RESULT), robot_model=folder.robot())
+    return folder.result() if folder.complete else folder.estimate()
 
 
-def if_installed(draw: Callable[[Shown, Path], list[Path]], shown: Shown, path: Path) -> list[Path]:
-    """The files that a function draws; none where a robot's computer has not what draws them: the result is what counts."""
+def try_to_save(shown: Calibration | dict[str, Calibration], path: Path, remedy: str = "") -> list[Path]:
+    """Save the page of a result, or of several compared; a page that cannot be drawn or written costs the page alone.
+
+    Args:
+        shown: result, or results by name.
+        path: file or folder.
+        remedy: words behind the warning that there is no page.
+    """
     try:
-        return draw(shown, path)
-    except MissingDependencyError as error:
-        print(f"warning: {error}; 'equipoise report {path}' draws the page elsewhere", file=sys.stderr)
-        return []
+        from equipoise.report.page import save_comparison, save_report
 
-
-def try_to_save(result: Calibration, path: Path) -> list[Path]:
-    """Write the page beside a result that was asked for itself: a folder that cannot be written costs the page alone."""
-    try:
-        from equipoise.report.page import save_report
-
-        return [save_report(result, path)]
+        return [save_comparison(shown, path) if isinstance(shown, dict) else save_report(shown, path)]
     except (OutputError, MissingDependencyError) as error:
-        print(f"warning: {error}", file=sys.stderr)
+        print(f"warning: {error}{remedy}", file=sys.stderr)
         return []

@@ -6,118 +6,138 @@ import dataclasses
 import json as json_module
 import sys
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Any
 
-from tyro.conf import arg
-
-from equipoise.cli.flags import (
-    Described,
-    Duration,
-    File,
-    Output,
-    PlatformName,
-    Robot,
-    RobotFlags,
-    SettingsGiven,
-    connected,
-    load,
-)
+from equipoise.cli import flags
 from equipoise.cli.operator_prompt import with_known_imu
-from equipoise.cli.settings import seconds
+from equipoise.cli.setting_flags import seconds
+from equipoise.drivers.checkup import examine, foretold, joint_table, watch
+from equipoise.drivers.motor_boards import HangingPhase, measure_hanging
+from equipoise.drivers.platforms import (
+    Driver,
+    find_platform,
+    for_platform,
+    given_settings,
+    open_connection,
+    settings_of,
+)
 from equipoise.errors import OutputError, SettingsError
+from equipoise.platform.interruptions import Interruptions
+from equipoise.recording.run_log import RunLog
+from equipoise.robot.catalog import load_robot
+from equipoise.robot.model import RobotModel
+from equipoise.terminal.robot_reports import RecordingProgress, print_checkup, print_hanging
 from equipoise.user_file import made_folder, typed
-
-if TYPE_CHECKING:
-    from equipoise.recording.run_log import RunLog
 
 _SIMULATED_TIME = 10.0  # [s]: nobody waits for a robot that is not there, and disks fill
 
 
-def doctor(
-    robot: Robot = "unitree_a1",
-    *,
-    platform: PlatformName = "mujoco",
-    set: SettingsGiven = (),
-    settings: File = None,
-    duration: Duration = None,
-    hanging: bool = False,
-    description: Described = RobotFlags(),  # noqa: B008
-    output: Output = Output(),  # noqa: B008
-) -> int:
-    """Connect to a robot, look for five seconds, move nothing, and say what is right and what is not.
+_ASKED = """
+The robot must hang with its legs free of the floor. Its own controller lets go of the motors: the legs drop. They are damped,
+and commands stop for 0.1, 1 and 10 s. Swing a leg by hand all the time, 20 s in all. Ctrl-C ends it.
+Type {name} to begin: """
 
-    Rates, jitter, the joint map, gravity against the stance, joint torques, battery and temperatures where there are any; on a
-    Go2 or B2 which controller holds the motors, and what 'calibrate' will do about it.
-    Ends with 0 if nothing speaks against a calibration, else with 1.
+
+def doctor(
+    robot: flags.Robot = "unitree_a1",
+    *,
+    platform: flags.PlatformName = "mujoco",
+    set: flags.SettingsGiven = (),
+    settings: flags.SettingsFile = None,
+    duration: flags.Duration = None,
+    hanging: bool = False,
+    description: flags.Described,
+    output: flags.Output,
+) -> int:
+    """Connect to a robot, look for five seconds, move nothing, and say what is right
+    and what is not.
+
+    Rates, jitter, the joint map, gravity against the stance, joint torques, battery
+    and temperatures where there are any; on a Go2 or B2 which controller holds the
+    motors, and what 'calibrate' will do about it. Ends with 0 if nothing speaks
+    against a calibration, else with 1.
 
     Example: equipoise doctor go2 --platform unitree-go2 --set interface=eth0
 
     Args:
-        set: A setting of the platform, as KEY=VALUE; may be given again.
-        settings: TOML file with settings of the platform.
         duration: How long to look; default 5 s.
         hanging: The robot hangs with its legs free: measure what its motor boards do when commands stop. Its own controller
             lets go of the motors, and they are damped; you are asked for the robot's name first.
     """
-    from equipoise.cli.hanging import examine_hanging
-    from equipoise.drivers.checkup import examine, foretold, joint_table
-    from equipoise.drivers.platforms import given_settings
-    from equipoise.platform.engines import ENGINES
-    from equipoise.terminal.platform import print_checkup
-
     if hanging:
-        return examine_hanging(platform, load(robot, description), given_settings(set, settings), output.json)
-    model = with_known_imu(load(robot, description), platform in ENGINES)
-    with connected(platform, model, set, settings) as connection:
+        return _examine_hanging(platform, load_robot(robot, description), given_settings(set, settings), output)
+    model = with_known_imu(load_robot(robot, description), flags.is_simulated(platform))
+    with flags.connected(platform, model, set, settings) as connection:
         findings = examine(connection, model, _lasting(duration) or 5.0) + foretold(connection)
         joints = joint_table(model, connection.read().joint_position)
-    if output.json:
-        rows = [dataclasses.asdict(finding) for finding in findings]
-        table = {"schema": "equipoise.doctor/1", "robot": model.name, "platform": platform, "findings": rows}
-        print(json_module.dumps({**table, "imu": model.imu.to_dict(), "joints": joints}, indent=2))
-    else:
-        print_checkup(model, platform, joints, findings)
+    rows = [dataclasses.asdict(finding) for finding in findings]
+    table = {"schema": "equipoise.doctor/1", "robot": model.name, "platform": platform, "findings": rows}
+    table |= {"imu": model.imu.to_dict(), "joints": joints}
+    output.write(table, lambda: print_checkup(model, platform, joints, findings))
     return int(any(finding.fine is False for finding in findings))
 
 
-def record(
-    robot: Robot = "unitree_a1",
-    *,
-    platform: PlatformName = "mujoco",
-    set: SettingsGiven = (),
-    settings: File = None,
-    duration: Duration = None,
-    out: Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")] = None,
-    description: Described = RobotFlags(),  # noqa: B008
-    output: Output = Output(),  # noqa: B008
-) -> None:
-    """Log a robot's joint sensors and IMU without moving it, until --duration is over or Ctrl-C.
+def _examine_hanging(platform: str, robot: RobotModel, given: dict[str, Any], output: flags.Output) -> int:
+    """Measure a hanging robot; print a row for each phase.
 
-    The file is MCAP with JointState and Imu, which Foxglove and PlotJuggler open, and 'equipoise estimate FILE --robot ROBOT'.
+    Raises:
+        SettingsError: the platform has no driver, or the operator did not type the robot's name.
+        CommunicationError: the robot falls silent.
+    """
+    if not isinstance(find_platform(platform), Driver):
+        raise SettingsError(f"platform {platform!r} has no driver: --hanging measures the motor boards of a real robot")
+    print(_ASKED.format(name=robot.name), end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip() != robot.name:
+        raise SettingsError(f"not confirmed, nothing was commanded: type {robot.name}")
+    if any(name == "hanging" for name, *_ in settings_of(platform)):
+        given = {**given, "hanging": True}
+    robot, phases = for_platform(platform, robot), list[HangingPhase]()
+    with closing(open_connection(platform, robot, given)) as link:
+        try:
+            for phase in measure_hanging(link, robot):
+                print(phase.name, file=sys.stderr)
+                phases.append(phase)
+        finally:
+            link.release()
+    rows = [dataclasses.asdict(phase) for phase in phases]
+    table = {"schema": "equipoise.hanging/1", "robot": robot.name, "platform": platform, "phases": rows}
+    output.write(table, lambda: print_hanging(robot, platform, phases))
+    return 0
+
+
+def record(
+    robot: flags.Robot = "unitree_a1",
+    *,
+    platform: flags.PlatformName = "mujoco",
+    set: flags.SettingsGiven = (),
+    settings: flags.SettingsFile = None,
+    duration: flags.Duration = None,
+    out: flags.File = None,
+    description: flags.Described,
+    output: flags.Output,
+) -> None:
+    """Log a robot's joint sensors and IMU without moving it, until --duration is over
+    or Ctrl-C.
+
+    The file is MCAP with JointState and Imu, which Foxglove and PlotJuggler open,
+    and 'equipoise estimate FILE --robot ROBOT'.
 
     Example: equipoise record go2 --platform unitree-go2 --set interface=eth0 --duration 60s
 
     Args:
-        set: A setting of the platform, as KEY=VALUE; may be given again.
-        settings: TOML file with settings of the platform.
         duration: How long; default until Ctrl-C, in simulation, whose time runs faster, 10 s.
         out: The file, in a folder that is there; default logs/ROBOT-TIME.mcap.
     """
-    from equipoise.drivers.checkup import watch
-    from equipoise.platform.engines import ENGINES
-    from equipoise.platform.interruptions import Interruptions
-    from equipoise.terminal.platform import RecordingProgress
-
-    model = load(robot, description)
+    model = load_robot(robot, description)
     now = datetime.now(timezone.utc)
     out = out or made_folder(Path("logs")) / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
-    lasting = _lasting(duration) or (_SIMULATED_TIME if platform in ENGINES else None)
+    lasting = _lasting(duration) or (_SIMULATED_TIME if flags.is_simulated(platform) else None)
     interruptions, samples = Interruptions(), 0
     with (
-        connected(platform, model, set, settings) as connection,
+        flags.connected(platform, model, set, settings) as connection,
         _log_at(out) as log,
         interruptions.noted(),
         RecordingProgress(output.silent, out, lasting) as progress,
@@ -146,8 +166,6 @@ def _lasting(duration: str | None) -> float | None:
 @contextmanager
 def _log_at(path: Path) -> Generator[RunLog]:
     """A new log, gone if nothing comes; raises OutputError if there is a file already, or it cannot be written."""
-    from equipoise.recording.run_log import RunLog
-
     if path.exists():
         raise OutputError(f"{str(path)!r} exists; name a new file with --out")
     with RunLog(path) as log:

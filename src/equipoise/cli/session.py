@@ -5,158 +5,240 @@ from __future__ import annotations
 import dataclasses
 import sys
 import warnings
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
+from tyro.conf import Suppress
+from tyro.constructors import StructConstructorSpec
+
+from equipoise.calibration.rehearsal import rehearse
+from equipoise.calibration.routine import perform, with_guard_report
+from equipoise.calibration.run_folder import RunFolder
+from equipoise.cli import flags
 from equipoise.cli.operator_prompt import Keyboard
-from equipoise.errors import MotionError, RecordingError, SettingsError
+from equipoise.cli.parsing import ChosenFlags
+from equipoise.cli.setting_flags import chosen, fields_of, spec_of
+from equipoise.drivers.checkup import examine
+from equipoise.drivers.platforms import find_platform, for_platform, given_settings, open_platform
+from equipoise.errors import EquipoiseError, MotionError, RecordingError, SettingsError, UnconfirmedMassError
+from equipoise.method.method import Method
+from equipoise.platform.logged_platform import Logged
+from equipoise.platform.platform import Platform
+from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
+from equipoise.recording.run_log_reader import LogContent
+from equipoise.result.calibration import Calibration
+from equipoise.robot.model import RobotModel
+from equipoise.robot.scale import Scale
+from equipoise.simulation.effects import read_effects, read_names
+from equipoise.simulation.payload import Payload
+from equipoise.terminal.results import TrialProgress
+from equipoise.terminal.robot_reports import rehearsal_lines
+from equipoise.user_file import typed
 
 if TYPE_CHECKING:
-    from equipoise.calibration.run_folder import RunFolder
     from equipoise.guard.report import GuardReport
-    from equipoise.method.method import Method
-    from equipoise.platform.platform import Platform
-    from equipoise.recording.run_log_reader import LogContent
-    from equipoise.result.calibration import Calibration
-    from equipoise.robot.model import RobotModel
     from equipoise.simulation.simulation import Simulation
 
+_NAMES = {"effects": "with"}  # flags of fields with another name
 _ODD_SCALE = 0.03  # of the robot's mass
 _LOOK_TIME = 1.0  # [s] at a robot before anybody is asked to confirm
 
 
 @dataclass(frozen=True)
 class Place:
-    """What the flags say about where a run happens.
+    """Platform that a run happens on.
 
     Attributes:
         platform: name of a simulator or a robot's platform, or MODULE:CLASS.
-        given: settings of the driver.
-        noise, payload, seed, start, noise_seed: preset, payload, seeds and beginning of a simulated robot.
-        effects, without, contacts: what of the preset is otherwise.
     """
 
-    platform: str
-    given: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    noise: str = "realistic"
-    payload: str | None = None
-    seed: int = 0
-    start: str = "standing"
-    noise_seed: int | None = None
-    effects: Mapping[str, float | None] = field(default_factory=dict[str, "float | None"])
-    without: tuple[str, ...] = ()
-    contacts: str = "own"
-
-    def __post_init__(self) -> None:
-        from equipoise.drivers.platforms import find_platform
-
-        find_platform(self.platform)  # before anything is made for it
+    platform: flags.PlatformName = flags.DEFAULT_PLATFORM
 
     @property
     def simulated(self) -> bool:
-        from equipoise.platform.engines import ENGINES
+        """Whether the robot is simulated."""
+        return isinstance(self, SimulatedPlace)
 
-        return self.platform in ENGINES
-
-    @property
-    def world(self) -> str:
-        """The simulated robot's effects in words."""
-        others = [name if size is None else f"{name} {size:g}" for name, size in self.effects.items()]
-        words = [f"noise {self.noise}", *(f"with {other}" for other in others), *(f"without {n}" for n in self.without)]
-        return ", ".join(words + ["contacts of the file"] * (self.contacts == "file"))
-
-    def facts(self) -> dict[str, Any]:
-        """For a run's provenance: enough to resume it."""
-        if not self.simulated:
-            return {"platform": self.platform, "platform_settings": dict(self.given)}
-        names = ("platform", "noise", "payload", "seed", "start", "noise_seed")
-        facts = {name: getattr(self, name) for name in names}
-        other = {"effects": dict(self.effects), "without": list(self.without), "contacts": self.contacts}
-        usual: dict[str, Any] = {"effects": {}, "without": [], "contacts": "own"}
-        return facts | {name: value for name, value in other.items() if value != usual[name]}
+    def facts(self) -> Mapping[str, Any]:
+        """Return provenance of a run, enough to resume it."""
+        raise NotImplementedError
 
     def again(self, number: int) -> Place:
-        """Where the same robot is calibrated once more: if it is simulated, with the same errors and other noise."""
-        if not self.simulated or number == 0:
-            return self
-        return dataclasses.replace(
-            self, noise_seed=(self.seed if self.noise_seed is None else self.noise_seed) + number
-        )
+        """Return the place of a repetition: a simulated robot has the same errors and other noise."""
+        del number
+        return self
 
-    @classmethod
-    def of(cls, folder: RunFolder) -> Place:
-        """Where a run was made.
+    @staticmethod
+    def of(folder: RunFolder) -> Place:
+        """Return the place of a run.
 
         Raises:
-            RecordingError: it does not say, or not well enough to go on there.
+            RecordingError: its provenance is not enough to resume it.
         """
         facts = folder.provenance
         if "platform_settings" in facts:
-            return cls(str(facts["platform"]), dict(facts["platform_settings"]))
+            return RealPlace(str(facts["platform"]), given=dict(facts["platform_settings"]))
         names = ("platform", "noise", "payload", "seed", "start")
         if missing := [name for name in names if name not in facts]:
             raise RecordingError(
                 f"the run {str(folder.path)!r} does not say its {missing[0]}; runs of 'equipoise calibrate' can be resumed"
             )
-        return cls(
-            **{name: facts[name] for name in names}, noise_seed=facts.get("noise_seed"), effects=facts.get("effects", {}),
+        effects = facts.get("effects", {}).items()
+        return SimulatedPlace(
+            **{name: facts[name] for name in names}, noise_seed=facts.get("noise_seed"),
+            effects=tuple(name if size is None else f"{name}={size!r}" for name, size in effects),
             without=tuple(facts.get("without", ())), contacts=facts.get("contacts", "own"),
         )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class SimulatedPlace(Place):
+    """The simulated robot. 'equipoise calibrate --platform NAME --help' shows the flags of a real one.
+
+    Attributes:
+        start: How the simulated robot begins (and ends).
+        seed: Of everything drawn.
+        noise_seed: Of the noise alone, for several runs of one robot; default as --seed.
+    """
+
+    noise: flags.NoiseName = "realistic"
+    effects: flags.WithEffects = ()
+    without: flags.WithoutEffects = ()
+    contacts: flags.ContactsName = "own"
+    payload: flags.PayloadGiven = None
+    start: Literal["standing", "lying"] = "standing"
+    seed: int = 0
+    noise_seed: flags.Count = None
+
+    def __post_init__(self) -> None:
+        from equipoise.simulation.simulation import sizes_of
+
+        if self.payload is not None:
+            Payload.parse(self.payload)
+        # Before anything takes long: what there is not, and what the engine cannot have.
+        without = read_names(self.without)
+        sizes_of(self.noise, Scale(1.0, 1.0), self.sizes, without).refuse_what_lacks(self.platform)
+        object.__setattr__(self, "without", without)
+
+    @property
+    def sizes(self) -> dict[str, float | None]:
+        """Size of each effect that the preset has not, or has in another size."""
+        return read_effects(self.effects)
+
+    @property
+    def world(self) -> str:
+        """The simulated robot's effects in words."""
+        others = [name if size is None else f"{name} {size:g}" for name, size in self.sizes.items()]
+        words = [f"noise {self.noise}", *(f"with {other}" for other in others), *(f"without {n}" for n in self.without)]
+        return ", ".join(words + ["contacts of the file"] * (self.contacts == "file"))
+
+    def facts(self) -> Mapping[str, Any]:
+        names = ("platform", "noise", "payload", "seed", "start", "noise_seed")
+        facts = {name: getattr(self, name) for name in names}
+        other = {"effects": self.sizes, "without": list(self.without), "contacts": self.contacts}
+        usual: dict[str, Any] = {"effects": {}, "without": [], "contacts": "own"}
+        return facts | {name: value for name, value in other.items() if value != usual[name]}
+
+    def again(self, number: int) -> SimulatedPlace:
+        seed = self.seed if self.noise_seed is None else self.noise_seed
+        return dataclasses.replace(self, noise_seed=seed + number) if number else self
+
+    def simulate(self, robot: RobotModel) -> Simulation:
+        """Return the simulated robot."""
+        from equipoise.simulation.simulation import simulate
+
+        return simulate(
+            robot, self.noise, self.payload, self.seed, self.start, engine=self.platform,  # pyright: ignore
+            noise_seed=self.noise_seed, effects=self.sizes, without=self.without, contacts=self.contacts,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RealPlace(Place):
+    """The real robot.
+
+    Attributes:
+        set: A setting of the platform, as interface=eth0; may be given again.
+        settings: TOML file with settings of the platform.
+        yes: Do not ask before the first motion.
+    """
+
+    set: flags.SettingsGiven = ()
+    settings: flags.SettingsFile = None
+    yes: flags.Flag = False
+    given: Suppress[Mapping[str, Any]] = field(default_factory=dict[str, Any])
+
+    def __post_init__(self) -> None:
+        find_platform(self.platform)  # before anything is made for it
+        object.__setattr__(self, "given", {**self.given, **given_settings(self.set, self.settings)})
+
+    def facts(self) -> Mapping[str, Any]:
+        return {"platform": self.platform, "platform_settings": dict(self.given)}
+
+
+def place_flags(arguments: Sequence[str]) -> StructConstructorSpec:
+    """Return the flags of a simulated robot or of a real one; raises SettingsError for an unknown platform."""
+    platform = chosen(arguments, "--platform", flags.DEFAULT_PLATFORM)
+    find_platform(platform)
+    kind = SimulatedPlace if flags.is_simulated(platform) else RealPlace
+    return spec_of(kind.__doc__ or "", fields_of(kind), lambda values: kind(**values))
+
+
+def refuse_other_place(flag: str, arguments: Sequence[str]) -> None:
+    """Raise SettingsError for a flag of simulators on a real robot, or the other way round."""
+    platform = chosen(arguments, "--platform", flags.DEFAULT_PLATFORM)
+    kind, other = ("real robots", RealPlace) if flags.is_simulated(platform) else ("simulators", SimulatedPlace)
+    if flag in {_NAMES.get(setting.name, setting.name) for setting in fields_of(other)}:
+        raise SettingsError(f"--{flag.replace('_', '-')} is for {kind}; {platform} is none")
+
+
+PLACE_FLAGS: ChosenFlags = (place_flags, refuse_other_place)
+"""Flags of a parameter of the type `Place`, which `--platform` chooses."""
+
+
 class Session:
-    """A place that is open: runs calibrations, one after the other.
+    """A run on its platform; calling it calibrates.
 
     Args:
         place: platform that the flags name, with its settings.
         robot: model of the robot.
+        method: method with its settings.
     """
 
-    def __init__(self, place: Place, robot: RobotModel) -> None:
-        from equipoise.drivers.platforms import for_platform
+    folder: RunFolder
+    content: LogContent | None = None  # of a run that is resumed
 
-        self.place, self.robot = place, for_platform(place.platform, robot)
-        self._simulation: Simulation | None = None
+    def __init__(self, place: Place, robot: RobotModel, method: Method) -> None:
+        self.place, self.robot, self.method = place, for_platform(place.platform, robot), method
+        self._simulation = place.simulate(robot) if isinstance(place, SimulatedPlace) else None
         self._report: GuardReport | None = None  # of a real robot, once it was put down
-        if place.simulated:
-            from equipoise.simulation.simulation import simulate
-
-            self._simulation = simulate(
-                robot, place.noise, place.payload, place.seed, place.start, engine=place.platform,  # pyright: ignore
-                noise_seed=place.noise_seed, effects=place.effects, without=place.without,
-                contacts=place.contacts,  # pyright: ignore
-            )  # fmt: skip
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """For a run's provenance."""
-        engine = {} if self._simulation is None else {self.place.platform: self._simulation.engine}
-        return {**self.place.facts(), **engine}
 
     def __enter__(self) -> Session:
         return self
 
-    def __exit__(self, *exception: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
         if self._simulation is not None:
             self._simulation.platform.close()
 
-    def run(self, folder: RunFolder, method: Method, quiet: bool, content: LogContent | None = None) -> Calibration:
-        """One calibration into a run folder.
+    @property
+    def facts(self) -> Mapping[str, Any]:
+        """For a run's provenance."""
+        engine = {} if self._simulation is None else {self.place.platform: self._simulation.engine}
+        return {**self.place.facts(), **engine}
 
-        Args:
-            content: content of the folder's log, if the run is gone on with.
-        """
-        from equipoise.calibration.routine import perform, with_guard_report
-        from equipoise.terminal.calibration import TrialProgress
-
+    def __call__(self, quiet: bool) -> Calibration:
+        """Do one calibration; its result is on disk."""
+        folder, content, method = self.folder, self.content, self.method
         with folder:
             if self._simulation is not None:
                 folder.save_truth(self._simulation.truth, self._simulation.truth_of_parts)
                 _question_scale(method, self._simulation.truth.composite.mass)
             with TrialProgress(quiet) as progress:
-                with self._platform(folder, content) as (platform, keyboard):
+                with self._platform() as (platform, keyboard):
                     confirm = keyboard.confirmed if sys.stdin.isatty() else None
                     if content is not None and content.recordings:  # confirmed when the run began
                         confirm = _went_on
@@ -167,16 +249,17 @@ class Session:
                     )
                 result = experiment.estimate(method, progress.update)
         result = result.with_provenance(**folder.provenance)
-        if self._simulation is None:
-            return result if self._report is None else with_guard_report(result, self._report)
-        return result.with_truth(self._simulation.truth).with_truth_of_parts(self._simulation.truth_of_parts)
+        if self._simulation is not None:
+            result = result.with_truth(self._simulation.truth).with_truth_of_parts(self._simulation.truth_of_parts)
+        elif self._report is not None:
+            result = with_guard_report(result, self._report)
+        folder.save(result)
+        return result
 
     @contextmanager
-    def _platform(self, folder: RunFolder, content: LogContent | None) -> Generator[tuple[Platform, Keyboard]]:
+    def _platform(self) -> Generator[tuple[Platform, Keyboard]]:
         """The platform that the routine moves, and the operator's keyboard."""
-        from equipoise.platform.logged_platform import Logged
-        from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
-
+        folder, content = self.folder, self.content
         if self._simulation is not None:
             bare = self._simulation.platform
             logged = Logged(bare, folder.log)
@@ -184,7 +267,9 @@ class Session:
             return
         from equipoise.guard.remote_robot import RemoteRobot
 
-        remote = RemoteRobot(self.place.platform, self.robot, self.place.given, folder.log, folder.path / "ending.txt")
+        assert isinstance(self.place, RealPlace)
+        ending = folder.path / "ending.txt"
+        remote = RemoteRobot(self.place.platform, self.robot, self.place.given, folder.log, ending)
         for line in (f"robot process: {remote.realtime}", remote.warning):
             if line:
                 print(line, file=sys.stderr)
@@ -196,25 +281,69 @@ class Session:
             _tell_ending(self._report)
 
 
-def _went_on(sentence: str) -> bool:
-    """Whether a run goes on whose lifts have begun: yes."""
-    del sentence
+def run_path(robot: RobotModel, out: Path | None) -> Path:
+    """Return the run folder that is asked for, or one by the robot's name and the time."""
+    return out or Path("runs") / f"{robot.name}-{datetime.now(timezone.utc):%Y%m%d-%H%M%S-%f}"
+
+
+@contextmanager
+def new_run(place: Place, robot: RobotModel, out: Path, method: Method, **facts: Any) -> Generator[Session]:
+    """Open a session in a new run folder.
+
+    Args:
+        out: run folder.
+        facts: provenance besides the time and that of the place.
+    """
+    time = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    with Session(place, robot, method) as session:
+        session.folder = RunFolder.create(out, session.robot, method, {"time": time, **facts, **session.facts})
+        with _interruption_told(session.folder):
+            yield session
+
+
+@contextmanager
+def resumed_run(place: Place, robot: RobotModel, path: Path, method: Method) -> Generator[Session]:
+    """Open a session in the folder of a run that goes on behind its last complete trial."""
+    with Session(place, robot, method) as session:
+        session.folder, session.content = RunFolder.resume(path, repeats=place.simulated)
+        with _interruption_told(session.folder):
+            yield session
+
+
+@contextmanager
+def _interruption_told(folder: RunFolder) -> Generator[None]:
+    """Say where the recordings are, and what goes on with them, if a run, or what shows it, does not come to its end."""
+    log = folder.log  # which a folder that is closed no longer has
+    try:
+        yield
+    except UnconfirmedMassError:
+        folder.discard()
+        raise
+    except (KeyboardInterrupt, EquipoiseError):
+        if not log.empty:
+            print(f"what was measured so far is kept in {folder.path}", file=sys.stderr)
+            print(f"go on: equipoise calibrate --resume {typed(folder.path)}", file=sys.stderr)
+        raise
+
+
+def _went_on(question: str) -> bool:
+    """Confirm that a run goes on whose lifts have begun."""
+    del question
     return True
 
 
-def confirm(place: Place, robot: RobotModel, method: Method, yes: bool) -> None:
+def confirm(place: Place, robot: RobotModel, method: Method, yes: bool = False) -> None:
     """Before anything moves on a real robot: look at it, say what will be done, and have it confirmed.
+
+    Args:
+        yes: whether it is confirmed already, besides by the flag of the place.
 
     Raises:
         SettingsError: it was not confirmed.
         MotionError: what the sensors show speaks against moving.
     """
-    if place.simulated:
+    if not isinstance(place, RealPlace):
         return
-    from equipoise.calibration.rehearsal import rehearse
-    from equipoise.drivers.checkup import examine
-    from equipoise.drivers.platforms import for_platform, open_platform
-    from equipoise.terminal.platform import rehearsal_lines
 
     robot = for_platform(place.platform, robot)
     with open_platform(place.platform, robot, place.given) as connection:
@@ -223,6 +352,7 @@ def confirm(place: Place, robot: RobotModel, method: Method, yes: bool) -> None:
         print(line, file=sys.stderr)
     for finding in wrong:
         print(f"look: {finding.name}: {finding.value}; {finding.advice}", file=sys.stderr)
+    yes = yes or place.yes
     if yes and (serious := [finding for finding in wrong if finding.serious]):
         raise MotionError(
             f"{serious[0].name}: {serious[0].value}; {serious[0].advice} (see 'equipoise doctor'; without --yes you are asked)"

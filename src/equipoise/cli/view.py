@@ -7,24 +7,24 @@ import sys
 import threading
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 
-from equipoise.cli.flags import FOR_LOGS, Described, Duration, File, Flag, Output, RobotFlags, Topic, load
-from equipoise.cli.settings import seconds
-from equipoise.errors import OutputError, RecordingError, SettingsError
-from equipoise.logs.topics import Topics
+from equipoise.calibration.run_folder import RunFolder
+from equipoise.cli.flags import Described, Flag, LogFlags, Output, Run, open_run
+from equipoise.errors import OutputError
+from equipoise.method.method import Method
+from equipoise.precise.method import Precise
+from equipoise.robot.catalog import load_robot
+from equipoise.robot.description import RobotDescription
+from equipoise.robot.model import RobotModel
 from equipoise.user_file import typed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from equipoise.calibration.run_folder import RunFolder
-    from equipoise.method.method import Method
-    from equipoise.robot.model import RobotModel
     from equipoise.view.follow import News
 
 RECORDING = "view.rrd"
@@ -32,24 +32,20 @@ RECORDING = "view.rrd"
 
 
 def view(
-    run: Annotated[Positional[Path], arg(metavar="RUN", help="Run folder of a calibration, or a log of another kind.")],
+    run: Run,
     *,
     follow: Flag = False,
-    robot: Annotated[str | None, arg(metavar="ROBOT", help_behavior_hint="")] = None,
     browser: Flag = False,
     out: Annotated[Path | None, arg(metavar="FILE.rrd", help_behavior_hint="")] = None,
-    joint_topic: Topic = None,
-    imu_topic: Topic = None,
-    joint_map: File = None,
-    columns: File = None,
-    start: Annotated[Duration, arg(name="from")] = None,
-    until: Duration = None,
-    description: Described = RobotFlags(),  # noqa: B008
-    output: Output = Output(),  # noqa: B008
+    source: Annotated[LogFlags, arg(name="log")],
+    description: Described,
+    output: Output,
 ) -> None:
-    """Show a run or any recording in the Rerun viewer: the robot moving, the support line, the CoM estimate converging.
+    """Show a run or any recording in the Rerun viewer: the robot moving, the support
+    line, the CoM estimate converging.
 
-    A window opens. On a computer without a display a file is written instead, and its path is printed.
+    A window opens. On a computer without a display a file is written instead, and
+    its path is printed.
 
     Example: equipoise view runs/go2
              equipoise view bags/wiggle --robot go2
@@ -57,26 +53,17 @@ def view(
 
     Args:
         follow: Keep up with a run, or with the file of 'equipoise record' (give --robot), that another process writes.
-        robot: Robot of a log: a name or a model file, as in 'calibrate'. A run folder has its own.
         browser: Serve the viewer to a browser on this computer until Ctrl-C. See docs/view.md for another computer.
         out: Write this file and open no viewer; 'rerun FILE.rrd' opens it.
-        joint_topic: Joint states of a bag that has several.
-        imu_topic: IMU samples of a bag that has several.
-        joint_map: TOML file with lines as FL_hip_joint = "front_left_hip": the log's name, or column, of a joint.
-        columns: TOML file with lines as gyro.x = "wx", for a table with other names; without it they are proposed.
-        start: Use the log from here on, after its first sample.
-        until: Use the log until here.
     """
     from equipoise.view.viewer import BROWSER, how_to_open, require_rerun
     from equipoise.view.viewer import view as show
 
     require_rerun()
-    span = seconds(start, "from"), seconds(until, "until")
-    flags = _LogFlags(Topics(joint_topic, imu_topic), joint_map, columns, span, description)
-    target = str(out) if out else _target(browser, Path(f"{run.stem}.rrd") if robot else run / RECORDING)
-    if out or robot:
+    target = str(out) if out else _target(browser, Path(f"{run.stem}.rrd") if source.robot else run / RECORDING)
+    if out or source.robot:
         _require_new(target)
-    title, model, method, news = _opened(run, robot, flags, follow, not output.silent)
+    title, model, method, news = _opened(run, source, description, follow, not output.silent)
 
     def greet(place: str) -> None:
         if target == BROWSER and output.json:
@@ -94,45 +81,18 @@ def view(
         _print_json("file", target) if output.json else print(_saved(target))
 
 
-@dataclass(frozen=True)
-class _LogFlags:
-    """Flags for logs of other programs."""
-
-    topics: Topics
-    joint_map: Path | None
-    columns: Path | None
-    span: tuple[float | None, float | None]
-    description: RobotFlags
-
-    def refuse(self) -> None:
-        """Raise SettingsError if one of them was given."""
-        if self != _LogFlags(Topics(), None, None, (None, None), RobotFlags()):
-            raise SettingsError(FOR_LOGS)
-
-
 def _opened(
-    path: Path, robot: str | None, flags: _LogFlags, follow: bool, asking: bool
+    path: Path, source: LogFlags, description: RobotDescription, follow: bool, asking: bool
 ) -> tuple[str, RobotModel, Method, Iterable[News]]:
-    from equipoise.calibration.run_folder import RunFolder
-    from equipoise.logs.reader import is_log
-    from equipoise.precise.method import Precise
-    from equipoise.terminal.columns import read_as_told
     from equipoise.view.follow import follow as followed
     from equipoise.view.follow import log_news
 
-    if robot is None:
-        flags.refuse()
-        try:
-            folder = RunFolder.open(path)
-        except RecordingError as error:
-            hint = "; if it is another kind of log, say whose with --robot" if is_log(path) else ""
-            raise RecordingError(f"{error}{hint}") from error
+    if source.robot is None:
+        folder = open_run(path, source, description)
         return folder.path.name, folder.robot(), folder.method(), followed(path, lambda: follow)
-    model = load(robot, flags.description)
-    if follow:
-        return path.name, model, Precise(), followed(path, lambda: True)
-    log = read_as_told(path, model, flags.topics, flags.joint_map, flags.columns, flags.span, asking)
-    return path.name, model, Precise(), [log_news(model, log)]
+    model = load_robot(source.robot, description)
+    news = followed(path, lambda: True) if follow else [log_news(model, source.read(path, model, asking))]
+    return path.name, model, Precise(), news
 
 
 def _require_new(target: str) -> None:
@@ -165,51 +125,23 @@ def _saved(path: str) -> str:
     return f"saved: {path}\nopen it: rerun {typed(path)}"
 
 
-@dataclass(frozen=True)
-class Watch:
-    """Settings of the view beside a run.
+@contextmanager
+def viewer_of(folder: RunFolder, browser: bool, stays: bool) -> Generator[None]:
+    """Show a run while it is written into a folder.
 
-    Attributes:
-        view: whether the run is shown.
+    Args:
         browser: whether a page is served instead of a window.
+        stays: whether it is served after the run, until Enter or Ctrl-C at a terminal.
     """
+    from equipoise.view.viewer import BROWSER, viewer_beside
 
-    view: bool = False
-    browser: bool = False
-
-    def check(self) -> None:
-        """Refuse what will not work, before anything moves.
-
-        Raises:
-            MissingDependencyError: Rerun is not installed.
-            SettingsError: a browser without a view.
-        """
-        if self.browser and not self.view:
-            raise SettingsError("--browser is where --view shows the run; give --view too")
-        if self.view:
-            from equipoise.view.viewer import require_rerun
-
-            require_rerun()
-
-    @contextmanager
-    def over(self, folder: RunFolder, stays: bool = True) -> Generator[None]:
-        """Show a run while it is written into a folder.
-
-        Args:
-            stays: whether a page is served after the run, until Enter or Ctrl-C at a terminal.
-        """
-        if not self.view:
-            yield
-            return
-        from equipoise.view.viewer import BROWSER, viewer_beside
-
-        target = _target(self.browser, folder.path / RECORDING)
-        with viewer_beside(folder.path, target) as process:
-            yield
-            if target == BROWSER and stays and sys.stdin.isatty() and process.poll() is None:
-                _wait_for_enter()
-        if process.returncode == 0 and Path(target).suffix == ".rrd":
-            print(_saved(target), file=sys.stderr)
+    target = _target(browser, folder.path / RECORDING)
+    with viewer_beside(folder.path, target) as process:
+        yield
+        if target == BROWSER and stays and sys.stdin.isatty() and process.poll() is None:
+            _wait_for_enter()
+    if process.returncode == 0 and Path(target).suffix == ".rrd":
+        print(_saved(target), file=sys.stderr)
 
 
 def _wait_for_enter() -> None:

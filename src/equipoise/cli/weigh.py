@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import json as json_module
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from datetime import datetime, timezone
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Annotated, Any
 
-from equipoise.cli.calibrate import begun, placed, run_into
-from equipoise.cli.flags import Described, File, Output, Required, Robot, RobotFlags, exit_code, interruption_told, load
+from tyro.conf import arg
+from tyro.constructors import StructConstructorSpec
+
+from equipoise.calibration.routine import check as check_settings
+from equipoise.calibration.run_folder import RunFolder
+from equipoise.calibration.weighing import Weighing
+from equipoise.calibration.weighing import weigh as weighed
+from equipoise.cli.flags import Described, File, Output, Required, Robot, exit_code
 from equipoise.cli.operator_prompt import with_known_imu
-from equipoise.cli.session import Session, confirm
-from equipoise.cli.settings import SettingFlag, Verb, flags_class, given_flags, settings_of
+from equipoise.cli.parsing import ChosenFlags
+from equipoise.cli.session import PLACE_FLAGS, Place, confirm, new_run, run_path
+from equipoise.cli.setting_flags import flags_of, optional, settings_from, spec_of
 from equipoise.errors import RecordingError, SettingsError
+from equipoise.estimator.known.known_run import KnownRun
+from equipoise.precise.method import Precise
+from equipoise.result.requirements import read_requirements
+from equipoise.robot.catalog import load_robot
 from equipoise.user_file import write_file
-
-if TYPE_CHECKING:
-    from equipoise.calibration.weighing import Weighing
-    from equipoise.estimator.known.known_run import KnownRun
 
 _FLAGS = {
     "known": "known",
@@ -31,86 +36,69 @@ _FLAGS = {
     "cable": "cable",
     "surface": "surface",
 }
+_REQUIRED = (
+    "End with 11 where the answer is less than that, as identified,checks: what was added is identified, or nothing was; all "
+    "checks passed; or mass, com_x and others of what was added."
+)
 WEIGHING = "weighing.json"
-
-
-@dataclass(frozen=True)
-class WeighOutput(Output):
-    """What is written and shown.
-
-    Attributes:
-        out: Run folder; default runs/ROBOT-TIME.
-        require: End with 11 where the answer is less than that, as identified,checks: what was added is identified, or nothing
-            was; all checks passed; or mass, com_x and others of what was added.
-    """
-
-    out: File = None
-    require: Required = None
 
 
 def weigh(
     robot: Robot,
     *,
-    method: Any = None,
-    description: Described = RobotFlags(),  # noqa: B008
-    place: Any = None,
-    output: WeighOutput = WeighOutput(),
+    out: File = None,
+    require: Annotated[Required, arg(help=_REQUIRED)] = None,
+    method: Precise,
+    description: Described,
+    place: Annotated[Place, arg(name="platform")],
+    output: Output,
 ) -> int:
-    """Find what is on a robot now beside its last calibration: mass, place and how sure, in half a minute and one line.
+    """Find what is on a robot now beside its last calibration: mass, place and how
+    sure, in half a minute and one line.
 
-    It stands, moves over planted feet, lifts two feet some six times. Sensors, legs and friction are those of the run that
-    --known names; what changed since, as an encoder's zero, is said. Answers may be 'too small to matter', 'cannot tell'.
+    It stands, moves over planted feet, lifts two feet some six times. Sensors, legs
+    and friction are those of the run that --known names; what changed since, as an
+    encoder's zero, is said. Answers may be 'too small to matter', 'cannot tell'.
 
     Example: equipoise weigh go2 --known runs/last
              equipoise weigh go2 --known runs/last --scale 16.31 --json
-    """
-    from equipoise.calibration.routine import check
-    from equipoise.calibration.weighing import weigh as weighed
-    from equipoise.precise.method import Precise
-    from equipoise.result.requirements import read_requirements
 
-    given, where, required = given_flags(method), place.place(), read_requirements(output.require)
-    if "known" not in given:
+    Args:
+        out: Run folder; default runs/ROBOT-TIME.
+    """
+    required = read_requirements(require)
+    if method.known is None:
         raise SettingsError("name the run folder of this robot's last calibration: --known RUN")
-    asked = Precise(**given)
-    model = with_known_imu(load(robot, description), where.simulated)
+    model = with_known_imu(load_robot(robot, description), place.simulated)
     if not output.silent:
         print(model.imu.sentence, file=sys.stderr)
-    assert asked.known is not None
-    check(model, asked)
-    confirm(where, model, asked, getattr(place, "yes", True))
-    now = datetime.now(timezone.utc)
-    out = output.out or Path("runs") / f"{model.name}-{now:%Y%m%d-%H%M%S-%f}"
-    with Session(where, model) as session:
-        folder = begun(session, out, asked, {"time": now.isoformat(timespec="seconds")})
-        with interruption_told(folder):
-            result = run_into(session, folder, asked, output.silent)
-    found = _with_truth(weighed(model, asked.known, result), asked.known)
+    check_settings(model, method)
+    confirm(place, model, method)
+    out = run_path(model, out)
+    with new_run(place, model, out, method) as run:
+        result = run(output.silent)
+    found = _with_truth(weighed(model, method.known, result), method.known)
     write_file(out / WEIGHING, json_module.dumps(found.to_dict(), indent=2) + "\n")
-    if output.json:
-        print(json_module.dumps(found.to_dict(), indent=2))
-    else:
-        _print(found)
+    output.write(found.to_dict(), lambda: _print(found))
     return exit_code(required, found.verdicts)
 
 
-def weigh_for(arguments: Sequence[str]) -> Verb:
-    """`weigh` with the flags of the platform that is asked for; raises SettingsError."""
-    from equipoise.precise.method import Precise
+def _weigh_flags(arguments: Sequence[str]) -> StructConstructorSpec:
+    """Return the settings of the precise method that matter here, under the names that they have here."""
+    del arguments
+    flags = [optional(replace(flag, name=_FLAGS[flag.name])) for flag in flags_of(Precise) if flag.name in _FLAGS]
 
-    settings = [_renamed(setting) for setting in settings_of(Precise, tuple(_FLAGS))]
-    return placed(weigh, arguments, flags_class("WeighFlags", "What is known, and how to weigh.", settings))
+    def method(values: Mapping[str, Any]) -> Precise:
+        return settings_from(Precise, {name: values[flag] for name, flag in _FLAGS.items()})
+
+    return spec_of("What is known, and how to weigh.", flags, method)
 
 
-def _renamed(setting: SettingFlag) -> SettingFlag:
-    renamed = replace(setting, name=_FLAGS[setting.name])
-    return renamed if setting.kind is bool else renamed.or_none()
+CHOSEN: dict[type, ChosenFlags] = {Precise: (_weigh_flags, None), Place: PLACE_FLAGS}
 
 
 def _with_truth(found: Weighing, known: KnownRun) -> Weighing:
     """Beside the truth, where both runs are simulated."""
-    from equipoise.calibration.run_folder import RunFolder
-
     try:
         before = RunFolder.open(known.run).truth()
     except RecordingError:  # moved since: it was read whole
@@ -121,9 +109,8 @@ def _with_truth(found: Weighing, known: KnownRun) -> Weighing:
 
 
 def _print(found: Weighing) -> None:
-    for check in found.result.checks:
-        if not check.passed:
-            print(f"check failed: {check.name}: {check.message}")
+    for failed in (check for check in found.result.checks if not check.passed):
+        print(f"check failed: {failed.name}: {failed.message}")
     for warning in found.delta.warnings:
         print(f"changed: {warning}")
     print(found.sentence)

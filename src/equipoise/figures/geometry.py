@@ -109,29 +109,20 @@ def at_posture(robot: RobotModel, shapes: Iterable[Shape], joint_position: Float
     return [shape.mesh().moved(poses[shape.joint]) for shape in shapes]
 
 
-@dataclass(frozen=True, eq=False)
-class RobotMeshes:
-    """A robot in a posture.
+def robot_meshes(robot: RobotModel, joint_position: FloatArray) -> tuple[list[Mesh], list[Mesh], bool]:
+    """Return a robot in a posture, coarse enough for a page that is sent by mail.
 
-    Attributes:
-        base, legs: meshes in the base frame [m].
-        own: whether the model file says what all links look like.
+    Args:
+        joint_position: (nj,) of the leg joints [rad].
+
+    Returns:
+        meshes of the base and of the legs in the base frame [m], and whether the model file has shapes of all links.
     """
-
-    base: tuple[Mesh, ...]
-    legs: tuple[Mesh, ...]
-    own: bool
-
-
-def robot_meshes(robot: RobotModel, joint_position: FloatArray) -> RobotMeshes:
-    """Return the meshes at (nj,) joint positions [rad], coarse enough for a page that is sent by mail."""
     shapes = robot_shapes(robot, _MOST_FACES_ON_PAGE)
     meshes = list(zip(shapes, at_posture(robot, shapes, joint_position), strict=True))
-    return RobotMeshes(
-        tuple(mesh for shape, mesh in meshes if shape.part == "base"),
-        tuple(mesh for shape, mesh in meshes if shape.part != "base"),
-        not any(shape.stands_in for shape in shapes),
-    )
+    base = [mesh for shape, mesh in meshes if shape.part == "base"]
+    legs = [mesh for shape, mesh in meshes if shape.part != "base"]
+    return base, legs, not any(shape.stands_in for shape in shapes)
 
 
 def box(x: float, y: float, z: float) -> Mesh:

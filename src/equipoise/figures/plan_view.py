@@ -137,9 +137,9 @@ class PlanOutline:
     @classmethod
     def of(cls, robot: RobotModel, joint_position: FloatArray) -> PlanOutline:
         """At (nj,) joint positions [rad]."""
-        meshes = robot_meshes(robot, joint_position)
+        base, legs, _ = robot_meshes(robot, joint_position)
         feet: dict[str, FloatArray] = dict(zip(LEG_NAMES, foot_positions(robot, joint_position)[:, :2], strict=True))
-        return cls(_hull(meshes.base), tuple(_hull([mesh]) for mesh in meshes.legs), feet)
+        return cls(_hull(base), tuple(_hull([mesh]) for mesh in legs), feet)
 
 
 @dataclass(frozen=True, eq=False)

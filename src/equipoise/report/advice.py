@@ -15,7 +15,7 @@ from equipoise.precise.method import Precise
 from equipoise.precise.plan import Plan, Visit, make_plan
 from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.routine import plan_ahead
-from equipoise.report.parts import motors_alone
+from equipoise.report.part_figures import motors_alone
 from equipoise.result.calibration import Calibration
 from equipoise.result.shown import ROWS, called
 from equipoise.result.statistics import NORMAL_95

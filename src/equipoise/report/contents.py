@@ -9,16 +9,16 @@ from equipoise.figures.lift_planes import lift_planes
 from equipoise.figures.numbers import BODIES, legend, not_estimated, numbers, numbers_table
 from equipoise.figures.parts import parts_of
 from equipoise.figures.plan_view import plan_figures, plan_view
-from equipoise.figures.uncertainty import remedies, uncertainty_table
+from equipoise.figures.uncertainty_budget import remedies, uncertainty_table
 from equipoise.report.advice import advice_blocks
-from equipoise.report.parts import LINKS, MOTORS, motor_sentence, motors_alone, part_blocks
-from equipoise.report.progress import progress_figures
+from equipoise.report.convergence_figures import progress_figures
+from equipoise.report.part_figures import LINKS, MOTORS, motor_sentence, motors_alone, part_blocks
 from equipoise.report.provenance import provenance_blocks
 from equipoise.report.residuals import held_out_blocks, residual_figures
 from equipoise.report.scene import scene
-from equipoise.report.sensors import sensor_blocks
-from equipoise.report.sway import sway_blocks
-from equipoise.report.trials import search_figures, tilt_figures, trial_table
+from equipoise.report.sensor_figures import sensor_blocks
+from equipoise.report.sway_figures import sway_blocks
+from equipoise.report.trial_figures import search_figures, tilt_figures, trial_table
 from equipoise.result.calibration import Calibration
 from equipoise.result.legend import doubt_sentence, frame_sentence
 

@@ -28,10 +28,10 @@ def scene(result: Calibration, planes: LiftPlanes) -> list[Figure]:
         return []
     position = np.array([result.joint_position[name] for name in robot.joint_names])
     size = float(-foot_positions(robot, position)[:, 2].mean())
-    meshes = robot_meshes(robot, position)
+    base, legs, own = robot_meshes(robot, position)
     com = np.where(np.isnan(found := result.composite.com_in_base.values), result.nominal.composite.com, found)
     reach = _reach(result, com)
-    links = [_body(meshes.base, "base", 0.25), _body(meshes.legs, "leg", 0.55)]
+    links = [_body(base, "base", 0.25), _body(legs, "leg", 0.55)]
     surfaces = _surfaces(result, planes, com, (0.8 * size, size, 0.5 * size))
     ellipsoids, words = _ellipsoids(result, com, size)
     whole = [*links, *surfaces, *ellipsoids[1:]]
@@ -55,7 +55,7 @@ def scene(result: Calibration, planes: LiftPlanes) -> list[Figure]:
             {"type": "buttons", "direction": "right", "buttons": buttons, "x": 0, "xanchor": "left", "y": 1}
         ],
     }
-    source = "" if meshes.own else " Links without a shape that can be read are drawn as stand-ins."
+    source = "" if own else " Links without a shape that can be read are drawn as stand-ins."
     caption = f"The robot at its nominal stance; drag to turn, scroll to zoom.{words}{source}"
     data = [*whole, *marks, *({**trace, "visible": False} for trace in close)]
     return [Figure("Support planes and centre of mass", caption, data, layout, height=560)]

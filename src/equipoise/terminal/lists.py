@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from equipoise.drivers.platforms import PlatformRow
 from equipoise.robot.catalog import CatalogEntry
-from equipoise.terminal.tables import show_table
+from equipoise.terminal.rich_tables import show_table
 
 
 def print_verbs(verbs: Mapping[str, str]) -> None:

@@ -30,7 +30,7 @@ from equipoise.robot.stance import nominal_stance
 from equipoise.threads import ONE_THREAD
 from equipoise.view.convergence import estimates
 from equipoise.view.follow import News, follow
-from equipoise.view.scene import Scene, blueprint
+from equipoise.view.rerun_scene import Scene, blueprint
 
 WINDOW, BROWSER = "window", "browser"
 _HOST = "127.0.0.1"

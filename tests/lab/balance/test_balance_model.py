@@ -7,9 +7,9 @@ import pytest
 
 from equipoise import nominal_stance
 from equipoise.errors import ReachError
+from equipoise.lab.balance.balance_model import linear_model, residual
 from equipoise.lab.balance.controller import BalanceLaw, BalanceWeights
-from equipoise.lab.balance.model import linear_model, residual
-from equipoise.lab.balance.posture import contact_jacobian, line_through, posture_over_line, stance_legs
+from equipoise.lab.balance.two_foot_posture import contact_jacobian, line_through, posture_over_line, stance_legs
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS
 

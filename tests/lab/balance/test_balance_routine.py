@@ -8,9 +8,9 @@ import pytest
 
 from equipoise import nominal_stance, simulate
 from equipoise.errors import FallError, MotionError, SettingsError
+from equipoise.lab.balance.balance_routine import BalanceSettings, balance
 from equipoise.lab.balance.belief import calibrated, displaced, error_along, model_file, with_composite
 from equipoise.lab.balance.judge import felt_traces, judge, seen_traces
-from equipoise.lab.balance.routine import BalanceSettings, balance
 from equipoise.lab.balance.senses import Senses, SensorKnowledge, leveling
 from equipoise.platform.platform import MotionInterrupted, RobotState
 from equipoise.result.body import Body

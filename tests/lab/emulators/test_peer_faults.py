@@ -13,8 +13,8 @@ from equipoise import nominal_stance
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
 from equipoise.drivers.unitree.udp import open_connection as open_udp
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
+from equipoise.lab.emulators.emulated_robot import PeerRobot, PeerSettings
 from equipoise.lab.emulators.faults import CrossedWiring
-from equipoise.lab.emulators.robot import PeerRobot, PeerSettings
 from equipoise.platform.platform import JointCommand
 
 pytestmark = pytest.mark.realtime

@@ -2,7 +2,7 @@
 
 import json
 
-from equipoise.lab.emulators.robot import PeerRobot, PeerSettings
+from equipoise.lab.emulators.emulated_robot import PeerRobot, PeerSettings
 
 
 class Log(list):

@@ -5,12 +5,12 @@ import pytest
 from browser import open_browser
 
 from equipoise.lab.pages.markdown import markdown
-from equipoise.lab.pages.reproduction import reproduction_page
-from equipoise.lab.pages.study import study_page
+from equipoise.lab.pages.reproduction_page import reproduction_page
+from equipoise.lab.pages.study_page import study_page
 from equipoise.lab.study.reproduction import Proportion, Reproduction, TableRow
 from equipoise.lab.study.rows import table_of
-from equipoise.lab.study.statistics import Slope, summarize
 from equipoise.lab.study.study import SOURCES, Study
+from equipoise.lab.study.study_statistics import Slope, summarize
 from equipoise.report.page import save_page
 from equipoise.robot.inertial import COMPONENTS
 

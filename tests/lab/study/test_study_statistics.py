@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from equipoise.lab.pages.study import method_blocks
-from equipoise.lab.study import statistics
+from equipoise.lab.pages.study_page import method_blocks
+from equipoise.lab.study import study_statistics as statistics
 from equipoise.lab.study.rows import table_of
-from equipoise.lab.study.statistics import Rate, to_dict
 from equipoise.lab.study.study import SOURCES, Study
+from equipoise.lab.study.study_statistics import Rate, to_dict
 from equipoise.lab.study.summary import summary_table
 from equipoise.robot.inertial import COMPONENTS
 

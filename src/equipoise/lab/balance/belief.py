@@ -9,8 +9,8 @@ import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
-from equipoise.lab.balance.posture import line_through, stance_legs
 from equipoise.lab.balance.senses import SensorKnowledge
+from equipoise.lab.balance.two_foot_posture import line_through, stance_legs
 from equipoise.result.calibration import Calibration
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.inertial import RobotInertia, composite_parameters

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import block_diag, solve_discrete_are
 
 from equipoise.conventions import FloatArray
-from equipoise.lab.balance.model import LinearModel
+from equipoise.lab.balance.balance_model import LinearModel
 
 
 @dataclass(frozen=True)

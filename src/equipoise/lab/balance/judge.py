@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.lab.balance.posture import stance_legs
 from equipoise.lab.balance.run import ENDINGS, BalanceRun
+from equipoise.lab.balance.two_foot_posture import stance_legs
 from equipoise.robot.description import LEG_NAMES
 from equipoise.simulation.glimpse import Glimpse
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.conventions import FloatArray
 from equipoise.errors import FallError
 from equipoise.estimator.unknowns import finding_names
-from equipoise.lab.balance.posture import line_through, stance_legs
+from equipoise.lab.balance.two_foot_posture import line_through, stance_legs
 from equipoise.platform.platform import RobotState
 from equipoise.result.calibration import Calibration
 from equipoise.robot.description import LEG_NAMES

@@ -8,34 +8,31 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import arg
 
 from equipoise import _version
-from equipoise.cli.flags import (
-    ContactsName,
-    Described,
-    File,
-    Flag,
-    NoiseName,
-    Output,
-    Robot,
-    RobotFlags,
-    WithEffects,
-    WithoutEffects,
-    load,
-)
-from equipoise.cli.settings import seconds
+from equipoise.cli import flags
+from equipoise.cli.setting_flags import seconds
 from equipoise.errors import FallError, MotionError, OutputError, SettingsError
-
-if TYPE_CHECKING:
-    from equipoise.lab.balance.belief import Plant
-    from equipoise.lab.balance.report import BalanceTrial
-    from equipoise.lab.balance.routine import BalanceSettings
-    from equipoise.robot.model import RobotModel
-    from equipoise.robot.stance import Stance
-    from equipoise.simulation.simulation import Simulation
+from equipoise.lab.balance import belief
+from equipoise.lab.balance.balance_report import BalanceReport, BalanceTrial
+from equipoise.lab.balance.balance_routine import BalanceSettings
+from equipoise.lab.balance.balance_routine import balance as run
+from equipoise.lab.balance.belief import Plant, error_along
+from equipoise.lab.balance.judge import judge, seen_traces
+from equipoise.lab.terminal import print_balance
+from equipoise.platform.platform import MotionInterrupted
+from equipoise.recording.run_log import save_recording
+from equipoise.result.calibration import Calibration
+from equipoise.robot.catalog import load_robot
+from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.stance import Stance, nominal_stance
+from equipoise.simulation.effects import read_effects, read_names
+from equipoise.simulation.glimpse import Bystander
+from equipoise.simulation.payload import Payload
+from equipoise.simulation.simulation import Simulation, simulate
 
 _WATCHED_PERIODS = 5  # the bystander looks every so many control periods
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
@@ -44,33 +41,36 @@ Length = Annotated[str | None, arg(metavar="LENGTH", help_behavior_hint="")]
 
 
 def balance(
-    robot: Robot = "unitree_a1",
+    robot: flags.Robot = "unitree_a1",
     *,
-    com: File = None,
+    com: flags.File = None,
     com_error: Length = None,
     diagonal: Literal["FL_RR", "FR_RL", "both"] = "both",
     duration: Annotated[str, arg(metavar="TIME")] = "10s",
-    observe_offset: Flag = False,
-    noise: NoiseName = "realistic",
-    effects: WithEffects = (),
-    without: WithoutEffects = (),
-    contacts: ContactsName = "own",
-    payload: Annotated[str | None, arg(metavar="M,X,Y,Z", help_behavior_hint="")] = None,
+    observe_offset: flags.Flag = False,
+    noise: flags.NoiseName = "realistic",
+    effects: flags.WithEffects = (),
+    without: flags.WithoutEffects = (),
+    contacts: flags.ContactsName = "own",
+    payload: flags.PayloadGiven = None,
     seed: int = 0,
-    description: Described = RobotFlags(),  # noqa: B008
-    out: File = None,
-    report: Flag = True,
-    check: Flag = False,
-    output: Output = Output(),  # noqa: B008
+    out: flags.File = None,
+    report: flags.Flag = True,
+    check: flags.Flag = False,
+    description: flags.Described,
+    output: flags.Output,
 ) -> int:
-    """Stand up on two diagonal feet and stay there, in simulation: a test of its centre of mass.
+    """Stand up on two diagonal feet and stay there, in simulation: a test of its
+    centre of mass.
 
-    The balance law feels joint encoders and IMU only. It is designed on what is believed of the robot: the model file, a
-    calibration (--com), or the simulated truth with its centre of mass displaced (--com-error). The model stays fixed: with a
-    wrong one the robot leans, and falls from some millimetres on. A robot that falls is a result like another: the verdict is
-    printed and the exit code is 0, or 4 with --check.
+    The balance law feels joint encoders and IMU only. It is designed on what is
+    believed of the robot: the model file, a calibration (--com), or the simulated
+    truth with its centre of mass displaced (--com-error). The model stays fixed:
+    with a wrong one the robot leans, and falls from some millimetres on. A robot
+    that falls is a result like another: the verdict is printed and the exit code is
+    0, or 4 with --check.
 
-    Examples: equipoise lab balance --payload 2,0.08,0.03,0.1 --com runs/a1/calibration.json
+    Examples: equipoise lab balance --payload 2,0.08,0.03,0.1 --com runs/a1
               equipoise lab balance go2 --com-error=-5mm --diagonal FL_RR
 
     Args:
@@ -82,26 +82,16 @@ def balance(
         duration: How long to balance on each diagonal, as 10s.
         observe_offset: Also observe how far the true centre of mass is from the believed one, and stand accordingly. This
             measures the error; that the robot then balances proves nothing.
-        payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
         seed: Of everything drawn.
         out: Folder; default runs/ROBOT-balance-TIME.
         report: Leave out the page balance.html.
         check: Exit with 4 if the robot did not balance for all of the time.
     """
-    from equipoise.lab.balance.report import BalanceReport
-    from equipoise.lab.balance.routine import BalanceSettings
-    from equipoise.lab.terminal.balance import print_balance
-    from equipoise.robot.model import DIAGONALS
-    from equipoise.robot.stance import nominal_stance
-    from equipoise.simulation.effects import read_effects, read_names
-    from equipoise.simulation.payload import Payload
-    from equipoise.simulation.simulation import simulate
-
     if com is not None and com_error is not None:
         raise SettingsError("--com and --com-error both say what the law believes; give one of them")
     settings = BalanceSettings(_duration(duration), observe_offset)
     error = None if com_error is None else metres(com_error)
-    model = load(robot, description)
+    model = load_robot(robot, description)
     stance = nominal_stance(model)
     calibration = None if com is None else _calibration(com)
     loaded = Payload.parse(payload) if payload is not None else None
@@ -130,7 +120,7 @@ def balance(
     done = BalanceReport(model.name, sensors_known, settings, tuple(trials), provenance)
     files = done.save(out)
     if report:
-        from equipoise.lab.pages.balance import balance_page
+        from equipoise.lab.pages.balance_page import balance_page
         from equipoise.report.page import save_page
 
         files.append(save_page(balance_page(done), out / "balance.html"))
@@ -148,9 +138,6 @@ def balance(
 @contextmanager
 def _interruption_kept(out: Path, diagonal: str) -> Generator[None]:
     """Save what was recorded, and say where, if a trial does not come to its end."""
-    from equipoise.platform.platform import MotionInterrupted
-    from equipoise.recording.run_log import save_recording
-
     try:
         yield
     except (MotionInterrupted, MotionError) as stop:
@@ -180,16 +167,12 @@ def _duration(text: str) -> float:
 
 
 def _calibration(path: Path) -> Any:
-    from equipoise.result.calibration import Calibration
-
     return Calibration.load(path / "calibration.json" if path.is_dir() else path)
 
 
 def _belief(
     robot: RobotModel, stance: Stance, simulation: Simulation, diagonal: str, calibration: Any, error: float | None
 ) -> Plant:
-    from equipoise.lab.balance import belief
-
     if calibration is not None:
         return belief.calibrated(robot, stance, calibration)
     if error is not None:
@@ -205,12 +188,6 @@ def _trial(
     diagonal: str,
     settings: BalanceSettings,
 ) -> BalanceTrial:
-    from equipoise.lab.balance.belief import error_along
-    from equipoise.lab.balance.judge import judge, seen_traces
-    from equipoise.lab.balance.report import BalanceTrial
-    from equipoise.lab.balance.routine import balance as run
-    from equipoise.simulation.glimpse import Bystander
-
     bystander = Bystander(simulation.witness.look, _WATCHED_PERIODS)
     done = run(simulation.platform, robot, belief.model, diagonal, settings, belief.sensors, bystander.watch)
     off = error_along(stance, diagonal, belief.model, simulation.truth)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
+from types import ModuleType
 from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
+from tyro.constructors import StructConstructorSpec
 
-from equipoise.cli.settings import Verb
+from equipoise.cli.parsing import ChosenFlags
+from equipoise.cli.setting_flags import fields_of, spec_of
 
 EMULATORS = {
     "unitree-dds": ("unitree_dds", "UnitreeDdsOptions"),
@@ -21,17 +24,23 @@ Protocol = Annotated[
 ]
 
 
-def emulate_for(arguments: Sequence[str]) -> Verb:
-    """Return the verb with the flags of the emulator that the arguments name."""
-    module_name, options_name = EMULATORS.get(next(iter(arguments), ""), EMULATORS["unitree-dds"])
-    module = importlib.import_module(f"equipoise.lab.emulators.{module_name}")
-
-    def emulate(protocol: Protocol, options: Any) -> None:
-        module.serve(options)
-
-    emulate.__annotations__ = {"protocol": Protocol, "options": getattr(module, options_name)}
-    emulate.__doc__ = """Run a simulated robot that speaks a real robot's protocol, until Ctrl-C.
+def emulate(protocol: Protocol, *, options: object) -> None:
+    """Run a simulated robot that speaks a real robot's protocol, until Ctrl-C.
 
     Example: equipoise lab emulate unitree-dds --robot go2 --domain 5
     """
-    return emulate
+    _module(protocol).serve(options)
+
+
+def _module(protocol: str) -> ModuleType:
+    return importlib.import_module(f"equipoise.lab.emulators.{EMULATORS[protocol][0]}")
+
+
+def _options_flags(arguments: Sequence[str]) -> StructConstructorSpec:
+    """Return the flags of the emulator that the arguments name."""
+    protocol = next((word for word in arguments if word in EMULATORS), "unitree-dds")
+    kind: Any = getattr(_module(protocol), EMULATORS[protocol][1])
+    return spec_of(kind.__doc__ or "", fields_of(kind), lambda values: kind(**values))
+
+
+CHOSEN: dict[type, ChosenFlags] = {object: (_options_flags, None)}

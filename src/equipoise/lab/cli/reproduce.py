@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +9,7 @@ from tyro.conf import arg
 
 from equipoise.cli.flags import Count, Output
 from equipoise.errors import SettingsError
+from equipoise.lab.study.reproduction import reproduce as run
 
 
 def reproduce(
@@ -18,9 +18,10 @@ def reproduce(
     trials: Annotated[int, arg(metavar="N")] = 200,
     precise_trials: Annotated[int, arg(metavar="N")] = 40,
     workers: Count = None,
-    output: Output = Output(),  # noqa: B008
+    output: Output,
 ) -> None:
-    """Make the paper's results again: Table I, Fig. 3, the Monte Carlo rate, and what joint errors cost.
+    """Make the paper's results again: Table I, Fig. 3, the Monte Carlo rate, and what
+    joint errors cost.
 
     Takes some minutes; run it again after an interruption, and it goes on.
 
@@ -32,9 +33,8 @@ def reproduce(
         precise_trials: Of the precise method, which takes ten times as long.
         workers: Processes; default one for each core.
     """
-    from equipoise.lab.pages.reproduction import reproduction_page, save_reproduction
-    from equipoise.lab.study.reproduction import reproduce as run
-    from equipoise.lab.terminal.study import StudyLine, print_study
+    from equipoise.lab.pages.reproduction_page import reproduction_page, save_reproduction
+    from equipoise.lab.terminal import StudyLine, print_study
 
     if trials < 1 or precise_trials < 1:
         raise SettingsError(f"{min(trials, precise_trials)} trials are none; ask for one at least")
@@ -42,7 +42,5 @@ def reproduce(
         done = run(out / "studies", trials, precise_trials, workers, line.doing)
     page = reproduction_page(done)
     files = save_reproduction(page, out)
-    if output.json:
-        print(json_module.dumps({"schema": "equipoise.reproduction/1", "files": [str(file) for file in files]}))
-    else:
-        print_study(page, files)
+    table = {"schema": "equipoise.reproduction/1", "files": [str(file) for file in files]}
+    output.write(table, lambda: print_study(page, files))

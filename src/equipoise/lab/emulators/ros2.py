@@ -33,8 +33,8 @@ from equipoise.drivers.ros2.ros_messages import (
     dds_topic,
 )
 from equipoise.errors import SettingsError
+from equipoise.lab.emulators.emulated_robot import PeerRobot, PeerSettings
 from equipoise.lab.emulators.faults import ActiveFaults
-from equipoise.lab.emulators.robot import PeerRobot, PeerSettings
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.stance import nominal_stance

@@ -27,8 +27,8 @@ from equipoise.drivers.unitree.low_level import COMMAND, STATE, STOP_POSITION, S
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, keys_of
 from equipoise.drivers.unitree.sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
+from equipoise.lab.emulators.emulated_robot import PeerRobot, PeerSettings
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
-from equipoise.lab.emulators.robot import PeerRobot, PeerSettings
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel

@@ -30,8 +30,8 @@ from equipoise.drivers.unitree.udp import CONTROL_PERIOD
 from equipoise.drivers.unitree.udp_settings import Protocol
 from equipoise.drivers.unitree.udp_socket import Address
 from equipoise.errors import SettingsError
+from equipoise.lab.emulators.emulated_robot import PeerRobot, PeerSettings
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
-from equipoise.lab.emulators.robot import PeerRobot, PeerSettings
 from equipoise.lab.emulators.udp_packets import StatePacket, read_command
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot

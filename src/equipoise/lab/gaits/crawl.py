@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.lab.gaits.logged import logged
+from equipoise.lab.gaits.gait_log import logged
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.recording.recording import Recording
 from equipoise.robot.floor import over_three_feet

@@ -15,7 +15,7 @@ from mujoco import rollout
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.errors import FallError
-from equipoise.lab.replay.motion import TwoFootMotion
+from equipoise.lab.replay.replayed_motion import TwoFootMotion
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import nominal_stance

@@ -23,7 +23,7 @@ from equipoise.estimator.diagnostics.held_out import LiftPrediction
 from equipoise.estimator.measurements.lift_samples import LiftSamples
 from equipoise.estimator.measurements.tilt_equation import SensedLift, integral
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
-from equipoise.lab.replay.motion import TwoFootMotion
+from equipoise.lab.replay.replayed_motion import TwoFootMotion
 from equipoise.result.calibration import Calibration
 from equipoise.result.held_out import FOUND, MODEL
 from equipoise.robot.inertial import InertialParameters

@@ -13,8 +13,8 @@ from equipoise.calibration.routine import calibrate
 from equipoise.conventions import AXES, FloatArray
 from equipoise.lab.study.rows import SUCCEEDED, Table, column, having
 from equipoise.lab.study.runner import StudyProgress, run_study
-from equipoise.lab.study.statistics import MethodSummary, lines_in_squares, planar_errors, summarize
 from equipoise.lab.study.study import Study
+from equipoise.lab.study.study_statistics import MethodSummary, lines_in_squares, planar_errors, summarize
 from equipoise.method.method import Method
 from equipoise.paper.method import Paper
 from equipoise.paper.trial_runner import ComSearchSettings

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from equipoise.lab.study.statistics import ErrorStatistics, MethodSummary, Rate, Slope, to_dict
 from equipoise.lab.study.study import Study
+from equipoise.lab.study.study_statistics import ErrorStatistics, MethodSummary, Rate, Slope, to_dict
 from equipoise.simulation.effects import SensorErrors
 from equipoise.user_file import write_file
 

@@ -11,11 +11,11 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError, SettingsError
 from equipoise.experiments.stand import move_to, stand_up
+from equipoise.lab.balance.balance_model import LinearModel, linear_model
 from equipoise.lab.balance.controller import BalanceLaw, BalanceWeights
-from equipoise.lab.balance.model import LinearModel, linear_model
-from equipoise.lab.balance.posture import Posture, posture_over_line
 from equipoise.lab.balance.run import BalanceRun, Ending, TrialSamples
 from equipoise.lab.balance.senses import Bearings, Senses, SensorKnowledge
+from equipoise.lab.balance.two_foot_posture import Posture, posture_over_line
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState
 from equipoise.platform.ramp import smooth_step
 from equipoise.recording.phases import Phase

@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from equipoise.errors import EquipoiseError
 from equipoise.exports.formats import Export, Format
-from equipoise.terminal.tables import show_table
+from equipoise.terminal.rich_tables import show_table
 
 _SHORT = 40  # lines that fit on a screen
 _FILES = {"model": "model file", "given": "--file", "": ""}

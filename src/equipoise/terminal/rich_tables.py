@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from pathlib import Path
 
 from rich import box
 from rich.console import Console
@@ -40,6 +41,12 @@ def show_table(
 ) -> None:
     """Print a table that pages do not show."""
     print_table(console or Console(), DataTable(title, columns, rows))
+
+
+def print_saved(console: Console, files: Sequence[Path]) -> None:
+    """Print the paths of the files that were written, if there are any."""
+    if files:
+        console.print("saved: " + escape(", ".join(map(str, files))), soft_wrap=True)
 
 
 def print_block(console: Console, block: Block) -> None:

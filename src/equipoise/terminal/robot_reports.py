@@ -17,7 +17,7 @@ from equipoise.drivers.platforms import DRIVERS
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
-from equipoise.terminal.tables import show_table
+from equipoise.terminal.rich_tables import show_table
 
 _MARKS = {True: "ok", False: "look", None: ""}
 _HEAVY = 0.8  # of a torque limit

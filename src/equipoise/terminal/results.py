@@ -17,7 +17,7 @@ from equipoise.experiments.progress import Progress as RoutineProgress
 from equipoise.figures.blocks import number
 from equipoise.figures.numbers import legend, not_estimated, numbers, numbers_table
 from equipoise.figures.parts import Parts, parts_of, parts_of_legs
-from equipoise.figures.uncertainty import REMEDY, remedies, uncertainty_table
+from equipoise.figures.uncertainty_budget import REMEDY, remedies, uncertainty_table
 from equipoise.method.rehearsal import Forecast
 from equipoise.result.calibration import Calibration
 from equipoise.result.legend import checks_sentence, doubt_sentence
@@ -25,7 +25,7 @@ from equipoise.result.shown import ROWS
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.audit import Audit
 from equipoise.robot.model import DIAGONALS
-from equipoise.terminal.tables import print_table, show_table
+from equipoise.terminal.rich_tables import print_saved, print_table, show_table
 from equipoise.user_file import typed
 
 
@@ -88,8 +88,7 @@ def print_calibration(
     if verbose:
         for stage, seconds in result.timings.items():
             console.print(f"{stage}: {seconds:.2f} s")
-    if files:
-        console.print("saved: " + escape(", ".join(str(file) for file in files)), soft_wrap=True)
+    print_saved(console, files)
     for line in _next_steps(result, files, kept):
         console.print(escape(line), soft_wrap=True)
 

@@ -1,10 +1,11 @@
-"""A Monte Carlo study in the terminal."""
+"""Results of the lab's verbs in the terminal."""
 
 from __future__ import annotations
 
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -12,8 +13,12 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from equipoise.figures.blocks import PageContents
+from equipoise.lab.balance.balance_report import BalanceReport
+from equipoise.lab.pages.balance_page import balance_table, sentences, title
+from equipoise.lab.pages.validation_page import validation_table
+from equipoise.lab.replay.validation import Validation
 from equipoise.lab.study.runner import StudyProgress
-from equipoise.terminal.tables import print_block
+from equipoise.terminal.rich_tables import print_block, print_saved, print_table
 
 _PLAIN_INTERVAL = 10.0  # [s] between lines where nothing can be overwritten
 
@@ -72,7 +77,28 @@ def print_study(page: PageContents, files: Sequence[Path]) -> None:
         console.print(f"[bold]{escape(section.title)}[/bold]")
         for block in section.blocks:
             print_block(console, block)
-    console.print("saved: " + escape(", ".join(str(file) for file in files)), soft_wrap=True)
+    print_saved(console, files)
+
+
+def print_balance(report: BalanceReport, files: Sequence[Path]) -> None:
+    """Print a column for each diagonal, and the verdicts."""
+    console = Console()
+    print_table(console, replace(balance_table(report), title=title(report)))
+    for sentence in sentences(report):
+        console.print(escape(sentence))
+    print_saved(console, files)
+
+
+def print_validation(found: Validation, files: Sequence[Path]) -> None:
+    """Print a row for each body that was replayed, and the answer.
+
+    Args:
+        files: paths of the files that were written.
+    """
+    console = Console()
+    print_table(console, validation_table(found))
+    console.print(escape(f"{found.sentence}."))
+    print_saved(console, files)
 
 
 def _duration(seconds: float) -> str:

@@ -17,7 +17,7 @@ from equipoise.figures.blocks import (
     number,
     upright,
 )
-from equipoise.lab.balance.report import BalanceReport, BalanceTrial
+from equipoise.lab.balance.balance_report import BalanceReport, BalanceTrial
 
 _BEFORE, _AFTER = 0.7, 0.5  # [s] shown around the time on two feet
 

@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from equipoise.logs.motions.segments import LogSegment
 from equipoise.logs.offline import LogReport
-from equipoise.terminal.tables import show_table
+from equipoise.terminal.rich_tables import show_table
 
 _COUNTED = {
     "lift": "lift",

@@ -26,8 +26,8 @@ from equipoise.figures.blocks import (
     upright,
 )
 from equipoise.lab.study.rows import SUCCEEDED, Table, column, having, texts
-from equipoise.lab.study.statistics import LEVELS, WITHIN, MethodSummary, Slope, planar_errors
 from equipoise.lab.study.study import Study
+from equipoise.lab.study.study_statistics import LEVELS, WITHIN, MethodSummary, Slope, planar_errors
 from equipoise.lab.study.summary import (
     coverage_text,
     error_numbers,

@@ -10,7 +10,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.figures.blocks import INK, SERIES, DataTable, Figure, PageContents, Section, axes, level, line, points
 from equipoise.lab.pages.markdown import markdown
-from equipoise.lab.pages.study import line_in_squares
+from equipoise.lab.pages.study_page import line_in_squares
 from equipoise.lab.study.reproduction import (
     PAPER_ESTIMATE,
     PAPER_ITERATIONS,
@@ -20,7 +20,7 @@ from equipoise.lab.study.reproduction import (
     Proportion,
     Reproduction,
 )
-from equipoise.lab.study.statistics import WITHIN
+from equipoise.lab.study.study_statistics import WITHIN
 from equipoise.lab.study.summary import rate_text
 from equipoise.report.page import REPORT, save_page
 from equipoise.user_file import write_file

@@ -18,7 +18,7 @@ import pinocchio as pin
 from scipy.linalg import expm, null_space
 
 from equipoise.conventions import FloatArray
-from equipoise.lab.balance.posture import Posture, contact_jacobian, generalized_gravity, stance_legs
+from equipoise.lab.balance.two_foot_posture import Posture, contact_jacobian, generalized_gravity, stance_legs
 from equipoise.robot.model import RobotModel
 
 # Four-point differences: with this step their error and that of rounding are both below 1e-9 of the largest term.

@@ -1,1 +1,0 @@
-"""Results of the lab's verbs in the terminal."""
