@@ -11,13 +11,13 @@ from equipoise import Precise
 from equipoise.estimator.diagnostics import checks, score
 from equipoise.estimator.diagnostics.checks import judge
 from equipoise.estimator.diagnostics.score import score_tests
-from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.unknowns import Priors
 
 
 def check_of(a1, run, posterior):
     """What the check says; the evidence itself it does not need."""
-    found = judge(a1, read_evidence(a1, run.stance, run.recordings), posterior)
+    found = judge(a1, read_motions(a1, run.stance, run.recordings), posterior)
     return next(check for check in found if check.name == "what is held")
 
 

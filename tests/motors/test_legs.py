@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from equipoise import Precise, calibrate, nominal_stance, simulate
-from equipoise.estimator.blocks.block import LEFT_OUT
-from equipoise.estimator.blocks.planted import PlantedBlock
+from equipoise.estimator.equations.equation import LEFT_OUT
+from equipoise.estimator.equations.planted_moves import PlantedMoves
 from equipoise.method.together import Together, of_the_base
 from equipoise.motors.equations import motor_samples
 from equipoise.motors.fit import fit_motors
@@ -136,18 +136,18 @@ def test_quiet_feet_are_not_taken_for_quieter_than_they_may_be(a1, run):
     kept, _, _, both = run
     lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
     posterior = both.base.estimate(a1, lifts, nominal_stance(a1)).evidence.posterior
-    block = next(block for block in posterior.problem.blocks if isinstance(block, PlantedBlock))
-    allowed = block.scale / block._quiet
+    moves = posterior.problem.equation(PlantedMoves)
+    allowed = moves.scale / moves._quiet
     loose = np.zeros_like(posterior.covariance)  # as if no unknown took a freedom
-    quiet = block.at_found_noise(posterior.x, loose)
+    quiet = moves.at_residual_noise(posterior.x, loose)
     assert (quiet.scale <= allowed).all()
     assert (quiet.scale >= 0.3 * allowed - 1e-12).all()
-    for again in (quiet.at_shown_noise(posterior.x), block.at_shown_noise(posterior.x)):
+    for again in (quiet.at_residual_noise(posterior.x), moves.at_residual_noise(posterior.x)):
         assert (again.scale >= 0.3 * allowed - 1e-12).all()
-    assert block.at_found_noise(posterior.x, 1e6 * np.eye(len(posterior.x))).scale == pytest.approx(block.scale)
-    partly = copy(block)
-    partly.scale = np.where(np.arange(len(block.scale)) == 0, LEFT_OUT, block.scale)
-    assert [one.used for one in partly.at_found_noise(posterior.x, loose).misfits(posterior.x)][:2] == [False, True]
+    assert moves.at_residual_noise(posterior.x, 1e6 * np.eye(len(posterior.x))).scale == pytest.approx(moves.scale)
+    partly = copy(moves)
+    partly.scale = np.where(np.arange(len(moves.scale)) == 0, LEFT_OUT, moves.scale)
+    assert [one.used for one in partly.at_residual_noise(posterior.x, loose).misfits(posterior.x)][:2] == [False, True]
 
 
 def test_who_does_not_look_for_legs_gets_the_base_of_before(a1, run):

@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.estimator.measurements.leg_swing import LegSwing
-from equipoise.estimator.measurements.torque_balance import columns_of_links
+from equipoise.estimator.equations.leg_swing import LegSwing
+from equipoise.estimator.equations.torque_balance import columns_of_links
 from equipoise.motors.delay import motor_trial
 from equipoise.motors.equations import MotorSamples
 from equipoise.motors.fit import MotorFit, positive_size, prior_deviations, size

@@ -12,7 +12,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError, RecordingError, SettingsError
-from equipoise.estimator.measurements.leg_swing import SwingEvidence
+from equipoise.estimator.equations.leg_swing import SwingEvidence
 from equipoise.experiments.legs_up import legs_up
 from equipoise.experiments.one_leg_up import legs_in_turn
 from equipoise.experiments.planted import PlantedRobot

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from equipoise.errors import ReachError
 from equipoise.estimator.diagnostics.torque_mass import compare_at_rest
-from equipoise.estimator.measurements.leg_swing import SwingEvidence
+from equipoise.estimator.equations.leg_swing import SwingEvidence
 from equipoise.estimator.measurements.scale_reading import check_mass_of
 from equipoise.estimator.reading import PreciseReading
 from equipoise.experiments.dip import dip

@@ -8,9 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from equipoise.errors import EquipoiseError, MotionError, ReachError
-from equipoise.estimator.blocks.leg_swing import LegSwingBlock
-from equipoise.estimator.measurements.evidence import read_evidence
-from equipoise.estimator.measurements.leg_swing import LegSwing
+from equipoise.estimator.equations.leg_swing import LegSwing, LegSwings
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import Posterior, estimate_posterior, prior_rows
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
@@ -49,7 +48,7 @@ def plan_for(candidates: Candidates, stance: Stance, settings: PreciseSettings, 
     """The plan for a robot of which nothing is measured yet; raises SettingsError if the budget allows none."""
     aside, after = _sway_time(stance, settings), None
     if swing is not None:
-        after = LegSwingBlock(candidates.unknowns, [(0, swing)]).information(candidates.unknowns.start())
+        after = LegSwings(candidates.unknowns, [(0, swing)]).information(candidates.unknowns.start())
     return make_plan(
         candidates, settings.budget_for(stance), settings.goals, turn=settings.turn, aside=aside, after=after
     )
@@ -152,9 +151,9 @@ class PreciseRoutine:
     def _posterior(self) -> Posterior | None:
         """What is known so far; None if that cannot be told."""
         try:
-            evidence = read_evidence(self.robot, self.stance, self._recordings)
+            motions = read_motions(self.robot, self.stance, self._recordings)
             return estimate_posterior(
-                self.robot, self.stance, evidence, self.settings.beliefs, self.settings.scale, rounds=1
+                self.robot, self.stance, motions, self.settings.beliefs, self.settings.scale, rounds=1
             )
         except (EquipoiseError, np.linalg.LinAlgError):
             return None

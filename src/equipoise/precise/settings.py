@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from equipoise.errors import SettingsError
+from equipoise.estimator.equations.leg_swing import LegSwing
 from equipoise.estimator.known.known_run import SCALE_GAIN, SCALE_NOISE, KnownRun
-from equipoise.estimator.measurements.leg_swing import LegSwing
 from equipoise.estimator.measurements.scale_reading import check_mass
 from equipoise.estimator.unknowns import Priors
 from equipoise.precise.plan import Goals
