@@ -20,7 +20,6 @@ from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknown import AXIS, IMU, unknown
 from equipoise.estimator.unknowns import Priors, by_the_model, finding_names
-from equipoise.precise import estimate as estimate_module
 from equipoise.report.contents import run_contents
 
 # A second accelerometer, which on a bench read more than the first by this [m/s2].
@@ -64,7 +63,6 @@ class Bench(Equation):
 @pytest.fixture
 def bench(monkeypatch):
     monkeypatch.setattr(problem_module, "USUAL", (*USUAL, Bench))
-    monkeypatch.setattr(estimate_module, "USUAL", (*USUAL, Bench))
 
 
 @pytest.fixture(scope="module")

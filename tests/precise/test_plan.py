@@ -13,7 +13,7 @@ from tilting import rolling_feet
 
 from equipoise import Precise, nominal_stance
 from equipoise.errors import ReachError, SettingsError
-from equipoise.estimator.equations.equation import Motion
+from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.equations.table import USUAL
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.measurements.leg_motion import LegChains
@@ -228,7 +228,7 @@ def test_a_plan_says_about_what_a_run_then_finds(a1, precise_run, candidates):
     moves = itertools.pairwise([BodyPosture(), *postures])
     predictor, equations = candidates.predictor, (FittedTiltEquation, *USUAL[1:])
     samples = [*map(predictor.lift, lifts), *itertools.starmap(predictor.move, moves)]
-    motions = [Motion(index, samples=(one,)) for index, one in enumerate(samples)]
+    motions = [MotionSamples(index, samples=(one,)) for index, one in enumerate(samples)]
     weighed = a1.mass, precise_run.result.composite.deviations[0]
     predicted = estimate_posterior(a1, precise_run.stance, motions, mass=weighed, rounds=0, equations=equations)
     expected = predicted.robot_covariance

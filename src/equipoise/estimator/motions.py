@@ -8,35 +8,36 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.estimator.equations.equation import Motion, Run
+from equipoise.estimator.equations.equation import MotionSamples, RunContext
 from equipoise.estimator.equations.table import EQUATIONS
 from equipoise.estimator.measurements.heading import angle_turned
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.walking import gyro_bias_of_walks
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import SteppingTrial, TurnTrial
+from equipoise.recording.trials import MotorTrial, SteppingTrial, TurnTrial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 
-def read_motions(robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> tuple[Motion, ...]:
+def read_motions(robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> tuple[MotionSamples, ...]:
     """Read all recordings of a run; why one cannot be read is noted in its motion, not raised.
 
     Raises:
         RecordingError: none of them has a rest or a walk.
     """
-    bias = _gyro_bias(recordings)
+    bias = _gyro_bias([recording for recording in recordings if not isinstance(recording.trial, MotorTrial)])
     legs, headings = LegChains(robot), _headings(robot, recordings)
-    ends = np.cumsum([recording.duration for recording in recordings])
+    base_moves = [not isinstance(recording.trial, MotorTrial) for recording in recordings]
+    ends = np.cumsum([recording.duration for recording in recordings] * np.array(base_moves))
     when = (ends - ends[-1] / 2) / ends[-1]
     return tuple(
-        _read(Run(robot, stance, legs, bias, float(when[index]), float(headings[index])), index, recording)
+        _read(RunContext(robot, stance, legs, bias, float(when[index]), float(headings[index])), index, recording)
         for index, recording in enumerate(recordings)
     )
 
 
-def _read(run: Run, index: int, recording: Recording) -> Motion:
+def _read(run: RunContext, index: int, recording: Recording) -> MotionSamples:
     samples: list[object] = []
     left_out: str | None = None
     for equation in EQUATIONS:
@@ -46,7 +47,7 @@ def _read(run: Run, index: int, recording: Recording) -> Motion:
             left_out = left_out or str(error)
     trial = recording.trial
     duration = trial.duration if isinstance(trial, SteppingTrial) else recording.duration
-    return Motion(index, trial, tuple(samples), left_out, duration)
+    return MotionSamples(index, trial, tuple(samples), left_out, duration)
 
 
 def _gyro_bias(recordings: Sequence[Recording]) -> FloatArray:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.estimator.equations.equation import Equation, Misfit, Motion
+from equipoise.estimator.equations.equation import Equation, Misfit, MotionSamples
 from equipoise.estimator.equations.table import USUAL
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.equations.torque_balance import TorqueBalance
@@ -70,7 +70,7 @@ class Posterior:
         return self.problem.unknowns
 
     @property
-    def motions(self) -> tuple[Motion, ...]:
+    def motions(self) -> tuple[MotionSamples, ...]:
         """Motions that it is made of, in order."""
         return self.problem.motions
 
@@ -156,13 +156,13 @@ class Posterior:
 def estimate_posterior(
     robot: RobotModel,
     stance: Stance,
-    motions: Sequence[Motion],
+    motions: Sequence[MotionSamples],
     priors: Priors | None = None,
     mass: tuple[float, float] | None = None,
     rounds: int = 2,
     lifts_needed: bool = True,
     quiet_feet: bool = False,
-    equations: Sequence[type[Equation[Any]]] = USUAL,
+    equations: Sequence[type[Equation[Any]]] | None = None,
 ) -> Posterior:
     """The most probable unknowns given all motions.
 
@@ -171,7 +171,7 @@ def estimate_posterior(
         rounds: number of times that noise levels are renewed.
         lifts_needed: whether motions without any lift are refused, or are estimated from as far as joint torques go.
         quiet_feet: whether the noise of planted feet is what their residuals show, or what a floor may make it.
-        equations: equations that are used.
+        equations: equations that are used; None: the usual ones.
 
     Raises:
         RecordingError: no lift trial can be used; or there are no joint torques either.
@@ -190,20 +190,20 @@ class MapProblem:
     Args:
         mass: mass of the whole robot from a scale, and its standard deviation [kg]; None: not known, or given elsewhere.
         lifts_needed: whether motions without any lift are refused.
-        equations: equations that are used.
+        equations: equations that are used; None: the usual ones.
 
     Raises:
         RecordingError: no lift trial can be used; or there are no joint torques either.
     """
 
     def __init__(
-        self, robot: RobotModel, stance: Stance, motions: Sequence[Motion], priors: Priors, mass: tuple[float, float] | None,
-        lifts_needed: bool = True, equations: Sequence[type[Equation[Any]]] = USUAL,
+        self, robot: RobotModel, stance: Stance, motions: Sequence[MotionSamples], priors: Priors,
+        mass: tuple[float, float] | None, lifts_needed: bool = True, equations: Sequence[type[Equation[Any]]] | None = None,
     ) -> None:  # fmt: skip
         self.motions, self.mass = tuple(motions), mass
         self.anchored = mass is None
         self.unknowns = Unknowns(robot, stance, priors)
-        made = [equation.of(self.unknowns, motions) for equation in equations]
+        made = [equation.of(self.unknowns, motions) for equation in equations or USUAL]
         self.equations = [equation for equation in made if equation is not None]
         needed = (TiltEquation,) if lifts_needed else (TiltEquation, TorqueBalance)
         if not any(self.equation(kind) for kind in needed):

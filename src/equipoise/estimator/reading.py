@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.estimator.equations.equation import Motion
+from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.known.changes import estimate_after
 from equipoise.estimator.known.known_run import KnownRun
 from equipoise.estimator.measurements.support_planes import centre_shift
@@ -23,7 +23,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 
-def planes_through_com(robot: RobotModel, com: FloatArray, motions: Sequence[Motion]) -> list[LiftPlane]:
+def planes_through_com(robot: RobotModel, com: FloatArray, motions: Sequence[MotionSamples]) -> list[LiftPlane]:
     """Where each lift puts the CoM, with everything else by the model.
 
     Args:

@@ -15,7 +15,7 @@ from equipoise.experiments.progress import Progress
 from equipoise.method.reading import Reading
 from equipoise.method.rehearsal import Course, Forecast
 from equipoise.recording.recording import Recording
-from equipoise.result.calibration import Calibration, Evidence
+from equipoise.result.calibration import Calibration
 from equipoise.result.mass_comparison import MassComparison
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
@@ -103,18 +103,22 @@ class Method(ABC):
             ReachError: something is out of reach.
         """
 
-    def forecast(self, robot: RobotModel, stance: Stance) -> Forecast | None:
-        """How accurate `estimate` would be after the trials of `run`; None from a method that does not foretell it."""
+    def forecast(self, robot: RobotModel, stance: Stance, swings: Sequence[Recording] = ()) -> Forecast | None:
+        """How accurate `estimate` would be after the trials of `run`; None from a method that does not predict it.
+
+        Args:
+            swings: predicted recordings of legs that swing in the same run, for a method that uses them.
+        """
         return None
 
-    def foretold_evidence(self, robot: RobotModel, stance: Stance) -> Evidence | None:
-        """What `run` would leave for another method of the same run, of a robot that is as its model says; None: nothing.
+    def predicted_recordings(self, robot: RobotModel, stance: Stance) -> tuple[Recording, ...]:
+        """What `run` would record for another method of the same run, of a robot that is as its model says.
 
         Raises:
             ReachError: something is out of reach.
         """
         del robot, stance
-        return None
+        return ()
 
     def expected_trials(self, stance: Stance) -> int | None:
         """How many trials `run` does, roughly; None if nobody knows."""
@@ -138,14 +142,9 @@ class Method(ABC):
         del mass, deviation
         return self
 
-    def informed(self: Self, evidence: Evidence) -> Self:
-        """The same method, told what another one of the same run has seen; itself if it does not use that."""
-        del evidence
-        return self
-
     @property
-    def is_informed(self) -> bool:
-        """Whether `informed` makes another method of this one."""
+    def uses_swings(self) -> bool:
+        """Whether `estimate` uses the recordings of legs that swing in the same run."""
         return False
 
     def having(self: Self, settings: Mapping[str, Any]) -> Self:

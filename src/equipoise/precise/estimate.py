@@ -21,17 +21,18 @@ from equipoise.estimator.diagnostics.screening import screen
 from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
 from equipoise.estimator.diagnostics.torque_mass import assumed_mass, compare_estimate
 from equipoise.estimator.diagnostics.witness import SwayWitness
-from equipoise.estimator.equations.equation import Equation, Motion
-from equipoise.estimator.equations.leg_swing import LegSwing
-from equipoise.estimator.equations.table import EQUATIONS, USUAL
+from equipoise.estimator.equations.equation import Equation, MotionSamples
+from equipoise.estimator.equations.table import EQUATIONS
 from equipoise.estimator.known.changes import Change, check_of_changes, estimate_after
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.problem import Posterior, body_jacobian, estimate_posterior
 from equipoise.estimator.unknowns import Priors
+from equipoise.method.together import of_the_base
 from equipoise.precise.settings import PreciseSettings
 from equipoise.precise.trial_rows import trial_row
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import MotorTrial
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, model_facts
 from equipoise.result.findings import Check
@@ -61,12 +62,9 @@ def estimate_run(
     """
     timings: dict[str, float] = {}
     with _timed(timings, "screen the sensors"):
-        screen(robot, recordings)
+        screen(robot, of_the_base(recordings))
     with _timed(timings, "read the recordings"):
         motions = read_motions(robot, stance, recordings)
-        swing = settings.leg_swing
-        if swing is not None:
-            motions = (*motions, Motion(len(motions), swing.trial, (swing,), duration=swing.duration))
     with _timed(timings, "estimate"):
         posterior, changes = _posterior(settings, robot, stance, motions, lifts_needed)
     with _timed(timings, "check"):
@@ -124,7 +122,7 @@ def estimate_run(
         checks=checks,
         sways={},
         support_lines={},
-        trials=tuple(trial_row(motion, posterior) for motion in motions if not motion.of(LegSwing)),
+        trials=tuple(trial_row(motion, posterior) for motion in motions if not isinstance(motion.trial, MotorTrial)),
         settings=table,
         warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
         assumptions=(
@@ -143,11 +141,11 @@ def estimate_run(
 
 
 def _posterior(
-    settings: PreciseSettings, robot: RobotModel, stance: Stance, motions: Sequence[Motion], lifts_needed: bool
+    settings: PreciseSettings, robot: RobotModel, stance: Stance, motions: Sequence[MotionSamples], lifts_needed: bool
 ) -> tuple[Posterior, tuple[Change, ...]]:
     if settings.known is None:
 
-        def estimate(priors: Priors, equations: Sequence[type[Equation[Any]]] = USUAL) -> Posterior:
+        def estimate(priors: Priors, equations: Sequence[type[Equation[Any]]] | None = None) -> Posterior:
             # Lengths of legs come from planted moves, which say how quiet feet are where legs are looked for.
             return estimate_posterior(
                 robot, stance, motions, priors, settings.scale,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from equipoise.estimator.equations.equation import Motion
+from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.equations.planted_moves import PlantedMoves
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.problem import Posterior
@@ -19,7 +19,7 @@ from equipoise.recording.trials import (
 from equipoise.result.calibration import Trial
 
 
-def trial_row(motion: Motion, posterior: Posterior) -> Trial:
+def trial_row(motion: MotionSamples, posterior: Posterior) -> Trial:
     """Return what is said of a motion: what it was, how well it fits, and why it was left out."""
     fitted = *posterior.misfits_of(TiltEquation), *posterior.misfits_of(PlantedMoves)
     misfits = [misfit for misfit in fitted if misfit.motion == motion.index]

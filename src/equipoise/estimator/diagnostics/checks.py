@@ -10,7 +10,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.estimator.diagnostics.score import ScoreTest, score_tests
 from equipoise.estimator.diagnostics.witness import SwayWitness
-from equipoise.estimator.equations.equation import Misfit, Motion
+from equipoise.estimator.equations.equation import Misfit, MotionSamples
 from equipoise.estimator.equations.planted_moves import PlantedMoves
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.equations.torque_balance import TorqueBalance
@@ -179,7 +179,7 @@ def _converged(posterior: Posterior) -> Check:
     return Check("convergence", posterior.converged, message)
 
 
-def _misfits(motions: Sequence[Motion], misfits: tuple[Misfit, ...], kind: str) -> str:
+def _misfits(motions: Sequence[MotionSamples], misfits: tuple[Misfit, ...], kind: str) -> str:
     residuals = np.array([misfit.normalised_residual for misfit in misfits])
     worst = misfits[int(np.argmax(residuals))]
     trial = motions[worst.motion].trial

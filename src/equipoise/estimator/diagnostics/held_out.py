@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.estimator.equations.equation import Motion
+from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.known.known_run import KnownRun, shared_places
 from equipoise.estimator.measurements.leg_motion import LegChains
@@ -106,10 +106,10 @@ def predict_held_out(posterior: Posterior, known: KnownRun | None = None) -> tup
     )  # fmt: skip
 
 
-def folds_of(motions: Sequence[Motion], posterior: Posterior) -> list[list[int]]:
+def folds_of(motions: Sequence[MotionSamples], posterior: Posterior) -> list[list[int]]:
     """Indices of the motions in each posture; of each motion, where a posture has too many or does not say which it is."""
     told = [motion for motion in motions if motion.index in posterior.information]
-    folds: dict[object, list[Motion]] = {}
+    folds: dict[object, list[MotionSamples]] = {}
     for motion in told:
         posture = motion.trial.posture if isinstance(motion.trial, DesignedLift | PostureTrial) else None
         folds.setdefault(motion.index if posture is None else posture, []).append(motion)

@@ -35,7 +35,7 @@ Sample = TypeVar("Sample")
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class RunContext:
     """What equations need beside a recording, to read it.
 
     Attributes:
@@ -53,7 +53,7 @@ class Run:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MotionSamples:
     """One recording as the equations read it.
 
     Attributes:
@@ -115,7 +115,7 @@ class Equation(ABC, Generic[Sample]):
     remedy: ClassVar[str] = MORE_TIME
 
     @classmethod
-    def read(cls, run: Run, recording: Recording) -> Sequence[Sample]:
+    def read(cls, run: RunContext, recording: Recording) -> Sequence[Sample]:
         """Samples of a recording; empty if it is of another kind.
 
         Raises:
@@ -124,7 +124,7 @@ class Equation(ABC, Generic[Sample]):
         return ()
 
     @classmethod
-    def of(cls, unknowns: Unknowns, motions: Sequence[Motion]) -> Equation[Sample] | None:
+    def of(cls, unknowns: Unknowns, motions: Sequence[MotionSamples]) -> Equation[Sample] | None:
         """Rows of all samples of a run; None if there are none."""
         samples = [(motion.index, one) for motion in motions for one in motion.of(cls.kind)]
         return cls(unknowns, samples) if samples else None

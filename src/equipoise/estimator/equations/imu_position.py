@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import GRAVITY, FloatArray
-from equipoise.estimator.equations.equation import Equation, Motion, Run
+from equipoise.estimator.equations.equation import Equation, MotionSamples, RunContext
 from equipoise.estimator.measurements.drive_train import DRIVE_TRAIN, JointReadings
 from equipoise.estimator.measurements.imu_frame import mounting
 from equipoise.estimator.measurements.leg_motion import LegChains, cross
@@ -160,7 +160,7 @@ class ImuPosition(Equation[SwaySamples]):
     remedy = "the IMU's measured position, in the robot's description"
 
     @classmethod
-    def read(cls, run: Run, recording: Recording) -> Sequence[SwaySamples]:
+    def read(cls, run: RunContext, recording: Recording) -> Sequence[SwaySamples]:
         """A sway about all axes."""
         if not isinstance(recording.trial, SwayTrial) or not recording.complete:
             return ()
@@ -171,7 +171,7 @@ class ImuPosition(Equation[SwaySamples]):
         self._place, self._noise = np.zeros((len(samples), 3)), np.ones((len(samples), 3))
 
     @classmethod
-    def of(cls, unknowns: Unknowns, motions: Sequence[Motion]) -> ImuPosition | None:
+    def of(cls, unknowns: Unknowns, motions: Sequence[MotionSamples]) -> ImuPosition | None:
         """As of `Equation`; None as well if the position is held at the model's."""
         rows = super().of(unknowns, motions)
         return rows if isinstance(rows, ImuPosition) and unknowns.estimates("imu_position") else None

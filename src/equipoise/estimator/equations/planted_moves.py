@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
-from equipoise.estimator.equations.equation import LEFT_OUT, MotionEquation, Run, whitening_of
+from equipoise.estimator.equations.equation import LEFT_OUT, MotionEquation, RunContext, whitening_of
 from equipoise.estimator.measurements.drive_train import DRIVE_TRAIN, JointReadings
 from equipoise.estimator.measurements.heading import facing
 from equipoise.estimator.measurements.imu_frame import (
@@ -238,7 +238,7 @@ class PlantedMoves(MotionEquation[PlantedMove]):
     _quiet = 1.0  # factor on the noise that is allowed for, which quiet feet have shown
 
     @classmethod
-    def read(cls, run: Run, recording: Recording) -> Sequence[PlantedMove]:
+    def read(cls, run: RunContext, recording: Recording) -> Sequence[PlantedMove]:
         """The move to a posture."""
         if not isinstance(recording.trial, PostureTrial) or not recording.complete:
             return ()

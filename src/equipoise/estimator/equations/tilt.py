@@ -14,7 +14,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.estimator.equations.equation import MotionEquation, Run, whitening_of
+from equipoise.estimator.equations.equation import MotionEquation, RunContext, whitening_of
 from equipoise.estimator.measurements.lift_samples import LiftSamples, read_lift
 from equipoise.estimator.measurements.tilt_invariant import TiltInvariant, integral
 from equipoise.estimator.measurements.walking import read_walk
@@ -43,7 +43,7 @@ class TiltEquation(MotionEquation[LiftSamples]):
     shared = _SHARED
 
     @classmethod
-    def read(cls, run: Run, recording: Recording) -> Sequence[LiftSamples]:
+    def read(cls, run: RunContext, recording: Recording) -> Sequence[LiftSamples]:
         """The time on two feet of a lift, or of each step of a walk."""
         trial = recording.trial
         if isinstance(trial, LiftTrial):
@@ -128,7 +128,7 @@ class TiltEquation(MotionEquation[LiftSamples]):
         )
 
 
-def _read_lift(run: Run, recording: Recording, trial: LiftTrial) -> LiftSamples:
+def _read_lift(run: RunContext, recording: Recording, trial: LiftTrial) -> LiftSamples:
     if not recording.complete:
         refused = "not lifted: out of reach, or the robot could have tipped over"
         raise RecordingError(refused if recording.refused else "interrupted")

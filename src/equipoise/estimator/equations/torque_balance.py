@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.estimator.equations.equation import Equation, Run, whitening_of
+from equipoise.estimator.equations.equation import Equation, RunContext, whitening_of
 from equipoise.estimator.measurements.drive_train import DRIVE_TRAIN, JointReadings
 from equipoise.estimator.measurements.imu_frame import ACCELEROMETER, mounting, specific_force
 from equipoise.estimator.measurements.leg_motion import LegChains
@@ -31,7 +31,7 @@ from equipoise.estimator.unknown import A_SCALE
 from equipoise.estimator.unknowns import Values, inputs_of
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import CrawlTrial, PostureTrial, SwayTrial
+from equipoise.recording.trials import CrawlTrial, MotorTrial, PostureTrial, SwayTrial
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.inertial import moment_parameters
 from equipoise.robot.model import LEG_NAMES, RobotModel
@@ -281,9 +281,11 @@ class TorqueBalance(Equation[TorqueSamples]):
     remedy = A_SCALE
 
     @classmethod
-    def read(cls, run: Run, recording: Recording) -> Sequence[TorqueSamples]:
+    def read(cls, run: RunContext, recording: Recording) -> Sequence[TorqueSamples]:
         """A rest; a move over planted feet or a sway; each step of a crawl, on three feet."""
         clock, trial = run.stance.scale.time, recording.trial
+        if isinstance(trial, MotorTrial):  # it rests on its belly, or on three feet
+            return ()
         rest = TorqueSamples.of_rest(recording.phase(Phase.REST)) if recording.has_phase(Phase.REST) else None
         moving: list[TorqueSamples | None] = []
         if recording.complete and isinstance(trial, PostureTrial):

@@ -21,7 +21,7 @@ from statistics import NormalDist
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.estimator.equations.equation import Motion
+from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.known.known_run import KnownRun
 from equipoise.estimator.parameters import Belief, Unknowns
 from equipoise.estimator.problem import MapProblem, Posterior
@@ -100,7 +100,7 @@ def check_of_changes(changes: Sequence[Change], known: KnownRun) -> Check:
 def estimate_after(
     robot: RobotModel,
     stance: Stance,
-    motions: Sequence[Motion],
+    motions: Sequence[MotionSamples],
     priors: Priors,
     mass: tuple[float, float] | None,
     known: KnownRun,

@@ -20,7 +20,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError, SettingsError
-from equipoise.estimator.equations.equation import Motion
+from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.measurements.scale_reading import check_mass
 from equipoise.estimator.parameters import Unknowns
 from equipoise.estimator.problem import MapProblem, body_prior_rows, prior_rows, total_mass
@@ -74,7 +74,7 @@ class TwoRuns:
 def estimate_two_runs(
     robot: RobotModel,
     stance: Stance,
-    runs: tuple[Sequence[Motion], Sequence[Motion]],
+    runs: tuple[Sequence[MotionSamples], Sequence[MotionSamples]],
     priors: Priors | None = None,
     scale: ScaleReadings | None = None,
     rounds: int = 2,
@@ -102,7 +102,7 @@ class _TwoProblems:
     """
 
     def __init__(
-        self, robot: RobotModel, stance: Stance, runs: tuple[Sequence[Motion], Sequence[Motion]], priors: Priors,
+        self, robot: RobotModel, stance: Stance, runs: tuple[Sequence[MotionSamples], Sequence[MotionSamples]], priors: Priors,
         scale: ScaleReadings,
     ) -> None:  # fmt: skip
         self.problems = [
@@ -176,7 +176,9 @@ class _TwoProblems:
         return np.concatenate(rows), np.concatenate(columns)
 
 
-def _named(which: str, robot: RobotModel, stance: Stance, motions: Sequence[Motion], priors: Priors) -> MapProblem:
+def _named(
+    which: str, robot: RobotModel, stance: Stance, motions: Sequence[MotionSamples], priors: Priors
+) -> MapProblem:
     try:
         return MapProblem(robot, stance, motions, priors, None)
     except RecordingError as error:
