@@ -22,6 +22,8 @@ from provenance import commit, write_page
 
 from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
+from equipoise.estimator.equations.planted_moves import PlantedMoves
+from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.inertial import components
@@ -63,8 +65,10 @@ def run(case: Case) -> Row:
     error = result.composite.values - components(simulation.truth.composite)
     deviation = result.composite.deviations
     posterior = result.evidence.posterior
-    unused = sum(not misfit.used for misfit in (*posterior.lifts, *posterior.moves))
-    unread = sum(motion.left_out is not None for motion in result.evidence.motions)
+    unused = sum(
+        not misfit.used for misfit in (*posterior.misfits_of(TiltEquation), *posterior.misfits_of(PlantedMoves))
+    )
+    unread = sum(motion.left_out is not None for motion in posterior.motions)
     alarms = [check.name for check in result.checks if not check.passed]
     return row | {
         "error": error.tolist(), "deviation": deviation.tolist(), "left_out": unused + unread, "alarms": alarms,

@@ -24,7 +24,6 @@ from provenance import write_page
 
 from equipoise import Precise, RobotModel, load_robot
 from equipoise.errors import EquipoiseError
-from equipoise.estimator.measurements.evidence import RunEvidence
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.problem import MapProblem
 from equipoise.estimator.solve import solve
@@ -166,9 +165,7 @@ def from_other_starts(found: LogEstimate) -> str:
     robot, stance, priors = posterior.unknowns.robot, posterior.unknowns.stance, posterior.unknowns.priors
     moved, deviations = [0.0], [0.0]
     for seed in range(STARTS):
-        problem = MapProblem(
-            robot, stance, RunEvidence(evidence.motions), priors, posterior.problem.mass, lifts_needed=False
-        )
+        problem = MapProblem(robot, stance, posterior.motions, priors, posterior.problem.mass, lifts_needed=False)
         start = problem.unknowns.start()
         start[:10] += np.random.default_rng(seed).uniform(-0.2, 0.2, 10) * ([1.0] * 4 + [0.1] * 6)
         body = problem.unknowns.robot_body(solve(problem, start, 2)[0])

@@ -53,7 +53,7 @@ PARTS = {  # of a calibration, by files of which one is at work: the first that 
     "planning lifts": ("/precise/planning/", "/precise/plan.py", "/precise/predict.py"),
     "looking for collisions": ("/equipoise/clearance/",),
     "estimating, half-way and at the end": (
-        "/precise/posterior", "/precise/gauss_newton.py", "/estimator/blocks/", "/estimator/measurements/",
+        "/precise/posterior", "/precise/gauss_newton.py", "/estimator/equations/", "/estimator/measurements/",
         "/precise/checks.py", "/estimator/diagnostics/", "/precise/reading.py", "/precise/screening.py",
     ),
     "sensing, gains, samples": ("/equipoise/simulation/",),

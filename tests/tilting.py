@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from equipoise import nominal_stance
+from equipoise.estimator.equations.torque_balance import TorqueSamples
 from equipoise.estimator.measurements.lift_samples import LiftSamples
-from equipoise.estimator.measurements.torque_balance import TorqueSamples
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 
 GRAVITY = 9.81

@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 from provenance import commit
 
 from equipoise import RobotModel, load_robot, nominal_stance
-from equipoise.motors.equations import motor_samples
-from equipoise.motors.fit import fit_motors
+from equipoise.estimator.motors.equations import motor_samples
+from equipoise.estimator.motors.fit import fit_motors
 from equipoise.recording.event import PHASE, TRIAL, Event
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording

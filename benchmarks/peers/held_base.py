@@ -15,7 +15,7 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from equipoise.motors.delay import motor_trial
+from equipoise.estimator.motors.delay import motor_trial
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel

@@ -11,7 +11,7 @@ from equipoise.calibration.delta import _payload
 from equipoise.cli import main
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.estimator.known.two_runs import _TwoProblems
-from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.unknowns import Priors
 from equipoise.recording.trials import LiftTrial
 from equipoise.result.body import Body
@@ -100,7 +100,7 @@ def test_a_sure_zero_is_no_change_and_an_unsure_one_is_not():
 
 def test_derivatives_of_two_runs_are_those_of_their_cost(a1, bare, precise_run):
     stance = nominal_stance(a1)
-    evidences = tuple(read_evidence(a1, stance, recordings) for recordings in (bare[0], precise_run.recordings))
+    evidences = tuple(read_motions(a1, stance, recordings) for recordings in (bare[0], precise_run.recordings))
     problem = _TwoProblems(a1, stance, evidences, Priors(), ScaleReadings((12.5, 13.9)))
     generator = np.random.default_rng(1)
     z = problem.start()

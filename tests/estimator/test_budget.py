@@ -6,16 +6,9 @@ import numpy as np
 import pytest
 
 from equipoise import Calibration
-from equipoise.estimator.diagnostics.budget import GROUPS
-from equipoise.estimator.unknowns import Priors
 from equipoise.figures.uncertainty_budget import remedies, uncertainty_table
 from equipoise.robot.inertial import COMPONENTS
 from equipoise.terminal.results import print_budget
-
-
-def test_every_unknown_is_in_one_group():
-    named = [row for group in GROUPS for row in group.rows]
-    assert sorted(named) == sorted(row.name for row in Priors.rows())
 
 
 def test_shares_are_positive_and_add_up(precise_run):

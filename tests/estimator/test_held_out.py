@@ -8,11 +8,11 @@ from scipy.stats import chi2
 
 from equipoise import Calibration
 from equipoise.errors import RecordingError
-from equipoise.estimator.blocks.tilt import TiltBlock
-from equipoise.estimator.blocks.torque import TorqueBlock
 from equipoise.estimator.diagnostics.checks import HELD_OUT_CHECK, judge
 from equipoise.estimator.diagnostics.held_out import folds_of, tilt_errors
-from equipoise.estimator.measurements.evidence import RunEvidence, read_evidence
+from equipoise.estimator.equations.tilt import TiltEquation
+from equipoise.estimator.equations.torque_balance import TorqueBalance
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import MapProblem
 from equipoise.estimator.solve import descend
 from equipoise.precise.estimate import _refuse_worse_than_file
@@ -25,7 +25,7 @@ from equipoise.robot.posture import BodyPosture
 
 @pytest.fixture(scope="module")
 def evidence(a1, precise_run):
-    return read_evidence(a1, precise_run.stance, precise_run.recordings)
+    return read_motions(a1, precise_run.stance, precise_run.recordings)
 
 
 @pytest.fixture(scope="module")
@@ -40,35 +40,35 @@ def posterior(precise_run):
 
 def refit_without(posterior, evidence, motions):
     """The estimate made anew without some motions, at the noise levels of the whole run."""
-    left = RunEvidence(tuple(motion for motion in evidence.motions if motion.index not in motions))
+    left = tuple(motion for motion in evidence if motion.index not in motions)
     whole, unknowns = posterior.problem, posterior.unknowns
     problem = MapProblem(unknowns.robot, unknowns.stance, left, unknowns.priors, whole.mass, lifts_needed=True)
     problem.anchored = False
-    for block, of_all in zip(problem.blocks, whole.blocks, strict=True):
-        if isinstance(block, TorqueBlock):
-            block.normalised_residual = of_all.normalised_residual
+    for equation, of_all in zip(problem.equations, whole.equations, strict=True):
+        if isinstance(equation, TorqueBalance):
+            equation.normalised_residual = of_all.normalised_residual
         else:
-            block.scale = of_all.scale[[index not in motions for index, _ in of_all.motions]]
+            equation.scale = of_all.scale[[index not in motions for index, _ in of_all.motions]]
     return descend(problem, posterior.x)[0]
 
 
 def test_estimates_made_anew_without_a_lift_predict_it_nearly_the_same(evidence, posterior, predictions):
     """To a third of what a prediction is unsure by: to first order, and the noise of lifts depends on the body."""
-    block = next(block for block in posterior.problem.blocks if isinstance(block, TiltBlock))
-    motions = [motion for motion, _ in block.motions]
+    equation = posterior.problem.equation(TiltEquation)
+    motions = [motion for motion, _ in equation.motions]
 
     def missed(of):
         x = refit_without(posterior, evidence, [of.motion])
-        errors = tilt_errors(block, posterior.unknowns, np.tile(x, (len(motions), 1)))
+        errors = tilt_errors(equation, posterior.unknowns, np.tile(x, (len(motions), 1)))
         return (errors[motions.index(of.motion)][-1] - of.errors[FOUND][-1]) / of.deviation[-1]
 
     assert np.sqrt(np.mean([missed(lift) ** 2 for lift in predictions[::3]])) < 0.33
 
 
 def test_motions_in_one_posture_are_left_out_together_unless_that_is_much_of_the_run(evidence, posterior):
-    alone = folds_of(evidence.motions, posterior)
+    alone = folds_of(evidence, posterior)
     assert alone == [[index] for index in sorted(posterior.information)]
-    lift = next(motion for motion in evidence.motions if motion.lift is not None)
+    lift = next(motion for motion in evidence if motion.lift is not None)
     leaning = [
         replace(lift, index=index, trial=replace(lift.trial, posture=BodyPosture(roll=0.1 * (index // 2))))
         for index in range(10)
@@ -92,13 +92,13 @@ def test_a_tilt_is_the_one_that_was_measured(precise_run, predictions):
         assert lift.tilt[0] == lift.errors[FOUND][0] == lift.deviation[0] == 0
 
 
-def test_the_check_allows_what_its_chance_is_and_no_more(a1, evidence, posterior, precise_run):
+def test_the_check_allows_what_its_chance_is_and_no_more(posterior, precise_run):
     found = precise_run.result.held_out
     limit = np.sqrt(chi2.isf(0.01, found.folds) / found.folds)
 
     def verdict(sizes):
         lifts = [replace(lift, intervals={**lift.intervals, FOUND: sizes / NORMAL_95}) for lift in found.lifts]
-        checks = judge(a1, evidence, posterior, HeldOut(tuple(lifts)))
+        checks = judge(posterior, HeldOut(tuple(lifts)))
         return next(check for check in checks if check.name == "held out").passed
 
     assert verdict(0.98 * limit)

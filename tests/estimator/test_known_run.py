@@ -13,7 +13,7 @@ from equipoise.errors import NotEstimatedError, RecordingError, SettingsError
 from equipoise.estimator.known.both_runs import both_runs
 from equipoise.estimator.known.changes import check_of_changes, estimate_after
 from equipoise.estimator.known.known_run import POSTERIOR, SCALE_GAIN, KnownRun, shared_places
-from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.parameters import Unknowns
 from equipoise.experiments.stand import stand_up
 from equipoise.precise.planning.nominal import nominal_candidates
@@ -127,7 +127,7 @@ def moved(a1, earlier):
         trials = PreciseTrials(planted, stance, composite_parameters(a1, stance.joint_position).com)
         for posture in opening_moves(nominal_candidates(a1, method.beliefs), earlier):
             recordings.append(trials.take_posture(posture))
-    evidence = read_evidence(a1, stance, recordings)
+    evidence = read_motions(a1, stance, recordings)
     return estimate_after(a1, stance, evidence, method.beliefs, None, earlier, lifts_needed=False)
 
 

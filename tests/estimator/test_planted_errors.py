@@ -9,7 +9,7 @@ from scipy.signal import savgol_filter
 
 from equipoise import Precise, load_robot
 from equipoise.estimator.diagnostics import contradicted
-from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknowns import Priors
 from equipoise.robot.description import RobotDescription
@@ -32,7 +32,7 @@ def told(*names):
 
 
 def posterior_of(a1, run, recordings, beliefs):
-    evidence = read_evidence(a1, run.stance, recordings)
+    evidence = read_motions(a1, run.stance, recordings)
     return estimate_posterior(a1, run.stance, evidence, beliefs, (run.truth.composite.mass, 0.06))
 
 

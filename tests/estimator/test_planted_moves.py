@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from equipoise import nominal_stance
+from equipoise.estimator.equations.planted_moves import PlantedRows, RestReading, read_move
 from equipoise.estimator.measurements.leg_motion import LegChains
-from equipoise.estimator.measurements.planted_moves import PlantedRows, RestReading, read_move
 from equipoise.estimator.unknowns import by_the_model
 from equipoise.precise.predict import Predictor
 from equipoise.robot.inertial import composite_parameters

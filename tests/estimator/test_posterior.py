@@ -8,13 +8,14 @@ from tilting import moving_robot
 
 from equipoise import nominal_stance
 from equipoise.errors import RecordingError
-from equipoise.estimator.blocks.planted import PlantedBlock
-from equipoise.estimator.blocks.tilt import TiltBlock, TiltNoise
-from equipoise.estimator.blocks.torque import TorqueBlock
 from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
-from equipoise.estimator.measurements.evidence import RunEvidence, read_evidence
+from equipoise.estimator.equations.planted_moves import PlantedMove, PlantedMoves
+from equipoise.estimator.equations.tilt import TiltEquation, TiltNoise
+from equipoise.estimator.equations.torque_balance import TorqueBalance, TorqueSamples
 from equipoise.estimator.measurements.leg_motion import LegChains
-from equipoise.estimator.measurements.tilt_equation import TiltEquation
+from equipoise.estimator.measurements.lift_samples import LiftSamples
+from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.parameters import Unknowns
 from equipoise.estimator.problem import MapProblem, body_jacobian, estimate_posterior, prior_rows
 from equipoise.estimator.unknowns import Priors
@@ -33,7 +34,7 @@ SURE = 5.0  # standard deviations: a fixed seed of a test that may fail once in 
 
 @pytest.fixture(scope="module")
 def evidence(a1, precise_run):
-    return read_evidence(a1, precise_run.stance, precise_run.recordings)
+    return read_motions(a1, precise_run.stance, precise_run.recordings)
 
 
 @pytest.fixture(scope="module")
@@ -49,19 +50,17 @@ def drawn(a1, precise_run):
 
 
 def lifts_of(evidence):
-    return [motion.lift for motion in evidence.motions if motion.lift is not None]
+    return [motion.lift for motion in evidence if motion.lift is not None]
 
 
-def blocks_of(a1, unknowns, evidence):
-    legs, rotation = LegChains(a1), np.array(a1.imu_in_base.rotation)
-    lifts = [(motion.index, motion.lift) for motion in evidence.motions if motion.lift is not None]
-    moves = [(motion.index, motion.move) for motion in evidence.motions if motion.move is not None]
-    torques = [(motion.index, torque) for motion in evidence.motions for torque in motion.torques]
-    return {
-        "tilt": TiltBlock(unknowns, legs, lifts),
-        "planted": PlantedBlock(unknowns, legs, rotation, moves),
-        "torque": TorqueBlock(unknowns, torques),
-    }
+def blocks_of(unknowns, evidence):
+    kinds = {"tilt": TiltEquation, "planted": PlantedMoves, "torque": TorqueBalance}
+    return {name: kind.of(unknowns, evidence) for name, kind in kinds.items()}
+
+
+def with_samples(motion, kind, *samples):
+    """A motion whose samples of a kind are others."""
+    return replace(motion, samples=(*(one for one in motion.samples if not isinstance(one, kind)), *samples))
 
 
 # --- derivatives
@@ -69,20 +68,20 @@ def blocks_of(a1, unknowns, evidence):
 
 @pytest.fixture(scope="module")
 def blocks(a1, posterior, evidence):
-    return blocks_of(a1, posterior.unknowns, evidence)
+    return blocks_of(posterior.unknowns, evidence)
 
 
 @pytest.fixture(scope="module")
 def steady_blocks(a1, posterior, evidence):
     """Blocks whose noise does not hang on the unknowns: nothing is off that the tilt equation multiplies by them."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("equipoise.estimator.blocks.tilt._BIAS_FLOOR", 0.0)
+        patch.setattr("equipoise.estimator.equations.tilt._BIAS_FLOOR", 0.0)
         motions = [
-            motion if motion.lift is None else replace(motion, lift=without_noise(motion.lift))
-            for motion in evidence.motions
+            motion if motion.lift is None else with_samples(motion, LiftSamples, without_noise(motion.lift))
+            for motion in evidence
         ]
         unknowns = posterior.problem.with_all_open(posterior.x)[0].unknowns
-        return blocks_of(a1, unknowns, RunEvidence(tuple(motions)))
+        return blocks_of(unknowns, tuple(motions))
 
 
 def without_noise(lift):
@@ -117,7 +116,7 @@ def test_noise_that_grows_with_the_unknowns_is_in_the_gradient(a1, posterior, ev
     """By every unknown, the derivative of half the squared residual; more noise than there is makes most of it."""
     unknowns, x = posterior.unknowns, away_from(posterior)
     lifts = [replace(lift, **{name: 30 * getattr(lift, name) for name in READINGS}) for lift in lifts_of(evidence)]
-    block = TiltBlock(unknowns, LegChains(a1), list(enumerate(lifts)))
+    block = TiltEquation(unknowns, list(enumerate(lifts)))
     block.scale = np.linspace(1.0, worst, len(lifts))
     block.prepare(x)
 
@@ -152,20 +151,20 @@ def test_bodies_jacobians_are_those_of_larger_differences(posterior):
 
 def test_a_long_motions_torques_as_few_rows_say_the_same(a1, posterior, precise_run, monkeypatch):
     """The same information, gradients and noise by motion as all rows have, however many samples are looked at at once."""
-    monkeypatch.setattr("equipoise.estimator.measurements.torque_balance._STEP", 0.02)  # more rows than unknowns
-    evidence = read_evidence(a1, precise_run.stance, precise_run.recordings)
+    monkeypatch.setattr("equipoise.estimator.equations.torque_balance._STEP", 0.02)  # more rows than unknowns
+    evidence = read_motions(a1, precise_run.stance, precise_run.recordings)
 
     def told(x):
-        block = blocks_of(a1, posterior.unknowns, evidence)["torque"]
+        block = blocks_of(posterior.unknowns, evidence)["torque"]
         block.prepare(x)
         before = list(block.by_motion(x))
         block.renew_noise(x + 0.5)
         return before, block.normalised_residual, len(block.residual(x))
 
     few, noise, count = told(posterior.x)
-    monkeypatch.setattr("equipoise.estimator.blocks.torque._SAMPLES_AT_ONCE", 50)
+    monkeypatch.setattr("equipoise.estimator.equations.torque_balance._SAMPLES_AT_ONCE", 50)
     pieces, same_noise, _ = told(posterior.x)
-    monkeypatch.setattr("equipoise.estimator.blocks.torque._few_rows", lambda system: system)
+    monkeypatch.setattr("equipoise.estimator.equations.torque_balance._few_rows", lambda system: system)
     many, all_noise, all_rows = told(posterior.x)
     assert count < all_rows
     assert noise == pytest.approx(all_noise, rel=1e-9) == pytest.approx(same_noise, rel=1e-9)
@@ -190,7 +189,7 @@ def test_known_gains_friction_and_armature_leave_no_torque(a1):
     lost = value["coulomb"] * np.tanh(samples.joint_velocity / 0.03)
     lost += value["viscous"] * samples.joint_velocity + value["armature"] * samples.joint_acceleration
     reported = (samples.joint_torque + lost) / (1 + value["torque_gain"])
-    block = TorqueBlock(unknowns, [(0, replace(samples, joint_torque=reported))])
+    block = TorqueBalance(unknowns, [(0, replace(samples, joint_torque=reported))])
     block.prepare(x)
     assert np.abs(block.residual(x)).max() < 1e-8
     for name in value:
@@ -202,7 +201,7 @@ def test_known_gains_friction_and_armature_leave_no_torque(a1):
 def test_rows_of_several_motions_belong_to_their_motions(a1):
     few = Priors().holding("leg_mass_common", "link_com", "link_com_common")  # fewer than rows
     unknowns = Unknowns(a1, nominal_stance(a1), few)
-    block = TorqueBlock(unknowns, [(4, moving_robot(a1, 5)), (7, moving_robot(a1, 6)), (7, moving_robot(a1, 7))])
+    block = TorqueBalance(unknowns, [(4, moving_robot(a1, 5)), (7, moving_robot(a1, 6)), (7, moving_robot(a1, 7))])
     block.prepare(unknowns.start())
     (first, rows), (second, others) = block.motions
     assert (first, rows, second, others.start) == (4, slice(0, 24), 7, 24)
@@ -270,15 +269,23 @@ def test_the_estimate_has_converged_and_its_covariance_is_the_informations_inver
 
 def test_evidence_narrows_what_was_believed(posterior):
     deviation = np.sqrt(np.diag(posterior.robot_covariance))
-    assert (deviation < posterior.prior_deviation).all()
-    assert (deviation[1:4] < 0.1 * posterior.prior_deviation[1:4]).all()
+    before = posterior.deviation_before(posterior.unknowns.robot_body)
+    assert (deviation < before).all()
+    assert (deviation[1:4] < 0.1 * before[1:4]).all()
 
 
 def test_every_motion_that_was_read_is_judged(posterior, evidence):
-    assert [misfit.motion for misfit in posterior.lifts] == [m.index for m in evidence.motions if m.lift is not None]
-    assert [misfit.motion for misfit in posterior.moves] == [m.index for m in evidence.motions if m.move is not None]
-    assert all(misfit.used and 0 < misfit.normalised_residual < 4 for misfit in (*posterior.lifts, *posterior.moves))
-    assert set(posterior.information) == set(posterior.gradient) <= {motion.index for motion in evidence.motions}
+    assert [misfit.motion for misfit in posterior.misfits_of(TiltEquation)] == [
+        m.index for m in evidence if m.lift is not None
+    ]
+    assert [misfit.motion for misfit in posterior.misfits_of(PlantedMoves)] == [
+        m.index for m in evidence if m.of(PlantedMove)
+    ]
+    assert all(
+        misfit.used and 0 < misfit.normalised_residual < 4
+        for misfit in (*posterior.misfits_of(TiltEquation), *posterior.misfits_of(PlantedMoves))
+    )
+    assert set(posterior.information) == set(posterior.gradient) <= {motion.index for motion in evidence}
 
 
 # --- what is given, and what is missing
@@ -302,12 +309,12 @@ def without_torques(recording):
 def test_without_torques_it_works_and_the_mass_is_less_sure(a1, precise_run, evidence, posterior):
     """Of motors whose torque constant is known."""
     known = Priors(torque_gain_common=1e-3)
-    bare = read_evidence(a1, precise_run.stance, [without_torques(recording) for recording in precise_run.recordings])
-    assert not any(motion.torques for motion in bare.motions)
+    bare = read_motions(a1, precise_run.stance, [without_torques(recording) for recording in precise_run.recordings])
+    assert not any(motion.of(TorqueSamples) for motion in bare)
     found = estimate_posterior(a1, precise_run.stance, bare, known)
     with_torques = estimate_posterior(a1, precise_run.stance, evidence, known)
-    assert found.torque_misfit is None
-    assert posterior.torque_misfit is not None
+    assert found.problem.equation(TorqueBalance) is None
+    assert posterior.problem.equation(TorqueBalance) is not None
     assert found.robot_covariance[0, 0] > 4 * with_torques.robot_covariance[0, 0]
     off = found.robot_body.com - precise_run.truth.composite.com
     assert np.abs(off / np.sqrt(np.diag(found.robot_covariance))[1:4]).max() < SURE
@@ -322,7 +329,7 @@ def pushed(lift, size):
 
 def test_the_scale_of_all_masses_is_held_while_noise_levels_are_sought(a1, precise_run, evidence):
     """By the torque constants, or, without torques, by the model's mass."""
-    silent = RunEvidence(tuple(replace(motion, torques=()) for motion in evidence.motions))
+    silent = tuple(with_samples(motion, TorqueSamples) for motion in evidence)
     for read, name in ((evidence, "torque_gain_common"), (silent, "base")):
         problem = MapProblem(a1, precise_run.stance, read, Priors(), None, True)
         x = problem.unknowns.start()
@@ -339,12 +346,12 @@ def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, size):
     """Somebody touches the robot, which was weighed, in one lift."""
     scale = (precise_run.truth.composite.mass, 0.06)
     plain = estimate_posterior(a1, precise_run.stance, evidence, mass=scale)
-    number = max(index for index, motion in enumerate(evidence.motions) if motion.lift is not None)
-    motions = list(evidence.motions)
-    motions[number] = replace(motions[number], lift=pushed(motions[number].lift, size))
-    found = estimate_posterior(a1, precise_run.stance, RunEvidence(tuple(motions)), mass=scale)
-    left_out = [misfit.motion for misfit in found.lifts if not misfit.used]
-    assert evidence.motions[number].index in left_out
+    number = max(index for index, motion in enumerate(evidence) if motion.lift is not None)
+    motions = list(evidence)
+    motions[number] = with_samples(motions[number], LiftSamples, pushed(motions[number].lift, size))
+    found = estimate_posterior(a1, precise_run.stance, tuple(motions), mass=scale)
+    left_out = [misfit.motion for misfit in found.misfits_of(TiltEquation) if not misfit.used]
+    assert evidence[number].index in left_out
     assert len(left_out) <= 2  # it draws the first round so far that another may seem wrong
     moved = components(found.robot_body) - components(plain.robot_body)
     assert np.abs(moved / np.sqrt(np.diag(found.robot_covariance))).max() < 1
@@ -353,14 +360,15 @@ def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, size):
 
 def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evidence, posterior):
     fitting = min(
-        (misfit for misfit in posterior.lifts if misfit.used), key=lambda misfit: abs(misfit.normalised_residual - 1)
+        (misfit for misfit in posterior.misfits_of(TiltEquation) if misfit.used),
+        key=lambda misfit: abs(misfit.normalised_residual - 1),
     )
-    number = next(index for index, motion in enumerate(evidence.motions) if motion.index == fitting.motion)
-    motions = list(evidence.motions)
-    motions[number] = replace(motions[number], lift=pushed(motions[number].lift, 0.05))
-    found = estimate_posterior(a1, precise_run.stance, RunEvidence(tuple(motions)))
+    number = next(index for index, motion in enumerate(evidence) if motion.index == fitting.motion)
+    motions = list(evidence)
+    motions[number] = with_samples(motions[number], LiftSamples, pushed(motions[number].lift, 0.05))
+    found = estimate_posterior(a1, precise_run.stance, tuple(motions))
     before, after = (
-        next(misfit for misfit in p.lifts if misfit.motion == evidence.motions[number].index)
+        next(misfit for misfit in p.misfits_of(TiltEquation) if misfit.motion == evidence[number].index)
         for p in (posterior, found)
     )
     assert after.used
@@ -369,14 +377,14 @@ def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evide
 
 
 def test_without_a_lift_the_reasons_are_told(a1, precise_run, evidence):
-    motions = tuple(replace(motion, lift=None, left_out="the wind blew") for motion in evidence.motions)
+    motions = tuple(replace(motion, samples=(), left_out="the wind blew") for motion in evidence)
     with pytest.raises(RecordingError, match="no lift trial can be used: the wind blew"):
-        estimate_posterior(a1, precise_run.stance, RunEvidence(motions))
+        estimate_posterior(a1, precise_run.stance, motions)
 
 
 @pytest.mark.parametrize("count", [1, 5, 7, 10])
 def test_the_first_motions_of_an_interrupted_run_give_an_estimate(a1, precise_run, evidence, count):
-    few = RunEvidence(evidence.motions[:count])
+    few = evidence[:count]
     found = estimate_posterior(a1, precise_run.stance, few)
     assert found.robot_body.physical_defect() is None
     assert step_left(found) < 0.5
@@ -388,14 +396,14 @@ def test_the_first_motions_of_an_interrupted_run_give_an_estimate(a1, precise_ru
 @pytest.mark.parametrize("noise", READINGS)
 def test_a_lifts_noise_is_that_of_many_draws(a1, posterior, evidence, monkeypatch, noise):
     """Readings of one kind, each off by what it is said to be: so is y, over the inertia about the line."""
-    monkeypatch.setattr("equipoise.estimator.blocks.tilt._BIAS_FLOOR", 0.0)
+    monkeypatch.setattr("equipoise.estimator.equations.tilt._BIAS_FLOOR", 0.0)
     lift, generator, draws = lifts_of(evidence)[0], np.random.default_rng(4), 60
     others = {other: np.zeros_like(lift.velocity_noise) for other in READINGS if other != noise}
     read, of_sample = getattr(lift, READINGS[noise]), np.zeros(len(lift.joint_position))
     off = generator.multivariate_normal(of_sample, getattr(lift, noise), (draws, read.shape[1]), method="eigh")
     drawn = [replace(lift, **others, **{READINGS[noise]: read + part.T}) for part in off]
     values, inertial = posterior.unknowns.values(posterior.x), posterior.unknowns.inertial(posterior.x)
-    equation = TiltEquation(a1, LegChains(a1), [replace(lift, **others), *drawn])
+    equation = TiltInvariant(a1, LegChains(a1), [replace(lift, **others), *drawn])
     y, levers = equation.evaluate(values, inertial)
     exact, *noisy = (y[trial] / levers[0, 0] for trial in equation.trials)
     told = TiltNoise.of(drawn[0])

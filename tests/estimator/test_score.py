@@ -11,14 +11,11 @@ from equipoise import Precise
 from equipoise.estimator.diagnostics import checks, score
 from equipoise.estimator.diagnostics.checks import judge
 from equipoise.estimator.diagnostics.score import score_tests
-from equipoise.estimator.measurements.evidence import read_evidence
 from equipoise.estimator.unknowns import Priors
 
 
-def check_of(a1, run, posterior):
-    """What the check says; the evidence itself it does not need."""
-    found = judge(a1, read_evidence(a1, run.stance, run.recordings), posterior)
-    return next(check for check in found if check.name == "what is held")
+def check_of(posterior):
+    return next(check for check in judge(posterior) if check.name == "what is held")
 
 
 def drifting(recordings, gyroscope, accelerometer):
@@ -71,7 +68,7 @@ def test_a_robot_that_is_as_it_is_believed_to_be_is_left_alone(a1, precise_run, 
     deviates = [test.deviate for test in tests]
     assert deviates == sorted(deviates, reverse=True)
     assert deviates[0] < 2
-    check = check_of(a1, precise_run, found)
+    check = check_of(found)
     assert check.passed
     assert tests[0].row.name in check.message
 
@@ -96,7 +93,7 @@ def test_what_is_wrong_is_named_first_with_what_to_do(a1, precise_run, name):
     found = posterior_of(model, precise_run, recordings, told())
     tests = score_tests(found)
     assert tests[0].row.name == name
-    check = check_of(a1, precise_run, found)
+    check = check_of(found)
     assert not check.passed
     assert check.message.startswith(Priors.row(name).cause)
     assert f"{name} = {Priors.row(name).usual:g} in --priors" in check.message
@@ -144,7 +141,7 @@ def test_larger_drifts_are_not_hidden_by_the_noise_that_they_raise(a1, precise_r
 def test_where_nothing_is_held_nothing_is_asked(a1, precise_run):
     found = posterior_of(a1, precise_run, precise_run.recordings, Priors().all_open)
     assert score_tests(found) == []
-    check = check_of(a1, precise_run, found)
+    check = check_of(found)
     assert check.passed
     assert check.message == "nothing that the run could see is held at the model's value"
 
@@ -168,4 +165,4 @@ def test_the_limit_is_that_of_chance_over_all_that_is_tested(a1, precise_run, mo
     share = len(tests) * (1 - NormalDist().cdf(tests[0].deviate))
     for chance, passed in ((0.9 * share, True), (1.1 * share, False)):
         monkeypatch.setattr(checks, "_UNLIKELY", chance)
-        assert check_of(a1, precise_run, found).passed == passed
+        assert check_of(found).passed == passed

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tilting import SAMPLES, contact_jacobian, moving_robot
 
-from equipoise.estimator.measurements.torque_balance import TorqueSamples, sawtooth, torque_rows
+from equipoise.estimator.equations.torque_balance import TorqueSamples, sawtooth, torque_rows
 from equipoise.estimator.unknowns import by_the_model
 from equipoise.platform.platform import Trajectory
 from equipoise.recording.recording import ImuStream, JointStream, Recording

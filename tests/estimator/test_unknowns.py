@@ -7,18 +7,18 @@ import pytest
 
 from equipoise import Calibration, estimate
 from equipoise.estimator import problem as problem_module
-from equipoise.estimator.blocks.block import ResidualBlock
-from equipoise.estimator.blocks.table import BLOCKS
 from equipoise.estimator.diagnostics.checks import judge
 from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
+from equipoise.estimator.equations.equation import Equation
+from equipoise.estimator.equations.planted_moves import PlantedMove, PlantedRows
+from equipoise.estimator.equations.table import USUAL
 from equipoise.estimator.known.two_runs import estimate_two_runs
-from equipoise.estimator.measurements.evidence import RunEvidence, read_evidence
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.momenta import model_parameters
-from equipoise.estimator.measurements.planted_moves import PlantedRows
-from equipoise.estimator.measurements.tilt_equation import TiltEquation
+from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import estimate_posterior
-from equipoise.estimator.unknown import AXIS, unknown
+from equipoise.estimator.unknown import AXIS, IMU, unknown
 from equipoise.estimator.unknowns import Priors, by_the_model, finding_names
 from equipoise.report.contents import run_contents
 
@@ -32,19 +32,24 @@ class TwoAccelerometers(Priors):
 
     second_bias: float = unknown(
         0.2, "reading of a second accelerometer less specific force", "m/s2", AXIS, "made up",
-        label="second accelerometer bias {each}", finding="second accelerometer bias {each}", notable=0.2, drift=0.5,
+        group=IMU, label="second accelerometer bias {each}",
+        finding="second accelerometer bias {each}", notable=0.2, drift=0.5,
         advice="the second accelerometer's {each} reads {value:+.2f} m/s2 too much; take it off",
     )  # fmt: skip
 
 
-class Bench(ResidualBlock):
+class Bench(Equation):
     """What the bench said; counted with the first motion."""
 
     depends_on = ("accelerometer_bias", "second_bias")
+    source = "noise of the bench"
 
     @classmethod
-    def of(cls, unknowns, legs, evidence):
-        return cls(unknowns, [(0, slice(0, 3))])
+    def of(cls, unknowns, motions):
+        return cls(unknowns, [(0, MORE)])
+
+    def _rows_in(self, sample):
+        return len(sample)
 
     def residual(self, x):
         values = self.unknowns.values(x)
@@ -57,13 +62,13 @@ class Bench(ResidualBlock):
 
 @pytest.fixture
 def bench(monkeypatch):
-    monkeypatch.setattr(problem_module, "BLOCKS", (*BLOCKS, Bench.of))
+    monkeypatch.setattr(problem_module, "USUAL", (*USUAL, Bench))
 
 
 @pytest.fixture(scope="module")
 def few(a1, precise_run):
     """The first motions of a run, which are estimated from faster."""
-    return RunEvidence(read_evidence(a1, precise_run.stance, precise_run.recordings).motions[:8])
+    return read_motions(a1, precise_run.stance, precise_run.recordings)[:8]
 
 
 @pytest.mark.usefixtures("bench")
@@ -91,7 +96,7 @@ def test_a_row_more_is_estimated_reported_and_written(a1, precise_run, tmp_path)
 def test_a_row_says_whether_an_error_that_large_is_unlikely(a1, precise_run, few):
     for prior, passed in ((0.2, True), (0.05, False)):
         found = estimate_posterior(a1, precise_run.stance, few, TwoAccelerometers(second_bias=prior))
-        check = next(check for check in judge(a1, few, found) if check.name == "sensor errors")
+        check = next(check for check in judge(found) if check.name == "sensor errors")
         assert check.passed == passed
         assert ("second accelerometer bias x" in check.message) or passed
 
@@ -119,12 +124,12 @@ def test_without_an_equation_nothing_is_said(a1, precise_run, few):
 def test_equations_depend_on_what_they_say(a1, precise_run, few):
     """And on nothing else: they are given no other value."""
     legs, rotation, values = LegChains(a1), np.array(a1.imu_in_base.rotation), by_the_model(a1)
-    lifts = [motion.lift for motion in few.motions if motion.lift is not None]
-    moves = [motion.move for motion in few.motions if motion.move is not None]
+    lifts = [motion.lift for motion in few if motion.lift is not None]
+    moves = [move for motion in few for move in motion.of(PlantedMove)]
     moves[-1] = replace(moves[-1], heading=np.pi)
-    _, _, by_y, _ = TiltEquation(a1, legs, lifts).linearise(values, model_parameters(a1))
+    _, _, by_y, _ = TiltInvariant(a1, legs, lifts).linearise(values, model_parameters(a1))
     _, by_rows = PlantedRows(legs, rotation, precise_run.stance, moves).linearise(values)
-    for equation, by in ((TiltEquation, by_y), (PlantedRows, by_rows)):
+    for equation, by in ((TiltInvariant, by_y), (PlantedRows, by_rows)):
         assert set(by) - {"inertial"} == set(equation.DEPENDS_ON)
         assert all((np.abs(part) > 1e-9).any() for part in by.values())
 

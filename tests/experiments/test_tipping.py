@@ -14,7 +14,7 @@ from tilting import pendulum
 
 from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import MissingDependencyError, ReachError
-from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.motions import read_motions
 from equipoise.experiments import tipping
 from equipoise.experiments.lift import tipping_from
 from equipoise.experiments.motion import Target
@@ -243,7 +243,7 @@ def test_a_lift_that_could_tip_the_robot_over_is_left_out_and_told(soft_trials):
     ):
         trials.lift(LiftDesign(LEANING, "FR_RL", 1))
     assert not recordings[-1].has_phase("unload")
-    left_out = read_evidence(trials.planted.robot, trials.stance, recordings).motions[-1].left_out
+    left_out = read_motions(trials.planted.robot, trials.stance, recordings)[-1].left_out
     assert left_out == "not lifted: out of reach, or the robot could have tipped over"
     trials.take_posture(BodyPosture())
     assert trials.lift(LiftDesign(BodyPosture(), "FR_RL", 1)).has_phase("lower")

@@ -50,7 +50,7 @@ def test_a_piece_of_a_line_is_around_its_point_nearest_to_a_place():
 
 def test_the_planes_of_the_lifts_pass_near_the_com(precise):
     lifts = lift_planes(precise)
-    assert len(lifts) == sum(motion.lift is not None for motion in precise.evidence.motions)
+    assert len(lifts) == sum(motion.lift is not None for motion in precise.evidence.posterior.motions)
     com = precise.composite.com_in_base.values
     assert np.median([abs(lift.plane.distance_to(com)) for lift in lifts]) < 3e-3
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from equipoise import Precise, SwaySettings, calibrate, estimate, load_robot, nominal_stance, simulate
 from equipoise.errors import MissingDependencyError, MotionError, RecordingError
 from equipoise.estimator.diagnostics.checks import shift_without
-from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknowns import Priors
 from equipoise.paper.method import estimate_sways
@@ -465,15 +465,15 @@ def test_what_legs_of_two_joints_cannot_tell_is_said(recwarn):
 
 @pytest.fixture(scope="module")
 def posterior(a1, run):
-    return estimate_posterior(a1, nominal_stance(a1), read_evidence(a1, nominal_stance(a1), run.recordings))
+    return estimate_posterior(a1, nominal_stance(a1), read_motions(a1, nominal_stance(a1), run.recordings))
 
 
 def test_leaving_a_motion_out_shifts_the_estimate_as_estimating_without_it(a1, run, posterior):
     stance = nominal_stance(a1)
-    evidence = read_evidence(a1, stance, run.recordings)
-    for motion in [index for index, m in enumerate(evidence.motions) if m.lift is not None][3:6]:
+    evidence = read_motions(a1, stance, run.recordings)
+    for motion in [index for index, m in enumerate(evidence) if m.lift is not None][3:6]:
         shift, _ = shift_without(posterior, [motion])
-        others = replace(evidence, motions=tuple(m for m in evidence.motions if m.index != motion))
+        others = [m for m in evidence if m.index != motion]
         again = estimate_posterior(a1, stance, others)
         moved = components(again.robot_body) - components(posterior.robot_body)
         # Noise levels are found anew, which moves all by a little.

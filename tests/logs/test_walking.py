@@ -13,7 +13,6 @@ from equipoise import Precise, load_robot, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import LogError, MotionError, RecordingError, SettingsError
 from equipoise.estimator.diagnostics import contradicted
-from equipoise.estimator.measurements.evidence import RunEvidence
 from equipoise.estimator.measurements.walking import gyro_bias_of_walks, up_between_steps
 from equipoise.estimator.problem import MapProblem
 from equipoise.estimator.solve import solve
@@ -116,9 +115,9 @@ def test_a_walk_tells_the_centre_of_mass(trotted, found):
 @pytest.mark.parametrize("seed", range(3))
 def test_the_estimate_does_not_depend_on_the_start(a1, stance, found, seed):
     """Starts whose CoMs are up to a centimetre and whose root moments are up to a fifth off the file's."""
-    evidence, before = found.result.evidence, found.result.evidence.posterior
-    weighed = before.problem.mass
-    problem = MapProblem(a1, stance, RunEvidence(evidence.motions), before.unknowns.priors, weighed, lifts_needed=False)
+    before = found.result.evidence.posterior
+    motions, weighed = before.motions, before.problem.mass
+    problem = MapProblem(a1, stance, motions, before.unknowns.priors, weighed, lifts_needed=False)
     start = problem.unknowns.start()
     start[:10] += np.random.default_rng(seed).uniform(-0.2, 0.2, 10) * ([1.0] * 4 + [0.1] * 6)
     x, converged = solve(problem, start, 2)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from equipoise import Precise, calibrate, nominal_stance, simulate
-from equipoise.estimator.blocks.block import LEFT_OUT
-from equipoise.estimator.blocks.planted import PlantedBlock
+from equipoise.estimator.equations.equation import LEFT_OUT
+from equipoise.estimator.equations.planted_moves import PlantedMoves
+from equipoise.estimator.motors.equations import motor_samples
+from equipoise.estimator.motors.fit import fit_motors, fit_swings
+from equipoise.estimator.motors.legs import legs_in_swing
 from equipoise.method.together import Together, of_the_base
-from equipoise.motors.equations import motor_samples
-from equipoise.motors.fit import fit_motors
-from equipoise.motors.legs import legs_in_swing
 from equipoise.motors.method import Motors
 from equipoise.recording.trials import MotorTrial
 from equipoise.robot.links import link_names
@@ -46,7 +46,7 @@ def test_true_legs_fit_and_the_files_do_not(a1, run, on_three_feet, lying):
     swings = [one for one in kept if isinstance(one.trial, MotorTrial)] if lying else on_three_feet
     scale = nominal_stance(a1).scale
     samples = motor_samples(a1, swings, scale.time)
-    said = legs_in_swing(a1, swings, samples, fit_motors(a1, samples, scale), scale)
+    found, target = legs_in_swing(a1, samples, fit_motors(a1, samples, scale), scale)
     names, factors, moments = link_names(a1.full_pinocchio), [], []
     for joint in [joint for leg in a1.legs.values() for joint in leg.joint_names]:
         true = parts["links"][names[a1.full_pinocchio.getJointId(joint)]]
@@ -57,7 +57,7 @@ def test_true_legs_fit_and_the_files_do_not(a1, run, on_three_feet, lying):
 
     def misfit(links):
         """Root mean square residual, with the gains that fit best: they go with the links."""
-        rows, left = said.rows[:, len(links) :], said.target - said.rows[:, : len(links)] @ links
+        rows, left = found[:, len(links) :], target - found[:, : len(links)] @ links
         gains = np.linalg.solve(rows.T @ rows + np.eye(rows.shape[1]) / 0.03**2, rows.T @ left)
         return np.sqrt(np.mean((left - rows @ gains) ** 2))
 
@@ -88,14 +88,16 @@ def test_the_plan_foretells_what_the_swing_says_of_legs(a1, run):
     """A recording made up of the model file goes through the estimate's own code: as sure as the run, to a third."""
     kept, _, _, both = run
     stance = nominal_stance(a1)
-    told = both.motors.foretold_evidence(a1, stance), both.motors.estimate(a1, kept[-1:], stance).evidence
+    swings = both.motors.predicted_recordings(a1, stance), (kept[-1],)
     links = 4 * len(a1.joint_names)
 
     def deviations(rows):
         believed = np.repeat([0.1, 0.02, 0.03], [links // 4, 3 * links // 4, rows.shape[1] - links])
         return np.sqrt(np.diag(np.linalg.inv(rows.T @ rows + np.diag(believed**-2))))
 
-    foretold, found = (deviations(evidence.legs.rows) for evidence in told)
+    foretold, found = (
+        deviations(legs_in_swing(a1, *fit_swings(a1, stance, swing), stance.scale)[0]) for swing in swings
+    )
     assert (found / foretold > 1 / 1.3).all()
     assert (found / foretold < 1.3).all()
     plan, lifts = both.forecast(a1, stance), both.base.forecast(a1, stance)
@@ -129,25 +131,25 @@ def test_a_joint_that_never_slides_ends_no_fit(a1, run):
     stuck = dataclasses.replace(samples, slides=slides)
     fit = fit_motors(a1, stuck, scale)
     assert np.isfinite(fit.values).all()
-    assert np.isfinite(legs_in_swing(a1, [kept[-1]], stuck, fit, scale).rows).all()
+    assert np.isfinite(legs_in_swing(a1, stuck, fit, scale)[0]).all()
 
 
 def test_quiet_feet_are_not_taken_for_quieter_than_they_may_be(a1, run):
     kept, _, _, both = run
     lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
     posterior = both.base.estimate(a1, lifts, nominal_stance(a1)).evidence.posterior
-    block = next(block for block in posterior.problem.blocks if isinstance(block, PlantedBlock))
-    allowed = block.scale / block._quiet
+    moves = posterior.problem.equation(PlantedMoves)
+    allowed = moves.scale / moves._quiet
     loose = np.zeros_like(posterior.covariance)  # as if no unknown took a freedom
-    quiet = block.at_found_noise(posterior.x, loose)
+    quiet = moves.at_residual_noise(posterior.x, loose)
     assert (quiet.scale <= allowed).all()
     assert (quiet.scale >= 0.3 * allowed - 1e-12).all()
-    for again in (quiet.at_shown_noise(posterior.x), block.at_shown_noise(posterior.x)):
+    for again in (quiet.at_residual_noise(posterior.x), moves.at_residual_noise(posterior.x)):
         assert (again.scale >= 0.3 * allowed - 1e-12).all()
-    assert block.at_found_noise(posterior.x, 1e6 * np.eye(len(posterior.x))).scale == pytest.approx(block.scale)
-    partly = copy(block)
-    partly.scale = np.where(np.arange(len(block.scale)) == 0, LEFT_OUT, block.scale)
-    assert [one.used for one in partly.at_found_noise(posterior.x, loose).misfits(posterior.x)][:2] == [False, True]
+    assert moves.at_residual_noise(posterior.x, 1e6 * np.eye(len(posterior.x))).scale == pytest.approx(moves.scale)
+    partly = copy(moves)
+    partly.scale = np.where(np.arange(len(moves.scale)) == 0, LEFT_OUT, moves.scale)
+    assert [one.used for one in partly.at_residual_noise(posterior.x, loose).misfits(posterior.x)][:2] == [False, True]
 
 
 def test_who_does_not_look_for_legs_gets_the_base_of_before(a1, run):

@@ -11,12 +11,12 @@ from equipoise import Calibration, Precise, calibrate, load_robot, nominal_stanc
 from equipoise.clearance.clearance import Clearance
 from equipoise.clearance.in_the_air import LegsInTheAir
 from equipoise.errors import MissingDependencyError, ReachError, RecordingError
+from equipoise.estimator.motors.delay import _torque_scale, position_loop_delays
+from equipoise.estimator.motors.equations import SPACING, averages, motor_samples
+from equipoise.estimator.motors.fit import _repetition
 from equipoise.experiments.legs_up import legs_up
 from equipoise.method.table import method_from_dict
 from equipoise.method.together import Together
-from equipoise.motors.delay import _torque_scale, position_loop_delays
-from equipoise.motors.equations import SPACING, averages, motor_samples
-from equipoise.motors.fit import _repetition
 from equipoise.motors.method import Motors
 from equipoise.recording.phases import Phase
 from equipoise.recording.trials import MotorTrial

@@ -8,9 +8,9 @@ import pytest
 
 from equipoise import calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import MissingDependencyError, ReachError, RecordingError, SettingsError
+from equipoise.estimator.motors.equations import motor_samples
 from equipoise.experiments.one_leg_up import ORDER, legs_in_turn
 from equipoise.method.table import method_from_dict
-from equipoise.motors.equations import motor_samples
 from equipoise.motors.method import Motors
 from equipoise.recording.phases import Phase
 from equipoise.recording.trials import MotorTrial, read_trial

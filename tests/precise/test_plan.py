@@ -13,9 +13,9 @@ from tilting import rolling_feet
 
 from equipoise import Precise, nominal_stance
 from equipoise.errors import ReachError, SettingsError
-from equipoise.estimator import problem
-from equipoise.estimator.blocks.table import BLOCKS
-from equipoise.estimator.blocks.tilt import TiltBlock
+from equipoise.estimator.equations.equation import MotionSamples
+from equipoise.estimator.equations.table import USUAL
+from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.lift_samples import attitudes
 from equipoise.estimator.problem import estimate_posterior
@@ -190,11 +190,11 @@ def test_the_plan_is_json(plans):
     assert table["predicted_deviation"] == name_components(plans[60.0].deviation)
 
 
-class FittedTiltBlock(TiltBlock):
+class FittedTiltEquation(TiltEquation):
     """Of predicted lifts, as plans look at them."""
 
-    def __init__(self, unknowns, legs, lifts):
-        super().__init__(unknowns, legs, lifts)
+    def __init__(self, unknowns, samples):
+        super().__init__(unknowns, samples)
         self.fit(unknowns.start())
 
 
@@ -202,18 +202,18 @@ def test_predicted_lifts_tell_no_scale_of_all_masses(candidates):
     """Twice the masses make twice the momentum over twice the inertia."""
     unknowns, predictor = candidates.unknowns, candidates.predictor
     x, lifts = unknowns.start(), [(k, predictor.lift(lift)) for k, lift in enumerate(candidates.lifts[:20])]
-    block = FittedTiltBlock(unknowns, LegChains(predictor.robot), lifts)
-    block.prepare(x)
-    residual, jacobian = block.linearise(x)
+    equation = FittedTiltEquation(unknowns, lifts)
+    equation.prepare(x)
+    residual, jacobian = equation.linearise(x)
     np.testing.assert_allclose(residual, 0, atol=1e-9)
-    np.testing.assert_allclose(block.residual(x), 0, atol=1e-9)
+    np.testing.assert_allclose(equation.residual(x), 0, atol=1e-9)
     by_x, inertial = unknowns.inertial_jacobian(x), unknowns.inertial(x)
     scaled = np.linalg.lstsq(by_x, inertial)[0]
     np.testing.assert_allclose(by_x @ scaled, inertial, atol=1e-9)
-    assert np.abs(jacobian @ scaled[block.columns]).max() < 1e-6 * np.abs(jacobian).max()
+    assert np.abs(jacobian @ scaled[equation.columns]).max() < 1e-6 * np.abs(jacobian).max()
 
 
-def test_a_plan_says_about_what_a_run_then_finds(a1, precise_run, candidates, monkeypatch):
+def test_a_plan_says_about_what_a_run_then_finds(a1, precise_run, candidates):
     """The run's own lifts and moves, predicted: within a factor of two for what lifts tell."""
     lifts = [
         LiftDesign(trial.posture, trial.diagonal, trial.side, trial.turn)
@@ -225,12 +225,13 @@ def test_a_plan_says_about_what_a_run_then_finds(a1, precise_run, candidates, mo
         for trial in (recording.trial for recording in precise_run.recordings)
         if isinstance(trial, PostureTrial)
     ]
-    moves = list(itertools.pairwise([BodyPosture(), *postures]))
-    monkeypatch.setattr(problem, "BLOCKS", (FittedTiltBlock.of, *BLOCKS[1:]))
-    evidence = candidates.predictor.evidence(lifts, moves)
-    expected = estimate_posterior(
-        a1, precise_run.stance, evidence, mass=(a1.mass, precise_run.result.composite.deviations[0]), rounds=0
-    ).robot_covariance
+    moves = itertools.pairwise([BodyPosture(), *postures])
+    predictor, equations = candidates.predictor, (FittedTiltEquation, *USUAL[1:])
+    samples = [*map(predictor.lift, lifts), *itertools.starmap(predictor.move, moves)]
+    motions = [MotionSamples(index, samples=(one,)) for index, one in enumerate(samples)]
+    weighed = a1.mass, precise_run.result.composite.deviations[0]
+    predicted = estimate_posterior(a1, precise_run.stance, motions, mass=weighed, rounds=0, equations=equations)
+    expected = predicted.robot_covariance
     ratio = precise_run.result.composite.deviations / np.sqrt(np.diag(expected))
     assert (ratio[1:7] > 0.4).all()
     assert (ratio[1:7] < 2.5).all()

@@ -12,13 +12,13 @@ from test_plan import candidates_of
 from equipoise import Precise, RunFolder, calibrate, estimate, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import ReachError, SettingsError
-from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.equations.planted_moves import PlantedMove, PlantedRows
 from equipoise.estimator.measurements.heading import angle_turned, facing
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.momenta import model_parameters
-from equipoise.estimator.measurements.planted_moves import PlantedRows
-from equipoise.estimator.measurements.tilt_equation import TiltEquation
+from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
 from equipoise.estimator.measurements.traced import Traced
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.unknowns import Priors, by_the_model
 from equipoise.experiments.stand import stand_up
 from equipoise.platform.logged_platform import Logged
@@ -70,8 +70,8 @@ def test_a_force_in_the_room_is_told_from_the_com(run):
 
 
 def test_recordings_alone_say_which_way_the_robot_faced(a1, run):
-    evidence = read_evidence(a1, nominal_stance(a1), run.recordings)
-    headings = [abs(motion.lift.heading) for motion in evidence.motions if motion.lift is not None]
+    evidence = read_motions(a1, nominal_stance(a1), run.recordings)
+    headings = [abs(motion.lift.heading) for motion in evidence if motion.lift is not None]
     assert headings[0] == 0.0
     assert headings[-1] == pytest.approx(np.pi, abs=np.radians(2))
     assert sorted(headings) == headings
@@ -124,14 +124,14 @@ def test_the_room_turns_the_other_way_round():
 
 def test_what_is_fixed_in_the_room_enters_the_equations_the_other_way_round(a1, ideal_motions):
     stance, legs = ideal_motions.stance, LegChains(a1)
-    motions = read_evidence(a1, stance, [ideal_motions.move, ideal_motions.lift]).motions
+    motions = read_motions(a1, stance, [ideal_motions.move, ideal_motions.lift])
     there, back = by_the_model(a1), by_the_model(a1)
     for name in ("pull", "floor_slope"):
         there[name], back[name] = np.array([0.3, -0.2]), np.array([-0.3, 0.2])
-    lift, move = motions[1].lift, motions[0].move
+    lift, move = motions[1].lift, motions[0].of(PlantedMove)[0]
 
     def y(lift, values):
-        return TiltEquation(a1, legs, [lift]).evaluate(values, model_parameters(a1))[0]
+        return TiltInvariant(a1, legs, [lift]).evaluate(values, model_parameters(a1))[0]
 
     def rows(move, values):
         return PlantedRows(legs, np.array(a1.imu_in_base.rotation), stance, [move]).residuals(values)
@@ -143,7 +143,7 @@ def test_what_is_fixed_in_the_room_enters_the_equations_the_other_way_round(a1, 
 
 def test_new_footholds_have_heights_of_their_own(a1, ideal_motions):
     stance, values = ideal_motions.stance, by_the_model(a1)
-    move = read_evidence(a1, stance, [ideal_motions.move, ideal_motions.lift]).motions[0].move
+    move = read_motions(a1, stance, [ideal_motions.move, ideal_motions.lift])[0].of(PlantedMove)[0]
     values["foothold_change"] = np.array([1e-3, 0.0, 0.0, 0.0])
 
     def heights(heading):

@@ -17,7 +17,7 @@ from equipoise.estimator.diagnostics.screening import screen
 from equipoise.estimator.known.both_runs import both_runs
 from equipoise.estimator.known.known_run import KnownRun
 from equipoise.estimator.known.two_runs import ScaleReadings, TwoRuns, estimate_two_runs
-from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.parameters import base_vector
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.unknowns import Priors
@@ -99,8 +99,8 @@ def find_delta(
     stance = nominal_stance(robot)
     for recordings in (before, after):
         screen(robot, recordings)
-    evidences = read_evidence(robot, stance, before), read_evidence(robot, stance, after)
-    runs = estimate_two_runs(robot, stance, evidences, priors, scale)
+    motions = read_motions(robot, stance, before), read_motions(robot, stance, after)
+    runs = estimate_two_runs(robot, stance, motions, priors, scale)
     warnings = () if runs.converged else ("the estimate did not settle: something does not fit at all",)
     return _delta(robot, stance, runs, warnings)
 

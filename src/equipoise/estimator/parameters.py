@@ -58,6 +58,7 @@ class Unknowns:
     Attributes:
         rows: rows of the table of unknowns that are not held; the others have no place in the vector.
         size: length of the vector.
+        legs: leg chains of the robot.
         scale: (size,) size of one unit of each unknown, in the unit of its row; one for the base.
         tabled: slice of all unknowns but the base's.
         torque_scale: m g h of the robot over that of an A1.
@@ -85,8 +86,8 @@ class Unknowns:
         self._links = self.columns(*LINKS)
         counts = [(self.estimates(name), len(self._by_the_model[name])) for name in LINKS]
         open_links = np.concatenate([np.full(count, estimated) for estimated, count in counts])
-        self._legs = LegChains(robot)
-        self.of_links, self.model_links = _by_values(self._legs)[:, open_links], model_parameters(robot)[10:]
+        self.legs = LegChains(robot)
+        self.of_links, self.model_links = _by_values(self.legs)[:, open_links], model_parameters(robot)[10:]
         joined, self._above_knees = _joined_bodies(robot, stance)
         # Derivatives of bodies ask again and again with the same legs.
         self._joined_last = np.zeros(len(self.columns(*LEG_SHAPE))), joined
@@ -176,8 +177,8 @@ class Unknowns:
         shape = x[self.columns(*LEG_SHAPE)]
         if not np.array_equal(shape, self._joined_last[0]):
             position = Traced(self.stance.joint_position[:, None])
-            found = LegShape.of(self._legs, inputs_of(self.values(x), LEG_SHAPE, 1))
-            com, model = (self._legs.traced_posture(position, legs).com.value[..., 0] for legs in (found, None))
+            found = LegShape.of(self.legs, inputs_of(self.values(x), LEG_SHAPE, 1))
+            com, model = (self.legs.traced_posture(position, legs).com.value[..., 0] for legs in (found, None))
             joined, _ = _joined_bodies(self.robot, self.stance, (com - model).T.reshape(-1, 3))
             self._joined_last = shape, joined
         return self._joined_last[1]

@@ -9,7 +9,6 @@ from typing import Any
 from equipoise.estimator.diagnostics.held_out import LiftPrediction
 from equipoise.estimator.known.changes import Change
 from equipoise.estimator.known.known_run import KnownRun
-from equipoise.estimator.measurements.evidence import MotionReading
 from equipoise.estimator.problem import Posterior
 from equipoise.result.calibration import Evidence
 
@@ -19,13 +18,11 @@ class PosteriorEvidence(Evidence):
     """Of a run of this method.
 
     Attributes:
-        motions: readings of the recordings, in order.
         posterior: estimate with its information by motion.
         changes: what changed since the earlier run that is known.
         predictions: every lift predicted without the motions in its posture.
     """
 
-    motions: tuple[MotionReading, ...]
     posterior: Posterior
     changes: tuple[Change, ...] = ()
     predictions: tuple[LiftPrediction, ...] = ()

@@ -1,34 +1,26 @@
-"""All evidence in one maximum a posteriori estimate, with its covariance.
+"""All motions in one maximum a posteriori estimate, with its covariance.
 
-Residuals, each in units of its own noise:
-
-- tilt: y(t) of every lift trial (tilt_equation.py), less its mean, over the moment of inertia about the line. So divided it
-  is an angular velocity, and the noise of the sensors in it does not depend on the unknowns: without that the noise in the
-  regressors would pull the inertia towards zero.
-- planted: feet that do not move, and footholds that keep their heights (planted_moves.py).
-- torque: the balance of the planted robot (torque_balance.py), at the sensor biases of the last round.
-- priors, and the mass from a scale.
+Its residuals are those of the equations (equations/table.py), each in units of its own noise, of the priors, and of the mass
+from a scale.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.estimator.blocks.block import Misfit, ResidualBlock
-from equipoise.estimator.blocks.planted import PlantedBlock
-from equipoise.estimator.blocks.sway import SwayBlock
-from equipoise.estimator.blocks.table import BLOCKS
-from equipoise.estimator.blocks.tilt import TiltBlock
-from equipoise.estimator.blocks.torque import TorqueBlock
-from equipoise.estimator.measurements.evidence import RunEvidence
+from equipoise.estimator.equations.equation import Equation, Misfit, MotionSamples
+from equipoise.estimator.equations.table import USUAL
+from equipoise.estimator.equations.tilt import TiltEquation
+from equipoise.estimator.equations.torque_balance import TorqueBalance
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.parameters import Belief, Unknowns
 from equipoise.estimator.solve import NormalEquations, descend, solve
@@ -38,6 +30,7 @@ from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
+E = TypeVar("E", bound=Equation[Any])
 _ROOT_LENGTHS = 1.0  # prior of the logarithms of the base's root lengths: a factor of e
 # Misfit that is expected before any is known. Were it one, what the equations leave out would outweigh all priors in the
 # first round: without a scale, robots then lose their mass to motors that have no torque, and never find it again.
@@ -53,43 +46,83 @@ class Posterior:
 
     Attributes:
         problem: squared residuals that x makes least, at the noise levels of the last round.
-        unknowns: layout of the vector x.
         x: (size,) most probable unknowns.
         covariance: (size, size) covariance of x.
         information: (size, size) information that each motion adds, by motion index.
-        information_by_kind: the same by the kind of its equations.
+        information_by_equation: the same by the equation.
         gradient: (size,) gradient of each motion's squared residuals, halved, by motion index.
-        robot_body, base_body, stance_effective_body: bodies at the estimate.
-        robot_covariance, base_covariance, stance_effective_covariance: (10, 10) covariance of each, in the order of
-            COMPONENTS.
-        prior_deviation, base_prior_deviation: (10,) standard deviations of the whole robot's and the base's parameters
-            before any motion (a scale's mass not counted).
-        informed: names of the unknowns that some evidence depends on.
-        lifts, moves: misfits of the lifts and of the planted moves.
-        torque_misfit: misfit of the torque rows; None without torques.
+        misfits: misfits of the motions of each equation.
         converged: whether the last step was small; if not, something does not fit at all.
     """
 
     problem: MapProblem
-    unknowns: Unknowns
     x: FloatArray
     covariance: FloatArray
-    information: dict[int, FloatArray]
-    information_by_kind: dict[type[ResidualBlock], FloatArray]
-    gradient: dict[int, FloatArray]
-    robot_body: InertialParameters
-    base_body: InertialParameters
-    stance_effective_body: InertialParameters
-    robot_covariance: FloatArray
-    base_covariance: FloatArray
-    stance_effective_covariance: FloatArray
-    prior_deviation: FloatArray
-    base_prior_deviation: FloatArray
-    informed: frozenset[str]
-    lifts: tuple[Misfit, ...]
-    moves: tuple[Misfit, ...]
-    torque_misfit: float | None
+    information: Mapping[int, FloatArray]
+    information_by_equation: Mapping[type[Equation[Any]], FloatArray]
+    gradient: Mapping[int, FloatArray]
+    misfits: Mapping[type[Equation[Any]], tuple[Misfit, ...]]
     converged: bool
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """Layout of the vector x."""
+        return self.problem.unknowns
+
+    @property
+    def motions(self) -> tuple[MotionSamples, ...]:
+        """Motions that it is made of, in order."""
+        return self.problem.motions
+
+    @property
+    def informed(self) -> frozenset[str]:
+        """Names of the unknowns that some equation depends on."""
+        return frozenset(name for equation in self.problem.equations for name in equation.depends_on)
+
+    def misfits_of(self, equation: type[Equation[Any]]) -> tuple[Misfit, ...]:
+        """Misfits of the motions of an equation; empty if there are none."""
+        return self.misfits.get(equation, ())
+
+    @cached_property
+    def robot_body(self) -> InertialParameters:
+        """The whole robot frozen at the nominal stance, in the base frame."""
+        return self.unknowns.robot_body(self.x)
+
+    @cached_property
+    def base_body(self) -> InertialParameters:
+        """The base."""
+        return self.unknowns.base_body(self.x)
+
+    @cached_property
+    def stance_effective_body(self) -> InertialParameters:
+        """The paper's body: base, hips and thighs."""
+        return self.unknowns.stance_effective_body(self.x)
+
+    @cached_property
+    def robot_covariance(self) -> FloatArray:
+        """(10, 10) covariance of the whole robot's parameters, in the order of COMPONENTS."""
+        return self._covariance_of(self.unknowns.robot_body)
+
+    @cached_property
+    def base_covariance(self) -> FloatArray:
+        """The same of the base."""
+        return self._covariance_of(self.unknowns.base_body)
+
+    @cached_property
+    def stance_effective_covariance(self) -> FloatArray:
+        """The same of the paper's body."""
+        return self._covariance_of(self.unknowns.stance_effective_body)
+
+    def _covariance_of(self, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
+        jacobian = body_jacobian(self.unknowns, self.x, body)
+        return np.asarray(jacobian @ self.covariance @ jacobian.T, dtype=float)
+
+    def deviation_before(self, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
+        """(10,) standard deviations of a body's parameters before any motion (a scale's mass not counted)."""
+        start = self.unknowns.start()
+        _, prior = prior_rows(self.unknowns, start, None)
+        jacobian = body_jacobian(self.unknowns, start, body)
+        return np.sqrt(np.diag(jacobian @ np.linalg.inv(prior.T @ prior) @ jacobian.T))
 
     @cached_property
     def whole_information(self) -> FloatArray:
@@ -123,63 +156,65 @@ class Posterior:
 def estimate_posterior(
     robot: RobotModel,
     stance: Stance,
-    evidence: RunEvidence,
+    motions: Sequence[MotionSamples],
     priors: Priors | None = None,
     mass: tuple[float, float] | None = None,
     rounds: int = 2,
     lifts_needed: bool = True,
     quiet_feet: bool = False,
-    sway_heard: bool = False,
+    equations: Sequence[type[Equation[Any]]] | None = None,
 ) -> Posterior:
-    """The most probable unknowns given all evidence.
+    """The most probable unknowns given all motions.
 
     Args:
         mass: mass of the whole robot from a scale, and its standard deviation [kg].
         rounds: number of times that noise levels are renewed.
-        lifts_needed: whether evidence without any lift is refused, or is estimated from as far as joint torques go.
-        quiet_feet: whether planted feet are believed to be as quiet as they seem, or as restless as a floor may make them.
-        sway_heard: whether a sway's word on where the IMU sits is evidence.
+        lifts_needed: whether motions without any lift are refused, or are estimated from as far as joint torques go.
+        quiet_feet: whether the noise of planted feet is what their residuals show, or what a floor may make it.
+        equations: equations that are used; None: the usual ones.
 
     Raises:
         RecordingError: no lift trial can be used; or there are no joint torques either.
     """
-    problem = MapProblem(robot, stance, evidence, priors or Priors(), mass, lifts_needed, sway_heard)
+    problem = MapProblem(robot, stance, motions, priors or Priors(), mass, lifts_needed, equations)
     posterior = problem.posterior(*solve(problem, problem.unknowns.start(), rounds))
     if not quiet_feet:
         return posterior
-    quiet = problem.at_found_noise(posterior)
+    quiet = problem.at_residual_noise(posterior.x, posterior.covariance)
     return quiet.posterior(*descend(quiet, posterior.x))
 
 
 class MapProblem:
-    """What one run adds to a maximum a posteriori estimate: residual blocks and priors, in a run's unknowns.
+    """What one run adds to a maximum a posteriori estimate: equations and priors, in a run's unknowns.
 
     Args:
-        mass: mass of the whole robot from a scale, and its standard deviation [kg]; None: not known, or told elsewhere.
-        lifts_needed: whether evidence without any lift is refused.
-        sway_heard: whether a sway's word on where the IMU sits is evidence.
+        mass: mass of the whole robot from a scale, and its standard deviation [kg]; None: not known, or given elsewhere.
+        lifts_needed: whether motions without any lift are refused.
+        equations: equations that are used; None: the usual ones.
 
     Raises:
         RecordingError: no lift trial can be used; or there are no joint torques either.
     """
 
     def __init__(
-        self, robot: RobotModel, stance: Stance, evidence: RunEvidence, priors: Priors, mass: tuple[float, float] | None,
-        lifts_needed: bool, sway_heard: bool = False,
+        self, robot: RobotModel, stance: Stance, motions: Sequence[MotionSamples], priors: Priors,
+        mass: tuple[float, float] | None, lifts_needed: bool = True, equations: Sequence[type[Equation[Any]]] | None = None,
     ) -> None:  # fmt: skip
-        self.mass = mass
+        self.motions, self.mass = tuple(motions), mass
         self.anchored = mass is None
         self.unknowns = Unknowns(robot, stance, priors)
-        enough = any(motion.on_two_feet or (motion.torques and not lifts_needed) for motion in evidence.motions)
-        if not enough:
-            reasons = {motion.left_out for motion in evidence.motions if motion.left_out}
+        made = [equation.of(self.unknowns, motions) for equation in equations or USUAL]
+        self.equations = [equation for equation in made if equation is not None]
+        needed = (TiltEquation,) if lifts_needed else (TiltEquation, TorqueBalance)
+        if not any(self.equation(kind) for kind in needed):
+            reasons = {motion.left_out for motion in motions if motion.left_out}
             raise RecordingError(f"no lift trial can be used: {'; '.join(sorted(reasons)) or 'there is none'}")
-        legs = LegChains(robot)
-        makers = (*BLOCKS, SwayBlock.of) if sway_heard else BLOCKS
-        made = [make(self.unknowns, legs, evidence) for make in makers]
-        self.blocks = [block for block in made if block is not None]
-        for block in self.blocks:
-            block.expect_misfit(_MISFIT_AT_FIRST)
+        for equation in self.equations:
+            equation.expect_misfit(_MISFIT_AT_FIRST)
+
+    def equation(self, kind: type[E]) -> E | None:
+        """The rows of an equation; None if there are none."""
+        return next((equation for equation in self.equations if isinstance(equation, kind)), None)
 
     def with_all_open(self, x: FloatArray) -> tuple[MapProblem, FloatArray, NDArray[np.intp]]:
         """The same with no row held, at the noise levels as they are; x in its unknowns; and x's places there."""
@@ -188,7 +223,7 @@ class MapProblem:
         places = problem.unknowns.columns("base", *(row.name for row in held.rows))
         at = np.zeros(problem.unknowns.size)
         at[places] = x
-        problem.blocks = [block.laid_out(problem.unknowns, at) for block in self.blocks]
+        problem.equations = [equation.laid_out(problem.unknowns, at) for equation in self.equations]
         return problem, at, places
 
     def believing(self, belief: Belief) -> MapProblem:
@@ -197,28 +232,21 @@ class MapProblem:
         problem.unknowns, problem.anchored = self.unknowns.believing(belief), False
         return problem
 
-    def at_shown_noise(self, x: FloatArray) -> MapProblem:
-        """The same at the noise that feet on the floor show, where that is less than what is allowed for."""
-        return self._with_feet(lambda planted: planted.at_shown_noise(x))
-
-    def at_found_noise(self, posterior: Posterior) -> MapProblem:
-        """The same at the noise that residuals of planted moves have at an estimate."""
-        return self._with_feet(lambda planted: planted.at_found_noise(posterior.x, posterior.covariance))
-
-    def _with_feet(self, quieted: Callable[[PlantedBlock], PlantedBlock]) -> MapProblem:
+    def at_residual_noise(self, x: FloatArray, covariance: FloatArray | None = None) -> MapProblem:
+        """The same at the noise that residuals show; see `Equation.at_residual_noise`."""
         problem = copy(self)
-        problem.blocks = [quieted(block) if isinstance(block, PlantedBlock) else block for block in self.blocks]
+        problem.equations = [equation.at_residual_noise(x, covariance) for equation in self.equations]
         return problem
 
     def prepare(self, x: FloatArray) -> None:
         """Noise levels of a round."""
-        for block in self.blocks:
-            block.prepare(x)
+        for equation in self.equations:
+            equation.prepare(x)
 
     def renew_noise(self, x: FloatArray) -> None:
         """Raise the noise of what does not fit."""
-        for block in self.blocks:
-            block.renew_noise(x)
+        for equation in self.equations:
+            equation.renew_noise(x)
 
     def let_go(self) -> None:
         """Free the scale of all masses."""
@@ -226,7 +254,7 @@ class MapProblem:
 
     def anchor(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residual that holds the scale of all masses where joint torques or else the model have it; its derivative."""
-        if any(isinstance(block, TorqueBlock) and "torque_gain_common" in block.open for block in self.blocks):
+        if any("torque_gain_common" in equation.open for equation in self.equations):
             gain = self.unknowns["torque_gain_common"]
             tight = self.unknowns.scale[gain] / _SCALE_AT_FIRST
             return x[gain] * tight, np.eye(self.unknowns.size)[gain] * tight[:, None]
@@ -234,68 +262,36 @@ class MapProblem:
         noise = _SCALE_AT_FIRST * self.unknowns.robot.mass
         return np.array([total / noise - 1 / _SCALE_AT_FIRST]), derivative[None] / noise
 
-    def evidence_equations(self, x: FloatArray) -> NormalEquations:
-        """Of all blocks, without priors."""
+    def motion_equations(self, x: FloatArray) -> NormalEquations:
+        """Of all equations, without priors."""
         size = self.unknowns.size
         information, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
-        for block in self.blocks:
-            residual, jacobian = block.linearise(x)
-            information[np.ix_(block.columns, block.columns)] += jacobian.T @ jacobian
-            gradient[block.columns] += jacobian.T @ residual
+        for equation in self.equations:
+            residual, jacobian = equation.linearise(x)
+            information[np.ix_(equation.columns, equation.columns)] += jacobian.T @ jacobian
+            gradient[equation.columns] += jacobian.T @ residual
             cost += float(residual @ residual)
         return NormalEquations(information, gradient, cost)
 
     def normal_equations(self, x: FloatArray) -> NormalEquations:
-        """Of all blocks and priors."""
-        equations = self.evidence_equations(x) + NormalEquations.of(*prior_rows(self.unknowns, x, self.mass))
+        """Of all equations and priors."""
+        equations = self.motion_equations(x) + NormalEquations.of(*prior_rows(self.unknowns, x, self.mass))
         return equations + NormalEquations.of(*self.anchor(x)) if self.anchored else equations
 
     def posterior(self, x: FloatArray, converged: bool) -> Posterior:
         """The estimate at x, with its covariance."""
-        unknowns, start = self.unknowns, self.unknowns.start()
         by_motion: dict[int, FloatArray] = {}
         gradients: dict[int, FloatArray] = {}
-        by_kind: dict[type[ResidualBlock], FloatArray] = {}
-        for block in self.blocks:
-            for motion, own, pull in block.by_motion(x):
-                by_kind[type(block)] = by_kind.get(type(block), 0.0) + own
+        by_equation: dict[type[Equation[Any]], FloatArray] = {}
+        for equation in self.equations:
+            for motion, own, pull in equation.by_motion(x):
+                by_equation[type(equation)] = by_equation.get(type(equation), 0.0) + own
                 by_motion[motion] = by_motion.get(motion, 0.0) + own
                 gradients[motion] = gradients.get(motion, 0.0) + pull
-        _, prior = prior_rows(unknowns, x, self.mass)
+        _, prior = prior_rows(self.unknowns, x, self.mass)
         covariance = np.asarray(np.linalg.inv(prior.T @ prior + sum(by_motion.values())), dtype=float)
-        _, prior = prior_rows(unknowns, start, None)
-        before = np.asarray(np.linalg.inv(prior.T @ prior), dtype=float)
-
-        def spread(body: Callable[[FloatArray], InertialParameters], at: FloatArray, cov: FloatArray) -> FloatArray:
-            jacobian = body_jacobian(unknowns, at, body)
-            return np.asarray(jacobian @ cov @ jacobian.T, dtype=float)
-
-        return Posterior(
-            problem=self,
-            unknowns=unknowns,
-            x=x,
-            covariance=covariance,
-            information=by_motion,
-            information_by_kind=by_kind,
-            gradient=gradients,
-            robot_body=unknowns.robot_body(x),
-            base_body=unknowns.base_body(x),
-            stance_effective_body=unknowns.stance_effective_body(x),
-            robot_covariance=spread(unknowns.robot_body, x, covariance),
-            base_covariance=spread(unknowns.base_body, x, covariance),
-            stance_effective_covariance=spread(unknowns.stance_effective_body, x, covariance),
-            prior_deviation=np.sqrt(np.diag(spread(unknowns.robot_body, start, before))),
-            base_prior_deviation=np.sqrt(np.diag(spread(unknowns.base_body, start, before))),
-            informed=frozenset(name for block in self.blocks for name in block.depends_on),
-            lifts=tuple(misfit for block in self.blocks if isinstance(block, TiltBlock) for misfit in block.misfits(x)),
-            moves=tuple(
-                misfit for block in self.blocks if isinstance(block, PlantedBlock) for misfit in block.misfits(x)
-            ),
-            torque_misfit=next(
-                (block.normalised_residual for block in self.blocks if isinstance(block, TorqueBlock)), None
-            ),
-            converged=converged,
-        )
+        misfits = {type(equation): equation.misfits(x) for equation in self.equations}
+        return Posterior(self, x, covariance, by_motion, by_equation, gradients, misfits, converged)
 
 
 def body_jacobian(unknowns: Unknowns, x: FloatArray, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
@@ -337,7 +333,7 @@ def body_prior_rows(
     rows = [(inertial[1:10] - model[1:]) / deviation]
     columns = [jacobian[1:10] / deviation[:, None]]
     # The three root lengths of the base: without this nothing holds them when a body shrinks to a plate that cannot exist,
-    # and little evidence sends them there.
+    # and a few motions send them there.
     lengths = slice(1, 4)
     rows.append((x[lengths] - unknowns.start()[lengths]) / _ROOT_LENGTHS)
     columns.append(np.eye(unknowns.size)[lengths] / _ROOT_LENGTHS)

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.known.changes import estimate_after
 from equipoise.estimator.known.known_run import KnownRun
-from equipoise.estimator.measurements.evidence import MotionReading, RunEvidence, read_evidence
 from equipoise.estimator.measurements.support_planes import centre_shift
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknowns import Priors
 from equipoise.experiments.tilt import SupportPlane
@@ -22,7 +23,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 
-def planes_through_com(robot: RobotModel, com: FloatArray, motions: Sequence[MotionReading]) -> list[LiftPlane]:
+def planes_through_com(robot: RobotModel, com: FloatArray, motions: Sequence[MotionSamples]) -> list[LiftPlane]:
     """Where each lift puts the CoM, with everything else by the model.
 
     Args:
@@ -52,7 +53,7 @@ class PreciseReading:
     ) -> None:
         self._known = known
         self._robot, self._stance, self._priors, self._scale = robot, stance, priors, scale
-        self._motions = read_evidence(robot, stance, recordings).motions
+        self._motions = read_motions(robot, stance, recordings)
 
     def planes(self) -> list[LiftPlane]:
         """See `planes_through_com`."""
@@ -62,7 +63,7 @@ class PreciseReading:
     def estimate(self, trials: int) -> ComEstimate:
         """The posterior of the first trials."""
         motions = self._motions[:trials]
-        told = (self._robot, self._stance, RunEvidence(motions), self._priors, self._scale)
+        told = (self._robot, self._stance, motions, self._priors, self._scale)
         lifts = any(motion.lift for motion in motions)
         if self._known is None:
             posterior = estimate_posterior(*told, lifts_needed=lifts)

@@ -88,6 +88,32 @@ PER_A1_STIFFNESS = Measure(
 A1_TORQUE = Measure("m g h over an A1's", lambda robot, stance: stance.scale.torque)
 
 
+MORE_TIME, A_SCALE = "more robot time (--budget)", "a scale (--mass)"
+
+
+@dataclass(frozen=True)
+class Group:
+    """Rows that people think of as one source of uncertainty.
+
+    Attributes:
+        name: name of it in words.
+        remedy: what lowers its share.
+    """
+
+    name: str
+    remedy: str
+
+
+LEG_MASSES = Group("masses and CoMs of the legs", "--legs trusted, where the model file's legs were weighed")
+LEG_LENGTHS = Group("lengths of the legs, hips, foot radii", "--legs trusted, where they were measured")
+JOINTS = Group("joint zeros, springs and play", f"{MORE_TIME}; a jig for the zeros (--priors)")
+IMU = Group("IMU: mounting, gains, biases, clock", MORE_TIME)
+CABLE = Group("a cable's pull", "--cable none, where there is none; --turn")
+FLOOR = Group("feet and floor", "a hard, level floor; --turn")
+MOTORS = Group("torque constants, friction, rotors", A_SCALE)
+SCALE = Group("gain of the scale", "a better scale (--mass-sd)")
+
+
 @dataclass(frozen=True)
 class Unknown:
     """A row of the table.
@@ -97,6 +123,7 @@ class Unknown:
         unit: SI unit; empty for a fraction.
         each: parts of the robot that have one each, as its joints.
         source: source of the prior.
+        group: source of uncertainty that it is counted with.
         name: name in code, in settings and as a key.
         measure: quantity that the prior's number is a fraction of.
         label: name of one of them in prose, with {each}.
@@ -121,6 +148,7 @@ class Unknown:
     unit: str
     each: Each
     source: str
+    group: Group
     name: str = ""
     measure: Measure = ITSELF
     label: str = ""
@@ -151,10 +179,10 @@ class Unknown:
         return form.format(each=each, value=value, deviation=deviation, size=abs(value))
 
 
-def unknown(prior: float, meaning: str, unit: str, each: Each, source: str, **more: Any) -> float:
+def unknown(prior: float, meaning: str, unit: str, each: Each, source: str, group: Group, **more: Any) -> float:
     """A row of the table as a field of `Priors`; the arguments are those of `Unknown`.
 
     Args:
         prior: standard deviation, as a multiple of the row's measure.
     """
-    return field(default=prior, metadata={ROW: Unknown(meaning, unit, each, source, usual=prior, **more)})
+    return field(default=prior, metadata={ROW: Unknown(meaning, unit, each, source, group, usual=prior, **more)})

@@ -22,17 +22,24 @@ from equipoise.estimator.measurements.traced import Traced
 from equipoise.estimator.unknown import (
     A1_TORQUE,
     AXIS,
+    CABLE,
+    FLOOR,
     HIP_AXIS,
     HIP_HEIGHT,
+    IMU,
     JOINT,
     JOINT_KIND,
     JOINT_PHASE,
+    JOINTS,
     KIND_AXIS,
     LEG,
+    LEG_LENGTHS,
     LEG_LINK,
+    LEG_MASSES,
     LENGTH,
     LENGTH_KIND,
     LINK_AXIS,
+    MOTORS,
     PER_A1_STIFFNESS,
     PER_A1_TORQUE,
     ROBOT,
@@ -73,33 +80,35 @@ class Priors:
     leg_mass: float = unknown(
         0.05, "mass, first moment and inertia of a leg link over the model's, less one, beside the common part", "", LEG_LINK,
         "assumed; the simulation's `realistic` legs have 0.03",
-        label="mass of the link that {each} moves",
+        group=LEG_MASSES, label="mass of the link that {each} moves",
         cause="legs weigh what the file does not say, one more than the other",
     )  # fmt: skip
     leg_mass_common: float = unknown(
         0.1, "the same of all leg links in common", "", ROBOT, "assumed: files of the same robot differ by that much",
-        label="mass of all leg links",
+        group=LEG_MASSES, label="mass of all leg links",
         cause="the legs weigh more or less than in the file", opened_by="--legs unknown",
     )  # fmt: skip
     link_com: float = unknown(
         0.011, "CoM of a leg link less the model's, beside the common part: down the link, forward, along the joint's axis",
-        "m", LINK_AXIS, "assumed: CAD without cables; 3 mm on an A1", measure=HIP_HEIGHT, label="CoM of the link of {each}",
+        "m", LINK_AXIS, "assumed: CAD without cables; 3 mm on an A1",
+        group=LEG_MASSES, measure=HIP_HEIGHT, label="CoM of the link of {each}",
         cause="masses in the legs sit elsewhere than in the file", opened_by="--legs unknown",
     )  # fmt: skip
     link_com_common: float = unknown(
         0.015, "the same of all links of one kind in common: down the link, forward", "m", KIND_AXIS,
-        "assumed: CAD without cables; 4 mm on an A1", measure=HIP_HEIGHT, label="CoM of all links of one kind, {each}",
+        "assumed: CAD without cables; 4 mm on an A1",
+        group=LEG_MASSES, measure=HIP_HEIGHT, label="CoM of all links of one kind, {each}",
         cause="masses in the legs sit elsewhere than in the file, in all legs alike", opened_by="--legs unknown",
     )  # fmt: skip
     joint_zero: float = unknown(
         5e-3, "encoder reading less joint position", "rad", JOINT, _REALISTIC,
-        label="joint zero of {each}", finding="{each} zero", shown=_DEGREES, notable=4e-3, switched=0.1,
+        group=JOINTS, label="joint zero of {each}", finding="{each} zero", shown=_DEGREES, notable=4e-3, switched=0.1,
         advice="{each}: the encoder's zero is off by {value:+.2f} deg (sd {deviation:.2f})",
         cause="encoders do not read zero where the model has it",
     )  # fmt: skip
     compliance: float = unknown(
         5e-4, "angle by which a link of one kind lags behind its encoder, over the joint's torque", "rad/Nm", JOINT_KIND,
-        "assumed: springs of 2000 Nm/rad; no bench of an A1 or Go2 is known", measure=PER_A1_TORQUE,
+        "assumed: springs of 2000 Nm/rad; no bench of an A1 or Go2 is known", group=JOINTS, measure=PER_A1_TORQUE,
         label="compliance of the {each} joints", finding="{each} compliance", shown=1000.0, notable=2e-4, judged=False,
         nonnegative=True,
         advice="the {each} joints give by {value:.2f} mrad per Nm (sd {deviation:.2f})",
@@ -108,7 +117,7 @@ class Priors:
     )  # fmt: skip
     play: float = unknown(
         2e-3, "angle that a joint of one kind is free to turn in its gear", "rad", JOINT_KIND,
-        "data sheets of gears: 0.05 to 0.25 deg", label="play of the {each} joints", finding="{each} play",
+        "data sheets of gears: 0.05 to 0.25 deg", group=JOINTS, label="play of the {each} joints", finding="{each} play",
         shown=_DEGREES, notable=2e-3, judged=False, nonnegative=True,
         advice="the {each} joints have a play of {value:.2f} deg (sd {deviation:.2f})",
         advice_below="the backlash of the {each} joints is not measurable: {value:.2f} deg (std {deviation:.2f})",
@@ -116,51 +125,51 @@ class Priors:
     )  # fmt: skip
     eccentricity: float = unknown(
         2e-3, "encoder's error that goes with the sine and with the cosine of its reading", "rad", JOINT_PHASE,
-        "assumed: a magnet beside its axis", label="eccentricity of {each}",
+        "assumed: a magnet beside its axis", group=JOINTS, label="eccentricity of {each}",
         cause="encoders err over a turn of their joints: a magnet beside its axis, or an axis askew",
     )  # fmt: skip
     imu_tilt: float = unknown(
         6e-3, "rotation vector of the IMU in the frame where it should be", "rad", named("roll", "pitch", "yaw"),
         "assumed; the simulation's `realistic` sensors have 5 mrad",
-        label="IMU tilt in {each}", finding="IMU {each}ed", shown=_DEGREES, notable=4e-3,
+        group=IMU, label="IMU tilt in {each}", finding="IMU {each}ed", shown=_DEGREES, notable=4e-3,
         advice="the IMU is {each}ed by {value:+.2f} deg (sd {deviation:.2f})",
         cause="the IMU is mounted askew",
     )  # fmt: skip
     imu_position: float = unknown(
         2e-3, "position of the accelerometer less the model's, in base axes with x forward", "m", AXIS,
         "assumed: boards and drawings; a file that has it at the base's origin may just not know",
-        otherwise=0.1,
+        group=IMU, otherwise=0.1,
         label="position of the IMU along {each}", finding="IMU position {each}", shown=1000.0, notable=4e-3,
         advice="the IMU sits {value:+.1f} mm further along {each} than in the file (sd {deviation:.1f})",
         cause="the IMU sits elsewhere than in the file",
     )  # fmt: skip
     accelerometer_bias: float = unknown(
         0.03, "accelerometer reading less specific force, in the IMU frame", "m/s2", AXIS, _REALISTIC,
-        label="accelerometer bias {each}", finding="accelerometer bias {each}", notable=0.05, drift=0.2,
+        group=IMU, label="accelerometer bias {each}", finding="accelerometer bias {each}", notable=0.05, drift=0.2,
         advice="the accelerometer's {each} reads {value:+.3f} m/s2 too much (sd {deviation:.3f})",
         cause="the accelerometer reads too much or too little at rest",
     )  # fmt: skip
     accelerometer_gain: float = unknown(
         5e-3, "accelerometer reading less its bias over specific force along each axis, less one", "", AXIS,
         "data sheets of MEMS accelerometers: 0.3 to 1 %",
-        label="accelerometer gain {each}", finding="accelerometer gain {each}", notable=0.01, drift=0.1,
+        group=IMU, label="accelerometer gain {each}", finding="accelerometer gain {each}", notable=0.01, drift=0.1,
         advice="the accelerometer's {each} axis reads {value:+.2%} too much (sd {deviation:.2%})",
         cause="the accelerometer's axes have other gains",
     )  # fmt: skip
     accelerometer_drift: float = unknown(
         0.03, "change of the accelerometer's bias from the run's begin to its end", "m/s2", AXIS, "an IMU that warms up",
-        label="drift of the accelerometer's {each}", drift=None,
+        group=IMU, label="drift of the accelerometer's {each}", drift=None,
         cause="the accelerometer's bias drifts: an IMU that warms up, wait until it is warm",
     )  # fmt: skip
     gyro_drift: float = unknown(
         2e-3, "change of the gyroscope's bias from the run's begin to its end", "rad/s", AXIS, "an IMU that warms up",
-        label="drift of the gyroscope's {each}", drift=None,
+        group=IMU, label="drift of the gyroscope's {each}", drift=None,
         cause="the gyroscope's bias drifts: an IMU that warms up, wait until it is warm",
     )  # fmt: skip
     gyro_gain: float = unknown(
         0.01, "angular velocity read less the true one along each axis, over what is read", "", AXIS,
         "data sheets of MEMS gyroscopes: 1 to 3 % as they come, 0.3 to 1 % calibrated",
-        label="gyroscope gain {each}", finding="gyroscope gain {each}", notable=0.02, drift=0.1,
+        group=IMU, label="gyroscope gain {each}", finding="gyroscope gain {each}", notable=0.02, drift=0.1,
         advice="the gyroscope's {each} axis reads {value:+.2%} too much (sd {deviation:.2%})",
         cause="the gyroscope's axes have other gains",
     )  # fmt: skip
@@ -168,26 +177,26 @@ class Priors:
         6e-3, "angular velocity about one axis that another axis reads, over itself", "rad",
         named("x of y", "x of z", "y of x", "y of z", "z of x", "z of y"),
         "assumed; data sheets: 2 mrad between the axes, 5 mrad against the accelerometer",
-        label="gyroscope misalignment, {each}", drift=0.1,
+        group=IMU, label="gyroscope misalignment, {each}", drift=0.1,
         cause="the gyroscope's axes are not where the accelerometer's are",
     )  # fmt: skip
     clock_offset: float = unknown(
         2e-3, "time by which an IMU sample is younger than a joint sample of the same stamp", "s", ROBOT,
         "assumed; a sample of a 500 Hz bus is up to 2 ms old, and an IMU's filter as late",
-        label="clock offset", finding="clock offset", shown=1000.0, notable=1e-3, drift=None,
+        group=IMU, label="clock offset", finding="clock offset", shown=1000.0, notable=1e-3, drift=None,
         advice="IMU samples are {size:.2f} ms younger than joint samples of the same stamp",
         advice_below="IMU samples are {size:.2f} ms older than joint samples of the same stamp",
         cause="samples of IMU and joints are not as old as each other: a filter or a bus delays one",
     )  # fmt: skip
     foot_radius: float = unknown(
         0.02, "radius of all feet over the model's, less one", "", ROBOT, "assumed; rubber wears and gives",
-        label="foot radius", finding="foot radius", notable=0.03,
+        group=LEG_LENGTHS, label="foot radius", finding="foot radius", notable=0.03,
         advice="the feet roll as if their radius were {value:+.1%} off the model's",
         cause="the feet are larger or smaller than in the file, or soft",
     )  # fmt: skip
     rolling: float = unknown(
         2e-2, "moment by which feet resist rolling, over the weight on them", "m", ROBOT,
-        "wide: rubber has 0.3 to 1 mm; contact models of vendors up to 10 mm", measure=HIP_HEIGHT,
+        "wide: rubber has 0.3 to 1 mm; contact models of vendors up to 10 mm", group=FLOOR, measure=HIP_HEIGHT,
         label="rolling resistance of the feet", finding="rolling resistance", shown=1000.0, notable=1e-3, drift=0.5,
         judged=False, nonnegative=True,
         advice="the feet resist rolling as if carried {value:+.2f} mm off their centres (sd {deviation:.2f})",
@@ -196,12 +205,12 @@ class Priors:
     )  # fmt: skip
     foot_radius_each: float = unknown(
         0.05, "the same of each foot, beside the common part", "", LEG, "assumed: 1 mm on an A1; worn feet",
-        label="foot radius of {each}",
+        group=LEG_LENGTHS, label="foot radius of {each}",
         cause="some feet are larger or smaller than in the file: worn, or soft", opened_by="--legs unknown",
     )  # fmt: skip
     sag: float = unknown(
         5e-5, "length by which a foot and the floor under it give, over the load on the foot", "m/N", ROBOT,
-        "assumed: rubber of 20 kN/m; no bench of an A1 or Go2 is known", measure=PER_A1_STIFFNESS,
+        "assumed: rubber of 20 kN/m; no bench of an A1 or Go2 is known", group=FLOOR, measure=PER_A1_STIFFNESS,
         label="sag of the feet", finding="sag of the feet", shown=1e5, notable=2e-5, drift=0.5, judged=False, nonnegative=True,
         advice="the feet, or the floor, sag by {value:.1f} mm per 100 N (sd {deviation:.1f})",
         advice_below="the compliance of the feet is not measurable: {value:.1f} mm per 100 N (std {deviation:.1f})",
@@ -210,12 +219,13 @@ class Priors:
     link_length: float = unknown(
         0.0026, "length of a thigh or calf less the model's, beside the common part", "m", LENGTH,
         "0.7 mm on an A1: tolerances",
-        otherwise=0.02, measure=HIP_HEIGHT, label="length of {each}",
+        group=LEG_LENGTHS, otherwise=0.02, measure=HIP_HEIGHT, label="length of {each}",
         cause="thighs or calves are longer or shorter than in the file", opened_by="--legs unknown",
     )  # fmt: skip
     link_length_common: float = unknown(
         0.0037, "the same of all thighs, and of all calves, in common", "m", LENGTH_KIND, "assumed: 1 mm on an A1; worn feet",
-        otherwise=0.1, measure=HIP_HEIGHT, label="length of all {each}", finding="length of the {each}", shown=1000.0,
+        group=LEG_LENGTHS, otherwise=0.1, measure=HIP_HEIGHT, label="length of all {each}",
+        finding="length of the {each}", shown=1000.0,
         notable=2e-3,
         advice="the {each} are longer than the model's by {value:+.1f} mm (sd {deviation:.1f})",
         cause="thighs or calves are longer or shorter than in the file, in all legs alike", opened_by="--legs unknown",
@@ -223,69 +233,70 @@ class Priors:
     hip_position: float = unknown(
         0.0026, "place of a leg's first joint less the model's, in the base frame", "m", HIP_AXIS,
         "0.7 mm on an A1: tolerances",
-        otherwise=0.1, measure=HIP_HEIGHT, label="hip position {each}",
+        group=LEG_LENGTHS, otherwise=0.1, measure=HIP_HEIGHT, label="hip position {each}",
         cause="hips sit elsewhere than in the file", opened_by="--legs unknown",
     )  # fmt: skip
     pull: float = unknown(
         0.2, "constant horizontal force on the base, forward and to its left at the run's beginning: a cable", "N",
         named("forward", "left"),
-        "half a metre of Ethernet cable, at robots of any size; none is known without one", label="pull {each}", drift=None,
+        "half a metre of Ethernet cable, at robots of any size; none is known without one",
+        group=CABLE, label="pull {each}", drift=None,
         cause="it pulls to one side: a cable or a hand?", opened_by="--cable light",
     )  # fmt: skip
     floor_slope: float = unknown(
         5e-3, "floor's normal less up, in base axes at the nominal stance and the run's beginning", "rad", named("x", "y"),
         _REALISTIC,
-        label="floor slope along {each}", finding="floor slope {each}", shown=_DEGREES, notable=8e-3, drift=None,
+        group=FLOOR, label="floor slope along {each}", finding="floor slope {each}", shown=_DEGREES, notable=8e-3, drift=None,
         advice="the floor leans along {each} by {value:+.2f} deg (sd {deviation:.2f})",
         cause="the floor leans",
     )  # fmt: skip
     floor_warp: float = unknown(
         1e-3, "height of two diagonal footholds above the mean of all four", "m", ROBOT, "assumed; an indoor floor",
-        measure=HIP_HEIGHT, label="floor warp", drift=None, judged=False,
+        group=FLOOR, measure=HIP_HEIGHT, label="floor warp", drift=None, judged=False,
         cause="the four footholds are in no plane",
     )  # fmt: skip
     foothold_change: float = unknown(
         0.0037, "height of a foothold after the robot was turned above what slope and warp make it", "m", LEG,
-        "assumed: 1 mm on an A1, an indoor floor; held where nobody turns the robot", measure=HIP_HEIGHT,
+        "assumed: 1 mm on an A1, an indoor floor; held where nobody turns the robot", group=FLOOR, measure=HIP_HEIGHT,
         label="height of the new foothold of {each}", drift=None, judged=False,
         cause="the footholds after the turn are in no plane with those before",
     )  # fmt: skip
     torque_gain_common: float = unknown(
         0.2, "true over reported torque of all joints, less one", "", ROBOT,
         "one motor type, one torque constant; a vendor's bench: the true one is 1/1.3 to 1/1.5 of what is reported",
-        label="torque gain of all joints", finding="torque gain", notable=0.05, drift=0.1,
+        group=MOTORS, label="torque gain of all joints", finding="torque gain", notable=0.05, drift=0.1,
         advice="true joint torques are {value:+.1%} off the reported ones (sd {deviation:.1%})",
         cause="the reported torques are not those at the joints",
     )  # fmt: skip
     torque_gain: float = unknown(
         0.03, "the same of each joint, beside the common part", "", JOINT, _REALISTIC,
-        label="torque gain of {each}", finding="{each} torque gain", notable=0.05, drift=0.1,
+        group=MOTORS, label="torque gain of {each}", finding="{each} torque gain", notable=0.05, drift=0.1,
         advice="{each}: the true torque is {value:+.1%} off the reported one (sd {deviation:.1%})",
         cause="the reported torques are not those at the joints, in some more than in others",
     )  # fmt: skip
     coulomb: float = unknown(
         0.5, "Coulomb friction of every joint", "Nm", ROBOT, "wide: the simulation's `realistic` joints have 0.3",
-        measure=A1_TORQUE, label="Coulomb friction", finding="coulomb of the joints", drift=0.2, judged=False,
+        group=MOTORS, measure=A1_TORQUE, label="Coulomb friction", finding="coulomb of the joints", drift=0.2, judged=False,
         nonnegative=True,
         advice="coulomb of the joints: {value:.3f} Nm",
         cause="the joints have friction",
     )  # fmt: skip
     rotor_spin: float = unknown(
         1.5e-3, "angular momentum of a joint's rotor over the joint's velocity: its inertia times the gear ratio", "kg m2",
-        ROBOT, "assumed: 0.01 kg m2 at the joint, over gear ratios of 6 to 10", measure=A1_TORQUE,
+        ROBOT, "assumed: 0.01 kg m2 at the joint, over gear ratios of 6 to 10", group=MOTORS, measure=A1_TORQUE,
         label="spin of the rotors",
         cause="the motors' rotors spin",
     )  # fmt: skip
     viscous: float = unknown(
         0.1, "viscous friction of every joint", "Nm s/rad", ROBOT, "wide: the simulation's `realistic` joints have 0.05",
-        measure=A1_TORQUE, label="viscous friction", finding="viscous of the joints", drift=0.2, judged=False,
+        group=MOTORS, measure=A1_TORQUE, label="viscous friction", finding="viscous of the joints", drift=0.2, judged=False,
         nonnegative=True,
         advice="viscous of the joints: {value:.3f} Nm s/rad",
         cause="the joints have friction that grows with speed",
     )  # fmt: skip
     armature: float = unknown(
         0.02, "rotor inertia seen at every joint", "kg m2", ROBOT, "wide: the simulation's `realistic` joints have 0.01",
-        measure=A1_TORQUE, label="armature", finding="armature of the joints", judged=False, nonnegative=True,
+        group=MOTORS, measure=A1_TORQUE, label="armature", finding="armature of the joints", judged=False, nonnegative=True,
         advice="armature of the joints: {value:.3f} kg m2",
         cause="the rotors have inertia",
     )  # fmt: skip

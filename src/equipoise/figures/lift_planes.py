@@ -28,5 +28,5 @@ def lift_planes(result: Calibration) -> LiftPlanes:
             if tried.plane is not None
         ]
     if isinstance(evidence, PosteriorEvidence) and robot is not None:
-        return planes_through_com(robot, result.nominal.composite.com, evidence.motions)
+        return planes_through_com(robot, result.nominal.composite.com, evidence.posterior.motions)
     return []

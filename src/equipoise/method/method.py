@@ -13,7 +13,7 @@ from equipoise.json_form import fields_to_json, from_json
 from equipoise.method.reading import Reading
 from equipoise.method.rehearsal import Course, Forecast
 from equipoise.recording.recording import Recording
-from equipoise.result.calibration import Calibration, Evidence
+from equipoise.result.calibration import Calibration
 from equipoise.result.mass_comparison import MassComparison
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
@@ -100,18 +100,22 @@ class Method(ABC):
             ReachError: something is out of reach.
         """
 
-    def forecast(self, robot: RobotModel, stance: Stance) -> Forecast | None:
-        """Predict the accuracy of `estimate` after the trials of `run`; None from a method that cannot."""
+    def forecast(self, robot: RobotModel, stance: Stance, swings: Sequence[Recording] = ()) -> Forecast | None:
+        """Predict the accuracy of `estimate` after the trials of `run`; None from a method that cannot.
+
+        Args:
+            swings: predicted recordings of legs that swing in the same run, for a method that uses them.
+        """
         return None
 
-    def foretold_evidence(self, robot: RobotModel, stance: Stance) -> Evidence | None:
-        """Predict the evidence that `run` leaves for another method of the same run, from the model; None: nothing.
+    def predicted_recordings(self, robot: RobotModel, stance: Stance) -> tuple[Recording, ...]:
+        """Predict the recordings that `run` makes for another method of the same run, from the model.
 
         Raises:
             ReachError: something is out of reach.
         """
         del robot, stance
-        return None
+        return ()
 
     def expected_trials(self, stance: Stance) -> int | None:
         """Return the approximate number of trials of `run`; None if it is not known."""
@@ -135,14 +139,9 @@ class Method(ABC):
         del mass, deviation
         return self
 
-    def informed(self: Self, evidence: Evidence) -> Self:
-        """Return the method with the evidence of another one of the same run; itself if it does not use that."""
-        del evidence
-        return self
-
     @property
-    def is_informed(self) -> bool:
-        """True if `informed` returns another method."""
+    def uses_swings(self) -> bool:
+        """True if `estimate` uses the recordings of legs that swing in the same run."""
         return False
 
     def having(self: Self, settings: Mapping[str, Any]) -> Self:

@@ -67,15 +67,13 @@ class Together(Method):
         self.motors.run(planted, stance, recordings, report)
 
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
-        swings = [recording for recording in recordings if isinstance(recording.trial, MotorTrial)]
         rest = of_the_base(recordings)
         try:
-            beside = self.motors.estimate(robot, swings, stance)
+            beside = self.motors.estimate(robot, recordings, stance)
         except (RecordingError, LinAlgError) as error:  # what was measured of the base is not lost with it
             found = self.base.estimate(robot, rest, stance)
             return dataclasses.replace(found, warnings=(*found.warnings, f"motors: {error}"), settings=self.to_dict())
-        base = self.base if beside.evidence is None else self.base.informed(beside.evidence)
-        found = base.estimate(robot, rest, stance)
+        found = self.base.estimate(robot, recordings if self.base.uses_swings else rest, stance)
         return dataclasses.replace(
             found,
             motors=beside.motors,
@@ -89,10 +87,10 @@ class Together(Method):
         doing, duration = f"{first.doing}, {second.doing}", first.duration + second.duration
         return Course(doing, duration, (*first.postures, *second.postures))
 
-    def forecast(self, robot: RobotModel, stance: Stance) -> Forecast | None:
-        """Return the method's forecast, with the predicted evidence of the swing where legs are estimated."""
-        evidence = self.motors.foretold_evidence(robot, stance) if self.base.is_informed else None
-        return (self.base if evidence is None else self.base.informed(evidence)).forecast(robot, stance)
+    def forecast(self, robot: RobotModel, stance: Stance, swings: Sequence[Recording] = ()) -> Forecast | None:
+        """Return the method's forecast, with the predicted swing where it uses that."""
+        swings = self.motors.predicted_recordings(robot, stance) if self.base.uses_swings else ()
+        return self.base.forecast(robot, stance, swings)
 
     def expected_trials(self, stance: Stance) -> int | None:
         return self.base.expected_trials(stance)

@@ -11,8 +11,9 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import ReachError, RecordingError, SettingsError
-from equipoise.estimator.measurements.leg_swing import SwingEvidence
+from equipoise.errors import ReachError, SettingsError
+from equipoise.estimator.motors.delay import motor_trial
+from equipoise.estimator.motors.fit import MotorFit, complete_swings, fit_swings, last_swings
 from equipoise.experiments.legs_up import legs_up
 from equipoise.experiments.one_leg_up import legs_in_turn
 from equipoise.experiments.planted import PlantedRobot
@@ -21,10 +22,6 @@ from equipoise.experiments.stand import move_to
 from equipoise.experiments.swing import swing_leg, swing_legs, swing_time, swing_time_on_three
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture
-from equipoise.motors.delay import motor_trial
-from equipoise.motors.equations import motor_samples
-from equipoise.motors.fit import MotorFit, fit_motors
-from equipoise.motors.legs import legs_in_swing
 from equipoise.motors.nominal import nominal_swing
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial
@@ -148,10 +145,9 @@ class Motors(Method):
         on_three = (_swung(f"{up.leg} leg up", robot, up.joint_position, up.swing, up.standing) for up in ups)
         return Course(doing, swing_time_on_three(robot, stance, self.motor_time), tuple(chain(*on_three)))
 
-    def foretold_evidence(self, robot: RobotModel, stance: Stance) -> Evidence | None:
-        if not self.lies(robot, stance):  # what a base that sways tells is not foretold
-            return None
-        return self.estimate(robot, [nominal_swing(robot, stance, self.motor_time)], stance).evidence
+    def predicted_recordings(self, robot: RobotModel, stance: Stance) -> tuple[Recording, ...]:
+        """A swing lying; none on three feet, where a base that sways is not predicted."""
+        return (nominal_swing(robot, stance, self.motor_time),) if self.lies(robot, stance) else ()
 
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
         """What the last complete swing of each leg says.
@@ -159,9 +155,7 @@ class Motors(Method):
         Raises:
             RecordingError: there is none, or it is too short.
         """
-        swings = _last_swings(recordings)
-        samples = motor_samples(robot, swings, stance.scale.time)
-        fit = fit_motors(robot, samples, stance.scale)
+        samples, fit = fit_swings(robot, stance, tuple(last_swings(recordings)))
         nominal = nominal_inertia(robot, stance.joint_position)
         return Calibration(
             **model_facts(robot, stance.joint_position),
@@ -171,10 +165,10 @@ class Motors(Method):
             stance_effective=Body.partly(nominal.stance_effective),
             sways={},
             support_lines={},
-            trials=tuple(_told(recording) for recording in _complete(recordings)),
+            trials=tuple(_told(recording) for recording in complete_swings(recordings)),
             settings=self.to_dict(),
             warnings=_warnings(fit),
-            evidence=SwingEvidence(tuple(recordings), legs_in_swing(robot, swings, samples, fit, stance.scale)),
+            evidence=Evidence(tuple(recordings)),
             motors=_motors(robot, fit, samples.delays),
         )
 
@@ -187,25 +181,6 @@ def _why_not_lying(robot: RobotModel, stance: Stance) -> str | None:
     except ReachError as error:
         return str(error)
     return None
-
-
-def _complete(recordings: Sequence[Recording]) -> list[Recording]:
-    return [recording for recording in recordings if isinstance(recording.trial, MotorTrial) and recording.complete]
-
-
-def _last_swings(recordings: Sequence[Recording]) -> list[Recording]:
-    """The last complete one of all joints, or of each leg, whichever came last; raises RecordingError if one is missing."""
-    complete = _complete(recordings)
-    if complete and motor_trial(complete[-1]).leg is None:
-        return [complete[-1]]
-    of_leg = {motor_trial(recording).leg: recording for recording in complete}
-    if missing := [leg for leg in LEG_NAMES if leg not in of_leg]:
-        of_what = f"the {' and '.join(missing)} leg" if complete else "all joints"
-        raise RecordingError(
-            f"the recordings hold no complete swing of {of_what}, and motors are told apart by all; `equipoise calibrate "
-            "--resume RUN` does what is missing"
-        )
-    return [of_leg[leg] for leg in LEG_NAMES]
 
 
 def _told(recording: Recording) -> Trial:

@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.estimator.motors.delay import THOUGHT_DELAY
 from equipoise.estimator.unknowns import Priors
 from equipoise.experiments.legs_up import legs_up
 from equipoise.experiments.swing import RAMP_TIME, SOFTER, swing_angles
-from equipoise.motors.delay import THOUGHT_DELAY
 from equipoise.precise.predict import ACCELEROMETER_NOISE, ENCODER_NOISE, GYRO_NOISE, RATE, VELOCITY_NOISE
 from equipoise.recording.event import PHASE, TRIAL, Event
 from equipoise.recording.phases import Phase

@@ -21,14 +21,18 @@ from equipoise.estimator.diagnostics.screening import screen
 from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
 from equipoise.estimator.diagnostics.torque_mass import assumed_mass, compare_estimate
 from equipoise.estimator.diagnostics.witness import SwayWitness
+from equipoise.estimator.equations.equation import Equation, MotionSamples
+from equipoise.estimator.equations.table import EQUATIONS
 from equipoise.estimator.known.changes import Change, check_of_changes, estimate_after
-from equipoise.estimator.measurements.evidence import RunEvidence, read_evidence
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.problem import Posterior, body_jacobian, estimate_posterior
 from equipoise.estimator.unknowns import Priors
+from equipoise.method.together import of_the_base
 from equipoise.precise.settings import PreciseSettings
 from equipoise.precise.trial_rows import trial_row
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import MotorTrial
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, model_facts
 from equipoise.result.findings import Check
@@ -58,25 +62,25 @@ def estimate_run(
     """
     timings: dict[str, float] = {}
     with _timed(timings, "screen the sensors"):
-        screen(robot, recordings)
+        screen(robot, of_the_base(recordings))
     with _timed(timings, "read the recordings"):
-        evidence = read_evidence(robot, stance, recordings)
-        evidence = evidence if settings.leg_swing is None else evidence.with_swing(settings.leg_swing)
+        motions = read_motions(robot, stance, recordings)
     with _timed(timings, "estimate"):
-        posterior, changes = _posterior(settings, robot, stance, evidence, lifts_needed)
+        posterior, changes = _posterior(settings, robot, stance, motions, lifts_needed)
     with _timed(timings, "check"):
-        predictions = predict_held_out(evidence, posterior, settings.known)
+        predictions = predict_held_out(posterior, settings.known)
         predicted = held_out(predictions)
         masses = compare_estimate(posterior, settings.scale, settings.known)
-        looked_at = judge(robot, evidence, posterior, predicted, masses)
+        looked_at = judge(posterior, predicted, masses)
         looked_at += [] if settings.known is None else [check_of_changes(changes, settings.known)]
         checks = tuple(sorted(looked_at, key=lambda check: check.passed))
         _refuse_worse_than_file(predicted, checks)
         findings = (*map(Change.finding, changes), *sensor_findings(posterior))
     nominal = nominal_inertia(robot, stance.joint_position)
+    unknowns = posterior.unknowns
+    before, base_before = map(posterior.deviation_before, (unknowns.robot_body, unknowns.base_body))
     well = all(check.passed for check in checks)
 
-    unknowns = posterior.unknowns
     apart = None if well else half_difference(posterior)
 
     def judged(body: Body, of: Callable[[FloatArray], InertialParameters]) -> Body:
@@ -88,18 +92,28 @@ def estimate_run(
         **model_facts(robot, stance.joint_position),
         method=table["method"],
         composite=judged(
-            Body.known(posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation, nominal.composite),
+            Body.known(
+                posterior.robot_body,
+                posterior.robot_covariance,
+                before,
+                nominal.composite,
+            ),
             unknowns.robot_body,
         ),
         base=judged(
-            Body.known(posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation, nominal.base),
+            Body.known(
+                posterior.base_body,
+                posterior.base_covariance,
+                base_before,
+                nominal.base,
+            ),
             unknowns.base_body,
         ),
         stance_effective=judged(
             Body.known(
                 posterior.stance_effective_body,
                 posterior.stance_effective_covariance,
-                posterior.prior_deviation,
+                before,
                 nominal.stance_effective,
             ),
             unknowns.stance_effective_body,
@@ -108,16 +122,16 @@ def estimate_run(
         checks=checks,
         sways={},
         support_lines={},
-        trials=tuple(trial_row(motion, posterior) for motion in evidence.motions if motion.leg_swing is None),
+        trials=tuple(trial_row(motion, posterior) for motion in motions if not isinstance(motion.trial, MotorTrial)),
         settings=table,
         warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
         assumptions=(
             *assumed_mass(settings.scale, masses),
             *settings.assumptions,
             *not_believed(posterior),
-            *assumed_imu_position(posterior, evidence),
+            *assumed_imu_position(posterior),
         ),
-        evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes, predictions),
+        evidence=PosteriorEvidence(tuple(recordings), posterior, changes, predictions),
         held_out=predicted,
         mass_comparison=masses,
         budget=budget_of(posterior),
@@ -127,25 +141,27 @@ def estimate_run(
 
 
 def _posterior(
-    settings: PreciseSettings, robot: RobotModel, stance: Stance, evidence: RunEvidence, lifts_needed: bool
+    settings: PreciseSettings, robot: RobotModel, stance: Stance, motions: Sequence[MotionSamples], lifts_needed: bool
 ) -> tuple[Posterior, tuple[Change, ...]]:
     if settings.known is None:
 
-        def estimate(priors: Priors, sway_heard: bool = False) -> Posterior:
+        def estimate(priors: Priors, equations: Sequence[type[Equation[Any]]] | None = None) -> Posterior:
             # Lengths of legs come from planted moves, which say how quiet feet are where legs are looked for.
             return estimate_posterior(
-                robot, stance, evidence, priors, settings.scale,
-                lifts_needed=lifts_needed, quiet_feet=settings.swings, sway_heard=sway_heard,
+                robot, stance, motions, priors, settings.scale,
+                lifts_needed=lifts_needed, quiet_feet=settings.swings, equations=equations,
             )  # fmt: skip
 
+        with_sway = partial(estimate, equations=EQUATIONS)
         # What looks like an IMU that sits elsewhere is lengths of legs that are off, unless they are trusted.
-        heard = settings.legs == "trusted"
-        posterior = estimate_uncontradicted(partial(estimate, sway_heard=heard), settings.beliefs, evidence)
-        witness = None if heard else SwayWitness.of(evidence, posterior)
+        if settings.legs == "trusted":
+            return estimate_uncontradicted(with_sway, settings.beliefs), ()
+        posterior = estimate_uncontradicted(estimate, settings.beliefs)
+        witness = SwayWitness.of(posterior)
         if witness is not None and witness.tells:
-            posterior = estimate_uncontradicted(partial(estimate, sway_heard=True), settings.beliefs, evidence)
+            posterior = estimate_uncontradicted(with_sway, settings.beliefs)
         return posterior, ()
-    return estimate_after(robot, stance, evidence, settings.beliefs, settings.scale, settings.known, lifts_needed)
+    return estimate_after(robot, stance, motions, settings.beliefs, settings.scale, settings.known, lifts_needed)
 
 
 def _refuse_worse_than_file(predicted: HeldOut | None, checks: Sequence[Check]) -> None:

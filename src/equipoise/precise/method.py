@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 from equipoise.errors import ReachError
 from equipoise.estimator.diagnostics.torque_mass import compare_at_rest
-from equipoise.estimator.measurements.leg_swing import SwingEvidence
 from equipoise.estimator.measurements.scale_reading import check_mass_of
 from equipoise.estimator.reading import PreciseReading
 from equipoise.experiments.dip import dip
@@ -24,7 +23,7 @@ from equipoise.precise.settings import PreciseSettings
 from equipoise.precise.short_plan import forecast_after
 from equipoise.precise.short_routine import ShortRoutine
 from equipoise.recording.recording import Recording
-from equipoise.result.calibration import Calibration, Evidence
+from equipoise.result.calibration import Calibration
 from equipoise.result.mass_comparison import MassComparison
 from equipoise.robot.inertial import COMPONENTS
 from equipoise.robot.model import RobotModel
@@ -50,18 +49,12 @@ class Precise(PreciseSettings, Method):
     def weighed(self, mass: float, deviation: float) -> Precise:
         return replace(self, mass=mass, mass_sd=deviation, confirm_mass=True)  # there is no operator to ask
 
-    def informed(self, evidence: Evidence) -> Precise:
-        """Told of legs that swung in the air, if legs are looked for."""
-        return (
-            replace(self, leg_swing=evidence.legs) if self.is_informed and isinstance(evidence, SwingEvidence) else self
-        )
-
     @property
-    def is_informed(self) -> bool:
+    def uses_swings(self) -> bool:
         return self.swings
 
     def to_dict(self) -> dict[str, Any]:
-        own = {name: value for name, value in super().to_dict().items() if name not in ("known", "leg_swing")}
+        own = {name: value for name, value in super().to_dict().items() if name != "known"}
         return own if self.known is None else {**own, "known": self.known.reference}
 
     def attachments(self) -> Mapping[str, Mapping[str, Any]]:
@@ -77,10 +70,10 @@ class Precise(PreciseSettings, Method):
             check_mass_of(robot, self.mass)
         self.forecast(robot, stance)
 
-    def forecast(self, robot: RobotModel, stance: Stance) -> Plan:
+    def forecast(self, robot: RobotModel, stance: Stance, swings: Sequence[Recording] = ()) -> Plan:
         if self.known is not None:
             return forecast_after(robot, stance, self, self.known)
-        return plan_ahead(robot, stance, self, self.leg_swing)
+        return plan_ahead(robot, stance, self, swings)
 
     def expected_trials(self, stance: Stance) -> int:
         return round(self.budget_for(stance) / Durations.of(stance).lift)

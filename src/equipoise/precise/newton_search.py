@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from equipoise.errors import ReachError
-from equipoise.estimator.measurements.evidence import read_evidence
 from equipoise.estimator.measurements.support_planes import CentreShift, centre_shift
+from equipoise.estimator.motions import read_motions
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.safe_lift import doubt_after_a_lift
 from equipoise.precise.trials import PreciseTrials
@@ -57,7 +57,7 @@ def find_com_fast(trials: PreciseTrials, report: Callable[[str], None], sure: bo
 
 def _newton_step(trials: PreciseTrials, recording: Recording) -> CentreShift | None:
     robot, stance = trials.planted.robot, trials.stance
-    lift = read_evidence(robot, stance, [recording]).motions[0].lift
+    lift = read_motions(robot, stance, [recording])[0].lift
     return None if lift is None else centre_shift(robot, lift)
 
 

@@ -12,9 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from equipoise.conventions import GRAVITY, FloatArray
-from equipoise.estimator.measurements.evidence import MotionReading, RunEvidence
+from equipoise.estimator.equations.planted_moves import PlantedMove, RestReading
 from equipoise.estimator.measurements.lift_samples import KNOT, REACH, LiftSamples, attitudes
-from equipoise.estimator.measurements.planted_moves import PlantedMove, RestReading
 from equipoise.estimator.measurements.smoothing import fit_spline
 from equipoise.experiments.posture import check_posture, feet_in_posture, stance_line
 from equipoise.precise.lift_design import (
@@ -170,12 +169,3 @@ class Predictor:
             felt = GRAVITY * posture.rotation[2] @ np.array(self.robot.imu_in_base.rotation)
             self._rested[posture] = RestReading(position, felt, loads_on_feet(self.robot, position))
         return self._rested[posture]
-
-    def evidence(self, lifts: list[LiftDesign], moves: list[tuple[BodyPosture, BodyPosture]]) -> RunEvidence:
-        """All of them as evidence; motions are numbered lifts first."""
-        motions = [
-            MotionReading(index, None, self.lift(design), None, (), None, 0.0) for index, design in enumerate(lifts)
-        ]
-        for index, (before, after) in enumerate(moves, start=len(lifts)):
-            motions.append(MotionReading(index, None, None, self.move(before, after), (), None, 0.0))
-        return RunEvidence(tuple(motions))

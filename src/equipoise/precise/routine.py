@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 
 from equipoise.errors import EquipoiseError, MotionError, ReachError
-from equipoise.estimator.blocks.leg_swing import LegSwingBlock
-from equipoise.estimator.measurements.evidence import read_evidence
-from equipoise.estimator.measurements.leg_swing import LegSwing
+from equipoise.estimator.equations.equation import MotionSamples
+from equipoise.estimator.equations.leg_swing import LegSwings
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import Posterior, estimate_posterior, prior_rows
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
@@ -36,20 +36,23 @@ _FEWEST_LIFTS = 4  # below, and if it was not for want of time, something is in 
 
 
 @lru_cache(maxsize=4)  # asked for before a robot is moved, and again by whoever shows it
-def plan_ahead(robot: RobotModel, stance: Stance, settings: PreciseSettings, swing: LegSwing | None = None) -> Plan:
+def plan_ahead(robot: RobotModel, stance: Stance, settings: PreciseSettings, swings: Sequence[Recording] = ()) -> Plan:
     """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none.
 
     Args:
-        swing: what legs are foretold to say that swing in the air after it.
+        swings: predicted recordings of legs that swing in the air after it.
     """
-    return plan_for(nominal_candidates(robot, settings.beliefs, settings.swings), stance, settings, swing)
+    return plan_for(nominal_candidates(robot, settings.beliefs, settings.swings), stance, settings, swings)
 
 
-def plan_for(candidates: Candidates, stance: Stance, settings: PreciseSettings, swing: LegSwing | None = None) -> Plan:
+def plan_for(
+    candidates: Candidates, stance: Stance, settings: PreciseSettings, swings: Sequence[Recording] = ()
+) -> Plan:
     """The plan for a robot of which nothing is measured yet; raises SettingsError if the budget allows none."""
     aside, after = _sway_time(stance, settings), None
-    if swing is not None:
-        after = LegSwingBlock(candidates.unknowns, [(0, swing)]).information(candidates.unknowns.start())
+    swung = LegSwings.of(candidates.unknowns, [MotionSamples(0, samples=tuple(swings))])
+    if swung is not None:
+        ((_, after, _),) = swung.by_motion(candidates.unknowns.start())
     return make_plan(
         candidates, settings.budget_for(stance), settings.goals, turn=settings.turn, aside=aside, after=after
     )
@@ -152,9 +155,9 @@ class PreciseRoutine:
     def _posterior(self) -> Posterior | None:
         """What is known so far; None if that cannot be told."""
         try:
-            evidence = read_evidence(self.robot, self.stance, self._recordings)
+            motions = read_motions(self.robot, self.stance, self._recordings)
             return estimate_posterior(
-                self.robot, self.stance, evidence, self.settings.beliefs, self.settings.scale, rounds=1
+                self.robot, self.stance, motions, self.settings.beliefs, self.settings.scale, rounds=1
             )
         except (EquipoiseError, np.linalg.LinAlgError):
             return None

@@ -7,7 +7,6 @@ from typing import Literal
 
 from equipoise.errors import SettingsError
 from equipoise.estimator.known.known_run import SCALE_GAIN, SCALE_NOISE, KnownRun
-from equipoise.estimator.measurements.leg_swing import LegSwing
 from equipoise.estimator.measurements.scale_reading import check_mass
 from equipoise.estimator.unknowns import Priors
 from equipoise.precise.plan import Goals
@@ -49,7 +48,6 @@ class PreciseSettings:
             minute does (default budget 30 s on an A1) for the CoM; what changed since is named.
         swings: lifts in which the two lifted feet swing as well, which teach what the legs weigh, where their CoMs are and
             how long they are; the CoM's height and the inertia become surer with them.
-        leg_swing: what legs that swing in the air said of themselves in the same run; no setting.
     """
 
     budget: float | None = None
@@ -64,7 +62,6 @@ class PreciseSettings:
     priors: Priors = field(default_factory=Priors, metadata={"file": Priors.read})
     known: KnownRun | None = field(default=None, metadata={"file": KnownRun.read, "metavar": "RUN"})
     swings: bool = field(default=False, metadata={"flag": False})  # `--what legs` says it
-    leg_swing: LegSwing | None = field(default=None, metadata={"flag": False}, compare=False)
     confirm_mass: bool = False
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError, MotionError
 from equipoise.estimator.known.changes import Change, estimate_after
 from equipoise.estimator.known.known_run import KnownRun
-from equipoise.estimator.measurements.evidence import read_evidence
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import Posterior
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.newton_search import find_com_fast
@@ -67,9 +67,9 @@ class ShortRoutine(PreciseRoutine):
 
     def _posterior(self, lifts_needed: bool = True) -> Posterior | None:
         try:
-            evidence = read_evidence(self.robot, self.stance, self._recordings)
+            motions = read_motions(self.robot, self.stance, self._recordings)
             posterior, self._changes = estimate_after(
-                self.robot, self.stance, evidence, self.settings.beliefs, self.settings.scale, self._known, lifts_needed
+                self.robot, self.stance, motions, self.settings.beliefs, self.settings.scale, self._known, lifts_needed
             )
         except (EquipoiseError, np.linalg.LinAlgError):
             return None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from equipoise.estimator.measurements.evidence import MotionReading
+from equipoise.estimator.equations.equation import MotionSamples
+from equipoise.estimator.equations.planted_moves import PlantedMoves
+from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.problem import Posterior
 from equipoise.precise.planning.candidates import describe
 from equipoise.recording.trials import (
@@ -17,9 +19,10 @@ from equipoise.recording.trials import (
 from equipoise.result.calibration import Trial
 
 
-def trial_row(motion: MotionReading, posterior: Posterior) -> Trial:
+def trial_row(motion: MotionSamples, posterior: Posterior) -> Trial:
     """Return what is said of a motion: what it was, how well it fits, and why it was left out."""
-    misfits = [misfit for misfit in (*posterior.lifts, *posterior.moves) if misfit.motion == motion.index]
+    fitted = *posterior.misfits_of(TiltEquation), *posterior.misfits_of(PlantedMoves)
+    misfits = [misfit for misfit in fitted if misfit.motion == motion.index]
     used = [misfit.normalised_residual for misfit in misfits if misfit.used]
     worst = max(used or [misfit.normalised_residual for misfit in misfits], default=None)
     trial = motion.trial

@@ -21,8 +21,8 @@ def progress_figures(result: Calibration) -> list[Figure]:
     if not isinstance(evidence, PosteriorEvidence):
         return []
     posterior = evidence.posterior
-    deviation = deviations_by_motion(posterior, [motion.index for motion in evidence.motions])
-    time = np.cumsum([0.0, *(motion.duration for motion in evidence.motions)])
+    deviation = deviations_by_motion(posterior, [motion.index for motion in posterior.motions])
+    time = np.cumsum([0.0, *(motion.duration for motion in posterior.motions)])
     com = 1000 * NORMAL_95 * deviation[:, 1:4]
     inertia = 100 * NORMAL_95 * deviation[:, 4:7] / components(posterior.robot_body)[4:7]
     shown = (

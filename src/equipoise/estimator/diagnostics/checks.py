@@ -10,9 +10,13 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.estimator.diagnostics.score import ScoreTest, score_tests
 from equipoise.estimator.diagnostics.witness import SwayWitness
-from equipoise.estimator.measurements.evidence import RunEvidence
+from equipoise.estimator.equations.equation import Misfit, MotionSamples
+from equipoise.estimator.equations.planted_moves import PlantedMoves
+from equipoise.estimator.equations.tilt import TiltEquation
+from equipoise.estimator.equations.torque_balance import TorqueBalance
+from equipoise.estimator.measurements.lift_samples import StepSamples
 from equipoise.estimator.measurements.support_planes import com_by_planes
-from equipoise.estimator.problem import Misfit, Posterior, body_jacobian, prior_rows
+from equipoise.estimator.problem import Posterior, body_jacobian, prior_rows
 from equipoise.recording.trials import DesignedLift, LiftTrial
 from equipoise.result.findings import Check
 from equipoise.result.held_out import FOUND, MODEL, HeldOut
@@ -20,7 +24,6 @@ from equipoise.result.mass_comparison import MassComparison
 from equipoise.result.shown import called
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, composite_parameters
-from equipoise.robot.model import RobotModel
 
 # Residual over what the sensors' noise explains: fault-free runs have medians of 0.4 to 1.4, and single motions up to 2.
 _LARGE_MISFIT, _LARGE_MEDIAN = 3.0, 2.0
@@ -53,8 +56,6 @@ _SAYS_NOTHING = 0.02  # [m] on an A1: a sway about one axis does not tell the pl
 
 
 def judge(
-    robot: RobotModel,
-    evidence: RunEvidence,
     posterior: Posterior,
     predicted: HeldOut | None = None,
     masses: MassComparison | None = None,
@@ -66,21 +67,21 @@ def judge(
         masses: given mass and mass that the joint torques carry; None: there is nothing to compare.
     """
     return [
-        _enough(evidence, posterior),
-        _feet_stay(evidence, posterior),
-        _lifts_fit(evidence, posterior.lifts),
+        _enough(posterior),
+        _feet_stay(posterior),
+        _lifts_fit(posterior),
         _torques_carry_the_mass(posterior, masses),
         _converged(posterior),
         _held_fits(posterior),
         _file_is_of_this_robot(posterior),
-        _imu_is_there(evidence, posterior),
+        _imu_is_there(posterior),
         _halves_agree(posterior),
-        _no_motion_outweighs(evidence, posterior),
+        _no_motion_outweighs(posterior),
         *([] if predicted is None else [_predicts(predicted)]),
         _sensors_plausible(posterior),
         _physically_possible(posterior),
-        _left_and_right_agree(robot, posterior),
-        _planes_agree(robot, evidence, posterior),
+        _left_and_right_agree(posterior),
+        _planes_agree(posterior),
     ]
 
 
@@ -117,13 +118,15 @@ def half_difference(posterior: Posterior) -> FloatArray:
     return first - second
 
 
-def _enough(evidence: RunEvidence, posterior: Posterior) -> Check:
-    steps = sum(misfit.used for misfit in posterior.lifts if evidence.motions[misfit.motion].steps)
-    used = sum(misfit.used for misfit in posterior.lifts)
-    left_out = [motion for motion in evidence.motions if motion.left_out]
+def _enough(posterior: Posterior) -> Check:
+    motions, on_two_feet = posterior.motions, posterior.misfits_of(TiltEquation)
+    steps = sum(misfit.used for misfit in on_two_feet if motions[misfit.motion].lift is None)
+    used = sum(misfit.used for misfit in on_two_feet)
+    moves = sum(misfit.used for misfit in posterior.misfits_of(PlantedMoves))
+    left_out = [motion for motion in motions if motion.left_out]
     reasons = sorted({str(motion.left_out) for motion in left_out})
     told = [f"{used - steps} lifts", *([f"{steps} steps of a walk"] if steps else [])]
-    message = f"{', '.join(told)} and {sum(m.used for m in posterior.moves)} planted moves are used"
+    message = f"{', '.join(told)} and {moves} planted moves are used"
     if left_out:
         message += f"; {len(left_out)} motions could not be read: {'; '.join(reasons)}"
     lifts = used - steps
@@ -131,25 +134,27 @@ def _enough(evidence: RunEvidence, posterior: Posterior) -> Check:
     return Check("evidence", used >= _FEWEST_LIFTS and lifts >= 0.7 * tried, message)
 
 
-def _lifts_fit(evidence: RunEvidence, lifts: tuple[Misfit, ...]) -> Check:
+def _lifts_fit(posterior: Posterior) -> Check:
+    lifts, motions = posterior.misfits_of(TiltEquation), posterior.motions
     if not lifts:
         return Check("lifts", False, "there is no lift of two feet: what is found is what joint torques say")
-    message = _misfits(evidence, lifts, "step" if all(evidence.motions[one.motion].steps for one in lifts) else "lift")
+    walked = all(motions[one.motion].lift is None for one in lifts)
+    message = _misfits(motions, lifts, "step" if walked else "lift")
     passed = _fit(lifts)
     if not passed:
         message += f". Feet slip, {_OUTSIDE}, a load shifts, samples are missing, or the model or a sensor is wrong"
     return Check("lifts", passed, message)
 
 
-def _feet_stay(evidence: RunEvidence, posterior: Posterior) -> Check:
-    moves = posterior.moves
+def _feet_stay(posterior: Posterior) -> Check:
+    moves, motions = posterior.misfits_of(PlantedMoves), posterior.motions
     if not moves:
-        if any(motion.steps for motion in evidence.motions) and not any(motion.lift for motion in evidence.motions):
+        if any(motion.of(StepSamples) for motion in motions) and not any(motion.lift for motion in motions):
             return Check("planted feet", True, "it walks: intervals are as wide as joint zeros are unknown")
         return Check(
             "planted feet", False, "there is no move over planted feet: joint zeros cannot be told from the CoM"
         )
-    message = _misfits(evidence, moves, "move")
+    message = _misfits(motions, moves, "move")
     passed = _fit(moves)
     if not passed:
         message += (
@@ -174,10 +179,10 @@ def _converged(posterior: Posterior) -> Check:
     return Check("convergence", posterior.converged, message)
 
 
-def _misfits(evidence: RunEvidence, misfits: tuple[Misfit, ...], kind: str) -> str:
+def _misfits(motions: Sequence[MotionSamples], misfits: tuple[Misfit, ...], kind: str) -> str:
     residuals = np.array([misfit.normalised_residual for misfit in misfits])
     worst = misfits[int(np.argmax(residuals))]
-    trial = evidence.motions[worst.motion].trial
+    trial = motions[worst.motion].trial
     words = trial.diagonal if isinstance(trial, LiftTrial) else ""
     if isinstance(trial, DesignedLift) and trial.meanwhile != "passive":
         words += f", {trial.meanwhile}"
@@ -189,12 +194,12 @@ def _misfits(evidence: RunEvidence, misfits: tuple[Misfit, ...], kind: str) -> s
     return message + (f"; left out: {', '.join(out)}" if out else "")
 
 
-def _no_motion_outweighs(evidence: RunEvidence, posterior: Posterior) -> Check:
+def _no_motion_outweighs(posterior: Posterior) -> Check:
     motions = sorted(posterior.information)
     _, sds = _shifts_without(posterior, [[motion] for motion in motions])
     row, component = np.unravel_index(int(np.argmax(np.abs(sds))), sds.shape)
     largest, culprit = float(abs(sds[row, component])), motions[int(row)]
-    trial = evidence.motions[culprit].trial
+    trial = posterior.motions[culprit].trial
     kind = "motion" if trial is None else trial.kind
     message = (
         f"without {kind} {culprit} {called(COMPONENTS[component])} would move by {largest:.1f} times what chance explains, "
@@ -265,9 +270,9 @@ def _file_is_of_this_robot(posterior: Posterior) -> Check:
     return Check("model file", True, f"{message}: found without it")
 
 
-def _imu_is_there(evidence: RunEvidence, posterior: Posterior) -> Check:
+def _imu_is_there(posterior: Posterior) -> Check:
     """Whether the IMU, by a sway over planted feet, sits where the estimate has it: no inertia goes into that."""
-    name, witness = "place of the IMU", SwayWitness.of(evidence, posterior)
+    name, witness = "place of the IMU", SwayWitness.of(posterior)
     if witness is None:
         return Check(name, True, "there is no sway about all axes, to see where the IMU sits by")
     passed = witness.deviates < _NOT_THERE
@@ -366,15 +371,14 @@ def _physically_possible(posterior: Posterior) -> Check:
 
 def _torques_carry_the_mass(posterior: Posterior, masses: MassComparison | None) -> Check:
     """The joint torques must balance, with gains that do not all err to one side: that is how a wrong mass looks."""
-    if posterior.torque_misfit is None:
+    balance = posterior.problem.equation(TorqueBalance)
+    if balance is None:
         return Check("mass", True, "no joint torques to compare a scale with")
-    unknowns = posterior.unknowns
+    unknowns, misfit = posterior.unknowns, balance.normalised_residual
     gains = unknowns["torque_gain"]
     if not unknowns.estimates("torque_gain"):
-        balance = (
-            f"joint torques balance to {posterior.torque_misfit:.1f} times their noise; the motors' gains are held"
-        )
-        return Check("mass", posterior.torque_misfit < _TORQUE_MISFIT, balance)
+        message = f"joint torques balance to {misfit:.1f} times their noise; the motors' gains are held"
+        return Check("mass", misfit < _TORQUE_MISFIT, message)
     # The best estimate of an error that all gains have in common. An estimated gain is drawn to zero as far as the run does
     # not tell it (most joints of a standing robot carry little), and by chance has the variance that the run took away.
     mean, before = unknowns.believed("torque_gain")
@@ -387,21 +391,21 @@ def _torques_carry_the_mass(posterior: Posterior, masses: MassComparison | None)
     compared = "" if masses is None else f"{masses.sentence}; "
     message = (
         f"{compared}joint torques would have to be {off:+.1%} off to carry the mass of {posterior.robot_body.mass:.2f} kg "
-        f"({size:.1f} standard deviations), and balance to {posterior.torque_misfit:.1f} times their noise"
+        f"({size:.1f} standard deviations), and balance to {misfit:.1f} times their noise"
     )
     agree = masses is None or not masses.disagrees
-    passed = agree and size < _IMPLAUSIBLE and posterior.torque_misfit < _TORQUE_MISFIT
+    passed = agree and size < _IMPLAUSIBLE and misfit < _TORQUE_MISFIT
     if not passed:
         message += f". The given mass is wrong, the reported torques are not those of the joints in Nm, or {_OUTSIDE}"
     return Check("mass", passed, message)
 
 
-def _left_and_right_agree(robot: RobotModel, posterior: Posterior) -> Check:
+def _left_and_right_agree(posterior: Posterior) -> Check:
     """Legs of a mirrored pair are built alike: what is found of their links must agree within its intervals."""
     unknowns = posterior.unknowns
     if not unknowns.estimates("leg_mass"):
         return Check("left and right", True, "the legs' masses are held at the file's")
-    links = len(robot.legs["FL"].joint_ids)
+    links = len(unknowns.robot.legs["FL"].joint_ids)
     block = posterior.covariance[unknowns["leg_mass"], unknowns["leg_mass"]]
     worst, name = 0.0, ""
     for left, right in ((0, 1), (2, 3)):
@@ -416,10 +420,10 @@ def _left_and_right_agree(robot: RobotModel, posterior: Posterior) -> Check:
     return Check("left and right", worst < _LEGS_DIFFER, message)
 
 
-def _planes_agree(robot: RobotModel, evidence: RunEvidence, posterior: Posterior) -> Check:
+def _planes_agree(posterior: Posterior) -> Check:
     """The same lifts read another way: where their support planes meet."""
-    stance = posterior.unknowns.stance
-    lifts = [motion.lift for motion in evidence.motions if motion.lift is not None]
+    robot, stance = posterior.unknowns.robot, posterior.unknowns.stance
+    lifts = [motion.lift for motion in posterior.motions if motion.lift is not None]
     reading = com_by_planes(robot, composite_parameters(robot, stance.joint_position).com, lifts)
     if reading is None:
         return Check("support planes", True, "too few lifts to tell where their support planes meet")

@@ -19,7 +19,7 @@ import numpy as np
 
 from equipoise.estimator.diagnostics.held_out import held_out, predict_held_out
 from equipoise.estimator.diagnostics.score import deviate
-from equipoise.estimator.measurements.evidence import RunEvidence
+from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.problem import Posterior, body_jacobian
 from equipoise.estimator.unknown import Unknown
 from equipoise.estimator.unknowns import Priors
@@ -37,9 +37,7 @@ _WORSE = 1.1
 _ROUNDS = 3  # what is wrong may hide something else
 
 
-def estimate_uncontradicted(
-    estimate: Callable[[Priors], Posterior], priors: Priors, evidence: RunEvidence
-) -> Posterior:
+def estimate_uncontradicted(estimate: Callable[[Priors], Posterior], priors: Priors) -> Posterior:
     """Return an estimate with priors that the run does not contradict: these, or wider ones.
 
     Wider priors fit every run better. A walk hardly determines these rows, and whatever does not fit it moves them: there
@@ -57,20 +55,20 @@ def estimate_uncontradicted(
         conflicting = [row for row in suspected if _conflict(wider, [row]) > _SUSPECTED]
         if 0 < len(conflicting) < len(suspected):
             wider = estimate(_otherwise(before, conflicting))
-        if _only_walks(posterior, evidence) and _error(wider, evidence) > _WORSE * _error(posterior, evidence):
+        if _only_walks(posterior) and _error(wider) > _WORSE * _error(posterior):
             break
         posterior = wider
     return posterior
 
 
-def _only_walks(posterior: Posterior, evidence: RunEvidence) -> bool:
+def _only_walks(posterior: Posterior) -> bool:
     """Return whether no motion on two feet is a lift."""
-    return all(evidence.motions[lift.motion].steps for lift in posterior.lifts)
+    return all(posterior.motions[lift.motion].lift is None for lift in posterior.misfits_of(TiltEquation))
 
 
-def _error(posterior: Posterior, evidence: RunEvidence) -> float:
+def _error(posterior: Posterior) -> float:
     """Return the root mean square error of held-out steps [m]."""
-    predicted = held_out(predict_held_out(evidence, posterior))
+    predicted = held_out(predict_held_out(posterior))
     return 0.0 if predicted is None else predicted.error(FOUND)
 
 
@@ -107,7 +105,7 @@ def not_believed(posterior: Posterior) -> tuple[str, ...]:
     return tuple(f"{row.cause}, which the run contradicts" for row in posterior.unknowns.priors.not_of_this_robot)
 
 
-def assumed_imu_position(posterior: Posterior, evidence: RunEvidence) -> tuple[str, ...]:
+def assumed_imu_position(posterior: Posterior) -> tuple[str, ...]:
     """State that the height of the IMU is taken from the model file, where the run hardly determines it; walks never do.
 
     An error d of the file, in standard deviations of its prior, moves the estimate of what depends on it by C d, with C the
@@ -117,7 +115,7 @@ def assumed_imu_position(posterior: Posterior, evidence: RunEvidence) -> tuple[s
     if unknowns.belief is not None or not any(row.name == "imu_position" for row in _asked(posterior)):
         return ()
     height = unknowns["imu_position"].stop - 1
-    if posterior.covariance[height, height] < _UNTOLD and not _only_walks(posterior, evidence):
+    if posterior.covariance[height, height] < _UNTOLD and not _only_walks(posterior):
         return ()
     moved = body_jacobian(unknowns, posterior.x, unknowns.robot_body) @ posterior.covariance[:, height]
     share = abs(moved[_IXX] / components(posterior.robot_body)[_IXX]) * _CENTIMETRE / unknowns.scale[height]

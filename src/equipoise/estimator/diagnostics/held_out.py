@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.estimator.blocks.tilt import TiltBlock
+from equipoise.estimator.equations.equation import MotionSamples
+from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.known.known_run import KnownRun, shared_places
-from equipoise.estimator.measurements.evidence import MotionReading, RunEvidence
 from equipoise.estimator.measurements.leg_motion import LegChains
-from equipoise.estimator.measurements.lift_samples import LiftSamples
-from equipoise.estimator.measurements.tilt_equation import integral
+from equipoise.estimator.measurements.lift_samples import LiftSamples, StepSamples
+from equipoise.estimator.measurements.tilt_invariant import integral
 from equipoise.estimator.parameters import INERTIAL, Unknowns
 from equipoise.estimator.problem import Posterior
 from equipoise.recording.trials import DesignedLift, PostureTrial
@@ -75,47 +75,46 @@ def held_out(predictions: Sequence[LiftPrediction]) -> HeldOut | None:
     return HeldOut(tuple(prediction.at_the_end() for prediction in predictions)) if predictions else None
 
 
-def predict_held_out(
-    evidence: RunEvidence, posterior: Posterior, known: KnownRun | None = None
-) -> tuple[LiftPrediction, ...]:
+def predict_held_out(posterior: Posterior, known: KnownRun | None = None) -> tuple[LiftPrediction, ...]:
     """Every lift that the estimate uses, predicted without the motions in its posture.
 
     Args:
         known: the earlier run that the estimate began with.
     """
-    block = next((block for block in posterior.problem.blocks if isinstance(block, TiltBlock)), None)
-    if block is None:
+    tilts = posterior.problem.equation(TiltEquation)
+    if tilts is None:
         return ()
     unknowns, x = posterior.unknowns, posterior.x
-    folds = folds_of(evidence.motions, posterior)
-    of_lifts = [next(index for index, fold in enumerate(folds) if motion in fold) for motion, _ in block.motions]
+    folds = folds_of(posterior.motions, posterior)
+    of_lifts = [next(index for index, fold in enumerate(folds) if motion in fold) for motion, _ in tilts.motions]
     without = [posterior.without(fold) for fold in folds]
     estimates = x + np.array([without[fold][0] for fold in of_lifts])
     errors = {
-        name: tilt_errors(block, unknowns, at) for name, at in _with_each_body(unknowns, estimates, known).items()
+        name: tilt_errors(tilts, unknowns, at) for name, at in _with_each_body(unknowns, estimates, known).items()
     }
-    deviations = _deviations(block, x, [without[fold][1] for fold in of_lifts])
-    heights = block.equation.levers(unknowns.values(x), unknowns.inertial(x))[1] / posterior.robot_body.mass
-    legs, walked = LegChains(unknowns.robot), {motion.index for motion in evidence.motions if motion.steps}
+    deviations = _deviations(tilts, x, [without[fold][1] for fold in of_lifts])
+    heights = tilts.equation.levers(unknowns.values(x), unknowns.inertial(x))[1] / posterior.robot_body.mass
+    legs, misfits = unknowns.legs, posterior.misfits_of(TiltEquation)
     return tuple(
         LiftPrediction(
             motion, of_lifts[index], float(heights[index]), _times(lift), _tilt(unknowns, legs, lift),
-            {name: error[index] for name, error in errors.items()}, deviations[index], "step" if motion in walked else "lift",
+            {name: error[index] for name, error in errors.items()}, deviations[index],
+            "step" if isinstance(lift, StepSamples) else "lift",
         )
-        for index, (misfit, (motion, _), lift) in enumerate(zip(posterior.lifts, block.motions, block.lifts, strict=True))
+        for index, (misfit, (motion, _), lift) in enumerate(zip(misfits, tilts.motions, tilts.samples, strict=True))
         if misfit.used
     )  # fmt: skip
 
 
-def folds_of(motions: Sequence[MotionReading], posterior: Posterior) -> list[list[int]]:
+def folds_of(motions: Sequence[MotionSamples], posterior: Posterior) -> list[list[int]]:
     """Indices of the motions in each posture; of each motion, where a posture has too many or does not say which it is."""
     told = [motion for motion in motions if motion.index in posterior.information]
-    folds: dict[object, list[MotionReading]] = {}
+    folds: dict[object, list[MotionSamples]] = {}
     for motion in told:
         posture = motion.trial.posture if isinstance(motion.trial, DesignedLift | PostureTrial) else None
         folds.setdefault(motion.index if posture is None else posture, []).append(motion)
-    most = max(sum(len(motion.on_two_feet) for motion in fold) for fold in folds.values())
-    if most > _LARGEST * sum(len(motion.on_two_feet) for motion in told):
+    most = max(sum(len(motion.of(LiftSamples)) for motion in fold) for fold in folds.values())
+    if most > _LARGEST * sum(len(motion.of(LiftSamples)) for motion in told):
         return [[motion.index] for motion in told]
     return [[motion.index for motion in fold] for fold in folds.values()]
 
@@ -143,22 +142,22 @@ def _replaced(rows: FloatArray, columns: NDArray[np.intp], values: FloatArray) -
     return replaced
 
 
-def tilt_errors(block: TiltBlock, unknowns: Unknowns, estimates: FloatArray) -> list[FloatArray]:
+def tilt_errors(tilts: TiltEquation, unknowns: Unknowns, estimates: FloatArray) -> list[FloatArray]:
     """(n,) measured less foretold tilt of each lift, by an estimate of its own [rad]."""
-    y, inertia = block.equation.evaluate_each(
+    y, inertia = tilts.equation.evaluate_each(
         [unknowns.values(x) for x in estimates], [unknowns.inertial(x) for x in estimates]
     )
     return [
         _since_the_start(lift) @ y[rows] / about
-        for lift, rows, about in zip(block.lifts, block.equation.trials, inertia, strict=True)
+        for lift, rows, about in zip(tilts.samples, tilts.equation.trials, inertia, strict=True)
     ]
 
 
-def _deviations(block: TiltBlock, x: FloatArray, covariances: Sequence[FloatArray]) -> list[FloatArray]:
+def _deviations(tilts: TiltEquation, x: FloatArray, covariances: Sequence[FloatArray]) -> list[FloatArray]:
     """(n,) standard deviation of each lift's error, by the lift's noise and by what the others leave open [rad]."""
-    own = np.ix_(block.columns, block.columns)
+    own = np.ix_(tilts.columns, tilts.columns)
     found: list[FloatArray] = []
-    for lift, covariance, (derivative, noise) in zip(block.lifts, covariances, block.unwhitened(x), strict=True):
+    for lift, covariance, (derivative, noise) in zip(tilts.samples, covariances, tilts.unwhitened(x), strict=True):
         since = _since_the_start(lift)
         variance = np.diag(since @ (noise + derivative @ covariance[own] @ derivative.T) @ since.T)
         found.append(np.sqrt(np.maximum(variance, 0.0)))

@@ -25,7 +25,7 @@ def link_findings(unknowns: Unknowns, x: FloatArray, covariance: FloatArray) -> 
         x: (size,) unknowns.
         covariance: (size, size) their covariance after the run.
     """
-    robot, legs = unknowns.robot, LegChains(unknowns.robot)
+    robot, legs = unknowns.robot, unknowns.legs
     model, derivative = _at_the_model(unknowns, legs)
     values = model + derivative @ (x * unknowns.scale)
     beliefs = np.eye(unknowns.size)

@@ -49,7 +49,7 @@ def score_tests(posterior: Posterior) -> list[ScoreTest]:
     if not held:
         return []
     problem, x, opened = posterior.problem.with_all_open(posterior.x)
-    equations, unknowns = problem.evidence_equations(x), problem.unknowns
+    equations, unknowns = problem.motion_equations(x), problem.unknowns
     tests: list[ScoreTest] = []
     for row in held:
         own = unknowns.columns(row.name)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.estimator.equations.torque_balance import TorqueBalance
 from equipoise.estimator.known.known_run import KnownRun
 from equipoise.estimator.problem import Posterior
 from equipoise.recording.phases import Phase
@@ -51,7 +52,7 @@ def compare_estimate(posterior: Posterior, scale: Scale | None, known: KnownRun 
 
     The estimated torque constants carry the estimated mass; those that are reported, or known, carry another one.
     """
-    if scale is None or posterior.torque_misfit is None:
+    if scale is None or posterior.problem.equation(TorqueBalance) is None:
         return None
     unknowns = posterior.unknowns
     values = unknowns.values(posterior.x)

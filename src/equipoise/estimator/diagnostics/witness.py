@@ -11,9 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.estimator.measurements.evidence import RunEvidence
-from equipoise.estimator.measurements.imu_place import imu_by_sway
-from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.equations.imu_position import SwaySamples, imu_by_sway
 from equipoise.estimator.problem import Posterior
 
 # Standard deviations by which sway and tilts differ. With an IMU where the file has it two of 58 development runs are beyond,
@@ -38,14 +36,14 @@ class SwayWitness:
     vouched_for: bool
 
     @classmethod
-    def of(cls, evidence: RunEvidence, posterior: Posterior) -> SwayWitness | None:
+    def of(cls, posterior: Posterior) -> SwayWitness | None:
         """Of a run's first sway; None if there is none."""
-        sways = [motion.sway for motion in evidence.motions if motion.sway is not None]
+        sways = [sway for motion in posterior.motions for sway in motion.of(SwaySamples)]
         if not sways:
             return None
         unknowns = posterior.unknowns
         values, scale = unknowns.values(posterior.x), unknowns.stance.scale
-        place, deviation = imu_by_sway(unknowns.robot, LegChains(unknowns.robot), sways[0], values, scale)
+        place, deviation = imu_by_sway(unknowns.robot, unknowns.legs, sways[0], values, scale)
         held = not unknowns.estimates("imu_position")
         known = deviation if held else np.hypot(deviation, posterior.deviation("imu_position"))
         return cls(place, place - values["imu_position"], known, held)

@@ -21,8 +21,8 @@ from statistics import NormalDist
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.known.known_run import KnownRun
-from equipoise.estimator.measurements.evidence import RunEvidence
 from equipoise.estimator.parameters import Belief, Unknowns
 from equipoise.estimator.problem import MapProblem, Posterior
 from equipoise.estimator.solve import descend, solve
@@ -100,29 +100,29 @@ def check_of_changes(changes: Sequence[Change], known: KnownRun) -> Check:
 def estimate_after(
     robot: RobotModel,
     stance: Stance,
-    evidence: RunEvidence,
+    motions: Sequence[MotionSamples],
     priors: Priors,
     mass: tuple[float, float] | None,
     known: KnownRun,
     lifts_needed: bool = True,
 ) -> tuple[Posterior, tuple[Change, ...]]:
-    """The most probable unknowns given all evidence and an earlier run, and what changed since that.
+    """The most probable unknowns given all motions and an earlier run, and what changed since that.
 
     Args:
         priors: as of `KnownRun.priors_of`.
         mass: mass of the whole robot from a scale, and its standard deviation [kg].
-        lifts_needed: whether evidence without any lift is refused, or is estimated from as far as joint torques go.
+        lifts_needed: whether motions without any lift are refused, or are estimated from as far as joint torques go.
 
     Raises:
         RecordingError: no lift trial can be used; or there are no joint torques either.
         SettingsError: the earlier run is of another robot.
     """
     known.check(robot)
-    problem = MapProblem(robot, stance, evidence, priors, mass, lifts_needed)
+    problem = MapProblem(robot, stance, motions, priors, mass, lifts_needed)
     unknowns = problem.unknowns
     loose = {int(place): FREE for place in unknowns.columns(*_MAY_MOVE)}
     x, _ = solve(problem.believing(known.belief(unknowns, loose)), _start(known, unknowns), 2)
-    looked_at = problem.at_shown_noise(x)
+    looked_at = problem.at_residual_noise(x)
     anew: dict[int, float] = {}
     changes: list[Change] = []
     while True:

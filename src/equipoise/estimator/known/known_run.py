@@ -21,7 +21,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError, RecordingError, SettingsError, reason
 from equipoise.estimator.parameters import Belief, Unknowns, base_vector
 from equipoise.estimator.problem import Posterior, total_mass
-from equipoise.estimator.unknown import ROBOT, Unknown, unknown
+from equipoise.estimator.unknown import ROBOT, SCALE, Unknown, unknown
 from equipoise.estimator.unknowns import Priors
 from equipoise.json_form import from_json
 from equipoise.robot.inertial import InertialParameters
@@ -44,7 +44,8 @@ class PriorsWithScale(Priors):
 
     scale_gain: float = unknown(
         SCALE_GAIN, "reading of the scale over the robot's mass, less one", "", ROBOT,
-        "assumed: scales of some tens of kilograms are right to half a percent", label="gain of the scale", judged=False,
+        "assumed: scales of some tens of kilograms are right to half a percent", SCALE,
+        label="gain of the scale", judged=False,
     )  # fmt: skip
 
 
@@ -236,7 +237,7 @@ class KnownRun:
 
 def _at_shown_noise(posterior: Posterior) -> FloatArray:
     """(size, size) covariance."""
-    shown = posterior.problem.at_shown_noise(posterior.x)
+    shown = posterior.problem.at_residual_noise(posterior.x)
     return np.asarray(np.linalg.inv(shown.normal_equations(posterior.x).information), dtype=float)
 
 

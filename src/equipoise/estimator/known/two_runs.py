@@ -13,13 +13,14 @@ temperature.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError, SettingsError
-from equipoise.estimator.measurements.evidence import RunEvidence
+from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.measurements.scale_reading import check_mass
 from equipoise.estimator.parameters import Unknowns
 from equipoise.estimator.problem import MapProblem, body_prior_rows, prior_rows, total_mass
@@ -73,7 +74,7 @@ class TwoRuns:
 def estimate_two_runs(
     robot: RobotModel,
     stance: Stance,
-    evidences: tuple[RunEvidence, RunEvidence],
+    runs: tuple[Sequence[MotionSamples], Sequence[MotionSamples]],
     priors: Priors | None = None,
     scale: ScaleReadings | None = None,
     rounds: int = 2,
@@ -83,7 +84,7 @@ def estimate_two_runs(
     Raises:
         RecordingError: a run has no lift trial that can be used.
     """
-    problem = _TwoProblems(robot, stance, evidences, priors or Priors(), scale or ScaleReadings())
+    problem = _TwoProblems(robot, stance, runs, priors or Priors(), scale or ScaleReadings())
     z, converged = solve(problem, problem.start(), rounds)
     information = problem.normal_equations(z).information
     both = np.vstack([problem.to_first, problem.to_second])
@@ -101,12 +102,12 @@ class _TwoProblems:
     """
 
     def __init__(
-        self, robot: RobotModel, stance: Stance, evidences: tuple[RunEvidence, RunEvidence], priors: Priors,
+        self, robot: RobotModel, stance: Stance, runs: tuple[Sequence[MotionSamples], Sequence[MotionSamples]], priors: Priors,
         scale: ScaleReadings,
     ) -> None:  # fmt: skip
         self.problems = [
-            _named(which, robot, stance, evidence, priors)
-            for which, evidence in zip(("first", "second"), evidences, strict=True)
+            _named(which, robot, stance, motions, priors)
+            for which, motions in zip(("first", "second"), runs, strict=True)
         ]
         self.unknowns = self.problems[0].unknowns
         self._scale = scale
@@ -144,7 +145,7 @@ class _TwoProblems:
     def normal_equations(self, x: FloatArray) -> NormalEquations:
         equations = NormalEquations.of(*self._beliefs(x))
         for (problem, run), to_run in zip(self._runs(x), (self.to_first, self.to_second), strict=True):
-            own = problem.evidence_equations(run)
+            own = problem.motion_equations(run)
             if problem.anchored:
                 own += NormalEquations.of(*problem.anchor(run))
             equations += NormalEquations(to_run.T @ own.information @ to_run, to_run.T @ own.gradient, own.cost)
@@ -175,8 +176,10 @@ class _TwoProblems:
         return np.concatenate(rows), np.concatenate(columns)
 
 
-def _named(which: str, robot: RobotModel, stance: Stance, evidence: RunEvidence, priors: Priors) -> MapProblem:
+def _named(
+    which: str, robot: RobotModel, stance: Stance, motions: Sequence[MotionSamples], priors: Priors
+) -> MapProblem:
     try:
-        return MapProblem(robot, stance, evidence, priors, None, lifts_needed=True)
+        return MapProblem(robot, stance, motions, priors, None)
     except RecordingError as error:
         raise RecordingError(f"the {which} run: {error}") from error

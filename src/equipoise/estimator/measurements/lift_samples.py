@@ -12,11 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.smoothing import fit_spline
 from equipoise.recording.phases import Phase
@@ -85,10 +87,17 @@ class LiftSamples:
         return LEG_NAMES.index(left), LEG_NAMES.index(right)
 
 
+class StepSamples(LiftSamples):
+    """The same of one step of a walk."""
+
+
+L = TypeVar("L", bound=LiftSamples)
+
+
 def read_lift(
     robot: RobotModel, legs: LegChains, recording: Recording, diagonal: str, stance: Stance, gyro_bias: FloatArray
-) -> LiftSamples | str:
-    """The time on two feet of a lift trial, or why there is none.
+) -> LiftSamples:
+    """The time on two feet of a lift trial.
 
     Args:
         robot: model of the robot.
@@ -97,6 +106,9 @@ def read_lift(
         diagonal: diagonal that the robot stood on.
         stance: nominal stance of the robot.
         gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
+
+    Raises:
+        RecordingError: the feet did not leave the floor, or samples are missing.
     """
     clock = stance.scale.time
     rest = recording.phase(Phase.REST)
@@ -109,9 +121,9 @@ def read_lift(
     up = at_times(joints.time, imu.time, up_in_imu @ np.array(robot.imu_in_base.rotation).T)
     window = _time_on_two_feet(legs, rest, moving, up, diagonal, _CLEAR * stance.scale.length)
     if window is None:
-        return "the lifted feet did not leave the floor"
+        raise RecordingError("the lifted feet did not leave the floor")
     noise = SensorNoise.of(rest, _white_noise, _LEAST)
-    return on_two_feet(moving, diagonal, window, gyro, up_in_imu, noise, clock, _SHORTEST)
+    return on_two_feet(moving, diagonal, window, gyro, up_in_imu, noise, clock, _SHORTEST, LiftSamples)
 
 
 @dataclass(frozen=True)
@@ -158,8 +170,9 @@ def on_two_feet(
     noise: SensorNoise,
     clock: float,
     shortest: float,
-) -> LiftSamples | str:
-    """The time on two feet, or why it cannot be read.
+    kind: type[L],
+) -> L:
+    """The time on two feet.
 
     Args:
         moving: recording of it and of what is around it.
@@ -170,6 +183,10 @@ def on_two_feet(
         noise: noise of the sensors.
         clock: factor on times, of the robot's scale; one on an A1.
         shortest: time that must be left between the means at both ends, on an A1 [s].
+        kind: type of the samples that are returned.
+
+    Raises:
+        RecordingError: samples are missing, or the time is too short.
     """
     imu, joints = moving.imu, moving.joints
     low, high = window[0] - _PAD * clock, window[1] + _PAD * clock
@@ -177,16 +194,16 @@ def on_two_feet(
     imu_part = (imu.time >= low) & (imu.time <= high)
     streams = [joints.time[joint_part], imu.time[imu_part]]
     if min(map(len, streams)) <= _FEWEST:
-        return "samples are missing"
+        raise RecordingError("samples are missing")
     step = _STEP * clock
     start = max(window[0], *(float(stream[0]) for stream in streams)) + REACH
     end = min(window[1], *(float(stream[-1]) for stream in streams)) - REACH
     if end - start < shortest * clock:
-        return f"two feet were up for only {max(0.0, window[1] - window[0]):.2f} s"
+        raise RecordingError(f"two feet were up for only {max(0.0, window[1] - window[0]):.2f} s")
     time: FloatArray = np.asarray(start + step * np.arange(int((end - start) / step + 1e-9) + 1), dtype=float)
     longest = max(float(np.diff(stream).max()) for stream in streams)
     if longest > _LONGEST_GAP * clock:
-        return f"samples are missing for {longest * 1000:.0f} ms"
+        raise RecordingError(f"samples are missing for {longest * 1000:.0f} ms")
     position = fit_spline(
         joints.time[joint_part], joints.position[joint_part], KNOT,
         None if joints.velocity is None else joints.velocity[joint_part], noise.encoder / noise.velocity,
@@ -196,7 +213,7 @@ def on_two_feet(
     of_imu = fit_spline(imu.time[imu_part], felt, KNOT, reach=REACH)
     angular_velocity, acceleration = np.hsplit(of_imu.at(time), 2)
     imu_noise = of_imu.noise(time)
-    return LiftSamples(
+    return kind(
         pair,
         float(start),
         step,

@@ -16,7 +16,7 @@ from equipoise.conventions import FloatArray
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.lift_samples import LiftSamples
 from equipoise.estimator.measurements.momenta import model_parameters
-from equipoise.estimator.measurements.tilt_equation import TiltEquation
+from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
 from equipoise.estimator.unknowns import by_the_model
 from equipoise.robot.model import RobotModel
 
@@ -84,7 +84,7 @@ def centre_shifts(robot: RobotModel, lifts: Sequence[LiftSamples]) -> list[Centr
     if not lifts:
         return []
     legs = LegChains(robot)
-    equation = TiltEquation(robot, legs, lifts)
+    equation = TiltInvariant(robot, legs, lifts)
     rows, _ = equation.rows(by_the_model(robot))
     inertial, rotation = model_parameters(robot), np.array(robot.imu_in_base.rotation)
     found: list[CentreShift] = []

@@ -15,8 +15,9 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
 from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError
 from equipoise.estimator.measurements.leg_motion import cross_matrix
-from equipoise.estimator.measurements.lift_samples import LiftSamples, SensorNoise, attitudes, on_two_feet
+from equipoise.estimator.measurements.lift_samples import SensorNoise, StepSamples, attitudes, on_two_feet
 from equipoise.estimator.measurements.smoothing import noise_in_motion
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import WalkTrial
@@ -88,31 +89,36 @@ def _pieces(walks: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Itera
         yield from zip(*(np.array_split(column, count) for column in walk), strict=True) if count else ()
 
 
-def read_walk(
-    recording: Recording, trial: WalkTrial, stance: Stance, gyro_bias: FloatArray
-) -> tuple[tuple[LiftSamples, ...], str | None]:
-    """Every step's time on two feet, or why there is none.
+def read_walk(recording: Recording, trial: WalkTrial, stance: Stance, gyro_bias: FloatArray) -> list[StepSamples]:
+    """Every step's time on two feet that can be read.
 
     Args:
         recording: recording of the walk and of some time around it.
         trial: trial that the recording is of.
         stance: nominal stance of the robot.
         gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
+
+    Raises:
+        RecordingError: no step can be read.
     """
     joints, imu, clock = recording.joints, recording.imu, stance.scale.time
     if min(len(joints.time), len(imu.time)) < _FEWEST:
-        return (), "samples are missing"
+        raise RecordingError("samples are missing")
     gyro = imu.angular_velocity_in_imu - gyro_bias
     up_in_imu, turned = up_between_steps(imu.time, gyro, imu.acceleration_in_imu, CONTEXT / 2 * clock)
     noise = SensorNoise.of(recording, noise_in_motion, _ORDINARY)
-    read = [
-        on_two_feet(recording, step.pair, (step.start, step.end), gyro, up_in_imu, noise, clock, _SHORTEST)
-        for step in trial.steps
-    ]
-    begin = float(np.interp(trial.steps[0].start, imu.time, turned)) if trial.steps else 0.0
-    steps = tuple(
-        replace(one, heading=trial.heading + float(np.interp(one.start, imu.time, turned)) - begin)
-        for one in read
-        if isinstance(one, LiftSamples)
-    )
-    return steps, None if steps else next((why for why in read if isinstance(why, str)), "no step in it")
+    steps: list[StepSamples] = []
+    reasons: list[str] = []
+    for step in trial.steps:
+        window = step.start, step.end
+        try:
+            steps.append(
+                on_two_feet(recording, step.pair, window, gyro, up_in_imu, noise, clock, _SHORTEST, StepSamples)
+            )
+        except RecordingError as error:
+            reasons.append(str(error))
+    if not steps:
+        raise RecordingError(reasons[0] if reasons else "no step in it")
+    begin = float(np.interp(trial.steps[0].start, imu.time, turned))
+    turns = [float(np.interp(step.start, imu.time, turned)) - begin for step in steps]
+    return [replace(step, heading=trial.heading + turn) for step, turn in zip(steps, turns, strict=True)]

@@ -18,10 +18,10 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import MissingDependencyError, NotEstimatedError, SettingsError
-from equipoise.estimator.blocks.tilt import TiltBlock
 from equipoise.estimator.diagnostics.held_out import LiftPrediction
+from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.measurements.lift_samples import LiftSamples
-from equipoise.estimator.measurements.tilt_equation import SensedLift, integral
+from equipoise.estimator.measurements.tilt_invariant import SensedLift, integral
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.lab.replay.replayed_motion import TwoFootMotion
 from equipoise.result.calibration import Calibration
@@ -217,9 +217,10 @@ def _base_of(name: str, robot: RobotModel, result: Calibration) -> InertialParam
 def _sensed(evidence: PosteriorEvidence) -> Iterator[tuple[LiftPrediction, LiftSamples, SensedLift]]:
     """Every lift that the estimate uses; not the steps of a walk, of which each is too short to tell."""
     posterior = evidence.posterior
-    block = next(block for block in posterior.problem.blocks if isinstance(block, TiltBlock))
+    tilts = posterior.problem.equation(TiltEquation)
+    assert tilts is not None
     used = {prediction.motion: prediction for prediction in evidence.predictions if prediction.kind == "lift"}
-    sensed = block.equation.sensed(posterior.unknowns.values(posterior.x))
-    for (motion, _), lift, seen in zip(block.motions, block.lifts, sensed, strict=True):
+    sensed = tilts.equation.sensed(posterior.unknowns.values(posterior.x))
+    for (motion, _), lift, seen in zip(tilts.motions, tilts.samples, sensed, strict=True):
         if motion in used:
             yield used[motion], lift, seen

@@ -11,9 +11,8 @@ import numpy as np
 
 from equipoise.conventions import SWINGS, FloatArray
 from equipoise.errors import ReachError
-from equipoise.estimator.blocks.planted import PlantedBlock
-from equipoise.estimator.blocks.tilt import TiltBlock
-from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.equations.planted_moves import PlantedMoves
+from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.parameters import Unknowns
 from equipoise.estimator.unknowns import Priors
 from equipoise.precise.lift_design import AMPLITUDES, LiftChecks, LiftDesign
@@ -148,19 +147,18 @@ class Candidates:
 
     def _inform(self) -> None:
         unknowns, predictor = self.unknowns, self.predictor
-        x, legs = unknowns.start(), LegChains(predictor.robot)
-        rotation = np.array(predictor.robot.imu_in_base.rotation)
-        lifts = TiltBlock(unknowns, legs, [(k, predictor.lift(d)) for k, d in enumerate(self.lifts)])
+        x = unknowns.start()
+        lifts = TiltEquation(unknowns, [(k, predictor.lift(d)) for k, d in enumerate(self.lifts)])
         home = self.lifts[0].posture
         moves = [(k, predictor.move(home, posture)) for k, posture in enumerate(self.postures)]
-        planted = PlantedBlock(unknowns, legs, rotation, moves)
+        planted = PlantedMoves(unknowns, moves)
         lifts.fit(x)
-        for block in (lifts, planted):
-            block.prepare(x)
-            _, jacobian = block.linearise(x)
-            for _, motion in block.motions:
+        for equation in (lifts, planted):
+            equation.prepare(x)
+            _, jacobian = equation.linearise(x)
+            for _, motion in equation.motions:
                 rows = np.zeros((motion.stop - motion.start, unknowns.size))
-                rows[:, block.columns] = jacobian[motion]
+                rows[:, equation.columns] = jacobian[motion]
                 self.rows.append(rows)
 
 

@@ -14,18 +14,15 @@ What the equation does not have is among these too, or a robot whose gears rattl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.estimator.measurements.leg_swing import LegSwing
-from equipoise.estimator.measurements.torque_balance import columns_of_links
-from equipoise.motors.delay import motor_trial
-from equipoise.motors.equations import MotorSamples
-from equipoise.motors.fit import MotorFit, positive_size, prior_deviations, size
-from equipoise.recording.recording import Recording
+from equipoise.errors import RecordingError
+from equipoise.estimator.equations.torque_balance import columns_of_links
+from equipoise.estimator.motors.equations import MotorSamples
+from equipoise.estimator.motors.fit import MotorFit, positive_size, prior_deviations, size
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 
@@ -57,11 +54,19 @@ class _Nuisances:
 
 
 def legs_in_swing(
-    robot: RobotModel, swings: Sequence[Recording], samples: MotorSamples, fit: MotorFit, scale: Scale
-) -> LegSwing | None:
-    """The swings' evidence on links and gains; None where torques are not reported, whose gains would be others."""
+    robot: RobotModel, samples: MotorSamples, fit: MotorFit, scale: Scale
+) -> tuple[FloatArray, FloatArray]:
+    """A linear system in the links' inertial parameters and the gains that says the same of them as the swings; whitened.
+
+    Returns:
+        (r, 4 links + nj) columns of the links' inertial parameters, as of `momenta`, and of the gain of each joint, true over
+        reported torque, less one; (r,) what they add up to.
+
+    Raises:
+        RecordingError: torques are not reported, whose gains would be others.
+    """
     if not samples.reported:
-        return None
+        raise RecordingError("joint torques are not reported, so that swings determine no masses of links")
     per_gain, prior = 1 / fit.gain, prior_deviations(samples, scale)
     links = per_gain[:, None] * columns_of_links(robot, samples.regressor)
     own = per_gain[:, None] * _own_inertias(robot, samples)
@@ -89,8 +94,7 @@ def legs_in_swing(
 
     target = samples.torque + by_gain * (fit.gain - 1)
     found = _solved_for(beside, np.concatenate([links, gains, target[..., None]], axis=-1), samples, fit)
-    duration = sum(recording.duration for recording in swings)
-    return LegSwing(found[:, :-1], found[:, -1], motor_trial(swings[-1]), duration)
+    return found[:, :-1], found[:, -1]
 
 
 def _solved_for(beside: _Nuisances, system: FloatArray, samples: MotorSamples, fit: MotorFit) -> FloatArray:

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from tilting import GRAVITY, Give, Swing, lift_samples, pendulum, rolling_feet, sides, wandering
 
 from equipoise import load_robot, nominal_stance
-from equipoise.estimator.measurements.evidence import read_evidence
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.support_planes import centre_shift
-from equipoise.estimator.measurements.tilt_equation import TiltEquation
+from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.unknowns import by_the_model
 from equipoise.experiments.posture import feet_in_posture
 from equipoise.robot.description import RobotDescription
@@ -36,7 +36,7 @@ def parameters(robot):
 
 
 def equation_of(robot, *lifts):
-    return TiltEquation(robot, LegChains(robot), lifts)
+    return TiltInvariant(robot, LegChains(robot), lifts)
 
 
 def nothing_wrong(robot):
@@ -310,8 +310,8 @@ def test_the_height_of_the_com_shows_in_a_tilted_posture(a1):
 
 
 def test_a_simulated_lift_with_the_body_turning_agrees_with_the_truth_and_not_with_another_com(a1, ideal_motions):
-    evidence = read_evidence(a1, ideal_motions.stance, [ideal_motions.lift])
-    lift = evidence.motions[0].lift
+    evidence = read_motions(a1, ideal_motions.stance, [ideal_motions.lift])
+    lift = evidence[0].lift
     assert np.abs(lift.joint_velocity).max() > 0.5  # the legs are moving
     exact = residual(a1, lift)
     assert exact < 6e-3  # [rad/s]: contacts that give

@@ -5,17 +5,23 @@ Friction that grows toward rest is among them where the data want it (`stribeck.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from equipoise.conventions import FloatArray
-from equipoise.motors.delay import THOUGHT_DELAY
-from equipoise.motors.equations import MotorSamples
-from equipoise.motors.stribeck import SPEEDS, is_wanted
-from equipoise.robot.model import RobotModel
+from equipoise.errors import RecordingError
+from equipoise.estimator.motors.delay import THOUGHT_DELAY, motor_trial
+from equipoise.estimator.motors.equations import MotorSamples, motor_samples
+from equipoise.estimator.motors.stribeck import SPEEDS, is_wanted
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import MotorTrial
+from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.scale import Scale
+from equipoise.robot.stance import Stance
 
 _ROUNDS = 6
 # Standard deviations before the run: legs may be off the file's as those of `precise` may.
@@ -104,6 +110,37 @@ def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorF
         solved = [(table, _solve(table, samples)) for table in tables]
         table, solution = min(solved, key=lambda one: _left(samples, one[1]))
     return _fit(table, samples, solution)
+
+
+@lru_cache(maxsize=2)  # a run for base and motors uses its swings for both
+def fit_swings(robot: RobotModel, stance: Stance, swings: tuple[Recording, ...]) -> tuple[MotorSamples, MotorFit]:
+    """The samples of all swings, and their fit.
+
+    Raises:
+        RecordingError: a swing is too short.
+    """
+    samples = motor_samples(robot, swings, stance.scale.time)
+    return samples, fit_motors(robot, samples, stance.scale)
+
+
+def complete_swings(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings of swings that were not interrupted."""
+    return [recording for recording in recordings if isinstance(recording.trial, MotorTrial) and recording.complete]
+
+
+def last_swings(recordings: Sequence[Recording]) -> list[Recording]:
+    """The last complete swing of all joints, or of each leg, whichever came last; raises RecordingError if one is missing."""
+    complete = complete_swings(recordings)
+    if complete and motor_trial(complete[-1]).leg is None:
+        return [complete[-1]]
+    of_leg = {motor_trial(recording).leg: recording for recording in complete}
+    if missing := [leg for leg in LEG_NAMES if leg not in of_leg]:
+        of_what = f"the {' and '.join(missing)} leg" if complete else "all joints"
+        raise RecordingError(
+            f"the recordings hold no complete swing of {of_what}, and motors are told apart by all; `equipoise calibrate "
+            "--resume RUN` does what is missing"
+        )
+    return [of_leg[leg] for leg in LEG_NAMES]
 
 
 def _left(samples: MotorSamples, solution: _Solution) -> float:

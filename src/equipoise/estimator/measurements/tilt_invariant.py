@@ -63,7 +63,7 @@ class SensedLift:
     line_in_base: FloatArray
 
 
-class TiltEquation:
+class TiltInvariant:
     """y(t) of a set of trials, at any values of what it depends on.
 
     The inertial parameters are those of `momenta`.

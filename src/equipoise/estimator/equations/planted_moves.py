@@ -8,12 +8,14 @@ foot carries there is statics', by the model's mass and CoM: torques that motors
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
+from equipoise.estimator.equations.equation import LEFT_OUT, MotionEquation, RunContext, whitening_of
 from equipoise.estimator.measurements.drive_train import DRIVE_TRAIN, JointReadings
 from equipoise.estimator.measurements.heading import facing
 from equipoise.estimator.measurements.imu_frame import (
@@ -30,8 +32,12 @@ from equipoise.estimator.measurements.leg_motion import LEG_SHAPE, LegChains, Le
 from equipoise.estimator.measurements.leg_motion import cross as cross_of_rows
 from equipoise.estimator.measurements.lift_samples import at_times, attitudes
 from equipoise.estimator.measurements.traced import Traced, contract, cross, length, stacked, turned
+from equipoise.estimator.parameters import Unknowns
+from equipoise.estimator.unknown import MORE_TIME
 from equipoise.estimator.unknowns import TracedValues, Values, inputs_of
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import PostureTrial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import loads_on_feet
@@ -209,3 +215,87 @@ def _joints_at(legs: LegChains, rests: Sequence[RestReading]) -> JointReadings:
     return JointReadings.of(
         legs, position, torque=np.array([none if rest.joint_torque is None else rest.joint_torque for rest in rests])
     )
+
+
+# Feet at rest on an A1: how far they seem to move [m], and to rise [m]; and how the gyroscope's attitude drifts over a move
+# and the accelerometer's wanders from rest to rest [rad]. Twice what an ideal robot shows: each rest ends one move and begins
+# the next, and springs and feet that sag are the same in all.
+_FOOT_NOISE, _HEIGHT_NOISE, _TURN_NOISE, _UP_NOISE = 2.4e-4, 1.6e-4, 6e-4, 8e-4
+_QUIETEST = 0.3  # of these, what robots with ordinary sensors show
+_SAYING = 15  # rows of a move's twenty that say something: means are taken off
+_FEWEST_FREEDOMS = 20.0  # from which on the noise that residuals show is known to a fifth
+# Times what residuals show is what feet may do: they show less by chance, and what they do lasts over moves.
+_RESTLESS = 1.5
+
+
+class PlantedMoves(MotionEquation[PlantedMove]):
+    """Rows of planted moves: feet that stay, footholds that keep their heights. Whitened."""
+
+    depends_on = PlantedRows.DEPENDS_ON
+    kind = PlantedMove
+    source = "noise of moves over planted feet"
+    remedy = f"{MORE_TIME}; a hard floor"
+    _quiet = 1.0  # factor on the noise that is allowed for, which quiet feet have shown
+
+    @classmethod
+    def read(cls, run: RunContext, recording: Recording) -> Sequence[PlantedMove]:
+        """The move to a posture."""
+        if not isinstance(recording.trial, PostureTrial) or not recording.complete:
+            return ()
+        parts = (
+            recording.phase(Phase.BEFORE),
+            recording.phase(Phase.MOVE, until=Phase.REST),
+            recording.phase(Phase.REST),
+        )
+        return (replace(read_move(run.robot, run.legs, *parts, run.gyro_bias), when=run.when, heading=run.heading),)
+
+    def __init__(self, unknowns: Unknowns, samples: Sequence[tuple[int, PlantedMove]]) -> None:
+        super().__init__(unknowns, samples)
+        rotation = np.array(unknowns.robot.imu_in_base.rotation)
+        self.rows = PlantedRows(unknowns.legs, rotation, unknowns.stance, self.samples)
+        feet, size = self.rows.footholds, unknowns.stance.scale.length
+        turns = np.asarray([np.cross(axis, feet).T.ravel() for axis in np.eye(3)], dtype=float)
+        moved = (size * _FOOT_NOISE) ** 2 * np.eye(12) + _TURN_NOISE**2 * turns.T @ turns
+        leaning = feet[:, :2] @ feet[:, :2].T
+        heights = (size * _HEIGHT_NOISE) ** 2 * np.eye(4) + _UP_NOISE**2 * leaning
+        whitening = np.zeros((_PER_MOVE, _PER_MOVE))
+        whitening[:12, :12] = whitening_of(moved)
+        whitening[12:16, 12:16] = whitening[16:, 16:] = whitening_of(heights)
+        self._whitening = whitening
+
+    def _rows_in(self, sample: PlantedMove) -> int:
+        return _PER_MOVE
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        return self._whitened(self.rows.residuals(self.unknowns.values(x)).reshape(-1, _PER_MOVE, 1)).ravel()
+
+    def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        rows, by = self.rows.linearise(self.unknowns.values(x), self.open)
+        columns = self._by_unknowns(x, by).reshape(-1, _PER_MOVE, len(self.columns))
+        jacobian = self._whitened(columns).reshape(-1, len(self.columns))
+        return self._whitened(rows.reshape(-1, _PER_MOVE, 1)).ravel(), jacobian
+
+    def at_residual_noise(self, x: FloatArray, covariance: FloatArray | None = None) -> PlantedMoves:
+        if covariance is None:
+            return self._as_quiet_as(float(np.median(self.normalised_residual(x))))
+        residual, jacobian = self.linearise(x)
+        taken = float(np.einsum("ij,jk,ik->", jacobian, covariance[np.ix_(self.columns, self.columns)], jacobian))
+        freedoms = _SAYING * float(np.sum(self.scale < LEFT_OUT)) - taken
+        if freedoms < _FEWEST_FREEDOMS:
+            return self
+        return self._as_quiet_as(self._quiet * _RESTLESS * float(np.sqrt(residual @ residual / freedoms)))
+
+    def _as_quiet_as(self, shown: float) -> PlantedMoves:
+        """The same rows at a factor on the noise that is allowed for; what is left out stays so."""
+        found = copy(self)
+        found._quiet = max(_QUIETEST, min(1.0, shown))
+        found.scale = np.where(self.scale < LEFT_OUT, self.scale / self._quiet * found._quiet, LEFT_OUT)
+        return found
+
+    def _whitened(self, rows: FloatArray) -> FloatArray:
+        """(moves, 20, k) of such."""
+        return np.asarray(self._whitening @ rows / self.scale[:, None, None], dtype=float)
+
+    def normalised_residual(self, x: FloatArray) -> FloatArray:
+        residual = self.residual(x).reshape(-1, _PER_MOVE)
+        return self.scale * np.sqrt((residual**2).sum(axis=1) / _SAYING)

@@ -1,4 +1,9 @@
-"""Lifts and steps: the tilt equation, its noise that of the readings that it multiplies."""
+"""Lifts and steps: the tilt equation, with the noise of the sensors that it multiplies.
+
+The residual is y(t) of every trial (tilt_invariant.py), less its mean, over the moment of inertia about the line. So divided
+it is an angular velocity, and the noise of the sensors in it does not depend on the unknowns: without that the noise in the
+regressors would pull the inertia towards zero.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.estimator.blocks.block import MotionBlock, whitening_of
-from equipoise.estimator.measurements.evidence import RunEvidence
-from equipoise.estimator.measurements.leg_motion import LegChains
-from equipoise.estimator.measurements.lift_samples import LiftSamples
-from equipoise.estimator.measurements.tilt_equation import TiltEquation, integral
+from equipoise.errors import RecordingError
+from equipoise.estimator.equations.equation import MotionEquation, RunContext, whitening_of
+from equipoise.estimator.measurements.lift_samples import LiftSamples, read_lift
+from equipoise.estimator.measurements.tilt_invariant import TiltInvariant, integral
+from equipoise.estimator.measurements.walking import read_walk
 from equipoise.estimator.parameters import INERTIAL, Unknowns
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import LiftTrial, WalkTrial
 
 _FREE_CONSTANT = 0.25  # [rad2/s2] variance of a trial's unknown constant: as good as infinite
 # Lifts that say what one says of what noise does not explain: a model's errors are the same in several of them.
@@ -27,26 +34,33 @@ _TILT_FLOOR, _BIAS_FLOOR = 3e-4, 2e-3
 _MOST_OF_VELOCITY = 4.0
 
 
-class TiltBlock(MotionBlock):
+class TiltEquation(MotionEquation[LiftSamples]):
     """Rows of the tilt equation of all lifts and steps, whitened."""
 
-    depends_on = (*INERTIAL, *TiltEquation.DEPENDS_ON)
+    depends_on = (*INERTIAL, *TiltInvariant.DEPENDS_ON)
+    kind = LiftSamples
+    source = "noise of the lifts"
     shared = _SHARED
 
-    def __init__(self, unknowns: Unknowns, legs: LegChains, lifts: Sequence[tuple[int, LiftSamples]]) -> None:
-        self.lifts = [lift for _, lift in lifts]
-        self.equation = TiltEquation(unknowns.robot, legs, self.lifts)
-        motions = [(index, rows) for (index, _), rows in zip(lifts, self.equation.trials, strict=True)]
-        super().__init__(unknowns, motions)
-        self._sensors = [TiltNoise.of(lift) for lift in self.lifts]
-        self._noise = self._sensors
-        self._unexplained = np.zeros(motions[-1][1].stop)
-
     @classmethod
-    def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> TiltBlock | None:
-        """All lifts of a run and all steps; None if there is none."""
-        lifts = [(motion.index, lift) for motion in evidence.motions for lift in motion.on_two_feet]
-        return cls(unknowns, legs, lifts) if lifts else None
+    def read(cls, run: RunContext, recording: Recording) -> Sequence[LiftSamples]:
+        """The time on two feet of a lift, or of each step of a walk."""
+        trial = recording.trial
+        if isinstance(trial, LiftTrial):
+            return (_read_lift(run, recording, trial),)
+        if isinstance(trial, WalkTrial) and recording.complete:
+            return [replace(step, when=run.when) for step in read_walk(recording, trial, run.stance, run.gyro_bias)]
+        return ()
+
+    def __init__(self, unknowns: Unknowns, samples: Sequence[tuple[int, LiftSamples]]) -> None:
+        super().__init__(unknowns, samples)
+        self.equation = TiltInvariant(unknowns.robot, unknowns.legs, self.samples)
+        self._sensors = [TiltNoise.of(lift) for lift in self.samples]
+        self._noise = self._sensors
+        self._unexplained = np.zeros(self.motions[-1][1].stop)
+
+    def _rows_in(self, sample: LiftSamples) -> int:
+        return len(sample.joint_position)
 
     def prepare(self, x: FloatArray) -> None:
         """Noise of each trial: that of its readings, and what they do not explain."""
@@ -112,6 +126,14 @@ class TiltBlock(MotionBlock):
                 for sensors, (residual, gains) in zip(self._sensors, self._residuals(x), strict=True)
             ]
         )
+
+
+def _read_lift(run: RunContext, recording: Recording, trial: LiftTrial) -> LiftSamples:
+    if not recording.complete:
+        refused = "not lifted: out of reach, or the robot could have tipped over"
+        raise RecordingError(refused if recording.refused else "interrupted")
+    lift = read_lift(run.robot, run.legs, recording, trial.diagonal, run.stance, run.gyro_bias)
+    return replace(lift, when=run.when, heading=run.heading)
 
 
 @dataclass(frozen=True, eq=False)

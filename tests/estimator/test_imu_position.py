@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
-from equipoise.estimator.measurements import imu_place
-from equipoise.estimator.measurements.evidence import read_evidence
-from equipoise.estimator.measurements.imu_place import imu_by_sway
+from equipoise.estimator.equations import imu_position
+from equipoise.estimator.equations.imu_position import SwaySamples, imu_by_sway
 from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.motions import read_motions
 from equipoise.estimator.parameters import Unknowns
 from equipoise.estimator.unknowns import Priors
 from equipoise.robot.description import RobotDescription
@@ -33,8 +33,8 @@ def with_imu_at(shift):
 def test_it_is_found_where_it_is(swaying, shift):
     robot = with_imu_at(shift)
     stance = nominal_stance(robot)
-    evidence = read_evidence(robot, stance, swaying)
-    (sway,) = (motion.sway for motion in evidence.motions if motion.sway is not None)
+    motions = read_motions(robot, stance, swaying)
+    (sway,) = (sway for motion in motions for sway in motion.of(SwaySamples))
     unknowns = Unknowns(robot, stance, Priors())
     values = unknowns.values(unknowns.start())
     place, deviation = imu_by_sway(robot, LegChains(robot), sway, values, stance.scale)
@@ -44,9 +44,9 @@ def test_it_is_found_where_it_is(swaying, shift):
 
 def test_of_a_sway_that_goes_on_for_long_the_first_minute_is_read(swaying, a1, monkeypatch):
     stance = nominal_stance(a1)
-    (sway,) = (motion.sway for motion in read_evidence(a1, stance, swaying).motions if motion.sway is not None)
+    (sway,) = (sway for motion in read_motions(a1, stance, swaying) for sway in motion.of(SwaySamples))
     longest = (sway.time[-1] - sway.time[0]) / 2
-    monkeypatch.setattr(imu_place, "_LONGEST", longest / stance.scale.time)
+    monkeypatch.setattr(imu_position, "_LONGEST", longest / stance.scale.time)
     half = sway.first(longest)
     assert 2 * len(half.time) == pytest.approx(len(sway.time), abs=2)
     values = Unknowns(a1, stance, Priors()).values(Unknowns(a1, stance, Priors()).start())
@@ -65,7 +65,7 @@ def test_a_file_that_has_it_too_high_is_not_believed(swaying, up):
     assert height == pytest.approx(-up, abs=4e-3)
     apart = found.composite.values - expected.composite.values
     assert np.all(np.abs(apart) < 0.7 * expected.composite.deviations)
-    assert sum(source.name == "where the sway sees the IMU" for source in found.budget) == 1
+    assert sum(source.name == "position of the IMU by the sway" for source in found.budget) == 1
     assert sum(source.shares for source in found.budget) == pytest.approx(np.ones(10))
 
 
@@ -74,7 +74,7 @@ def test_a_sway_that_says_what_the_tilts_say_stays_a_witness(swaying):
     result = Precise(budget=60).estimate(robot, swaying, nominal_stance(robot))
     (check,) = (check for check in result.checks if check.name == "place of the IMU")
     assert check.passed
-    assert all(source.name != "where the sway sees the IMU" for source in result.budget)
+    assert all(source.name != "position of the IMU by the sway" for source in result.budget)
 
 
 def test_who_trusts_the_legs_hears_the_sway_at_once(swaying):
@@ -83,7 +83,7 @@ def test_who_trusts_the_legs_hears_the_sway_at_once(swaying):
     shares, deviations = [], []
     for legs in ("unknown", "trusted"):
         result = Precise(budget=60, mass=14.5, legs=legs).estimate(robot, swaying, nominal_stance(robot))
-        shares.append([source.name for source in result.budget].count("where the sway sees the IMU"))
+        shares.append([source.name for source in result.budget].count("position of the IMU by the sway"))
         (height,) = (finding.deviation for finding in result.sensors if finding.name == "IMU position z")
         deviations.append(height)
     assert shares == [0, 1]

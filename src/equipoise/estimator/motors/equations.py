@@ -36,7 +36,7 @@ from scipy.sparse import csr_array
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.estimator.measurements.smoothing import fit_spline
-from equipoise.motors.delay import (
+from equipoise.estimator.motors.delay import (
     THOUGHT_DELAY,
     command_at,
     joints_that_swing,
@@ -44,7 +44,7 @@ from equipoise.motors.delay import (
     motor_trial,
     position_loop_delays,
 )
-from equipoise.motors.stribeck import SPEEDS, stribeck_terms
+from equipoise.estimator.motors.stribeck import SPEEDS, stribeck_terms
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import ImuStream, Recording
 from equipoise.robot.model import RobotModel

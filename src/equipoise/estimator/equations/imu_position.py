@@ -12,18 +12,23 @@ Lengths of legs that are off look like an IMU that is as far off its height.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.estimator.equations.equation import Equation, MotionSamples, RunContext
 from equipoise.estimator.measurements.drive_train import DRIVE_TRAIN, JointReadings
 from equipoise.estimator.measurements.imu_frame import mounting
 from equipoise.estimator.measurements.leg_motion import LegChains, cross
 from equipoise.estimator.measurements.lift_samples import at_times, attitudes
+from equipoise.estimator.parameters import Unknowns
 from equipoise.estimator.unknowns import Values, inputs_of
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import SwayTrial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 
@@ -144,3 +149,46 @@ def _fit(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArra
         noise = max(float((values - columns @ found).std()), np.finfo(float).eps)
     deviations: FloatArray = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
     return np.asarray(found[:3], dtype=float), deviations[:3]
+
+
+class ImuPosition(Equation[SwaySamples]):
+    """The IMU's position less that by each sway, which depends a little on joint zeros and mounting: rounds follow that."""
+
+    depends_on = ("imu_position",)
+    kind = SwaySamples
+    source = "position of the IMU by the sway"
+    remedy = "the IMU's measured position, in the robot's description"
+
+    @classmethod
+    def read(cls, run: RunContext, recording: Recording) -> Sequence[SwaySamples]:
+        """A sway about all axes."""
+        if not isinstance(recording.trial, SwayTrial) or not recording.complete:
+            return ()
+        return (SwaySamples.of(recording.phase(Phase.SWAY), run.gyro_bias),)
+
+    def __init__(self, unknowns: Unknowns, samples: Sequence[tuple[int, SwaySamples]]) -> None:
+        super().__init__(unknowns, samples)
+        self._place, self._noise = np.zeros((len(samples), 3)), np.ones((len(samples), 3))
+
+    @classmethod
+    def of(cls, unknowns: Unknowns, motions: Sequence[MotionSamples]) -> ImuPosition | None:
+        """As of `Equation`; None as well if the position is held at the model's."""
+        rows = super().of(unknowns, motions)
+        return rows if isinstance(rows, ImuPosition) and unknowns.estimates("imu_position") else None
+
+    def _rows_in(self, sample: SwaySamples) -> int:
+        return 3
+
+    def prepare(self, x: FloatArray) -> None:
+        values, unknowns = self.unknowns.values(x), self.unknowns
+        found = [
+            imu_by_sway(unknowns.robot, unknowns.legs, sway, values, unknowns.stance.scale) for sway in self.samples
+        ]
+        self._place, self._noise = (np.array(part) for part in zip(*found, strict=True))
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        return ((self.unknowns.value(x, "imu_position") - self._place) / self._noise).ravel()
+
+    def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        unit = np.diag(self.unknowns.scale[self.unknowns["imu_position"]])
+        return self.residual(x), (unit / self._noise[..., None]).reshape(-1, 3)

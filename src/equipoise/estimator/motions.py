@@ -1,0 +1,71 @@
+"""From the recordings of a run to the samples of each equation, and why a recording was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError
+from equipoise.estimator.equations.equation import MotionSamples, RunContext
+from equipoise.estimator.equations.table import EQUATIONS
+from equipoise.estimator.measurements.heading import angle_turned
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.walking import gyro_bias_of_walks
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import MotorTrial, SteppingTrial, TurnTrial
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+
+def read_motions(robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> tuple[MotionSamples, ...]:
+    """Read all recordings of a run; why one cannot be read is noted in its motion, not raised.
+
+    Raises:
+        RecordingError: none of them has a rest or a walk.
+    """
+    bias = _gyro_bias([recording for recording in recordings if not isinstance(recording.trial, MotorTrial)])
+    legs, headings = LegChains(robot), _headings(robot, recordings)
+    base_moves = [not isinstance(recording.trial, MotorTrial) for recording in recordings]
+    ends = np.cumsum([recording.duration for recording in recordings] * np.array(base_moves))
+    when = (ends - ends[-1] / 2) / ends[-1]
+    return tuple(
+        _read(RunContext(robot, stance, legs, bias, float(when[index]), float(headings[index])), index, recording)
+        for index, recording in enumerate(recordings)
+    )
+
+
+def _read(run: RunContext, index: int, recording: Recording) -> MotionSamples:
+    samples: list[object] = []
+    left_out: str | None = None
+    for equation in EQUATIONS:
+        try:
+            samples += equation.read(run, recording)
+        except RecordingError as error:
+            left_out = left_out or str(error)
+    trial = recording.trial
+    duration = trial.duration if isinstance(trial, SteppingTrial) else recording.duration
+    return MotionSamples(index, trial, tuple(samples), left_out, duration)
+
+
+def _gyro_bias(recordings: Sequence[Recording]) -> FloatArray:
+    """(3,) bias of the gyroscope, in the IMU frame [rad/s]."""
+    rested = [recording for recording in recordings if recording.has_phase(Phase.REST)]
+    if rested:  # the median over rests: one in which the robot still swayed does not count
+        rests = [recording.phase(Phase.REST).imu.angular_velocity_in_imu for recording in rested]
+        return np.asarray(np.median([rest.mean(axis=0) for rest in rests], axis=0), dtype=float)
+    walks = [one.imu for one in recordings if isinstance(one.trial, SteppingTrial)]
+    if not walks:
+        raise RecordingError(
+            "the recordings hold no rest before a lift or after a move; are they of the precise method?"
+        )
+    return gyro_bias_of_walks([(imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu) for imu in walks])
+
+
+def _headings(robot: RobotModel, recordings: Sequence[Recording]) -> FloatArray:
+    """(n,) angle by which the robot had been turned in the room when each recording ended, to its left [rad]."""
+    turned = [isinstance(recording.trial, TurnTrial) and recording.complete for recording in recordings]
+    angles = [angle_turned(robot, recording) if was else 0.0 for recording, was in zip(recordings, turned, strict=True)]
+    return np.cumsum(angles)

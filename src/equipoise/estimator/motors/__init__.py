@@ -1,0 +1,1 @@
+"""What swings of the legs determine of friction, armature, gain and delay of each joint, and of the links."""
