@@ -111,9 +111,11 @@ def check_schema(found: object, expected: str, what: str) -> None:
         what: name of the file in the message, as in "the result 'calibration.json'".
     """
     if found != expected:
+        kind, _, _ = expected.partition("/")
+        ours = str(found).startswith(f"{kind}/")
+        remedy = "it was made by an earlier version; record or estimate again" if ours else "it is another kind of file"
         raise RecordingError(
-            f"{what} is {found!r}; this version reads {expected!r}: it was made by an earlier version; record or estimate "
-            "again",
+            f"{what} is {found!r}; this version reads {expected!r}: {remedy}",
             details={"found": found, "expected": expected},
         )
 

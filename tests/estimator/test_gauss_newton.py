@@ -27,9 +27,7 @@ class ValleyProblem:
 
     def renew_noise(self, x: np.ndarray) -> None: ...
 
-    def let_go(self) -> None: ...
-
-    def normal_equations(self, x: np.ndarray) -> NormalEquations:
+    def normal_equations(self, x: np.ndarray, scale_held: bool = False) -> NormalEquations:
         equations = NormalEquations.of(self.residual(x), self.jacobian(x))
         self.costs.append(equations.cost)
         return equations

@@ -43,7 +43,6 @@ def refit_without(posterior, evidence, motions):
     left = tuple(motion for motion in evidence if motion.index not in motions)
     whole, unknowns = posterior.problem, posterior.unknowns
     problem = MapProblem(unknowns.robot, unknowns.stance, left, unknowns.priors, whole.mass, lifts_needed=True)
-    problem.anchored = False
     for equation, of_all in zip(problem.equations, whole.equations, strict=True):
         if isinstance(equation, TorqueBalance):
             equation.normalised_residual = of_all.normalised_residual

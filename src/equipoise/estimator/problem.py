@@ -201,7 +201,6 @@ class MapProblem:
         mass: tuple[float, float] | None, lifts_needed: bool = True, equations: Sequence[type[Equation[Any]]] | None = None,
     ) -> None:  # fmt: skip
         self.motions, self.mass = tuple(motions), mass
-        self.anchored = mass is None
         self.unknowns = Unknowns(robot, stance, priors)
         made = [equation.of(self.unknowns, motions) for equation in equations or USUAL]
         self.equations = [equation for equation in made if equation is not None]
@@ -227,9 +226,9 @@ class MapProblem:
         return problem, at, places
 
     def believing(self, belief: Belief) -> MapProblem:
-        """The same after an earlier run, which says more than priors of the scale of masses too."""
+        """The same after an earlier run."""
         problem = copy(self)
-        problem.unknowns, problem.anchored = self.unknowns.believing(belief), False
+        problem.unknowns = self.unknowns.believing(belief)
         return problem
 
     def at_residual_noise(self, x: FloatArray, covariance: FloatArray | None = None) -> MapProblem:
@@ -248,11 +247,7 @@ class MapProblem:
         for equation in self.equations:
             equation.renew_noise(x)
 
-    def let_go(self) -> None:
-        """Free the scale of all masses."""
-        self.anchored = False
-
-    def anchor(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def held_scale(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residual that holds the scale of all masses where joint torques or else the model have it; its derivative."""
         if any("torque_gain_common" in equation.open for equation in self.equations):
             gain = self.unknowns["torque_gain_common"]
@@ -273,10 +268,11 @@ class MapProblem:
             cost += float(residual @ residual)
         return NormalEquations(information, gradient, cost)
 
-    def normal_equations(self, x: FloatArray) -> NormalEquations:
-        """Of all equations and priors."""
+    def normal_equations(self, x: FloatArray, scale_held: bool = False) -> NormalEquations:
+        """Of all equations and priors; a scale or an earlier run holds the scale of all masses better than the model."""
         equations = self.motion_equations(x) + NormalEquations.of(*prior_rows(self.unknowns, x, self.mass))
-        return equations + NormalEquations.of(*self.anchor(x)) if self.anchored else equations
+        held = scale_held and self.mass is None and self.unknowns.belief is None
+        return equations + NormalEquations.of(*self.held_scale(x)) if held else equations
 
     def posterior(self, x: FloatArray, converged: bool) -> Posterior:
         """The estimate at x, with its covariance."""

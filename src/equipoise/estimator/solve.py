@@ -5,7 +5,9 @@ Each round takes Gauss-Newton steps, damped where a whole one does not lower the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -74,12 +76,12 @@ class Problem(Protocol):
         """Raise the noise of what does not fit."""
         ...
 
-    def let_go(self) -> None:
-        """Free what was held while noise levels were sought."""
-        ...
+    def normal_equations(self, x: FloatArray, scale_held: bool = False) -> NormalEquations:
+        """Squared residuals and their derivatives.
 
-    def normal_equations(self, x: FloatArray) -> NormalEquations:
-        """Squared residuals and their derivatives."""
+        Args:
+            scale_held: whether the scale of all masses is held near the model's, as while noise levels are sought.
+        """
         ...
 
 
@@ -97,9 +99,8 @@ def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray,
     try:
         for _ in range(rounds):
             problem.prepare(x)
-            x, _ = _descend(problem, x, _NEAR)
+            x, _ = _descend(problem, x, _NEAR, scale_held=True)
             problem.renew_noise(x)
-        problem.let_go()
         problem.prepare(x)
         x, left = _descend(problem, x, _CONVERGED)
     except np.linalg.LinAlgError as error:
@@ -125,7 +126,7 @@ def descend(problem: Problem, start: FloatArray) -> tuple[FloatArray, bool]:
     return x, left < _SETTLED
 
 
-def _descend(problem: Problem, x: FloatArray, near: float) -> tuple[FloatArray, float]:
+def _descend(problem: Problem, x: FloatArray, near: float, scale_held: bool = False) -> tuple[FloatArray, float]:
     """Take damped steps until a whole one is small or no step lowers the cost.
 
     Whole Gauss-Newton steps overshoot where the base is nearly a rod, whose log-Cholesky parameters curve strongly.
@@ -133,10 +134,11 @@ def _descend(problem: Problem, x: FloatArray, near: float) -> tuple[FloatArray, 
     Returns:
         (size,) unknowns, and the largest part of the last undamped step in standard deviations.
     """
-    here, damping, size = problem.normal_equations(x), 0.0, np.inf
+    equations_at = partial(problem.normal_equations, scale_held=scale_held)
+    here, damping, size = equations_at(x), 0.0, np.inf
     for _ in range(_ITERATIONS):
         size = here.largest_step()
-        lower = _lower(problem, x, here, damping)
+        lower = _lower(equations_at, x, here, damping)
         if lower is None:
             break
         x, here, damping = lower
@@ -146,7 +148,7 @@ def _descend(problem: Problem, x: FloatArray, near: float) -> tuple[FloatArray, 
 
 
 def _lower(
-    problem: Problem, x: FloatArray, here: NormalEquations, damping: float
+    equations_at: Callable[[FloatArray], NormalEquations], x: FloatArray, here: NormalEquations, damping: float
 ) -> tuple[FloatArray, NormalEquations, float] | None:
     """Take one Levenberg-Marquardt step, damped until it lowers the cost.
 
@@ -155,7 +157,7 @@ def _lower(
     """
     while damping < _MOST_DAMPING:
         step, predicted = here.damped_step(damping)
-        there = problem.normal_equations(x + step)
+        there = equations_at(x + step)
         gain = here.cost - there.cost
         if gain >= -_ROUNDING * here.cost:
             eased = damping / _EASE if gain > _AS_PREDICTED * predicted else damping

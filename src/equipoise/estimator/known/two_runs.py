@@ -111,8 +111,6 @@ class _TwoProblems:
         ]
         self.unknowns = self.problems[0].unknowns
         self._scale = scale
-        for problem, mass in zip(self.problems, scale.masses, strict=True):
-            problem.anchored = mass is None
         size = self.unknowns.size
         kept, drift = np.ones(size), np.zeros(size)
         kept[self.unknowns["base"]], drift[self.unknowns["base"]] = 0.0, 1.0
@@ -138,16 +136,13 @@ class _TwoProblems:
         for problem, run in self._runs(x):
             problem.renew_noise(run)
 
-    def let_go(self) -> None:
-        for problem in self.problems:
-            problem.let_go()
-
-    def normal_equations(self, x: FloatArray) -> NormalEquations:
+    def normal_equations(self, x: FloatArray, scale_held: bool = False) -> NormalEquations:
         equations = NormalEquations.of(*self._beliefs(x))
-        for (problem, run), to_run in zip(self._runs(x), (self.to_first, self.to_second), strict=True):
+        to_runs = self.to_first, self.to_second
+        for (problem, run), to_run, mass in zip(self._runs(x), to_runs, self._scale.masses, strict=True):
             own = problem.motion_equations(run)
-            if problem.anchored:
-                own += NormalEquations.of(*problem.anchor(run))
+            if scale_held and mass is None:
+                own += NormalEquations.of(*problem.held_scale(run))
             equations += NormalEquations(to_run.T @ own.information @ to_run, to_run.T @ own.gradient, own.cost)
         return equations
 
