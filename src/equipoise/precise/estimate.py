@@ -14,13 +14,17 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.estimator.diagnostics.budget import budget_of
 from equipoise.estimator.diagnostics.checks import HELD_OUT_CHECK, half_difference, judge
-from equipoise.estimator.diagnostics.contradicted import assumed_imu_position, estimate_uncontradicted, not_believed
 from equipoise.estimator.diagnostics.held_out import held_out, predict_held_out
+from equipoise.estimator.diagnostics.imu_position_check import ImuPositionCheck
 from equipoise.estimator.diagnostics.link_findings import link_findings
+from equipoise.estimator.diagnostics.prior_conflict import (
+    assumed_imu_position,
+    conflicting_parameters,
+    resolve_prior_conflicts,
+)
 from equipoise.estimator.diagnostics.screening import screen
 from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
 from equipoise.estimator.diagnostics.torque_mass import assumed_mass, compare_estimate
-from equipoise.estimator.diagnostics.witness import SwayWitness
 from equipoise.estimator.equations.equation import Equation, MotionSamples
 from equipoise.estimator.equations.table import EQUATIONS
 from equipoise.estimator.known.changes import Change, check_of_changes, estimate_after
@@ -128,7 +132,7 @@ def estimate_run(
         assumptions=(
             *assumed_mass(settings.scale, masses),
             *settings.assumptions,
-            *not_believed(posterior),
+            *conflicting_parameters(posterior),
             *assumed_imu_position(posterior),
         ),
         evidence=PosteriorEvidence(tuple(recordings), posterior, changes, predictions),
@@ -155,11 +159,11 @@ def _posterior(
         with_sway = partial(estimate, equations=EQUATIONS)
         # What looks like an IMU that sits elsewhere is lengths of legs that are off, unless they are trusted.
         if settings.legs == "trusted":
-            return estimate_uncontradicted(with_sway, settings.beliefs), ()
-        posterior = estimate_uncontradicted(estimate, settings.beliefs)
-        witness = SwayWitness.of(posterior)
-        if witness is not None and witness.tells:
-            posterior = estimate_uncontradicted(with_sway, settings.beliefs)
+            return resolve_prior_conflicts(with_sway, settings.beliefs), ()
+        posterior = resolve_prior_conflicts(estimate, settings.beliefs)
+        by_sway = ImuPositionCheck.of(posterior)
+        if by_sway is not None and by_sway.contradicts:
+            posterior = resolve_prior_conflicts(with_sway, settings.beliefs)
         return posterior, ()
     return estimate_after(robot, stance, motions, settings.beliefs, settings.scale, settings.known, lifts_needed)
 

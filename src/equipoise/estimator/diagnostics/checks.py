@@ -8,8 +8,8 @@ from statistics import NormalDist
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.estimator.diagnostics.imu_position_check import ImuPositionCheck
 from equipoise.estimator.diagnostics.score import ScoreTest, score_tests
-from equipoise.estimator.diagnostics.witness import SwayWitness
 from equipoise.estimator.equations.equation import Misfit, MotionSamples
 from equipoise.estimator.equations.planted_moves import PlantedMoves
 from equipoise.estimator.equations.tilt import TiltEquation
@@ -272,25 +272,25 @@ def _file_is_of_this_robot(posterior: Posterior) -> Check:
 
 def _imu_is_there(posterior: Posterior) -> Check:
     """Whether the IMU, by a sway over planted feet, sits where the estimate has it: no inertia goes into that."""
-    name, witness = "place of the IMU", SwayWitness.of(posterior)
-    if witness is None:
+    name, by_sway = "place of the IMU", ImuPositionCheck.of(posterior)
+    if by_sway is None:
         return Check(name, True, "there is no sway about all axes, to see where the IMU sits by")
-    passed = witness.deviates < _NOT_THERE
-    told = witness.deviation < _SAYS_NOTHING * posterior.unknowns.stance.scale.length
+    passed = by_sway.largest < _NOT_THERE
+    told = by_sway.deviation < _SAYS_NOTHING * posterior.unknowns.stance.scale.length
 
     def shown(vector: FloatArray) -> str:
         sizes = zip("xyz", 1000 * vector, told, strict=True)
         return ", ".join(f"{axis} {size:+.1f}" for axis, size, tells in sizes if tells) or "nothing is told"
 
     message = (
-        f"by the sway the IMU sits elsewhere than the estimate has it by {shown(witness.apart)} mm (base axes), at most "
-        f"{witness.deviates:.1f} standard deviations"
+        f"by the sway the IMU sits elsewhere than the estimate has it by {shown(by_sway.difference)} mm (base axes), at most "
+        f"{by_sway.largest:.1f} standard deviations"
     )
     if not passed:
         message += (
-            f": it is not where the model file has it, but {shown(witness.place)} mm from there, or legs are as much longer "
-            "or shorter. Moments of inertia hang on it: measure it, and correct the file, or imu_position in the robot's "
-            "description"
+            f": it is not where the model file has it, but {shown(by_sway.position)} mm from there, or legs are as much "
+            "longer or shorter. Moments of inertia hang on it: measure it, and correct the file, or imu_position in the "
+            "robot's description"
         )
     return Check(name, passed, message)
 

@@ -5,7 +5,7 @@ With R the attitude by the gyroscope and b the base's origin by the legs, the IM
     R f = g up + b'' + (R r)''.
 
 Nothing is differentiated: both sides are multiplied by test functions that vanish at both ends, and integrated by parts. No
-mass, inertia or law of friction is in it, so that it is a witness of the tilts, in which that place and inertia look alike.
+mass, inertia or law of friction is in it, so that it checks the lifts, in which that position and inertia look alike.
 Feet roll; what they, the springs and the gyroscope's gain add goes with the base's rotation, as r does, and is allowed for.
 Lengths of legs that are off look like an IMU that is as far off its height.
 """

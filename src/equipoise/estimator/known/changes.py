@@ -6,7 +6,7 @@ d of one unknown alone
 
     s_j / sqrt(F_jj) ~ N(0, 1),    d = s_j / F_jj,
 
-a score test as those of what is held (findings/score.py). What is least likely begins anew, with as wide a prior as that
+a score test as those of what is held (diagnostics/score.py). What is least likely begins anew, with as wide a prior as that
 change, and all are tested again: one encoder that moved pulls at all that it touches.
 
 Noise levels are found while whatever may have moved is free: else a zero that moved would pass for noise.

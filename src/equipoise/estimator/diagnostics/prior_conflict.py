@@ -37,7 +37,7 @@ _WORSE = 1.1
 _ROUNDS = 3  # what is wrong may hide something else
 
 
-def estimate_uncontradicted(estimate: Callable[[Priors], Posterior], priors: Priors) -> Posterior:
+def resolve_prior_conflicts(estimate: Callable[[Priors], Posterior], priors: Priors) -> Posterior:
     """Return an estimate with priors that the run does not contradict: these, or wider ones.
 
     Wider priors fit every run better. A walk hardly determines these rows, and whatever does not fit it moves them: there
@@ -100,7 +100,7 @@ def _conflict(posterior: Posterior, rows: Sequence[Unknown]) -> float:
     return deviate(np.eye(len(at)) - covariance, covariance @ (shrunk * (precision @ posterior.x[at])), _TOLD)
 
 
-def not_believed(posterior: Posterior) -> tuple[str, ...]:
+def conflicting_parameters(posterior: Posterior) -> tuple[str, ...]:
     """What an estimate takes to be otherwise than in the model file, a sentence each."""
     return tuple(f"{row.cause}, which the run contradicts" for row in posterior.unknowns.priors.not_of_this_robot)
 
