@@ -269,7 +269,7 @@ def test_a_tilt_curve_ends_where_the_trial_was_judged(paper):
 
 def test_intervals_narrow_motion_by_motion_to_what_was_found(precise):
     posterior = precise.evidence.posterior
-    path = deviations_by_motion(posterior, [motion.index for motion in precise.evidence.motions])
+    path = deviations_by_motion(posterior, [motion.index for motion in posterior.motions])
     assert np.all(np.diff(path, axis=0) <= 1e-9 * path[0])
     np.testing.assert_allclose(path[-1], np.sqrt(np.diag(posterior.robot_covariance)), rtol=1e-6)
 
