@@ -8,6 +8,8 @@ from equipoise.calibration.repeatability import repeatability, to_dict
 from equipoise.errors import SettingsError
 from equipoise.lab.static.method import Static
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 SETTINGS = Static()
 
 

@@ -17,6 +17,8 @@ from equipoise import RunFolder
 from equipoise import __main__ as entry
 from equipoise.cli import VERBS, main
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 QUICK = [
     "--noise",
     "ideal",

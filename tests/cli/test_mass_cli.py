@@ -11,6 +11,8 @@ import pytest
 
 from equipoise.cli import main
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 WRONG = ["calibrate", "--mass", "9.5", "--budget", "40s", "--seed", "4", "--quiet", "--no-report"]
 
 
@@ -19,7 +21,7 @@ def test_a_script_is_refused_with_both_numbers_and_may_try_again(tmp_path, capsy
     out = tmp_path / "run"
     assert main([*WRONG, "--out", str(out), "--json"]) == 2
     captured = capsys.readouterr()
-    assert "the given mass is 9.5 kg, and the joint torques carry 12.28 kg (-23%, limit 15%)" in captured.err
+    assert "the given mass is 9.5 kg, and the joint torques carry 12.29 kg (-23%, limit 15%)" in captured.err
     assert "--confirm-mass" in captured.err
     assert "--resume" not in captured.err  # nothing was measured
     assert not out.exists()

@@ -7,6 +7,8 @@ import pytest
 
 from equipoise.cli import main
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 QUICK = ["calibrate", "--method", "static", "--quiet"]
 
 

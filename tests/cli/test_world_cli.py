@@ -8,6 +8,8 @@ import pytest
 from equipoise.cli import main
 from equipoise.cli.session import Place, SimulatedPlace
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 QUIET = ["--quiet", "--no-report"]
 
 

@@ -32,6 +32,8 @@ from equipoise.robot.kinematics import Kinematics, foot_positions, inverse_kinem
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.posture import BodyPosture
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 UP = np.array([0.0, 0.0, 1.0])
 LIFT, LOWER, DELAY = 0.03, 0.2, 0.05
 

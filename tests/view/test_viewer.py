@@ -20,6 +20,8 @@ from equipoise import Precise, RunFolder
 from equipoise.cli import main
 from equipoise.view.viewer import BROWSER, WINDOW, free_port, has_display, how_to_open, viewer_beside
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 pytest.importorskip("rerun", reason="no rerun-sdk: the view was NOT TRIED")
 EQUIPOISE = [sys.executable, "-m", "equipoise"]
 QUICK = ["calibrate", "--method", "static", "--noise", "realistic", "--no-report", "--quiet", "--json"]
