@@ -1,7 +1,7 @@
 """Mass that was added to a robot or taken off between two calibrations: errors of sensors and of a scale cancel.
 
-Both runs are estimated together (estimator/known/two_runs.py). Of bodies that are rigidly joined, mass, first moment and inertia
-about the base's origin add up: those of the second run's base less those of the first one's are the payload's.
+Both runs are estimated together (estimator/known/two_runs.py). Of bodies that are rigidly joined, mass, first moment and
+inertia about the base's origin add up: those of the second run's base less those of the first one's are the payload's.
 """
 
 from __future__ import annotations
