@@ -13,6 +13,7 @@ from equipoise.estimator.equations.table import EQUATIONS
 from equipoise.estimator.measurements.heading import angle_turned
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.walking import gyro_bias_of_walks
+from equipoise.method.together import of_the_base
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial, SteppingTrial, TurnTrial
@@ -26,10 +27,9 @@ def read_motions(robot: RobotModel, stance: Stance, recordings: Sequence[Recordi
     Raises:
         RecordingError: none of them has a rest or a walk.
     """
-    bias = _gyro_bias([recording for recording in recordings if not isinstance(recording.trial, MotorTrial)])
+    bias = _gyro_bias(of_the_base(recordings))
     legs, headings = LegChains(robot), _headings(robot, recordings)
-    base_moves = [not isinstance(recording.trial, MotorTrial) for recording in recordings]
-    ends = np.cumsum([recording.duration for recording in recordings] * np.array(base_moves))
+    ends = np.cumsum([0.0 if isinstance(one.trial, MotorTrial) else one.duration for one in recordings])
     when = (ends - ends[-1] / 2) / ends[-1]
     return tuple(
         _read(RunContext(robot, stance, legs, bias, float(when[index]), float(headings[index])), index, recording)

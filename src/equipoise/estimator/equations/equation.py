@@ -1,8 +1,8 @@
-"""What an equation of the estimate is: it reads its own samples from recordings, and gives residuals in units of their noise.
+"""Base of the equations: each reads its own samples from recordings and returns residuals in units of their noise.
 
-Every equation lists by name the unknowns that it depends on, and gives its residual and the derivative by these; which rows
-belong to which motion; how well each motion fits; what its share of the uncertainty is called, and what would lower it. A new
-equation is a module beside this one and a line of the table in table.py.
+Every equation lists by name the unknowns that it depends on. It returns its residual and the derivative by these, the rows of
+each motion and the misfit of each motion; it names its share of the uncertainty and what lowers that. A new equation is a module
+in this package and a line of the table in table.py.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Sample = TypeVar("Sample")
 
 @dataclass(frozen=True, eq=False)
 class RunContext:
-    """What equations need beside a recording, to read it.
+    """Facts of a run that equations need in order to read a recording.
 
     Attributes:
         gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
