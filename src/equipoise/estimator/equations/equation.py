@@ -1,8 +1,8 @@
 """Base of the equations: each reads its own samples from recordings and returns residuals in units of their noise.
 
-Every equation lists by name the unknowns that it depends on. It returns its residual and the derivative by these, the rows of
-each motion and the misfit of each motion; it names its share of the uncertainty and what lowers that. A new equation is a module
-in this package and a line of the table in table.py.
+Every equation lists by name the unknowns that it depends on. It returns its residual and the derivative by these, the rows
+and the misfit of each motion; it names its share of the uncertainty and what lowers that. A new equation is a module in this
+package and a line of the table in table.py.
 """
 
 from __future__ import annotations
