@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import savgol_filter
 
 from equipoise import Precise, load_robot
-from equipoise.estimator.diagnostics import contradicted
+from equipoise.estimator.diagnostics import prior_conflict
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknowns import Priors
@@ -220,7 +220,7 @@ def test_a_place_of_the_imu_that_hides_behind_its_prior_is_found(a1, precise_run
     found = estimated(model, precise_run)
     assert found.assumptions[1:] == ("the IMU sits elsewhere than in the file, which the run contradicts",)
     assert np.abs(off(found.evidence.posterior, precise_run)).max() < 2.5
-    monkeypatch.setattr(contradicted, "_SUSPECTED", contradicted._CONTRADICTED)
+    monkeypatch.setattr(prior_conflict, "_SUSPECTED", prior_conflict._CONTRADICTED)
     unseen = estimated(model, precise_run)  # likely enough at the usual prior
     assumed = unseen.assumptions[1:]  # behind the given mass
     assert [one.split(":")[0] for one in assumed] == [

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from equipoise import Precise, load_robot, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import LogError, MotionError, RecordingError, SettingsError
-from equipoise.estimator.diagnostics import contradicted
+from equipoise.estimator.diagnostics import prior_conflict
 from equipoise.estimator.measurements.walking import gyro_bias_of_walks, up_between_steps
 from equipoise.estimator.problem import MapProblem
 from equipoise.estimator.solve import solve
@@ -135,7 +135,7 @@ def test_a_walk_widens_priors_only_where_unseen_steps_are_predicted_as_well(a1, 
         )
 
     assert contradicts()
-    monkeypatch.setattr(contradicted, "_WORSE", 0.0)
+    monkeypatch.setattr(prior_conflict, "_WORSE", 0.0)
     assert not contradicts()
 
 
