@@ -75,7 +75,7 @@ robots: $(ROBOTS_STAMP)
 fuzz: $(DEV_STAMP)
 	$(BIN)/python tests/fuzzing.py --cases 10000 --seed $(or $(SEED),0) --out fuzz-failures
 
-# Every limit of guard, watchdog and doctor loosened by half: is there a test that fails? Five minutes.
+# Every limit of guard, endings and doctor loosened by half: is there a test that fails? Five minutes.
 mutants: $(DEV_STAMP)
 	$(BIN)/python benchmarks/mutants.py
 

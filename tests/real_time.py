@@ -85,5 +85,5 @@ def skip(reports, item, reason):
 
 
 def repeated(terminalreporter):
-    """Return the names of tests that passed, or failed without a stall, after tries with one."""
+    """Return the names of tests that were tried again, or skipped, because of stalls."""
     return [report.nodeid for report in terminalreporter.getreports("") if dict(report.user_properties).get("stalls")]

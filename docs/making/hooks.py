@@ -18,9 +18,7 @@ sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from formulas import with_formulas
 from provenance import RESULTS, Page
 
-from equipoise.estimator.equations.planted_moves import PlantedMoves
-from equipoise.estimator.equations.tilt import TiltEquation
-from equipoise.estimator.equations.torque_balance import TorqueBalance
+from equipoise.estimator.equations.table import EQUATIONS
 from equipoise.estimator.unknowns import Priors
 from equipoise.simulation.effects import SensorErrors
 
@@ -34,7 +32,6 @@ _DRAWN_FROM = re.compile(r"Drawn from (\S+\.md)")
 _OLDER = "(older code)"
 _UNKNOWNS = "<!-- table of unknowns -->"
 _EFFECTS = "<!-- table of effects -->"
-_EQUATIONS = {"lifts": TiltEquation, "moves": PlantedMoves, "torques": TorqueBalance}
 
 
 def on_files(files, config):
@@ -99,7 +96,7 @@ def unknowns() -> str:
     for row in Priors.rows():
         prior = f"{row.usual:g} {row.unit}".strip()
         prior += f" times {row.measure.name}" if row.measure.name else ""
-        enters = ", ".join(name for name, equation in _EQUATIONS.items() if row.name in equation.depends_on)
+        enters = ", ".join(kind.name for kind in EQUATIONS if row.name in kind.depends_on)
         lines.append(f"| `{row.name}`: {row.meaning} | {row.each.name} | {prior} | {row.source} | {enters} |")
     return "\n".join(lines)
 

@@ -64,5 +64,10 @@ def test_a_calibration_ends_well_without_its_page(tmp_path):
     ]
 
 
+@pytest.mark.parametrize("verb", ["monte-carlo", "reproduce", "balance", "validate"])
+def test_verbs_of_the_lab_have_help_without_what_studies_need(verb):
+    assert lean("lab", verb, "--help", lacking=("pyarrow", "dask", "distributed")).returncode == 0
+
+
 def test_plans_and_rehearsals_need_none_of_it():
     assert lean("plan", "unitree_a1", "--budget", "40s").returncode == 0

@@ -15,6 +15,7 @@ from equipoise.precise import routine as precise_routine
 from equipoise.precise.plan import make_plan
 from equipoise.precise.routine import PreciseRoutine
 from equipoise.recording.trials import LiftTrial, PostureTrial
+from equipoise.result.statistics import verdict_of
 from equipoise.robot.inertial import COMPONENTS
 from equipoise.terminal.results import print_calibration
 
@@ -198,3 +199,14 @@ def test_flags_that_do_not_belong_are_refused(flags, message, capsys, tmp_path):
     assert main(["calibrate", *flags, "--out", str(tmp_path / "run")]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
+
+
+def test_verdicts_compare_each_body_with_its_own_prior(precise_run):
+    result, posterior = precise_run.result, precise_run.result.evidence.posterior
+    for name, parameters in (
+        ("composite", posterior.unknowns.robot_body),
+        ("base", posterior.unknowns.base_body),
+        ("stance_effective", posterior.unknowns.stance_effective_body),
+    ):
+        body, before = getattr(result, name), posterior.deviation_before(parameters)
+        assert [one.verdict for one in body] == [*map(verdict_of, body.deviations, before)], name

@@ -48,7 +48,7 @@ def find_verb(name: str, arguments: Sequence[str] = ()) -> Callable[..., int | N
         arguments: words that follow it.
 
     Raises:
-        SettingsError: a flag belongs to another method, or to another kind of platform.
+        SettingsError: a flag is given beside --resume, which takes all settings from the run.
     """
     group, _, verb = name.rpartition(" ")
     module = importlib.import_module((GROUPS[group] if group else VERBS)[verb][0])

@@ -43,7 +43,7 @@ def parse(
         chosen: flags of parameters by their type, where other words choose them.
 
     Raises:
-        SettingsError: a flag belongs to another method or another kind of platform.
+        SettingsError: a flag belongs to another method or another kind of platform, or has a number too many.
         SystemExit: tyro has printed help, or that the words cannot be used.
     """
     hints = typing.get_type_hints(verb)

@@ -214,5 +214,5 @@ def _metavar(plain: Any, words: str) -> str | None:
         return f"{{{','.join(map(str, typing.get_args(plain)))}}}"
     parts = typing.get_args(plain)
     if parts == (float, float, float):
-        return _VECTORS[_unit(words) or ""]
+        return _VECTORS.get(_unit(words) or "", "A B C")
     return {int: "N", str: "NAME"}.get(plain)

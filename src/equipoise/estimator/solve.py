@@ -80,7 +80,7 @@ class Problem(Protocol):
         """Squared residuals and their derivatives.
 
         Args:
-            scale_held: whether the scale of all masses is held near the model's, as while noise levels are sought.
+            scale_held: whether the scale of all masses is held, as while noise levels are sought.
         """
         ...
 

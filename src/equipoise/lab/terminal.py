@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
@@ -17,8 +18,10 @@ from equipoise.lab.balance.balance_report import BalanceReport
 from equipoise.lab.pages.balance_page import balance_table, sentences, title
 from equipoise.lab.pages.validation_page import validation_table
 from equipoise.lab.replay.validation import Validation
-from equipoise.lab.study.runner import StudyProgress
 from equipoise.terminal.rich_tables import print_block, print_saved, print_table
+
+if TYPE_CHECKING:  # it needs pyarrow
+    from equipoise.lab.study.runner import StudyProgress
 
 _PLAIN_INTERVAL = 10.0  # [s] between lines where nothing can be overwritten
 

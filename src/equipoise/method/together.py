@@ -89,8 +89,8 @@ class Together(Method):
 
     def forecast(self, robot: RobotModel, stance: Stance, swings: Sequence[Recording] = ()) -> Forecast | None:
         """Return the method's forecast, with the predicted swing where it uses that."""
-        swings = self.motors.predicted_recordings(robot, stance) if self.base.uses_swings else ()
-        return self.base.forecast(robot, stance, swings)
+        predicted = self.motors.predicted_recordings(robot, stance) if self.base.uses_swings else ()
+        return self.base.forecast(robot, stance, (*swings, *predicted))
 
     def expected_trials(self, stance: Stance) -> int | None:
         return self.base.expected_trials(stance)

@@ -82,7 +82,8 @@ def estimate_run(
         findings = (*map(Change.finding, changes), *sensor_findings(posterior))
     nominal = nominal_inertia(robot, stance.joint_position)
     unknowns = posterior.unknowns
-    before, base_before = map(posterior.deviation_before, (unknowns.robot_body, unknowns.base_body))
+    bodies = unknowns.robot_body, unknowns.base_body, unknowns.stance_effective_body
+    before, base_before, stance_effective_before = map(posterior.deviation_before, bodies)
     well = all(check.passed for check in checks)
 
     apart = None if well else half_difference(posterior)
@@ -117,7 +118,7 @@ def estimate_run(
             Body.known(
                 posterior.stance_effective_body,
                 posterior.stance_effective_covariance,
-                before,
+                stance_effective_before,
                 nominal.stance_effective,
             ),
             unknowns.stance_effective_body,

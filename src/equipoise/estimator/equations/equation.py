@@ -61,7 +61,7 @@ class MotionSamples:
         trial: trial that it is of; None if that is not known.
         samples: samples that the equations read from it, each of its equation's kind.
         left_out: reason why an equation could not read it, or None.
-        duration: duration of the recording [s].
+        duration: duration of the recording, of a walk or crawl from its first to its last step [s].
     """
 
     index: int
@@ -100,6 +100,7 @@ class Equation(ABC, Generic[Sample]):
 
     Attributes:
         depends_on: names of the unknowns that the rows depend on.
+        name: name of its motions in documents.
         kind: type of the samples of a motion.
         source: name of its noise among the sources of uncertainty.
         remedy: what lowers that.
@@ -110,6 +111,7 @@ class Equation(ABC, Generic[Sample]):
     """
 
     depends_on: ClassVar[tuple[str, ...]]
+    name: ClassVar[str]
     kind: type[Sample]
     source: ClassVar[str]
     remedy: ClassVar[str] = MORE_TIME
@@ -187,7 +189,8 @@ class Equation(ABC, Generic[Sample]):
         """The same rows at the noise that their residuals at x show, where that is less; these where noise is known.
 
         Args:
-            covariance: (size, size) covariance of the estimate x, whose degrees of freedom are subtracted; None: x is none.
+            covariance: (size, size) covariance of the estimate x, whose degrees of freedom are subtracted from the
+                residuals' mean square; None: the median of the misfits is used.
         """
         return self
 

@@ -155,6 +155,7 @@ class ImuPosition(Equation[SwaySamples]):
     """The IMU's position less that by each sway, which depends a little on joint zeros and mounting: rounds follow that."""
 
     depends_on = ("imu_position",)
+    name = "sway"
     kind = SwaySamples
     source = "position of the IMU by the sway"
     remedy = "the IMU's measured position, in the robot's description"

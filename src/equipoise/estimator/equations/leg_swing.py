@@ -24,6 +24,7 @@ class LegSwings(Equation[Recording]):
     """Rows of the last swings of all legs, whitened; all of them belong to the last of the recordings."""
 
     depends_on = (*INERTIAL, "torque_gain_common", "torque_gain")
+    name = "swings"
     kind = Recording
     source = "noise of legs that swing in the air"
     remedy = "a longer swing (--motor-time)"

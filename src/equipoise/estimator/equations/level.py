@@ -24,6 +24,7 @@ class LevelFloor(MotionEquation[StepSamples]):
     """
 
     depends_on = TiltInvariant.DEPENDS_ON
+    name = "level floor"
     kind = StepSamples
     source = "noise of the lines between standing feet"
 

@@ -232,6 +232,7 @@ class PlantedMoves(MotionEquation[PlantedMove]):
     """Rows of planted moves: feet that stay, footholds that keep their heights. Whitened."""
 
     depends_on = PlantedRows.DEPENDS_ON
+    name = "moves"
     kind = PlantedMove
     source = "noise of moves over planted feet"
     remedy = f"{MORE_TIME}; a hard floor"

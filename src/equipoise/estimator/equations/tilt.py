@@ -1,8 +1,8 @@
 """Lifts and steps: the tilt equation, with the noise of the sensors that it multiplies.
 
-The residual is y(t) of every trial (tilt_invariant.py), less its mean, over the moment of inertia about the line. So divided
-it is an angular velocity, and the noise of the sensors in it does not depend on the unknowns: without that the noise in the
-regressors would pull the inertia towards zero.
+The residual is y(t) of every trial (tilt_invariant.py), less its mean, over the moment of inertia about the line: an angular
+velocity. The noise of the sensors in it depends on the unknowns that multiply them, and the covariance follows these (total
+least squares, see `TiltNoise`): with fixed weights the noise in the regressors would pull the inertia towards zero.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ class TiltEquation(MotionEquation[LiftSamples]):
     """Rows of the tilt equation of all lifts and steps, whitened."""
 
     depends_on = (*INERTIAL, *TiltInvariant.DEPENDS_ON)
+    name = "lifts"
     kind = LiftSamples
     source = "noise of the lifts"
     shared = _SHARED

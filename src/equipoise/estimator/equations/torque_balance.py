@@ -261,7 +261,7 @@ def sawtooth(rows: TorqueRows, period: FloatArray, stiffness: float) -> FloatArr
 # Torque of an A1's joint that the friction model leaves unexplained, over its Coulomb friction; at rest and in motion.
 _FRICTION_UNKNOWN = 1.0
 _FRICTION_AT_FIRST = 0.5  # [Nm] on an A1
-_TORQUE_FLOOR = 0.01  # of an A1's torque scale over 38: [Nm]
+_TORQUE_FLOOR = 0.01  # [Nm] on an A1
 _SAMPLES_AT_ONCE = 1024
 _TORQUE_CORRELATION = 10.0  # samples of a motion that say what one says: friction's errors last for a second
 
@@ -276,6 +276,7 @@ class TorqueBalance(Equation[TorqueSamples]):
     actuators = ("torque_gain_common", "torque_gain", "coulomb", "viscous", "armature")
     gains = ("torque_gain_common", "torque_gain")
     depends_on = (*INERTIAL, *actuators)
+    name = "torques"
     kind = TorqueSamples
     source = "noise of joint torques"
     remedy = A_SCALE

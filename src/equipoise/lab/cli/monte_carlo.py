@@ -17,11 +17,7 @@ from equipoise.cli.methods import owners, refuse_flag_of
 from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.setting_flags import chosen, flags_of, seconds, settings_from, spec_of
 from equipoise.errors import SettingsError
-from equipoise.lab.study.executors import dask_cluster
-from equipoise.lab.study.runner import run_study
 from equipoise.lab.study.study import Study
-from equipoise.lab.study.study_statistics import slopes, summarize
-from equipoise.lab.study.summary import save_summary, summary_table
 from equipoise.method.method import Method
 from equipoise.method.table import METHODS, method_named
 from equipoise.simulation.effects import read_effects, read_names
@@ -92,6 +88,9 @@ def monte_carlo(
     """
     from equipoise.lab.pages.markdown import markdown
     from equipoise.lab.pages.study_page import study_page
+    from equipoise.lab.study.runner import run_study
+    from equipoise.lab.study.study_statistics import slopes, summarize
+    from equipoise.lab.study.summary import save_summary, summary_table
     from equipoise.lab.terminal import StudyLine, print_study
     from equipoise.report.page import save_page
 
@@ -140,5 +139,7 @@ def _executor(kind: str, scheduler: str | None) -> Generator[tuple[Executor | No
     if scheduler is None:
         yield None, None
         return
+    from equipoise.lab.study.executors import dask_cluster
+
     with dask_cluster(scheduler) as cluster:
         yield cluster

@@ -9,7 +9,6 @@ from tyro.conf import arg
 
 from equipoise.cli.flags import Count, Output
 from equipoise.errors import SettingsError
-from equipoise.lab.study.reproduction import reproduce as run
 
 
 def reproduce(
@@ -34,6 +33,7 @@ def reproduce(
         workers: Processes; default one for each core.
     """
     from equipoise.lab.pages.reproduction_page import reproduction_page, save_reproduction
+    from equipoise.lab.study.reproduction import reproduce as run
     from equipoise.lab.terminal import StudyLine, print_study
 
     if trials < 1 or precise_trials < 1:
