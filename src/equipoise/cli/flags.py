@@ -156,7 +156,8 @@ def open_run(path: Path, source: LogFlags, description: RobotDescription) -> Run
     try:
         return RunFolder.open(path)
     except RecordingError as error:
-        hint = "; if it is another kind of log, say whose with --robot" if is_log(path) else ""
+        foreign = is_log(path) and "expected" not in error.details  # a schema of ours is no log of others
+        hint = "; if it is another kind of log, say whose with --robot" if foreign else ""
         raise RecordingError(f"{error}{hint}") from error
 
 
