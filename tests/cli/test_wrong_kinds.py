@@ -71,3 +71,13 @@ def test_a_log_of_another_kind_is_told_apart(tmp_path, capsys):
     for verb in (["estimate"], ["view"], ["lab", "validate"]):
         said = fails(capsys, 5, *verb, "log.csv")
         assert said == f"error: 'log.csv' is a .csv file; {RUN}; if it is another kind of log, say whose with --robot"
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_run_of_an_earlier_version_is_no_log_of_another_kind(tmp_path, capsys):
+    run = tmp_path / "old"
+    run.mkdir()
+    (run / "run.json").write_text('{"schema": "equipoise.run/3"}', encoding="utf-8")
+    (run / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 5\n", encoding="utf-8")
+    said = fails(capsys, 5, "estimate", "old")
+    assert said.endswith("it was made by an earlier version; record or estimate again")
