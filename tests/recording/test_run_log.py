@@ -2,7 +2,6 @@
 
 import signal
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -184,20 +183,21 @@ def test_ctrl_c_in_the_middle_of_a_write_ends_it_whole(path, monkeypatch):
     with RunLog(path) as log:
         log.begin(60, 1)
         log.add(piece(events=[trial_event(0.0)]))
-        add_message, calls = log._writer.add_message, []
+        add_message, calls, looked = log._writer.add_message, [], threading.Event()
 
         def interrupted(*arguments):
             add_message(*arguments)
             calls.append(arguments)
             if len(calls) == 20:
                 signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
-                time.sleep(0.2)  # so that the caller is interrupted, and tries to write more meanwhile
+                looked.wait(10.0)  # so that the caller is interrupted, and tries to write more meanwhile
 
         with monkeypatch.context() as patched:
             patched.setattr(log._writer, "add_message", interrupted)
             with pytest.raises(KeyboardInterrupt):
                 log.add(piece(0.1))
             assert len(calls) < 26
+            looked.set()
             log.add(piece(0.2))
         log.keep(whole(1, piece(events=[trial_event(0.0)]), piece(0.1), piece(0.2)))
     content = read_log(path)
