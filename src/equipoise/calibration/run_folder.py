@@ -27,7 +27,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from equipoise.calibration.routine import estimate
 from equipoise.errors import (
     ModelWarning,
     OutputError,
@@ -285,6 +284,8 @@ class RunFolder:
 
     def estimate(self, method: Method | None = None) -> Calibration:
         """Estimate again from the recordings, without a robot or a simulator; by default as in the run."""
+        from equipoise.calibration.routine import estimate  # noqa: PLC0415 - a stored result needs no estimator
+
         calibration = estimate(self.robot(), self.recordings(), method or self.method())
         calibration = calibration.with_provenance(**self._header["provenance"])
         truth = self.truth()

@@ -15,7 +15,6 @@ from tyro.conf import arg
 
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.calibration.repeatability import repeatability, to_dict
-from equipoise.calibration.routine import check
 from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli.flags import Described, File, Flag, Output, Required, RobotOrNone, Verbose, exit_code
 from equipoise.cli.methods import METHOD_FLAGS
@@ -122,6 +121,8 @@ def calibrate(
         resume: Go on with the run in this folder behind its last complete trial, as it began: no other settings may be given.
         out: Run folder; default runs/ROBOT-TIME.
     """
+    from equipoise.calibration.routine import check
+
     del resume  # a run that is gone on with is what `_resume` does
     required = read_requirements(require)
     if repeat < 1:

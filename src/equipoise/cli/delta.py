@@ -5,20 +5,21 @@ from __future__ import annotations
 import json as json_module
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from equipoise.calibration.delta import find_delta
 from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli.flags import File, Kilograms, Output
 from equipoise.errors import SettingsError
-from equipoise.estimator.known.two_runs import ScaleReadings
 from equipoise.method.together import Together, of_the_base
-from equipoise.precise.method import Precise
 from equipoise.robot.model import RobotModel
 from equipoise.terminal.several_runs import print_delta
 from equipoise.user_file import write_file
+
+if TYPE_CHECKING:
+    from equipoise.estimator.known.two_runs import ScaleReadings
+    from equipoise.precise.method import Precise
 
 
 def delta(
@@ -48,6 +49,8 @@ def delta(
         scale_noise: By how much a single reading is off beside that, as a fraction of the mass.
         out: JSON file to save the result in.
     """
+    from equipoise.calibration.delta import find_delta
+
     folders = RunFolder.open(before), RunFolder.open(after)
     robot, methods = _shared_robot(*folders), (_precise(folders[0]), _precise(folders[1]))
     scale = _scale(methods, (mass_before, mass_after), scale_gain, scale_noise)
@@ -78,6 +81,8 @@ def _shared_robot(before: RunFolder, after: RunFolder) -> RobotModel:
 
 
 def _precise(folder: RunFolder) -> Precise:
+    from equipoise.precise.method import Precise
+
     method = folder.method()
     method = method.base if isinstance(method, Together) else method
     if not isinstance(method, Precise):
@@ -91,5 +96,7 @@ def _precise(folder: RunFolder) -> Precise:
 def _scale(
     methods: tuple[Precise, Precise], given: tuple[float | None, float | None], gain: float, noise: float
 ) -> ScaleReadings:
+    from equipoise.estimator.known.two_runs import ScaleReadings
+
     before, after = (mass if mass is not None else method.mass for method, mass in zip(methods, given, strict=True))
     return ScaleReadings((before, after), gain, noise)

@@ -8,22 +8,21 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli.setting_flags import seconds
 from equipoise.drivers.platforms import find_platform, given_settings, open_platform
 from equipoise.errors import RecordingError, SettingsError
-from equipoise.logs.raw_log import Log
-from equipoise.logs.reader import is_log
-from equipoise.logs.topics import Topics
 from equipoise.platform.engines import ENGINES
 from equipoise.result.requirements import UNMET
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.model import RobotModel
-from equipoise.terminal.column_dialogue import read_as_told
+
+if TYPE_CHECKING:  # half a second that the help of a verb does not need
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.logs.raw_log import Log
 
 DEFAULT_PLATFORM = "mujoco"
 Robot = Annotated[Positional[str], arg(metavar="ROBOT", help="Name (see 'equipoise robots'), or a URDF or MJCF file.")]
@@ -137,6 +136,9 @@ class LogFlags:
             model: robot whose log it is.
             asking: whether the operator is asked to confirm proposed columns.
         """
+        from equipoise.logs.topics import Topics
+        from equipoise.terminal.column_dialogue import read_as_told
+
         topics = Topics(self.joint_topic, self.imu_topic, self.command_topic)
         span = seconds(self.start, "from"), seconds(self.until, "until")
         return read_as_told(path, model, topics, self.joint_map, self.columns, span, asking)
@@ -149,6 +151,9 @@ def open_run(path: Path, source: LogFlags, description: RobotDescription) -> Run
         SettingsError: flags were given that are for logs.
         RecordingError: it is not a run folder.
     """
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.logs.reader import is_log
+
     if source != LogFlags() or description != RobotDescription():
         raise SettingsError(
             "topics, --joint-map, --columns, --from, --until and descriptions are for logs that are not ours: give --robot too"

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 from tyro.constructors import StructConstructorSpec
@@ -22,11 +22,9 @@ from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.report import try_to_save
 from equipoise.cli.setting_flags import chosen, flags_of, optional, spec_of, values_of
 from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
-from equipoise.logs.offline import LogEstimate, estimate_log
 from equipoise.method.method import Method
 from equipoise.method.table import method_named
 from equipoise.method.together import Together
-from equipoise.precise.method import Precise
 from equipoise.result.calibration import Calibration
 from equipoise.result.requirements import read_requirements, verdicts
 from equipoise.robot.audit import Audit
@@ -37,6 +35,9 @@ from equipoise.robot.stance import nominal_stance
 from equipoise.terminal.annotations import annotation_lines, refusal
 from equipoise.terminal.log_summary import print_log_report
 from equipoise.terminal.results import print_audit, print_budget, print_calibration, print_plan
+
+if TYPE_CHECKING:
+    from equipoise.logs.offline import LogEstimate
 
 
 def plan(
@@ -182,6 +183,9 @@ def estimated_log(
         given: settings of the method.
         verbose: whether every piece of the log is printed then.
     """
+    from equipoise.logs.offline import estimate_log
+    from equipoise.precise.method import Precise
+
     method = Precise(**given)
     model = with_known_imu(load_robot(source.robot or "", description))  # the result states it
     log = source.read(path, model, not output.silent)

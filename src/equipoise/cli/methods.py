@@ -16,7 +16,6 @@ from equipoise.errors import EquipoiseError, SettingsError
 from equipoise.method.method import Method
 from equipoise.method.table import METHODS, method_named
 from equipoise.method.together import Together
-from equipoise.precise.method import Precise
 
 DEFAULT_METHOD = "precise"
 MOTORS = "motors"
@@ -78,6 +77,8 @@ def _method(flags: Mapping[str, Any]) -> Method:
 
 def _with_legs(method: Method) -> Method:
     """The method, which finds what the legs weigh too; raises SettingsError where it cannot."""
+    from equipoise.precise.method import Precise
+
     if not isinstance(method, Precise):
         raise SettingsError(f"--what legs is for --method precise; {method.name} does not find legs: leave them out")
     return dataclasses.replace(method, swings=True)

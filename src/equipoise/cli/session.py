@@ -16,7 +16,6 @@ from tyro.conf import Suppress
 from tyro.constructors import StructConstructorSpec
 
 from equipoise.calibration.rehearsal import rehearse
-from equipoise.calibration.routine import perform, with_guard_report
 from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli import flags
 from equipoise.cli.operator_prompt import Keyboard
@@ -232,6 +231,8 @@ class Session:
 
     def __call__(self, quiet: bool) -> Calibration:
         """Do one calibration; its result is on disk."""
+        from equipoise.calibration.routine import perform, with_guard_report
+
         folder, content, method = self.folder, self.content, self.method
         with folder:
             if self._simulation is not None:

@@ -16,7 +16,6 @@ from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli.flags import Described, Flag, LogFlags, Output, Run, open_run
 from equipoise.errors import OutputError
 from equipoise.method.method import Method
-from equipoise.precise.method import Precise
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.model import RobotModel
@@ -92,6 +91,8 @@ def _opened(
         return folder.path.name, folder.robot(), folder.method(), followed(path, lambda: follow)
     model = load_robot(source.robot, description)
     news = followed(path, lambda: True) if follow else [log_news(model, source.read(path, model, asking))]
+    from equipoise.precise.method import Precise
+
     return path.name, model, Precise(), news
 
 

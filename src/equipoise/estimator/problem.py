@@ -117,12 +117,16 @@ class Posterior:
         jacobian = body_jacobian(self.unknowns, self.x, body)
         return np.asarray(jacobian @ self.covariance @ jacobian.T, dtype=float)
 
+    @cached_property
+    def _covariance_before(self) -> FloatArray:
+        """(size, size) covariance of the unknowns before any motion (a scale's mass not counted)."""
+        _, prior = prior_rows(self.unknowns, self.unknowns.start(), None)
+        return np.asarray(np.linalg.inv(prior.T @ prior), dtype=float)
+
     def deviation_before(self, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
-        """(10,) standard deviations of a body's parameters before any motion (a scale's mass not counted)."""
-        start = self.unknowns.start()
-        _, prior = prior_rows(self.unknowns, start, None)
-        jacobian = body_jacobian(self.unknowns, start, body)
-        return np.sqrt(np.diag(jacobian @ np.linalg.inv(prior.T @ prior) @ jacobian.T))
+        """Return the (10,) standard deviations of a body's parameters before any motion (a scale's mass not counted)."""
+        jacobian = body_jacobian(self.unknowns, self.unknowns.start(), body)
+        return np.sqrt(np.diag(jacobian @ self._covariance_before @ jacobian.T))
 
     @cached_property
     def whole_information(self) -> FloatArray:

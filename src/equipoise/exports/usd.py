@@ -15,7 +15,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from equipoise.errors import MissingDependencyError, ModelError, SettingsError
 from equipoise.exports.found import BASE
@@ -168,6 +167,8 @@ def _refuse_fixed_bodies(stage: _Stage, base: Any, held: set[str]) -> None:
 
 def _set_body(stage: _Stage, prim: Any, body: InertialParameters) -> None:
     """Mass, CoM, and inertia by its principal axes, of a body in the prim's frame."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - a third of a second, for this format alone
+
     moments, axes = _principal(body.inertia)
     x, y, z, w = Rotation.from_matrix(axes).as_quat()
     stage.apply(prim, "PhysicsMassAPI")

@@ -67,13 +67,12 @@ class Together(Method):
         self.motors.run(planted, stance, recordings, report)
 
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
-        rest = of_the_base(recordings)
         try:
             beside = self.motors.estimate(robot, recordings, stance)
         except (RecordingError, LinAlgError) as error:  # what was measured of the base is not lost with it
-            found = self.base.estimate(robot, rest, stance)
+            found = self.base.estimate(robot, of_the_base(recordings), stance)
             return dataclasses.replace(found, warnings=(*found.warnings, f"motors: {error}"), settings=self.to_dict())
-        found = self.base.estimate(robot, recordings if self.base.uses_swings else rest, stance)
+        found = self.base.estimate(robot, self._for_the_base(recordings), stance)
         return dataclasses.replace(
             found,
             motors=beside.motors,
@@ -81,6 +80,10 @@ class Together(Method):
             warnings=(*found.warnings, *beside.warnings),
             settings=self.to_dict(),
         )
+
+    def _for_the_base(self, recordings: Sequence[Recording]) -> Sequence[Recording]:
+        """Return the recordings that the method uses: those of the base, and swings if it uses them."""
+        return recordings if self.base.uses_swings else of_the_base(recordings)
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
         first, second = self.base.rehearse(robot, stance), self.motors.rehearse(robot, stance)
@@ -96,7 +99,7 @@ class Together(Method):
         return self.base.expected_trials(stance)
 
     def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> Reading | None:
-        return self.base.reading(robot, stance, recordings)
+        return self.base.reading(robot, stance, self._for_the_base(recordings))
 
     def weighed(self, mass: float, deviation: float) -> Together:
         return dataclasses.replace(self, base=self.base.weighed(mass, deviation))

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import groupby
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
 
-from equipoise.logs.motions.segments import LogSegment
-from equipoise.logs.offline import LogReport
 from equipoise.terminal.rich_tables import show_table
+
+if TYPE_CHECKING:
+    from equipoise.logs.motions.segments import LogSegment
+    from equipoise.logs.offline import LogReport
 
 _COUNTED = {
     "lift": "lift",

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
 
-from equipoise.calibration.delta import Delta
 from equipoise.calibration.repeatability import Repeated
 from equipoise.figures.blocks import number
 from equipoise.figures.numbers import numbers_of, numbers_table
 from equipoise.result.legend import verdict_sentence
 from equipoise.result.shown import ROWS
 from equipoise.terminal.rich_tables import print_table, show_table
+
+if TYPE_CHECKING:
+    from equipoise.calibration.delta import Delta
 
 _NONE = "Nothing that matters was added or taken off. What changed in the whole robot:"
 _UNSURE = (

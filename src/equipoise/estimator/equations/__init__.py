@@ -1,1 +1,1 @@
-"""The posterior's residuals in units of their own noise: one block per kind of evidence, and the table of them."""
+"""Equations of the estimate, one in each module, and the table of them."""

@@ -172,10 +172,9 @@ class ImuPosition(Equation[SwaySamples]):
         self._place, self._noise = np.zeros((len(samples), 3)), np.ones((len(samples), 3))
 
     @classmethod
-    def of(cls, unknowns: Unknowns, motions: Sequence[MotionSamples]) -> ImuPosition | None:
-        """As of `Equation`; None as well if the position is held at the model's."""
-        rows = super().of(unknowns, motions)
-        return rows if isinstance(rows, ImuPosition) and unknowns.estimates("imu_position") else None
+    def of(cls, unknowns: Unknowns, motions: Sequence[MotionSamples]) -> Equation[SwaySamples] | None:
+        """Return the rows of all samples; None if there are none, or the position is held at the model's."""
+        return super().of(unknowns, motions) if unknowns.estimates("imu_position") else None
 
     def _rows_in(self, sample: SwaySamples) -> int:
         return 3

@@ -35,11 +35,10 @@ class LegSwings(Equation[Recording]):
         return (recording,) if isinstance(recording.trial, MotorTrial) and recording.complete else ()
 
     @classmethod
-    def of(cls, unknowns: Unknowns, motions: Sequence[MotionSamples]) -> LegSwings | None:
-        """As of `Equation`; None as well if a leg did not swing, or torques are not reported."""
-        recordings = [(motion.index, recording) for motion in motions for recording in motion.of(Recording)]
+    def of(cls, unknowns: Unknowns, motions: Sequence[MotionSamples]) -> Equation[Recording] | None:
+        """Return the rows of all swings; None if a leg did not swing, or torques are not reported."""
         try:
-            return cls(unknowns, recordings)
+            return super().of(unknowns, motions)
         except (RecordingError, LinAlgError):
             return None
 

@@ -45,6 +45,15 @@ from equipoise.robot.statics import loads_on_feet
 _PER_MOVE = 20
 _CENTRED = np.eye(4) - 0.25  # takes the mean over the feet off
 _WARP = np.array([[1.0], [-1.0], [-1.0], [1.0]])
+# Feet at rest on an A1: how far they seem to move [m], and to rise [m]; and how the gyroscope's attitude drifts over a move
+# and the accelerometer's wanders from rest to rest [rad]. Twice what an ideal robot shows: each rest ends one move and begins
+# the next, and springs and feet that sag are the same in all.
+_FOOT_NOISE, _HEIGHT_NOISE, _TURN_NOISE, _UP_NOISE = 2.4e-4, 1.6e-4, 6e-4, 8e-4
+_QUIETEST = 0.3  # of these, what robots with ordinary sensors show
+_SAYING = 15  # rows of a move's twenty that say something: means are taken off
+_FEWEST_FREEDOMS = 20.0  # from which on the noise that residuals show is known to a fifth
+# Times what residuals show is what feet may do: they show less by chance, and what they do lasts over moves.
+_RESTLESS = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,17 +224,6 @@ def _joints_at(legs: LegChains, rests: Sequence[RestReading]) -> JointReadings:
     return JointReadings.of(
         legs, position, torque=np.array([none if rest.joint_torque is None else rest.joint_torque for rest in rests])
     )
-
-
-# Feet at rest on an A1: how far they seem to move [m], and to rise [m]; and how the gyroscope's attitude drifts over a move
-# and the accelerometer's wanders from rest to rest [rad]. Twice what an ideal robot shows: each rest ends one move and begins
-# the next, and springs and feet that sag are the same in all.
-_FOOT_NOISE, _HEIGHT_NOISE, _TURN_NOISE, _UP_NOISE = 2.4e-4, 1.6e-4, 6e-4, 8e-4
-_QUIETEST = 0.3  # of these, what robots with ordinary sensors show
-_SAYING = 15  # rows of a move's twenty that say something: means are taken off
-_FEWEST_FREEDOMS = 20.0  # from which on the noise that residuals show is known to a fifth
-# Times what residuals show is what feet may do: they show less by chance, and what they do lasts over moves.
-_RESTLESS = 1.5
 
 
 class PlantedMoves(MotionEquation[PlantedMove]):

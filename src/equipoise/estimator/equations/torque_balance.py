@@ -40,6 +40,12 @@ _KNOT, _STEP = 0.03, 0.09  # [s] on an A1; what errs lasts longer than either
 _STICTION_SPEED = 0.03  # v_0 [rad/s]
 _PAD = 0.05  # [s]
 _FEWEST = 4  # samples
+# Torque of an A1's joint that the friction model leaves unexplained, over its Coulomb friction; at rest and in motion.
+_FRICTION_UNKNOWN = 1.0
+_FRICTION_AT_FIRST = 0.5  # [Nm] on an A1
+_TORQUE_FLOOR = 0.01  # [Nm] on an A1
+_SAMPLES_AT_ONCE = 1024
+_TORQUE_CORRELATION = 10.0  # samples of a motion that say what one says: friction's errors last for a second
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,14 +262,6 @@ def sawtooth(rows: TorqueRows, period: FloatArray, stiffness: float) -> FloatArr
     """
     half_step = stiffness * period[:, None] / 2 * rows.joint_velocity
     return np.linalg.norm(np.einsum("nrj,nj->nr", rows.torque, half_step), axis=1)
-
-
-# Torque of an A1's joint that the friction model leaves unexplained, over its Coulomb friction; at rest and in motion.
-_FRICTION_UNKNOWN = 1.0
-_FRICTION_AT_FIRST = 0.5  # [Nm] on an A1
-_TORQUE_FLOOR = 0.01  # [Nm] on an A1
-_SAMPLES_AT_ONCE = 1024
-_TORQUE_CORRELATION = 10.0  # samples of a motion that say what one says: friction's errors last for a second
 
 
 class TorqueBalance(Equation[TorqueSamples]):
