@@ -44,7 +44,7 @@ ENGINES = {
     "mujoco": {
         "simulation/mujoco.py", "simulation/mujoco_model.py", "simulation/mujoco_truth.py", "simulation/simulation.py",
         "simulation/disturbance.py", "simulation/mujoco_contacts.py", "simulation/mujoco_drive.py",
-        "simulation/mujoco_legs.py", "lab/replay/in_mujoco.py",
+        "simulation/mujoco_legs.py", "simulation/mujoco_loads.py", "lab/replay/in_mujoco.py",
     },
     "dartpy": {
         "lab/dart/engine.py", "lab/dart/dart_platform.py", "lab/dart/dart_links.py", "lab/dart/dart_model.py",

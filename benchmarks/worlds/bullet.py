@@ -21,6 +21,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.tree import joint_axis
 from equipoise.simulation.drawn_errors import DrawnErrors
+from equipoise.simulation.effects import SensorErrors
 from equipoise.simulation.leg_errors import LegErrors, in_frame_of_hips
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.simulated import SimulatedPlatform
@@ -36,8 +37,7 @@ class BulletPlatform(SimulatedPlatform):
     """
 
     LACKS: ClassVar[tuple[str, ...]] = (
-        "springs", "spring_spread", "backlash", "rotor_spin", "armature", "foot_stiffness", "rolling_friction",
-        "torsional_friction", "foothold_height", "floor_slope", "cable", "swinging_load", "sling", "foot_width",
+        "armature", "floor_slope", "cable", *(row.name for row in SensorErrors.rows() if row.engines == ("mujoco",)),
     )  # fmt: skip
 
     def __init__(self, robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None) -> None:
@@ -180,7 +180,7 @@ def _urdf(robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Paylo
             index = model.getJointId(name)
             own = model.inertias[index]
             mass = own.mass * float(errors.leg_mass_scale[joint])
-            inertia = float(errors.leg_mass_scale[joint] * errors.leg_inertia_scale[joint]) * np.array(own.inertia)
+            inertia = errors.leg_mass_scale[joint] * (1 + errors.drawn["leg_inertia"][joint]) * np.array(own.inertia)
             _link(root, name, pin.Inertia(mass, own.lever + legs.com_shift[joint], inertia))
             place = model.jointPlacements[index]
             axis = np.array(pin.exp3(legs.axis_turn[joint])) @ joint_axis(model, index)

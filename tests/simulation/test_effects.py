@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, simulate
+from equipoise.conventions import GRAVITY
 from equipoise.errors import SettingsError
 from equipoise.robot.inertial import InertialParameters, composite_parameters, nominal_inertia
 from equipoise.robot.scale import Scale
@@ -18,7 +19,8 @@ from equipoise.simulation.effects import PRESETS, REALISTIC, STRESS, read_effect
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_contacts import foot_name
 from equipoise.simulation.mujoco_drive import ChangingFriction, as_a_spring, spring_name
-from equipoise.simulation.mujoco_model import SLING, SWINGING_LOAD, build_simulated_robot
+from equipoise.simulation.mujoco_loads import SLING, SWINGING_LOAD, WATER
+from equipoise.simulation.mujoco_model import build_simulated_robot
 from equipoise.simulation.mujoco_truth import simulated_truth
 from equipoise.simulation.samples import Samples
 
@@ -82,7 +84,8 @@ def test_stress_has_all_of_realistic_and_more():
     alone = {row.name for row in ROWS if row.in_stress == row.none}
     assert alone == {
         "imu_clock_offset", "stribeck", "leg_inertia", "joint_axes", "imu_position", "gyro_drift", "sample_rate",
-        "encoder_eccentricity", "swinging_load", "sling", "foot_width",
+        "encoder_eccentricity", "swinging_load", "sling", "foot_width", "foot_oval", "foot_flat", "foot_position", "gyro_lag",
+        "vertical_pull", "hose", "slosh",
     }  # fmt: skip
 
 
@@ -91,6 +94,8 @@ def test_sizes_grow_with_what_their_rows_say():
     for name, factor in (("springs", 12), ("foot_stiffness", 3), ("hip_position", 2), ("cable", 1), ("gyro_gain", 1)):
         assert getattr(scaled, name) == pytest.approx(factor * getattr(STRESS, name)), name
     assert STRESS.having({"swinging_load": None}, Scale(2.0, 12.0)).swinging_load == pytest.approx(0.6)
+    loads = STRESS.having({"vertical_pull": None, "hose": None}, Scale(2.0, 12.0))
+    assert (loads.vertical_pull, loads.hose) == pytest.approx((-18, 60))
 
 
 def test_half_a_spring_is_twice_as_stiff_and_none_of_it_is_rigid():
@@ -113,6 +118,11 @@ def test_effects_are_read_and_taken_out():
         ({"effects": {"cable": -1.0}}, "cable is -1.0; it must be a finite number, zero or more"),
         ({"effects": {"cable": None}, "without": ["cable"]}, "cable: with it and without it; say one of the two"),
         ({"effects": {"lost_samples": 0.9}}, "lost_samples is 0.9: no loop lives on so few"),
+        ({"effects": {"slosh": 0.95}, "payload": "1,0,0,0"}, "slosh is 0.95: a tank has a mass of its own; give 0.9 at most"),
+        ({"effects": {"slosh": None}}, "slosh is 0.65, and the robot carries no payload that could be water; give one"),
+        ({"effects": {"vertical_pull": np.inf}}, r"vertical_pull is inf; it must be a finite number$"),
+        ({"effects": {"foot_width": None, "foot_oval": None}}, "feet are cylinders or ovals, so leave out one of the two"),
+        ({"effects": {"vertical_pull": None}, "engine": "dart"}, "dart cannot simulate vertical_pull; take out"),
         ({"noise": "stress", "engine": "dart"}, r"dart cannot simulate springs, spring.*--without springs,spring_spread"),
         ({"effects": {"swinging_load": None}, "engine": "dart"}, "dart cannot simulate swinging_load; take out"),
         ({"contacts": "file", "engine": "dart"}, "dart cannot take contacts from the model file"),
@@ -146,7 +156,7 @@ def test_the_draws_of_realistic_are_those_of_ever():
     for name in (
         "joint_zero", "torque_gain", "gyro_bias", "accelerometer_bias", "imu_tilt", "leg_mass_scale", "gravity_direction",
     ):  # fmt: skip
-        digest.update(np.ascontiguousarray(getattr(errors, name)).tobytes())
+        digest.update(np.ascontiguousarray(getattr(errors, name, errors.drawn.get(name))).tobytes())
     digest.update(errors.noise(1000, 50).tobytes())
     assert digest.hexdigest() == "f1e1c1d33e9eac40a71f9d502e46bdab55bff0b6ae47eb361799d5ff53d24b96"
 
@@ -193,7 +203,7 @@ def as_drawn(robot, errors):
     legs, model = LegErrors.of(robot, nominal_stance(robot), errors), robot.pinocchio.copy()
     for joint in range(JOINTS):
         link, mass = model.inertias[joint + 2], float(errors.leg_mass_scale[joint])
-        about_com = mass * float(errors.leg_inertia_scale[joint]) * np.array(link.inertia)
+        about_com = mass * float(1 + errors.drawn["leg_inertia"][joint]) * np.array(link.inertia)
         model.inertias[joint + 2] = pin.Inertia(
             mass * link.mass, np.array(link.lever) + legs.com_shift[joint], about_com
         )
@@ -225,7 +235,7 @@ def test_the_truth_is_that_of_the_robot_with_all_leg_errors_in(a1, skewed, name)
     others = {"springs": None, "backlash": None, "rotor_spin": None, "armature": None, "foot_radius": None}
     with simulate(robot, "ideal", seed=SEED, effects={**dict.fromkeys(LEG_EFFECTS), **others}) as simulation:
         truth, errors, seen = simulation.truth, simulation.errors, engine(simulation)
-    real, stance, shift = as_drawn(robot, errors), nominal_stance(robot), errors.hip_position
+    real, stance, shift = as_drawn(robot, errors), nominal_stance(robot), errors.drawn["hip_position"].reshape(4, 3)
     in_base_link = composite_parameters(real, stance.joint_position)
     assert_same_body(truth.composite, told_by_hips(in_base_link, shift))
     assert truth.composite.mass != pytest.approx(robot.mass, abs=0.01)
@@ -267,7 +277,7 @@ def test_both_engines_have_the_same_legs(a1):
 @pytest.mark.parametrize("name", ["leg_mass_common", "leg_com_common", "leg_com", "leg_length", "hip_position"])
 def test_each_leg_error_moves_the_truth_by_itself(a1, name):
     with simulate(a1, "ideal", seed=SEED, effects={name: None}) as simulation:
-        real, shift = as_drawn(a1, simulation.errors), simulation.errors.hip_position
+        real, shift = as_drawn(a1, simulation.errors), simulation.errors.drawn["hip_position"].reshape(4, 3)
         composite = simulation.truth.composite
     stance = nominal_stance(a1)
     assert_same_body(composite, told_by_hips(composite_parameters(real, stance.joint_position), shift))
@@ -525,16 +535,138 @@ def test_a_sling_pulls_where_the_robot_is_lower_than_its_slack(a1):
             assert pull == pytest.approx(1000.0 * max(lower - slack, 0.0), abs=0.1)
 
 
-def test_wide_feet_are_cylinders_across_their_legs(a1):
-    with simulate(a1, "ideal", effects={"foot_width": 6e-3}) as simulation:
+# Lean of the base [rad], and how far from its centre a foot of 20 mm then touches the floor, forward and to the left [m].
+LEAN, R = 0.06, 20e-3
+SIN, COS = np.sin(LEAN), np.cos(LEAN)
+EDGE = {width: width * COS - R * SIN for width in (3e-3, 6e-3)}
+OVAL = {excess: R * excess * SIN * COS / np.sqrt(1 + excess * SIN**2) for excess in (0.3, -0.15)}
+FORWARD, LEFT, DIAGONAL = [0, LEAN, 0], [-LEAN, 0, 0], [-LEAN / np.sqrt(2), LEAN / np.sqrt(2), 0]
+
+
+@pytest.mark.parametrize(
+    ("effects", "lean", "touches"),
+    [
+        ({}, LEFT, (0, 0)),
+        ({"foot_width": 6e-3}, LEFT, (0, EDGE[6e-3])),
+        ({"foot_width": 6e-3}, FORWARD, (0, 0)),
+        ({"foot_oval": 0.3}, LEFT, (0, OVAL[-0.15])),
+        ({"foot_oval": 0.3}, FORWARD, (OVAL[0.3], 0)),
+        ({"foot_flat": 3e-3}, LEFT, (0, EDGE[3e-3])),
+        ({"foot_flat": 3e-3}, FORWARD, (EDGE[3e-3], 0)),
+        ({"foot_flat": 3e-3}, DIAGONAL, (EDGE[3e-3] / np.sqrt(2), EDGE[3e-3] / np.sqrt(2))),
+        ({"foot_flat": 3e-3, "leg_length": 2e-3}, LEFT, (0, EDGE[3e-3])),
+    ],
+)  # fmt: skip
+def test_a_foot_that_leans_touches_the_floor_where_its_shape_has_it(a1, effects, lean, touches):
+    with simulate(a1, "ideal", effects=effects, seed=SEED) as simulation:
         seen = engine(simulation)
-        for leg, foot in a1.feet.items():
-            geom = seen.model.geom(foot_name(leg)).id
-            assert seen.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER
-            assert seen.model.geom_size[geom][:2] == pytest.approx([foot.radius, 6e-3])
-            axis = seen.data.geom_xmat[geom].reshape(3, 3)[:, 2]
-            assert abs(axis[1]) > 0.99
-        assert np.abs(simulation.witness.look().clearance).max() < 1e-3
+    model, data = seen.model, mujoco.MjData(seen.model)
+    data.qpos[:7] = [0, 0, 1, *pin.Quaternion(pin.exp3(np.array(lean, dtype=float))).coeffs()[[3, 0, 1, 2]]]
+    data.qpos[seen.simulated.qpos] = nominal_stance(a1).joint_position
+    for leg in a1.legs:
+        foot = model.geom(foot_name(leg)).id
+        mujoco.mj_kinematics(model, data)
+        data.qpos[2] -= data.geom_xpos[foot][2] - R + 0.1e-3
+        mujoco.mj_forward(model, data)
+        contacts = [contact for contact in data.contact if model.geom(contact.geom[1]).name.startswith(foot_name(leg))]
+        deepest = min(contact.dist for contact in contacts)
+        lowest = [contact.pos for contact in contacts if contact.dist < deepest + 1e-9]
+        assert np.allclose((np.mean(lowest, axis=0) - data.geom_xpos[foot])[:2], touches, atol=20e-6)
+
+
+@pytest.mark.parametrize(("effect", "contacts"), [("foot_width", 2), ("foot_oval", 1), ("foot_flat", 4)])
+def test_feet_of_all_shapes_stand_level_on_the_floor(a1, skewed, effect, contacts):
+    for robot in (a1, skewed):
+        with simulate(robot, "ideal", effects={effect: None}) as simulation:
+            glimpse, seen = simulation.witness.look(), engine(simulation)
+            assert np.abs(glimpse.clearance).max() < 0.2e-3
+            assert glimpse.tilt < 0.02
+        data = mujoco.MjData(seen.model)
+        stance = nominal_stance(robot)
+        data.qpos[:7] = [0, 0, stance.base_height - 0.1e-3, 1, 0, 0, 0]
+        data.qpos[seen.simulated.qpos] = stance.joint_position
+        mujoco.mj_forward(seen.model, data)
+        assert len(data.contact) == 4 * contacts
+        assert np.ptp([contact.dist for contact in data.contact]) < 20e-6
+
+
+def test_feet_are_beside_their_places_by_what_is_drawn(a1):
+    with (
+        simulate(a1, "ideal", effects={"foot_position": 3e-3}, seed=SEED) as simulation,
+        simulate(a1, "ideal") as plain,
+    ):
+        moved, usual = (engine(one) for one in (simulation, plain))
+        assert_same_body(simulation.truth.composite, plain.truth.composite)
+    at = [
+        [one.model.geom_pos[one.model.geom(foot_name(leg)).id] for leg in a1.legs] for one in (moved, usual)
+    ]  # fmt: skip
+    drawn_shift = simulation.errors.drawn["foot_position"].reshape(4, 3)
+    shift = np.subtract(*at)
+    assert np.allclose(np.linalg.norm(shift, axis=1), np.linalg.norm(drawn_shift, axis=1))
+    assert np.allclose(shift[:, 2], -drawn_shift[:, 0], atol=1e-4)  # an A1's calf points down its z axis
+
+
+ATTACHED = ("vertical_pull", "hose", "slosh", "foot_width", "foot_oval", "foot_flat", "gyro_lag", "foot_position")
+
+
+@pytest.mark.parametrize("effect", ATTACHED)
+def test_what_pulls_flows_or_lags_and_shapes_of_feet_leave_the_truth_what_it_was(a1, effect):
+    payload = "1.5,0.05,-0.02,0.06,0.01,0.02,0.025"
+    with simulate(a1, "ideal", payload) as plain, simulate(a1, "ideal", payload, effects={effect: None}) as simulation:
+        for body in ("composite", "base", "stance_effective"):
+            assert_same_body(getattr(simulation.truth, body), getattr(plain.truth, body))
+        assert simulation.link_truth.keys() == plain.link_truth.keys()
+
+
+@pytest.mark.parametrize("pull", [-3.0, 3.0])
+def test_a_vertical_pull_loads_the_feet_by_its_size_at_its_point(a1, pull):
+    seen, plain = (standing(a1, floor_slope=0.02, **more) for more in ({"vertical_pull": pull}, {}))
+    up = -seen.errors.gravity_direction
+    eye = seen.data.site("equipoise_pull_eye").xpos
+    assert eye[0] == pytest.approx(-np.abs(nominal_stance(a1).feet_in_base[:, 0]).mean(), abs=15e-3)
+    loads, moments = [], []
+    for one in (seen, plain):
+        forces = [np.reshape(contact.frame, (3, 3)).T @ force[:3] for contact, force in foot_forces(one)]
+        places = [contact.pos - one.data.subtree_com[0] for contact, _ in foot_forces(one)]
+        loads.append(np.sum(forces, axis=0))
+        moments.append(np.cross(places, forces).sum(axis=0))
+    assert loads[0] - loads[1] == pytest.approx(-pull * up, abs=0.05)
+    about_com = np.cross(eye - seen.data.subtree_com[0], pull * up)
+    assert moments[0] - moments[1] == pytest.approx(-about_com, abs=0.02)
+    assert abs(about_com[1]) > 0.4
+
+
+def test_a_hose_pulls_its_point_back_to_where_it_was_at_the_stance(a1):
+    with simulate(a1, "ideal", effects={"hose": 20.0}) as simulation:
+        seen = engine(simulation)
+    data, start = mujoco.MjData(seen.model), [0, 0, nominal_stance(a1).base_height]
+    arm = [-np.abs(nominal_stance(a1).feet_in_base[:, 0]).mean(), 0, 0]
+    for moved in ([0, 0, 0], [0.03, 0, 0], [-0.06, 0, 0], [0.01, -0.02, 0.02]):
+        data.qpos[:7] = [*np.add(start, moved), 1, 0, 0, 0]
+        mujoco.mj_forward(seen.model, data)
+        force = -20.0 * np.array(moved)
+        assert data.qfrc_passive[:3] == pytest.approx(force, abs=1e-9)
+        assert data.qfrc_passive[3:6] == pytest.approx(np.cross(arm, force), abs=1e-9)
+
+
+def test_water_moves_as_slowly_as_its_tank_has_it_and_follows_a_lean(a1):
+    with simulate(a1, "ideal", "2,0.05,-0.02,0.06", effects={"slosh": 0.65}) as simulation:
+        model = engine(simulation).model
+    water, data = model.body(WATER), mujoco.MjData(model)
+    along_x, dofs = model.jnt_qposadr[water.jntadr[0]], water.dofadr[0] + np.arange(2)
+    assert water.mass[0] == pytest.approx(1.3)
+    assert model.body_mass.sum() == pytest.approx(a1.mass + 2, abs=1e-6)
+    pendulum = 0.05 * nominal_stance(a1).scale.length
+    data.qpos[:7] = [0, 0, 1, np.cos(LEAN / 2), 0, np.sin(LEAN / 2), 0]
+    data.qpos[along_x] = pendulum * np.sin(LEAN)
+    mujoco.mj_forward(model, data)
+    falling = model.body(WATER).mass[0] * GRAVITY * np.sin(LEAN)
+    assert data.qfrc_passive[dofs[0]] == pytest.approx(-falling)
+    assert data.qfrc_bias[dofs[0]] == pytest.approx(-falling)
+    data.qvel[dofs] = 0.1, 0.2
+    mujoco.mj_forward(model, data)
+    damping = 2 * 0.02 * np.sqrt(GRAVITY / pendulum) * 1.3 * np.array([0.1, 0.2])
+    assert data.qfrc_passive[dofs] == pytest.approx([-falling, 0] - damping)
 
 
 def test_all_motors_can_err_together():
@@ -661,6 +793,27 @@ def test_a_late_imu_is_late():
     ramp = raw_values(position=TIME, gyro=TIME)
     samples, _ = sensed(ramp, imu_latency=2e-3, sensor_delay=1e-3)
     assert np.allclose((samples[:, 0] - samples[:, -6])[5:], 2e-3)
+
+
+def test_a_gyroscope_that_lags_is_older_than_the_accelerometer():
+    ramp = raw_values()
+    ramp[:, -6:] = TIME
+    samples, _ = sensed(ramp, gyro_lag=3e-3, imu_latency=1e-3)
+    assert np.allclose((samples[:, -3:] - samples[:, -6:-3])[5:-5], 3e-3)
+
+
+def test_a_gyroscope_that_lags_by_two_samples_shows_what_it_would_have_shown_two_samples_before(a1):
+    motion = Trajectory(nominal_stance(a1).joint_position + 0.02 * np.sin(np.linspace(0, 12, 250))[:, None])
+    with simulate(a1, "ideal", effects={"gyro_lag": 4e-3}) as late, simulate(a1, "ideal") as usual:
+        one, other = late.platform.play(motion), usual.platform.play(motion)
+        assert np.allclose(
+            late.platform.read().angular_velocity_in_imu, other.imu.angular_velocity_in_imu[-2], atol=1e-3
+        )
+    gyro = other.imu.angular_velocity_in_imu
+    assert np.ptp(gyro) > 0.01
+    assert np.allclose(one.imu.angular_velocity_in_imu[2:], gyro[:-2], atol=1e-9)
+    assert np.array_equal(one.imu.acceleration_in_imu, other.imu.acceleration_in_imu)
+    assert np.array_equal(one.joints.position, other.joints.position)
 
 
 def test_an_eccentric_encoder_errs_with_the_joint(a1):

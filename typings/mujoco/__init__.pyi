@@ -47,6 +47,7 @@ class mjtJoint(_Enum):
 class mjtGeom(_Enum):
     mjGEOM_PLANE: mjtGeom
     mjGEOM_SPHERE: mjtGeom
+    mjGEOM_ELLIPSOID: mjtGeom
     mjGEOM_BOX: mjtGeom
     mjGEOM_CYLINDER: mjtGeom
 
@@ -91,6 +92,7 @@ class _JointView:
 
 class _GeomView:
     id: int
+    name: str
 
 class _SiteView:
     quat: _FloatArray
@@ -104,6 +106,7 @@ class MjModel:
     nv: int
     nu: int
     nbody: int
+    ngeom: int
     nsensordata: int
     qpos0: _FloatArray
     jnt_type: _IntArray

@@ -43,6 +43,7 @@ MEASURES: Mapping[str, Callable[[Scale], float]] = {
     "torque": lambda scale: scale.torque,
     "length": lambda scale: scale.length,
     "mass": lambda scale: scale.torque / scale.length,
+    "force": lambda scale: scale.torque / scale.length,
     "force over length": lambda scale: scale.torque / scale.length**2,
 }
 """Quantity with which an effect's size grows, and its factor on a robot other than an A1; "": the same on all robots."""
@@ -68,6 +69,8 @@ class Effect:
         none: size without such an effect.
         measure: quantity that the size grows with, of `MEASURES`.
         inverse: whether a larger number is a smaller effect, as a spring's stiffness is.
+        signed: whether a size may be negative.
+        most: largest size, and the reason.
         varied: whether studies vary it; what a robot cannot be without is not.
         engines: engines that have it.
     """
@@ -84,6 +87,8 @@ class Effect:
     none: float = 0.0
     measure: str = ""
     inverse: bool = False
+    signed: bool = False
+    most: tuple[float, str] = (np.inf, "")
     varied: bool = True
     engines: tuple[str, ...] = ALL_ENGINES
 

@@ -93,7 +93,7 @@ class SensorErrors:
     sensor_delay: float = effect("time from sensing until the time stamp", "s", "robot", "exact", _BUS, realistic=2e-3)
     imu_clock_offset: float = effect(
         "time by which IMU samples are younger than joint samples of the same stamp", "s", "robot", "exact", _BUS,
-        realistic=0.5e-3, stress=0.0,
+        realistic=0.5e-3, stress=0.0, signed=True,
     )  # fmt: skip
     floor_friction: float = effect(
         "friction coefficient of the floor", "", "robot", "exact", "rubber on a dusty floor", realistic=0.8, none=1.0,
@@ -221,7 +221,10 @@ class SensorErrors:
     jitter: float = effect(
         "time stamp of a sample, less when it was read", "s", "robot", "rms", "DDS, UDP", stress=0.2e-3,
     )  # fmt: skip
-    lost_samples: float = effect("share of the samples that are lost", "", "robot", "exact", "DDS, UDP", stress=3e-3)
+    lost_samples: float = effect(
+        "share of the samples that are lost", "", "robot", "exact", "DDS, UDP", stress=3e-3,
+        most=(0.5, "no loop lives on so few"),
+    )  # fmt: skip
     encoder_eccentricity: float = effect(
         "amplitude of an encoder's error over a turn of the joint", "rad", "joint", "exact, its direction drawn",
         "a magnet beside its axis", alone=3e-3,
@@ -244,20 +247,48 @@ class SensorErrors:
         "half width of feet that are cylinders across the leg", "m", "robot", "exact",
         "feet of rubber hose or of printed plates", alone=6e-3, measure="length", engines=MUJOCO, varied=False,
     )  # fmt: skip
+    foot_oval: float = effect(
+        "radius of curvature of a foot's bottom fore and aft over the foot's radius, less one; across it loses half as much",
+        "", "robot", "exact", "rubber that wore on two sides", alone=0.3, most=(1.0, "across, a foot would be a blade"),
+        engines=MUJOCO, varied=False,
+    )  # fmt: skip
+    foot_flat: float = effect(
+        "half width of the flat at a foot's bottom, a disc that is level at the stance", "m", "robot", "exact",
+        "rubber that wore where it stands", alone=3e-3, measure="length", engines=MUJOCO, varied=False,
+    )  # fmt: skip
+    foot_position: float = effect(
+        "position of a foot, less the model's, along the calf and twice across", "m", "leg, three axes", "rms",
+        "feet that were replaced: 3 mm in all", alone=1.7e-3, measure="length",
+    )  # fmt: skip
+    gyro_lag: float = effect(
+        "time by which gyroscope samples are older than accelerometer samples of the same stamp", "s", "robot", "exact",
+        "filters of their own in an IMU: 2 to 4 ms", alone=4e-3,
+    )  # fmt: skip
+    vertical_pull: float = effect(
+        "vertical force on the base above the rear feet, upward where positive", "N", "robot", "exact",
+        "a cable that hangs down, or from above", alone=-3.0, measure="force", signed=True, engines=MUJOCO,
+    )  # fmt: skip
+    hose: float = effect(
+        "stiffness of a hose between the base, above the rear feet, and the place where that point is at the stance", "N/m",
+        "robot", "exact", "hoses and thick cables: 10 to 20 N/m", alone=20.0, measure="force over length", engines=MUJOCO,
+    )  # fmt: skip
+    slosh: float = effect(
+        "share of the payload that moves as water in a tank does, 2.2 Hz on an A1", "", "robot", "exact", "tanks half full",
+        alone=0.65, most=(0.9, "a tank has a mass of its own"), engines=MUJOCO, varied=False,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         for row in self.rows():
             value = getattr(self, row.name)
-            if not (np.isfinite(value) and (value >= 0 or row.name == "imu_clock_offset")):
-                raise SettingsError(f"{row.name} is {value}; it must be a finite number, zero or more")
+            if not (np.isfinite(value) and (value >= 0 or row.signed)):
+                least = "" if row.signed else ", zero or more"
+                raise SettingsError(f"{row.name} is {value}; it must be a finite number{least}")
+            if value > row.most[0]:
+                raise SettingsError(f"{row.name} is {value}: {row.most[1]}; give {row.most[0]:g} at most")
         if self.imu_clock_offset > self.sensor_delay:
             raise SettingsError(
                 f"imu_clock_offset is {self.imu_clock_offset} s and sensor_delay {self.sensor_delay} s: IMU samples would be "
                 "younger than the moment at which they are read"
-            )
-        if self.lost_samples > _MOST_LOST:
-            raise SettingsError(
-                f"lost_samples is {self.lost_samples}: no loop lives on so few; give a share of {_MOST_LOST} at most"
             )
 
     @classmethod
@@ -312,9 +343,6 @@ class SensorErrors:
                 f"{engine} cannot simulate {', '.join(lacking)}; take out what it cannot (--without {','.join(lacking)}), or "
                 f"use {self.row(lacking[0]).engines[0]}"
             )
-
-
-_MOST_LOST = 0.5
 
 
 def read_effects(texts: Iterable[str]) -> dict[str, float | None]:

@@ -35,11 +35,6 @@ class LegErrors:
     foot_radius: FloatArray
     axis_turn: FloatArray
 
-    @property
-    def any_moved(self) -> bool:
-        """Return whether any joint, foot or axis is elsewhere."""
-        return bool(self.end_shift.any() or self.hip_shift.any() or self.axis_turn.any())
-
     @classmethod
     def of(cls, robot: RobotModel, stance: Stance, errors: DrawnErrors) -> LegErrors:
         """The drawn errors of a robot's legs."""
@@ -48,14 +43,17 @@ class LegErrors:
         per_leg = joints // 4
         com_each, turn_each = drawn["leg_com"].reshape(joints, 3), drawn["joint_axes"].reshape(joints, 2)
         com_kind, length_kind = drawn["leg_com_common"].reshape(per_leg, 3), drawn["leg_length_common"]
-        for joint, kind, axes, axis in _links(robot, stance):
+        foot_each = drawn["foot_position"].reshape(4, 3)
+        for index, (joint, kind, axes, axis) in enumerate(_links(robot, stance)):
             com[joint] = axes @ (com_each[joint] + com_kind[kind])
             if kind >= per_leg - 2:  # a hip has no length of its own beside its position
                 end[joint] = axes[:, 0] * (drawn["leg_length"][joint] + length_kind[kind])
+            if kind == per_leg - 1:
+                end[joint] += axes @ foot_each[index // per_leg]
             turn[joint] = _across(axis) @ turn_each[joint]
         radii = np.array([foot.radius for foot in robot.feet.values()])
         worn = np.maximum(drawn["foot_radius"], -_MOST_WORN * radii)
-        return cls(com, end, errors.hip_position, worn, turn)
+        return cls(com, end, errors.drawn["hip_position"].reshape(4, 3), worn, turn)
 
 
 def in_frame_of_hips(body: InertialParameters, errors: DrawnErrors) -> InertialParameters:
@@ -70,7 +68,9 @@ def in_frame_of_hips(body: InertialParameters, errors: DrawnErrors) -> InertialP
         body: in the frame of the base link.
         errors: with the places of its first joints less the model's.
     """
-    return InertialParameters(body.mass, body.com - errors.hip_position.mean(axis=0), body.inertia)
+    return InertialParameters(
+        body.mass, body.com - errors.drawn["hip_position"].reshape(4, 3).mean(axis=0), body.inertia
+    )
 
 
 def _links(robot: RobotModel, stance: Stance) -> list[tuple[int, int, FloatArray, FloatArray]]:

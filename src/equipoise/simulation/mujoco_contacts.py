@@ -6,13 +6,14 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import BELLY_RATIO, Stance
 from equipoise.simulation.drawn_errors import DrawnErrors
-from equipoise.simulation.effects import Contacts
+from equipoise.simulation.effects import Contacts, SensorErrors
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_drive import as_a_spring
 
@@ -27,13 +28,17 @@ CONTACT_TIME = 2e-3
 IMPEDANCE = 0.99, 0.99
 # Damping of rubber over its stiffness [s]: a robot that bounces at 16 Hz on its feet loses a fifth of its swing each time.
 _RUBBER_TIME = 2e-3
-_Z_TO_Y = [np.sqrt(0.5), np.sqrt(0.5), 0, 0]  # a cylinder's axis across the leg
 _FILE_KEYS = ("condim", "friction", "solref", "solimp", "solmix", "priority", "margin", "gap")
 
 
 def foot_name(leg: str) -> str:
-    """Name of a foot's geom."""
+    """Name of the geom at a foot's centre."""
     return f"equipoise_{leg}_foot"
+
+
+def foot_geoms(model: mujoco.MjModel, leg: str) -> list[int]:
+    """Return the ids of all geoms of a foot."""
+    return [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith(foot_name(leg))]
 
 
 def add_contacts(
@@ -45,14 +50,14 @@ def add_contacts(
     legs: LegErrors,
     contacts: Contacts,
 ) -> None:
-    """Add feet (spheres, or cylinders across the leg), belly (a box, for lying) and the floor; nothing else touches.
+    """Add feet (balls, or of the shape that effects give them), belly (a box, for lying) and the floor; nothing else touches.
 
     Args:
         contacts: contact parameters of feet and floor: "own", or "file", those that the model file gives its feet, on a floor
             as MuJoCo makes it.
 
     Raises:
-        SettingsError: the file gives none.
+        SettingsError: the file gives none, or feet would have two shapes.
     """
     of_the_file = _of_the_file(spec, robot) if contacts == "file" else {}
     hard = {"solref": [CONTACT_TIME, 1.0], "solimp": [*IMPEDANCE, 0.001, 0.5, 2.0], "friction": _friction(errors)}
@@ -61,7 +66,7 @@ def add_contacts(
         name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=1, conaffinity=2, **floor
     )  # fmt: skip
     touching = {"contype": 2, "conaffinity": 1, "condim": 3, "mass": 0.0, **hard}
-    heights = errors.drawn["foothold_height"]
+    heights, axes = errors.drawn["foothold_height"], _base_axes(robot, stance)
     for index, (leg, foot) in enumerate(robot.feet.items()):
         how: dict[str, Any] = {**touching, "condim": _dimensions(errors), **of_the_file.get(leg, {})}
         if heights.any():
@@ -71,12 +76,8 @@ def add_contacts(
                 name=f"{FLOOR}_{leg}", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, heights[index]],
                 contype=4 << index, conaffinity=4 << index, **floor,
             )  # fmt: skip
-        radius, width = foot.radius + legs.foot_radius[index], errors.sizes.foot_width
-        shape = mujoco.mjtGeom.mjGEOM_CYLINDER if width else mujoco.mjtGeom.mjGEOM_SPHERE
-        spec.body(foot.body).add_geom(
-            name=foot_name(leg), type=shape, size=[radius, width, 0], pos=foot.position_in_body,
-            quat=_Z_TO_Y if width else [1, 0, 0, 0], **how,
-        )  # fmt: skip
+        how["pos"] = foot.position_in_body
+        _add_foot(spec.body(foot.body), leg, foot.radius + legs.foot_radius[index], errors.sizes, axes[index], how)
     hips_above_base = stance.hip_height - stance.base_height
     reach = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
     thickness = 0.02 * robot.leg_length
@@ -87,6 +88,45 @@ def add_contacts(
         pos=[0, 0, hips_above_base - BELLY_RATIO * robot.leg_length + thickness],
         **touching,
     )
+
+
+def _add_foot(
+    body: mujoco.MjsBody, leg: str, radius: float, sizes: SensorErrors, base_axes: FloatArray, how: dict[str, Any]
+) -> None:
+    """Add a foot of a radius at the stance: a ball, a cylinder or an ellipsoid, with a disc where it is flat.
+
+    Args:
+        base_axes: (3, 3) axes of the base at the stance, as columns in the body's axes.
+        how: position and contact parameters of its geoms.
+    """
+    if sizes.foot_width and sizes.foot_oval:
+        raise SettingsError(
+            "foot_width and foot_oval are given; feet are cylinders or ovals, so leave out one of the two"
+        )
+    shape, size = mujoco.mjtGeom.mjGEOM_SPHERE, [radius, 0, 0]
+    if sizes.foot_width:
+        shape, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [radius, sizes.foot_width, 0]
+    if oval := sizes.foot_oval:
+        # Radii of curvature at the end of a semi-axis are the squares of the other two over it.
+        shape, size = mujoco.mjtGeom.mjGEOM_ELLIPSOID, radius * np.sqrt([1, 1 + oval, 1 - oval / 2])
+    up_forward_left = base_axes[:, [2, 0, 1]]
+    body.add_geom(name=foot_name(leg), type=shape, size=size, quat=_quat_wxyz(up_forward_left), **how)
+    if flat := sizes.foot_flat:
+        shape, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [flat, radius, 0]
+        body.add_geom(name=f"{foot_name(leg)}_flat", type=shape, size=size, quat=_quat_wxyz(base_axes), **how)
+
+
+def _base_axes(robot: RobotModel, stance: Stance) -> list[FloatArray]:
+    """Return for each foot the (3, 3) axes of the base at the stance, as columns in the axes of the foot's body."""
+    model, data = robot.pinocchio, robot.create_data()
+    pin.framesForwardKinematics(model, data, robot.configuration(stance.joint_position))
+    frames = [model.getFrameId(foot.body, pin.FrameType.BODY) for foot in robot.feet.values()]
+    return [np.array(data.oMf[frame].rotation).T for frame in frames]
+
+
+def _quat_wxyz(rotation: FloatArray) -> FloatArray:
+    """Return a (3, 3) rotation as a quaternion, w first."""
+    return np.roll(pin.Quaternion(rotation).coeffs(), 1)
 
 
 def floors_of_feet(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors) -> list[int]:
@@ -116,8 +156,7 @@ def soften_feet(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors) -
     stiffness = errors.sizes.foot_stiffness
     if not stiffness:
         return
-    for leg in robot.legs:
-        geom = model.geom(foot_name(leg)).id
+    for geom in (geom for leg in robot.legs for geom in foot_geoms(model, leg)):
         weight = float(model.body_invweight0[model.geom_bodyid[geom], 0])
         solref, solimp, softness = as_a_spring(stiffness, _RUBBER_TIME * stiffness, model.opt.timestep, weight)
         model.geom_solref[geom], model.geom_solimp[geom], model.geom_priority[geom] = solref, solimp, 1

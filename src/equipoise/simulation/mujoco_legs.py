@@ -6,13 +6,14 @@ from collections.abc import Callable
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.leg_errors import LegErrors
-from equipoise.simulation.mujoco_contacts import foot_name
+from equipoise.simulation.mujoco_contacts import foot_geoms
 
 Ids = NDArray[np.intp]
 
@@ -29,8 +30,8 @@ def change_legs(model: mujoco.MjModel, robot: RobotModel, joints: Ids, legs: Leg
     for index, joint in enumerate(joints):
         on_link = model.body_weldid == model.body_weldid[model.jnt_bodyid[joint]]
         model.body_mass[on_link] *= errors.leg_mass_scale[index]
-        model.body_inertia[on_link] *= errors.leg_mass_scale[index] * errors.leg_inertia_scale[index]
-    if legs.any_moved or legs.com_shift.any():
+        model.body_inertia[on_link] *= errors.leg_mass_scale[index] * (1 + errors.drawn["leg_inertia"][index])
+    if any(shift.any() for shift in (legs.com_shift, legs.end_shift, legs.hip_shift, legs.axis_turn)):
         _move(model, robot, joints, legs)
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
@@ -45,18 +46,13 @@ def _move(model: mujoco.MjModel, robot: RobotModel, joints: Ids, legs: LegErrors
     base = int(model.jnt_bodyid[0])
     for leg, hip in zip(robot.legs.values(), legs.hip_shift, strict=True):
         own = [int(bodies[joint]) for joint in leg.joints]
-        foot = model.geom(foot_name(leg.name)).id
         model.body_pos[own[0]] += turn(base, int(model.body_parentid[own[0]])) @ hip
         for above, below, joint in zip(own[:-1], own[1:], leg.joints[:-1], strict=True):
             model.body_pos[below] += turn(above, int(model.body_parentid[below])) @ legs.end_shift[joint]
-        model.geom_pos[foot] += turn(own[-1], int(model.geom_bodyid[foot])) @ legs.end_shift[leg.joints[-1]]
+        for foot in foot_geoms(model, leg.name):
+            model.geom_pos[foot] += turn(own[-1], int(model.geom_bodyid[foot])) @ legs.end_shift[leg.joints[-1]]
     for joint, rotation in zip(joints, legs.axis_turn, strict=True):
-        angle = float(np.linalg.norm(rotation))
-        if angle:
-            turned, quat = np.zeros(3), np.zeros(4)
-            mujoco.mju_axisAngle2Quat(quat, rotation / angle, angle)
-            mujoco.mju_rotVecQuat(turned, model.jnt_axis[joint], quat)
-            model.jnt_axis[joint] = turned
+        model.jnt_axis[joint] = np.array(pin.exp3(rotation)) @ model.jnt_axis[joint]
 
 
 def _turns(model: mujoco.MjModel) -> Callable[[int, int], FloatArray]:

@@ -10,6 +10,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from equipoise.conventions import GRAVITY, FloatArray
@@ -23,20 +24,15 @@ from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_contacts import CONTACT_TIME, IMPEDANCE, IMPRATIO, add_contacts, soften_feet
 from equipoise.simulation.mujoco_drive import add_springs, has_springs, set_springs, set_stops
 from equipoise.simulation.mujoco_legs import add_rotor_spin, change_legs
+from equipoise.simulation.mujoco_loads import add_loads, linear
 from equipoise.simulation.payload import Payload
 
 IMU_SITE = "equipoise_imu"
 ACCELEROMETER = "equipoise_accelerometer"
-PAYLOAD = "equipoise_payload"
-SWINGING_LOAD = "equipoise_swinging_load"
-SLING = "equipoise_sling"
 
 _TENSOR_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 TIMESTEP = 0.5e-3  # [s], the usual one
 _NO_ISLANDS = int(getattr(mujoco.mjtDisableBit, "mjDSBL_ISLAND", 0))
-_SLING, _SLACK = 1.0, 5e-3  # [m] on an A1: length of a safety sling at the stance, and how much longer it may become
-_STRING = 0.1  # [m], of a load that swings, on an A1
-_SWING_DAMPING = 0.02  # share of the critical one: air and the string
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +89,8 @@ def build_simulated_robot(
 
     Raises:
         ModelError: MuJoCo cannot make a model of the file.
-        SettingsError: the time step is too long for the contacts, or the file has no contact parameters.
+        SettingsError: the time step is too long for the contacts, the file has no contact parameters, or effects exclude each
+            other.
     """
     if timestep > CONTACT_TIME / 2:
         raise SettingsError(
@@ -108,12 +105,7 @@ def build_simulated_robot(
         _strip(spec)
         _weld_held_joints(spec, robot)
         add_contacts(spec, robot, stance, base, errors, legs, contacts)
-        if payload is not None:
-            _add_payload(base, payload)
-        if errors.sizes.swinging_load:
-            _add_swinging_load(base, stance, errors.sizes.swinging_load)
-        if errors.sizes.sling:
-            _add_sling(spec, base, stance, errors.sizes.sling)
+        add_loads(spec, base, stance, errors, payload)
         if has_springs(errors):
             add_springs(spec, robot, errors, errors.sizes.armature + timestep * kd[0])
         _add_actuators_and_sensors(spec, robot, base, errors)
@@ -210,15 +202,7 @@ def _straighten(inertial: ET.Element) -> None:
     origin, tensor = inertial.find("origin"), inertial.find("inertia")
     if origin is None or tensor is None or "rpy" not in origin.attrib:
         return
-    rpy = [float(word) for word in origin.attrib.pop("rpy").split()]
-    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
-    turn = np.array(  # about the fixed x, then y, then z
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    turn = pin.rpy.rpyToMatrix(np.array([float(word) for word in origin.attrib.pop("rpy").split()]))
     xx, yy, zz, xy, xz, yz = (float(tensor.get(key, "0")) for key in _TENSOR_KEYS)
     straight = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
     for key, value in zip(_TENSOR_KEYS, straight[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], strict=True):
@@ -245,7 +229,7 @@ def _floating_base(spec: mujoco.MjSpec, robot: RobotModel) -> mujoco.MjsBody:
 def _strip(spec: mujoco.MjSpec) -> None:
     """Take out what the file says of losses, contacts and gravity compensation."""
     for joint in spec.joints:
-        joint.damping, joint.stiffness = _linear(0.0, joint.damping), _linear(0.0, joint.stiffness)
+        joint.damping, joint.stiffness = linear(0.0, joint.damping), linear(0.0, joint.stiffness)
         joint.frictionloss = 0.0
         joint.armature = 0.0
         joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
@@ -255,88 +239,33 @@ def _strip(spec: mujoco.MjSpec) -> None:
         body.gravcomp = 0.0
 
 
-def _linear(value: float, like: Any) -> Any:
-    """A joint's damping or stiffness: a scalar up to MuJoCo 3, coefficients of a polynomial from 4 on."""
-    return value if np.ndim(like) == 0 else value * np.eye(np.size(like))[0]
-
-
 def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     """Remove joints that do not belong to a leg, with their links turned to where they are held."""
     if not robot.held:
         return
     compiled = spec.compile()
-    poses: dict[int, tuple[FloatArray, FloatArray]] = {}
+    poses: dict[int, pin.SE3] = {}
     for body in spec.bodies:
         for spec_joint in list(body.joints):
             if spec_joint.type == mujoco.mjtJoint.mjJNT_FREE or spec_joint.name in robot.joint_names:
                 continue
             joint = compiled.joint(spec_joint.name)
             index = int(compiled.jnt_bodyid[joint.id])
-            poses.setdefault(index, (np.array(compiled.body_pos[index]), np.array(compiled.body_quat[index])))
+            xyzw = np.roll(compiled.body_quat[index], -1)
+            pose = poses.get(index, pin.XYZQUATToSE3(np.concatenate([compiled.body_pos[index], xyzw])))
             position = robot.held.get(spec_joint.name, 0.0)  # joints of several axes are held where they are
-            if position != 0:
-                poses[index] = _moved_by_joint(*poses[index], joint, position)
-            body.pos, body.quat = poses[index]
+            poses[index] = pose = pose * _motion(joint, position)
+            body.pos, body.quat = pose.translation, np.roll(pin.Quaternion(pose.rotation).coeffs(), 1)
             body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
             _delete(spec, spec_joint)
 
 
-def _moved_by_joint(
-    pos: FloatArray, quat_wxyz: FloatArray, joint: Any, position: float
-) -> tuple[FloatArray, FloatArray]:
-    """Pose of a body in its parent, with one joint moved."""
-    axis, anchor = np.array(joint.axis), np.array(joint.pos)
-    turned, rotated, shifted = np.zeros(4), np.zeros(4), np.zeros(3)
+def _motion(joint: Any, position: float) -> pin.SE3:
+    """Return the motion of a body in its own axes that a joint of the compiled model makes from zero."""
     if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE:
-        mujoco.mju_rotVecQuat(shifted, position * axis, quat_wxyz)
-        return pos + shifted, quat_wxyz
-    mujoco.mju_axisAngle2Quat(turned, axis, position)
-    mujoco.mju_mulQuat(rotated, quat_wxyz, turned)
-    about_anchor = np.zeros(3)
-    mujoco.mju_rotVecQuat(about_anchor, anchor, turned)
-    mujoco.mju_rotVecQuat(shifted, anchor - about_anchor, quat_wxyz)
-    return pos + shifted, rotated
-
-
-def _add_payload(base: mujoco.MjsBody, payload: Payload) -> None:
-    """The payload as a body at the base frame's origin whose inertial is offset.
-
-    MuJoCo 4 counts an offset of the body twice when its inertial has none of its own.
-    """
-    parameters = payload.parameters
-    tensor = parameters.inertia
-    # A body that cannot move by itself may have no inertia; MuJoCo only wants the number to be positive.
-    floor = 1e-9 * np.eye(3) if not tensor.any() else np.zeros((3, 3))
-    xx, yy, zz, xy, xz, yz = (tensor + floor)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    body = base.add_body(name=PAYLOAD, pos=[0, 0, 0])
-    body.explicitinertial = True
-    body.mass = parameters.mass
-    body.ipos = parameters.com
-    body.fullinertia = [xx, yy, zz, xy, xz, yz]
-
-
-def _add_swinging_load(base: mujoco.MjsBody, stance: Stance, mass: float) -> None:
-    """A ball on a string under the base, half-way to the rear feet."""
-    length, radius = _STRING * stance.scale.length, 0.2 * _STRING * stance.scale.length
-    hook = [-0.5 * float(np.abs(stance.feet_in_base[:, 0]).mean()), 0, 0]
-    load = base.add_body(name=SWINGING_LOAD, pos=hook)
-    load.explicitinertial = True
-    load.mass, load.ipos, load.inertia = mass, [0, 0, -length], np.full(3, 0.4 * mass * radius**2)
-    about_hook = mass * (length**2 + 0.4 * radius**2)
-    damping = 2 * _SWING_DAMPING * about_hook * np.sqrt(GRAVITY / length)
-    joint = load.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)
-    joint.damping = _linear(damping, joint.damping)
-
-
-def _add_sling(spec: mujoco.MjSpec, base: mujoco.MjsBody, stance: Stance, stiffness: float) -> None:
-    """Add a sling from a point above the base to the base's origin; it pulls [N/m] where it is longer than its slack."""
-    length, slack = _SLING * stance.scale.length, _SLACK * stance.scale.length
-    spec.worldbody.add_site(name=f"{SLING}_hook", pos=[0, 0, stance.base_height + length])
-    base.add_site(name=f"{SLING}_eye", pos=[0, 0, 0])
-    sling = spec.add_tendon(name=SLING, springlength=[0, length + slack])
-    sling.stiffness = _linear(stiffness, sling.stiffness)
-    sling.wrap_site(f"{SLING}_hook")
-    sling.wrap_site(f"{SLING}_eye")
+        return pin.SE3(np.eye(3), position * joint.axis)
+    turned = np.array(pin.exp3(position * joint.axis))
+    return pin.SE3(turned, joint.pos - turned @ joint.pos)
 
 
 def _add_actuators_and_sensors(
@@ -352,13 +281,8 @@ def _add_actuators_and_sensors(
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
             actuator.forcerange = [-limit * errors.torque_gain[index], limit * errors.torque_gain[index]]
     pose = robot.imu_in_base
-    turned, mounted = np.zeros(4), np.zeros(4)
-    mujoco.mju_mat2Quat(mounted, np.array(pose.rotation).reshape(9))
-    tilt = np.zeros(4)
-    angle = float(np.linalg.norm(errors.imu_tilt))
-    mujoco.mju_axisAngle2Quat(tilt, errors.imu_tilt / angle if angle else np.array([1.0, 0, 0]), angle)
-    mujoco.mju_mulQuat(turned, mounted, tilt)
-    base.add_site(name=IMU_SITE, pos=pose.translation + errors.drawn["imu_position"], quat=turned)
+    quat_xyzw = pin.Quaternion(np.array(pose.rotation) @ np.array(pin.exp3(errors.imu_tilt))).coeffs()
+    base.add_site(name=IMU_SITE, pos=pose.translation + errors.drawn["imu_position"], quat=np.roll(quat_xyzw, 1))
     for joint in robot.joint_names:
         spec.add_sensor(
             name=f"{joint}_torque",

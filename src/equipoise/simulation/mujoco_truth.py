@@ -13,14 +13,15 @@ from equipoise.robot.model import RobotModel
 from equipoise.simulation.glimpse import Glimpse
 from equipoise.simulation.leg_errors import in_frame_of_hips
 from equipoise.simulation.mujoco_contacts import floors_of_feet, foot_name
-from equipoise.simulation.mujoco_model import SWINGING_LOAD, SimulatedRobot
+from equipoise.simulation.mujoco_loads import SWINGING_LOAD, WATER
+from equipoise.simulation.mujoco_model import SimulatedRobot
 
 
 def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position: FloatArray) -> RobotInertia:
     """The truth at a stance, payload and leg errors included; `robot` only determines which joints are knees.
 
     The base's frame is the one that the hips define. Springs are unbent. A load that swings is part of the base, and where its
-    string hangs, for there it pulls.
+    string hangs, for there it pulls; water in a payload is where it rests.
 
     Args:
         joint_position: (nj,) true joint positions of the stance [rad].
@@ -31,9 +32,10 @@ def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position
     data.qpos[simulated.qpos] = joint_position
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
+    names = np.array([model.body(body).name for body in range(model.nbody)])
+    data.xipos[names == SWINGING_LOAD] = data.xpos[names == SWINGING_LOAD]
     on_base = model.body_weldid == model.body_weldid[simulated.base_body]
-    swinging = np.array([model.body(body).name == SWINGING_LOAD for body in range(model.nbody)])
-    data.xipos[swinging] = data.xpos[swinging]
+    on_base |= np.isin(names, (SWINGING_LOAD, WATER))
     knees = [model.jnt_bodyid[model.joint(leg.joint_names[-1]).id] for leg in robot.legs.values()]
     below_knee = np.isin(model.body_weldid, model.body_weldid[knees])
     moving = np.arange(model.nbody) > 0
@@ -41,9 +43,7 @@ def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position
     def told(bodies: NDArray[np.bool_]) -> InertialParameters:
         return in_frame_of_hips(_sum(model, data, bodies), simulated.errors)
 
-    return RobotInertia(
-        composite=told(moving), base=told(on_base | swinging), stance_effective=told(moving & ~below_knee)
-    )
+    return RobotInertia(composite=told(moving), base=told(on_base), stance_effective=told(moving & ~below_knee))
 
 
 def link_truth(robot: RobotModel, simulated: SimulatedRobot) -> dict[str, dict[str, float]]:

@@ -10,6 +10,7 @@ from equipoise.platform.platform import RobotState
 from equipoise.simulation.drawn_errors import DrawnErrors
 
 _LARGEST_JITTER = 0.4  # of a control period: samples keep their order
+_DRIFT_TIME = 120.0  # [s] in which the gyroscope's bias changes by its drift
 _ORDER = 2  # of the IMU's low pass
 
 
@@ -36,7 +37,7 @@ class Samples:
     def past_steps(self) -> int:
         """Engine steps before the present that samples may need."""
         sizes = self._errors.sizes
-        longest = sizes.sensor_delay + abs(sizes.imu_clock_offset) + sizes.imu_latency
+        longest = sizes.sensor_delay + abs(sizes.imu_clock_offset) + sizes.imu_latency + sizes.gyro_lag
         return int(np.ceil(longest / self._timestep)) + 2 + self._substeps // 2
 
     def filtered(self, raw: FloatArray, keep: bool = True) -> FloatArray:
@@ -73,7 +74,7 @@ class Samples:
         samples = np.empty((count, raw.shape[1]))
         ticks = first + self._substeps * np.arange(count)
         samples[:, :joints] = _at(raw[:, :joints], ticks, joint_steps)
-        samples[:, joints:-3] = _at(raw[:, joints:-3], ticks, imu_steps)
+        samples[:, joints:-3] = _at(raw[:, joints:-3], ticks, imu_steps - sizes.gyro_lag / step)
         # The mean over a control period about the moment: what contacts do within a step is not to be sampled, but let go by,
         # as an IMU's own sampling at a kilohertz and more does.
         half = self._substeps // 2
@@ -86,9 +87,10 @@ class Samples:
         samples[:, : self._joints] += errors.joint_zero
         if sizes.gyro_gain or sizes.gyro_misalignment or sizes.gyro_turn:
             samples[:, -6:-3] = samples[:, -6:-3] @ errors.gyro_matrix.T
-        samples[:, -6:-3] += errors.gyro_bias
+        samples[:, -6:-3] += errors.drawn["gyro_bias"]
         if sizes.gyro_drift:
-            samples[:, -6:-3] += self.time(period + np.arange(count))[:, None] * errors.gyro_drift
+            runs = self.time(period + np.arange(count)) / _DRIFT_TIME
+            samples[:, -6:-3] += runs[:, None] * errors.drawn["gyro_drift"]
         samples[:, -3:] *= 1 + errors.drawn["accelerometer_gain"]
         samples[:, -3:] += errors.accelerometer_bias
         return samples + errors.noise(period, count)

@@ -118,11 +118,8 @@ class SimulatedPlatform(SteppedPlatform):
         return self.read()
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-        first = trajectory.command(0)
-        self._set_gains(first.kp, first.kd)
-        return self._play(trajectory, stop)
-
-    def _play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        command = trajectory.command(0)
+        self._set_gains(command.kp, command.kd)
         control, turns = self._control(trajectory), _turns(trajectory)
         samples: list[FloatArray] = []
         first = self._periods

@@ -110,7 +110,8 @@ def simulate(
         effects: effects besides, or of other sizes: a size by name, or None for what it is tried with by itself.
         without: names of effects that are left out.
         contacts: how feet touch the floor: "own", as the effects say, or as the model "file" (an MJCF) says for its feet, on a
-            floor as MuJoCo makes it; the effects on feet and floor then do nothing but slope and heights.
+            floor as MuJoCo makes it; the effects on feet and floor then do nothing, except slope, heights, and shapes and
+            positions of feet.
 
     Raises:
         MissingDependencyError: the engine is not installed.
