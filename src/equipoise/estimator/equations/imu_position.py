@@ -92,7 +92,8 @@ def imu_by_sway(
     """
     sway = sway.first(_LONGEST * scale.time)
     time, mounted = sway.time, mounting(np.array(robot.imu_in_base.rotation), values["imu_tilt"])
-    turning, felt = sway.angular_velocity_in_imu @ mounted.T, sway.acceleration_in_imu @ mounted.T
+    turning = at_times(time, time - values["gyro_lag"], sway.angular_velocity_in_imu) @ mounted.T
+    felt = sway.acceleration_in_imu @ mounted.T
     attitude = attitudes(time, turning)
     level, _ = Rotation.align_vectors(_UP[None], attitude.apply(felt).mean(axis=0)[None])
     attitude = level * attitude

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.conventions import FloatArray
 from equipoise.estimator.equations.equation import LEFT_OUT, MotionEquation, RunContext, whitening_of
 from equipoise.estimator.measurements.drive_train import DRIVE_TRAIN, JointReadings
+from equipoise.estimator.measurements.foot_contact import to_centre_by_width
 from equipoise.estimator.measurements.heading import facing
 from equipoise.estimator.measurements.imu_frame import (
     ACCELEROMETER,
@@ -89,6 +90,7 @@ class PlantedMove:
         before, after: rests on either side of the move.
         rotation_to_before: (3, 3) rotation from the IMU frame after the move to that before, by the gyroscope.
         rolled: (4, 3) displacements of the feet's centres by rolling, in base axes before the move [m].
+        rolled_by_width: (2, 4, 3) the same beyond that of balls, over the half-widths of the feet.
         duration: time between the rests [s].
         when: time since the middle of the run over the run's duration.
         heading: angle by which the robot was turned in the room since the run began, to its left [rad]; where it is not
@@ -99,6 +101,7 @@ class PlantedMove:
     after: RestReading
     rotation_to_before: FloatArray
     rolled: FloatArray
+    rolled_by_width: FloatArray = field(default_factory=lambda: np.zeros((2, 4, 3)))
     duration: float = 0.0
     when: float = 0.0
     heading: float = 0.0
@@ -117,12 +120,17 @@ def read_move(
     angular_velocity_in_base = at_times(
         joints.time, moving.imu.time, (moving.imu.angular_velocity_in_imu - gyro_bias) @ rotation.T
     )
-    foot = legs.motion(joints.position, joints.rates, angular_velocity_in_base).foot_angular_velocity
-    rolling = cross_of_rows(foot, legs.foot_radius[:, None] * up[:, None])
+    foot = legs.motion(joints.position, joints.rates, angular_velocity_in_base).foot_angular_velocity[:, None]
+    ball = legs.foot_radius[:, None] * up[:, None, None]
+    to_centre = np.concatenate(
+        [np.broadcast_to(ball, foot.shape), to_centre_by_width(legs, joints.position, up)], axis=1
+    )
+    rolling = cross_of_rows(foot, to_centre)
     to_before = rotation @ attitude.as_matrix() @ rotation.T
     to_before = to_before[np.clip(np.searchsorted(moving.imu.time, joints.time), 0, len(to_before) - 1)]
-    rolled = np.trapezoid(np.einsum("nij,nlj->nli", to_before, rolling), joints.time, axis=0)
-    return PlantedMove(first, last, attitude.as_matrix()[-1], rolled, float(moving.imu.time[-1] - moving.imu.time[0]))
+    rolled = np.trapezoid(np.einsum("nij,nklj->nkli", to_before, rolling), joints.time, axis=0)
+    duration = float(moving.imu.time[-1] - moving.imu.time[0])
+    return PlantedMove(first, last, attitude.as_matrix()[-1], rolled[0], rolled[1:], duration)
 
 
 class PlantedRows:
@@ -134,8 +142,8 @@ class PlantedRows:
     """
 
     DEPENDS_ON = (
-        *DRIVE_TRAIN, "imu_tilt", *ACCELEROMETER, *GYRO, *LEG_SHAPE, "foot_radius", "foot_radius_each", "sag", "floor_slope",
-        "floor_warp", "foothold_change",
+        *DRIVE_TRAIN, "imu_tilt", *ACCELEROMETER, *GYRO, *LEG_SHAPE, "foot_radius", "foot_radius_each", "foot_width", "sag",
+        "floor_slope", "floor_warp", "foothold_change",
     )  # fmt: skip
 
     def __init__(
@@ -157,6 +165,8 @@ class PlantedRows:
         ]
         self._drifts = np.moveaxis(np.array(drifts), 0, -1)
         self._rolled = np.array([move.rolled for move in moves]).T
+        self._rolled_by_width = np.array([move.rolled_by_width for move in moves]).T
+        self._higher_by_width = [_higher_by_width(legs, rotation_imu_to_base, side) for side in rests]
         self._heading = np.array([move.heading for move in moves])
 
     def residuals(self, values: Values) -> FloatArray:
@@ -203,6 +213,8 @@ class PlantedRows:
             up = gravity / length(gravity)
             feet.append(foot + up[:, None] * (values["sag"] * np.tile(self._load[rest], copies)))  # as if none sagged
             above = contract("il...,i...->l...", feet[rest], up)
+            wide = values["foot_width"][:, None] * np.tile(self._higher_by_width[rest], copies)
+            above = above - wide[0] - wide[1]
             heights.append(contract("lm,m...->l...", _CENTRED, above) - floor)
         turn = contract("ij...,kj...->ik...", contract("ij...,jk...->ik...", rotation, to_before), rotation)
         drifted = turned(np.tile(self._drifts, copies), values["gyro_drift"])
@@ -213,6 +225,7 @@ class PlantedRows:
             - cross(off[:, None], after)
             - feet[0]
             - (1.0 + values["foot_radius"] + values["foot_radius_each"]) * rolled
+            - contract("k...,ilk...->il...", values["foot_width"], np.tile(self._rolled_by_width, copies))
         )
         moved = contract("lm,im...->il...", _CENTRED, moved)
         return stacked([*(moved[axis] for axis in range(3)), *heights], axis=0)
@@ -224,6 +237,14 @@ def _joints_at(legs: LegChains, rests: Sequence[RestReading]) -> JointReadings:
     return JointReadings.of(
         legs, position, torque=np.array([none if rest.joint_torque is None else rest.joint_torque for rest in rests])
     )
+
+
+def _higher_by_width(legs: LegChains, rotation_imu_to_base: FloatArray, rests: Sequence[RestReading]) -> FloatArray:
+    """(2, 4, rests) heights of the feet's centres beyond that of balls, over the half-widths of the feet."""
+    up = np.array([rest.acceleration_in_imu for rest in rests]) @ rotation_imu_to_base.T
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    position = np.array([rest.joint_position for rest in rests])
+    return np.einsum("nklj,nj->kln", to_centre_by_width(legs, position, up), up)
 
 
 class PlantedMoves(MotionEquation[PlantedMove]):

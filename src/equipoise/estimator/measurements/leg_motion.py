@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +18,7 @@ from equipoise.estimator.measurements.traced import Traced, contract, cos, sin, 
 from equipoise.estimator.measurements.traced import cross as traced_cross
 from equipoise.estimator.unknowns import TracedValues
 from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import nominal_stance
 from equipoise.robot.tree import joint_axis
 
 LEG_SHAPE = ("link_length", "link_length_common", "hip_position")
@@ -121,7 +123,7 @@ class LegChains:
     """
 
     def __init__(self, robot: RobotModel) -> None:
-        model, legs = robot.pinocchio, list(robot.legs.values())
+        self._robot, model, legs = robot, robot.pinocchio, list(robot.legs.values())
         ids = [leg.joint_ids for leg in legs]
 
         def by_link(value: Callable[[int], object]) -> FloatArray:
@@ -147,6 +149,21 @@ class LegChains:
         self.hips_apart = _no_rigid_motion(self._placement[:, 0, :, 0].T)
         self._down_to = np.tril(np.ones((self.joints.shape[1],) * 2))  # sums over a link and all above it
         self._foot = np.array([model.frames[leg.foot_frame_id].placement.translation for leg in legs]).T[..., None]
+
+    @cached_property
+    def level_directions(self) -> FloatArray:
+        """(3, 2, 4, 1) unit vectors across and along each leg, level in the nominal stance, in the lowest link's frame."""
+        position = nominal_stance(self._robot).joint_position
+        rotation = self.traced_posture(Traced(position[:, None])).rotation.value[:, :, -1, :, 0]
+        up, across = rotation[2], self.axes[:, -1, :, 2].T  # the base is level
+        across = across - up * (up * across).sum(axis=0)
+        across = across / np.linalg.norm(across, axis=0)
+        return np.stack([across, np.cross(across, up, axis=0)], axis=1)[..., None]
+
+    @cached_property
+    def middle_of_feet(self) -> FloatArray:
+        """(3, 1) mean of the feet's centres at the nominal stance, in the base frame [m]."""
+        return nominal_stance(self._robot).feet_in_base.mean(axis=0)[:, None]
 
     @property
     def links(self) -> int:

@@ -1,4 +1,4 @@
-"""The line that a robot on two feet topples about, and how it moves: the feet roll on the floor as spheres."""
+"""The line that a robot on two feet topples about, and how it moves: the feet roll on the floor."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from equipoise.estimator.measurements.foot_contact import FootContact
 from equipoise.estimator.measurements.leg_motion import TracedLegMotion, TracedPosture
 from equipoise.estimator.measurements.traced import Traced, cross, dot, length
 
@@ -30,14 +31,11 @@ class ContactLine:
     length: Traced
 
     @classmethod
-    def of(cls, posture: TracedPosture, feet: Feet, to_centre: Sequence[Traced]) -> ContactLine:
-        """Of two stance feet.
-
-        Args:
-            to_centre: (3, n) from the contact point of each to its centre, along the floor's normal [m].
-        """
+    def of(cls, posture: TracedPosture, feet: Feet, contacts: Sequence[FootContact]) -> ContactLine:
+        """Of two stance feet and their contacts."""
         sample = np.arange(len(feet[0]))
-        left, right = (posture.foot[:, foot, sample] - up for foot, up in zip(feet, to_centre, strict=True))
+        both = zip(feet, contacts, strict=True)
+        left, right = (posture.foot[:, foot, sample] - contact.to_centre for foot, contact in both)
         between = left - right
         return cls(between / length(between), right, length(between))
 
@@ -60,12 +58,15 @@ class RollingLine:
     right_turning: Traced
 
     @classmethod
-    def of(cls, line: ContactLine, motion: TracedLegMotion, feet: Feet, to_centre: Sequence[Traced]) -> RollingLine:
-        """A sphere that rolls without slipping: its centre moves with its angular velocity x (radius normal)."""
+    def of(cls, line: ContactLine, motion: TracedLegMotion, feet: Feet, contacts: Sequence[FootContact]) -> RollingLine:
+        """Feet that roll without slipping: what touches the floor is at rest, and the centres turn about it."""
         sample = np.arange(len(feet[0]))
         turning = [motion.foot_angular_velocity[:, foot, sample] for foot in feet]
-        left, right = (cross(of_foot, up) for of_foot, up in zip(turning, to_centre, strict=True))
+        both = list(zip(turning, contacts, strict=True))
+        left, right = (contact.contact_velocity(of_foot) for of_foot, contact in both)
+        centres = [cross(of_foot, contact.to_centre) for of_foot, contact in both]
         of_feet = motion.foot_velocity[:, feet[0], sample] + motion.foot_velocity[:, feet[1], sample]
         rate = (left - right) / line.length
         along = (dot(line.left, of_foot) for of_foot in turning)
-        return cls(right, rate - line.left * dot(line.left, rate), 0.5 * (left + right - of_feet), *along)
+        base = 0.5 * (centres[0] + centres[1] - of_feet)
+        return cls(right, rate - line.left * dot(line.left, rate), base, *along)

@@ -18,7 +18,8 @@ the encoders of the standing legs; what these do not see, springs, play, soft fe
 The rotors of geared motors turn with a momentum of their own, about the joints' axes: it is added to L_o.
 
 What has a moment about l is added to the right side: feet resist rolling, by a length times the weight that they carry,
-and a cable pulls at the base. The cable's force and the floor's slope stay in the room when the robot is turned in it.
+and a cable pulls at the base or hangs from it. The cable's force and the floor's slope stay in the room when the robot is
+turned in it; what hangs from it turns along.
 """
 
 from __future__ import annotations
@@ -79,12 +80,16 @@ class TiltInvariant:
         "imu_position",
         *ACCELEROMETER,
         *GYRO,
+        "gyro_lag",
         "clock_offset",
         *LEG_SHAPE,
         "foot_radius",
         "foot_radius_each",
+        "foot_width",
         "sag",
         "pull",
+        "hanging",
+        "tether",
         "floor_slope",
         "rolling",
         "rotor_spin",

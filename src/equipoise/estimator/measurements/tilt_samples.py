@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.estimator.measurements.drive_train import JointReadings
+from equipoise.estimator.measurements.foot_contact import FootContact, foot_directions
 from equipoise.estimator.measurements.heading import facing
 from equipoise.estimator.measurements.imu_frame import angular_velocity, specific_force, traced_mounting
-from equipoise.estimator.measurements.leg_motion import LegChains, LegShape
+from equipoise.estimator.measurements.leg_motion import LegChains, LegShape, TracedPosture
 from equipoise.estimator.measurements.lift_samples import LiftSamples
 from equipoise.estimator.measurements.momenta import Momenta
 from equipoise.estimator.measurements.support_line import ContactLine, Feet, RollingLine
@@ -58,6 +59,7 @@ class TiltSamples:
     joints: JointReadings
     angular_velocity_in_imu: FloatArray
     angular_acceleration_in_imu: FloatArray
+    angular_jerk_in_imu: FloatArray
     acceleration_in_imu: FloatArray
     up_in_imu: FloatArray
     feet: Feet
@@ -78,6 +80,7 @@ class TiltSamples:
             _joint_readings(robot, legs, lifts),
             joined("angular_velocity_in_imu"),
             joined("angular_acceleration_in_imu"),
+            np.ascontiguousarray(_rates(joined("angular_acceleration_in_imu").T, lifts).T),
             joined("acceleration_in_imu"),
             joined("up_in_imu"),
             _stance_feet(lifts),
@@ -96,6 +99,7 @@ class TiltSamples:
             joints=self.joints.at(places),
             angular_velocity_in_imu=self.angular_velocity_in_imu[:, places],
             angular_acceleration_in_imu=self.angular_acceleration_in_imu[:, places],
+            angular_jerk_in_imu=self.angular_jerk_in_imu[:, places],
             acceleration_in_imu=self.acceleration_in_imu[:, places],
             up_in_imu=self.up_in_imu[:, places],
             feet=[foot[places] for foot in self.feet],
@@ -116,13 +120,14 @@ class TiltSamples:
             again,
             joints=replace(again.joints, velocity=readings[3:], torque_rate=still, acceleration=still),
             angular_velocity_in_imu=readings[:3],
+            angular_acceleration_in_imu=np.zeros((3, again.count)),
         )
 
     def less_errors(self, values: TracedValues) -> tuple[Traced, ...]:
         """Components of `SensedLift`, first axes first, in its order."""
         imu, (position, velocity) = self._sensed(values), self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
-        line = ContactLine.of(posture, self.feet, self._to_centre(values, imu.up))
+        line = ContactLine.of(posture, self.feet, self._contacts(values, posture, self._floor_normal(values, imu.up)))
         return position, velocity, imu.up, imu.turning, line.left
 
     def lean(self, values: TracedValues) -> Traced:
@@ -135,7 +140,7 @@ class TiltSamples:
         normal = self._floor_normal(values, felt / length(felt))
         position, _ = self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
-        return dot(ContactLine.of(posture, self.feet, self._radii_along(values, normal)).left, normal)
+        return dot(ContactLine.of(posture, self.feet, self._contacts(values, posture, normal)).left, normal)
 
     def momentum(self, values: TracedValues) -> Traced:
         """(n,) l . L_o [kg m2/s]."""
@@ -151,7 +156,7 @@ class TiltSamples:
             - dot(line.left, cross(rolling.velocity - rolling.base_velocity, robot.linear))
             + dot(rolling.left_rate, angular)
             - GRAVITY * robot.mass * self._resistance_arm(values, rolling)
-            - dot(line.left, cross(line.point, self._pull(values, imu.up))) * (robot.mass * (1 / self.legs.robot_mass))
+            + dot(line.left, self._moment(values, line, imu.up)) * (robot.mass * (1 / self.legs.robot_mass))
         )
         return dot(line.left, angular), rate
 
@@ -163,7 +168,7 @@ class TiltSamples:
         position, _ = self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
         up, still = self._sensed(values).up, Traced(np.zeros(self.joints.position.shape))
-        line = ContactLine.of(posture, self.feet, self._to_centre(values, up))
+        line = ContactLine.of(posture, self.feet, self._contacts(values, posture, self._floor_normal(values, up)))
         turning = self.legs.traced_motion(posture, still, line.left)
         robot = Momenta.about(
             line.point, self.legs, values["inertial"], posture, turning, line.left, cross(line.point, line.left)
@@ -172,15 +177,15 @@ class TiltSamples:
 
     def _line_and_momenta(self, values: TracedValues, imu: _Sensed) -> tuple[ContactLine, RollingLine, Momenta, Traced]:
         """The line, how it moves, the bodies' momenta about it as seen from the base's origin, and L_o with the rotors'."""
-        to_centre = self._to_centre(values, imu.up)
         position, velocity = self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
         motion = self.legs.traced_motion(posture, velocity, imu.turning)
-        line = ContactLine.of(posture, self.feet, to_centre)
+        contacts = self._contacts(values, posture, self._floor_normal(values, imu.up))
+        line = ContactLine.of(posture, self.feet, contacts)
         origin = Traced(np.zeros((3, self.count)))
         robot = Momenta.about(line.point, self.legs, values["inertial"], posture, motion, imu.turning, origin)
         angular = robot.angular + values["rotor_spin"] * motion.bending
-        return line, RollingLine.of(line, motion, self.feet, to_centre), robot, angular
+        return line, RollingLine.of(line, motion, self.feet, contacts), robot, angular
 
     def _resistance_arm(self, values: TracedValues, rolling: RollingLine) -> Traced:
         """(n,) length behind its weight at which the floor carries the robot: half of it on each rolling foot [m]."""
@@ -190,30 +195,44 @@ class TiltSamples:
     def _sensed(self, values: TracedValues) -> _Sensed:
         """What the IMU says, in base axes."""
         rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
-        rate = angular_velocity(values, self.angular_velocity_in_imu) - values["gyro_drift"] * self.when
+        rate = self._turning(values, self.angular_velocity_in_imu, self.angular_acceleration_in_imu)
+        rate = rate - values["gyro_drift"] * self.when
         return _Sensed(rotation, turned(rotation, self.up_in_imu), turned(rotation, rate))
+
+    @staticmethod
+    def _turning(values: TracedValues, read: FloatArray, read_rate: FloatArray) -> Traced:
+        """(3, n) angular velocity, or its rate of change, when the accelerometer's sample was taken, to first order."""
+        return angular_velocity(values, read) + values["gyro_lag"] * angular_velocity(values, read_rate)
 
     def _specific_force(self, values: TracedValues, imu: _Sensed) -> Traced:
         """(3, n) specific force at the base's origin, in base axes [m/s2]."""
         force = turned(imu.rotation, specific_force(values, self.acceleration_in_imu, self.when))
-        turning_rate = turned(imu.rotation, angular_velocity(values, self.angular_acceleration_in_imu))
+        rate = self._turning(values, self.angular_acceleration_in_imu, self.angular_jerk_in_imu)
+        turning_rate = turned(imu.rotation, rate)
         arm = values["imu_position"] + self.imu_in_base[:, None]
         return force - cross(turning_rate, arm) - cross(imu.turning, cross(imu.turning, arm))
-
-    def _to_centre(self, values: TracedValues, up: Traced) -> list[Traced]:
-        """(3, n) from the contact points of the stance feet to their centres, in base axes [m]."""
-        return self._radii_along(values, self._floor_normal(values, up))
 
     def _floor_normal(self, values: TracedValues, up: Traced) -> Traced:
         """(3, n) in base axes."""
         normal = up + contract("ij,j...->i...", np.eye(3)[:, :2], facing(values["floor_slope"], self.heading))
         return normal / length(normal)
 
-    def _radii_along(self, values: TracedValues, normal: Traced) -> list[Traced]:
-        """(3, n) radii of the stance feet along the floor's normal [m]."""
+    def _contacts(self, values: TracedValues, posture: TracedPosture, normal: Traced) -> list[FootContact]:
+        """Contacts of the stance feet with a floor of (3, n) normals, in base axes."""
         radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"] + values["foot_radius_each"])
         radius = radius - _GIVEN_BY_FEET * 0.5 * GRAVITY * self.legs.robot_mass * values["sag"]
-        return [radius[foot, np.arange(self.count)] * normal for foot in self.feet]
+        directions, sample = foot_directions(self.legs, posture), np.arange(self.count)
+        return [
+            FootContact(radius[foot, sample], normal, values["foot_width"], directions[:, :, foot, sample])
+            for foot in self.feet
+        ]
+
+    def _moment(self, values: TracedValues, line: ContactLine, up: Traced) -> Traced:
+        """(3, n) moment about the line's point of what pulls at the base's origin and hangs from the base [Nm]."""
+        hanging = contract("ij,j...->i...", np.eye(3)[:, :2], values["hanging"])
+        middle = line.point + 0.5 * line.length * line.left - self.legs.middle_of_feet
+        held = values["tether"] * (middle - up * dot(middle, up))
+        return hanging - cross(line.point, self._pull(values, up) + held)
 
     def _pull(self, values: TracedValues, up: Traced) -> Traced:
         """(3, n) constant horizontal force on the base's origin, in base axes [N]."""
@@ -226,13 +245,18 @@ class TiltSamples:
 def _joint_readings(robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> JointReadings:
     """Of all samples of some lifts, with the torques that they carry."""
     torque = carried_torque(robot, legs, lifts)
-    ends = np.cumsum([len(lift.joint_position) for lift in lifts])[:-1]
-    rates = [np.gradient(part, lift.step, axis=0) for part, lift in zip(np.split(torque, ends), lifts, strict=True)]
     position, velocity, acceleration = (
         np.concatenate([getattr(lift, f"joint_{name}") for lift in lifts])
         for name in ("position", "velocity", "acceleration")
     )
-    return JointReadings.of(legs, position, velocity, torque, np.concatenate(rates), acceleration)
+    return JointReadings.of(legs, position, velocity, torque, _rates(torque, lifts), acceleration)
+
+
+def _rates(readings: FloatArray, lifts: Sequence[LiftSamples]) -> FloatArray:
+    """(n, k) rates of change of the (n, k) readings of some lifts."""
+    ends = np.cumsum([len(lift.joint_position) for lift in lifts])[:-1]
+    parts = zip(np.split(readings, ends), lifts, strict=True)
+    return np.concatenate([np.gradient(part, lift.step, axis=0) for part, lift in parts])
 
 
 def carried_torque(robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> FloatArray:

@@ -1,0 +1,60 @@
+"""Where a foot touches the floor: a ball under its centre, a foot that is wide or worn flat nearer to an edge.
+
+With n the floor's normal, R the radius and u a direction of the foot that is level in the nominal stance, the vector from the
+contact point to the foot's centre is
+
+    e = R n + sum of w tanh(n . u / s) u.
+
+w is the half-width of the foot along u: zero for a ball, half the length for a cylinder across the leg. A foot that leans by
+more than about s stands on its edge. Below that the load is spread over its width.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.estimator.measurements.leg_motion import LegChains, TracedPosture
+from equipoise.estimator.measurements.traced import Traced, contract, cross, tanh
+
+_LEAN: Final = 0.005  # [rad] s; softer feet make a cylinder more like a ball, whose width is not seen and does no harm
+_ALONG_EACH, _SUM = "i...,ij...->j...", "j...,ij...->i..."
+
+
+def foot_directions(legs: LegChains, posture: TracedPosture) -> Traced:
+    """(3, 2, 4, n) `LegChains.level_directions` of the feet, in base axes."""
+    return contract("ij...,jk...->ik...", posture.rotation[:, :, -1], legs.level_directions)
+
+
+class FootContact:
+    """A foot of n samples on the floor, in base axes.
+
+    Attributes:
+        to_centre: (3, n) from the contact point to the foot's centre [m].
+    """
+
+    def __init__(self, radius: Traced, normal: Traced, width: Traced, directions: Traced) -> None:
+        """Take (n,) radii [m], (3, n) floor normals, (2, n) half-widths [m] and (3, 2, n) directions."""
+        self._ball, self._normal, self._width, self._directions = radius * normal, normal, width, directions
+        self._side = tanh(contract(_ALONG_EACH, normal, directions) * (1 / _LEAN))
+        self.to_centre = self._ball + contract(_SUM, width * self._side, directions)
+
+    def contact_velocity(self, turning: Traced) -> Traced:
+        """(3, n) velocity with which the contact travels over the floor [m/s], of a foot that turns with (3, n) [rad/s]."""
+        leaning = contract(_ALONG_EACH, self._normal, cross(turning[:, None], self._directions))
+        shifted = self._width * (1.0 - self._side * self._side) * leaning * (1 / _LEAN)
+        return cross(turning, self._ball) - contract(_SUM, shifted, self._directions)
+
+
+def to_centre_by_width(legs: LegChains, joint_position: FloatArray, up: FloatArray) -> FloatArray:
+    """(n, 2, 4, 3) from the contact points to the feet's centres beyond that of balls, over the half-widths of the feet.
+
+    Args:
+        joint_position: (n, nj) joint positions [rad].
+        up: (n, 3) floor's normal, in base axes.
+    """
+    directions = foot_directions(legs, legs.traced_posture(Traced(np.ascontiguousarray(joint_position.T)))).value.T
+    lean = np.einsum("nlki,ni->nlk", directions, up)
+    return np.asarray(np.moveaxis(np.tanh(lean / _LEAN)[..., None] * directions, 1, 2), dtype=float)
