@@ -92,11 +92,12 @@ def test_a_failed_check_is_told_before_any_number(precise_run, a1, capsys):
 
 @pytest.mark.parametrize(("cable", "factor"), [("none", 0.0), ("light", 1.0), ("heavy", 5.0)])
 def test_a_cable_pulls_as_hard_as_is_said(cable, factor):
-    usual, tether = Priors(), 10.0 if cable == "heavy" else 0.0
-    believed = Priors(pull=factor * usual.pull, hanging=factor * usual.hanging, tether=tether)
+    usual = Priors()
+    hanging, tether = {"none": (0.0, 0.0), "light": (1.0, 1.0), "heavy": (10.0, 2.0)}[cable]
+    believed = Priors(pull=factor * usual.pull, hanging=hanging * usual.hanging, tether=tether * usual.tether)
     assert Precise(cable=cable, turn=True).beliefs == believed
-    told = Precise(cable=cable, turn=True, priors=Priors(pull=0.3, play=0.1, tether=2.0)).beliefs
-    assert told == replace(believed, pull=factor * 0.3, play=0.1, tether=2.0)
+    told = Precise(cable=cable, turn=True, priors=Priors(pull=0.3, play=0.1)).beliefs
+    assert told == replace(believed, pull=factor * 0.3, play=0.1)
 
 
 def test_a_carpet_may_be_uneven_and_hold_feet_back():
@@ -116,8 +117,8 @@ def test_legs_that_are_trusted_are_the_files_but_for_a_little_mass():
 
 
 def test_what_was_said_is_told_in_words():
-    assert "a cable pulls by 0.2 N to a side and hangs by as much" in Precise().assumptions[0]
-    assert "a cable pulls by 1 N" in Precise(cable="heavy").assumptions[0]
+    assert "a cable pulls by 0.2 N to a side and by 0.2 N down" in Precise().assumptions[0]
+    assert "a cable pulls by 1 N to a side and by 2 N down" in Precise(cable="heavy").assumptions[0]
     cable, legs = Precise(cable="none").assumptions, Precise(legs="trusted").assumptions
     assert (len(cable), len(legs)) == (1, 2)
     assert "no cable" in cable[0]

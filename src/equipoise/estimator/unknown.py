@@ -179,14 +179,10 @@ class Unknown:
         return form.format(each=each, value=value, deviation=deviation, size=abs(value))
 
 
-def unknown(
-    prior: float, meaning: str, unit: str, each: Each, source: str, group: Group, held: bool = False, **more: Any
-) -> float:
+def unknown(prior: float, meaning: str, unit: str, each: Each, source: str, group: Group, **more: Any) -> float:
     """A row of the table as a field of `Priors`; the arguments are those of `Unknown`.
 
     Args:
         prior: standard deviation, as a multiple of the row's measure.
-        held: whether the row is held at the model's value where nobody asks for it.
     """
-    row = Unknown(meaning, unit, each, source, group, usual=prior, **more)
-    return field(default=0.0 if held else prior, metadata={ROW: row})
+    return field(default=prior, metadata={ROW: Unknown(meaning, unit, each, source, group, usual=prior, **more)})

@@ -268,11 +268,11 @@ class Priors:
         cause="something hangs from it: a cable, a hose", opened_by="--cable light",
     )  # fmt: skip
     tether: float = unknown(
-        10.0, "stiffness of what holds the base back to its place over the feet at the nominal stance", "N/m", ROBOT,
-        "a hose or a tether has 10 to 20; held where there is none: 2 N/m, as of a light cable, look like a CoM 1 mm higher",
+        10.0, "stiffness of a tether between the end of the trunk and where that is at the nominal stance", "N/m", ROBOT,
+        "a hose has 10 to 20; none is known without one",
         group=CABLE, label="stiffness of a tether", finding="stiffness of a tether", notable=5.0, drift=None, judged=False,
-        advice="something holds the base back to a place, with {value:+.1f} N/m (sd {deviation:.1f}): a hose or a tether",
-        cause="a hose or a tether holds the base back", opened_by="--cable heavy", held=True,
+        advice="something holds the trunk back to its place, with {value:+.1f} N/m (sd {deviation:.1f}): a hose or a tether",
+        cause="a hose or a tether holds the trunk back", opened_by="--cable light",
     )  # fmt: skip
     floor_slope: float = unknown(
         5e-3, "floor's normal less up, in base axes at the nominal stance and the run's beginning", "rad", named("x", "y"),

@@ -15,9 +15,10 @@ from equipoise.robot.stance import Stance
 _BUDGET, _BUDGET_AFTER = 120.0, 30.0  # [s] on an A1; where an earlier run is known
 _LONGEST = 3600.0  # [s]
 _FINEST, _COARSEST = 1e-4, 500.0  # [kg]
-_CABLES = {"none": 0.0, "light": 1.0, "heavy": 5.0}  # pull and hanging weight over their priors
+# Over the priors of what a cable may do: pull to a side, hang, hold back.
+_CABLES = {"none": (0.0, 0.0, 0.0), "light": (1.0, 1.0, 1.0), "heavy": (5.0, 10.0, 2.0)}
 _SURFACES = {"hard": 1.0, "carpet": 3.0}  # rolling resistance, sag and unevenness over their priors
-_OF_CABLE = ("pull", "hanging")
+_OF_CABLE = ("pull", "hanging", "tether")
 _OF_SURFACE = ("rolling", "sag", "floor_warp", "foothold_change")
 _OF_LEGS = (
     "leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position", "foot_radius_each",
@@ -105,12 +106,12 @@ class PreciseSettings:
     @property
     def _said(self) -> Priors:
         """The priors, with what was said of cable, surface, turn and legs."""
-        wider = dict.fromkeys(_OF_SURFACE, _SURFACES[self.surface]) | dict.fromkeys(_OF_CABLE, _CABLES[self.cable])
+        wider = dict.fromkeys(_OF_SURFACE, _SURFACES[self.surface]) | dict(
+            zip(_OF_CABLE, _CABLES[self.cable], strict=True)
+        )
         priors = replace(self.priors, **{name: factor * getattr(self.priors, name) for name, factor in wider.items()})
         if not self.turn:
             priors = priors.holding("foothold_change")
-        if self.cable == "heavy":
-            priors = replace(priors, tether=priors.tether or Priors.row("tether").usual)
         if self.swings:  # who looks for legs does not trust the file's
             priors = replace(priors, link_length=_LOOKED_FOR * priors.link_length)
         if self.legs == "unknown":
@@ -120,10 +121,10 @@ class PreciseSettings:
     @property
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions on cable, legs and sensors that no motion of a run can test."""
-        newtons = _CABLES[self.cable] * self.priors.pull
-        light = f"a cable pulls by {newtons:g} N to a side and hangs by as much at an end of the trunk (standard deviations)"
+        aside, down = (self.priors.pull * factor for factor in _CABLES[self.cable][:2])
+        cable = f"a cable pulls by {aside:g} N to a side and by {down:g} N down, at an end of the trunk (standard deviations)"
         said = (
-            f"{light}; what hangs heavier moves the CoM" if newtons else "no cable pulls at the robot or hangs from it",
+            f"{cable}; a stronger pull shifts the CoM" if aside else "no cable pulls at the robot or hangs from it",
         )
         trusted = f"masses of the legs are the file's to {_TRUSTED_MASS:.0%}, their CoMs and lengths exactly"
         legs = self.legs if self.known is None else self.known.legs

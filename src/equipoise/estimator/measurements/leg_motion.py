@@ -165,6 +165,11 @@ class LegChains:
         """(3, 1) mean of the feet's centres at the nominal stance, in the base frame [m]."""
         return nominal_stance(self._robot).feet_in_base.mean(axis=0)[:, None]
 
+    @cached_property
+    def end_of_trunk(self) -> FloatArray:
+        """(3, 1) point of the base above the rear feet of the nominal stance, in the base frame [m]."""
+        return np.array([[nominal_stance(self._robot).feet_in_base[2:, 0].mean()], [0.0], [0.0]])
+
     @property
     def links(self) -> int:
         """Number of leg links of the robot."""

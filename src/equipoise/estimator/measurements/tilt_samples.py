@@ -22,6 +22,7 @@ from equipoise.estimator.unknowns import TracedValues
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 
+_UP = np.array([[0.0], [0.0], [1.0]])
 _ROLLING = 0.03  # [rad/s] at which feet roll, and do not creep
 # Of the sag: a soft foot comes nearer to what it stands on, a soft floor goes down with it, and nobody knows which gives.
 _GIVEN_BY_FEET = 0.5
@@ -230,9 +231,11 @@ class TiltSamples:
     def _moment(self, values: TracedValues, line: ContactLine, up: Traced) -> Traced:
         """(3, n) moment about the line's point of what pulls at the base's origin and hangs from the base [Nm]."""
         hanging = contract("ij,j...->i...", np.eye(3)[:, :2], values["hanging"])
-        middle = line.point + 0.5 * line.length * line.left - self.legs.middle_of_feet
-        held = values["tether"] * (middle - up * dot(middle, up))
-        return hanging - cross(line.point, self._pull(values, up) + held)
+        end, at_rest = self.legs.end_of_trunk, self.legs.end_of_trunk - self.legs.middle_of_feet
+        middle = line.point + 0.5 * line.length * line.left
+        at_rest = at_rest + cross(cross(_UP, up), at_rest)
+        held = cross(end - line.point, values["tether"] * (at_rest + middle - end))
+        return hanging + held - cross(line.point, self._pull(values, up))
 
     def _pull(self, values: TracedValues, up: Traced) -> Traced:
         """(3, n) constant horizontal force on the base's origin, in base axes [N]."""
