@@ -92,6 +92,13 @@ def quadruped_urdf(
     return "\n".join(['<robot name="synthetic">', *parts, extra, "</robot>"])
 
 
+def on_cylinders(rpy: str = "1.5708 0 0") -> str:
+    """A URDF whose feet are cylinders of 36 x 12 mm, turned from the foot link's z axis by angles [rad]; across the leg."""
+    shape = '<geometry><cylinder radius="0.018" length="0.012"/></geometry>'
+    ball = f'<geometry><sphere radius="{FOOT_RADIUS}"/></geometry>'
+    return quadruped_urdf().replace(ball, f'<origin rpy="{rpy}"/>{shape}')
+
+
 def urdf_arm_on_a_mount(trunk: str = "trunk") -> str:
     """An arm on a turned, fixed mount, a turned fixed link in its middle and a gripper of two fingers: `extra` of a URDF."""
     chain = [

@@ -9,7 +9,19 @@ import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from robots import ARM, FOOT_RADIUS, FOUR_LEGS, HIPS, LINKS, REAR_TRUNK, SIX_LEGS, load_text, plain_name, quadruped_urdf
+from robots import (
+    ARM,
+    FOOT_RADIUS,
+    FOUR_LEGS,
+    HIPS,
+    LINKS,
+    REAR_TRUNK,
+    SIX_LEGS,
+    load_text,
+    on_cylinders,
+    plain_name,
+    quadruped_urdf,
+)
 
 from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.robot.cleaning.urdf_joints import UNLIMITED_JOINT_RANGE
@@ -293,13 +305,26 @@ def test_a_sphere_at_the_knee_is_no_foot(load):
     assert {foot.position_in_body for foot in load(text).feet.values()} == {(0.0, 0.0, -0.2)}
 
 
+def test_cylinders_along_the_knees_axes_are_feet_with_a_width(load):
+    feet = load(on_cylinders("1.5708 0 0")).feet.values()
+    assert {(foot.radius, foot.half_width, foot.position_in_body) for foot in feet} == {
+        (0.018, 0.006, (0.0, 0.0, -0.2))
+    }
+    assert {foot.half_width for foot in load(quadruped_urdf()).feet.values()} == {0.0}
+
+
+def test_cylinders_along_the_shank_are_no_feet(load):
+    robot = load(on_cylinders("0 0 0"))
+    assert {(foot.radius, foot.half_width) for foot in robot.feet.values()} == {(0.05 * robot.leg_length, 0.0)}
+
+
 def test_feet_without_spheres_are_at_the_farthest_frames_with_a_guessed_radius_that_is_said(tmp_path):
     path = tmp_path / "spot.urdf"
     path.write_text(quadruped_urdf(foot_radius=None), encoding="utf-8")
     with pytest.warns(ModelWarning) as caught:
         robot = RobotModel.from_file(path)
     assert str(caught[-1].message) == (
-        "spot: no sphere at the feet; a radius of 20 mm is assumed (set foot_radius in the robot description)"
+        "spot: no sphere or cylinder at the feet; a radius of 20 mm is assumed (set foot_radius in the robot description)"
     )
     assert {foot.radius for foot in robot.feet.values()} == {0.05 * robot.leg_length}
     assert {foot.position_in_body for foot in robot.feet.values()} == {(0.0, 0.0, -0.2)}

@@ -8,16 +8,20 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from robots import load_text, on_cylinders
 
 from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, simulate
 from equipoise.conventions import GRAVITY
 from equipoise.errors import SettingsError
+from equipoise.estimator.parameters import Unknowns
+from equipoise.estimator.unknowns import Priors
+from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.inertial import InertialParameters, composite_parameters, nominal_inertia
 from equipoise.robot.scale import Scale
 from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import PRESETS, REALISTIC, STRESS, read_effects
 from equipoise.simulation.leg_errors import LegErrors
-from equipoise.simulation.mujoco_contacts import foot_name
+from equipoise.simulation.mujoco_contacts import foot_geoms, foot_name
 from equipoise.simulation.mujoco_drive import ChangingFriction, as_a_spring, spring_name
 from equipoise.simulation.mujoco_loads import SLING, SWINGING_LOAD, WATER
 from equipoise.simulation.mujoco_model import build_simulated_robot
@@ -121,7 +125,7 @@ def test_effects_are_read_and_taken_out():
         ({"effects": {"slosh": 0.95}, "payload": "1,0,0,0"}, "slosh is 0.95: a tank has a mass of its own; give 0.9 at most"),
         ({"effects": {"slosh": None}}, "slosh is 0.65, and the robot carries no payload that could be water; give one"),
         ({"effects": {"vertical_pull": np.inf}}, r"vertical_pull is inf; it must be a finite number$"),
-        ({"effects": {"foot_width": None, "foot_oval": None}}, "feet are cylinders or ovals, so leave out one of the two"),
+        ({"effects": {"foot_width": None, "foot_oval": None}}, "feet are cylinders, by foot_width or by the model file"),
         ({"effects": {"vertical_pull": None}, "engine": "dart"}, "dart cannot simulate vertical_pull; take out"),
         ({"noise": "stress", "engine": "dart"}, r"dart cannot simulate springs, spring.*--without springs,spring_spread"),
         ({"effects": {"swinging_load": None}, "engine": "dart"}, "dart cannot simulate swinging_load; take out"),
@@ -588,6 +592,18 @@ def test_feet_of_all_shapes_stand_level_on_the_floor(a1, skewed, effect, contact
         mujoco.mj_forward(seen.model, data)
         assert len(data.contact) == 4 * contacts
         assert np.ptp([contact.dist for contact in data.contact]) < 20e-6
+
+
+def test_feet_that_are_cylinders_in_the_file_are_cylinders_in_the_simulation(tmp_path):
+    robot = load_text(tmp_path, on_cylinders())
+    with simulate(robot, "ideal") as simulation:
+        model = engine(simulation).model
+        for leg in LEG_NAMES:
+            (foot,) = foot_geoms(model, leg)
+            assert model.geom_type[foot] == mujoco.mjtGeom.mjGEOM_CYLINDER
+            assert np.allclose(model.geom_size[foot][:2], (0.018, 0.006))
+    unknowns = Unknowns(robot, nominal_stance(robot), Priors())
+    assert unknowns.scale[unknowns["foot_width"]] == pytest.approx([6e-3, 6e-3])
 
 
 def test_feet_are_beside_their_places_by_what_is_drawn(a1):

@@ -80,6 +80,10 @@ JOINT_KIND = Each("kind of joint: hip, thigh, calf", _kinds)
 AXIS = named("x", "y", "z")
 
 ITSELF = Measure("", lambda robot, stance: 1.0)
+FEET = Measure(
+    "hip height, or a hundred half-widths of the file's feet",
+    lambda robot, stance: max(stance.hip_height, *(100 * leg.foot_half_width for leg in robot.legs.values())),
+)
 HIP_HEIGHT = Measure("hip height", lambda robot, stance: stance.hip_height)
 PER_A1_TORQUE = Measure("an A1's m g h over m g h", lambda robot, stance: 1.0 / stance.scale.torque)
 PER_A1_STIFFNESS = Measure(

@@ -23,6 +23,7 @@ from equipoise.estimator.unknown import (
     A1_TORQUE,
     AXIS,
     CABLE,
+    FEET,
     FLOOR,
     HIP_AXIS,
     HIP_HEIGHT,
@@ -204,7 +205,7 @@ class Priors:
     )  # fmt: skip
     foot_width: float = unknown(
         0.01, "half-width of the feet beyond that of balls, across and along the legs", "m", named("across", "along"),
-        "assumed: 3 mm on an A1; balls have none, worn feet a few millimetres", group=LEG_LENGTHS, measure=HIP_HEIGHT,
+        "assumed: 3 mm on an A1, or what the file's feet have; worn feet a few millimetres", group=LEG_LENGTHS, measure=FEET,
         label="half-width of the feet {each} the legs", finding="half-width of the feet {each}", shown=1000.0, notable=2e-3,
         drift=0.1, judged=False, nonnegative=True,
         advice="the feet are no balls: they stand on their edges {value:+.1f} mm {each} the legs (sd {deviation:.1f})",

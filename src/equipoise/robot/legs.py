@@ -12,7 +12,7 @@ import pinocchio as pin
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.robot.description import LEG_NAMES, RobotDescription
-from equipoise.robot.tree import Spheres, body_frame_of, joint_axis, name_legs
+from equipoise.robot.tree import Round, Rounds, body_frame_of, joint_axis, name_legs
 
 # A model without foot spheres gets feet of this fraction of the leg length: Solo's 16 mm feet on 0.32 m legs.
 _DEFAULT_FOOT_RADIUS_RATIO = 0.05
@@ -35,6 +35,7 @@ class Leg:
         joints: indices of the same joints in the robot's joint vectors.
         foot_frame_id: Pinocchio's id of the frame at the foot's centre.
         foot_radius: radius of the foot [m].
+        foot_half_width: half-width of the foot along the knee's axis [m]: of a cylinder; zero of a ball.
     """
 
     name: str
@@ -43,17 +44,18 @@ class Leg:
     joints: tuple[int, ...]
     foot_frame_id: int
     foot_radius: float
+    foot_half_width: float = 0.0
 
 
 def add_legs(
-    model: pin.Model, chains: list[list[str]], spheres: Spheres, description: RobotDescription, robot: str, path: Path
+    model: pin.Model, chains: list[list[str]], rounds: Rounds, description: RobotDescription, robot: str, path: Path
 ) -> dict[str, Leg]:
     """The legs FL FR RL RR of a model, which is given a frame at the centre of each foot.
 
     Args:
         model: Pinocchio model with leg joints only.
         chains: names of each leg's joints from the hip down.
-        spheres: spheres among the collision shapes.
+        rounds: spheres among the collision shapes, and cylinders along the joints' axes.
         description: description in which a user gives foot frames and radius.
         robot: name of the robot, for messages.
         path: path of its model file, for messages.
@@ -65,13 +67,14 @@ def add_legs(
     for leg in LEG_NAMES:
         ids = by_leg[leg]
         knee = ids[-1]
-        below = spheres.get(names[knee], [])
+        below = rounds.get(names[knee], [])
         if leg in description.foot_frames:
-            placement, radius = _described_foot(model, knee, leg, description.foot_frames[leg], below, robot)
+            centre, shape = _described_foot(model, knee, leg, description.foot_frames[leg], below, robot)
         else:
-            placement, radius = _found_foot(model, knee, leg, below, path)
-        radius = description.foot_radius or radius
-        guessing |= radius is None
+            centre, shape = _found_foot(model, knee, leg, below, path)
+        radius = description.foot_radius or (shape.radius if shape else 0.0)
+        guessing |= radius == 0.0
+        placement = pin.SE3(np.eye(3), centre)
         frame = pin.Frame(f"equipoise_{leg}_foot", knee, body_frame_of(model, knee), placement, pin.FrameType.OP_FRAME)
         legs[leg] = Leg(
             name=leg,
@@ -79,7 +82,8 @@ def add_legs(
             joint_ids=tuple(ids),
             joints=tuple(joint - 2 for joint in ids),
             foot_frame_id=int(model.addFrame(frame)),
-            foot_radius=radius or 0.0,
+            foot_radius=radius,
+            foot_half_width=shape.half_width if shape else 0.0,
         )
     length = float(np.mean([leg_length(model, leg) for leg in legs.values()]))
     if description.foot_radius is not None and description.foot_radius > length / 2:
@@ -91,7 +95,7 @@ def add_legs(
         return legs
     guess = _DEFAULT_FOOT_RADIUS_RATIO * length
     warnings.warn(
-        f"{robot}: no sphere at the feet; a radius of {guess * 1000:.0f} mm is assumed "
+        f"{robot}: no sphere or cylinder at the feet; a radius of {guess * 1000:.0f} mm is assumed "
         "(set foot_radius in the robot description)",
         ModelWarning,
         stacklevel=4,
@@ -113,49 +117,45 @@ def leg_length(model: pin.Model, leg: Leg) -> float:
 
 
 def _described_foot(
-    model: pin.Model, knee: int, leg: str, wanted: str, spheres: list[tuple[pin.SE3, float]], robot: str
-) -> tuple[pin.SE3, float | None]:
-    """Placement of the frame of that name in the knee joint's frame, and the radius of the sphere there, if any."""
+    model: pin.Model, knee: int, leg: str, wanted: str, rounds: list[Round], robot: str
+) -> tuple[FloatArray, Round | None]:
+    """Return the (3,) place of the frame of that name in the knee joint's frame [m], and the round shape there, if any."""
     called_so = [frame for frame in model.frames if frame.name == wanted]  # a joint's may be a link's too
     if not called_so:
         raise SettingsError(f"foot frame {wanted!r} of leg {leg} is not in robot model {robot!r}")
     below_knee = [frame for frame in called_so if frame.parentJoint == knee]
     if not below_knee:
         raise SettingsError(f"foot frame {wanted!r} is not below the knee of leg {leg}")
-    placement = pin.SE3(np.eye(3), np.array(below_knee[0].placement.translation))
-    if _on_knee(model, knee, placement.translation):
+    centre = np.array(below_knee[0].placement.translation)
+    if _on_knee(model, knee, centre):
         raise SettingsError(
             f"foot frame {wanted!r} of leg {leg} sits on the knee's axis (joint {str(model.names[knee])!r}), as the frame of "
             f"the link itself does; {_ADD_FOOT}"
         )
-    near = [
-        radius
-        for sphere, radius in spheres
-        if np.linalg.norm(sphere.translation - placement.translation) < 0.5 * radius
-    ]
-    return placement, near[0] if near else None
+    near = (shape for shape in rounds if np.linalg.norm(shape.centre - centre) < 0.5 * shape.radius)
+    return centre, next(near, None)
 
 
 def _found_foot(
-    model: pin.Model, knee: int, leg: str, spheres: list[tuple[pin.SE3, float]], path: Path
-) -> tuple[pin.SE3, float | None]:
-    """Placement of the foot's centre in the knee joint's frame, and the radius of the sphere there, if any.
+    model: pin.Model, knee: int, leg: str, rounds: list[Round], path: Path
+) -> tuple[FloatArray, Round | None]:
+    """Return the (3,) place of the foot's centre in the knee joint's frame [m], and the round shape there, if any.
 
-    The foot is the collision sphere farthest from the knee, or else the farthest frame.
+    The foot is the round collision shape farthest from the knee, or else the farthest frame.
     """
     frames = [np.array(frame.placement.translation) for frame in model.frames if frame.parentJoint == knee]
     farthest = max(frames, key=lambda position: float(np.linalg.norm(position)))
-    if spheres:
-        placement, radius = max(spheres, key=lambda sphere: float(np.linalg.norm(sphere[0].translation)))
-        part_of_knee = np.linalg.norm(placement.translation) <= 0.5 * np.linalg.norm(farthest)
-        if not part_of_knee and not _on_knee(model, knee, placement.translation):
-            return placement, radius
+    if rounds:
+        shape = max(rounds, key=lambda shape: float(np.linalg.norm(shape.centre)))
+        part_of_knee = np.linalg.norm(shape.centre) <= 0.5 * np.linalg.norm(farthest)
+        if not part_of_knee and not _on_knee(model, knee, shape.centre):
+            return shape.centre, shape
     if _on_knee(model, knee, farthest):
         raise ModelError(
             f"robot model {str(path)!r}: nothing marks the foot of leg {leg}: below joint {str(model.names[knee])!r} there is "
             f"neither a frame nor a sphere away from its axis; {_ADD_FOOT}"
         )
-    return pin.SE3(np.eye(3), farthest), None
+    return farthest, None
 
 
 def _on_knee(model: pin.Model, knee: int, foot: FloatArray) -> bool:

@@ -40,11 +40,12 @@ _KP, _KD = 100.0, 3.0  # joint gains [Nm/rad], [Nm s/rad] on an A1
 
 @dataclass(frozen=True)
 class Foot:
-    """Sphere of a foot: its link (body), its position on it [m], and its radius [m]."""
+    """Shape of a foot: its link (body), its position on it [m], its radius and its half-width along the knee's axis [m]."""
 
     body: str
     position_in_body: tuple[float, float, float]
     radius: float
+    half_width: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,17 +120,17 @@ class RobotModel:
         description = description or RobotDescription()
         # A file's name may be bytes that are no UTF-8, which no picture, page or JSON takes.
         name = name or source.path.stem.encode(errors="backslashreplace").decode()
-        full, spheres = read_pinocchio(source)
+        full, rounds = read_pinocchio(source)
         chains = leg_chains(full, source)
         if source.forward == "+x":
             axis = description.forward or forward_axis(chains, hips_of(full, chains), source.path)
             if axis != "+x":
                 source = turned(source, _base_link(full), axis, description.forward is not None)
-                full, spheres = read_pinocchio(source)
+                full, rounds = read_pinocchio(source)
         for repair in source.repairs:
             warnings.warn(f"{name}: {repair}", ModelWarning, stacklevel=3)
         model, held = hold_other_joints(full.copy(), chains, description, source.home)
-        legs = add_legs(model, chains, spheres, description, name, source.path)
+        legs = add_legs(model, chains, rounds, description, name, source.path)
         refuse_degrees(model, source.path)
         lower, upper = position_limits(model, _joint_names(model), description, name)
         velocity, effort = _velocity_and_effort_limits(model, source)
@@ -211,13 +212,13 @@ class RobotModel:
 
     @cached_property
     def feet(self) -> Mapping[str, Foot]:
-        """Spheres of the feet on the links, for an engine that reads the same model."""
+        """Shapes of the feet on the links, for an engine that reads the same model."""
         feet: dict[str, Foot] = {}
         for leg in self.legs.values():
             frame = self.pinocchio.frames[leg.foot_frame_id]
             body = self.pinocchio.frames[frame.parentFrame]
             x, y, z = (body.placement.inverse() * frame.placement).translation
-            feet[leg.name] = Foot(str(body.name), (float(x), float(y), float(z)), leg.foot_radius)
+            feet[leg.name] = Foot(str(body.name), (float(x), float(y), float(z)), leg.foot_radius, leg.foot_half_width)
         return MappingProxyType(feet)
 
     def create_data(self) -> pin.Data:

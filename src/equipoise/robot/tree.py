@@ -7,7 +7,7 @@ import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pinocchio as pin
@@ -22,8 +22,25 @@ from equipoise.robot.source import ModelSource
 _PLAY = 0.1  # [rad] between the limits of a joint that stands for backlash and not for a joint
 _SAME_PLACE = 1e-3  # [m] between two parallel axes that are one
 _PARALLEL = 1e-3  # [rad]
-# Spheres among the collision shapes by the joint that moves them: placement in its frame, and radius [m].
-Spheres = dict[str, list[tuple[pin.SE3, float]]]
+_ALONG = 0.98  # cosine of the angle to an axis
+
+
+class Round(NamedTuple):
+    """A sphere among the collision shapes of a link, or a cylinder along its joint's axis.
+
+    Attributes:
+        centre: (3,) centre in the joint's frame [m].
+        radius: radius [m].
+        half_width: half the length of a cylinder; zero of a sphere [m].
+    """
+
+    centre: FloatArray
+    radius: float
+    half_width: float
+
+
+Rounds = dict[str, list[Round]]
+"""Round shapes by the name of the joint that moves them."""
 
 
 def joint_axis(model: pin.Model, joint: int) -> FloatArray:
@@ -39,17 +56,24 @@ def _motion_of(model: pin.Model, joint: int) -> FloatArray:
     return np.array(data.S, dtype=float).reshape(6)
 
 
-def read_pinocchio(source: ModelSource) -> tuple[pin.Model, Spheres]:
-    """The cleaned file in Pinocchio, floating, and the spheres among its collision shapes."""
+def read_pinocchio(source: ModelSource) -> tuple[pin.Model, Rounds]:
+    """The cleaned file in Pinocchio, floating, and the round shapes that may be feet."""
     model, geometry = read_shapes(source)
-    spheres: Spheres = {}
+    rounds: Rounds = {}
     for shape in geometry.geometryObjects:
-        if type(shape.geometry).__name__ == "Sphere":
-            placement = pin.SE3(np.eye(3), np.array(shape.placement.translation))
-            spheres.setdefault(str(model.names[shape.parentJoint]), []).append(
-                (placement, float(shape.geometry.radius))
-            )
-    return model, spheres
+        joint, kind, placement = shape.parentJoint, type(shape.geometry).__name__, shape.placement
+        if kind == "Sphere" or (
+            kind == "Cylinder" and _is_along_axis(model, joint, np.array(placement.rotation)[:, 2])
+        ):
+            half_width = float(shape.geometry.halfLength) if kind == "Cylinder" else 0.0
+            found = Round(np.array(placement.translation), float(shape.geometry.radius), half_width)
+            rounds.setdefault(str(model.names[joint]), []).append(found)
+    return model, rounds
+
+
+def _is_along_axis(model: pin.Model, joint: int, direction: FloatArray) -> bool:
+    """Return whether a direction in a joint's frame is nearly that of its axis."""
+    return joint > 1 and abs(float(direction @ joint_axis(model, joint))) > _ALONG
 
 
 def read_shapes(source: ModelSource) -> tuple[pin.Model, pin.GeometryModel]:

@@ -77,7 +77,8 @@ def add_contacts(
                 contype=4 << index, conaffinity=4 << index, **floor,
             )  # fmt: skip
         how["pos"] = foot.position_in_body
-        _add_foot(spec.body(foot.body), leg, foot.radius + legs.foot_radius[index], errors.sizes, axes[index], how)
+        radius, width = foot.radius + legs.foot_radius[index], errors.sizes.foot_width or foot.half_width
+        _add_foot(spec.body(foot.body), leg, radius, width, errors.sizes, axes[index], how)
     hips_above_base = stance.hip_height - stance.base_height
     reach = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
     thickness = 0.02 * robot.leg_length
@@ -91,21 +92,21 @@ def add_contacts(
 
 
 def _add_foot(
-    body: mujoco.MjsBody, leg: str, radius: float, sizes: SensorErrors, base_axes: FloatArray, how: dict[str, Any]
-) -> None:
+    body: mujoco.MjsBody, leg: str, radius: float, width: float, sizes: SensorErrors, base_axes: FloatArray,
+    how: dict[str, Any],
+) -> None:  # fmt: skip
     """Add a foot of a radius at the stance: a ball, a cylinder or an ellipsoid, with a disc where it is flat.
 
     Args:
+        width: half-width of a cylinder across the leg; zero of a ball [m].
         base_axes: (3, 3) axes of the base at the stance, as columns in the body's axes.
         how: position and contact parameters of its geoms.
     """
-    if sizes.foot_width and sizes.foot_oval:
-        raise SettingsError(
-            "foot_width and foot_oval are given; feet are cylinders or ovals, so leave out one of the two"
-        )
+    if width and sizes.foot_oval:
+        raise SettingsError("feet are cylinders, by foot_width or by the model file, or ovals: leave out foot_oval")
     shape, size = mujoco.mjtGeom.mjGEOM_SPHERE, [radius, 0, 0]
-    if sizes.foot_width:
-        shape, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [radius, sizes.foot_width, 0]
+    if width:
+        shape, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [radius, width, 0]
     if oval := sizes.foot_oval:
         # Radii of curvature at the end of a semi-axis are the squares of the other two over it.
         shape, size = mujoco.mjtGeom.mjGEOM_ELLIPSOID, radius * np.sqrt([1, 1 + oval, 1 - oval / 2])
