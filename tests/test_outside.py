@@ -278,7 +278,7 @@ def test_a_log_with_a_suffix_of_somebody_is_estimated(installed, precise_run, a1
     (tmp_path / "stand.npz").rename(path)
     estimate = ["estimate", str(path), "--robot", "unitree_a1", "--json", "--no-report"]
     assert main(estimate) == 5
-    assert "or a file .mcap, .db3, .bag, .csv, .parquet" in capsys.readouterr().err
+    assert "or a file .mcap, .db3, .bag, .csv, .tsv" in capsys.readouterr().err
     installed("reader")
     assert main(estimate) == 0
     table = json.loads(capsys.readouterr().out)

@@ -403,7 +403,8 @@ def test_columns_that_the_table_has_not_are_named(a1, leaning, tmp_path):
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "log.db3").touch()
     with pytest.raises(
-        SettingsError, match=r"--columns is for tables \(.csv, .parquet, .npz, .npy, .mat\), and .* is none"
+        SettingsError,
+        match=r"--columns, --rate and several files are for tables \(.csv, .tsv, .dat, .*, .mat\), and .* is not one",
     ):
         read_log(tmp_path / "bag", a1, columns=Columns())
 
@@ -451,7 +452,8 @@ def test_arrays_of_two_lengths_are_refused_by_name(a1, leaning, tmp_path):
     np.savez(tmp_path / "log.npz", q=arrays["q"], t=arrays["t"], **imu)
     rows = len(arrays["t"])
     with pytest.raises(
-        RecordingError, match=rf"arrays of {rows} samples \(q, t\) and {2 * rows} samples \(gyro, acc\), .*interpolate"
+        RecordingError,
+        match=rf"arrays of {rows} samples \(q, t\) and {2 * rows} samples \(gyro, acc\), .*a file of its own",
     ):
         read_log(tmp_path / "log.npz", a1)
 
@@ -509,7 +511,9 @@ def test_files_of_arrays_that_hold_no_log(a1, tmp_path):
         save(path, np.zeros(1000))
         for damaged in (path.read_bytes()[:5000], b"PK nothing", b""):
             path.write_bytes(damaged)
-            with pytest.raises(RecordingError, match=rf"cannot be read: it is damaged, or no .{suffix} file") as told:
+            with pytest.raises(
+                RecordingError, match=rf"cannot be read: it is damaged, or not a .{suffix} file"
+            ) as told:
                 read_log(path, a1)
             assert "allow_pickle" not in str(told.value)
 

@@ -180,20 +180,20 @@ def test_a_bag_without_an_imu_says_what_it_has(a1, log, tmp_path):
 
 
 def test_a_folder_and_a_file_that_are_no_log(a1, tmp_path):
-    with pytest.raises(RecordingError, match="is no log that can be read"):
+    with pytest.raises(RecordingError, match="is not a log that can be read"):
         read_log(tmp_path, a1)
     with pytest.raises(RecordingError, match="does not exist"):
         read_log(tmp_path / "none.mcap", a1)
     for run in ("run1.bag", "run2.bag"):  # logs of their own, and not parts of one
         (tmp_path / run).touch()
-    with pytest.raises(RecordingError, match=r"is no log that can be read: .* or a file .mcap, .db3, .bag"):
+    with pytest.raises(RecordingError, match=r"is not a log that can be read: .* or a file .mcap, .db3, .bag"):
         read_log(tmp_path, a1)
-    (tmp_path / "text.txt").write_text("hello")
+    (tmp_path / "text.doc").write_text("hello")
     with pytest.raises(
         RecordingError,
-        match=r"must be the folder of a rosbag2 bag, or a file .mcap, .db3, .bag, .csv, .parquet, .npz, .npy, .mat",
+        match=r"the folder of a rosbag2 bag, or a file .mcap, .db3, .bag, .csv, .*.jsonl, .*.parquet, .npz, .npy, .mat",
     ):
-        read_log(tmp_path / "text.txt", a1)
+        read_log(tmp_path / "text.doc", a1)
 
 
 def test_a_file_that_was_cut_says_how_to_repair_it(a1, log, tmp_path):
@@ -448,7 +448,7 @@ def test_time_in_another_unit_is_named(a1, log, tmp_path):
         (lambda text: text.replace("gyro.y", "gyro.x"), "has the column 'gyro.x' twice"),
         (lambda text: text.split("\n", 1)[0], "holds no samples"),
         (lambda text: "", "holds no samples"),
-        (lambda text: "\x00" + text, "has no time|cannot be read|is not CSV"),
+        (lambda text: "\x00" + text, "has no time|cannot be read: it is damaged"),
     ],
 )
 def test_a_csv_file_with_a_mistake(a1, log, tmp_path, change, message):
@@ -467,7 +467,7 @@ def test_semicolons_and_a_byte_order_mark_are_no_mistake(a1, log, tmp_path):
 
 def test_a_parquet_file_that_is_none(a1, tmp_path):
     (tmp_path / "log.parquet").write_text("time,position.FL_hip_joint\n")
-    with pytest.raises(RecordingError, match="cannot be read as Parquet"):
+    with pytest.raises(RecordingError, match=r"cannot be read: it is damaged, or not a .parquet file"):
         read_log(tmp_path / "log.parquet", a1)
 
 

@@ -223,7 +223,8 @@ def test_a_missing_package_is_named_before_anything_moves(tmp_path, verb):
         (["calibrate", "--browser"], 2, "--browser is where --view shows the run; give --view too"),
         (["view", "nowhere"], 5, "'nowhere' does not exist; name the run folder of a calibration"),
         (["view", "nowhere", "--from", "3s"], 2,
-         "topics, --joint-map, --columns, --from, --until and descriptions are for logs that are not ours: give --robot too"),
+         "tables, topics, --joint-map, --columns, --rate, --from, --until and descriptions are for logs that are not ours: "
+         "give --robot too"),
         (["view", "nowhere", "--out", "gone/a.rrd"], 6, "'gone/a.rrd' cannot be written: there is no folder 'gone'"),
         (["view", "nowhere", "--out", "a.mp4"], 6, "'a.mp4' is not the name of a Rerun file; append .rrd"),
     ],

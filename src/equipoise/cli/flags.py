@@ -115,8 +115,10 @@ class LogFlags:
         command_topic: Joint commands of a bag that has several.
         joint_map: TOML file with lines as FL_hip_joint = "front_left_hip": the log's name, or column, of a joint.
         columns: TOML file with lines as gyro.x = "wx", for a table with other names; without it they are proposed.
+        rate: Samples a second of a table that has no time.
         start: Use the log from here on, after its first sample.
         until: Use the log until here.
+        tables: Further tables of the same run, as of the IMU, joined by time.
     """
 
     robot: Annotated[str | None, arg(metavar="ROBOT", help_behavior_hint="")] = None
@@ -125,8 +127,10 @@ class LogFlags:
     command_topic: Topic = None
     joint_map: File = None
     columns: File = None
+    rate: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="")] = None
     start: Annotated[Duration, arg(name="from")] = None
     until: Duration = None
+    tables: Annotated[Positional[tuple[Path, ...]], arg(metavar="TABLE...", help_behavior_hint="")] = ()
 
     def read(self, path: Path, model: RobotModel, asking: bool) -> Log:
         """Read a log with what the flags say of it; raises SettingsError and LogError.
@@ -136,12 +140,16 @@ class LogFlags:
             model: robot whose log it is.
             asking: whether the operator is asked to confirm proposed columns.
         """
+        from equipoise.logs.tables.column_names import Columns
         from equipoise.logs.topics import Topics
         from equipoise.terminal.column_dialogue import read_as_told
 
         topics = Topics(self.joint_topic, self.imu_topic, self.command_topic)
         span = seconds(self.start, "from"), seconds(self.until, "until")
-        return read_as_told(path, model, topics, self.joint_map, self.columns, span, asking)
+        columns = None if self.columns is None else Columns.from_toml(self.columns)
+        if self.rate is not None:
+            columns = (columns or Columns()).with_changes(Columns(rate=self.rate))
+        return read_as_told(path, model, topics, self.joint_map, columns, span, asking, self.tables)
 
 
 def open_run(path: Path, source: LogFlags, description: RobotDescription) -> RunFolder:
@@ -156,7 +164,8 @@ def open_run(path: Path, source: LogFlags, description: RobotDescription) -> Run
 
     if source != LogFlags() or description != RobotDescription():
         raise SettingsError(
-            "topics, --joint-map, --columns, --from, --until and descriptions are for logs that are not ours: give --robot too"
+            "tables, topics, --joint-map, --columns, --rate, --from, --until and descriptions are for logs that are not ours: "
+            "give --robot too"
         )
     try:
         return RunFolder.open(path)

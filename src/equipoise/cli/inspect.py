@@ -111,11 +111,13 @@ def estimate(
     robot and no simulator.
 
     Logs are bags of ROS 2 (a folder, an .mcap or a .db3 file) and of ROS 1 with
-    JointState and Imu or unitree_go/LowState, and tables (.csv, .parquet, .npz,
-    .npy, .mat); docs/logs.md says what is in them. What can be used is found: lifts
-    of two diagonal feet, moves and sways over planted feet, walks and crawls.
+    JointState and Imu or unitree_go/LowState, and tables (.csv, .dat, .txt, .jsonl,
+    .parquet, .npz, .npy, .mat, also with .gz); docs/logs.md says what is in them.
+    Several tables of one run are joined by time. What can be used is found: lifts of
+    two diagonal feet, moves and sways over planted feet, walks and crawls.
 
     Example: equipoise estimate bags/wiggle --robot go2 --mass 16.2 --from 10s
+             equipoise estimate joints.csv imu.csv --robot go2
     """
     required = read_requirements(require)
     if source.robot is not None:

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from equipoise.errors import LogError, RecordingError
 from equipoise.estimator.diagnostics.screening import screen_log
 from equipoise.estimator.measurements.scale_reading import check_mass_of
@@ -24,6 +26,7 @@ from equipoise.robot.stance import Stance, nominal_stance
 
 _CLOCK_KNOWN = 5e-3  # [s]: closer than the legs can tell, and the estimate finds the rest
 _WALKING_TILT = 0.01  # [rad]
+_UPSIDE_DOWN = 0.7  # cosine: nearer to down than a robot on a slope is to level
 _SLOW_JOINTS, _SLOW_IMU = 80.0, 80.0  # [Hz] on an A1
 
 
@@ -67,7 +70,7 @@ def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> 
 
     Raises:
         LogError: nothing in it can be used, or its sensors cannot be believed; the error carries the report.
-        RecordingError: its units cannot be right.
+        RecordingError: its units or signs cannot be right.
         MotionError: the IMU is mounted turned.
         SettingsError: the mass is that of another robot.
     """
@@ -77,6 +80,7 @@ def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> 
     screen_log(robot, log.recording)
     findings = list(log.findings)
     recording = _on_one_clock(robot, stance, log.recording, findings)
+    _check_upright(robot, recording)
     findings += _rates(recording, stance)
     segments = find_segments(robot, stance, recording, log.foot_forces, findings)
     report = LogReport(log, tuple(segments), tuple(findings))
@@ -129,6 +133,17 @@ def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findi
     )
     findings.append(LogFinding("clocks", message))
     return replace(recording, imu=replace(recording.imu, time=recording.imu.time + compared.offset))
+
+
+def _check_upright(robot: RobotModel, recording: Recording) -> None:
+    """Raise RecordingError for an accelerometer that reads as if the robot lay on its back."""
+    usual = np.median(recording.imu.acceleration_in_imu, axis=0)
+    upward = float((usual @ np.array(robot.imu_in_base.rotation).T)[2])
+    if upward < -_UPSIDE_DOWN * float(np.linalg.norm(usual)):
+        raise RecordingError(
+            f"the accelerometer reads {upward:.2f} m/s2 upward in the base frame, and a robot that stands reads +9.81: the "
+            "accelerometer has the wrong sign, or the IMU hangs upside down. Negate its columns, or give --imu-rpy"
+        )
 
 
 def _rates(recording: Recording, stance: Stance) -> list[LogFinding]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Protocol, cast, runtime_checkable
@@ -13,6 +13,7 @@ from equipoise.logs.bag_files import is_bag
 from equipoise.logs.raw_log import Log, RawLog, assemble
 from equipoise.logs.tables import files
 from equipoise.logs.tables.column_names import Columns
+from equipoise.logs.tables.files import suffix_of
 from equipoise.logs.topics import Topics
 from equipoise.plugins import Table
 from equipoise.robot.model import RobotModel
@@ -53,7 +54,7 @@ READERS: Table[LogReader] = Table(
 
 def is_log(path: Path) -> bool:
     """Return whether a path looks like a log of a kind that can be read."""
-    return is_bag(path) or (path.is_file() and _suffix(path) in READERS)
+    return is_bag(path) or (path.is_file() and suffix_of(path) in READERS)
 
 
 def read_log(
@@ -63,6 +64,7 @@ def read_log(
     joint_map: Mapping[str, str | int] | None = None,
     span: tuple[float | None, float | None] = (None, None),
     columns: Columns | None = None,
+    tables: Sequence[Path] = (),
 ) -> Log:
     """A log that is not ours, as a recording of the robot.
 
@@ -72,7 +74,8 @@ def read_log(
         topics: topics of a bag, where their types do not say which.
         joint_map: log's joint name or column, by the robot's name, where names do not say which.
         span: from when until when to read, after the log's first sample [s].
-        columns: columns of a table that has other names than ours.
+        columns: columns of a table that has other names than ours, and its rate if it has no time.
+        tables: further tables of the same run, as of the IMU; they are joined by time.
 
     Raises:
         ColumnsError: a table has other names than ours; it carries a proposal.
@@ -80,29 +83,42 @@ def read_log(
         SettingsError: the joint map or the columns do not fit.
         MissingDependencyError: a bag needs rosbags, Parquet needs pyarrow, or the package of the reader cannot be used.
     """
-    path = Path(path)
+    paths = [Path(one) for one in (path, *tables)]
+    for one in paths:
+        _refuse(one)
+    reader = READERS["mcap" if paths[0].is_dir() else suffix_of(paths[0])]
+    if columns is not None or tables:
+        for one in paths:
+            _refuse_unless_table(one)
+        reader = partial(reader, columns=columns, tables=paths[1:])  # pyright: ignore[reportCallIssue] - it is `read_table`
+    return assemble(robot, _read(reader, paths[0], robot, topics or Topics()), joint_map, span)
+
+
+def _refuse(path: Path) -> None:
+    """Raise RecordingError for what is not a log that can be read."""
     if not path.exists():
         raise RecordingError(f"the log {str(path)!r} does not exist")
     try:
         refuse_unreadable(path)
     except OSError as error:
         raise RecordingError(f"the log {str(path)!r} cannot be read: {error.strerror}") from error
-    if not is_log(path):
-        if path.suffix.lower() in files.PICKLES:
-            raise RecordingError(files.pickle_refused(path))
-        known = ", ".join(f".{suffix}" for suffix in READERS)
-        raise RecordingError(
-            f"{str(path)!r} is no log that can be read: it must be the folder of a rosbag2 bag, or a file {known}"
+    if is_log(path):
+        return
+    if path.suffix.lower() in files.PICKLES:
+        raise RecordingError(files.pickle_refused(path))
+    known = ", ".join(f".{suffix}" for suffix in READERS)
+    raise RecordingError(
+        f"{str(path)!r} is not a log that can be read: it must be the folder of a rosbag2 bag, or a file {known}; tables may "
+        "be compressed, as .csv.gz"
+    )
+
+
+def _refuse_unless_table(path: Path) -> None:
+    if path.is_dir() or f".{suffix_of(path)}" not in files.SUFFIXES:
+        raise SettingsError(
+            f"--columns, --rate and several files are for tables ({', '.join(files.SUFFIXES)}), and {str(path)!r} is not one: "
+            "joints of other logs are named by --joint-map, topics by --joint-topic and --imu-topic"
         )
-    reader = READERS["mcap" if path.is_dir() else _suffix(path)]
-    if columns is not None:
-        if path.suffix.lower() not in files.SUFFIXES:
-            raise SettingsError(
-                f"--columns is for tables ({', '.join(files.SUFFIXES)}), and {str(path)!r} is none: joints of other logs are "
-                "named by --joint-map, topics by --joint-topic and --imu-topic"
-            )
-        reader = partial(reader, columns=columns)  # pyright: ignore[reportCallIssue] - `read_table`, which takes them
-    return assemble(robot, _read(reader, path, robot, topics or Topics()), joint_map, span)
 
 
 def _read(reader: LogReader, path: Path, robot: RobotModel, topics: Topics) -> RawLog:
@@ -115,10 +131,6 @@ def _read(reader: LogReader, path: Path, robot: RobotModel, topics: Topics) -> R
         raise RecordingError(f"the log {str(path)!r} cannot be read: {type(error).__name__}: {error}") from error
     if not isinstance(raw, RawLog):
         raise MissingDependencyError(
-            f"the reader of .{_suffix(path)} logs gives a {type(raw).__name__}; it must give a RawLog"
+            f"the reader of .{suffix_of(path)} logs gives a {type(raw).__name__}; it must give a RawLog"
         )
     return raw
-
-
-def _suffix(path: Path) -> str:
-    return path.suffix.lower().removeprefix(".")

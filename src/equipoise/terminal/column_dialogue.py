@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from equipoise.errors import ColumnsError, OutputError, SettingsError
@@ -15,26 +16,26 @@ from equipoise.robot.model import RobotModel
 from equipoise.user_file import write_file
 
 _HOW = """Enter reads it so. A line changes it: gyro.x = "wx"; gyro.x = "" leaves a column
-out; units.gyro = "deg/s". Ctrl-C ends."""
+out; units.gyro = "deg/s"; rate = 500 if there is no time. Ctrl-C ends."""
 
 
 def read_as_told(
-    path: Path, model: RobotModel, topics: Topics, joint_map: Path | None, columns: Path | None,
-    span: tuple[float | None, float | None], asking: bool,
+    path: Path, model: RobotModel, topics: Topics, joint_map: Path | None, columns: Columns | None,
+    span: tuple[float | None, float | None], asking: bool, tables: Sequence[Path] = (),
 ) -> Log:  # fmt: skip
-    """A log, by the files that the flags name.
+    """A log, by what the flags say of it.
 
     Args:
-        asking: whether somebody may be asked which column of a table is which, at a terminal.
+        asking: whether the operator may be asked which column of a table is which, at a terminal.
+        tables: further tables of the same run.
     """
     joints = None if joint_map is None else read_joint_map(joint_map)
-    told = None if columns is None else Columns.from_toml(columns)
     try:
-        return read_log(path, model, topics, joints, span, told)
+        return read_log(path, model, topics, joints, span, columns, tables)
     except ColumnsError as error:
         if not (asking and sys.stdin.isatty() and sys.stderr.isatty()):
             raise
-        return read_log(path, model, topics, joints, span, ask_columns(error))
+        return read_log(path, model, topics, joints, span, ask_columns(error), tables)
 
 
 def ask_columns(error: ColumnsError) -> Columns:

@@ -1,16 +1,17 @@
-"""Meaning of a table's column according to its name: the words that people use for sensors, axes, joints and time."""
+"""Meaning of a table's column according to its name: the words that people use for sensors, axes, joints, time and units."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
+from equipoise.logs.tables.column_names import UNITS
 from equipoise.robot.forward import leg_of
 
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _TIME = {"time", "t", "stamp", "timestamp", "timestamps", "sec", "secs", "seconds", "clock", "tick"}
-_COUNTS = {"index", "idx", "count", "counter", "seq", "frame", "step", "steps", "row", "id"}
+_COUNTS = {"index", "idx", "count", "counter", "seq", "frame", "step", "steps", "row", "id", "covariance", "cov"}
 _GYROSCOPE = {"gyro", "gyros", "gyroscope", "gyr", "omega", "angvel"}
 _ACCELEROMETER = {"acc", "accel", "accelerometer", "acceleration", "accelerations"}
 _ORIENTATION = {"quat", "quaternion", "orientation", "ori", "attitude", "rpy", "euler"}
@@ -26,12 +27,43 @@ _QUANTITIES = {
 }
 _FORCES, _AXES = {"force", "forces", "grf"}, {"x", "y", "z", "fx", "fy", "fz", "est"}
 _COMMANDS = {"cmd", "command", "commands", "commanded", "des", "desired", "target", "targets", "ref", "reference"}
-_NOT_JOINTS = {"force", "forces", "contact", "contacts", "grf", "temperature", "temp", "ddq", "qdd", "feet", "base"}
+_NOT_JOINTS = {
+    "force", "forces", "contact", "contacts", "grf", "wrench", "temperature", "temp", "ddq", "qdd", "feet", "base", "error",
+    "limit", "limits", "ff", "feedforward", "ext", "external", "residual", "disturbance",
+}  # fmt: skip
+_ESTIMATES = {"estimate", "estimates", "estimated", "estimator", "ekf", "kf", "odom", "odometry", "pose", "twist"}
 _OF_SOME_JOINTS = {"leg", "legs"}  # `lf_hip_joint`, `lf_upper_leg_joint`: one family
 _GENERAL = {"joint", "joints", "state", "states", "motor", "motors", "data", "robot", "field", "leg", "legs", "est"}
+_NAMES = {"name", "names"}
+_WHOLE_IMU = {"imu", "data", "raw", "state", "sensor", "sensors", "field", "msg"}
 
-Families = list[dict[str, str]]
-"""Columns that belong together, each a dict from their parts to their names."""
+_UNITREE = re.compile(r"\bmotor ?(states?|cmd)\b")
+
+FORMULA = re.compile(r" \+ 1e-\d ")
+"""Between the two columns of a clock, as in "stamp.sec + 1e-9 stamp.nanosec"."""
+_SECONDS = ("sec", "secs", "seconds")
+_REMAINDERS_ALONE = ("nanosec", "nanosecs", "nsec", "nsecs")
+_REMAINDERS = {
+    **dict.fromkeys((*_REMAINDERS_ALONE, "nanos", "nanoseconds"), "1e-9"),
+    **dict.fromkeys(("usec", "usecs", "microseconds"), "1e-6"),
+}
+
+_BRACKETED = re.compile(r"(.*?)[\s_]*[\[(]([^\[\]()]*)[\])]\s*", re.DOTALL)
+_ENDING = re.compile(r"(.*?[^_\s])[_ ]((?:rad|deg|m)_s2?|[A-Za-z]+2?)", re.DOTALL)
+_SIGNS = str.maketrans(
+    {"²": "2", "⁻": "-", "¹": "1", "°": "deg", "µ": "u", "μ": "u", "_": "/", **dict.fromkeys(" ·*^.", "")}
+)
+_SHORTER = {"degrees?": "deg", "radians?": "rad", "sec(ond)?s?$": "s", "/sec(ond)?": "/s"}
+# Units by their spellings, in lower case; those of the last line are not read.
+_SPELLINGS = {
+    **{unit.lower(): unit for units in UNITS.values() for unit in units},
+    "millis": "ms", "micros": "us", "nanos": "ns", "dps": "deg/s", "degs-1": "deg/s", "rads": "rad/s", "rads-1": "rad/s",
+    "m/s/s": "m/s2", "ms-2": "m/s2", "ms2": "m/s2", "mps2": "m/s2", "gs": "g", "n-m": "Nm",
+    **{other: other for other in ("m", "mm", "cm", "m/s", "mm/s", "a", "ma", "v", "mv", "w", "degc", "%", "hz", "lsb")},
+}  # fmt: skip
+
+Families = dict[tuple[str, ...], dict[str, str]]
+"""Columns that belong together by the words that they share, each a dict from their parts to their names."""
 
 
 @dataclass(frozen=True)
@@ -39,36 +71,114 @@ class Named:
     """Meaning of a column's name.
 
     Attributes:
-        kind: kind of column, as in `UNITS`.
+        kind: kind of column, as in `UNITS`; "name" for names of joints in cells, "imu" for an IMU's numbered columns.
         part: axis of a sensor, as "x", "w", "roll" or an index; a joint's own words or index; empty for time.
         family: words that the columns of one sensor, or of all joints, share.
-        joint: whether the part names a joint by a leg.
+        unit: unit that the name states, or None.
     """
 
     kind: str
     part: str
     family: tuple[str, ...]
-    joint: bool = False
+    unit: str | None = None
 
 
 def named(name: str) -> Named | None:
     """Return the meaning of a name, or None."""
-    words = [word.lower() for word in _WORDS.findall(name)]
-    said = set(words)
+    words = _stamp_words(name)
+    if FORMULA.search(name):
+        return Named("time", "", (name,), "s")
+    if words and words[-1] in _REMAINDERS_ALONE:
+        return None
+    bare, unit, bracketed = _without_unit(name)
+    found = _meaning(_words(bare))
+    if unit is None:
+        return found
+    if found is not None and unit in UNITS.get(found.kind, ()):
+        return replace(found, unit=unit)
+    return None if bracketed else _meaning(words)
+
+
+def two_part_stamps(names: Iterable[str]) -> dict[str, tuple[str, str, float]]:
+    """Return clocks in two columns by their formulas, as "sec + 1e-9 nanosec": seconds, remainder, and its unit [s]."""
+    by_words = {_stamp_words(name): name for name in names}
+    found: dict[str, tuple[str, str, float]] = {}
+    for words, seconds in by_words.items():
+        for remainder, unit in _REMAINDERS.items() if words and words[-1] in _SECONDS else ():
+            if (rest := by_words.get((*words[:-1], remainder))) is not None:
+                found[f"{seconds} + {unit} {rest}"] = seconds, rest, float(unit)
+    return found
+
+
+def families(names: Iterable[str]) -> dict[str, Families]:
+    """Return columns that belong together, by kind; those of joints whose names state no quantity come last."""
+    found: dict[str, Families] = {}
+    for name in names:
+        what = named(name)
+        if what is not None:
+            found.setdefault(what.kind, {}).setdefault(what.family, {}).setdefault(what.part, name)
+
+    def vague(kind: str, family: tuple[str, ...]) -> bool:
+        return not set(family) & _QUANTITIES.get(kind, _QUANTITIES["position"])
+
+    return {kind: dict(sorted(of.items(), key=lambda item: vague(kind, item[0]))) for kind, of in found.items()}
+
+
+def source_of(family: Iterable[str]) -> set[str]:
+    """Return the words of a family that do not state its quantity: those of the message that it is from."""
+    return set(family) - _NAMES - _GENERAL - set().union(*_QUANTITIES.values())
+
+
+def in_unitrees_order(family: Iterable[str]) -> bool:
+    """Return whether columns have the names of Unitree's messages, as in motorState[0].q, and so the order of its motors."""
+    return _UNITREE.search(" ".join(family)) is not None
+
+
+def _words(name: str) -> list[str]:
+    return [word.lower() for word in _WORDS.findall(name)]
+
+
+def _stamp_words(name: str) -> tuple[str, ...]:
+    bare, _, bracketed = _without_unit(name)  # the "ns" of "stamp_ns" is no unit before it is known to be one
+    return tuple(_words(bare if bracketed else name))
+
+
+def _without_unit(name: str) -> tuple[str, str | None, bool]:
+    """Return a name without the unit at its end, that unit or None, and whether it is in brackets."""
+    stem = re.sub(r"(\[\d+\])+$", "", name)
+    bracketed = _BRACKETED.fullmatch(stem)
+    found = bracketed or _ENDING.fullmatch(stem)
+    unit = _unit(found[2]) if found else None
+    return (name if found is None or unit is None else found[1] + name[len(stem) :]), unit, bracketed is not None
+
+
+def _unit(text: str) -> str | None:
+    short = text.lower().translate(_SIGNS)
+    for longer, shorter in _SHORTER.items():
+        short = re.sub(longer, shorter, short)
+    return _SPELLINGS.get(short)
+
+
+def _meaning(words: Sequence[str]) -> Named | None:
+    said, last = set(words), words[-1] if words else ""
+    leg = leg_of(words)
     if said & _COUNTS:
         return None
-    leg = leg_of(words)
     if leg is not None and said & _FORCES and not said & _AXES:
         return Named("foot_force", leg, tuple(word for word in words if leg_of([word]) is None))
+    if said & _NAMES and last.isdigit():
+        return Named("name", last, tuple(words[:-1]))
     sensor = None if leg else _sensor(words)
     if sensor is not None:
         return sensor
     if said & _TIME and leg is None:
         return Named("time", "", tuple(words))
+    if "imu" in said and last.isdigit() and set(words[:-1]) <= _WHOLE_IMU:
+        return Named("imu", last, tuple(words[:-1]))
     return _joint(words, leg)
 
 
-def _sensor(words: list[str]) -> Named | None:
+def _sensor(words: Sequence[str]) -> Named | None:
     """Return the meaning of an IMU's column: its kind by words before the axis, or by letters that are one with it."""
     said, last = set(words), words[-1] if words else ""
     axis = re.fullmatch(r"([a-z]*?)([wxyz])", last)
@@ -96,7 +206,7 @@ def _sensor(words: list[str]) -> Named | None:
     return Named(kind, last, tuple(words[:-1])) if last.isdigit() else None
 
 
-def _joint(words: list[str], leg: str | None) -> Named | None:
+def _joint(words: Sequence[str], leg: str | None) -> Named | None:
     said = set(words)
     quantity = next((kind for kind, of in _QUANTITIES.items() if said & of), None)
     commanded = bool(said & _COMMANDS)
@@ -104,23 +214,15 @@ def _joint(words: list[str], leg: str | None) -> Named | None:
         return None
     if commanded and quantity in ("velocity", "torque"):
         return None
+    if said & _ESTIMATES and (
+        quantity != "torque" or said & (_ESTIMATES - {"estimate", "estimated"}) or "state" in said
+    ):
+        return None
     kind = "command" if commanded else quantity or "position"
     general = {*_QUANTITIES.get(quantity or "", ()), *_GENERAL, *(_COMMANDS if commanded else ())}
     if leg is not None:
         own = [word for word in words if word not in general or word in _OF_SOME_JOINTS]
         family = tuple(word for word in words if word in general and word not in _OF_SOME_JOINTS)
-        return Named(kind, "_".join(own), family, joint=True)
+        return Named(kind, "_".join(own), family)
     digits = [word for word in words if word.isdigit()]
     return Named(kind, digits[-1], tuple(word for word in words if not word.isdigit())) if digits else None
-
-
-def families(names: Iterable[str]) -> dict[str, Families]:
-    """Return columns that belong together, by kind; those of joints whose names state no quantity come last."""
-    found: dict[str, dict[tuple[bool, tuple[str, ...], bool], dict[str, str]]] = {}
-    for name in names:
-        what = named(name)
-        if what is not None:
-            vague = what.joint and not set(what.family) & {*_QUANTITIES.get(what.kind, ()), *_COMMANDS}
-            family = found.setdefault(what.kind, {}).setdefault((vague, what.family, what.joint), {})
-            family.setdefault(what.part, name)
-    return {kind: [of[key] for key in sorted(of, key=lambda key: key[0])] for kind, of in found.items()}

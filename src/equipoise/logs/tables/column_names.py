@@ -52,10 +52,17 @@ class Columns:
     Attributes:
         names: names in the table by ours, as {"gyro.x": "wx"}; an empty one leaves out a column that has our name.
         units: units by kind, where they are not ours, as {"gyro": "deg/s"}.
+        rate: samples a second, where the table has no time.
     """
 
     names: Mapping[str, str] = field(default_factory=dict[str, str])
     units: Mapping[str, str] = field(default_factory=dict[str, str])
+    rate: float | None = None
+
+    def __post_init__(self) -> None:
+        """Raise SettingsError for a rate that is not a positive number."""
+        if self.rate is not None and not 0 < self.rate < np.inf:
+            raise SettingsError(f"the rate must be above zero, in samples a second, not {self.rate:g}")
 
     def of_table(self, names: Iterable[str]) -> Columns:
         """With those columns of a table that have our names already."""
@@ -89,7 +96,7 @@ class Columns:
             table = toml_table(text)
         except ValueError as error:
             raise SettingsError(f"{what} cannot be read: {error}") from error
-        units = table.pop("units", {})
+        units, rate = table.pop("units", {}), table.pop("rate", None)
         names = dict(_flat("", table))
         for name, theirs in names.items():
             if not is_ours(name):
@@ -105,12 +112,14 @@ class Columns:
                 raise SettingsError(f"{what}: units are of {', '.join(UNITS)}, not of {kind!r}")
             if not isinstance(unit, str) or unit not in known:
                 raise SettingsError(f"{what}: {unit!r} is no unit of {kind}; those are {', '.join(known)}")
-        return cls(cast("dict[str, str]", names), cast("dict[str, str]", units))
+        if not isinstance(rate, (int, float, type(None))):
+            raise SettingsError(f"{what}: {rate!r} is not a rate; write it as rate = 500, in samples a second")
+        return cls(cast("dict[str, str]", names), cast("dict[str, str]", units), rate)
 
     def with_changes(self, changes: Columns) -> Columns:
         """With other names and units; who loses a column to another of ours has none."""
         names = {**self.names, **dict.fromkeys(self.losers(changes), ""), **changes.names}
-        return Columns(names, {**self.units, **changes.units})
+        return Columns(names, {**self.units, **changes.units}, changes.rate or self.rate)
 
     def losers(self, changes: Columns) -> list[str]:
         """Ours whose columns changes give to others."""
@@ -148,7 +157,8 @@ class Columns:
 
     def missing(self) -> tuple[str, ...]:
         """Return the columns that an estimate needs and the table lacks."""
-        absent = [name for name in (TIME, *ACCELEROMETER) if not self.names.get(name)]
+        needed = ACCELEROMETER if self.rate else (TIME, *ACCELEROMETER)
+        absent = [name for name in needed if not self.names.get(name)]
         if not any(map(self.has, (GYROSCOPE, QUATERNION, ANGLES))):
             absent += [name for name in GYROSCOPE if not self.names.get(name)]
         return (*absent, *([] if self.joints("position") else ["position.JOINT"]))
@@ -160,7 +170,7 @@ class Columns:
             notes: remarks by kind, written above its columns.
         """
         notes = notes or {}
-        lines: list[str] = []
+        lines = [f"rate = {self.rate}"] if self.rate else list[str]()
         for kind in UNITS:
             lines += [f"# {kind}: {notes[kind]}"] if kind in notes else []
             of_kind = {ours: theirs for ours, theirs in self.names.items() if ours.split(".")[0] == kind}

@@ -1,114 +1,230 @@
-"""The columns of a file, whatever its kind: CSV, Parquet, NumPy's .npz and .npy, MATLAB's .mat.
+"""The columns of a file, whatever its kind: text as CSV, JSON lines, Parquet, NumPy's .npz and .npy, MATLAB's .mat.
 
 An array of several columns is `q[0]`, `q[1]`...; a structure's field is `imu.gyro`. What holds no numbers, or has another
-number of rows than most, is passed over. Nothing is unpickled.
+number of rows than most, is passed over. Nothing is unpickled. Files may be compressed by gzip.
 """
 
 from __future__ import annotations
 
 import csv
+import gzip
 import importlib
-import io
-import zipfile
-import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import MissingDependencyError, RecordingError
+from equipoise.errors import EquipoiseError, MissingDependencyError, RecordingError
+from equipoise.logs.tables.by_name import two_part_stamps
+from equipoise.user_file import json_value
 
 _Named = list[tuple[str, NDArray[Any]]]
 _WIDEST = 64  # columns of an array: pictures have more, and logs are longer
+_EPOCH = np.datetime64(0, "ns")
 
 
 @dataclass(frozen=True, eq=False)
 class TableFile:
-    """A file of columns; a column becomes numbers when it is asked for.
+    """A file of columns, or several that are joined; a column becomes numbers when it is asked for.
 
     Attributes:
-        path: path of the file.
+        title: name in messages, as "the table 'log.csv'".
+        rows: number of rows.
         names: names of its columns, in their order.
-        read: (n,) numbers of a column by its index; whole numbers stay so.
+        read: (n,) numbers of a column by its index; whole numbers and time stamps stay so.
         passed_over: what else is in the file, as "video (100, 3, 64)".
+        texts: cells of the columns that hold texts, by name.
     """
 
-    path: Path
+    title: str
+    rows: int
     names: tuple[str, ...]
     read: Callable[[int], NDArray[Any]]
     passed_over: tuple[str, ...] = ()
+    texts: Mapping[str, Iterable[str]] = field(default_factory=dict[str, Iterable[str]])
 
     def refuse_twins(self, names: Iterable[str]) -> None:
         """Raise RecordingError if two columns have one of some names."""
         for name in names:
             if self.names.count(name) > 1:
-                raise RecordingError(f"the table {str(self.path)!r} has the column {name!r} twice")
+                raise RecordingError(f"{self.title} has the column {name!r} twice")
 
     def column(self, name: str) -> FloatArray:
-        """(n,) a column; cells without a number are NaN.
+        """(n,) a column; cells without a number are NaN, and time stamps of their own kind are seconds since 1970.
 
         Raises:
             RecordingError: a cell holds something else.
         """
-        return np.asarray(self.read(self.names.index(name)), dtype=float)
+        values = self.read(self.names.index(name))
+        return _seconds(values, _EPOCH) if values.dtype.kind == "M" else np.asarray(values, dtype=float)
 
     def clock(self, name: str) -> FloatArray:
         """(n,) a column of times; whole numbers are after their first: floats hold nanoseconds since 1970 to some 256."""
         values = self.read(self.names.index(name))
+        if values.dtype.kind == "M":
+            return _seconds(values, min(values[~np.isnat(values)], default=_EPOCH))
         if values.dtype.kind not in "iu":
             return np.asarray(values, dtype=float)
         signed = values.astype(np.int64)  # a stamp may be less than the first
         return np.asarray(signed - signed[:1], dtype=float)
 
+    def text(self, name: str) -> str | None:
+        """Return the one text in a column's cells, or None if it holds none.
+
+        Raises:
+            RecordingError: there are several.
+        """
+        texts = sorted(set(filter(str.strip, self.texts.get(name, ()))))
+        if len(texts) > 1:
+            raise RecordingError(
+                f"column {name!r} of {self.title} names {texts[0]!r} in some rows and {texts[1]!r} in others: a column must "
+                "be of one joint; split the log"
+            )
+        return texts[0] if texts else None
+
+
+def suffix_of(path: Path) -> str:
+    """Return the suffix of a path in lower case without the dot: the one before .gz if it is a table's."""
+    suffix, inner = (Path(name).suffix.lower().removeprefix(".") for name in (path.name, path.stem))
+    return inner if suffix == "gz" and inner in _OPEN else suffix
+
 
 def open_table(path: Path) -> TableFile:
-    """The columns of a file.
+    """The columns of a file, with a clock where it has one in two columns.
 
     Raises:
         RecordingError: it cannot be read, or holds no columns of numbers.
         MissingDependencyError: Parquet needs pyarrow.
     """
-    return _OPEN[path.suffix.lower()](path)
-
-
-# --- CSV
-
-
-def _open_csv(path: Path) -> TableFile:
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(f"the log {str(path)!r} cannot be read: {_told(error)}") from error
-    header = text.split("\n", 1)[0]
-    delimiter = max(",;\t", key=header.count)
-    try:
-        rows = [row for row in csv.reader(io.StringIO(text), delimiter=delimiter) if row]
-    except csv.Error as error:
-        raise RecordingError(f"the log {str(path)!r} is not CSV: {error}") from error
-    if len(rows) < 2:
+        with path.open("rb") as file:
+            stream = cast("IO[bytes]", gzip.GzipFile(fileobj=file)) if path.suffix.lower() == ".gz" else file
+            return _with_clocks(_OPEN[suffix_of(path)](path, stream))
+    except EquipoiseError:
+        raise
+    except Exception as error:  # damaged files fail in many ways in several libraries
+        raise RecordingError(
+            f"the log {str(path)!r} cannot be read: it is damaged, or not a .{suffix_of(path)} file ({_told(error)}); copy or "
+            "save it again"
+        ) from error
+
+
+def _with_clocks(file: TableFile) -> TableFile:
+    """Return a table with a column of time stamps before the others for each clock that is in two columns."""
+    clocks = two_part_stamps(file.names)
+
+    def read(index: int) -> NDArray[Any]:
+        if index >= len(clocks):
+            return file.read(index - len(clocks))
+        seconds, rest, unit = [*clocks.values()][index]
+        whole, remainder = file.column(seconds), np.round(1e9 * unit * file.column(rest))
+        if (largest := np.nan_to_num(remainder).max(initial=0)) >= 1e9:
+            raise RecordingError(
+                f"{rest!r} of {file.title} reaches {1e-9 * largest:g} s, and beside {seconds!r} it should be the rest of a "
+                f"second: if it is the whole time, write time = {rest!r} into a file for --columns"
+            )
+        known = np.isfinite(whole + remainder)
+        stamps = np.where(known, whole, 0).astype(np.int64) * 10**9 + np.where(known, remainder, 0).astype(np.int64)
+        return np.where(known, stamps.astype("datetime64[ns]"), np.datetime64("NaT"))
+
+    return replace(file, names=(*clocks, *file.names), read=read) if clocks else file
+
+
+def _seconds(stamps: NDArray[Any], start: np.datetime64) -> FloatArray:
+    return np.asarray((stamps - start) / np.timedelta64(1, "s"), dtype=float)
+
+
+# --- texts and JSON lines
+
+
+def _open_text(path: Path, stream: IO[bytes]) -> TableFile:
+    """Read lines of cells between commas, semicolons, tabs or spaces; the names of columns may be in a remark before them."""
+    lines = stream.read().decode("utf-8-sig").splitlines()
+    first = next((at for at, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in "#%"), len(lines))
+    head = "".join(lines[first : first + 1])
+    delimiter = max(",;\t", key=head.count) if any(map(head.count, ",;\t")) else " "
+    remarks = [line.lstrip("# ").removeprefix("% ") for line in lines[:first]]
+    body = ["" if line.startswith("#") else line for line in lines[first:]]
+    names = [row for _, row in _cells(remarks, delimiter)][-1:]
+    rows = [(first + number, row) for number, row in _cells(body, delimiter)]
+    return _of_cells(path, *_with_names(names, rows))
+
+
+def _cells(lines: Iterable[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the cells of lines that are not empty, with the numbers of the lines."""
+    stripped = (line.strip(" ") if delimiter == " " else line for line in lines)
+    reader = csv.reader(stripped, delimiter=delimiter, skipinitialspace=True)
+    return ((reader.line_num, row) for row in reader if row)
+
+
+def _with_names(
+    remark: list[list[str]], rows: list[tuple[int, list[str]]]
+) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Return the names of columns and the rows of numbers.
+
+    Args:
+        remark: cells of the last remark before the rows, if there is one.
+    """
+    head = rows[0][1] if rows else []
+    if remark and head and len(remark[0]) == len(head) and _is_number(head[0]):
+        return remark[0], rows
+    counted = head in (
+        [str(first + index) for index in range(len(head))] for first in (0, 1)
+    )  # as pandas names columns
+    if all(map(_is_number, head)) and not counted:
+        return [f"[{index}]" for index in range(len(head))], rows
+    return [cell.strip() for cell in head], rows[1:]
+
+
+def _open_json_lines(path: Path, stream: IO[bytes]) -> TableFile:
+    """Read an object a line; what is nested in it is named by its path, as `imu.gyro[0]`."""
+    found: list[tuple[int, dict[str, Any]]] = []
+    for number, line in enumerate(stream, 1):
+        try:
+            found += [(number, dict(_leaves("", json_value(line.decode()))))] if line.strip() else []
+        except ValueError as error:
+            raise RecordingError(f"line {number} of {str(path)!r} is not JSON: {error}") from error
+    names = [*dict.fromkeys(itertools.chain.from_iterable(of for _, of in found))]
+    rows = [(number, ["" if of.get(name) is None else str(of[name]) for name in names]) for number, of in found]
+    return _of_cells(path, names, rows)
+
+
+def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield what is nested in objects and lists, by the names of its path."""
+    if isinstance(value, Mapping):
+        for key, part in cast("Mapping[str, Any]", value).items():
+            yield from _leaves(f"{name}.{key}".removeprefix("."), part)
+    elif isinstance(value, list):
+        for index, part in enumerate(cast("list[Any]", value)):
+            yield from _leaves(f"{name}[{index}]", part)
+    else:
+        yield name, value
+
+
+def _of_cells(path: Path, names: Sequence[str], rows: Sequence[tuple[int, Sequence[str]]]) -> TableFile:
+    """Return the table of rows of cells, which come with the numbers of their lines."""
+    if not rows or not names:
         raise RecordingError(
             f"the log {str(path)!r} holds no samples: it must have a line of column names and then numbers"
         )
-    counted = [cell.strip() for cell in rows[0]] in (_count(rows[0], 0), _count(rows[0], 1))  # as pandas names columns
-    nameless = all(map(_is_number, rows[0])) and not counted
-    names = [f"[{index}]" if nameless else cell.strip() for index, cell in enumerate(rows[0])]
-    for number, row in enumerate(rows, 1):
+    for number, row in rows:
         if len(row) != len(names):
             raise RecordingError(
-                f"line {number} of {str(path)!r} has {len(row)} cells; its first line {'has' if nameless else 'names'} "
-                f"{len(names)}"
+                f"line {number} of {str(path)!r} has {len(row)} cells; its first line names {len(names)} columns"
             )
-    first = 0 if nameless else 1
-    cells = list(zip(*rows[first:], strict=True))
-    return TableFile(path, tuple(names), lambda index: _numbers(path, names[index], cells[index], first + 1))
-
-
-def _count(cells: Sequence[str], first: int) -> list[str]:
-    return [str(first + index) for index in range(len(cells))]
+    lines, cells = [number for number, _ in rows], list(zip(*(row for _, row in rows), strict=True))
+    texts = {
+        name: of for name, of in zip(names, cells, strict=True) if not _is_number(next(filter(str.strip, of), "0"))
+    }
+    return TableFile(
+        f"the table {str(path)!r}", len(rows), tuple(names), lambda index: _numbers(path, names[index], cells[index], lines),
+        texts=texts,
+    )  # fmt: skip
 
 
 def _is_number(cell: str) -> bool:
@@ -119,12 +235,12 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _numbers(path: Path, name: str, cells: Sequence[str], first_line: int) -> FloatArray:
+def _numbers(path: Path, name: str, cells: Sequence[str], lines: Sequence[int]) -> FloatArray:
     """A column's numbers; empty cells are not numbers (NaN)."""
     try:
         return np.array([cell if cell.strip() else "nan" for cell in cells], dtype=float)
     except ValueError:
-        wrong = ((line, cell) for line, cell in enumerate(cells, first_line) if not _is_number(cell.strip() or "nan"))
+        wrong = ((line, cell) for line, cell in zip(lines, cells, strict=True) if not _is_number(cell.strip() or "nan"))
         line, cell = next(wrong)
         raise RecordingError(
             f"{cell!r} in column {name!r}, line {line} of {str(path)!r} is no number (decimal points, no units)"
@@ -134,7 +250,7 @@ def _numbers(path: Path, name: str, cells: Sequence[str], first_line: int) -> Fl
 # --- Parquet
 
 
-def _open_parquet(path: Path) -> TableFile:
+def _open_parquet(path: Path, stream: IO[bytes]) -> TableFile:
     try:
         pa: Any = importlib.import_module("pyarrow")
         pq: Any = importlib.import_module("pyarrow.parquet")
@@ -142,17 +258,14 @@ def _open_parquet(path: Path) -> TableFile:
         raise MissingDependencyError(
             f"the Parquet log {str(path)!r} needs pyarrow: pip install 'equipoise[parquet]'"
         ) from error
-    try:
-        table: Any = pq.read_table(path)
-    except (OSError, pa.ArrowException) as error:
-        raise RecordingError(f"the log {str(path)!r} cannot be read as Parquet: {_told(error)}") from error
+    table: Any = pq.read_table(stream)
     names = tuple(table.column_names)
 
     def read(index: int) -> NDArray[Any]:
         column: Any = table.column(index)
         try:
             if pa.types.is_timestamp(column.type):
-                return _seconds(column.cast(pa.timestamp("ns")).cast(pa.int64()))
+                return np.asarray(column.cast(pa.timestamp("ns")).to_numpy())
             if pa.types.is_integer(column.type) and not column.null_count:
                 return np.asarray(column.to_numpy())
             return np.asarray(column.cast(pa.float64(), safe=False).fill_null(np.nan).to_numpy(), dtype=float)
@@ -160,48 +273,42 @@ def _open_parquet(path: Path) -> TableFile:
             what = f"column {names[index]!r} of {str(path)!r} holds no numbers"
             raise RecordingError(f"{what}: {_told(error)}") from error
 
-    return TableFile(path, names, read)
-
-
-def _seconds(stamps: Any) -> FloatArray:
-    """Nanoseconds of Parquet's own time stamps, after the first [s]."""
-    whole = np.asarray(stamps.fill_null(0).to_numpy(), dtype=np.int64)
-    return np.where(stamps.is_null().to_numpy(), np.nan, (whole - whole[:1]) * 1e-9)
+    texts = {
+        name: [cell or "" for cell in table.column(index).unique().to_pylist()]
+        for index, name in enumerate(names)
+        if pa.types.is_string(table.column(index).type)
+    }
+    return TableFile(f"the table {str(path)!r}", table.num_rows, names, read, texts=texts)
 
 
 # --- arrays
 
 
-def _open_numpy(path: Path) -> TableFile:
+def _open_numpy(path: Path, stream: IO[bytes]) -> TableFile:
     try:
-        arrays, pickled = _numpy_arrays(path)
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        arrays, pickled = _numpy_arrays(stream)
+    except ValueError as error:
         if _of_objects(error) or path.read_bytes()[:1] == b"\x80":  # with which pickles begin
             raise RecordingError(pickle_refused(path)) from error
         # NumPy takes what begins as no format of its own to be a pickle, and tells how to run what is in it.
-        why = "" if "allow_pickle" in str(error) else f" ({_told(error)})"
-        raise RecordingError(
-            f"the log {str(path)!r} cannot be read: it is damaged, or no {path.suffix.lower()} file{why}; "
-            "copy or save it again"
-        ) from error
+        raise ValueError("it holds no arrays") from error
     return _of_arrays(path, arrays, pickled)
 
 
-def _numpy_arrays(path: Path) -> tuple[_Named, list[str]]:
+def _numpy_arrays(stream: IO[bytes]) -> tuple[_Named, list[str]]:
     """The arrays of a file, whichever of its two kinds it is, and the names of those of objects."""
     arrays: _Named = []
     pickled: list[str] = []
-    with path.open("rb") as file:
-        loaded: Any = np.load(file, allow_pickle=False)
-        if isinstance(loaded, np.ndarray):
-            return [("", loaded)], []
-        for name in loaded.files:
-            try:
-                arrays.append((name, loaded[name]))
-            except ValueError as error:
-                if not _of_objects(error):
-                    raise
-                pickled.append(name)
+    loaded: Any = np.load(stream, allow_pickle=False)
+    if isinstance(loaded, np.ndarray):
+        return [("", loaded)], []
+    for name in loaded.files:
+        try:
+            arrays.append((name, loaded[name]))
+        except ValueError as error:
+            if not _of_objects(error):
+                raise
+            pickled.append(name)
     return arrays, pickled
 
 
@@ -209,29 +316,17 @@ def _of_objects(error: Exception) -> bool:
     return "Object arrays cannot be loaded" in str(error)
 
 
-def _open_mat(path: Path) -> TableFile:
+def _open_mat(path: Path, stream: IO[bytes]) -> TableFile:
     loadmat: Any = importlib.import_module("scipy.io").loadmat
     try:
-        held: dict[str, Any] = loadmat(path, simplify_cells=True)
+        held: dict[str, Any] = loadmat(stream, simplify_cells=True)
     except NotImplementedError as error:
         raise RecordingError(
             f"the log {str(path)!r} is MATLAB's version 7.3, which is not read: save it again with "
             "save(file, '-struct', 'log', '-v7')"
         ) from error
-    arrays: _Named = []
-    for name, value in held.items():
-        if not name.startswith("__"):
-            _flatten(name, value, arrays)
+    arrays = [(name, np.asarray(value)) for name, value in _leaves("", held) if not name.startswith("__")]
     return _of_arrays(path, arrays, [])
-
-
-def _flatten(name: str, value: Any, into: _Named) -> None:
-    """A structure's fields as arrays."""
-    if isinstance(value, Mapping):
-        for key, part in value.items():  # pyright: ignore[reportUnknownVariableType]
-            _flatten(f"{name}.{key}", part, into)
-    else:
-        into.append((name, np.asarray(value)))
 
 
 def _of_arrays(path: Path, arrays: _Named, passed_over: list[str]) -> TableFile:
@@ -252,8 +347,15 @@ def _of_arrays(path: Path, arrays: _Named, passed_over: list[str]) -> TableFile:
     if not columns:
         held = ", ".join([*others, *passed_over]) or "nothing at all"
         raise RecordingError(f"the log {str(path)!r} holds no arrays of numbers; it holds {held}")
-    names, values = tuple(columns), list(columns.values())
-    return TableFile(path, names, lambda index: values[index], (*others, *passed_over))
+    values = list(columns.values())
+    words = [(name, array.ravel()) for name, array in fields if array.size <= _WIDEST and _of_texts(array)]
+    texts = {f"{name}[{k}]": [str(word).strip()] for name, array in words for k, word in enumerate(array)}
+    title, names = f"the table {str(path)!r}", tuple(columns)
+    return TableFile(title, rows, names, lambda index: values[index], (*others, *passed_over), texts)
+
+
+def _of_texts(array: NDArray[Any]) -> bool:
+    return all(isinstance(one, str) for one in array.flat)
 
 
 def _samples(path: Path, arrays: _Named) -> int:
@@ -267,8 +369,8 @@ def _samples(path: Path, arrays: _Named) -> int:
     if len(rivals) > 1:
         told = " and ".join(f"{length} samples ({', '.join(by_length[length])})" for length in rivals)
         raise RecordingError(
-            f"the log {str(path)!r} has arrays of {told}, and a table has one length: interpolate them at one clock, or write "
-            "a CSV in which a row of one leaves the cells of the other empty"
+            f"the log {str(path)!r} has arrays of {told}, and a table has one length: save those of each in a file "
+            "of its own with their time, and name all files"
         )
     return rows
 
@@ -295,13 +397,13 @@ def _told(error: Exception) -> str:
     return str(getattr(error, "strerror", None) or error).split("\n", maxsplit=1)[0]
 
 
-_OPEN: dict[str, Callable[[Path], TableFile]] = {
-    ".csv": _open_csv,
-    ".parquet": _open_parquet,
-    ".npz": _open_numpy,
-    ".npy": _open_numpy,
-    ".mat": _open_mat,
+_OPEN: dict[str, Callable[[Path, IO[bytes]], TableFile]] = {
+    **dict.fromkeys(("csv", "tsv", "dat", "txt"), _open_text),
+    **dict.fromkeys(("jsonl", "ndjson"), _open_json_lines),
+    "parquet": _open_parquet,
+    **dict.fromkeys(("npz", "npy"), _open_numpy),
+    "mat": _open_mat,
 }
-SUFFIXES = tuple(_OPEN)
+SUFFIXES = tuple(f".{suffix}" for suffix in _OPEN)
 PICKLES = (".pkl", ".pickle", ".p", ".pt", ".pth", ".joblib")
 """Files that hold Python objects, and code with them."""

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import itertools
 import textwrap
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.drivers.unitree.motors import MOTOR_LEGS, MOTORS
 from equipoise.errors import RecordingError
-from equipoise.logs.joint_names import map_joints
-from equipoise.logs.tables.by_name import Families, families
+from equipoise.logs.joint_names import map_by_order, map_joints
+from equipoise.logs.tables.by_name import FORMULA, Families, families, in_unitrees_order, named, source_of
 from equipoise.logs.tables.column_names import (
     ACCELEROMETER,
     ANGLES,
@@ -24,8 +29,16 @@ from equipoise.logs.tables.column_names import (
 from equipoise.logs.tables.files import TableFile
 from equipoise.robot.model import RobotModel
 
+ByKind = dict[str, Families]
+
 _WIDTH = 76  # of remarks
-_FLOATING_BASE = {"position": 7, "velocity": 6}  # columns of the base before those of the joints
+_STEADY = 0.7  # of accelerometers of robots that trot 0.95, of their gyroscopes 0.1
+_FLOATING_BASE = {
+    "position": 7,
+    "command": 7,
+    "velocity": 6,
+    "torque": 6,
+}  # columns of the base before those of the joints
 
 
 def propose(robot: RobotModel, file: TableFile, known: Columns) -> tuple[tuple[str, ...], str]:
@@ -33,71 +46,197 @@ def propose(robot: RobotModel, file: TableFile, known: Columns) -> tuple[tuple[s
 
     Args:
         known: columns that are known already.
+
+    Raises:
+        RecordingError: names contradict each other.
     """
     known = _without_incomplete_sensors(known)
-    taken = known.names.values()
-    by_kind = families(name for name in file.names if name not in taken and file.names.count(name) == 1)
+    by_kind = _by_kind(file, known.names.values())
     names, units, notes = dict(known.names), dict(known.units), dict[str, str]()
-    for kind, of_kind in by_kind.items():
-        if any(name.split(".")[0] == kind for name in names):
+    for kind in UNITS:
+        if any(name.split(".")[0] == kind for name in names) or (kind == TIME and known.rate):
             continue
-        found, how = _joints(robot, kind, of_kind) if kind in JOINT_KINDS else (_sensor(kind, of_kind), "by name")
+        found, how = _found(robot, file, kind, by_kind)
         if found:
             names |= found
-            unit = units.get(kind, next(iter(UNITS[kind])))
-            notes[kind] = how if kind == "foot_force" else f"{how}; is the unit {unit}?"
+            unit = units.get(kind) or _stated_unit(kind, found)
+            units |= {kind: unit} if unit and unit != next(iter(UNITS[kind])) else {}
+            asked = f"the unit is {unit}" if unit else f"is the unit {next(iter(UNITS[kind]))}?"
+            notes[kind] = how if kind == "foot_force" else f"{how}; {asked}"
     if all(map(names.get, GYROSCOPE)):  # then an orientation is not read
         names = {ours: name for ours, name in names.items() if not ours.startswith("orientation.")}
         notes.pop("orientation", None)
-    if names.get(TIME) and TIME not in units:
+    if names.get(TIME) and TIME not in units and "the unit is" not in notes.get(TIME, ""):
         unit = unit_of_steps(file.clock(names[TIME]))
         if TIME in notes or unit != "s":
             notes[TIME] = f"by name; consecutive samples are less than half a second apart in {unit}"
         units |= {TIME: unit} if unit != "s" else {}
-    proposed = Columns(names, units)
+    proposed = Columns(names, units, known.rate)
     missing = [name for name in proposed.missing() if name != "position.JOINT"]
     if missing != list(proposed.missing()):
         missing += [f"position.{joint}" for joint in robot.joint_names]
     lines = "".join(f'# missing: {name} = "..."\n' for name in missing)
+    lines += "# or, without a time: rate = 500, in samples a second\n" if TIME in missing else ""
     return proposed.missing(), proposed.to_toml(notes).lstrip() + lines + _unused_columns(file, set(names.values()))
+
+
+def _found(robot: RobotModel, file: TableFile, kind: str, by_kind: ByKind) -> tuple[dict[str, str], str]:
+    """Return the columns of a kind by our names, and the reason."""
+    of_kind = by_kind.get(kind, {})
+    if kind in JOINT_KINDS:
+        return _named_joints(robot, kind, of_kind.values()) or _numbered_joints(robot, file, kind, by_kind)
+    found = _sensor(kind, of_kind)
+    if found or kind not in ("gyro", "accelerometer"):
+        return found, "by name"
+    for family in by_kind.get("imu", {}).values():
+        if len(numbers := _numbers(family)) == 6:
+            return _of_six(file, kind, [family[number] for number in numbers])
+    return {}, ""
+
+
+def _of_six(file: TableFile, kind: str, columns: Sequence[str]) -> tuple[dict[str, str], str]:
+    """Return the gyroscope's or the accelerometer's of an IMU's six columns, and the reason for their order."""
+    first, last = (np.column_stack([file.column(name) for name in three]) for three in (columns[:3], columns[3:]))
+    swapped = is_exchanged(first, last)
+    place = slice(3) if swapped == (kind == "accelerometer") else slice(3, 6)
+    ours = GYROSCOPE if kind == "gyro" else ACCELEROMETER
+    how = f"an IMU's six columns, the {'accelerometer' if swapped else 'gyroscope'}'s first: gravity is in the accelerometer's"
+    return dict(zip(ours, columns[place], strict=True)), how
+
+
+def is_exchanged(gyroscope: FloatArray, acceleration: FloatArray) -> bool:
+    """Return whether (n, 3) columns of a gyroscope keep their direction as gravity does, better than an accelerometer's."""
+    return _steadiness(gyroscope) > max(_STEADY, _steadiness(acceleration))
+
+
+def _steadiness(vectors: FloatArray) -> float:
+    """Return the length of the mean vector over the mean length: one of vectors that are the same."""
+    known = vectors[np.isfinite(vectors).all(axis=1)]
+    length = float(np.linalg.norm(known, axis=1).sum())
+    return float(np.linalg.norm(known.sum(axis=0))) / length if length else 0.0
+
+
+def _stated_unit(kind: str, found: dict[str, str]) -> str | None:
+    """Return the unit that the names of columns state, or None."""
+    stated = {what.unit for name in found.values() if (what := named(name)) and what.unit}
+    if len(stated) > 1:
+        raise RecordingError(
+            f"the names of the {kind} columns state {' and '.join(sorted(stated))}: they must have one unit; convert some, or "
+            "name other columns in --columns"
+        )
+    return stated.pop() if stated else None
 
 
 def _unused_columns(file: TableFile, used: Collection[str]) -> str:
     """Return remarks that name what a file holds besides."""
-    others = ", ".join([*_unused(file.names, used), *file.passed_over])
+    parts = {part for name in used for part in (name, *FORMULA.split(name))}
+    others = ", ".join([*_unused(file.names, parts), *file.passed_over])
     listed = "".join(c if c.isprintable() else "?" for c in f"not used: {others}")
     return "".join(f"\n# {line}" for line in textwrap.wrap(listed, _WIDTH)) + "\n" if others else ""
 
 
 def _sensor(kind: str, of_kind: Families) -> dict[str, str]:
     """Return the first family with a column for every part of a sensor, by our names."""
-    for family, sensor in itertools.product(of_kind, _SENSORS.get(kind, ())):
+    for family, sensor in itertools.product(of_kind.values(), _SENSORS[kind]):
         parts = [name.partition(".")[2] for name in sensor]
-        numbered = [str(index) for index in range(len(parts))]
-        for keys in (parts, numbered) if sensor in (GYROSCOPE, ACCELEROMETER) else (parts,):
-            if set(keys) <= set(family):
+        numbered = _numbers(family)[:4] if sensor in (GYROSCOPE, ACCELEROMETER) else []
+        for keys in (parts, numbered):
+            if len(keys) == len(parts) and set(keys) <= set(family):
                 return {ours: family[key] for ours, key in zip(sensor, keys, strict=True)}
     return {}
 
 
-def _joints(robot: RobotModel, kind: str, of_kind: Families) -> tuple[dict[str, str], str]:
-    """Return the first family with a column for every joint, by our names, and the reason."""
+def _numbers(family: Collection[str]) -> list[str]:
+    """Return the parts of a family that are numbers, in order."""
+    return sorted((part for part in family if part.isdigit()), key=int)
+
+
+def _named_joints(
+    robot: RobotModel, kind: str, of_kind: Iterable[Mapping[str, str]], how: str = "by name"
+) -> tuple[dict[str, str], str] | None:
+    """Return the first family that names every joint, by our names, and the reason."""
     for family in of_kind:
         try:
             matches = map_joints(robot, list(family)).matches
         except RecordingError:
             continue
-        return {f"{kind}.{match.robot_joint}": family[match.log_joint] for match in matches}, "by name"
+        return {f"{kind}.{match.robot_joint}": family[match.log_joint] for match in matches}, how
+    return None
+
+
+def _numbered_joints(robot: RobotModel, file: TableFile, kind: str, by_kind: ByKind) -> tuple[dict[str, str], str]:
+    """Return the first family with a numbered column for every joint, by our names, and the reason."""
     count = len(robot.joint_names)
-    for family in of_kind:
-        numbers = sorted((part for part in family if part.isdigit()), key=int)
-        base = _FLOATING_BASE.get(kind, 0)
-        first = base if len(numbers) == base + count else 0
+    for words, family in by_kind.get(kind, {}).items():
+        numbers = _numbers(family)
+        labels = _labels(file, kind, words, numbers, by_kind)
+        columns = [family[number] for number in numbers]
+        if labels:
+            by_label, how = (
+                {label: family[number] for number, label in labels.items()},
+                "by the names in the log's cells",
+            )
+            ours = {f"{kind}.{label}": column for label, column in by_label.items()}
+            return _named_joints(robot, kind, [by_label], how) or (ours, how)
+        if in_unitrees_order(words) and MOTORS == count <= len(numbers):
+            matches = map_by_order(robot, MOTOR_LEGS, columns).matches
+            how = f"motors of Unitree, legs in the order {' '.join(MOTOR_LEGS)}"
+            return {f"{kind}.{match.robot_joint}": match.log_joint for match in matches}, how
         if len(numbers) >= count:
-            columns = [family[part] for part in numbers[first : first + count]]
-            named = {f"{kind}.{joint}": column for joint, column in zip(robot.joint_names, columns, strict=True)}
-            return named, "numbered columns, in the order of the model's joints: compare joint by joint"
+            base = _FLOATING_BASE[kind]
+            first = base if len(numbers) == base + count else 0
+            names = [f"{kind}.{joint}" for joint in robot.joint_names]
+            how = "numbered columns, in the order of the model's joints: compare joint by joint"
+            return dict(zip(names, columns[first : first + count], strict=True)), how
     return {}, ""
+
+
+def check_names_in_cells(robot: RobotModel, file: TableFile, columns: Columns) -> None:
+    """Raise RecordingError where a column is a joint's, and the names in the log's cells give it to another."""
+    by_kind = _by_kind(file, ())
+    ours_of = {theirs: ours.partition(".")[2] for ours, theirs in columns.names.items() if theirs}
+    for kind, families_of_kind in ((kind, by_kind.get(kind, {})) for kind in JOINT_KINDS):
+        for words, family in families_of_kind.items():
+            labels = _labels(file, kind, words, _numbers(family), by_kind)
+            by_label = {label: family[number] for number, label in labels.items()}
+            in_cells, _ = _named_joints(robot, "joint", [by_label]) or ({}, "")
+            for named_in_cells, column in in_cells.items():
+                _refuse_other(file, column, ours_of.get(column), named_in_cells.removeprefix("joint."), robot)
+
+
+def _refuse_other(file: TableFile, column: str, given: str | None, named_in_cells: str, robot: RobotModel) -> None:
+    if given in robot.joint_names and given != named_in_cells:
+        raise RecordingError(
+            f"the columns give {column!r} of {file.title} to {given}, and the names in the log's cells to {named_in_cells}: "
+            "correct the file for --columns, or leave these columns out of it"
+        )
+
+
+def _labels(
+    file: TableFile, kind: str, words: Collection[str], numbers: Sequence[str], by_kind: ByKind
+) -> dict[str, str]:
+    """Return the names of joints that the log's cells hold for numbered columns, by number; none if their count differs.
+
+    Args:
+        words: words that the numbered columns share; names from the same message come first.
+        numbers: numbers of the columns, perhaps with those of a floating base before the joints.
+
+    Raises:
+        RecordingError: a column of names holds several.
+    """
+    same = sorted(by_kind.get("name", {}).items(), key=lambda item: source_of(item[0]) != source_of(words))
+    for _, family in same:
+        labels = [label for number in _numbers(family) if (label := file.text(family[number]))]
+        base = len(numbers) - len(labels)
+        if labels and len(set(labels)) == len(labels) and base in (0, _FLOATING_BASE[kind]):
+            return dict(zip(numbers[base:], labels, strict=True))
+    return {}
+
+
+def _by_kind(file: TableFile, taken: Collection[str]) -> ByKind:
+    """Return the families of a table's columns that are not taken and have a name of their own."""
+    names = dict.fromkeys((*file.names, *file.texts))
+    return families(name for name in names if name not in taken and file.names.count(name) <= 1)
 
 
 def _without_incomplete_sensors(known: Columns) -> Columns:
@@ -108,7 +247,7 @@ def _without_incomplete_sensors(known: Columns) -> Columns:
         for name, theirs in known.names.items()
         if name != theirs or not any(name in sensor for sensor in incomplete)
     }
-    return Columns(names, known.units)
+    return replace(known, names=names)
 
 
 def _unused(names: Sequence[str], used: Collection[str]) -> Iterator[str]:

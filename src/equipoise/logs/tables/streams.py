@@ -21,6 +21,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ColumnsError, RecordingError
+from equipoise.logs.finding import LogFinding
 from equipoise.logs.orientation import quaternions_of
 from equipoise.logs.raw_log import RawImu, RawJoints, RawLog
 from equipoise.logs.tables.column_names import (
@@ -33,17 +34,21 @@ from equipoise.logs.tables.column_names import (
     Columns,
     unit_of_steps,
 )
-from equipoise.logs.tables.files import TableFile, open_table
-from equipoise.logs.tables.proposal import propose
+from equipoise.logs.tables.files import TableFile, suffix_of
+from equipoise.logs.tables.joined import open_tables
+from equipoise.logs.tables.proposal import check_names_in_cells, is_exchanged, propose
 from equipoise.logs.topics import Topics
 from equipoise.robot.model import RobotModel
 
 
-def read_table(path: Path, robot: RobotModel, topics: Topics, columns: Columns | None = None) -> RawLog:
+def read_table(
+    path: Path, robot: RobotModel, topics: Topics, columns: Columns | None = None, tables: Sequence[Path] = ()
+) -> RawLog:
     """The streams of a table: a `LogReader`.
 
     Args:
         columns: what the user says of columns that have not our names.
+        tables: further tables of the same run, which are joined with it by their time.
 
     Raises:
         ColumnsError: columns are missing; it proposes which are which.
@@ -51,14 +56,15 @@ def read_table(path: Path, robot: RobotModel, topics: Topics, columns: Columns |
         SettingsError: the user's columns are not in the table.
         MissingDependencyError: Parquet needs pyarrow.
     """
-    file = open_table(path)
     told = columns or Columns()
-    told.check(file.names, f"the table {str(path)!r}")
+    file = open_tables((path, *tables), told)
+    told.check(file.names, file.title)
     known = told.of_table(file.names)
     file.refuse_twins(known.names.values())
     if known.missing():
         raise _strange(file, known, *propose(robot, file, known))
-    return _Streams(file, known).raw_log()
+    check_names_in_cells(robot, file, known)
+    return _Streams(file, known).raw_log(suffix_of(path))
 
 
 class _Streams:
@@ -66,18 +72,26 @@ class _Streams:
 
     def __init__(self, file: TableFile, columns: Columns) -> None:
         self.file, self.columns = file, columns
-        self.time = file.clock(columns.names[TIME]) * columns.factor(TIME)
+        if columns.rate is not None:
+            self.time = np.arange(file.rows) / columns.rate
+        else:
+            self.time = file.clock(columns.names[TIME]) * columns.factor(TIME)
 
-    def raw_log(self) -> RawLog:
-        """All of it."""
-        joints, imu = self._joints("position"), self._imu()
-        for name, stamps in (("joint", joints.time), ("IMU", imu.time)):
-            _check_seconds(self.file.path, name, stamps)
-        commands = self._joints("command") if self.columns.joints("command") else None
-        about = {"format": f"{self.file.path.suffix.lower()[1:]} table, {len(self.time)} rows"}
-        return RawLog(joints, imu, commands, about)
+    def raw_log(self, kind: str) -> RawLog:
+        """All of it.
 
-    def _joints(self, kind: str) -> RawJoints:
+        Args:
+            kind: word for the kind of the file.
+        """
+        findings: list[LogFinding] = []
+        joints, imu = self._joints("position", findings), self._imu()
+        for name, stamps in (("joint", joints.time), ("IMU", imu.time)) if self.columns.rate is None else ():
+            _check_seconds(self.file, name, stamps)
+        commands = self._joints("command", findings) if self.columns.joints("command") else None
+        about = {"format": f"{kind} table, {len(self.time)} rows"}
+        return RawLog(joints, imu, commands, about, tuple(findings))
+
+    def _joints(self, kind: str, findings: list[LogFinding]) -> RawJoints:
         """The rows in which there is a position of any joint."""
         names = self.columns.joints(kind)
         position = self._stacked([f"{kind}.{name}" for name in names])
@@ -86,7 +100,15 @@ class _Streams:
         def other(quantity: str) -> FloatArray | None:
             if kind != "position" or not self.columns.joints(quantity):
                 return None
-            return self._stacked([f"{quantity}.{name}" for name in names])[rows]
+            table = self._stacked([f"{quantity}.{name}" for name in names])
+            known = np.isfinite(table.sum(axis=1))
+            if np.count_nonzero(known) < 2 or 2 * np.count_nonzero(known & rows) > np.count_nonzero(rows):
+                return table[rows]
+            message = f"{quantity} has times of its own: it is interpolated at those of the positions"
+            findings.append(LogFinding("joints", message))
+            at, times = self.time[rows], self.time[known]
+            columns: list[FloatArray] = [np.interp(at, times, column, np.nan, np.nan) for column in table[known].T]
+            return np.column_stack(columns)
 
         force = None
         if kind == "position" and self.columns.has(FOOT_FORCES):
@@ -99,12 +121,22 @@ class _Streams:
         acceleration, orientation = self._stacked(ACCELEROMETER), self._orientation()
         parts = [part for part in (gyroscope, acceleration, orientation) if part is not None]
         rows = ~np.isnan(np.hstack(parts)).all(axis=1)
+        self._check_exchanged(gyroscope, acceleration)
         return RawImu(
             self.time[rows],
             None if gyroscope is None else gyroscope[rows],
             acceleration[rows],
             None if orientation is None else orientation[rows],
         )
+
+    def _check_exchanged(self, gyroscope: FloatArray | None, acceleration: FloatArray) -> None:
+        """Raise RecordingError if the gyroscope's columns carry gravity, and the accelerometer's do not."""
+        if gyroscope is not None and is_exchanged(gyroscope, acceleration):
+            turns, pushes = (", ".join(self.columns.names[name] for name in of) for of in (GYROSCOPE, ACCELEROMETER))
+            raise RecordingError(
+                f"{turns} of {self.file.title} are read as the gyroscope, {pushes} as the accelerometer, and gravity is in "
+                "the gyroscope's: are they exchanged? Name both in a file for --columns"
+            )
 
     def _orientation(self) -> FloatArray | None:
         """(n, 4) quaternions, w first."""
@@ -129,21 +161,22 @@ class _Streams:
 
 def _strange(file: TableFile, known: Columns, nameless: Sequence[str], proposal: str) -> ColumnsError:
     return ColumnsError(
-        f"the table {str(file.path)!r} has no {', '.join(known.missing())}. The names of its columns suggest the mapping below"
-        + (f", but nothing for {', '.join(nameless)}: write these lines yourself" if nameless else ""),
+        f"{file.title} has no {', '.join(known.missing())}. The names of its columns suggest the mapping below"
+        + (f", but nothing for {', '.join(nameless)}: write these lines yourself" if nameless else "")
+        + ("; --rate HZ stands in for a time where samples are evenly spaced" if TIME in nameless else ""),
         proposal,
         file.names,
     )
 
 
-def _check_seconds(path: Path, name: str, time: FloatArray) -> None:
+def _check_seconds(file: TableFile, name: str, time: FloatArray) -> None:
     if len(time) < 2:
-        raise RecordingError(f"the table {str(path)!r} has {len(time)} rows with {name} samples")
+        raise RecordingError(f"{file.title} has {len(time)} rows with {name} samples")
     unit = unit_of_steps(time)
     if unit != "s":
         step = float(np.nanmedian(np.abs(np.diff(time))))
         long = {"ns": "nanoseconds", "us": "microseconds", "ms": "milliseconds"}[unit]
         raise RecordingError(
-            f"{name} samples of the table {str(path)!r} are {step:g} apart in {TIME!r}, which must be in seconds (are they "
+            f"{name} samples of {file.title} are {step:g} apart in {TIME!r}, which must be in seconds (are they "
             f'{long}? Then a file for --columns says units.time = "{unit}")'
         )

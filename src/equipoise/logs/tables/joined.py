@@ -1,0 +1,94 @@
+"""Several tables of one run as one: joints in one file, the IMU in another, or a file for each quantity."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError, SettingsError
+from equipoise.logs.tables.by_name import named
+from equipoise.logs.tables.column_names import TIME, UNITS, Columns, unit_of_steps
+from equipoise.logs.tables.files import TableFile, open_table
+
+
+def open_tables(paths: Sequence[Path], columns: Columns) -> TableFile:
+    """Return the table of one file, or of several in whose rows are the samples of one time.
+
+    A name that is in several files, or in none but a number, follows the name of its file: `velocity.FL_hip_joint`.
+
+    Args:
+        columns: columns that the user names; those of time are joined by, and are one then.
+
+    Raises:
+        SettingsError: there is a rate, and a column of times.
+        RecordingError: one of several files has no time, or files without a time differ in length.
+    """
+    files = [open_table(path) for path in paths]
+    clock = columns.names.get(TIME, TIME)
+    if columns.rate and any(clock in file.names for file in files):
+        raise SettingsError(
+            f"the rate is given, and {clock!r} is the time: leave out --rate, or write time = '' into a file for --columns"
+        )
+    if len(files) == 1:
+        return files[0]
+    clocks = ["" if columns.rate else _clock(file, columns) for file in files]
+    times = [_seconds(file, name, columns) for file, name in zip(files, clocks, strict=True)]
+    if columns.rate and len(set(map(len, times))) > 1:
+        lengths = " and ".join(f"{file.rows} rows in {file.title}" for file in files)
+        raise RecordingError(f"there are {lengths}: files without a time must have a row each for every sample")
+    return _joined(paths, files, clocks, times, columns)
+
+
+def _clock(file: TableFile, columns: Columns) -> str:
+    """Return the column of a file's time: the user's, ours, or the first that is called like one."""
+    called = (name for name in file.names if (what := named(name)) is not None and what.kind == TIME)
+    for name in (columns.names.get(TIME), TIME, *called):
+        if name in file.names:
+            return name
+    raise RecordingError(
+        f"{file.title} has no time by which to join it with the others: name its column in a file for --columns, as "
+        'time = "...", or give --rate if all files have a row for every sample'
+    )
+
+
+def _seconds(file: TableFile, clock: str, columns: Columns) -> FloatArray:
+    """(n,) times of a file's rows, from the origin of its clock [s]."""
+    if columns.rate:
+        return np.arange(file.rows) / columns.rate
+    values, what = file.column(clock), named(clock)
+    unit = columns.units.get(TIME) or (what and what.unit) or unit_of_steps(values)
+    return values * UNITS[TIME][unit]
+
+
+def _joined(
+    paths: Sequence[Path], files: Sequence[TableFile], clocks: Sequence[str], times: Sequence[FloatArray], told: Columns
+) -> TableFile:
+    microseconds, rows = np.unique(np.round(np.concatenate(times) * 1e6), return_inverse=True)
+    time = microseconds * 1e-6 / told.factor(TIME)
+    parts = np.split(rows, np.cumsum(list(map(len, times)))[:-1])
+    count = Counter([TIME, *(name for file in files for name in file.names)])
+    columns: dict[str, tuple[TableFile, str, NDArray[np.intp]]] = {}
+    for path, file, clock, part in zip(paths, files, clocks, parts, strict=True):
+        stem = path.name.split(".")[0]
+        for name in [name for name in file.names if name != clock]:
+            nameless = name.startswith("[")
+            own = f"{stem}{'' if nameless else '.'}{name}" if nameless or count[name] > 1 else name
+            columns[own] = file, name, part
+
+    def read(index: int) -> FloatArray:
+        if not index:
+            return time
+        file, name, part = [*columns.values()][index - 1]
+        column = np.full(len(time), np.nan)
+        column[part] = file.column(name)
+        return column
+
+    title = f"the tables {', '.join(repr(str(path)) for path in paths)}"
+    texts = {own: file.texts[name] for own, (file, name, _) in columns.items() if name in file.texts}
+    passed_over = tuple(other for file in files for other in file.passed_over)
+    return TableFile(title, len(time), (told.names.get(TIME) or TIME, *columns), read, passed_over, texts)
