@@ -130,7 +130,7 @@ class LogFlags:
     rate: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="")] = None
     start: Annotated[Duration, arg(name="from")] = None
     until: Duration = None
-    tables: Annotated[Positional[tuple[Path, ...]], arg(metavar="TABLE...", help_behavior_hint="")] = ()
+    tables: Annotated[Positional[tuple[Path, ...]], arg(metavar="[TABLE...]", help_behavior_hint="")] = ()
 
     def read(self, path: Path, model: RobotModel, asking: bool) -> Log:
         """Read a log with what the flags say of it; raises SettingsError and LogError.

@@ -197,7 +197,9 @@ def estimated_log(
         if not output.json:
             print_log_report(error.report, verbose)
         raise
-    return replace(found, result=found.result.with_provenance(log=str(path), **log.about))
+    return replace(
+        found, result=found.result.with_provenance(log=", ".join(map(str, (path, *source.tables))), **log.about)
+    )
 
 
 def _estimate_log(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from equipoise.errors import LogError, RecordingError
+from equipoise.errors import LogError, MotionError, RecordingError
 from equipoise.estimator.diagnostics.screening import screen_log
 from equipoise.estimator.measurements.scale_reading import check_mass_of
 from equipoise.estimator.unknowns import Priors
@@ -21,12 +22,13 @@ from equipoise.precise.method import Precise
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import CrawlTrial, LiftTrial, PostureTrial, WalkTrial
 from equipoise.result.calibration import Calibration
-from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 
 _CLOCK_KNOWN = 5e-3  # [s]: closer than the legs can tell, and the estimate finds the rest
 _WALKING_TILT = 0.01  # [rad]
 _UPSIDE_DOWN = 0.7  # cosine: nearer to down than a robot on a slope is to level
+_OTHER_ORDERS = (("FR", "FL", "RR", "RL"), ("RL", "RR", "FL", "FR"), ("RR", "RL", "FR", "FL"))
 _SLOW_JOINTS, _SLOW_IMU = 80.0, 80.0  # [Hz] on an A1
 
 
@@ -70,7 +72,7 @@ def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> 
 
     Raises:
         LogError: nothing in it can be used, or its sensors cannot be believed; the error carries the report.
-        RecordingError: its units or signs cannot be right.
+        RecordingError: its units, signs or order of joints cannot be right.
         MotionError: the IMU is mounted turned.
         SettingsError: the mass is that of another robot.
     """
@@ -101,9 +103,8 @@ def _for_what_is_told(method: Precise, recordings: Sequence[Recording]) -> Preci
 
     Planted moves tell it whatever the prior is; a walk hardly does, and its intervals depend on the prior.
     """
-    usual = Priors().imu_tilt
     told = any(isinstance(one.trial, PostureTrial) for one in recordings)
-    if told or method.known is not None or method.priors.imu_tilt != usual:
+    if told or method.known is not None or method.priors.imu_tilt != Priors().imu_tilt:
         return method
     return replace(method, priors=replace(method.priors, imu_tilt=_WALKING_TILT))
 
@@ -118,6 +119,7 @@ def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findi
         findings.append(LogFinding("clocks", message))
         return recording
     if not compared.agrees:
+        _check_legs(robot, stance, recording)
         message = (
             f"in {compared.motion} the gyroscope does not turn as the legs say ({compared.unexplained:.0%} of it differs): "
             "are the joints, the IMU's axes and the robot the right ones?"
@@ -133,6 +135,30 @@ def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findi
     )
     findings.append(LogFinding("clocks", message))
     return replace(recording, imu=replace(recording.imu, time=recording.imu.time + compared.offset))
+
+
+def _check_legs(robot: RobotModel, stance: Stance, recording: Recording) -> None:
+    """Raise RecordingError if the gyroscope agrees with the legs once these are in another order."""
+    for order in _OTHER_ORDERS:
+        if _agrees(robot, stance, _reordered(robot, recording, order)):
+            raise RecordingError(
+                f"the gyroscope contradicts the legs in the order {' '.join(LEG_NAMES)}, in which the log's joints are read, "
+                f"and agrees with them in the order {' '.join(order)}: name the joints in a file for --joint-map or --columns"
+            )
+
+
+def _agrees(robot: RobotModel, stance: Stance, recording: Recording) -> bool:
+    with suppress(RecordingError, MotionError):
+        compared = compare_gyroscope(robot, stance, recording)
+        return compared is not None and compared.agrees
+    return False
+
+
+def _reordered(robot: RobotModel, recording: Recording, legs: Sequence[str]) -> Recording:
+    """Return a recording whose joints are read as those of legs in another order."""
+    position = np.array(recording.joints.position)
+    position[:, robot.leg_joints] = recording.joints.position[:, np.array([robot.legs[leg].joints for leg in legs])]
+    return replace(recording, joints=replace(recording.joints, position=position))
 
 
 def _check_upright(robot: RobotModel, recording: Recording) -> None:

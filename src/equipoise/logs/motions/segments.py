@@ -152,8 +152,7 @@ def usable(segments: Sequence[LogSegment]) -> list[Recording]:
 
 def _screen_rests(robot: RobotModel, recording: Recording, rests: Sequence[LoggedRest]) -> None:
     """Screen the sensors at the rests, if the robot does not seem to stand in most of them: one of them may lie."""
-    standing = sum(rest.standing for rest in rests)
-    if standing * 2 > len(rests):
+    if 2 * sum(rest.standing for rest in rests) > len(rests):
         return
     upright = [rest for rest in rests if not rest.folded]
     screen(robot, [_marked(recording, [(Phase.REST, rest.start)], rest.start, rest.end) for rest in upright])

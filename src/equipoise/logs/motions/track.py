@@ -102,9 +102,8 @@ class Integral:
     def __init__(self, time: FloatArray, values: FloatArray) -> None:
         self._time = time
         integrals = np.asarray(cumulative_trapezoid(values, time, axis=0, initial=0), dtype=float)
-        self._columns = [
-            np.ascontiguousarray(column) for column in integrals.T
-        ]  # as `interp` would make them each time
+        # As `interp` would make them each time.
+        self._columns = [np.ascontiguousarray(column) for column in integrals.T]
 
     def means(self, edges: FloatArray) -> FloatArray:
         """(n - 1, k) means between n edges; those should be no nearer to each other than the samples are."""

@@ -6,7 +6,7 @@ Ours is on the left: `gyro.x = "wx"`, `position.FL_hip_joint = "q[0]"`; `units.g
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -97,7 +97,7 @@ class Columns:
         except ValueError as error:
             raise SettingsError(f"{what} cannot be read: {error}") from error
         units, rate = table.pop("units", {}), table.pop("rate", None)
-        names = dict(_flat("", table))
+        names = dict(leaves("", table))
         for name, theirs in names.items():
             if not is_ours(name):
                 raise SettingsError(
@@ -157,8 +157,7 @@ class Columns:
 
     def missing(self) -> tuple[str, ...]:
         """Return the columns that an estimate needs and the table lacks."""
-        needed = ACCELEROMETER if self.rate else (TIME, *ACCELEROMETER)
-        absent = [name for name in needed if not self.names.get(name)]
+        absent = [name for name in (*([] if self.rate else [TIME]), *ACCELEROMETER) if not self.names.get(name)]
         if not any(map(self.has, (GYROSCOPE, QUATERNION, ANGLES))):
             absent += [name for name in GYROSCOPE if not self.names.get(name)]
         return (*absent, *([] if self.joints("position") else ["position.JOINT"]))
@@ -193,12 +192,16 @@ def unit_of_steps(time: FloatArray) -> str:
     return next((unit for unit, least in _STEPS.items() if step > least), "s")
 
 
-def _flat(prefix: str, table: Mapping[str, Any]) -> Iterable[tuple[str, object]]:
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _flat(f"{prefix}{key}.", cast("dict[str, Any]", value))
-        else:
-            yield f"{prefix}{key}", value
+def leaves(name: str, value: object) -> Iterator[tuple[str, Any]]:
+    """Yield what is nested in tables and lists, by the names of its path."""
+    if isinstance(value, Mapping):
+        for key, part in cast("Mapping[str, Any]", value).items():
+            yield from leaves(f"{name}.{key}".removeprefix("."), part)
+    elif isinstance(value, list):
+        for index, part in enumerate(cast("list[Any]", value)):
+            yield from leaves(f"{name}[{index}]", part)
+    else:
+        yield name, value
 
 
 def _key(ours: str) -> str:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError, MissingDependencyError, RecordingError
 from equipoise.logs.tables.by_name import two_part_stamps
+from equipoise.logs.tables.column_names import leaves
 from equipoise.user_file import json_value
 
 _Named = list[tuple[str, NDArray[Any]]]
@@ -186,24 +187,12 @@ def _open_json_lines(path: Path, stream: IO[bytes]) -> TableFile:
     found: list[tuple[int, dict[str, Any]]] = []
     for number, line in enumerate(stream, 1):
         try:
-            found += [(number, dict(_leaves("", json_value(line.decode()))))] if line.strip() else []
+            found += [(number, dict(leaves("", json_value(line.decode()))))] if line.strip() else []
         except ValueError as error:
             raise RecordingError(f"line {number} of {str(path)!r} is not JSON: {error}") from error
     names = [*dict.fromkeys(itertools.chain.from_iterable(of for _, of in found))]
     rows = [(number, ["" if of.get(name) is None else str(of[name]) for name in names]) for number, of in found]
     return _of_cells(path, names, rows)
-
-
-def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield what is nested in objects and lists, by the names of its path."""
-    if isinstance(value, Mapping):
-        for key, part in cast("Mapping[str, Any]", value).items():
-            yield from _leaves(f"{name}.{key}".removeprefix("."), part)
-    elif isinstance(value, list):
-        for index, part in enumerate(cast("list[Any]", value)):
-            yield from _leaves(f"{name}[{index}]", part)
-    else:
-        yield name, value
 
 
 def _of_cells(path: Path, names: Sequence[str], rows: Sequence[tuple[int, Sequence[str]]]) -> TableFile:
@@ -325,7 +314,7 @@ def _open_mat(path: Path, stream: IO[bytes]) -> TableFile:
             f"the log {str(path)!r} is MATLAB's version 7.3, which is not read: save it again with "
             "save(file, '-struct', 'log', '-v7')"
         ) from error
-    arrays = [(name, np.asarray(value)) for name, value in _leaves("", held) if not name.startswith("__")]
+    arrays = [(name, np.asarray(value)) for name, value in leaves("", held) if not name.startswith("__")]
     return _of_arrays(path, arrays, [])
 
 

@@ -36,11 +36,14 @@ def open_tables(paths: Sequence[Path], columns: Columns) -> TableFile:
         )
     if len(files) == 1:
         return files[0]
-    clocks = ["" if columns.rate else _clock(file, columns) for file in files]
-    times = [_seconds(file, name, columns) for file, name in zip(files, clocks, strict=True)]
-    if columns.rate and len(set(map(len, times))) > 1:
+    if columns.rate and len({file.rows for file in files}) > 1:
         lengths = " and ".join(f"{file.rows} rows in {file.title}" for file in files)
         raise RecordingError(f"there are {lengths}: files without a time must have a row each for every sample")
+    clocks = ["" if columns.rate else _clock(file, columns) for file in files]
+    times = [
+        np.arange(file.rows) / columns.rate if columns.rate else _seconds(file, name, columns)
+        for file, name in zip(files, clocks, strict=True)
+    ]
     return _joined(paths, files, clocks, times, columns)
 
 
@@ -58,8 +61,6 @@ def _clock(file: TableFile, columns: Columns) -> str:
 
 def _seconds(file: TableFile, clock: str, columns: Columns) -> FloatArray:
     """(n,) times of a file's rows, from the origin of its clock [s]."""
-    if columns.rate:
-        return np.arange(file.rows) / columns.rate
     values, what = file.column(clock), named(clock)
     unit = columns.units.get(TIME) or (what and what.unit) or unit_of_steps(values)
     return values * UNITS[TIME][unit]
@@ -74,11 +75,8 @@ def _joined(
     count = Counter([TIME, *(name for file in files for name in file.names)])
     columns: dict[str, tuple[TableFile, str, NDArray[np.intp]]] = {}
     for path, file, clock, part in zip(paths, files, clocks, parts, strict=True):
-        stem = path.name.split(".")[0]
-        for name in [name for name in file.names if name != clock]:
-            nameless = name.startswith("[")
-            own = f"{stem}{'' if nameless else '.'}{name}" if nameless or count[name] > 1 else name
-            columns[own] = file, name, part
+        names = [name for name in file.names if name != clock]
+        columns |= {_own_name(path, name, count[name]): (file, name, part) for name in names}
 
     def read(index: int) -> FloatArray:
         if not index:
@@ -88,7 +86,14 @@ def _joined(
         column[part] = file.column(name)
         return column
 
-    title = f"the tables {', '.join(repr(str(path)) for path in paths)}"
+    title = f"the table of {' and '.join(repr(str(path)) for path in paths)}"
     texts = {own: file.texts[name] for own, (file, name, _) in columns.items() if name in file.texts}
     passed_over = tuple(other for file in files for other in file.passed_over)
     return TableFile(title, len(time), (told.names.get(TIME) or TIME, *columns), read, passed_over, texts)
+
+
+def _own_name(path: Path, name: str, count: int) -> str:
+    stem = path.name.split(".")[0]
+    if name.startswith("["):
+        return f"{stem}{name}"
+    return f"{stem}.{name}" if count > 1 else name

@@ -33,12 +33,7 @@ ByKind = dict[str, Families]
 
 _WIDTH = 76  # of remarks
 _STEADY = 0.7  # of accelerometers of robots that trot 0.95, of their gyroscopes 0.1
-_FLOATING_BASE = {
-    "position": 7,
-    "command": 7,
-    "velocity": 6,
-    "torque": 6,
-}  # columns of the base before those of the joints
+_FLOATING_BASE = {"position": 7, "command": 7, "velocity": 6, "torque": 6}  # columns of the base before the joints'
 
 
 def propose(robot: RobotModel, file: TableFile, known: Columns) -> tuple[tuple[str, ...], str]:
@@ -59,10 +54,7 @@ def propose(robot: RobotModel, file: TableFile, known: Columns) -> tuple[tuple[s
         found, how = _found(robot, file, kind, by_kind)
         if found:
             names |= found
-            unit = units.get(kind) or _stated_unit(kind, found)
-            units |= {kind: unit} if unit and unit != next(iter(UNITS[kind])) else {}
-            asked = f"the unit is {unit}" if unit else f"is the unit {next(iter(UNITS[kind]))}?"
-            notes[kind] = how if kind == "foot_force" else f"{how}; {asked}"
+            notes[kind] = how if kind == "foot_force" else f"{how}; {_with_unit(kind, found, units)}"
     if all(map(names.get, GYROSCOPE)):  # then an orientation is not read
         names = {ours: name for ours, name in names.items() if not ours.startswith("orientation.")}
         notes.pop("orientation", None)
@@ -72,12 +64,24 @@ def propose(robot: RobotModel, file: TableFile, known: Columns) -> tuple[tuple[s
             notes[TIME] = f"by name; consecutive samples are less than half a second apart in {unit}"
         units |= {TIME: unit} if unit != "s" else {}
     proposed = Columns(names, units, known.rate)
-    missing = [name for name in proposed.missing() if name != "position.JOINT"]
-    if missing != list(proposed.missing()):
-        missing += [f"position.{joint}" for joint in robot.joint_names]
-    lines = "".join(f'# missing: {name} = "..."\n' for name in missing)
-    lines += "# or, without a time: rate = 500, in samples a second\n" if TIME in missing else ""
-    return proposed.missing(), proposed.to_toml(notes).lstrip() + lines + _unused_columns(file, set(names.values()))
+    lines = _lines_to_complete(robot, proposed.missing()) + _unused_columns(file, set(names.values()))
+    return proposed.missing(), proposed.to_toml(notes).lstrip() + lines
+
+
+def _with_unit(kind: str, found: Mapping[str, str], units: dict[str, str]) -> str:
+    """Add the unit that names of columns state to the units, if it is not ours; return a remark."""
+    usual = next(iter(UNITS[kind]))
+    unit = units.get(kind) or _stated_unit(kind, found)
+    units |= {kind: unit} if unit and unit != usual else {}
+    return f"the unit is {unit}" if unit else f"is the unit {usual}?"
+
+
+def _lines_to_complete(robot: RobotModel, missing: Sequence[str]) -> str:
+    """Return remarks in which the user fills in the missing columns."""
+    joints = [f"position.{joint}" for joint in robot.joint_names] if "position.JOINT" in missing else []
+    names = [*(name for name in missing if name != "position.JOINT"), *joints]
+    rate = "# or, without a time: rate = 500, in samples a second\n" if TIME in missing else ""
+    return "".join(f'# missing: {name} = "..."\n' for name in names) + rate
 
 
 def _found(robot: RobotModel, file: TableFile, kind: str, by_kind: ByKind) -> tuple[dict[str, str], str]:
@@ -116,7 +120,7 @@ def _steadiness(vectors: FloatArray) -> float:
     return float(np.linalg.norm(known.sum(axis=0))) / length if length else 0.0
 
 
-def _stated_unit(kind: str, found: dict[str, str]) -> str | None:
+def _stated_unit(kind: str, found: Mapping[str, str]) -> str | None:
     """Return the unit that the names of columns state, or None."""
     stated = {what.unit for name in found.values() if (what := named(name)) and what.unit}
     if len(stated) > 1:
@@ -152,7 +156,7 @@ def _numbers(family: Collection[str]) -> list[str]:
 
 
 def _named_joints(
-    robot: RobotModel, kind: str, of_kind: Iterable[Mapping[str, str]], how: str = "by name"
+    robot: RobotModel, kind: str, of_kind: Iterable[Mapping[str, str]]
 ) -> tuple[dict[str, str], str] | None:
     """Return the first family that names every joint, by our names, and the reason."""
     for family in of_kind:
@@ -160,7 +164,7 @@ def _named_joints(
             matches = map_joints(robot, list(family)).matches
         except RecordingError:
             continue
-        return {f"{kind}.{match.robot_joint}": family[match.log_joint] for match in matches}, how
+        return {f"{kind}.{match.robot_joint}": family[match.log_joint] for match in matches}, "by name"
     return None
 
 
@@ -168,23 +172,15 @@ def _numbered_joints(robot: RobotModel, file: TableFile, kind: str, by_kind: ByK
     """Return the first family with a numbered column for every joint, by our names, and the reason."""
     count = len(robot.joint_names)
     for words, family in by_kind.get(kind, {}).items():
-        numbers = _numbers(family)
-        labels = _labels(file, kind, words, numbers, by_kind)
-        columns = [family[number] for number in numbers]
-        if labels:
-            by_label, how = (
-                {label: family[number] for number, label in labels.items()},
-                "by the names in the log's cells",
-            )
-            ours = {f"{kind}.{label}": column for label, column in by_label.items()}
-            return _named_joints(robot, kind, [by_label], how) or (ours, how)
-        if in_unitrees_order(words) and MOTORS == count <= len(numbers):
+        if in_cells := _joints_in_cells(robot, file, kind, words, by_kind):
+            return in_cells, "by the names in the log's cells"
+        columns = [family[number] for number in _numbers(family)]
+        if in_unitrees_order(words) and MOTORS == count <= len(columns):
             matches = map_by_order(robot, MOTOR_LEGS, columns).matches
             how = f"motors of Unitree, legs in the order {' '.join(MOTOR_LEGS)}"
             return {f"{kind}.{match.robot_joint}": match.log_joint for match in matches}, how
-        if len(numbers) >= count:
-            base = _FLOATING_BASE[kind]
-            first = base if len(numbers) == base + count else 0
+        if len(columns) >= count:
+            first = _FLOATING_BASE[kind] if len(columns) == _FLOATING_BASE[kind] + count else 0
             names = [f"{kind}.{joint}" for joint in robot.joint_names]
             how = "numbered columns, in the order of the model's joints: compare joint by joint"
             return dict(zip(names, columns[first : first + count], strict=True)), how
@@ -193,23 +189,29 @@ def _numbered_joints(robot: RobotModel, file: TableFile, kind: str, by_kind: ByK
 
 def check_names_in_cells(robot: RobotModel, file: TableFile, columns: Columns) -> None:
     """Raise RecordingError where a column is a joint's, and the names in the log's cells give it to another."""
-    by_kind = _by_kind(file, ())
-    ours_of = {theirs: ours.partition(".")[2] for ours, theirs in columns.names.items() if theirs}
-    for kind, families_of_kind in ((kind, by_kind.get(kind, {})) for kind in JOINT_KINDS):
-        for words, family in families_of_kind.items():
-            labels = _labels(file, kind, words, _numbers(family), by_kind)
-            by_label = {label: family[number] for number, label in labels.items()}
-            in_cells, _ = _named_joints(robot, "joint", [by_label]) or ({}, "")
-            for named_in_cells, column in in_cells.items():
-                _refuse_other(file, column, ours_of.get(column), named_in_cells.removeprefix("joint."), robot)
+    by_kind, ours_of = _by_kind(file, ()), {theirs: ours for ours, theirs in columns.names.items() if theirs}
+    for kind, words in [(of, words) for of in JOINT_KINDS for words in by_kind.get(of, ())]:
+        for in_cells, column in _joints_in_cells(robot, file, kind, words, by_kind).items():
+            joints = [ours.partition(".")[2] for ours in (ours_of.get(column, in_cells), in_cells)]
+            if joints[0] != joints[1] and set(joints) <= set(robot.joint_names):
+                raise RecordingError(
+                    f"the columns give {column!r} of {file.title} to {joints[0]}, and the names in the log's cells to "
+                    f"{joints[1]}: correct the file for --columns, or leave these columns out of it"
+                )
 
 
-def _refuse_other(file: TableFile, column: str, given: str | None, named_in_cells: str, robot: RobotModel) -> None:
-    if given in robot.joint_names and given != named_in_cells:
-        raise RecordingError(
-            f"the columns give {column!r} of {file.title} to {given}, and the names in the log's cells to {named_in_cells}: "
-            "correct the file for --columns, or leave these columns out of it"
-        )
+def _joints_in_cells(
+    robot: RobotModel, file: TableFile, kind: str, words: tuple[str, ...], by_kind: ByKind
+) -> dict[str, str]:
+    """Return a family's numbered columns by the names in the log's cells, the model's for them if there are."""
+    family = by_kind[kind][words]
+    labels = _labels(file, kind, words, _numbers(family), by_kind)
+    by_label = {label: family[number] for number, label in labels.items()}
+    found, _ = _named_joints(robot, kind, [by_label]) or (
+        {f"{kind}.{label}": by_label[label] for label in by_label},
+        "",
+    )
+    return found
 
 
 def _labels(

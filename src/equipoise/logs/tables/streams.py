@@ -71,11 +71,8 @@ class _Streams:
     """Streams in the columns of a file."""
 
     def __init__(self, file: TableFile, columns: Columns) -> None:
-        self.file, self.columns = file, columns
-        if columns.rate is not None:
-            self.time = np.arange(file.rows) / columns.rate
-        else:
-            self.time = file.clock(columns.names[TIME]) * columns.factor(TIME)
+        self.file, self.columns, rate = file, columns, columns.rate
+        self.time = np.arange(file.rows) / rate if rate else file.clock(columns.names[TIME]) * columns.factor(TIME)
 
     def raw_log(self, kind: str) -> RawLog:
         """All of it.
@@ -106,9 +103,7 @@ class _Streams:
                 return table[rows]
             message = f"{quantity} has times of its own: it is interpolated at those of the positions"
             findings.append(LogFinding("joints", message))
-            at, times = self.time[rows], self.time[known]
-            columns: list[FloatArray] = [np.interp(at, times, column, np.nan, np.nan) for column in table[known].T]
-            return np.column_stack(columns)
+            return _interpolated(self.time[rows], self.time[known], table[known])
 
         force = None
         if kind == "position" and self.columns.has(FOOT_FORCES):
@@ -157,6 +152,11 @@ class _Streams:
         columns = [self.columns.names.get(name) for name in names]
         table = np.column_stack([self.file.column(theirs) if theirs else missing for theirs in columns])
         return table if factor == 1.0 else table * factor
+
+
+def _interpolated(at: FloatArray, time: FloatArray, table: FloatArray) -> FloatArray:
+    columns: list[FloatArray] = [np.interp(at, time, column, np.nan, np.nan) for column in table.T]
+    return np.column_stack(columns)
 
 
 def _strange(file: TableFile, known: Columns, nameless: Sequence[str], proposal: str) -> ColumnsError:
