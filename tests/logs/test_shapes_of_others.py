@@ -2,6 +2,7 @@
 
 import csv
 import gzip
+import io
 import json
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from equipoise.logs.raw_log import Log
 from equipoise.logs.reader import read_log
 from equipoise.logs.tables.column_names import STANDARD_GRAVITY, Columns
 from equipoise.precise.method import Precise
+from equipoise.terminal.column_dialogue import ask_columns
 from equipoise.user_file import toml_table
 
 EPOCH = 1_700_000_000  # [s]
@@ -134,6 +136,12 @@ def test_a_remainder_without_its_seconds_is_no_time(a1, trotted, tmp_path, rest)
     path = write(tmp_path / "log.csv", {rest: remainder, **without(trotted, "time")})
     assert '# missing: time = "..."\n# or, without a time: rate = 500' in proposal_for(a1, path)
     with pytest.raises(ColumnsError, match=r"nothing for time: .*; --rate HZ stands in for a time"):
+        read_log(path, a1)
+
+
+def test_whole_seconds_without_their_remainder_are_named(a1, trotted, tmp_path):
+    path = write(tmp_path / "log.csv", {**trotted, "time": np.floor(trotted["time"])})
+    with pytest.raises(RecordingError, match=r"stamps do not increase, .* are they whole seconds, without"):
         read_log(path, a1)
 
 
@@ -271,6 +279,8 @@ DEGREES = 180 / np.pi
         ("gyro_{} [rad/s]", 1, "acc_{} [m/s^2]", 1),
         ("Gyro {} (deg/s)", DEGREES, "Accel {} (g)", 1 / STANDARD_GRAVITY),
         ("gyro_{}_dps", DEGREES, "acc_{}_g", 1 / STANDARD_GRAVITY),
+        ("gyro_{}, deg/s", DEGREES, "acc_{} {{m/s^2}}", 1),
+        ("gyro_{}: rad/s", 1, "acc_{} in g", 1 / STANDARD_GRAVITY),
         ("w{} [°/s]", DEGREES, "a{} [m/s²]", 1),
         ("imu.angular_velocity.{} [rad s^-1]", 1, "imu.linear_acceleration.{} [mg]", 1000 / STANDARD_GRAVITY),
         ("Angular velocity {} (degrees/second)", DEGREES, "acceleration {} (m/s/s)", 1),
@@ -544,6 +554,17 @@ def test_a_rate_stands_in_for_a_time_and_only_there(a1, trotted, expected, tmp_p
     joints, imu = (without(one, "time") for one in (without(trotted, *SENSORS), without(trotted, *QUANTITIES)))
     paths = [write(tmp_path / "joints.csv", joints), write(tmp_path / "imu.csv", imu)]
     assert_same(read_log(paths[0], a1, tables=paths[1:], columns=Columns(rate=RATE)).recording, expected)
+
+
+def test_a_rate_may_be_typed_where_there_is_no_time(a1, trotted, expected, tmp_path, monkeypatch, capsys):
+    np.savez(tmp_path / "log.npz", **arrays_without_time(a1, trotted))
+    with pytest.raises(ColumnsError) as raised:
+        read_log(tmp_path / "log.npz", a1)
+    monkeypatch.setattr("sys.stdin", io.StringIO("\nrate = 0\nrate = 500\n\n\n"))
+    assert_same(read_log(tmp_path / "log.npz", a1, columns=ask_columns(raised.value)).recording, expected)
+    said = capsys.readouterr().err
+    assert "still missing: time" in said
+    assert "the rate must be above zero" in said
 
 
 def test_two_files_and_a_rate_from_the_command_line(a1, whole, tmp_path, capsys):

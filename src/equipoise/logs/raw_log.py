@@ -310,9 +310,10 @@ def _kept(
     if late.mean() > _MOST_BAD:
         first = int(np.argmax(late))
         back = float((latest[:-1] - time[index][1:]).max())
+        several = "are these several logs in one, or several publishers on one topic? Cut with --from and --until"
         raise RecordingError(
             f"{late.mean():.0%} of the {name} stamps do not increase, from sample {first} on, and go back by as much as "
-            f"{back:.3g} s: are these several logs in one, or several publishers on one topic? Cut with --from and --until"
+            f"{back:.3g} s: {several if back else 'are they whole seconds, without the column of the rest?'}"
         )
     if late.any():
         message = f"{late.sum()} of {len(index)} {name} samples have stamps that repeat or go back: left out"

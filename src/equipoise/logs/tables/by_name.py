@@ -10,7 +10,7 @@ from equipoise.logs.tables.column_names import UNITS
 from equipoise.robot.forward import leg_of
 
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-_TIME = {"time", "t", "stamp", "timestamp", "timestamps", "sec", "secs", "seconds", "clock", "tick"}
+_TIME = {"time", "t", "stamp", "timestamp", "timestamps", "sec", "secs", "seconds", "clock", "tick", "ts", "msec"}
 _COUNTS = {"index", "idx", "count", "counter", "seq", "frame", "step", "steps", "row", "id", "covariance", "cov"}
 _GYROSCOPE = {"gyro", "gyros", "gyroscope", "gyr", "omega", "angvel"}
 _ACCELEROMETER = {"acc", "accel", "accelerometer", "acceleration", "accelerations"}
@@ -48,8 +48,8 @@ _REMAINDERS = {
     **dict.fromkeys(("usec", "usecs", "microseconds"), "1e-6"),
 }
 
-_BRACKETED = re.compile(r"(.*?)[\s_]*[\[(]([^\[\]()]*)[\])]\s*", re.DOTALL)
-_ENDING = re.compile(r"(.*?[^_\s])[_ ]((?:rad|deg|m)_s2?|[A-Za-z]+2?)", re.DOTALL)
+_BRACKETED = re.compile(r"(.*?)[\s_]*[\[({]([^\[\](){}]*)[\])}]\s*", re.DOTALL)
+_ENDING = re.compile(r"(.*?[^_\s,:])(?:_| in |[,:]?\s+|[,:])((?:rad|deg|m)_s2?|[^_\s,:]+)", re.DOTALL)
 _SIGNS = str.maketrans(
     {"²": "2", "⁻": "-", "¹": "1", "°": "deg", "µ": "u", "μ": "u", "_": "/", **dict.fromkeys(" ·*^.", "")}
 )
@@ -111,7 +111,7 @@ def two_part_stamps(names: Iterable[str]) -> dict[str, tuple[str, str, float]]:
 
 
 def families(names: Iterable[str]) -> dict[str, Families]:
-    """Return columns that belong together, by kind; those of joints whose names state no quantity come last."""
+    """Return columns that belong together, by kind; raw ones and those of joints whose names state no quantity come last."""
     found: dict[str, Families] = {}
     for name in names:
         what = named(name)
@@ -119,7 +119,7 @@ def families(names: Iterable[str]) -> dict[str, Families]:
             found.setdefault(what.kind, {}).setdefault(what.family, {}).setdefault(what.part, name)
 
     def vague(kind: str, family: tuple[str, ...]) -> bool:
-        return not set(family) & _QUANTITIES.get(kind, _QUANTITIES["position"])
+        return "raw" in family or not set(family) & _QUANTITIES.get(kind, _QUANTITIES["position"])
 
     return {kind: dict(sorted(of.items(), key=lambda item: vague(kind, item[0]))) for kind, of in found.items()}
 
