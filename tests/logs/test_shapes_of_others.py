@@ -357,14 +357,13 @@ def test_29_unitrees_motors_are_in_unitrees_order(a1, trotted, expected, tmp_pat
     assert_same(accepted(a1, path), expected)
 
 
-@pytest.mark.parametrize("legs", [UNITREE, ("RL", "RR", "FL", "FR")])
-def test_an_order_of_legs_that_the_gyroscope_contradicts_is_refused_with_both(a1, whole, tmp_path, legs):
+def test_an_order_of_legs_that_the_gyroscope_contradicts_is_refused_with_both(a1, whole, tmp_path):
     columns = without(whole, *QUANTITIES)
     for quantity, word in zip(QUANTITIES, ("q", "dq", "tau"), strict=True):
-        columns |= {f"{word}[{at}]": whole[f"{quantity}.{name}"] for at, name in enumerate(in_order(a1, legs))}
+        columns |= {f"{word}[{at}]": whole[f"{quantity}.{name}"] for at, name in enumerate(in_order(a1, UNITREE))}
     path = write(tmp_path / "log.csv", columns)
     told = Columns.from_text(proposal_for(a1, path), "it")
-    with pytest.raises(RecordingError, match=f"in the order FL FR RL RR, .* agrees .* in the order {' '.join(legs)}"):
+    with pytest.raises(RecordingError, match=r"in the order FL FR RL RR, .* agrees .* in the order FR FL RR RL"):
         estimate_log(a1, read_log(path, a1, columns=told), Precise(mass=MASS))
 
 
