@@ -544,10 +544,11 @@ def test_files_that_are_not_of_one_run_are_named(a1, trotted, tmp_path):
 def test_a_rate_stands_in_for_a_time_and_only_there(a1, trotted, expected, tmp_path):
     path = write(tmp_path / "log.csv", without(trotted, "time"))
     assert_same(read_log(path, a1, columns=Columns(rate=RATE)).recording, expected)
+    stamped = write(tmp_path / "stamped.csv", {"stamp": trotted["time"], **without(trotted, "time")})
+    with pytest.raises(SettingsError, match="the rate is given, and 'stamp' is called like a time: leave out"):
+        read_log(stamped, a1, columns=Columns(rate=RATE))
     timed = write(tmp_path / "timed.csv", trotted)
-    with pytest.raises(
-        SettingsError, match="the rate is given, and 'time' is the time: leave out --rate, or write time = ''"
-    ):
+    with pytest.raises(SettingsError, match=r"the rate is given, and 'time' is called .* --rate, or write time = ''"):
         read_log(timed, a1, columns=Columns(rate=RATE))
     assert_same(read_log(timed, a1, columns=Columns({"time": ""}, rate=RATE)).recording, expected)
     joints, imu = (without(one, "time") for one in (without(trotted, *SENSORS), without(trotted, *QUANTITIES)))

@@ -29,45 +29,47 @@ def open_tables(paths: Sequence[Path], columns: Columns) -> TableFile:
         RecordingError: one of several files has no time, or files without a time differ in length.
     """
     files = [open_table(path) for path in paths]
-    clock = columns.names.get(TIME, TIME)
-    if columns.rate and any(clock in file.names for file in files):
+    clocks = [None if columns.names.get(TIME) == "" else _clock(file, columns) for file in files]
+    if columns.rate and (clock := next(filter(None, clocks), None)):
         raise SettingsError(
-            f"the rate is given, and {clock!r} is the time: leave out --rate, or write time = '' into a file for --columns"
+            f"the rate is given, and {clock!r} is called like a time: leave out --rate, or write time = '' into a file for "
+            "--columns"
         )
     if len(files) == 1:
         return files[0]
     if columns.rate and len({file.rows for file in files}) > 1:
         lengths = " and ".join(f"{file.rows} rows in {file.title}" for file in files)
         raise RecordingError(f"there are {lengths}: files without a time must have a row each for every sample")
-    clocks = ["" if columns.rate else _clock(file, columns) for file in files]
-    times = [
-        np.arange(file.rows) / columns.rate if columns.rate else _seconds(file, name, columns)
-        for file, name in zip(files, clocks, strict=True)
-    ]
+    times = [_seconds(file, clock, columns) for file, clock in zip(files, clocks, strict=True)]
     return _joined(paths, files, clocks, times, columns)
 
 
-def _clock(file: TableFile, columns: Columns) -> str:
-    """Return the column of a file's time: the user's, ours, or the first that is called like one."""
+def _clock(file: TableFile, columns: Columns) -> str | None:
+    """Return the column of a file's time: the user's, ours, or the first that is called like one; None if there is none."""
     called = (name for name in file.names if (what := named(name)) is not None and what.kind == TIME)
-    for name in (columns.names.get(TIME), TIME, *called):
-        if name in file.names:
-            return name
-    raise RecordingError(
-        f"{file.title} has no time by which to join it with the others: name its column in a file for --columns, as "
-        'time = "...", or give --rate if all files have a row for every sample'
-    )
+    return next((name for name in (columns.names.get(TIME), TIME, *called) if name in file.names), None)
 
 
-def _seconds(file: TableFile, clock: str, columns: Columns) -> FloatArray:
+def _seconds(file: TableFile, clock: str | None, columns: Columns) -> FloatArray:
     """(n,) times of a file's rows, from the origin of its clock [s]."""
+    if columns.rate:
+        return np.arange(file.rows) / columns.rate
+    if clock is None:
+        raise RecordingError(
+            f"{file.title} has no time by which to join it with the others: name its column in a file for --columns, as "
+            'time = "...", or give --rate if all files have a row for every sample'
+        )
     values, what = file.column(clock), named(clock)
     unit = columns.units.get(TIME) or (what and what.unit) or unit_of_steps(values)
     return values * UNITS[TIME][unit]
 
 
 def _joined(
-    paths: Sequence[Path], files: Sequence[TableFile], clocks: Sequence[str], times: Sequence[FloatArray], told: Columns
+    paths: Sequence[Path],
+    files: Sequence[TableFile],
+    clocks: Sequence[str | None],
+    times: Sequence[FloatArray],
+    told: Columns,
 ) -> TableFile:
     microseconds, rows = np.unique(np.round(np.concatenate(times) * 1e6), return_inverse=True)
     time = microseconds * 1e-6 / told.factor(TIME)
