@@ -97,7 +97,7 @@ def test_a_precise_run_shows_all_parts(precise):
         "Lifts on FL_RR",
         "Lifts on FR_RL",
         "Lifts it has not seen",
-        "Misfit of each motion",
+        "Residual of each motion",
         "Support planes and centre of mass",
     ):
         assert title in figures
@@ -284,7 +284,7 @@ def test_sways_are_shown_as_measured_and_as_fitted(paper):
         ):
             assert [trace["y"] for trace in figure.data] == [short(curve) for curve in curves]
         assert f"{fit.sinusoid.frequency:.2f} Hz" in velocity.caption
-        assert f"I = {fit.inertia:.4g} kg m2, C = {fit.damping:.3g} Nm s/rad" in torque.caption
+        assert f"I = {fit.inertia:.4f} kg m2, C = {fit.damping:.3f} Nm s/rad" in torque.caption
 
 
 def test_a_sway_without_an_estimate_says_why_and_a_doubt_is_told(paper):
@@ -303,9 +303,79 @@ def test_a_sway_without_an_estimate_says_why_and_a_doubt_is_told(paper):
 
 
 def test_every_motion_that_was_read_has_its_misfit(precise):
-    misfits = figure_called(run_contents(precise), "Misfit of each motion")
+    misfits = figure_called(run_contents(precise), "Residual of each motion")
     read = [number for number, trial in enumerate(precise.trials, start=1) if trial.misfit is not None]
     assert sorted(number for bars in misfits.data for number in bars["x"]) == read
+
+
+def test_hollow_bars_are_explained_where_there_are_any(precise):
+    figure = figure_called(run_contents(precise), "Residual of each motion")
+    assert all(trial.note is None for trial in precise.trials if trial.misfit is not None)
+    assert "Hollow" not in figure.caption
+    index = next(index for index, trial in enumerate(precise.trials) if trial.misfit is not None)
+    left_out = dataclasses.replace(precise.trials[index], note="left out: it does not fit the others")
+    trials = (*precise.trials[:index], left_out, *precise.trials[index + 1 :])
+    figure = figure_called(run_contents(dataclasses.replace(precise, trials=trials)), "Residual of each motion")
+    assert figure.caption.endswith("Hollow bars were left out.")
+    fills = [fill for bars in figure.data for fill in bars["marker"]["color"]]
+    assert fills.count("rgba(0,0,0,0)") == 1
+
+
+def test_hatching_is_of_kinds_of_motions_alone(precise):
+    contents = run_contents(precise)
+    bars = figure_called(contents, "Residual of each motion").data
+    patterns = {trace["name"]: trace["marker"]["pattern"]["shape"] for trace in bars}
+    assert patterns == {"lift": "", "move over planted feet": "/"}
+    others = [figure for figure in blocks(contents, Figure) if "residual" not in figure.title.lower()]
+    assert not any("pattern" in trace.get("marker", {}) for figure in others for trace in figure.data)
+
+
+def test_residuals_of_planted_moves_say_what_one_is(precise):
+    caption = figure_called(run_contents(precise), "Residual of each motion").caption
+    assert "For a move over planted feet that is a fixed allowance" in caption
+    lifts = tuple(trial for trial in precise.trials if trial.kind == "lift")
+    alone = run_contents(dataclasses.replace(precise, trials=lifts))
+    assert figure_called(alone, "Residual of each motion").caption == "1: what noise explains."
+
+
+# --- sensors and checks
+
+
+def test_angles_and_positions_have_axes_of_their_own(precise):
+    contents = run_contents(precise)
+    angles, position = (figure_called(contents, name) for name in ("Joint zeros and IMU orientation", "IMU position"))
+    assert [figure.layout["xaxis"]["title"]["text"] for figure in (angles, position)] == ["error [deg]", "error [mm]"]
+    found = {finding.name: finding.value for finding in precise.sensors}
+    assert not any("position" in name for name in angles.data[0]["y"])
+    names = [name.removeprefix("<b>").removesuffix("</b>") for name in position.data[0]["y"]]
+    assert sorted(names) == ["IMU position x", "IMU position y", "IMU position z"]
+    assert position.data[0]["x"] == short(1000 * found[name] for name in names)
+
+
+def test_what_is_worth_fixing_is_bold_and_joints_have_their_own_names(precise):
+    other = dataclasses.replace(
+        precise.sensors[0], name="servo_hl_0 zero", value=0.2, deviation=0.01, notable=True, unit="rad"
+    )
+    changed = dataclasses.replace(
+        precise, sensors=(other, dataclasses.replace(other, name="servo_hl_1 zero", notable=False))
+    )
+    figure = figure_called(run_contents(changed), "Joint zeros and IMU orientation")
+    assert figure.data[0]["y"] == ["servo_hl_1 zero", "<b>servo_hl_0 zero</b>"]
+    assert figure.caption.endswith("Bold: significant, and worth fixing.")
+
+
+def test_a_passed_check_reads_as_passed(precise):
+    passed = {check.name: check.message for check in precise.checks if check.passed}
+    assert len(passed) > 10
+    assert not [message for message in passed.values() if re.search(r"\bwould\b|elsewhere|seems", message)]
+
+
+def test_the_caption_beside_the_numbers_has_their_digits(precise):
+    close_up = next(
+        block for block in run_contents(precise).first if getattr(block, "title", "") == "Around the centre of mass"
+    )
+    x, y = (str(number) for number in numbers(precise)[1:3])
+    assert close_up.caption.startswith(f"estimate x {x}, y {y} mm; ")
 
 
 # --- what would help

@@ -106,6 +106,16 @@ def test_a_telephone_shows_every_number_with_its_verdict_and_no_word_broken(visi
     assert page.evaluate(broken) == []
 
 
+def test_no_table_is_cut_on_a_telephone(visit, pages):
+    page = visit(pages["precise"], width=390, height=844)
+    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    cut = """() => [...document.querySelectorAll('.scroll')].filter((one) => one.scrollWidth > one.clientWidth + 1)
+      .map((one) => one.querySelector('table').getAttribute('aria-label'))"""
+    assert page.evaluate(cut) == []
+    remedy = page.locator("#uncertainty tbody tr").first.locator('[data-head="remedy"]').bounding_box()
+    assert remedy["x"] + remedy["width"] <= 390
+
+
 def test_paper_is_wide_enough_for_the_numbers(visit, pages):
     page = visit(pages["precise"], width=688, height=970)  # A4 less its margins
     page.emulate_media(media="print")

@@ -57,7 +57,7 @@ class DataTable:
         columns: heads; those that begin with "|" are right-aligned.
         rows: cells.
         folded: whether a page shows the rows on demand.
-        style: class of the style sheet, "numbers" or "numbers barred".
+        style: class of the style sheet, "numbers", "numbers barred" or "shares".
     """
 
     title: str

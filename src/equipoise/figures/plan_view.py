@@ -75,7 +75,7 @@ class PlanMark:
     @property
     def words(self) -> str:
         """Label and place."""
-        x, y = (number(value, 1000, ".1f") for value in self.position)
+        x, y = (number(value, 1000, ".2f") for value in self.position)
         return f"{self.label} x {x}, y {y} mm"
 
     @property

@@ -20,7 +20,7 @@ def uncertainty_table(result: Calibration) -> DataTable:
         rows.append([source.name, *cells, source.remedy])
     short = (label.split(" [", maxsplit=1)[0].removeprefix("CoM ") for _, label, *_ in _SHOWN)
     heads = ["errors of", *(f"|{name}" for name in short), REMEDY]
-    return DataTable("Sources of uncertainty: percent of each variance", heads, rows)
+    return DataTable("Sources of uncertainty: percent of each variance", heads, rows, style="shares")
 
 
 def _percent(share: float) -> str:

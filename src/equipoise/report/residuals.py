@@ -21,12 +21,12 @@ from equipoise.figures.blocks import (
     short,
 )
 from equipoise.figures.lift_planes import LiftPlanes
-from equipoise.result.calibration import Calibration
+from equipoise.result.calibration import Calibration, Trial
 from equipoise.result.held_out import FOUND
 
 _KINDS = (("lift", "lift", ""), ("posture", "move over planted feet", "/"), ("walk", "walk, its worst step", "\\"))
-_OUT = "x"
 _RATIO = "residual over what noise explains"
+_HOLLOW = "rgba(0,0,0,0)"
 
 
 def residual_figures(result: Calibration, planes: LiftPlanes) -> list[Figure]:
@@ -44,27 +44,40 @@ def _misfits(result: Calibration) -> list[Figure]:
         mine = [(number, trial) for number, trial in told if trial.kind == kind]
         if not mine:
             continue
-        colour = {"color": SERIES[series]}
-        shapes = [_OUT if trial.note else pattern for _, trial in mine]
-        misfits = short(trial.misfit or 0.0 for _, trial in mine)
+        colour, misfits = SERIES[series], short(trial.misfit or 0.0 for _, trial in mine)
+        fills = [_HOLLOW if trial.note else colour for _, trial in mine]
         bars.append({
             "type": "bar", "name": name, "x": [number for number, _ in mine], "y": misfits,
             "text": [plain("; ".join(filter(None, (trial.about, trial.note)))) for _, trial in mine], "textposition": "none",
             "hovertemplate": "motion %{x}: %{y:.2f}<br>%{text}<extra></extra>",
-            "marker": {**colour, "pattern": {"shape": shapes}},
+            "marker": {"color": fills, "line": {"color": colour, "width": 1}, "pattern": {"shape": pattern}},
         })  # fmt: skip
         spreads.append({
             "type": "histogram", "name": name, "x": misfits, "xbins": {"start": 0, "size": 0.2},
-            "marker": {**colour, "pattern": {"shape": pattern}},
+            "marker": {"color": colour, "pattern": {"shape": pattern}},
         })  # fmt: skip
     middle = float(np.median([trial.misfit or 0.0 for _, trial in told]))
     layout = axes("motion", _RATIO)
     layout["shapes"] = [level(1)]
-    about_one = "1: as the sensors' noise has it. Crossed bars were left out."
     return [
-        Figure("Misfit of each motion", about_one, bars, layout),
-        Figure("How the misfits spread", f"Median {middle:.2f}.", spreads, axes(_RATIO, "motions", barmode="stack")),
+        Figure("Residual of each motion", _about_one([trial for _, trial in told]), bars, layout),
+        Figure(
+            "Distribution of the residuals", f"Median {middle:.2f}.", spreads, axes(_RATIO, "motions", barmode="stack")
+        ),
     ]
+
+
+def _about_one(trials: list[Trial]) -> str:
+    """Return the meaning of the level 1 for the kinds of motions that there are, and of hollow bars if there are any."""
+    said = ["1: what noise explains."]
+    if any(trial.kind == "posture" for trial in trials):
+        said.append(
+            "For a move over planted feet that is a fixed allowance for how feet creep, twice what an ideal robot shows, "
+            "because neighbouring moves share a rest: where feet stand well, these residuals are below 1."
+        )
+    if any(trial.note for trial in trials):
+        said.append("Hollow bars were left out.")
+    return " ".join(said)
 
 
 def _plane_misses(result: Calibration, planes: LiftPlanes) -> list[Figure]:

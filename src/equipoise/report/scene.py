@@ -123,7 +123,7 @@ def _scene(ranges: list[tuple[float, float]]) -> Trace:
         f"{axis}axis": {"title": {"text": title}, "range": [round(1000 * float(v), 2) for v in limits], "nticks": 6}
         for axis, title, limits in zip("xyz", titles, ranges, strict=True)
     }
-    camera = {"eye": {"x": 1.35, "y": 1.6, "z": 0.7}, "center": {"x": 0, "y": 0, "z": -0.12}}
+    camera = {"eye": {"x": 1.9, "y": 2.25, "z": 0.98}, "center": {"x": 0, "y": 0, "z": -0.12}}
     return {**named, "aspectmode": "data", "camera": camera}
 
 

@@ -6,37 +6,44 @@ import numpy as np
 
 from equipoise.figures.blocks import INK, SERIES, Block, Cell, DataTable, Figure, axes, number, plain, short
 from equipoise.result.calibration import Calibration
+from equipoise.result.findings import SensorFinding
 
 _SHOWN = 15
 
 
 def sensor_blocks(result: Calibration) -> list[Block]:
-    """Return joint zeros and IMU mounting as a figure, and all sensor errors as a table."""
+    """Return joint zeros and IMU mounting as figures, and all sensor errors as a table."""
     if not result.sensors:
         return []
     rows = [
         [Cell(one.sentence, "strong" if one.notable else ""), number(one.value, 1, ".3g"), number(one.half, 1, ".2g"),
-         "worth fixing" if one.notable else ""]
+         one.unit, "worth fixing" if one.notable else ""]
         for one in result.sensors
     ]  # fmt: skip
     title = f"All {len(rows)} sensor errors, the most significant first"
-    return [*_angles(result), DataTable(title, ["error", "|value (SI)", "|95 % +-", ""], rows, folded=True)]
+    return [*_figures(result), DataTable(title, ["error", "|value", "|95 % +-", "unit", ""], rows, folded=True)]
 
 
-def _angles(result: Calibration) -> list[Figure]:
-    angles = [one for one in result.sensors if one.name.endswith(" zero") or one.name.startswith("IMU ")]
-    shown = sorted(angles, key=lambda finding: -abs(finding.value))[:_SHOWN][::-1]
-    if not shown:
-        return []
-    halves = short(np.degrees([finding.half for finding in shown]))
+def _figures(result: Calibration) -> list[Figure]:
+    """Return joint zeros with the orientation of the IMU, and its position."""
+    found = [one for one in result.sensors if one.name.endswith(" zero") or one.name.startswith("IMU ")]
+    angles, lengths = ([one for one in found if one.unit == unit] for unit in ("rad", "m"))
+    figures = [_bars("Joint zeros and IMU orientation", angles, "deg", float(np.degrees(1.0)))] if angles else []
+    return figures + ([_bars("IMU position", lengths, "mm", 1000.0)] if lengths else [])
+
+
+def _bars(title: str, found: list[SensorFinding], unit: str, factor: float) -> Figure:
+    """Return the largest errors in a unit, so many of which are one SI unit."""
+    shown = sorted(found, key=lambda finding: -abs(finding.value))[:_SHOWN][::-1]
+    names = [plain(finding.name) for finding in shown]
     data = [{
-        "type": "bar", "orientation": "h", "y": [plain(finding.name.replace("_", " ")) for finding in shown],
-        "x": short(np.degrees([finding.value for finding in shown])),
-        "error_x": {"type": "data", "array": halves, "color": INK, "thickness": 1.2, "width": 3},
-        "marker": {"color": [SERIES[1] if finding.notable else SERIES[0] for finding in shown],
-                   "pattern": {"shape": ["/" if finding.notable else "" for finding in shown]}},
-        "hovertemplate": "%{y}: %{x:.2f} deg<extra></extra>",
+        "type": "bar", "orientation": "h", "x": short(factor * finding.value for finding in shown),
+        "y": [f"<b>{name}</b>" if finding.notable else name for name, finding in zip(names, shown, strict=True)],
+        "error_x": {"type": "data", "array": short(factor * finding.half for finding in shown), "color": INK,
+                    "thickness": 1.2, "width": 3},
+        "marker": {"color": [SERIES[1] if finding.notable else SERIES[0] for finding in shown]},
+        "hovertemplate": f"%{{y}}: %{{x:.2f}} {unit}<extra></extra>",
     }]  # fmt: skip
-    caption = "Errors of joint zeros and of the IMU's mounting, the largest. Hatched: significant, and worth fixing."
-    layout = axes("off by [deg], 95 %", "")
-    return [Figure("Joint zeros and IMU mounting", caption, data, layout, height=90 + 24 * len(shown))]
+    bold = " Bold: significant, and worth fixing." if any(finding.notable for finding in shown) else ""
+    caption = f"Estimate less the model's value, with the 95 % interval; the {len(shown)} largest.{bold}"
+    return Figure(title, caption, data, axes(f"error [{unit}]", ""), height=90 + 24 * len(shown))

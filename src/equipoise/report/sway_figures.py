@@ -29,7 +29,7 @@ def _figures(fit: AxisFit) -> list[Figure]:
     )
     captions = (
         f"{fit.sinusoid.frequency:.2f} Hz by the dominant sinusoid of the gyroscope (equation 3).",
-        f"I = {fit.inertia:.4g} kg m2, C = {fit.damping:.3g} Nm s/rad, by least squares (equation 5).",
+        f"I = {fit.inertia:.4f} kg m2, C = {fit.damping:.3f} Nm s/rad, by least squares (equation 5).",
     )
     return [
         Figure(

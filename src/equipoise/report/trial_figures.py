@@ -13,7 +13,7 @@ from equipoise.experiments.tilt import tilt_curve
 from equipoise.figures.blocks import SERIES, DataTable, Figure, Trace, axes, line, number, points, short
 from equipoise.paper.bracket import Bracket, TriedOffset, step
 from equipoise.paper.iterations import com_by_iteration, tried_offsets
-from equipoise.paper.trial_runner import ComSearchSettings
+from equipoise.paper.settings import ComSearchSettings
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MEANWHILE, CommandedLift, DesignedLift, LiftTrial
 from equipoise.result.calibration import Calibration, Trial

@@ -20,6 +20,7 @@ class SensorFinding:
         deviation: posterior standard deviation, in the same unit.
         sentence: sentence for people; says what can be done where something can.
         notable: whether it is large enough to be worth fixing, and sure.
+        unit: SI unit of the value; empty for a fraction.
     """
 
     name: str
@@ -27,6 +28,7 @@ class SensorFinding:
     deviation: float
     sentence: str
     notable: bool
+    unit: str = ""
 
     @property
     def half(self) -> float:

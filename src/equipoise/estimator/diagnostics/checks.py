@@ -201,11 +201,15 @@ def _no_motion_outweighs(posterior: Posterior) -> Check:
     largest, culprit = float(abs(sds[row, component])), motions[int(row)]
     trial = posterior.motions[culprit].trial
     kind = "motion" if trial is None else trial.kind
-    message = (
-        f"without {kind} {culprit} {called(COMPONENTS[component])} would move by {largest:.1f} times what chance explains, "
-        "more than without any other motion"
-    )
-    return Check("leave one out", largest < _OUTLYING_SHIFT, message)
+    passed, name = largest < _OUTLYING_SHIFT, called(COMPONENTS[component])
+    if passed:
+        message = (
+            f"no motion outweighs the others: without {kind} {culprit}, which counts most, {name} moves by {largest:.1f} of "
+            f"up to {_OUTLYING_SHIFT:g} standard deviations"
+        )
+    else:
+        message = f"without {kind} {culprit} {name} would move by {largest:.1f} times what chance explains"
+    return Check("leave one out", passed, message)
 
 
 def _predicts(predicted: HeldOut) -> Check:
@@ -267,7 +271,7 @@ def _file_is_of_this_robot(posterior: Posterior) -> Check:
     message = "; ".join(row.cause for row in rows)
     if len(rows) > 1:
         return Check("model file", False, f"{message}: it may be the file of another robot, or feet slip. Look at both")
-    return Check("model file", True, f"{message}: found without it")
+    return Check("model file", True, f"the estimate does not depend on the file where it is wrong: {message}")
 
 
 def _imu_is_there(posterior: Posterior) -> Check:
@@ -282,17 +286,15 @@ def _imu_is_there(posterior: Posterior) -> Check:
         sizes = zip("xyz", 1000 * vector, told, strict=True)
         return ", ".join(f"{axis} {size:+.1f}" for axis, size, tells in sizes if tells) or "nothing is told"
 
+    difference = f"{shown(by_sway.difference)} mm (base axes), at most {by_sway.largest:.1f} standard deviations"
+    if passed:
+        return Check(name, True, f"the sway confirms the estimated position of the IMU; difference: {difference}")
     message = (
-        f"by the sway the IMU sits elsewhere than the estimate has it by {shown(by_sway.difference)} mm (base axes), at most "
-        f"{by_sway.largest:.1f} standard deviations"
+        f"by the sway the IMU is not at its estimated position; difference: {difference}. It is not where the model file has "
+        f"it, but {shown(by_sway.position)} mm from there, or legs are as much longer or shorter. Moments of inertia depend "
+        "on it: measure it, and correct the file, or imu_position in the robot's description"
     )
-    if not passed:
-        message += (
-            f": it is not where the model file has it, but {shown(by_sway.position)} mm from there, or legs are as much "
-            "longer or shorter. Moments of inertia hang on it: measure it, and correct the file, or imu_position in the "
-            "robot's description"
-        )
-    return Check(name, passed, message)
+    return Check(name, False, message)
 
 
 def _halves_agree(posterior: Posterior) -> Check:
@@ -320,14 +322,18 @@ def _halves_agree(posterior: Posterior) -> Check:
         if sds[index] > largest:
             largest, component, change, start = float(sds[index]), index, float(changes[index]), motion
     unit = "kg" if component == 0 else "m" if component < 4 else "kg m2"
+    name = called(COMPONENTS[component])
+    if largest < _STEADY:
+        message = (
+            f"the robot is the same throughout: its largest change, {name} by {change:+.4f} {unit} from motion {start} on, is "
+            f"{largest:.1f} of up to {_STEADY:g} standard deviations"
+        )
+        return Check("halves", True, message)
     message = (
-        f"from motion {start} on {called(COMPONENTS[component])} seems to be {change:+.4f} {unit} other than before, "
-        f"{largest:.1f} times what chance explains"
+        f"from motion {start} on {name} seems to be {change:+.4f} {unit} other than before, {largest:.1f} times what chance "
+        f"explains: a payload or something else on the robot moved, its sensors drift, or {_OUTSIDE}"
     )
-    passed = largest < _STEADY
-    if not passed:
-        message += f": a payload or something else on the robot moved, its sensors drift, or {_OUTSIDE}"
-    return Check("halves", passed, message)
+    return Check("halves", False, message)
 
 
 def _sensors_plausible(posterior: Posterior) -> Check:
@@ -342,11 +348,10 @@ def _sensors_plausible(posterior: Posterior) -> Check:
     named = ", ".join(f"{name} ({size:.1f} sd)" for size, name in worst[:3])
     passed = worst[0][0] < _IMPLAUSIBLE
     message = f"farthest from what was expected beforehand: {named}"
-    if not passed:
-        message += (
-            f". So large an error is unlikely: that sensor is at fault, the model is not this robot's, or {_OUTSIDE}"
-        )
-    return Check("sensor errors", passed, message)
+    if passed:
+        return Check("sensor errors", True, f"all are below {_IMPLAUSIBLE:g} prior standard deviations; {message}")
+    message += f". So large an error is unlikely: that sensor is at fault, the model is not this robot's, or {_OUTSIDE}"
+    return Check("sensor errors", False, message)
 
 
 def _physically_possible(posterior: Posterior) -> Check:
@@ -389,15 +394,18 @@ def _torques_carry_the_mass(posterior: Posterior, masses: MassComparison | None)
     size = abs(common) / float(np.sqrt(told))
     off = common / told * unknowns.priors.torque_gain
     compared = "" if masses is None else f"{masses.sentence}; "
-    message = (
-        f"{compared}joint torques would have to be {off:+.1%} off to carry the mass of {posterior.robot_body.mass:.2f} kg "
-        f"({size:.1f} standard deviations), and balance to {misfit:.1f} times their noise"
-    )
+    carried, balanced = f"the mass of {posterior.robot_body.mass:.2f} kg", f"balance to {misfit:.1f} times their noise"
     agree = masses is None or not masses.disagrees
-    passed = agree and size < _IMPLAUSIBLE and misfit < _TORQUE_MISFIT
-    if not passed:
-        message += f". The given mass is wrong, the reported torques are not those of the joints in Nm, or {_OUTSIDE}"
-    return Check("mass", passed, message)
+    if agree and size < _IMPLAUSIBLE and misfit < _TORQUE_MISFIT:
+        message = (
+            f"joint torques carry {carried} with gains {off:+.1%} off ({size:.1f} standard deviations), and {balanced}"
+        )
+        return Check("mass", True, compared + message)
+    message = (
+        f"joint torques would have to be {off:+.1%} off to carry {carried} ({size:.1f} standard deviations), and {balanced}. "
+        f"The given mass is wrong, the reported torques are not those of the joints in Nm, or {_OUTSIDE}"
+    )
+    return Check("mass", False, compared + message)
 
 
 def _left_and_right_agree(posterior: Posterior) -> Check:
@@ -416,8 +424,9 @@ def _left_and_right_agree(posterior: Posterior) -> Check:
             allowed = float(np.sqrt(max(2.0 - (block[a, a] + block[b, b] - 2 * block[a, b]), 0.05)))
             if abs(difference) / allowed > worst:
                 worst, name = abs(difference) / allowed, ("front" if left == 0 else "rear") + f" link {link + 1}"
+    passed = worst < _LEGS_DIFFER
     message = f"left and right legs differ most in the mass of {name or 'no link'}: {worst:.1f} times what is usual"
-    return Check("left and right", worst < _LEGS_DIFFER, message)
+    return Check("left and right", passed, f"they agree; {message}" if passed else message)
 
 
 def _planes_agree(posterior: Posterior) -> Check:
@@ -433,6 +442,6 @@ def _planes_agree(posterior: Posterior) -> Check:
     passed = np.hypot(*off[:2]) < planar and abs(off[2]) < height
     message = (
         f"the support planes of {len(lifts)} lifts, read without sensor biases, meet {x:+.1f} {y:+.1f} {z:+.1f} mm from the "
-        "centre of mass found"
+        f"centre of mass found; up to {1000 * planar:.0f} mm in the plane and {1000 * height:.0f} mm in height are usual"
     )
     return Check("support planes", bool(passed), message)

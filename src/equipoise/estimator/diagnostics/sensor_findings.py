@@ -18,6 +18,7 @@ def sensor_findings(posterior: Posterior) -> list[SensorFinding]:
             deviation,
             row.sentence(label, value, deviation),
             _size(row, value) > max(_SURE * deviation, row.notable),
+            row.unit,
         )
         for row in posterior.unknowns.rows
         if row.finding and row.name in posterior.informed

@@ -81,7 +81,7 @@ class Change:
 
     def finding(self) -> SensorFinding:
         """What is reported of it."""
-        return SensorFinding(f"{self.name}: change", self.value, self.deviation, self.sentence, True)
+        return SensorFinding(f"{self.name}: change", self.value, self.deviation, self.sentence, True, self.row.unit)
 
 
 def check_of_changes(changes: Sequence[Change], known: KnownRun) -> Check:
