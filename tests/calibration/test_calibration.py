@@ -158,11 +158,14 @@ def test_a_payload_that_the_torques_betray_is_warned_of(a1):
 
 
 def test_lifts_grow_to_a_bound(a1):
-    settings = Paper(com_search=ComSearchSettings(tolerance=1e-4), sway=SwaySettings(duration=1.0))
+    settings, said = Paper(com_search=ComSearchSettings(tolerance=1e-4), sway=SwaySettings(duration=1.0)), []
     with simulate(a1, "realistic", seed=1, timestep=1e-3) as simulation:
-        result = calibrate(simulation.platform, a1, settings)
+        result = calibrate(simulation.platform, a1, settings, report=said.append)
     heights = [trial.lift_height for trial in result.trials if trial.kind == "lift"]
     assert max(heights) <= 1.6**2 * heights[0] * 1.001
+    done = [progress.done for progress in said]
+    assert done == sorted(done)  # lifts that are done again higher count too
+    assert all(progress.done < progress.expected for progress in said)
 
 
 def test_settings_that_are_unknown_are_refused():

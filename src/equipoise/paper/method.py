@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import reduce
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 
 from equipoise.conventions import AXES, FloatArray
-from equipoise.errors import RecordingError, SettingsError
+from equipoise.errors import RecordingError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
-from equipoise.experiments.sway import SwaySettings, why_unreachable
+from equipoise.experiments.sway import why_unreachable
+from equipoise.experiments.sway_settings import SwaySettings
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
@@ -24,15 +25,9 @@ from equipoise.paper.evidence import SearchEvidence
 from equipoise.paper.iterations import com_by_iteration
 from equipoise.paper.lift_trial import LiftReading, read_lift_trials
 from equipoise.paper.reading import SearchReading
+from equipoise.paper.settings import ComSearchSettings, PaperSettings
 from equipoise.paper.sway import sway_axis, why_not_planted
-from equipoise.paper.trial_runner import (
-    ComSearchSettings,
-    SearchProgress,
-    TrialRunner,
-    check_search,
-    lift_heights,
-    shifted_feet,
-)
+from equipoise.paper.trial_runner import TrialRunner, check_search, lift_heights, shifted_feet
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial, SwayTrial
@@ -51,14 +46,10 @@ _SWAYS_TIME = 17.0  # [s] of the three sways, on an A1
 
 
 @dataclass(frozen=True)
-class Paper(Method):
+class Paper(PaperSettings, Method):
     """CoM by bisection (Algorithms 1 and 2), then I and C by sways (equations 2 to 5).
 
-    Attributes:
-        feet: where support lines are taken to be: "measured" by the encoders and the accelerometer at rest, or "commanded", as
-            printed in the paper.
-        com_search: step 1.
-        sway: step 2.
+    Its settings are those of `PaperSettings`.
     """
 
     name: ClassVar[str] = "paper"
@@ -66,18 +57,9 @@ class Paper(Method):
         "a bisection finds the planar centre of mass (Algorithms 1 and 2), sways give moments of inertia (equations 2 to 5)"
     )
     estimates: ClassVar[tuple[str, ...]] = ("com_x", "com_y")
-    judging: ClassVar[tuple[str, ...]] = ("feet",)
     # At twice the usual step the estimates stay the same to a tenth of their errors: `make bench-monte-carlo`. No step is
     # longer: contacts would be softer.
     timestep: ClassVar[float] = 1e-3
-
-    feet: Literal["measured", "commanded"] = "measured"
-    com_search: ComSearchSettings = field(default_factory=ComSearchSettings, metadata={"prefix": ""})
-    sway: SwaySettings = field(default_factory=SwaySettings, metadata={"prefix": "sway_"})
-
-    def __post_init__(self) -> None:
-        if self.feet not in ("measured", "commanded"):
-            raise SettingsError(f"feet are 'measured' or 'commanded', not {self.feet!r}")
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
         check_search(robot, stance, self.com_search)
@@ -91,11 +73,18 @@ class Paper(Method):
         report: Callable[[Progress], None] | None = None,
     ) -> None:
         """Step 1, the search, and step 2, the sways."""
-        searching = None if report is None else _SearchReport(report, self.com_search, stance)
+
+        def tell(doing: str, left: int) -> None:
+            if report is not None:
+                report(Progress(doing, len(recordings), len(recordings) + left))
+
+        def searching(diagonal: str, doing: str, halvings: int) -> None:
+            other = self.com_search.halvings(stance) if diagonal == next(iter(DIAGONALS)) else 0
+            tell(doing, halvings + other + len(AXES))
+
         find_com(TrialRunner(planted, stance, self.com_search, searching))  # step 1
         for index, axis in enumerate(AXES):  # step 2
-            if report is not None:
-                report(Progress(f"sway about {axis}", len(recordings), len(recordings) + len(AXES) - index))
+            tell(f"sway about {axis}", len(AXES) - index)
             sway_axis(planted, stance, axis, self.sway)
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
@@ -246,21 +235,3 @@ def estimate_sways(
             note = f"no body has a moment of inertia of {fit.inertia:.3g} kg m2; are the joint torques plausible?"
         estimates[axis] = SwayEstimate(fit.inertia, fit.damping, fit.sinusoid.frequency, rotation, note)
     return estimates, fits, trials
-
-
-class _SearchReport:
-    """Turns a search's progress into the routine's."""
-
-    def __init__(self, report: Callable[[Progress], None], settings: ComSearchSettings, stance: Stance) -> None:
-        self._report = report
-        self._per_diagonal = settings.halvings(stance)
-
-    def __call__(self, progress: SearchProgress) -> None:
-        first = progress.diagonal == next(iter(DIAGONALS))
-        done = progress.trials_done + (0 if first else self._per_diagonal)
-        expected = progress.trials_expected + self._per_diagonal + len(AXES)
-        doing = (
-            f"lift on {progress.diagonal}: offset {progress.offset * 1000:+.1f} mm, "
-            f"bracket {progress.lower * 1000:+.1f} to {progress.upper * 1000:+.1f} mm"
-        )
-        self._report(Progress(doing, done, expected))
