@@ -42,10 +42,19 @@ RESULTS = Path(__file__).parent / "results"
 # By a small process: one that is begun has been as large as the process that began it. Linux counts in kilobytes.
 MEASURED = """
 import resource, subprocess, sys
-subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)
+done = subprocess.run(sys.argv[1:], check=False, stdout=subprocess.DEVNULL)
 used = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(used.ru_utime + used.ru_stime, used.ru_maxrss)
+sys.exit(done.returncode)
 """
+REFUSED = {  # words, and the exit code
+    "a mistyped robot": ("calibrate unitree_a2", 3),
+    "a model file that does not exist": ("audit nowhere/robot.urdf", 3),
+    "a run that does not exist": ("estimate runs/nowhere", 5),
+    "a mistyped flag of `export`": ("export --two urdf", 2),
+    "a mistyped flag of `calibrate`": ("calibrate --bugdet 60s", 2),
+    "a time that is not one": ("record --duration soon", 2),
+}
 REPEATS = 7
 STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 PARTS = {  # of a calibration, by files of which one is at work: the first that is counts
@@ -120,14 +129,14 @@ def wall(*arguments: str) -> float:
     return statistics.median(times)
 
 
-def command(*words: object, cache: Path) -> tuple[float, float]:
-    """CPU seconds and the most memory [MB] of a command."""
+def command(*words: object, cache: Path, code: int = 0) -> tuple[float, float]:
+    """CPU seconds and the most memory [MB] of a command that ends with an exit code."""
     typed = [sys.executable, "-m", "equipoise", *map(str, words)]
     environment = {**AS_TYPED, "EQUIPOISE_CACHE": str(cache)}
     done = subprocess.run(
         [sys.executable, "-c", MEASURED, *typed], check=False, env=environment, capture_output=True, text=True
     )
-    if done.returncode:
+    if done.returncode != code:
         raise SystemExit(f"{' '.join(typed)}: {done.stderr}")
     seconds, kilobytes = map(float, done.stdout.split())
     return seconds, kilobytes / 1000
@@ -165,6 +174,17 @@ def commands() -> list[str]:
         }
         rows = [(what, *command(*words, cache=where), target) for what, (words, where, target) in asked.items()]
     return [f"| {what} | {seconds:.1f} | {megabytes:.0f} | {target} |" for what, seconds, megabytes, target in rows]
+
+
+def refusals() -> list[str]:
+    """Rows of what it costs to be refused, the median of several."""
+    rows: list[str] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for what, (words, code) in REFUSED.items():
+            times = [command(*words.split(), cache=Path(folder), code=code)[0] for _ in range(REPEATS)]
+            seconds = statistics.median(times)
+            rows.append(f"| {what}: `equipoise {words}` | {seconds:.2f} | 0.4 | {verdict(seconds <= 0.4)} |")
+    return rows
 
 
 def calibration_and_rollout(method: Method, noise: str, timestep: float | None) -> tuple[float, float]:
@@ -284,6 +304,10 @@ def main() -> None:
         "| as typed, with interpreter, imports and reading | CPU s | most memory [MB] | target |",
         "|---|---|---|---|",
         *commands(),
+        "",
+        "| refused, with interpreter and imports | CPU s | target | |",
+        "|---|---|---|---|",
+        *refusals(),
         "",
         "Whole calibrations beside `mujoco.rollout` of the same commands, one core, CPU seconds; both in one process, "
         "one after the other, as other programs run on this machine. With `stress` friction follows load: it is set before "

@@ -160,6 +160,33 @@ def test_lists_import_nothing_that_they_do_not_show(words):
     assert done.stdout
 
 
+COMPUTES = ("scipy", "pinocchio", "mujoco", "plotly")
+REFUSED = {
+    **{f"{verb} rex": 3 for verb in (
+        "calibrate", "plan", "weigh", "doctor", "record", "audit", "lab balance", "lab monte-carlo",
+        "estimate log.csv --robot")},
+    **{f"{verb} no/such.urdf": 3 for verb in ("calibrate", "audit", "plan")},
+    **{f"{verb} nosuch": 5 for verb in (
+        "estimate", "view", "report", "export", "delta", "lab validate", "calibrate --resume")},
+    **{f"{verb} --bogus": 2 for verb in ("audit", "export", "report", "doctor", "record", "calibrate --resume nosuch")},
+    **dict.fromkeys(("record --duration soon", "doctor --duration soon", "doctor --platform nosuch", "calibrat"), 2),
+    **dict.fromkeys(("export --samples x", "calibrate --bogus", "calibrate --mass heavy", "calibrate --budget soon"), 2),
+    **dict.fromkeys(("plan --bogus", "estimate log.csv --robot unitree_a1 --bogus", "weigh unitree_a1 --bogus"), 2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_refusals_import_nothing_that_computes(words, tmp_path):
+    """`make bench-speed` measures what refusals cost."""
+    code = (
+        "import sys; from equipoise.cli import main; code = main(sys.argv[1:])\n"
+        f"print(code, [name for name in {COMPUTES} if name in sys.modules], file=sys.stderr)"
+    )
+    command = [sys.executable, "-c", code, *words.split()]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.stderr.splitlines()[-1] == f"{REFUSED[words]} []"
+
+
 MISSING = {
     "mujoco": "simulation needs MuJoCo: pip install 'equipoise[simulation]'",
     "dartpy": "simulation in DART needs dartpy: pip install 'equipoise[dart]'",

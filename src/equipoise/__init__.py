@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from equipoise.drivers.platforms import Driver
     from equipoise.errors import CommunicationError, EquipoiseError, RecordingError, SettingsError
     from equipoise.estimator.known.two_runs import ScaleReadings
-    from equipoise.experiments.sway import SwaySettings
+    from equipoise.experiments.sway_settings import SwaySettings
     from equipoise.exports.formats import Format, export
     from equipoise.exports.subject import Subject, Written
     from equipoise.guard.guard import Guard
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from equipoise.logs.topics import Topics
     from equipoise.method.method import Method
     from equipoise.paper.method import Paper
-    from equipoise.paper.trial_runner import ComSearchSettings
+    from equipoise.paper.settings import ComSearchSettings
     from equipoise.platform.platform import Health, JointCommand, Platform, RobotState, Trajectory
     from equipoise.platform.stepped import SteppedPlatform
     from equipoise.platform.stepping import play_by_stepping
@@ -69,7 +69,7 @@ _MODULES = {
     "drivers.hardware": "RobotConnection",
     "errors": "CommunicationError EquipoiseError RecordingError SettingsError",
     "estimator.known.two_runs": "ScaleReadings",
-    "experiments.sway": "SwaySettings",
+    "experiments.sway_settings": "SwaySettings",
     "exports.formats": "Format export",
     "exports.subject": "Subject Written",
     "guard.guard": "Guard",
@@ -78,7 +78,7 @@ _MODULES = {
     "logs.topics": "Topics",
     "method.method": "Method",
     "paper.method": "Paper",
-    "paper.trial_runner": "ComSearchSettings",
+    "paper.settings": "ComSearchSettings",
     "platform.platform": "Health JointCommand Platform RobotState Trajectory",
     "platform.stepped": "SteppedPlatform",
     "platform.stepping": "play_by_stepping",

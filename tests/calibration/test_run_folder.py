@@ -29,7 +29,7 @@ from equipoise.errors import FallError, OutputError, RecordingError
 from equipoise.estimator.unknowns import Priors
 from equipoise.lab.static.method import Static
 from equipoise.platform.logged_platform import Logged
-from equipoise.precise.plan import Goals
+from equipoise.precise.goals import Goals
 from equipoise.recording.recording import Event, ImuStream, JointStream, Recording
 from equipoise.recording.run_log import RunLog
 

@@ -13,7 +13,7 @@ import xml.etree.ElementTree as ET
 import pytest
 from commands import fails
 
-from equipoise import RunFolder
+from equipoise import RunFolder, load_robot
 from equipoise import __main__ as entry
 from equipoise.cli import VERBS, main
 
@@ -110,7 +110,12 @@ def test_audit_says_what_the_composite_is_over_the_base(capsys):
     assert main(["audit", "unitree_a1"]) == 0
     assert "x the base's" in capsys.readouterr().out.replace("\n", " ")
     assert main(["audit", "unitree_a1", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["ratio_composite_over_base"][0] > 5
+    table = json.loads(capsys.readouterr().out)
+    assert table["ratio_composite_over_base"][0] > 5
+    assert main(["audit", "unitree_a1", "--format", "json"]) == 0
+    assert json.loads(capsys.readouterr().out) == table
+    assert main(["audit", "unitree_a2", "--format", "json"]) == 3
+    assert json.loads(capsys.readouterr().out)["error"]["exit_code"] == 3
 
 
 def test_an_audit_that_finds_an_error_ends_with_one(tmp_path, a1_urdf, capsys):
@@ -227,6 +232,11 @@ def test_settings_beyond_all_sense_are_refused_before_a_run_begins(flags, tmp_pa
         (["calibrate", "--budget", "1 day"], "--budget '1 day' is not a time; give it as 60s, 2min or 1h"),
         (["calibrate", "--budget", "2h"], "budget is 7200 s; it must be above zero, up to 3600 s"),
         (["calibrate", "--budget", "1s"], "a budget of 1 s allows no lift after the search; give 28 s or more"),
+        (["calibrate", "--budget", "2"], "a budget of 2 s allows no lift after the search; give 28 s or more, or minutes"),
+        (["calibrate", "--scale", "12"], "--scale is called --mass here; use --mass"),
+        (["weigh", "unitree_a1", "--mass", "12"], "--mass is called --scale here; use --scale"),
+        (["weigh", "unitree_a1", "--mass-sd", "1"], "--mass-sd is called --scale-sd here; use --scale-sd"),
+        (["weigh", "unitree_a1", "--scale-sd", "1"], "a standard deviation is given for the scale's mass, and no mass"),
         (["calibrate", "--held", "foo=1"], "leg joint or none; this robot has no others, so leave it out"),
         (["calibrate", "--payload", "1500,0,0,0"], "a payload of 1500 kg is 120 times what 'unitree_a1' weighs"),
         (["calibrate", "--payload", "1.5,100,0,80"], "a payload 128 m from the base's origin is not on 'unitree_a1'"),
@@ -280,6 +290,15 @@ def test_what_is_said_of_cable_legs_and_priors_is_planned_with(tmp_path, capsys)
     assert deviation("--priors", str(file)) == loose
     assert deviation("--legs", "trusted")["com_z"] < 0.95 * usual["com_z"]
     assert main(["plan", "--cable", "long"]) == 2
+
+
+def test_a_run_of_another_robot_than_is_named_is_refused(run, tmp_path, a1_urdf, capsys):
+    file = tmp_path / "other.urdf"
+    file.write_text(a1_urdf, encoding="utf-8")
+    name = load_robot(file).name
+    assert fails(capsys, 2, "estimate", str(run), "--robot", str(file)) == (
+        f"error: the run {str(run)!r} is of the robot 'unitree_a1', and --robot names {name!r}; leave out --robot"
+    )
 
 
 def test_a_model_that_was_changed_after_the_run_is_refused(run, tmp_path, capsys):

@@ -14,7 +14,8 @@ from equipoise.method.table import METHODS, method_named
 # Verbs, and those with other flags because of one that is given; in front of them what a verb does not go without.
 SHAPES = {
     **{verb: [verb] for verb in VERBS if verb not in ("robots", "platforms")},
-    **{verb: [verb, "RUN"] for verb in ("estimate", "view", "weigh")},
+    **{verb: [verb, "RUN"] for verb in ("estimate", "view")},
+    "weigh": ["weigh", "unitree_a1"],
     **{f"lab {verb}": ["lab", verb] for verb in ("balance", "monte-carlo", "reproduce")},
     "lab validate": ["lab", "validate", "RUN"],
     "estimate a log": ["estimate", "log.mcap", "--robot", "unitree_a1"],
@@ -22,7 +23,7 @@ SHAPES = {
     **{f"calibrate {way}": ["calibrate", *way.split()] for way in (
         "--method paper", "--method static", "--method motors", "--what base,motors")},
     "calibrate on a robot": ["calibrate", "--platform", "unitree-go2"],
-    "weigh on a robot": ["weigh", "RUN", "--platform", "unitree-go2"],
+    "weigh on a robot": ["weigh", "unitree_a1", "--platform", "unitree-go2"],
     "lab monte-carlo of paper": ["lab", "monte-carlo", "--methods", "paper"],
 }  # fmt: skip
 
@@ -162,7 +163,8 @@ def test_numbers_too_few_or_too_many_and_words_are_refused_by_the_flag_s_name(wo
 
 
 @pytest.mark.parametrize("words", [
-    "calibrate --budget", "record --duration", "doctor --duration", "lab balance --com 0,0 --duration", "weigh run --budget",
+    "calibrate --budget", "record --duration", "doctor --duration", "lab balance --com 0,0 --duration",
+    "weigh unitree_a1 --budget",
     "view run --from", "view run --until", "lab monte-carlo --trial-limit",
 ])  # fmt: skip
 def test_what_is_not_a_time_is_refused_by_the_flag_s_name(words, folder, monkeypatch, capsys):

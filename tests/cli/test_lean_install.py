@@ -42,7 +42,7 @@ def test_a_run_is_estimated_and_its_page_left_out(run):
             "bags need rosbags: pip install 'equipoise[logs]'",
         ),
         (("lab", "validate", "{}"), "reports need Plotly: pip install 'equipoise[report]'"),
-        (("lab", "monte-carlo", "a1"), "reports need Plotly: pip install 'equipoise[report]'"),
+        (("lab", "monte-carlo", "unitree_a1"), "reports need Plotly: pip install 'equipoise[report]'"),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from equipoise.cli import main
-from equipoise.cli.session import Place, SimulatedPlace
+from equipoise.cli.place import Place, SimulatedPlace
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 

@@ -40,16 +40,24 @@ def test_a_standard_deviation_as_large_as_the_mass_is_refused(deviation):
     with pytest.raises(SettingsError) as caught:
         Precise(mass=12.0, mass_sd=deviation)
     assert str(caught.value) == (
-        f"mass_sd is {deviation:g} kg and the mass 12 kg: a standard deviation as large as the mass determines nothing; give "
-        "that of the scale, or leave both out"
+        f"the scale's mass is 12 kg and its standard deviation {deviation:g} kg: a standard deviation as large as the mass "
+        "determines nothing; give that of the scale, or leave both out"
     )
     assert Precise(mass=12.0, mass_sd=3.0).scale == (12.0, 3.0)
 
 
 @pytest.mark.parametrize("deviation", [0.0, -0.1, float("nan"), float("inf")])
 def test_a_standard_deviation_that_is_none_is_refused(deviation):
-    with pytest.raises(SettingsError, match=f"mass_sd is {deviation}; it must be from 0.0001 to 500"):
+    said = f"the standard deviation of the scale's mass is {deviation:g} kg; it must be from 0.0001 to 500 kg"
+    with pytest.raises(SettingsError, match=said):
         Precise(mass=600.0, mass_sd=deviation)
+
+
+def test_a_standard_deviation_without_a_mass_is_refused_under_no_flag_s_name():
+    """The flag is --mass-sd in 'calibrate' and --scale-sd in 'weigh'."""
+    with pytest.raises(SettingsError) as caught:
+        Precise(mass_sd=0.1)
+    assert str(caught.value) == "a standard deviation is given for the scale's mass, and no mass; give both, or neither"
 
 
 def test_there_is_nothing_to_confirm_without_a_mass():

@@ -20,8 +20,9 @@ from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.lift_samples import attitudes
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknowns import Priors
+from equipoise.precise.goals import Goals
 from equipoise.precise.lift_design import LiftDesign
-from equipoise.precise.plan import Durations, Goals, make_plan, name_components
+from equipoise.precise.plan import Durations, make_plan, name_components
 from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.planning.gains import Steps
 from equipoise.precise.predict import Predictor

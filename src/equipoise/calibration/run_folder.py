@@ -23,17 +23,12 @@ from collections import deque
 from collections.abc import Mapping
 from contextlib import nullcontext, suppress
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
-from equipoise.errors import (
-    ModelWarning,
-    OutputError,
-    RecordingError,
-    SettingsError,
-    reason,
-)
+from equipoise.calibration.run_header import HEADER, REMEDY, RESULT, SCHEMA, damaged, read_header, read_json
+from equipoise.errors import ModelWarning, OutputError, RecordingError, SettingsError, reason
 from equipoise.experiments.response_test import ResponseTest
 from equipoise.json_form import fields_to_json, from_json, to_json
 from equipoise.method.method import Method
@@ -49,15 +44,11 @@ from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
-from equipoise.user_file import check_schema, json_value, kind_of, read_text, typed, write_file
+from equipoise.user_file import read_text, typed, write_file
 
-SCHEMA = "equipoise.run/1"
-RESULT = "calibration.json"
 POSTERIOR = "posterior.json"
-HEADER = "run.json"
 _MODEL, _TRUTH = "model.xml", "truth.json"
 _RESPONSE = "response_test"  # of the provenance
-_REMEDY = "copy it again from where it is whole"
 
 
 class RunFolder:
@@ -118,19 +109,7 @@ class RunFolder:
     def open(cls, path: str | Path) -> RunFolder:
         """A run that exists; raises RecordingError if it is none."""
         path = Path(path)
-        if path.is_file() and (path.parent / HEADER).is_file():
-            raise RecordingError(f"{str(path)!r} is a file of a run; give the run's folder, {str(path.parent)!r}")
-        if not (path / HEADER).exists():
-            without = f" without {HEADER}" if path.is_dir() else ""
-            raise RecordingError(f"{str(path)!r} {kind_of(path)}{without}; name the run folder of a calibration")
-        header = _read_json(path / HEADER, f"{str(path)!r} is not a run folder of a calibration")
-        if (schema := header.get("schema")) is None:
-            raise _damaged(path, f"its {HEADER} lacks 'schema'")
-        check_schema(schema, SCHEMA, f"the run {str(path)!r}")
-        for key in ("model", "description", "settings", "provenance"):
-            if not isinstance(header.get(key), dict):
-                raise _damaged(path, f"its {HEADER} lacks {key!r}")
-        return cls(path, header)
+        return cls(path, read_header(path))
 
     @classmethod
     def resume(cls, path: str | Path, repeats: bool) -> tuple[RunFolder, LogContent]:
@@ -259,9 +238,9 @@ class RunFolder:
                 warnings.simplefilter("ignore", ModelWarning)
                 return RobotModel.from_source(source, self._header["robot"], RobotDescription.from_dict(description))
         except OSError as error:
-            raise _damaged(self.path, f"its {_MODEL} cannot be read ({error.strerror})") from error
+            raise damaged(self.path, f"its {_MODEL} cannot be read ({error.strerror})") from error
         except (KeyError, TypeError, ValueError) as error:
-            raise _damaged(self.path, f"its {HEADER} and {_MODEL} make no robot ({reason(error)})") from error
+            raise damaged(self.path, f"its {HEADER} and {_MODEL} make no robot ({reason(error)})") from error
 
     def method(self) -> Method:
         """Return the method of the run; raises MissingDependencyError if the package that brings it cannot be used."""
@@ -269,7 +248,7 @@ class RunFolder:
             return method_from_dict({**self._header["settings"], **self._attached()})
         except (AttributeError, TypeError, SettingsError) as error:
             raise RecordingError(
-                f"the settings of run {str(self.path)!r} are damaged: {reason(error)}; they stand in its {HEADER}: {_REMEDY}; "
+                f"the settings of run {str(self.path)!r} are damaged: {reason(error)}; they stand in its {HEADER}: {REMEDY}; "
                 "or, if another version of equipoise made the run, estimate it with that version"
             ) from error
 
@@ -303,13 +282,13 @@ class RunFolder:
             table = self._truth_table()
             return from_json(RobotInertia, {name: table[name] for name in BODIES})
         except (KeyError, TypeError, ValueError) as error:
-            raise _damaged(self.path, f"its {_TRUTH} holds no truth ({reason(error)})") from error
+            raise damaged(self.path, f"its {_TRUTH} holds no truth ({reason(error)})") from error
 
     def _truth_table(self) -> dict[str, Any]:
         return self._read_table(_TRUTH)
 
     def _read_table(self, name: str) -> dict[str, Any]:
-        return _read_json(self.path / name, f"the run {str(self.path)!r} is damaged", f"; {_REMEDY}")
+        return read_json(self.path / name, f"the run {str(self.path)!r} is damaged", f"; {REMEDY}")
 
     def result(self) -> Calibration:
         """The result that was saved, with the robot's model; raises RecordingError if the run came to none."""
@@ -346,21 +325,5 @@ def _model_table(source: ModelSource) -> dict[str, Any]:
     return table
 
 
-def _damaged(path: Path, what: str) -> RecordingError:
-    return RecordingError(f"the run {str(path)!r} is damaged: {what}; {_REMEDY}")
-
-
 def _sha256(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _read_json(path: Path, otherwise: str, remedy: str = "") -> dict[str, Any]:
-    try:
-        table = json_value(read_text(path))
-    except OSError as error:
-        raise RecordingError(f"{otherwise}: {str(path)!r} cannot be read ({error.strerror}){remedy}") from error
-    except ValueError as error:
-        raise RecordingError(f"{otherwise}: {str(path)!r} is not JSON ({error}){remedy}") from error
-    if not isinstance(table, dict):
-        raise RecordingError(f"{otherwise}: {str(path)!r} holds no JSON object{remedy}")
-    return cast("dict[str, Any]", table)

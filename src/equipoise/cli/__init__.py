@@ -110,6 +110,9 @@ def _run(arguments: Sequence[str]) -> int | None:
         raise SettingsError(
             f"{program} has no verb {asked!r}; {did_you_mean(asked, verbs)}'{program} --help' lists them"
         )
+    from equipoise.cli.words import refuse_missing
+
+    refuse_missing(name, words)
     verb = find_verb(name, words)
     if (switches := _switches(verb, words)) is not None:
         return verb(**switches)
@@ -144,7 +147,9 @@ def _failed(
     kind: str, message: str, code: int, arguments: Sequence[str], details: Mapping[str, Any] | None = None
 ) -> int:
     """With --json an error is an object too. Returns the exit code."""
-    if "--json" in arguments:
+    from equipoise.cli.words import chosen
+
+    if "--json" in arguments or chosen(arguments, "--format", "") == "json":
         table = {"type": kind, "message": message, "exit_code": code, **(details or {})}
         print(json_module.dumps({"schema": "equipoise.error/1", "error": table}))
     return code

@@ -9,31 +9,28 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from equipoise.calibration.rehearsal import rehearse
-from equipoise.calibration.repeatability import repeatability, to_dict
-from equipoise.calibration.run_folder import RunFolder
+from equipoise.calibration.run_header import read_header
 from equipoise.cli.flags import Described, File, Flag, Output, Required, RobotOrNone, Verbose, exit_code
 from equipoise.cli.methods import METHOD_FLAGS
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags, Verb
+from equipoise.cli.place import PLACE_FLAGS, Place, SimulatedPlace
 from equipoise.cli.report import try_to_save
-from equipoise.cli.session import PLACE_FLAGS, Place, SimulatedPlace, confirm, new_run, resumed_run, run_path
-from equipoise.cli.setting_flags import chosen
 from equipoise.cli.view import viewer_of
+from equipoise.cli.words import chosen
 from equipoise.errors import SettingsError
 from equipoise.method.method import Method
-from equipoise.result.calibration import Calibration
-from equipoise.result.requirements import read_requirements, verdicts
 from equipoise.robot.catalog import load_robot
-from equipoise.robot.model import RobotModel
-from equipoise.terminal.results import print_calibration
-from equipoise.terminal.robot_reports import print_rehearsal
-from equipoise.terminal.several_runs import print_repeatability
 from equipoise.user_file import write_file
+
+if TYPE_CHECKING:
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.result.calibration import Calibration
+    from equipoise.robot.model import RobotModel
 
 _ELSEWHERE = "; 'equipoise report {}' draws the page elsewhere"
 _DEFAULT_ROBOT = "unitree_a1"
@@ -82,6 +79,8 @@ class ShownFlags(Output):
 
     def show(self, result: Calibration, folder: RunFolder) -> None:
         """Draw and print a result."""
+        from equipoise.terminal.results import print_calibration
+
         files = [folder.path / "calibration.json"]
         if self.report:
             files += try_to_save(result, folder.path, _ELSEWHERE.format(folder.path))
@@ -122,6 +121,8 @@ def calibrate(
         out: Run folder; default runs/ROBOT-TIME.
     """
     from equipoise.calibration.routine import check
+    from equipoise.cli.session import confirm, new_run, run_path
+    from equipoise.result.requirements import read_requirements, verdicts
 
     del resume  # a run that is gone on with is what `_resume` does
     required = read_requirements(require)
@@ -165,6 +166,10 @@ def _resume(
     """
     if robot is not None:
         raise SettingsError("--resume goes on as the run began; a robot cannot be given with it")
+    read_header(resume)
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.cli.session import confirm, resumed_run
+
     folder = RunFolder.open(resume)
     output.check()
     if folder.complete:
@@ -191,6 +196,9 @@ def calibrate_for(arguments: Sequence[str]) -> Verb:
 
 def rehearsed(model: RobotModel, method: Method, platform: str, json: bool) -> None:
     """Print what a calibration would do."""
+    from equipoise.calibration.rehearsal import rehearse
+    from equipoise.terminal.robot_reports import print_rehearsal
+
     rehearsal = rehearse(model, method)
     if json:
         table = {"schema": "equipoise.rehearsal/1", "platform": platform, **rehearsal.to_dict()}
@@ -215,6 +223,10 @@ def _repeated(
     model: RobotModel, place: Place, out: Path, method: Method, count: int, output: ShownFlags
 ) -> list[Calibration]:
     """Several runs on one robot, and how much they differ; each is whole by itself, and can be gone on with."""
+    from equipoise.calibration.repeatability import repeatability, to_dict
+    from equipoise.cli.session import new_run
+    from equipoise.terminal.several_runs import print_repeatability
+
     results: dict[str, Calibration] = {}
     for number in range(count):
         if not output.silent:

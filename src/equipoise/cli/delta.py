@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from equipoise.calibration.run_folder import RunFolder
+from equipoise.calibration.run_header import read_header
 from equipoise.cli.flags import File, Kilograms, Output
 from equipoise.errors import SettingsError
-from equipoise.method.together import Together, of_the_base
-from equipoise.robot.model import RobotModel
-from equipoise.terminal.several_runs import print_delta
 from equipoise.user_file import write_file
 
 if TYPE_CHECKING:
+    from equipoise.calibration.run_folder import RunFolder
     from equipoise.estimator.known.two_runs import ScaleReadings
     from equipoise.precise.method import Precise
+    from equipoise.robot.model import RobotModel
 
 
 def delta(
@@ -49,7 +48,12 @@ def delta(
         scale_noise: By how much a single reading is off beside that, as a fraction of the mass.
         out: JSON file to save the result in.
     """
+    for path in (before, after):
+        read_header(path)
     from equipoise.calibration.delta import find_delta
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.method.together import of_the_base
+    from equipoise.terminal.several_runs import print_delta
 
     folders = RunFolder.open(before), RunFolder.open(after)
     robot, methods = _shared_robot(*folders), (_precise(folders[0]), _precise(folders[1]))
@@ -81,6 +85,7 @@ def _shared_robot(before: RunFolder, after: RunFolder) -> RobotModel:
 
 
 def _precise(folder: RunFolder) -> Precise:
+    from equipoise.method.together import Together
     from equipoise.precise.method import Precise
 
     method = folder.method()

@@ -6,18 +6,18 @@ import dataclasses
 import json as json_module
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from equipoise.calibration.run_folder import HEADER, RESULT, RunFolder
+from equipoise.calibration.run_header import HEADER, RESULT, read_header
 from equipoise.cli.flags import File, Flag, Output
 from equipoise.errors import OutputError, SettingsError
-from equipoise.exports import formats
-from equipoise.exports.formats import Export, Format, all_formats, export_all
-from equipoise.result.calibration import Calibration
-from equipoise.terminal.export_listing import print_export, print_exports, print_formats
 from equipoise.user_file import made_folder, typed
+
+if TYPE_CHECKING:
+    from equipoise.exports.formats import Export
+    from equipoise.result.calibration import Calibration
 
 _FOLDER = "export"
 Run = Annotated[
@@ -78,6 +78,8 @@ def export(
                 f"nothing was written; name a format, as in: equipoise export {typed(run)} --to urdf", file=sys.stderr
             )
         return
+    if not run.is_file():
+        read_header(run)
     if all:
         if to or file or add_payload_link or samples:
             raise SettingsError(
@@ -86,6 +88,9 @@ def export(
         _export_all(run, out, force, seed, what, output)
         return
     assert to is not None
+    from equipoise.exports import formats
+    from equipoise.terminal.export_listing import print_export
+
     formats.find_format(to)
     written = formats.export(
         _result(run),
@@ -104,6 +109,9 @@ def export(
 
 
 def _export_all(run: Path, out: Path | None, force: bool, seed: int, what: str | None, output: Output) -> None:
+    from equipoise.exports.formats import Export, export_all
+    from equipoise.terminal.export_listing import print_exports
+
     found = export_all(_result(run), force=force, seed=seed, run=str(run), what=what)
     written = {name: one for name, one in found.items() if isinstance(one, Export)}
     refused = {name: one for name, one in found.items() if not isinstance(one, Export)}
@@ -128,6 +136,9 @@ def _file_name(run: Path, written: Export) -> str:
 
 
 def _show_formats(json: bool) -> None:
+    from equipoise.exports.formats import Format, all_formats
+    from equipoise.terminal.export_listing import print_formats
+
     known = all_formats()
     if not json:
         print_formats(known)
@@ -144,6 +155,9 @@ def _show_formats(json: bool) -> None:
 
 def _result(run: Path) -> Calibration:
     """Of a run folder, with its model; so has a JSON file that lies in the folder of the run that it is of."""
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.result.calibration import Calibration
+
     if not run.is_file():
         return RunFolder.open(run).result()
     result = Calibration.load(run)

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
+from equipoise.calibration.run_header import HEADER, read_header
 from equipoise.cli.setting_flags import seconds
 from equipoise.drivers.platforms import find_platform, given_settings, open_platform
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.platform.engines import ENGINES
-from equipoise.result.requirements import UNMET
 from equipoise.robot.description import RobotDescription
-from equipoise.robot.model import RobotModel
 
-if TYPE_CHECKING:  # half a second that the help of a verb does not need
+if TYPE_CHECKING:  # half a second that neither the help of a verb nor a wrong flag needs
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.logs.raw_log import Log
+    from equipoise.robot.model import RobotModel
 
 DEFAULT_PLATFORM = "mujoco"
 Robot = Annotated[Positional[str], arg(metavar="ROBOT", help="Name (see 'equipoise robots'), or a URDF or MJCF file.")]
@@ -144,6 +144,10 @@ class LogFlags:
         from equipoise.logs.topics import Topics
         from equipoise.terminal.column_dialogue import read_as_told
 
+        if (path / HEADER).is_file() and (recorded := read_header(path).get("robot")) != model.name:
+            raise SettingsError(
+                f"the run {str(path)!r} is of the robot {recorded!r}, and --robot names {model.name!r}; leave out --robot"
+            )
         topics = Topics(self.joint_topic, self.imu_topic, self.command_topic)
         span = seconds(self.start, "from"), seconds(self.until, "until")
         columns = None if self.columns is None else Columns.from_toml(self.columns)
@@ -159,20 +163,22 @@ def open_run(path: Path, source: LogFlags, description: RobotDescription) -> Run
         SettingsError: flags were given that are for logs.
         RecordingError: it is not a run folder.
     """
-    from equipoise.calibration.run_folder import RunFolder
-    from equipoise.logs.reader import is_log
-
     if source != LogFlags() or description != RobotDescription():
         raise SettingsError(
             "tables, topics, --joint-map, --columns, --rate, --from, --until and descriptions are for logs that are not ours: "
             "give --robot too"
         )
     try:
-        return RunFolder.open(path)
+        read_header(path)
     except RecordingError as error:
+        from equipoise.logs.reader import is_log
+
         foreign = is_log(path) and "expected" not in error.details  # a schema of ours is no log of others
         hint = "; if it is another kind of log, say whose with --robot" if foreign else ""
         raise RecordingError(f"{error}{hint}") from error
+    from equipoise.calibration.run_folder import RunFolder
+
+    return RunFolder.open(path)
 
 
 def is_simulated(platform: str) -> bool:
@@ -181,7 +187,9 @@ def is_simulated(platform: str) -> bool:
 
 
 def exit_code(required: Sequence[str], verdicts: Mapping[str, bool]) -> int:
-    """0, or where something that was required is not so, which is told on stderr, the code that says so."""
+    """Return 0, or the exit code for unmet requirements, which are printed on stderr."""
+    from equipoise.result.requirements import UNMET
+
     unmet = [word for word in required if not verdicts[word]]
     for word in unmet:
         print(f"required, and not met: {word}", file=sys.stderr)

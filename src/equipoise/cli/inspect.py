@@ -13,31 +13,26 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 from tyro.constructors import StructConstructorSpec
 
-from equipoise.calibration.run_folder import HEADER, RESULT, RunFolder
+from equipoise.calibration.run_header import HEADER, RESULT, read_header
 from equipoise.cli import flags
 from equipoise.cli.calibrate import rehearsed
-from equipoise.cli.methods import DEFAULT_METHOD, METHOD_FLAGS, owners, refuse_flag_of
+from equipoise.cli.methods import DEFAULT_METHOD, METHOD_FLAGS, OF_WEIGH, owners, refuse_flag_of, refuse_other_name
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.report import try_to_save
-from equipoise.cli.setting_flags import chosen, flags_of, optional, spec_of, values_of
+from equipoise.cli.setting_flags import flags_of, optional, spec_of, values_of
+from equipoise.cli.words import chosen
 from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
 from equipoise.method.method import Method
-from equipoise.method.table import method_named
-from equipoise.method.together import Together
-from equipoise.result.calibration import Calibration
-from equipoise.result.requirements import read_requirements, verdicts
-from equipoise.robot.audit import Audit
-from equipoise.robot.audit import audit as run
+from equipoise.method.table import METHODS, settings_of
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
-from equipoise.robot.stance import nominal_stance
-from equipoise.terminal.annotations import annotation_lines, refusal
-from equipoise.terminal.log_summary import print_log_report
-from equipoise.terminal.results import print_audit, print_budget, print_calibration, print_plan
 
 if TYPE_CHECKING:
+    from equipoise.calibration.run_folder import RunFolder
     from equipoise.logs.offline import LogEstimate
+    from equipoise.result.calibration import Calibration
+    from equipoise.robot.audit import Audit
 
 
 def plan(
@@ -52,6 +47,10 @@ def plan(
 
     Example: equipoise plan go2 --budget 60s
     """
+    from equipoise.method.together import Together
+    from equipoise.robot.stance import nominal_stance
+    from equipoise.terminal.results import print_plan
+
     model = load_robot(robot, description)
     result = method.forecast(model, nominal_stance(model))
     if result is None:
@@ -93,6 +92,8 @@ class EstimateOutput(flags.Output):
 
     def show(self, result: Calibration, files: Sequence[Path], kept: Path | None) -> None:
         """Print a result, and where its uncertainty comes from; `kept`: file or folder to export it from."""
+        from equipoise.terminal.results import print_budget, print_calibration
+
         print_calibration(result, files, self.verbose, kept)
         if self.explain:
             print_budget(result)
@@ -119,6 +120,8 @@ def estimate(
     Example: equipoise estimate bags/wiggle --robot go2 --mass 16.2 --from 10s
              equipoise estimate joints.csv imu.csv --robot go2
     """
+    from equipoise.result.requirements import read_requirements, verdicts
+
     required = read_requirements(require)
     if source.robot is not None:
         result = _estimate_log(log, source, description, given, output)
@@ -130,12 +133,13 @@ def estimate(
 def _given_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     """Return the flags of a run's method that an estimate may be made again with; raises SettingsError."""
     name = _method_of(arguments)
-    kind = method_named(name)
+    kind = settings_of(name)
     flags = (optional(flag) for flag in flags_of(kind) if flag.name in kind.judging)
     return spec_of(f"Settings of {name}; default as in the run.", flags, lambda values: values_of(kind, values))
 
 
 def _refuse_other(flag: str, arguments: Sequence[str]) -> None:
+    refuse_other_name(flag, OF_WEIGH)
     refuse_flag_of(owners(flag, judging=True), flag, f"--method {_method_of(arguments)}")
 
 
@@ -153,7 +157,8 @@ def _method_of(arguments: Sequence[str]) -> str:
     for path in map(Path, arguments):
         if (path / HEADER).is_file():
             with suppress(RecordingError):
-                return RunFolder.open(path).method().name
+                name = str(read_header(path)["settings"].get("method"))
+                return name if name in METHODS else DEFAULT_METHOD
     return DEFAULT_METHOD
 
 
@@ -187,6 +192,7 @@ def estimated_log(
     """
     from equipoise.logs.offline import estimate_log
     from equipoise.precise.method import Precise
+    from equipoise.terminal.log_summary import print_log_report
 
     method = Precise(**given)
     model = with_known_imu(load_robot(source.robot or "", description))  # the result states it
@@ -205,6 +211,8 @@ def estimated_log(
 def _estimate_log(
     path: Path, source: flags.LogFlags, description: RobotDescription, given: Mapping[str, Any], output: EstimateOutput
 ) -> Calibration:
+    from equipoise.terminal.log_summary import print_log_report
+
     found = estimated_log(path, source, description, given, output, output.verbose)
     result = found.result
     files = output.save(result, None)
@@ -225,7 +233,7 @@ Robots = Annotated[
 def audit(
     robots: Robots = (),
     *,
-    format: Literal["table", "github"] = "table",
+    format: Literal["table", "json", "github"] = "table",
     description: flags.Described,
     output: flags.Output,
 ) -> int:
@@ -236,26 +244,33 @@ def audit(
              equipoise audit --format github urdf/*.urdf
 
     Args:
-        format: 'github' writes annotations that a workflow of GitHub shows beside the lines of a change.
+        format: 'github' writes annotations that a workflow of GitHub shows beside the lines of a change; 'json' is --json.
     """
+    from equipoise.terminal.results import print_audit
+
     if not robots:
         raise SettingsError("name a robot, or a URDF or MJCF file: equipoise audit my_robot.urdf")
     if format == "github":
         return max(_annotate(robot, description) for robot in robots)
     audits = [_audit(robot, description) for robot in robots]
     tables = [{"schema": "equipoise.audit/1", **result.to_dict()} for result in audits]
+    output = replace(output, json=output.json or format == "json")
     output.write(tables[0] if len(tables) == 1 else tables, lambda: [print_audit(result) for result in audits])
     return max(map(_in_error, audits))
 
 
 def _audit(robot: str, description: RobotDescription) -> Audit:
+    from equipoise.robot.audit import audit as run
+
     with warnings.catch_warnings():  # the audit says what was repaired
         warnings.simplefilter("ignore")
         return run(load_robot(robot, description))
 
 
 def _annotate(robot: str, description: RobotDescription) -> int:
-    """One file's annotations; one that cannot be read does not hide what is found in others."""
+    """Print the annotations of one file; one that cannot be read does not hide the findings in others."""
+    from equipoise.terminal.annotations import annotation_lines, refusal
+
     try:
         result = _audit(robot, description)
     except ModelError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, cast
 
 from tyro.conf import arg
@@ -11,16 +11,18 @@ from tyro.constructors import StructConstructorSpec, StructFieldSpec
 from tyro.extras import literal_type_from_choices
 
 from equipoise.cli.parsing import ChosenFlags
-from equipoise.cli.setting_flags import chosen, flags_of, settings_from, spec_of
+from equipoise.cli.setting_flags import flags_of, spec_of, values_of
+from equipoise.cli.words import chosen
 from equipoise.errors import EquipoiseError, SettingsError
 from equipoise.method.method import Method
-from equipoise.method.table import METHODS, method_named
-from equipoise.method.together import Together
+from equipoise.method.table import METHODS, method_named, settings_of
 
 DEFAULT_METHOD = "precise"
 MOTORS = "motors"
 _BASE, _LEGS = "base", "legs"
 _ALL = {_BASE, _LEGS, MOTORS}
+OF_WEIGH = {"scale": "mass", "scale_sd": "mass_sd"}
+"""Settings that other verbs have, by the names that `weigh` has for their flags."""
 _WHAT = (
     "What is to be found: 'base' (mass, centre of mass, inertia), 'legs' (masses, first moments and lengths of their links; "
     "with the base), 'motors' (friction, armature, gain and delay of each joint), several with commas, or 'all'."
@@ -58,21 +60,30 @@ def method_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     flags = [
         StructFieldSpec("method", cast("Any", choice), name),
         StructFieldSpec("what", cast("Any", what), MOTORS if name == MOTORS else _BASE),
-        *flags_of(method_named(name)),
-        *(flags_of(method_named(MOTORS)) if with_motors else ()),
+        *flags_of(settings_of(name)),
+        *(flags_of(settings_of(MOTORS)) if with_motors else ()),
     ]
     return spec_of(f"What to do, and the settings of {name}.", flags, _method)
 
 
 def _method(flags: Mapping[str, Any]) -> Method:
     """Return the method that flags describe; raises SettingsError."""
-    method = settings_from(method_named(flags["method"]), flags)
-    asked = asked_for(flags["what"])
+    method, asked = method_from(flags["method"], flags), asked_for(flags["what"])
     if _LEGS in asked:
         method = _with_legs(method)
     if method.name == MOTORS or MOTORS not in asked:
         return method
-    return Together(method, settings_from(method_named(MOTORS), flags))
+    from equipoise.method.together import Together
+
+    return Together(method, method_from(MOTORS, flags))
+
+
+def method_from(name: str, flags: Mapping[str, Any]) -> Method:
+    """Return a method from the values of its flags; raises SettingsError, before it is imported where a value is wrong."""
+    settings = settings_of(name)
+    values = values_of(settings, flags)
+    settings(**values)
+    return method_named(name)(**values)
 
 
 def _with_legs(method: Method) -> Method:
@@ -85,8 +96,21 @@ def _with_legs(method: Method) -> Method:
 
 
 def refuse_other_method(flag: str, arguments: Sequence[str]) -> None:
-    """Raise SettingsError for a flag of another method than the one that the arguments name."""
+    """Raise SettingsError for a flag of another method than the one that the arguments name, or a flag of `weigh`."""
+    refuse_other_name(flag, OF_WEIGH)
     refuse_flag_of(owners(flag), flag, f"--method {method_asked_for(arguments)}")
+
+
+def refuse_other_name(flag: str, names: Mapping[str, str]) -> None:
+    """Raise SettingsError for a flag that has another name here.
+
+    Args:
+        flag: name of the flag, with underscores.
+        names: names here, by the names in other verbs.
+    """
+    if flag in names:
+        there, here = (f"--{name.replace('_', '-')}" for name in (flag, names[flag]))
+        raise SettingsError(f"{there} is called {here} here; use {here}")
 
 
 METHOD_FLAGS: ChosenFlags = (method_flags, refuse_other_method)
@@ -117,19 +141,19 @@ def owners(flag: str, judging: bool = False) -> list[str]:
     name = flag.removeprefix("no_")
     return [
         method
-        for method, kind in _methods().items()
+        for method, kind in _methods(settings_of).items()
         if not isinstance(kind, EquipoiseError)
         and name in {setting.name for setting in flags_of(kind)}
         and (not judging or name in kind.judging)
     ]
 
 
-def _methods() -> dict[str, type[Method] | EquipoiseError]:
-    """Return each method, or why it cannot be used."""
-    found: dict[str, type[Method] | EquipoiseError] = {}
+def _methods(find: Callable[[str], type[Any]]) -> dict[str, type[Any] | EquipoiseError]:
+    """Return the class that a function finds for each method, or why the method cannot be used."""
+    found: dict[str, type[Any] | EquipoiseError] = {}
     for name in METHODS:
         try:
-            found[name] = method_named(name)
+            found[name] = find(name)
         except EquipoiseError as error:  # raised again where the method is asked for by name
             found[name] = error
     return found
@@ -138,6 +162,6 @@ def _methods() -> dict[str, type[Method] | EquipoiseError]:
 def _summaries() -> str:
     said = [
         f"{name}: cannot be used here, {kind}." if isinstance(kind, EquipoiseError) else f"{name}: {kind.summary}."
-        for name, kind in _methods().items()
+        for name, kind in _methods(method_named).items()
     ]
     return " ".join([*said, "Each has flags of its own: --method NAME --help."])

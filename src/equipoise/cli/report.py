@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from equipoise.calibration.run_folder import RunFolder
+from equipoise.calibration.run_header import read_header
 from equipoise.cli.flags import File, Output
 from equipoise.errors import MissingDependencyError, OutputError, SettingsError
-from equipoise.result.calibration import Calibration
+
+if TYPE_CHECKING:
+    from equipoise.result.calibration import Calibration
 
 _COMPARISON = "comparison.html"
 Runs = Annotated[
@@ -33,11 +35,14 @@ def report(runs: Runs, *, out: File = None, output: Output) -> None:
     Args:
         out: File to write, in a folder that is there; default report.html in the run's folder, or comparison.html here.
     """
-    from equipoise.report.page import REPORT, save_comparison, save_report
-
     paths = [run for given in runs for run in _runs(given)]
     if not paths:
         raise SettingsError("no run was named; give a run folder, as runs/unitree_a1-20260101-120000")
+    for path in paths:
+        if not path.is_file():
+            read_header(path)
+    from equipoise.report.page import REPORT, save_comparison, save_report
+
     if len(paths) == 1:
         beside = paths[0].with_suffix(".html") if paths[0].is_file() else paths[0] / REPORT
         file = save_report(_estimated(paths[0]), out or beside)
@@ -55,7 +60,10 @@ def _runs(path: Path) -> list[Path]:
 
 
 def _estimated(path: Path) -> Calibration:
-    """With everything that its recordings tell, where they are whole."""
+    """Return a result with the evidence of its recordings, where they are whole."""
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.result.calibration import Calibration
+
     return Calibration.load(path) if path.is_file() else RunFolder.open(path).shown()
 
 
@@ -71,7 +79,10 @@ def _named(paths: list[Path]) -> dict[str, Calibration]:
 
 
 def _found(path: Path) -> Calibration:
-    """What a run came to; it is estimated if that is not on disk."""
+    """Return the result of a run; it is estimated if that is not on disk."""
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.result.calibration import Calibration
+
     if path.is_file():
         return Calibration.load(path)
     folder = RunFolder.open(path)

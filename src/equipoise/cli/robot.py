@@ -9,13 +9,11 @@ from collections.abc import Generator
 from contextlib import closing, contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from equipoise.cli import flags
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.setting_flags import seconds
-from equipoise.drivers.checkup import examine, foretold, joint_table, watch
-from equipoise.drivers.motor_boards import HangingPhase, measure_hanging
 from equipoise.drivers.platforms import (
     Driver,
     find_platform,
@@ -25,12 +23,12 @@ from equipoise.drivers.platforms import (
     settings_of,
 )
 from equipoise.errors import OutputError, SettingsError
-from equipoise.platform.interruptions import Interruptions
-from equipoise.recording.run_log import RunLog
 from equipoise.robot.catalog import load_robot
-from equipoise.robot.model import RobotModel
-from equipoise.terminal.robot_reports import RecordingProgress, print_checkup, print_hanging
 from equipoise.user_file import made_folder, typed
+
+if TYPE_CHECKING:
+    from equipoise.recording.run_log import RunLog
+    from equipoise.robot.model import RobotModel
 
 _SIMULATED_TIME = 10.0  # [s]: nobody waits for a robot that is not there, and disks fill
 
@@ -67,11 +65,16 @@ def doctor(
         hanging: The robot hangs with its legs free: measure what its motor boards do when commands stop. Its own controller
             lets go of the motors, and they are damped; you are asked for the robot's name first.
     """
+    lasting = _lasting(duration) or 5.0
+    find_platform(platform)
+    from equipoise.drivers.checkup import examine, foretold, joint_table
+    from equipoise.terminal.robot_reports import print_checkup
+
     if hanging:
         return _examine_hanging(platform, load_robot(robot, description), given_settings(set, settings), output)
     model = with_known_imu(load_robot(robot, description), flags.is_simulated(platform))
     with flags.connected(platform, model, set, settings) as connection:
-        findings = examine(connection, model, _lasting(duration) or 5.0) + foretold(connection)
+        findings = examine(connection, model, lasting) + foretold(connection)
         joints = joint_table(model, connection.read().joint_position)
     rows = [dataclasses.asdict(finding) for finding in findings]
     table = {"schema": "equipoise.doctor/1", "robot": model.name, "platform": platform, "findings": rows}
@@ -87,6 +90,9 @@ def _examine_hanging(platform: str, robot: RobotModel, given: dict[str, Any], ou
         SettingsError: the platform has no driver, or the operator did not type the robot's name.
         CommunicationError: the robot falls silent.
     """
+    from equipoise.drivers.motor_boards import HangingPhase, measure_hanging
+    from equipoise.terminal.robot_reports import print_hanging
+
     if not isinstance(find_platform(platform), Driver):
         raise SettingsError(f"platform {platform!r} has no driver: --hanging measures the motor boards of a real robot")
     print(_ASKED.format(name=robot.name), end="", file=sys.stderr, flush=True)
@@ -131,10 +137,15 @@ def record(
         duration: How long; default until Ctrl-C, in simulation, whose time runs faster, 10 s.
         out: The file, in a folder that is there; default logs/ROBOT-TIME.mcap.
     """
+    lasting = _lasting(duration) or (_SIMULATED_TIME if flags.is_simulated(platform) else None)
+    find_platform(platform)
+    from equipoise.drivers.checkup import watch
+    from equipoise.platform.interruptions import Interruptions
+    from equipoise.terminal.robot_reports import RecordingProgress
+
     model = load_robot(robot, description)
     now = datetime.now(timezone.utc)
     out = out or made_folder(Path("logs")) / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
-    lasting = _lasting(duration) or (_SIMULATED_TIME if flags.is_simulated(platform) else None)
     interruptions, samples = Interruptions(), 0
     with (
         flags.connected(platform, model, set, settings) as connection,
@@ -168,6 +179,8 @@ def _log_at(path: Path) -> Generator[RunLog]:
     """A new log, gone if nothing comes; raises OutputError if there is a file already, or it cannot be written."""
     if path.exists():
         raise OutputError(f"{str(path)!r} exists; name a new file with --out")
+    from equipoise.recording.run_log import RunLog
+
     with RunLog(path) as log:
         try:
             yield log

@@ -191,17 +191,6 @@ def seconds(text: str | None, flag: str) -> float | None:
     return float(match[1]) * {"s": 1.0, "m": 60.0, "h": 3600.0}[(match[2] or "s")[0]]
 
 
-def chosen(arguments: Sequence[str], flag: str, default: str) -> str:
-    """Return the value of a flag that other flags depend on."""
-    value = default
-    for index, argument in enumerate(arguments):
-        if argument == flag and index + 1 < len(arguments):
-            value = arguments[index + 1]
-        elif argument.startswith(f"{flag}="):
-            value = argument.partition("=")[2]
-    return value
-
-
 def _unit(words: str) -> str | None:
     found = re.search(r"\[([^\]]+)\]", words)
     return None if found is None else found[1]

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli.flags import Described, Flag, LogFlags, Output, Run, open_run
 from equipoise.errors import OutputError
-from equipoise.method.method import Method
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
-from equipoise.robot.model import RobotModel
 from equipoise.user_file import typed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.method.method import Method
+    from equipoise.robot.model import RobotModel
     from equipoise.view.follow import News
 
 RECORDING = "view.rrd"

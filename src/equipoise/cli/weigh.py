@@ -6,36 +6,30 @@ import json as json_module
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg
 from tyro.constructors import StructConstructorSpec
 
-from equipoise.calibration.routine import check as check_settings
-from equipoise.calibration.run_folder import RunFolder
-from equipoise.calibration.weighing import Weighing
-from equipoise.calibration.weighing import weigh as weighed
 from equipoise.cli.flags import Described, File, Output, Required, Robot, exit_code
+from equipoise.cli.methods import DEFAULT_METHOD, OF_WEIGH, method_from, refuse_other_name
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags
-from equipoise.cli.session import PLACE_FLAGS, Place, confirm, new_run, run_path
-from equipoise.cli.setting_flags import flags_of, optional, settings_from, spec_of
+from equipoise.cli.place import PLACE_FLAGS, Place
+from equipoise.cli.setting_flags import flags_of, optional, spec_of
 from equipoise.errors import RecordingError, SettingsError
-from equipoise.estimator.known.known_run import KnownRun
-from equipoise.precise.method import Precise
-from equipoise.result.requirements import read_requirements
+from equipoise.method.method import Method
+from equipoise.method.table import settings_of
 from equipoise.robot.catalog import load_robot
 from equipoise.user_file import write_file
 
-_FLAGS = {
-    "known": "known",
-    "mass": "scale",
-    "mass_sd": "scale_sd",
-    "confirm_mass": "confirm_mass",
-    "budget": "budget",
-    "cable": "cable",
-    "surface": "surface",
-}
+if TYPE_CHECKING:
+    from equipoise.calibration.weighing import Weighing
+    from equipoise.estimator.known.known_run import KnownRun
+
+_NAMES = {name: flag for flag, name in OF_WEIGH.items()}
+_FLAGS = {name: _NAMES.get(name, name) for name in (
+    "known", "mass", "mass_sd", "confirm_mass", "budget", "cable", "surface")}  # fmt: skip
 _REQUIRED = (
     "End with 11 where the answer is less than that, as identified,checks: what was added is identified, or nothing was; all "
     "checks passed; or mass, com_x and others of what was added."
@@ -48,7 +42,7 @@ def weigh(
     *,
     out: File = None,
     require: Annotated[Required, arg(help=_REQUIRED)] = None,
-    method: Precise,
+    method: Method,
     description: Described,
     place: Annotated[Place, arg(name="platform")],
     output: Output,
@@ -66,13 +60,20 @@ def weigh(
     Args:
         out: Run folder; default runs/ROBOT-TIME.
     """
+    from equipoise.calibration.routine import check
+    from equipoise.calibration.weighing import weigh as weighed
+    from equipoise.cli.session import confirm, new_run, run_path
+    from equipoise.precise.method import Precise
+    from equipoise.result.requirements import read_requirements
+
+    assert isinstance(method, Precise)
     required = read_requirements(require)
     if method.known is None:
         raise SettingsError("name the run folder of this robot's last calibration: --known RUN")
     model = with_known_imu(load_robot(robot, description), place.simulated)
     if not output.silent:
         print(model.imu.sentence, file=sys.stderr)
-    check_settings(model, method)
+    check(model, method)
     confirm(place, model, method)
     out = run_path(model, out)
     with new_run(place, model, out, method) as run:
@@ -86,19 +87,28 @@ def weigh(
 def _weigh_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     """Return the settings of the precise method that matter here, under the names that they have here."""
     del arguments
-    flags = [optional(replace(flag, name=_FLAGS[flag.name])) for flag in flags_of(Precise) if flag.name in _FLAGS]
+    own = flags_of(settings_of(DEFAULT_METHOD))
+    flags = [optional(replace(flag, name=_FLAGS[flag.name])) for flag in own if flag.name in _FLAGS]
 
-    def method(values: Mapping[str, Any]) -> Precise:
-        return settings_from(Precise, {name: values[flag] for name, flag in _FLAGS.items()})
+    def method(values: Mapping[str, Any]) -> Method:
+        return method_from(DEFAULT_METHOD, {name: values[flag] for name, flag in _FLAGS.items()})
 
     return spec_of("What is known, and how to weigh.", flags, method)
 
 
-CHOSEN: dict[type, ChosenFlags] = {Precise: (_weigh_flags, None), Place: PLACE_FLAGS}
+def _refuse_other(flag: str, arguments: Sequence[str]) -> None:
+    """Raise SettingsError for a flag that has another name here."""
+    del arguments
+    refuse_other_name(flag, _NAMES)
+
+
+CHOSEN: dict[type, ChosenFlags] = {Method: (_weigh_flags, _refuse_other), Place: PLACE_FLAGS}
 
 
 def _with_truth(found: Weighing, known: KnownRun) -> Weighing:
-    """Beside the truth, where both runs are simulated."""
+    """Return the measurement with the ground truth, where both runs are simulated."""
+    from equipoise.calibration.run_folder import RunFolder
+
     try:
         before = RunFolder.open(known.run).truth()
     except RecordingError:  # moved since: it was read whole

@@ -8,10 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance
+if TYPE_CHECKING:
+    from equipoise.robot.model import RobotModel
+    from equipoise.robot.stance import Stance
+
 
 ROW = "unknown"
 

@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -49,8 +50,10 @@ from equipoise.estimator.unknown import (
     named,
     unknown,
 )
-from equipoise.robot.model import RobotModel
 from equipoise.user_file import read_text, toml_table
+
+if TYPE_CHECKING:
+    from equipoise.robot.model import RobotModel
 
 Values = Mapping[str, FloatArray]
 """Value of every unknown, an array each, by its row's name and in its row's unit; zero is what the model says."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import AXES, GRAVITY, Axis, FloatArray
-from equipoise.errors import ReachError, SettingsError
+from equipoise.errors import ReachError
 from equipoise.experiments.posture import check_clear
+from equipoise.experiments.sway_settings import SwaySettings
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import feet_under_base, inverse_kinematics
 from equipoise.robot.model import RobotModel
@@ -20,45 +20,7 @@ RAMP_PERIODS = 1.5
 """Of a sway, in which it grows and in which it fades."""
 SETTLE_TIME = 0.3
 """Before and after a sway [s]."""
-_PERIODS = 6
-_FEWEST_PERIODS = 1.2
 _LOAD_MARGIN = 0.2  # of a foot's static load must remain at the peak of a planned sway
-
-
-@dataclass(frozen=True)
-class SwaySettings:
-    """How the base sways.
-
-    Attributes:
-        amplitude: amplitude of the commanded rotation [rad].
-        frequency: frequency of the sway [Hz]; default 2 Hz on an A1, slower on larger robots.
-        duration: duration of the steady part [s]; default six periods.
-    """
-
-    amplitude: float = 0.05
-    frequency: float | None = None
-    duration: float | None = None
-
-    def __post_init__(self) -> None:
-        for name, least, most in (("amplitude", 0.005, 0.5), ("frequency", 0.2, 10.0), ("duration", 0.1, 120.0)):
-            value = getattr(self, name)
-            if value is not None and not least <= value <= most:
-                raise SettingsError(f"sway {name} is {value}; it must be from {least} to {most}")
-
-    def duration_for(self, stance: Stance) -> float:
-        """[s]; raises SettingsError if it is too short for a frequency."""
-        frequency = self.frequency_for(stance)
-        duration = self.duration or _PERIODS / frequency
-        if duration * frequency < _FEWEST_PERIODS:
-            raise SettingsError(
-                f"a sway of {duration} s at {frequency:.2f} Hz is {duration * frequency:.1f} periods long; it takes "
-                f"{_FEWEST_PERIODS} at least"
-            )
-        return duration
-
-    def frequency_for(self, stance: Stance) -> float:
-        """[Hz]."""
-        return self.frequency or 2.0 / stance.scale.time
 
 
 def why_unreachable(robot: RobotModel, stance: Stance, axis: Axis, settings: SwaySettings) -> str | None:

@@ -18,9 +18,9 @@ from equipoise.exports.found import Column
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.cleaning.urdf import physical_inertia
+from equipoise.robot.description import Forward
 from equipoise.robot.forward import link_in_file
 from equipoise.robot.inertial import InertialParameters
-from equipoise.robot.source import Forward
 
 PAYLOAD = "equipoise_payload"
 """Name of the link that `--add-payload-link` writes."""

@@ -5,18 +5,20 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-from equipoise.experiments.planted import PlantedRobot
-from equipoise.experiments.progress import Progress
 from equipoise.json_form import fields_to_json, from_json
-from equipoise.method.reading import Reading
-from equipoise.method.rehearsal import Course, Forecast
-from equipoise.recording.recording import Recording
-from equipoise.result.calibration import Calibration
-from equipoise.result.mass_comparison import MassComparison
-from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance
+
+if TYPE_CHECKING:  # flags are read without a robot model
+    from equipoise.experiments.planted import PlantedRobot
+    from equipoise.experiments.progress import Progress
+    from equipoise.method.reading import Reading
+    from equipoise.method.rehearsal import Course, Forecast
+    from equipoise.recording.recording import Recording
+    from equipoise.result.calibration import Calibration
+    from equipoise.result.mass_comparison import MassComparison
+    from equipoise.robot.model import RobotModel
+    from equipoise.robot.stance import Stance
 
 Self = TypeVar("Self", bound="Method")
 

@@ -9,7 +9,8 @@ from typing import Any, Protocol
 from equipoise.conventions import AXES, FloatArray
 from equipoise.errors import ReachError
 from equipoise.experiments.posture import check_clear
-from equipoise.experiments.sway import SwaySettings, extreme_feet, why_unreachable
+from equipoise.experiments.sway import extreme_feet, why_unreachable
+from equipoise.experiments.sway_settings import SwaySettings
 from equipoise.result.findings import Link
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import LEG_NAMES, RobotModel

@@ -11,8 +11,7 @@ from typing import Any
 
 from equipoise.errors import MissingDependencyError
 from equipoise.method.method import Method
-from equipoise.method.together import AND_MOTORS, Together
-from equipoise.plugins import Table
+from equipoise.plugins import Table, resolve
 
 METHODS: Table[type[Any]] = Table(
     "method",
@@ -24,6 +23,23 @@ METHODS: Table[type[Any]] = Table(
         "motors": "equipoise.motors.method:Motors",
     },
 )
+
+
+_SETTINGS = {
+    "precise": "equipoise.precise.settings:PreciseSettings",
+    "paper": "equipoise.paper.settings:PaperSettings",
+    "motors": "equipoise.motors.settings:MotorsSettings",
+}
+
+
+def settings_of(name: str) -> type[Any]:
+    """Return the class of a method's settings, from which flags are read: without an estimator where it is one of ours.
+
+    Raises:
+        SettingsError: there is no such method, or two.
+        MissingDependencyError: the package that brings it cannot be imported, or brings something else.
+    """
+    return resolve(_SETTINGS[name]) if name in _SETTINGS else method_named(name)
 
 
 def method_named(name: str) -> type[Method]:
@@ -47,6 +63,8 @@ def method_named(name: str) -> type[Method]:
 
 def method_from_dict(table: Mapping[str, Any]) -> Method:
     """A method with its settings, from `Method.to_dict`; raises SettingsError and MissingDependencyError."""
+    from equipoise.method.together import AND_MOTORS, Together  # noqa: PLC0415 - flags need no robot model
+
     own = {name: value for name, value in table.items() if name != AND_MOTORS}
     method = method_named(str(own.get("method"))).from_dict(own)
     return method if AND_MOTORS not in table else Together(method, method_from_dict(table[AND_MOTORS]))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
-from typing import ClassVar, Literal, get_args
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from equipoise.experiments.swing import swing_leg, swing_legs, swing_time, swing
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture
 from equipoise.motors.nominal import nominal_swing
+from equipoise.motors.settings import MotorsSettings
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial
 from equipoise.result.body import Body
@@ -35,7 +36,6 @@ from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import static_torques
 
-_SHORTEST, _LONGEST = 3.0, 300.0  # [s]
 _SHORTEST_OF_LEG = 1.2  # [s] on an A1: fifty averages and what is left out at the ends
 _FOUND = (
     ("relative_gain", "1"), ("coulomb_friction", "Nm"), ("viscous_friction", "Nm s/rad"), ("armature", "kg m2"),
@@ -43,20 +43,13 @@ _FOUND = (
 )  # fmt: skip
 _BELIEVED_GAIN, _BELIEVED_DELAY = 0.05, 5e-3  # what gains [] and delays [s] are judged beside
 
-MotorStance = Literal["auto", "belly", "three-feet"]
-"""How a robot is while its joints swing."""
-
 
 @dataclass(frozen=True)
-class Motors(Method):
+class Motors(MotorsSettings, Method):
     """Friction, rotor inertia, torque gain and delay of each joint, without a stand.
 
     The robot lies on its belly, turns its legs up and swings all joints at once, their gains at a quarter; or it stands on
-    three feet and swings those of the fourth leg, each leg in turn.
-
-    Attributes:
-        motor_time: time for which joints swing, all at once or a quarter of it each leg [s].
-        motor_stance: on its belly with all legs up, or on three-feet with one; auto: on its belly, if its legs turn up.
+    three feet and swings those of the fourth leg, each leg in turn. Its settings are those of `MotorsSettings`.
     """
 
     name: ClassVar[str] = "motors"
@@ -65,15 +58,6 @@ class Motors(Method):
         "rotor inertia, relative torque gain and delay of each joint, with intervals"
     )
     estimates: ClassVar[tuple[str, ...]] = ()
-
-    motor_time: float = 10.0
-    motor_stance: MotorStance = "auto"
-
-    def __post_init__(self) -> None:
-        if not _SHORTEST <= self.motor_time <= _LONGEST:
-            raise SettingsError(f"motor_time is {self.motor_time}; it must be from {_SHORTEST:g} to {_LONGEST:g}")
-        if self.motor_stance not in (known := get_args(MotorStance)):
-            raise SettingsError(f"motor_stance is {self.motor_stance!r}; it must be one of {', '.join(known)}")
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
         if self.lies(robot, stance):

@@ -13,7 +13,8 @@ from equipoise.method.reading import ComEstimate, LiftPlane
 from equipoise.paper.bracket import Bracket, step
 from equipoise.paper.equations import between, commanded_plane, find_intersection
 from equipoise.paper.lift_trial import holds_lift_trial, read_lift_trial
-from equipoise.paper.trial_runner import ComSearchSettings, shifted_feet
+from equipoise.paper.settings import ComSearchSettings
+from equipoise.paper.trial_runner import shifted_feet
 from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import DIAGONALS, RobotModel

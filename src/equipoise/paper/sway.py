@@ -9,11 +9,11 @@ from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.sway import (
     RAMP_PERIODS,
     SETTLE_TIME,
-    SwaySettings,
     amplitude_for,
     feet_during_sway,
     why_unreachable,
 )
+from equipoise.experiments.sway_settings import SwaySettings
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import SwayTrial

@@ -44,7 +44,6 @@ class Precise(PreciseSettings, Method):
         "centre of mass and inertia with intervals, its sensors calibrated on the way"
     )
     estimates: ClassVar[tuple[str, ...]] = COMPONENTS
-    judging: ClassVar[tuple[str, ...]] = ("mass", "mass_sd", "cable", "legs", "surface", "priors", "known")
 
     def weighed(self, mass: float, deviation: float) -> Precise:
         return replace(self, mass=mass, mass_sd=deviation, confirm_mass=True)  # there is no operator to ask

@@ -93,7 +93,8 @@ def loaded_robot(model: RobotModel, trials: PreciseTrials, mass: float) -> Robot
 def _bisect(trials: PreciseTrials, diagonal: str) -> None:
     """Algorithm 1 on one diagonal; the CoM moves to the plane that it finds."""
     from equipoise.paper.com_search import find_support_vector  # noqa: PLC0415 - few robots need it
-    from equipoise.paper.trial_runner import ComSearchSettings, TrialRunner  # noqa: PLC0415
+    from equipoise.paper.settings import ComSearchSettings  # noqa: PLC0415
+    from equipoise.paper.trial_runner import TrialRunner  # noqa: PLC0415
 
     settings = ComSearchSettings()
     runner = TrialRunner(trials.planted, trials.stance, settings)

@@ -20,6 +20,7 @@ from equipoise.errors import SettingsError
 from equipoise.estimator.diagnostics.link_findings import link_findings
 from equipoise.estimator.problem import body_jacobian, prior_rows
 from equipoise.json_form import to_json
+from equipoise.precise.goals import Goals
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.planning.gains import Steps
@@ -38,31 +39,6 @@ _END_TIME = 2.0  # [s] for the way back, on an A1
 _TURN_TIME = (
     11.0  # [s] to lie down, to stand up and to rest, on an A1: how long somebody takes to turn it does not count
 )
-
-
-@dataclass(frozen=True)
-class Goals:
-    """Posterior standard deviations at which a calibration is good enough, for an A1; lengths scale with the leg.
-
-    Attributes:
-        com_planar, com_height: [m].
-        mass: as a fraction.
-        inertia: moments, each as a fraction of itself.
-        products: as a fraction of Ixx.
-    """
-
-    com_planar: float = 0.25e-3
-    com_height: float = 0.5e-3
-    mass: float = 0.012
-    inertia: float = 0.01
-    products: float = 0.01
-
-    def vector(self, body: FloatArray, stance: Stance) -> FloatArray:
-        """(10,) in the order of COMPONENTS, for a body with those parameters."""
-        lengths = stance.scale.length * np.array([self.com_planar, self.com_planar, self.com_height])
-        return np.concatenate(
-            [[self.mass * body[0]], lengths, self.inertia * body[4:7], np.full(3, self.products * body[4])]
-        )
 
 
 @dataclass(frozen=True)
@@ -231,7 +207,8 @@ def make_plan(
         least = durations.search + durations.posture + durations.replant + durations.lift + durations.end
         least += turn * (least - durations.search - durations.end + durations.turn)
         raise SettingsError(
-            f"a budget of {budget + aside:.0f} s allows no lift after the search; give {math.ceil(least + aside)} s or more"
+            f"a budget of {budget + aside:.0f} s allows no lift after the search; give {math.ceil(least + aside)} s or more, "
+            "or minutes as 2min"
         )
     everything = np.asarray(np.linalg.inv(information if after is None else information + after), dtype=float)
     covariance = to_body @ everything @ to_body.T

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from equipoise.experiments.posture import feet_in_posture
-from equipoise.experiments.sway import SwaySettings
+from equipoise.experiments.sway_settings import SwaySettings
 from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
 from equipoise.precise.lift_design import lift_feet, lift_settings
 from equipoise.precise.plan import Plan

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from equipoise.errors import SettingsError
 from equipoise.estimator.known.known_run import SCALE_GAIN, SCALE_NOISE, KnownRun
 from equipoise.estimator.measurements.scale_reading import check_mass
 from equipoise.estimator.unknowns import Priors
-from equipoise.precise.plan import Goals
-from equipoise.robot.stance import Stance
+from equipoise.precise.goals import Goals
+
+if TYPE_CHECKING:
+    from equipoise.robot.stance import Stance
 
 _BUDGET, _BUDGET_AFTER = 120.0, 30.0  # [s] on an A1; where an earlier run is known
 _LONGEST = 3600.0  # [s]
@@ -52,6 +54,8 @@ class PreciseSettings:
             how long they are; the CoM's height and the inertia become surer with them.
     """
 
+    judging: ClassVar[tuple[str, ...]] = ("mass", "mass_sd", "cable", "legs", "surface", "priors", "known")
+
     budget: float | None = None
     mass: float | None = None
     mass_sd: float | None = None
@@ -70,13 +74,18 @@ class PreciseSettings:
         if self.budget is not None and not 0.0 < self.budget <= _LONGEST:  # how long it must be, a robot's plan says
             raise SettingsError(f"budget is {self.budget:g} s; it must be above zero, up to {_LONGEST:g} s")
         if self.mass_sd is not None and not _FINEST <= self.mass_sd <= _COARSEST:
-            raise SettingsError(f"mass_sd is {self.mass_sd}; it must be from {_FINEST:g} to {_COARSEST:g}")
+            raise SettingsError(
+                f"the standard deviation of the scale's mass is {self.mass_sd:g} kg; it must be from {_FINEST:g} to "
+                f"{_COARSEST:g} kg"
+            )
         if self.mass is not None:
             check_mass(self.mass, self.mass_sd)
         if self.mass_sd is not None and self.mass is None:
-            raise SettingsError("mass_sd says how sure a scale is; give its mass too")
+            raise SettingsError(
+                "a standard deviation is given for the scale's mass, and no mass; give both, or neither"
+            )
         if self.confirm_mass and self.mass is None:
-            raise SettingsError("confirm_mass confirms a given mass, and there is none; give mass too, or leave it out")
+            raise SettingsError("confirm_mass confirms a given mass, and there is none; give the mass, or leave it out")
         for name, known in (("cable", _CABLES), ("legs", ("unknown", "trusted")), ("surface", _SURFACES)):
             if getattr(self, name) not in known:
                 raise SettingsError(f"{name} is {getattr(self, name)!r}; it must be {' or '.join(known)}")

@@ -17,7 +17,8 @@ from equipoise.errors import SettingsError
 from equipoise.estimator.known.changes import FREE
 from equipoise.estimator.known.known_run import SCALE_GAIN, KnownRun
 from equipoise.estimator.problem import prior_rows
-from equipoise.precise.plan import Durations, Goals, Plan, Visit, make_plan
+from equipoise.precise.goals import Goals
+from equipoise.precise.plan import Durations, Plan, Visit, make_plan
 from equipoise.precise.planning.candidates import Candidates
 from equipoise.precise.planning.gains import Steps
 from equipoise.precise.planning.nominal import nominal_candidates

@@ -12,11 +12,11 @@ from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.sway import (
     RAMP_PERIODS,
     SETTLE_TIME,
-    SwaySettings,
     amplitude_for,
     axis_rotation,
     why_unreachable,
 )
+from equipoise.experiments.sway_settings import SwaySettings
 from equipoise.recording.phases import Phase
 from equipoise.recording.trials import SwayTrial
 from equipoise.robot.kinematics import feet_under_base

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from equipoise.errors import MissingDependencyError, ModelError, did_you_mean
+from equipoise.user_file import read_bytes
 
 if TYPE_CHECKING:
     from equipoise.robot.description import RobotDescription
@@ -122,20 +123,46 @@ def load_robot(name_or_path: str | Path, description: RobotDescription | None = 
         ModelError: no such name or file, or the file is not a quadruped.
         MissingDependencyError: the name is known and the package that holds it is not installed.
     """
+    path, name = find_model(str(name_or_path))
     from equipoise.robot.model import RobotModel  # noqa: PLC0415 - who lists robots needs no Pinocchio
 
-    name_or_path = str(name_or_path)
+    return RobotModel.from_file(path, name, description)
+
+
+def find_model(name_or_path: str) -> tuple[Path, str | None]:
+    """Return the path of a robot's model file, and the robot's name; None: the file has it.
+
+    Raises:
+        ModelError: no such name or file.
+        MissingDependencyError: the name is known and the package that holds it is not installed.
+    """
     if name_or_path in CATALOG:
-        return RobotModel.from_file(CATALOG[name_or_path].find(), name_or_path, description)
+        return CATALOG[name_or_path].find(), name_or_path
     if name_or_path.startswith(_ROBOT_DESCRIPTIONS_PREFIX):
         module = name_or_path.removeprefix(_ROBOT_DESCRIPTIONS_PREFIX)
-        return RobotModel.from_file(_find_robot_description(module), module, description)
-    if not Path(name_or_path).exists() and "/" not in name_or_path and "." not in name_or_path:
+        return _find_robot_description(module), module
+    path = Path(name_or_path)
+    if not path.exists() and "/" not in name_or_path and "." not in name_or_path:
         raise ModelError(
             f"no robot is called {name_or_path!r} and no such file exists; "
             f"{did_you_mean(name_or_path.lower().replace('-', '_'), CATALOG)}known names are {', '.join(CATALOG)}"
         )
-    return RobotModel.from_file(name_or_path, None, description)
+    return path, None
+
+
+def read_model_file(path: Path) -> bytes:
+    """Return the content of a robot's model file; raises ModelError."""
+    try:
+        return read_bytes(path)
+    except FileNotFoundError:
+        raise ModelError(f"robot model {str(path)!r} does not exist; see 'equipoise robots' for known names") from None
+    except IsADirectoryError:
+        raise ModelError(
+            f"robot model {str(path)!r} is a folder; give the URDF or MJCF file, or a name of 'equipoise robots' (a run's "
+            "folder is for estimate, report and export)"
+        ) from None
+    except OSError as error:
+        raise ModelError(f"robot model {str(path)!r} cannot be read: {error.strerror}") from error
 
 
 def find_in_menagerie(robot: str) -> Path | None:

@@ -7,13 +7,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from equipoise.errors import SettingsError
 from equipoise.json_form import from_json
-from equipoise.robot.source import Forward
 from equipoise.user_file import read_text, toml_table
 
+Forward = Literal["+x", "+y", "-x", "-y"]
 LEG_NAMES = ("FL", "FR", "RL", "RR")
 
 

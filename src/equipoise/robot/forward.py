@@ -18,7 +18,8 @@ import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError
-from equipoise.robot.source import Forward, ModelSource
+from equipoise.robot.description import Forward
+from equipoise.robot.source import ModelSource
 
 # Angle about z from the file's x axis to the one that points forward [rad].
 _YAW: dict[Forward, float] = {"+x": 0.0, "+y": math.pi / 2, "-x": math.pi, "-y": -math.pi / 2}

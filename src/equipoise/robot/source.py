@@ -15,15 +15,16 @@ from pathlib import Path
 from typing import Literal
 
 from equipoise.errors import ModelError
+from equipoise.robot.catalog import read_model_file
 from equipoise.robot.cleaning.size import refuse_immense
 from equipoise.robot.cleaning.urdf import clean_urdf
 from equipoise.robot.cleaning.urdf_joints import Coupling, couplings_of, fix_locked_joints
-from equipoise.user_file import kind_of, read_bytes
+from equipoise.robot.description import Forward
+from equipoise.user_file import kind_of
 
 _OTHER_KINDS = ("is a binary file", "is a JSON file", "is an MCAP recording", "is the result of a calibration")
 
 ModelFormat = Literal["urdf", "mjcf"]
-Forward = Literal["+x", "+y", "-x", "-y"]
 
 _MOST_BYTES = 100_000_000
 
@@ -70,18 +71,7 @@ def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSo
         ModelError: the file is missing, is not XML, or is neither format.
     """
     path = Path(path)
-    try:
-        content = read_bytes(path)
-    except FileNotFoundError:
-        raise ModelError(f"robot model {str(path)!r} does not exist; see 'equipoise robots' for known names") from None
-    except IsADirectoryError:
-        raise ModelError(
-            f"robot model {str(path)!r} is a folder; give the URDF or MJCF file, or a name of 'equipoise robots' (a run's "
-            "folder is for estimate, report and export)"
-        ) from None
-    except OSError as error:
-        raise ModelError(f"robot model {str(path)!r} cannot be read: {error.strerror}") from error
-    return parse_model_source(content, path, base_link)
+    return parse_model_source(read_model_file(path), path, base_link)
 
 
 def parse_model_source(content: bytes, path: Path, base_link: str | None = None) -> ModelSource:

@@ -11,7 +11,7 @@ its own, in `estimator/unknowns.py`.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -383,3 +383,19 @@ STRESS = SensorErrors(**{row.name: row.in_stress for row in SensorErrors.rows()}
 """Effects that ordinary robots have all at once, on an A1; more than the estimator knows of."""
 
 PRESETS: dict[Noise, SensorErrors] = {"ideal": IDEAL, "realistic": REALISTIC, "stress": STRESS}
+
+
+def sizes_of(
+    noise: Noise | SensorErrors, scale: Scale, effects: Mapping[str, float | None], without: Sequence[str]
+) -> SensorErrors:
+    """Sizes of a robot's effects; arguments are those of `simulate`.
+
+    Raises:
+        SettingsError: the preset or the effect is not known, or it is both enabled and left out.
+    """
+    if isinstance(noise, str) and noise not in PRESETS:
+        raise SettingsError(f"noise {noise!r} is not known; it is one of {', '.join(PRESETS)}, or SensorErrors")
+    if both := set(effects) & set(without):
+        raise SettingsError(f"{', '.join(sorted(both))}: with it and without it; say one of the two")
+    sizes = PRESETS[noise].scaled_to(scale) if isinstance(noise, str) else noise
+    return sizes.having(effects, scale).without(without) if effects or without else sizes

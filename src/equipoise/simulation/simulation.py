@@ -12,10 +12,9 @@ from equipoise.errors import MissingDependencyError, SettingsError
 from equipoise.platform.engines import ENGINES
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
-from equipoise.robot.scale import Scale
 from equipoise.robot.stance import Stance, nominal_stance
 from equipoise.simulation.drawn_errors import DrawnErrors
-from equipoise.simulation.effects import PRESETS, Contacts, Noise, SensorErrors
+from equipoise.simulation.effects import Contacts, Noise, SensorErrors, sizes_of
 from equipoise.simulation.glimpse import Glimpse
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.simulated import SimulatedPlatform, Start
@@ -132,22 +131,6 @@ def simulate(
     sizes.refuse_what_lacks(engine)
     errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed, noise_seed)
     return build_robot(robot, stance, errors, payload, start, timestep, contacts)
-
-
-def sizes_of(
-    noise: Noise | SensorErrors, scale: Scale, effects: Mapping[str, float | None], without: Sequence[str]
-) -> SensorErrors:
-    """Sizes of a robot's effects; arguments are those of `simulate`.
-
-    Raises:
-        SettingsError: the preset or the effect is not known, or it is both enabled and left out.
-    """
-    if isinstance(noise, str) and noise not in PRESETS:
-        raise SettingsError(f"noise {noise!r} is not known; it is one of {', '.join(PRESETS)}, or SensorErrors")
-    if both := set(effects) & set(without):
-        raise SettingsError(f"{', '.join(sorted(both))}: with it and without it; say one of the two")
-    sizes = PRESETS[noise].scaled_to(scale) if isinstance(noise, str) else noise
-    return sizes.having(effects, scale).without(without) if effects or without else sizes
 
 
 def build(

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
-from equipoise.calibration.run_folder import HEADER, RESULT
+from equipoise.calibration.run_header import HEADER, RESULT
 from equipoise.experiments.progress import Progress as RoutineProgress
 from equipoise.figures.blocks import number
 from equipoise.figures.numbers import legend, not_estimated, numbers, numbers_table

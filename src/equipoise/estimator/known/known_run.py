@@ -12,22 +12,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError, RecordingError, SettingsError, reason
-from equipoise.estimator.parameters import Belief, Unknowns, base_vector
-from equipoise.estimator.problem import Posterior, total_mass
 from equipoise.estimator.unknown import ROBOT, SCALE, Unknown, unknown
 from equipoise.estimator.unknowns import Priors
 from equipoise.json_form import from_json
-from equipoise.robot.inertial import InertialParameters
-from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance
 from equipoise.user_file import check_schema, json_value, kind_of, read_text, typed
+
+if TYPE_CHECKING:  # flags are read without an estimator
+    from equipoise.estimator.parameters import Belief, Unknowns
+    from equipoise.estimator.problem import Posterior
+    from equipoise.robot.inertial import InertialParameters
+    from equipoise.robot.model import RobotModel
+    from equipoise.robot.stance import Stance
 
 POSTERIOR = "posterior.json"
 SCHEMA = "equipoise.posterior/1"
@@ -170,7 +172,10 @@ class KnownRun:
 
     @property
     def base_body(self) -> InertialParameters:
-        """The base as it was found then."""
+        """Base that the earlier run found."""
+        from equipoise.estimator.parameters import base_vector  # noqa: PLC0415
+        from equipoise.robot.inertial import InertialParameters  # noqa: PLC0415
+
         return InertialParameters.from_vector(base_vector(np.array(self.x[:10])))
 
     def priors_of(self, priors: Priors, weighed_again: bool) -> Priors:
@@ -192,6 +197,9 @@ class KnownRun:
         Args:
             shown: whether the covariance is that at the noise that was shown.
         """
+        from equipoise.estimator.parameters import Unknowns  # noqa: PLC0415
+        from equipoise.estimator.problem import total_mass  # noqa: PLC0415
+
         base = PriorsWithScale if _SCALE in self.priors else Priors
         held = dict.fromkeys((row.name for row in base.rows()), 0.0)
         layout = Unknowns(unknowns.robot, unknowns.stance, base(**{**held, **self.priors}))
@@ -209,6 +217,8 @@ class KnownRun:
 
     def torque_gains(self, robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]:
         """Return the (nj,) true over reported torques of all joints, and the standard deviation of their mean."""
+        from equipoise.estimator.parameters import Unknowns  # noqa: PLC0415
+
         x, spread, layout = self.earlier(Unknowns(robot, stance, Priors()))
         values = layout.values(x)
         gains = 1 + values["torque_gain_common"] + values["torque_gain"]
@@ -224,6 +234,8 @@ class KnownRun:
             begun_anew: variance that is added to an unknown that changed since, by its place.
             shown: as of `earlier`.
         """
+        from equipoise.estimator.parameters import Belief  # noqa: PLC0415
+
         x, spread, layout = self.earlier(unknowns, shown)
         mean, covariance = np.zeros(unknowns.size), np.eye(unknowns.size)
         here, there = shared_places(unknowns, layout)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from equipoise.errors import SettingsError
-from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import HEAVIEST
+
+if TYPE_CHECKING:
+    from equipoise.robot.model import RobotModel
 
 _LIGHTEST = 0.05  # [kg]
 _OTHER_ROBOT = 10.0  # times the model file's mass, or a tenth of it: no load and no CAD file is so far off
@@ -25,8 +28,8 @@ def check_mass(mass: float, deviation: float | None = None) -> None:
         raise SettingsError(f"a scale's mass is {mass:g} kg; it must be {_LIGHTEST:g} kg or more")
     if deviation is not None and deviation >= mass:
         raise SettingsError(
-            f"mass_sd is {deviation:g} kg and the mass {mass:g} kg: a standard deviation as large as the mass determines "
-            "nothing; give that of the scale, or leave both out"
+            f"the scale's mass is {mass:g} kg and its standard deviation {deviation:g} kg: a standard deviation as large as "
+            "the mass determines nothing; give that of the scale, or leave both out"
         )
 
 

@@ -15,7 +15,8 @@ from tyro.constructors import StructConstructorSpec, StructFieldSpec
 from equipoise.cli import flags
 from equipoise.cli.methods import owners, refuse_flag_of
 from equipoise.cli.parsing import ChosenFlags
-from equipoise.cli.setting_flags import chosen, flags_of, seconds, settings_from, spec_of
+from equipoise.cli.setting_flags import flags_of, seconds, settings_from, spec_of
+from equipoise.cli.words import chosen
 from equipoise.errors import SettingsError
 from equipoise.lab.study.study import Study
 from equipoise.method.method import Method

@@ -8,7 +8,8 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from equipoise.calibration.run_folder import HEADER, RunFolder
+from equipoise.calibration.run_folder import RunFolder
+from equipoise.calibration.run_header import HEADER
 from equipoise.cli.flags import Described, File, LogFlags, Output, Run, open_run
 from equipoise.cli.inspect import estimated_log
 from equipoise.lab.replay.validation import validate as played

@@ -4,28 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
-from equipoise.errors import RecordingError
-from equipoise.experiments.lift import LiftSettings, come_to_rest
-from equipoise.experiments.planted import PlantedRobot
-from equipoise.experiments.progress import Progress
 from equipoise.method.method import Method
-from equipoise.method.rehearsal import Course
-from equipoise.recording.phases import Phase
-from equipoise.recording.recording import Recording
-from equipoise.recording.trials import StandTrial
-from equipoise.result.body import Body
-from equipoise.result.calibration import Calibration, Trial, model_facts
-from equipoise.robot.inertial import composite_parameters, nominal_inertia
-from equipoise.robot.kinematics import foot_forces_from_torques, foot_positions
-from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance
-from equipoise.robot.statics import torques_of_legs
 
-_REST_TIME = 2.0  # [s]
+if TYPE_CHECKING:
+    from equipoise.experiments.planted import PlantedRobot
+    from equipoise.experiments.progress import Progress
+    from equipoise.method.rehearsal import Course
+    from equipoise.recording.recording import Recording
+    from equipoise.result.calibration import Calibration
+    from equipoise.robot.model import RobotModel
+    from equipoise.robot.stance import Stance
+
 _DURATION = 3.0  # [s] with the way there
 
 
@@ -45,52 +36,19 @@ class Static(Method):
         recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
     ) -> None:
-        """Stand still for a while."""
-        if report is not None:
-            report(Progress("standing still", 0, 1))
-        motion = planted.motion().begin(StandTrial()).phase(Phase.MOVE)
-        come_to_rest(
-            planted,
-            motion.move_feet(stance.feet_in_base, 0.2),
-            LiftSettings(height=0.0, rest_time=_REST_TIME),
-            "standing",
-        )
-        planted.finish()
+        from equipoise.lab.static.standing import stand_still  # noqa: PLC0415 - flags need no robot model
+
+        stand_still(planted, stance, report)
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
+        from equipoise.method.rehearsal import Course  # noqa: PLC0415
+
         return Course("stands still for a while", _DURATION)
 
     def expected_trials(self, stance: Stance) -> int:
         return 1
 
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
-        """The point of the floor that the foot forces act through, and their sum.
+        from equipoise.lab.static.standing import estimate_standing  # noqa: PLC0415
 
-        Raises:
-            RecordingError: no recording of a robot that stands still, or no joint torques in it.
-        """
-        standing = [r for r in recordings if isinstance(r.trial, StandTrial) and r.complete]
-        if not standing:
-            raise RecordingError("the recordings hold no robot that stands still")
-        rest = standing[-1].phase(Phase.REST).joints
-        if rest.torque is None:
-            raise RecordingError("the recording has no joint torques, which the method 'static' needs")
-        position, torque = rest.position.mean(axis=0), rest.torque.mean(axis=0)
-        lift = foot_forces_from_torques(robot, position, torque - torques_of_legs(robot, position))[:, 2]
-        feet = foot_positions(robot, position)
-        centre = lift @ feet[:, :2] / lift.sum()
-        moved = composite_parameters(robot, stance.joint_position).com - composite_parameters(robot, position).com
-        x, y = centre + moved[:2]
-        mass = float(lift.sum() / np.linalg.norm(robot.pinocchio.gravity.linear))
-        nominal = nominal_inertia(robot, stance.joint_position)
-        return Calibration(
-            **model_facts(robot, stance.joint_position),
-            method=self.name,
-            composite=Body.partly(nominal.composite, mass, (float(x), float(y), None)),
-            base=Body.partly(nominal.base),
-            stance_effective=Body.partly(nominal.stance_effective),
-            sways={},
-            support_lines={},
-            trials=tuple(Trial(StandTrial.kind, "four feet", None, None, None, None, r.duration) for r in standing),
-            settings=self.to_dict(),
-        )
+        return estimate_standing(robot, recordings, stance, self.to_dict())

@@ -17,7 +17,7 @@ from equipoise.lab.study.study import Study
 from equipoise.lab.study.study_statistics import MethodSummary, lines_in_squares, planar_errors, summarize
 from equipoise.method.method import Method
 from equipoise.paper.method import Paper
-from equipoise.paper.trial_runner import ComSearchSettings
+from equipoise.paper.settings import ComSearchSettings
 from equipoise.precise.method import Precise
 from equipoise.robot.catalog import BUILT_IN_ROBOT, load_robot
 from equipoise.simulation.simulation import simulate

@@ -25,9 +25,8 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 from equipoise.robot.stance import Stance, nominal_stance
 from equipoise.simulation.drawn_errors import named_generator
-from equipoise.simulation.effects import Contacts, Noise, SensorErrors
+from equipoise.simulation.effects import Contacts, Noise, SensorErrors, sizes_of
 from equipoise.simulation.payload import Payload
-from equipoise.simulation.simulation import sizes_of
 
 SOURCES = tuple(row.name for row in SensorErrors.rows() if row.varied)
 """What a simulated robot can be wrong in."""

@@ -1,0 +1,57 @@
+"""The header of a run on disk, run.json. Reading it loads neither NumPy nor a robot model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, cast
+
+from equipoise.errors import RecordingError
+from equipoise.user_file import check_schema, json_value, kind_of, read_text
+
+SCHEMA = "equipoise.run/1"
+HEADER = "run.json"
+RESULT = "calibration.json"
+REMEDY = "copy it again from where it is whole"
+
+
+def read_header(path: Path) -> dict[str, Any]:
+    """Return the header of a run folder; raises RecordingError if it is not one."""
+    if path.is_file() and (path.parent / HEADER).is_file():
+        raise RecordingError(f"{str(path)!r} is a file of a run; give the run's folder, {str(path.parent)!r}")
+    if not (path / HEADER).exists():
+        without = f" without {HEADER}" if path.is_dir() else ""
+        raise RecordingError(f"{str(path)!r} {kind_of(path)}{without}; name the run folder of a calibration")
+    header = read_json(path / HEADER, f"{str(path)!r} is not a run folder of a calibration")
+    if (schema := header.get("schema")) is None:
+        raise damaged(path, f"its {HEADER} lacks 'schema'")
+    check_schema(schema, SCHEMA, f"the run {str(path)!r}")
+    for key in ("model", "description", "settings", "provenance"):
+        if not isinstance(header.get(key), dict):
+            raise damaged(path, f"its {HEADER} lacks {key!r}")
+    return header
+
+
+def damaged(path: Path, what: str) -> RecordingError:
+    """Return the error about a run folder with something that is not as it was written."""
+    return RecordingError(f"the run {str(path)!r} is damaged: {what}; {REMEDY}")
+
+
+def read_json(path: Path, otherwise: str, remedy: str = "") -> dict[str, Any]:
+    """Return the JSON object in a file of a run.
+
+    Args:
+        otherwise: beginning of the message where there is none.
+        remedy: end of that message.
+
+    Raises:
+        RecordingError: the file cannot be read, or does not hold a JSON object.
+    """
+    try:
+        table = json_value(read_text(path))
+    except OSError as error:
+        raise RecordingError(f"{otherwise}: {str(path)!r} cannot be read ({error.strerror}){remedy}") from error
+    except ValueError as error:
+        raise RecordingError(f"{otherwise}: {str(path)!r} is not JSON ({error}){remedy}") from error
+    if not isinstance(table, dict):
+        raise RecordingError(f"{otherwise}: {str(path)!r} holds no JSON object{remedy}")
+    return cast("dict[str, Any]", table)

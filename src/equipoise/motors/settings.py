@@ -1,0 +1,34 @@
+"""Settings of the method that estimates motors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal, get_args
+
+from equipoise.errors import SettingsError
+
+_SHORTEST, _LONGEST = 3.0, 300.0  # [s]
+
+MotorStance = Literal["auto", "belly", "three-feet"]
+"""How a robot is while its joints swing."""
+
+
+@dataclass(frozen=True)
+class MotorsSettings:
+    """Settings of the method that estimates motors.
+
+    Attributes:
+        motor_time: time for which joints swing, all at once or a quarter of it each leg [s].
+        motor_stance: on its belly with all legs up, or on three-feet with one; auto: on its belly, if its legs turn up.
+    """
+
+    judging: ClassVar[tuple[str, ...]] = ()
+
+    motor_time: float = 10.0
+    motor_stance: MotorStance = "auto"
+
+    def __post_init__(self) -> None:
+        if not _SHORTEST <= self.motor_time <= _LONGEST:
+            raise SettingsError(f"motor_time is {self.motor_time}; it must be from {_SHORTEST:g} to {_LONGEST:g}")
+        if self.motor_stance not in (known := get_args(MotorStance)):
+            raise SettingsError(f"motor_stance is {self.motor_stance!r}; it must be one of {', '.join(known)}")
