@@ -170,7 +170,8 @@ REFUSED = {
         "estimate", "view", "report", "export", "delta", "lab validate", "calibrate --resume")},
     **{f"{verb} --bogus": 2 for verb in ("audit", "export", "report", "doctor", "record", "calibrate --resume nosuch")},
     **dict.fromkeys(("record --duration soon", "doctor --duration soon", "doctor --platform nosuch", "calibrat"), 2),
-    **dict.fromkeys(("export --samples x", "calibrate --bogus", "calibrate --mass heavy", "calibrate --budget soon"), 2),
+    **dict.fromkeys(("export --samples x", "calibrate --bogus", "calibrate --mass heavy", "calibrate --payload heavy"), 2),
+    **dict.fromkeys(("calibrate --budget soon", "calibrate --with springz", "calibrate --platform nosuch"), 2),
     **dict.fromkeys(("plan --bogus", "estimate log.csv --robot unitree_a1 --bogus", "weigh unitree_a1 --bogus"), 2),
 }  # fmt: skip
 

@@ -196,7 +196,10 @@ def test_the_plan_is_printed_without_moving_anything(capsys):
         (["--motor-stance", "belly"], "--motor-stance belongs to --what motors"),
         (["--method", "motors", "--what", "base,motors"], "--method motors finds motors alone"),
         (["--budget", "25s"], "a budget of 25 s allows no lift after the search; give"),
-        (["--mass-sd", "0.1"], "give its mass too"),
+        (
+            ["--mass-sd", "0.1"],
+            "a standard deviation is given for the scale's mass, and no mass; give both, or neither",
+        ),
     ],
 )
 def test_flags_that_do_not_belong_are_refused(flags, message, capsys, tmp_path):

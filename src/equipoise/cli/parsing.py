@@ -71,13 +71,13 @@ def parse(
 
 
 def call(verb: Verb, values: Mapping[str, Any]) -> int | None:
-    """Call a verb with the values of its parameters; those of groups of flags are made first.
+    """Call a verb with the values of its parameters; those of groups of flags are made first, the last group first.
 
     Raises:
         SettingsError: a value cannot be used.
     """
     made: dict[str, Any] = {}
-    for name, value in values.items():
+    for name, value in reversed([*values.items()]):  # the method, which imports most, comes after robot and platform
         made[name] = cast("Any", value)() if isinstance(value, functools.partial) else value
     return verb(**made)
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from equipoise.errors import SettingsError
-from equipoise.robot.inertial import InertialParameters
-from equipoise.robot.model import RobotModel
+
+if TYPE_CHECKING:
+    from equipoise.robot.inertial import InertialParameters
+    from equipoise.robot.model import RobotModel
 
 _HEAVIEST = 2.0  # times the robot: no quadruped's motors carry more
 _FARTHEST = 5.0  # times the leg's length
@@ -59,4 +62,6 @@ class Payload:
             raise SettingsError(
                 f"payload {text!r} is not MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ (kg, m, kg m2), as in 1.5,0.1,0,0.08"
             )
+        from equipoise.robot.inertial import InertialParameters  # noqa: PLC0415 - a slip is refused without Pinocchio
+
         return cls(InertialParameters(numbers[0], np.array(numbers[1:4]), np.diag(numbers[4:] or np.zeros(3))))
