@@ -101,7 +101,7 @@ def test_who_says_that_it_is_there_is_told_that_it_is_not(swaying):
     assert not check.passed
     assert not result.trustworthy
     away = re.search(
-        r"it is not where the model file has it, but x \S+, y \S+, z (-\d+\.\d) mm from there", check.message
+        r"It is not where the model file has it, but x \S+, y \S+, z (-\d+\.\d) mm from there", check.message
     )
     assert away is not None
     assert float(away[1]) == pytest.approx(-20, abs=4)
