@@ -46,9 +46,8 @@ class StudyLine:
 
     def update(self, progress: StudyProgress) -> None:
         """Show how far it is."""
-        left = "" if progress.remaining is None else f", about {_duration(progress.remaining)} left"
         failed = f", {progress.failed} failed" if progress.failed else ""
-        text = f"{progress.rate:.2f} a second{left}{failed}"
+        text = f"{progress.rate:.2f} a second, about {_duration(progress.remaining)} left{failed}"
         self._live.update(self._task, description=text, completed=progress.done, total=progress.total)
         due = time.monotonic() - self._told > _PLAIN_INTERVAL or progress.done == progress.total
         if due and not self._quiet and not self._console.is_terminal:

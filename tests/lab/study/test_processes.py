@@ -4,7 +4,8 @@ import multiprocessing
 import os
 import signal
 import threading
-from concurrent.futures import BrokenExecutor, CancelledError
+import time
+from concurrent.futures import CancelledError
 from multiprocessing.connection import Connection
 
 import pytest
@@ -49,6 +50,14 @@ def half_an_answer():
     return bytes(1000)
 
 
+def dying_once(folder):
+    """The process dies, but not the second one."""
+    (folder / str(os.getpid())).touch()
+    if len(list(folder.iterdir())) == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return os.getpid()
+
+
 def test_they_answer(processes):
     assert sorted(processes.map(divmod, range(30, 40), [7] * 10)) == sorted(divmod(n, 7) for n in range(30, 40))
     assert os.getpid() not in {processes.submit(os.getpid).result() for _ in range(4)}
@@ -60,49 +69,66 @@ def test_they_answer(processes):
     ("kind", "arguments", "told", "words"),
     [
         (KeyError, ("a",), KeyError, "a"),
+        (EOFError, ("the call's own",), EOFError, "the call's own"),
         (LockedError, (), RuntimeError, "LockedError"),
         (PeculiarError, (1, 2), TypeError, "second"),
     ],
 )
-def test_an_error_comes_to_its_caller_and_the_process_goes_on(processes, kind, arguments, told, words):
-    with pytest.raises(told, match=words):
-        processes.submit(erring, kind, *arguments).result()
-    assert [processes.submit(abs, -n).result() for n in range(4)] == [0, 1, 2, 3]
+def test_an_error_comes_to_its_caller_and_the_process_goes_on(kind, arguments, told, words):
+    with Processes(1) as processes:
+        before = processes.submit(os.getpid).result()
+        with pytest.raises(told, match=words):
+            processes.submit(erring, kind, *arguments).result()
+        assert processes.submit(os.getpid).result() == before
 
 
 @pytest.mark.parametrize("dying", [(os._exit, 1), (os.abort,), (half_an_answer,)])
-def test_one_that_dies_breaks_them_all_whatever_it_was_doing(processes, dying):
-    with pytest.raises(BrokenExecutor, match="died"):
-        processes.submit(*dying).result(timeout=30)
-    with pytest.raises(BrokenExecutor, match="died"):
-        processes.submit(abs, 1).result(timeout=30)
+def test_a_call_whose_process_dies_twice_fails_alone_whatever_it_was_doing(processes, dying):
+    futures = [processes.submit(*dying), *(processes.submit(abs, -n) for n in range(300))]
+    with pytest.raises(ChildProcessError, match="the process that ran it died twice"):
+        futures[0].result(timeout=30)
+    assert [future.result(timeout=30) for future in futures[1:]] == list(range(300))
 
 
-def test_what_waits_when_one_dies_fails_with_it(processes):
-    first, *others = [processes.submit(os._exit, 1), *(processes.submit(abs, n) for n in range(300))]
-    assert isinstance(first.exception(timeout=30), BrokenExecutor)
-    assert {type(future.exception(timeout=30)) for future in others} <= {type(None), BrokenExecutor}
+def test_a_call_whose_process_dies_once_is_answered_by_another(tmp_path):
+    with Processes(1) as processes:
+        answer = processes.submit(dying_once, tmp_path).result(timeout=30)
+        assert len(os.listdir(tmp_path)) == 2
+        assert str(answer) in os.listdir(tmp_path)
+        assert processes.submit(os.getpid).result() == answer
 
 
-def test_what_has_not_begun_can_be_cancelled():
+def test_a_process_that_dies_between_two_calls_is_replaced_before_the_next(processes, tmp_path):
+    for worker in {processes.submit(os.getpid).result() for _ in range(8)}:
+        os.kill(worker, signal.SIGKILL)
+        os.waitid(os.P_PID, worker, os.WEXITED | os.WNOWAIT)
+    assert processes.submit(dying_once, tmp_path).result(timeout=30), "its first try was lost"
+
+
+def test_what_has_not_begun_can_be_cancelled_and_what_runs_is_ended():
     processes = Processes(1)
-    futures = [processes.submit(abs, n) for n in range(1000)]
+    assert processes.submit(abs, -1).result() == 1
+    begin = time.monotonic()
+    futures = [processes.submit(time.sleep, 60) for _ in range(1000)]
     processes.shutdown(cancel_futures=True)
+    assert time.monotonic() - begin < 30
     assert all(future.done() for future in futures)
     with pytest.raises(CancelledError):
         futures[-1].result()
     with pytest.raises(RuntimeError, match="after shutdown"):
         processes.submit(abs, 1)
-    processes.shutdown()
     assert not multiprocessing.active_children()
 
 
-@pytest.mark.parametrize("handler", [signal.SIG_IGN, signal.default_int_handler], ids=["ignored", "default"])
-def test_ctrl_c_ends_a_worker_unless_the_parent_ignores_it(handler):
-    before = signal.signal(signal.SIGINT, handler)
-    try:
-        with Processes(1) as processes:
-            expected = signal.SIG_IGN if handler is signal.SIG_IGN else signal.SIG_DFL
-            assert processes.submit(signal.getsignal, signal.SIGINT).result() == expected
-    finally:
-        signal.signal(signal.SIGINT, before)
+def test_what_waits_is_done_before_they_end():
+    with Processes(1) as processes:
+        futures = [processes.submit(abs, -n) for n in range(20)]
+    assert [future.result() for future in futures] == list(range(20))
+
+
+def test_ctrl_c_reaches_the_caller_alone(processes):
+    workers = {processes.submit(os.getpid).result() for _ in range(8)}
+    for worker in workers:
+        os.kill(worker, signal.SIGINT)
+    assert {processes.submit(os.getpid).result() for _ in range(8)} <= workers
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())

@@ -208,31 +208,18 @@ def test_workers_that_come_while_a_study_runs_are_used(tmp_path, monkeypatch):
         return cheap_trial(study, trial, logs)
 
     monkeypatch.setattr(runner, "run_trial", together)
-    monkeypatch.setattr(runner, "_COUNTED", 0.0)
     with ThreadPoolExecutor(12) as threads:
         rows = study_rows(STATIC, 27, tmp_path / "study", threads, lambda: next(counts, 4))
     assert {row["status"] for row in rows} == {"ok"}
 
 
-class Brittle(Inline):
+class Breaking(Inline):
     """Breaks when it is given a certain trial, as a pool does whose worker died a moment ago."""
 
-    def __init__(self, trial, error):
-        self.trial, self.error = trial, error
-
     def submit(self, function, /, limit, run, study, trial, logs):
-        if trial == self.trial:
-            raise self.error
+        if trial == 8:
+            raise BrokenProcessPool("a child process terminated abruptly")
         return super().submit(function, limit, run, study, trial, logs)
-
-
-def test_a_pool_that_breaks_between_two_looks_is_replaced(cheap, tmp_path, monkeypatch):
-    pools = [Brittle(4, BrokenProcessPool("a child process terminated abruptly")), Inline()]
-    monkeypatch.setattr(runner, "Processes", lambda workers: pools.pop(0))
-    rows = study_rows(STATIC, 9, tmp_path / "study", workers=1)
-    assert numbers(rows) == list(range(9))
-    assert {row["status"] for row in rows} == {"ok"}
-    assert pools == []
 
 
 class Cancelling(Inline):
@@ -247,10 +234,11 @@ class Cancelling(Inline):
         return future
 
 
-def test_a_given_executor_that_is_gone_ends_the_study_and_keeps_what_arrived(cheap, tmp_path):
+@pytest.mark.parametrize(("gone", "kept"), [(Breaking, 6), (Cancelling, 2)])
+def test_a_given_executor_that_is_gone_ends_the_study_and_keeps_what_arrived(gone, kept, cheap, tmp_path):
     with pytest.raises(EquipoiseError, match="what arrived is kept: start them again and repeat"):
-        study_rows(STATIC, 9, tmp_path / "study", Cancelling())
-    assert numbers(rows_in(tmp_path / "study")) == [0, 1]
+        study_rows(STATIC, 9, tmp_path / "study", gone(), workers=2)
+    assert numbers(rows_in(tmp_path / "study")) == list(range(kept))
     assert numbers(study_rows(STATIC, 9, tmp_path / "study", Inline())) == list(range(9))
 
 
@@ -319,11 +307,16 @@ def test_a_study_that_is_killed_loses_seconds_and_goes_on(reference, tmp_path):
 
 
 @POSIX
-def test_ctrl_c_ends_a_study_at_once_and_keeps_its_rows(tmp_path):
+@pytest.mark.parametrize(
+    ("times", "kill"), [(1, os.killpg), (2, os.killpg), (1, os.kill)], ids=["once", "twice", "parent alone"]
+)
+def test_ctrl_c_ends_a_study_at_once_and_keeps_its_rows(times, kill, tmp_path):
     process = start_study(tmp_path / "study", "--trials", 1000, "--workers", 2, setup="store._FLUSH_INTERVAL = 1e9")
     wait_for(process, "[4/")
-    os.killpg(process.pid, signal.SIGINT)
-    output, rest = process.communicate(timeout=10)
+    for _ in range(times):
+        kill(process.pid, signal.SIGINT)
+        time.sleep(0.05)
+    output, rest = process.communicate(timeout=60)
     assert process.returncode == 130
     lines = [line for line in rest.splitlines() if not line.startswith("[")]
     assert lines == ["interrupted"]

@@ -9,33 +9,17 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
-import signal
 import threading
 import warnings
 from collections.abc import Callable, Generator
 from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker
 from typing import TypeVar
 
 from equipoise.errors import EquipoiseError, MissingDependencyError, SettingsError
 
 Result = TypeVar("Result")
 _PATIENCE = 10  # [s] for a scheduler to answer
-
-
-@contextmanager
-def ctrl_c_held() -> Generator[None]:
-    """Ctrl-C waits until this is left, and processes started in here hold it until they have begun.
-
-    A worker takes a second to begin; Ctrl-C in that second would print a traceback for each.
-    """
-    resource_tracker.ensure_running()  # the first worker would start it, and starting it unblocks Ctrl-C
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def ended_after(limit: float, function: Callable[..., Result], *arguments: object) -> Result:

@@ -1,138 +1,131 @@
-"""Processes of this machine as an executor that hears of each one's death, whatever it was doing."""
+"""An executor of processes on this machine that replaces each one that dies."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
 import pickle
-import queue
 import signal
 import threading
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Any, ParamSpec, TypeVar
 
+from equipoise.errors import EquipoiseError
+
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
-_Task = tuple["Future[Any]", bytes]
+_SPAWN = multiprocessing.get_context("spawn")  # forked processes have BLAS's and MuJoCo's threads in an unknown state
 
 
-class Processes(Executor):
-    """Fresh processes, which die with this one. They begin at once, each with a pipe, and here a thread, of its own.
+class Processes(ThreadPoolExecutor):
+    """Threads, each with a process of its own that runs its calls. The processes end when this one does.
 
-    Those of `ProcessPoolExecutor` share one pipe. One that is killed while it answers, for memory say, leaves half an answer
-    there, and for the other half the caller waits without end. Here it breaks the executor as at any other time: what is not
-    done fails with BrokenExecutor, and the processes end.
+    If a process dies, its call runs once more in a new process, and raises ChildProcessError if that one dies too.
+    Other calls are not affected. `ProcessPoolExecutor` fails all calls instead, and it waits forever if a process is
+    killed while it writes an answer into the pipe that all of them share.
 
     Args:
         count: number of processes.
     """
 
     def __init__(self, count: int) -> None:
-        self._tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
-        self._broken = self._shut = False
+        super().__init__(count, initializer=self._begin_thread)
+        self._thread = threading.local()
         self._processes: list[SpawnProcess] = []
-        self._threads: list[threading.Thread] = []
-        context = multiprocessing.get_context(
-            "spawn"
-        )  # forked ones have BLAS's and MuJoCo's threads in whatever state they are
-        for _ in range(count):
-            here, there = context.Pipe()
-            process = context.Process(target=_serve, args=(there,), daemon=True)
-            process.start()
-            there.close()  # now the process alone holds it, and its death ends the pipe
-            thread = threading.Thread(target=self._tend, args=(process, here), daemon=True)
-            self._processes.append(process)
-            self._threads.append(thread)
-            thread.start()
+        self._ended = False
 
     def submit(
         self, fn: Callable[Arguments, Result], /, *args: Arguments.args, **kwargs: Arguments.kwargs
     ) -> Future[Result]:
-        """As `Executor.submit`; raises BrokenExecutor once a process has died."""
-        if self._shut:
-            raise RuntimeError("nothing can be submitted after shutdown")
-        if self._broken:
-            raise BrokenExecutor("a process died")
-        future: Future[Result] = Future()
-        self._tasks.put((future, pickle.dumps((fn, args, kwargs))))
-        return future
+        """As `Executor.submit`."""
+        return super().submit(self._answer, pickle.dumps((fn, args, kwargs)))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As `Executor.shutdown`."""
-        self._shut = True
-        with suppress(queue.Empty):
-            while cancel_futures:
-                if (task := self._tasks.get_nowait()) is not None:
-                    task[0].cancel()
-        for _ in self._threads:
-            self._tasks.put(None)
-        for thread in self._threads if wait else ():
-            thread.join()
+        """As `Executor.shutdown`; `cancel_futures` also ends the calls that are running."""
+        if cancel_futures:
+            self._end_processes()
+        super().shutdown(wait, cancel_futures=cancel_futures)
+        if wait:
+            self._end_processes()
 
-    def _tend(self, process: SpawnProcess, connection: Connection[Any, Any]) -> None:
-        """Give a process one task after another."""
-        while (task := self._tasks.get()) is not None:
-            future, call = task
-            if not future.set_running_or_notify_cancel():
-                continue
-            try:
-                connection.send_bytes(call)
-                result, error = connection.recv()
-            except (EOFError, OSError):
-                self._break()
-                future.set_exception(BrokenExecutor("a process died"))
-            except Exception as unread:
-                future.set_exception(unread)
-            else:
-                if error is None:
-                    future.set_result(result)
-                else:
-                    future.set_exception(error)
-        connection.close()
-        process.join()
-
-    def _break(self) -> None:
-        self._broken = True
+    def _end_processes(self) -> None:
+        self._ended = True
         for process in self._processes:
             process.kill()
+            process.join()
+
+    def _begin_thread(self) -> None:
+        """Block Ctrl-C in a thread and in the processes that it starts: the main thread ends them."""
+        self._thread.pipe = None
+        resource_tracker.ensure_running()  # the first process would start it, and starting it unblocks Ctrl-C
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+    def _answer(self, call: bytes) -> Any:
+        """Return or raise what a call does in the process of this thread."""
+        for _ in range(2):
+            if self._thread.pipe is None or self._thread.pipe.poll():  # nothing but its end can be read before a call
+                self._thread.pipe = self._begin_process()
+            try:
+                self._thread.pipe.send_bytes(call)
+                answer = self._thread.pipe.recv_bytes()
+            except (EOFError, OSError):
+                self._thread.pipe = None
+                continue
+            result, error = pickle.loads(answer)
+            if error is not None:
+                raise error
+            return result
+        raise ChildProcessError("the process that ran it died twice")
+
+    def _begin_process(self) -> Connection[Any, Any]:
+        """Return the pipe to a new process that has begun; raises EquipoiseError if none begins."""
+        for _ in range(2):
+            pipe, its_end = _SPAWN.Pipe()
+            with suppress(EOFError, OSError, RuntimeError):
+                process = _SPAWN.Process(target=_serve, args=(its_end,), daemon=True)
+                process.start()  # RuntimeError if this process is itself one that begins, by a script without the guard
+                its_end.close()  # now the process alone holds it, and its death ends the pipe
+                self._processes.append(process)
+                if self._ended:
+                    process.kill()
+                pipe.recv_bytes()
+                return pipe
+        raise EquipoiseError(
+            "worker processes die as they begin; is there memory for them? A script that runs a study does so below "
+            'if __name__ == "__main__":',
+            exit_code=9,
+        )
 
 
-def _serve(connection: Connection[Any, Any]) -> None:
-    """Of a process: answer one task after another, with a result or an error, until the pipe ends."""
-    _begin()
+def _serve(pipe: Connection[Any, Any]) -> None:
+    """Answer the calls that a pipe brings, with a result or an error, until it ends."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError):
+        pipe.send_bytes(b"")
         while True:
-            call = connection.recv_bytes()
+            call = pipe.recv_bytes()
             try:
                 function, arguments, named = pickle.loads(call)
                 answer = pickle.dumps((function(*arguments, **named), None))
             except Exception as error:
-                answer = _told(error)
-            connection.send_bytes(answer)
+                answer = _pickled(error)
+            pipe.send_bytes(answer)
 
 
-def _told(error: Exception) -> bytes:
+def _pickled(error: Exception) -> bytes:
     try:
         return pickle.dumps((None, error))
     except Exception:
         return pickle.dumps((None, RuntimeError(repr(error))))
 
 
-def _begin() -> None:
-    if (
-        signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
-    ):  # a shell's background job ignores Ctrl-C, and so do its workers
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a worker at once and without a traceback
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
-
-        def follow() -> None:
-            parent.join()
-            os._exit(1)
-
-        threading.Thread(target=follow, daemon=True).start()
+        parent.join()
+        os._exit(1)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from equipoise.errors import EquipoiseError, SettingsError
-from equipoise.lab.study.executors import ctrl_c_held, ended_after
+from equipoise.lab.study.executors import ended_after
 from equipoise.lab.study.processes import Processes
 from equipoise.lab.study.rows import Table, column, failed, table_of
 from equipoise.lab.study.store import FAILURES, TrialStore
@@ -25,7 +25,6 @@ LOST = "WorkerLost"
 
 _IN_FLIGHT_PER_WORKER = 3  # so that no worker waits for its next trial
 _LIMIT = 1800.0  # [s]; the slowest robots and engines take some minutes
-_COUNTED = 1.0  # [s] for which a number of workers is believed
 _PATIENCE = 1.0  # [s] between looks at Ctrl-C, which `wait` would keep from us on some systems
 
 
@@ -38,14 +37,14 @@ class StudyProgress:
         total: number of trials wanted.
         failed: number of calibrations that failed, in this run.
         rate: trials per second, in this run [1/s].
-        remaining: time left at that rate [s]; None before the first trial.
+        remaining: time left at that rate [s].
     """
 
     done: int
     total: int
     failed: int
     rate: float
-    remaining: float | None
+    remaining: float
 
 
 def run_study(
@@ -87,14 +86,13 @@ def run_study(
     store = TrialStore(folder, study)
     missing = deque(trial for trial in range(trials) if trial not in store.done)
     if missing:
-        crew = _Crew(executor, workers or _cores(), limit)
-        try:
-            _run(study, missing, _Arrivals(store, trials, len(missing), report), crew)
-        finally:
+        at_once = workers if callable(workers) else lambda: workers or _cores()
+        arrivals = _Arrivals(store, trials, len(missing), report)
+        with _one_thread_each(), _crew(executor, at_once()) as crew:
             try:
-                store.flush()  # first: a second Ctrl-C may cut the other short
+                _run(study, missing, arrivals, crew, at_once, limit)
             finally:
-                crew.dismiss()
+                store.flush()
     rows = store.rows()
     return rows.filter(column(rows, "trial") < trials)
 
@@ -124,106 +122,57 @@ class _Arrivals:
             self._report(StudyProgress(self._total - left, self._total, self._failed, rate, left / rate))
 
 
-def _run(study: Study, missing: deque[int], arrivals: _Arrivals, crew: _Crew) -> None:
+def _run(
+    study: Study, missing: deque[int], arrivals: _Arrivals, crew: Executor, at_once: Callable[[], int], limit: float
+) -> None:
     logs = str((arrivals.store.folder / FAILURES).resolve())  # workers may be at home in other folders
     flying: dict[Future[Table], int] = {}
-    suspects: set[int] = set()  # in flight when a worker died; they run alone until it is known which one it was
     while missing or flying:
-        broken = False
-        while missing and not broken and len(flying) < (1 if suspects else crew.width):
-            try:
-                flying[crew.submit(study, missing[0], logs)] = missing[0]
-                missing.popleft()
-            except BrokenExecutor:  # a worker died since we last looked
-                broken = True
-        done, _ = wait(flying, timeout=0 if broken else _PATIENCE, return_when=FIRST_COMPLETED)
-        died: list[int] = []
-        for future in done:
-            trial = flying.pop(future)
-            try:
-                rows = future.result()
-            except (BrokenExecutor, CancelledError):
-                died.append(trial)
-                continue
-            except ImportError as error:
-                raise EquipoiseError(
-                    f"the workers lack a package: {error}; install there what is installed here",
-                    exit_code=9,
-                ) from error
-            except Exception as error:  # of the executor: trials raise nothing
-                rows = _lost(study, trial, repr(error))
-            suspects.discard(trial)
-            arrivals.add(rows)
+        room = _IN_FLIGHT_PER_WORKER * max(1, at_once()) - len(flying)
+        for _ in range(min(room, len(missing))):
+            trial = missing.popleft()
+            flying[crew.submit(ended_after, limit, run_trial, study, trial, logs)] = trial
+        done, _ = wait(flying, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
+        for future in sorted(
+            done, key=lambda one: one.cancelled() or one.exception() is not None
+        ):  # rows before errors
+            arrivals.add(_rows(study, flying.pop(future), future, limit))
         arrivals.store.flush_if_due()
-        if died or broken:
-            died += flying.values()
-            flying.clear()
-            crew.replace()
-            if len(died) == 1 and died[0] in suspects:  # alone, and it was in flight the last time too
-                suspects.discard(died[0])
-                why = f"the process that ran it died twice: out of memory? Or it took longer than {crew.limit:g} s"
-                arrivals.add(_lost(study, died[0], why))
-            else:
-                suspects.update(died)
-                missing.extendleft(sorted(died, reverse=True))
 
 
-def _lost(study: Study, trial: int, message: str) -> Table:
-    about = {"trial": trial, "status": LOST, "message": message}
-    return table_of([{**about, "method": method.name} for method in study.methods])
+def _rows(study: Study, trial: int, future: Future[Table], limit: float) -> Table:
+    """Return the rows of a trial that is done; raises what would be the same for all others."""
+    try:
+        return future.result()
+    except ImportError as error:
+        raise EquipoiseError(
+            f"the workers lack a package: {error}; install there what is installed here",
+            exit_code=9,
+        ) from error
+    except (BrokenExecutor, CancelledError, EquipoiseError):
+        raise
+    except ChildProcessError as error:
+        message = f"{error}: out of memory? Or it took longer than {limit:g} s"
+    except Exception as error:  # of the executor: trials raise nothing
+        message = repr(error)
+    row = {"trial": trial, "status": LOST, "message": message}
+    return table_of([{**row, "method": method.name} for method in study.methods])
 
 
-class _Crew:
-    """An executor, ours or the caller's; ours is replaced when a process of it dies."""
-
-    def __init__(self, given: Executor | None, workers: int | Callable[[], int], limit: float) -> None:
-        self._given, self._workers, self.limit = given, workers, limit
-        self._own: Executor | None = None
-        self._counted, self._count = -float("inf"), 1
-
-    @property
-    def width(self) -> int:
-        """How many trials to have in flight now."""
-        return _IN_FLIGHT_PER_WORKER * self._at_once()
-
-    def _at_once(self) -> int:
-        if isinstance(self._workers, int):
-            return self._workers
-        if time.monotonic() - self._counted > _COUNTED:
-            self._counted, self._count = time.monotonic(), max(1, self._workers())
-        return self._count
-
-    def submit(self, study: Study, trial: int, logs: str) -> Future[Table]:
-        with ctrl_c_held(), _one_thread_each():
-            executor = self._given or self._own or self._begin()
-            return executor.submit(ended_after, self.limit, run_trial, study, trial, logs)
-
-    def replace(self) -> None:
-        if self._given is not None:
-            raise EquipoiseError(
-                "the workers are gone; what arrived is kept: start them again and repeat the command to go on",
-                exit_code=9,
-            )
-        self.dismiss()
-        with ctrl_c_held(), _one_thread_each():
-            begun = self._begin().submit(os.getpid)
-        try:
-            begun.result()
-        except BrokenExecutor as error:  # no trial's fault
-            raise EquipoiseError(
-                "worker processes die as they begin; is there memory for them? A script that runs a study does so below "
-                'if __name__ == "__main__":',
-                exit_code=9,
-            ) from error
-
-    def _begin(self) -> Executor:
-        self._own = Processes(self._at_once())
-        return self._own
-
-    def dismiss(self) -> None:
-        if self._own is not None:
-            self._own.shutdown(wait=True, cancel_futures=True)
-            self._own = None
+@contextmanager
+def _crew(given: Executor | None, count: int) -> Generator[Executor]:
+    """Yield the given executor, or processes that end with this; raises EquipoiseError if it breaks."""
+    crew = given or Processes(count)
+    try:
+        yield crew
+    except (BrokenExecutor, CancelledError) as error:
+        raise EquipoiseError(
+            "the workers are gone; what arrived is kept: start them again and repeat the command to go on",
+            exit_code=9,
+        ) from error
+    finally:
+        if given is None:
+            crew.shutdown(cancel_futures=True)
 
 
 @contextmanager
