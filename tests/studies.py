@@ -69,8 +69,8 @@ def cheap_trial(study, trial, logs=None):
 def start_study(folder, *flags, setup="pass"):
     """`equipoise lab monte-carlo` in a session of its own, its progress on stderr after every trial."""
     code = (
-        "import sys; from equipoise.cli import main; import equipoise.lab.study.store as store; "
-        f"import equipoise.lab.terminal as terminal; terminal._PLAIN_INTERVAL = 0; {setup}; sys.exit(main())"
+        "import sys; from equipoise.__main__ import run; import equipoise.lab.study.store as store; "
+        f"import equipoise.lab.terminal as terminal; terminal._PLAIN_INTERVAL = 0; {setup}; sys.exit(run())"
     )
     return subprocess.Popen(
         [sys.executable, "-c", code, "lab", "monte-carlo", "--methods", "static", "--seed", "11", "--no-report",

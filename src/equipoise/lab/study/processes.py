@@ -55,8 +55,9 @@ class Processes(ThreadPoolExecutor):
 
     def _end_processes(self) -> None:
         self._ended = True
-        for process in self._processes:
+        for process in self._processes:  # all of them before a second Ctrl-C can interrupt this
             process.kill()
+        for process in self._processes:
             process.join()
 
     def _begin_thread(self) -> None:
@@ -68,6 +69,8 @@ class Processes(ThreadPoolExecutor):
     def _answer(self, call: bytes) -> Any:
         """Return or raise what a call does in the process of this thread."""
         for _ in range(2):
+            if self._ended:
+                break
             if self._thread.pipe is None or self._thread.pipe.poll():  # nothing but its end can be read before a call
                 self._thread.pipe = self._begin_process()
             try:
@@ -105,7 +108,7 @@ class Processes(ThreadPoolExecutor):
 def _serve(pipe: Connection[Any, Any]) -> None:
     """Answer the calls that a pipe brings, with a result or an error, until it ends."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(EOFError):
+    with suppress(EOFError, OSError):  # EOFError where it is read, OSError where it is written
         pipe.send_bytes(b"")
         while True:
             call = pipe.recv_bytes()
