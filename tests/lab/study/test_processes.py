@@ -112,9 +112,9 @@ def test_what_has_not_begun_can_be_cancelled_and_what_runs_is_ended():
     futures = [processes.submit(time.sleep, 60) for _ in range(1000)]
     processes.shutdown(cancel_futures=True)
     assert time.monotonic() - begin < 30
-    assert all(future.done() for future in futures)
-    with pytest.raises(CancelledError):
-        futures[-1].result()
+    for future in futures:
+        with pytest.raises(CancelledError):
+            future.result(timeout=30)
     with pytest.raises(RuntimeError, match="after shutdown"):
         processes.submit(abs, 1)
     assert not multiprocessing.active_children()

@@ -1,4 +1,4 @@
-"""Where trials can run: processes of this machine, or the workers of a Dask cluster."""
+"""The workers of a Dask cluster as an executor, and the limit of a trial in any worker process."""
 
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportAttributeAccessIssue=false
 # pyright: reportMissingTypeStubs=false

@@ -8,7 +8,7 @@ import pickle
 import signal
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
@@ -70,7 +70,7 @@ class Processes(ThreadPoolExecutor):
         """Return or raise what a call does in the process of this thread."""
         for _ in range(2):
             if self._ended:
-                break
+                raise CancelledError
             if self._thread.pipe is None or self._thread.pipe.poll():  # nothing but its end can be read before a call
                 self._thread.pipe = self._begin_process()
             try:

@@ -145,10 +145,8 @@ def _rows(study: Study, trial: int, future: Future[Table], limit: float) -> Tabl
     try:
         return future.result()
     except ImportError as error:
-        raise EquipoiseError(
-            f"the workers lack a package: {error}; install there what is installed here",
-            exit_code=9,
-        ) from error
+        lacking = f"the workers lack a package: {error}; install there what is installed here"
+        raise EquipoiseError(lacking, exit_code=9) from error
     except (BrokenExecutor, CancelledError, EquipoiseError):
         raise
     except ChildProcessError as error:
