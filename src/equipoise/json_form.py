@@ -7,6 +7,7 @@ addition to its fields, and are not read.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import numbers
 import types
 import typing
@@ -54,7 +55,7 @@ def from_json(kind: type[Kind], value: Any, name: str = "") -> Kind:
         SettingsError: a name is not known or missing, or a value is not of its field's type.
     """
     fields = dataclasses.fields(cast("Any", kind))
-    hints, above = typing.get_type_hints(kind), f"{name}." if name else ""
+    hints, above = _type_hints(kind), f"{name}." if name else ""
     given: dict[str, Any] = {}
     for key, entry in _checked(value, Mapping, name, "a table").items():
         if key in getattr(kind, "COMPUTED", ()):
@@ -66,6 +67,10 @@ def from_json(kind: type[Kind], value: Any, name: str = "") -> Kind:
         if field.name not in given and field.default is field.default_factory is dataclasses.MISSING:
             raise SettingsError(f"{name or 'it'} lacks {field.name!r}")
     return kind(**given)
+
+
+# Evaluating the annotations of a class takes longer than reading a table of it, and each trial is read many times.
+_type_hints = functools.cache(typing.get_type_hints)
 
 
 def _converted(hint: Any, value: Any, name: str) -> Any:
