@@ -2,13 +2,10 @@
 
 import io
 import json
-import os
-import pty
-import subprocess
 import sys
 
 import pytest
-from commands import fails
+from commands import at_a_terminal, fails
 from robots import quadruped_urdf
 
 from equipoise import RunFolder
@@ -110,8 +107,8 @@ def test_a_log_has_no_assumed_pose_either(plain, capsys, tmp_path):
     ("answer", "frame", "position"),
     [("", "bno085", [0.05, 0, 0.02]), ("bno085", "bno085", [0.05, 0, 0.02]), ("origin", None, [0, 0, 0])],
 )
-def test_an_operator_is_asked(with_bno, tmp_path, answer, frame, position):
-    run, asked, error = answered(with_bno, tmp_path / "run", answer)
+def test_an_operator_is_asked(with_bno, tmp_path, answer, frame, position, monkeypatch):
+    run, asked, error = answered(with_bno, tmp_path / "run", answer, monkeypatch)
     assert "'bno085' may be the IMU's" in asked
     assert run == 0, error
     imu = RunFolder.open(tmp_path / "run").robot().imu
@@ -120,22 +117,14 @@ def test_an_operator_is_asked(with_bno, tmp_path, answer, frame, position):
     assert imu.placement.translation == pytest.approx(position)
 
 
-def test_an_answer_that_is_no_frame_of_the_base_is_refused(with_bno, tmp_path):
-    run, _, error = answered(with_bno, tmp_path / "run", "bno08")
+def test_an_answer_that_is_no_frame_of_the_base_is_refused(with_bno, tmp_path, monkeypatch):
+    run, _, error = answered(with_bno, tmp_path / "run", "bno08", monkeypatch)
     assert run == 2
     assert "imu_frame is 'bno08', which is not a frame of the base; did you mean 'bno085'?" in error
 
 
-def answered(robot, out, answer):
+def answered(robot, out, answer, monkeypatch):
     """Exit code, question and the rest of stderr of a calibration whose operator answers."""
-    own, terminal = pty.openpty()
-    command = [sys.executable, "-m", "equipoise", "calibrate", robot, *STATIC, "--quiet", "--out", str(out)]
-    with subprocess.Popen(command, stdin=terminal, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) as run:
-        os.close(terminal)
-        asked = b""
-        while b"origin of the base" not in asked and (more := run.stderr.read(1)):
-            asked += more
-        os.write(own, f"{answer}\n".encode())
-        error = run.stderr.read()
-    os.close(own)
-    return run.returncode, " ".join(asked.decode().split()), error.decode()
+    command = ["calibrate", robot, *STATIC, "--quiet", "--out", str(out)]
+    asked, error, code = at_a_terminal(command, "origin of the base", answer, monkeypatch)
+    return code, " ".join(asked.split()), error
