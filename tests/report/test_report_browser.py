@@ -1,7 +1,9 @@
 """The report in a real browser: drawn whole, without a request or an error, in both themes, on paper and on a telephone."""
 
 import dataclasses
+import functools
 import re
+from contextlib import contextmanager
 
 import pytest
 from browser import open_browser
@@ -34,13 +36,13 @@ def pages(results, tmp_path_factory):
     return {**files, "comparison": save_comparison(results, folder / "comparison.html")}
 
 
-@pytest.fixture
-def visit(browser):
-    """Opens a file and collects what goes wrong in it; checked when the test is over."""
+@contextmanager
+def visits(browser):
+    """Opens files and collects what goes wrong in them; checked at the end."""
     contexts, problems, requests = [], [], []
 
-    def open_page(path, width=1280, height=800, init=None, **options):
-        context = browser.new_context(viewport={"width": width, "height": height}, offline=True, **options)
+    def open_page(path, width=1280, height=800, init=None):
+        context = browser.new_context(viewport={"width": width, "height": height}, offline=True)
         contexts.append(context)
         page = context.new_page()
         if init is not None:
@@ -57,6 +59,19 @@ def visit(browser):
         context.close()
     assert problems == []
     assert [url for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+@pytest.fixture
+def visit(browser):
+    with visits(browser) as open_page:
+        yield open_page
+
+
+@pytest.fixture(scope="module")
+def page_of(browser, pages):
+    """One page of each kind, for tests that do not ask what is drawn already."""
+    with visits(browser) as open_page:
+        yield functools.cache(lambda kind: open_page(pages[kind]))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -89,8 +104,9 @@ def test_every_figure_is_drawn_below_a_first_screen_that_holds_numbers_and_pictu
     page.wait_for_function("document.documentElement.scrollWidth <= 400")
 
 
-def test_a_telephone_shows_every_number_with_its_verdict_and_no_word_broken(visit, pages):
-    page = visit(pages["precise"], width=360, height=780)
+def test_a_telephone_shows_every_number_with_its_verdict_and_no_word_broken(page_of):
+    page = page_of("precise")
+    page.set_viewport_size({"width": 360, "height": 780})
     rows = page.locator("#numbers tbody tr")
     for row in (rows.first, rows.last):
         for head in ("estimate", "95 % \u00b1", "interval", "verdict", "truth", "error", "model", "change"):
@@ -128,32 +144,42 @@ def test_paper_is_wide_enough_for_the_numbers(visit, pages):
     )
 
 
-def test_the_theme_is_the_systems(visit, pages):
+def test_the_theme_is_the_systems(page_of):
     """Figures are drawn on white and inverted by the style sheet, so that saved figures are always on white."""
     background = "getComputedStyle(document.body).backgroundColor"
     plot = "getComputedStyle(plots[0]).filter"
-    dark, light = (visit(pages["paper"], color_scheme=scheme) for scheme in ("dark", "light"))
-    assert light.evaluate(background) == "rgb(255, 255, 255)" != dark.evaluate(background)
-    assert (light.evaluate(plot), dark.evaluate(plot)) == ("none", "invert(0.9) hue-rotate(180deg)")
+    page = page_of("paper")
+    page.emulate_media(color_scheme="light")
+    assert page.evaluate(background) == "rgb(255, 255, 255)"
+    assert page.evaluate(plot) == "none"
+    page.emulate_media(color_scheme="dark")
+    assert page.evaluate(background) != "rgb(255, 255, 255)"
+    assert page.evaluate(plot) == "invert(0.9) hue-rotate(180deg)"
 
 
-@pytest.mark.parametrize(("title", "start"), [("Save as SVG", b"<svg"), ("Download plot as a PNG", b"\x89PNG")])
-def test_figures_are_saved_from_the_page_without_a_network(visit, pages, tmp_path, title, start):
-    page = visit(pages["paper"])
-    page.evaluate(DRAW_ALL)
+def test_figures_are_saved_from_the_page_without_a_network(page_of, tmp_path):
+    page = page_of("paper")
+    page.evaluate("() => Promise.all([draw(plots[2])]).then(() => null)")
     plot = page.locator(".plot").nth(2)
     plot.scroll_into_view_if_needed()
-    plot.hover()
-    with page.expect_download() as download:
-        plot.locator(f'[data-title="{title}"]').click()
-    download.value.save_as(tmp_path / "figure")
-    assert (tmp_path / "figure").read_bytes().startswith(start)
+    for title, start in (("Save as SVG", b"<svg"), ("Download plot as a PNG", b"\x89PNG")):
+        plot.hover()
+        with page.expect_download() as download:
+            plot.locator(f'[data-title="{title}"]').click()
+        download.value.save_as(tmp_path / "figure")
+        assert (tmp_path / "figure").read_bytes().startswith(start), title
 
 
-def test_paper_gets_every_figure_unasked(visit, pages):
-    page = visit(pages["precise"], color_scheme="dark")
-    page.pdf(path=pages["precise"].with_suffix(".pdf"), format="A4")
-    pdf = pages["precise"].with_suffix(".pdf").read_bytes()
+def test_paper_is_wide_enough_for_the_numbers_and_gets_every_figure_unasked(page_of, tmp_path):
+    page = page_of("precise")
+    page.set_viewport_size({"width": 688, "height": 970})  # A4 less its margins
+    page.emulate_media(media="print", color_scheme="dark")
+    assert page.evaluate(
+        "[...document.querySelectorAll('.barred')].every((table) => table.getBoundingClientRect().right <= 688)"
+    )
+    page.emulate_media(media="screen")
+    page.pdf(path=tmp_path / "report.pdf", format="A4")
+    pdf = (tmp_path / "report.pdf").read_bytes()
     assert pdf.startswith(b"%PDF")
     assert all(page.evaluate(DRAWN))
     largest = max(int(width) for width in re.findall(rb"/Width (\d+)", pdf))
