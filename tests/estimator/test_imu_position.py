@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise import Precise, load_robot, nominal_stance, simulate
+from equipoise.calibration.routine import perform
 from equipoise.estimator.equations import imu_position
 from equipoise.estimator.equations.imu_position import SwaySamples, imu_by_sway
 from equipoise.estimator.measurements.leg_motion import LegChains
@@ -20,10 +21,15 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 @pytest.fixture(scope="module")
 def swaying(a1):
     """Recordings of a short run with its sway: a realistic A1 with a payload that nobody knows of."""
-    recordings = []
     with simulate(a1, "realistic", "2,0.1,0,0.1", seed=5) as simulation:
-        calibrate(simulation.platform, a1, Precise(budget=60), recordings.append)
-    return recordings
+        return perform(simulation.platform, a1, Precise(budget=60)).recordings
+
+
+@pytest.fixture(scope="module")
+def expected(swaying):
+    """The result with an IMU that sits where the file has it."""
+    robot = with_imu_at((0.0, 0.0, 0.0))
+    return Precise(budget=60).estimate(robot, swaying, nominal_stance(robot))
 
 
 def with_imu_at(shift):
@@ -57,10 +63,10 @@ def test_of_a_sway_that_goes_on_for_long_the_first_minute_is_read(swaying, a1, m
 
 
 @pytest.mark.parametrize("up", [0.01, 0.02])
-def test_a_file_that_has_it_too_high_is_not_believed(swaying, up):
+def test_a_file_that_has_it_too_high_is_not_believed(swaying, expected, up):
     """A minute on two feet takes it for inertia. The sway is heard, and it is as with a right file."""
-    right, wrong = (with_imu_at((0.0, 0.0, shift)) for shift in (0.0, up))
-    expected, found = (Precise(budget=60).estimate(robot, swaying, nominal_stance(robot)) for robot in (right, wrong))
+    wrong = with_imu_at((0.0, 0.0, up))
+    found = Precise(budget=60).estimate(wrong, swaying, nominal_stance(wrong))
     assert found.trustworthy
     assert "the IMU sits elsewhere than in the file, which the run contradicts" in found.assumptions
     (height,) = (finding.value for finding in found.sensors if finding.name == "IMU position z")
@@ -71,12 +77,10 @@ def test_a_file_that_has_it_too_high_is_not_believed(swaying, up):
     assert sum(source.shares for source in found.budget) == pytest.approx(np.ones(10))
 
 
-def test_a_sway_that_says_what_the_tilts_say_stays_a_witness(swaying):
-    robot = with_imu_at((0.0, 0.0, 0.0))
-    result = Precise(budget=60).estimate(robot, swaying, nominal_stance(robot))
-    (check,) = (check for check in result.checks if check.name == "place of the IMU")
+def test_a_sway_that_says_what_the_tilts_say_stays_a_witness(expected):
+    (check,) = (check for check in expected.checks if check.name == "place of the IMU")
     assert check.passed
-    assert all(source.name != "position of the IMU by the sway" for source in result.budget)
+    assert all(source.name != "position of the IMU by the sway" for source in expected.budget)
 
 
 def test_who_trusts_the_legs_hears_the_sway_at_once(swaying):

@@ -13,15 +13,15 @@ from equipoise.estimator.problem import body_jacobian
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 
-def run_with(robot, effect):
+def run_with(robot, effect, budget=None):
     with simulate(robot, "realistic", "1,0.03,0.02,0.08", seed=21, effects={effect: None}) as simulation:
-        result = calibrate(simulation.platform, robot, Precise(mass=simulation.truth.composite.mass))
-        return result.with_truth(simulation.truth)
+        settings = Precise(budget=budget, mass=simulation.truth.composite.mass)
+        return calibrate(simulation.platform, robot, settings).with_truth(simulation.truth)
 
 
 @pytest.fixture(scope="module")
 def in_a_sling(a1, coarse_engine):
-    return run_with(a1, "sling")
+    return run_with(a1, "sling", budget=60)
 
 
 def failed(result):
