@@ -2,12 +2,10 @@
 
 import io
 import json
-import os
-import pty
-import subprocess
 import sys
 
 import pytest
+from commands import at_a_terminal
 
 from equipoise.cli import main
 
@@ -35,19 +33,11 @@ def test_a_script_is_refused_with_both_numbers_and_may_try_again(tmp_path, capsy
 
 
 @pytest.mark.parametrize(("answer", "code"), [("yes", 0), ("no", 2), ("9.5", 2)])
-def test_an_operator_is_asked_while_the_robot_stands(tmp_path, answer, code):
-    main_end, terminal = pty.openpty()
-    command = [sys.executable, "-m", "equipoise", *WRONG, "--out", str(tmp_path / "run")]
-    with subprocess.Popen(command, stdin=terminal, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as run:
-        os.close(terminal)
-        asked = ""
-        while "ends the run:" not in asked and (line := run.stderr.readline()):
-            asked += line
-        os.write(main_end, f"{answer}\n".encode())
-        error = run.stderr.read()
-    os.close(main_end)
+def test_an_operator_is_asked_while_the_robot_stands(tmp_path, answer, code, monkeypatch):
+    command = [*WRONG, "--out", str(tmp_path / "run")]
+    asked, error, ended = at_a_terminal(command, "ends the run:", answer, monkeypatch)
     assert "Mass in doubt: the given mass is 9.5 kg, and the joint torques carry 12." in asked
-    assert run.returncode == code
+    assert ended == code
     assert ("--confirm-mass" in error) == (code == 2)
     assert (tmp_path / "run").exists() == (code == 0)
 
