@@ -90,24 +90,22 @@ def test_joints_that_are_commanded_in_another_order_are_refused(robot, pair):
     assert re.search("order of joints is wrong", caught.value.details["cause"])
 
 
-@pytest.mark.parametrize(
-    ("exchange", "hips", "cause"),
-    [
-        ("left and right", (), "left and right legs are exchanged"),
-        ("front and rear", (), "front and rear legs are exchanged"),
-        ("across both diagonals", (), "legs are exchanged across both diagonals"),
-        ("none", HIPS, "the signs of the hips FL, FR, RL, RR are wrong"),
-        ("none", ("FL", "RL"), "the signs of the hips FL, RL are wrong"),
-        ("none", ("FL", "FR"), "the signs of the hips FL, FR are wrong"),
-        (
-            "left and right",
-            HIPS,
-            "left and right legs are exchanged and the signs of the hips FL, FR, RL, RR are wrong",
-        ),
-    ],
-)
-@pytest.mark.parametrize("preset", ["realistic", "stress"])
-def test_consistent_miswiring_is_named_by_the_gyroscope(robot, preset, exchange, hips, cause):
+MISWIRINGS = [
+    ("left and right", (), "left and right legs are exchanged"),
+    ("front and rear", (), "front and rear legs are exchanged"),
+    ("across both diagonals", (), "legs are exchanged across both diagonals"),
+    ("none", HIPS, "the signs of the hips FL, FR, RL, RR are wrong"),
+    ("none", ("FL", "RL"), "the signs of the hips FL, RL are wrong"),
+    ("none", ("FL", "FR"), "the signs of the hips FL, FR are wrong"),
+    ("left and right", HIPS, "left and right legs are exchanged and the signs of the hips FL, FR, RL, RR are wrong"),
+]
+
+
+@pytest.mark.parametrize("number", range(len(MISWIRINGS)), ids=[cause for *_, cause in MISWIRINGS])
+def test_consistent_miswiring_is_named_by_the_gyroscope(robot, number, request):
+    """Every miswiring on every robot, and in pairs with both presets."""
+    exchange, hips, cause = MISWIRINGS[number]
+    preset = ("realistic", "stress")[(number + ROBOTS.index(request.node.callspec.params["robot"])) % 2]
     with simulate(robot, preset, seed=1) as simulation:
         recording = turned(Miswired(simulation.platform, *wiring(robot, exchange, hips)), robot)
     with pytest.raises(MotionError, match="the gyroscope contradicts the joints") as caught:
@@ -136,20 +134,24 @@ def test_legs_of_two_joints_turn_in_pitch_alone(two_jointed):
 def test_a_turned_imu_is_measured_and_used_once_confirmed(robot, rpy):
     mounted = Rotation.from_euler("xyz", rpy, degrees=True).as_matrix()
     stance, asked = nominal_stance(robot), []
-    for answer in (True, False):
-        with simulate(robot, "realistic", seed=5) as simulation:
-            planted, _ = stand_up(Miswired(simulation.platform, imu=mounted.T), robot, stance)
-            if not answer:
-                with pytest.raises(MotionError, match=r"not confirmed, and no foot was lifted.*--imu-rpy "):
-                    check_base(planted, stance, 0, None)
-                continue
-            test = check_base(planted, stance, 0, lambda question: asked.append(question) or True)
-            tilt = Rotation.from_rotvec(simulation.errors.imu_tilt).as_matrix()
-            expected = robot.imu_in_base.rotation @ tilt @ mounted
-            used = np.array(planted.robot.imu_in_base.rotation)
-            assert np.degrees(Rotation.from_matrix(used.T @ expected).magnitude()) < 1
-            assert test.uses_measurement
-            assert "Is the measured orientation right?" in asked[0]
+    with simulate(robot, "realistic", seed=5) as simulation:
+        planted, _ = stand_up(Miswired(simulation.platform, imu=mounted.T), robot, stance)
+        test = check_base(planted, stance, 0, lambda question: asked.append(question) or True)
+        tilt = Rotation.from_rotvec(simulation.errors.imu_tilt).as_matrix()
+    expected = robot.imu_in_base.rotation @ tilt @ mounted
+    used = np.array(planted.robot.imu_in_base.rotation)
+    assert np.degrees(Rotation.from_matrix(used.T @ expected).magnitude()) < 1
+    assert test.uses_measurement
+    assert "Is the measured orientation right?" in asked[0]
+
+
+def test_a_turned_imu_that_is_not_confirmed_ends_the_run(robot):
+    mounted = Rotation.from_euler("xyz", (20, -30, 140), degrees=True).as_matrix()
+    stance = nominal_stance(robot)
+    with simulate(robot, "realistic", seed=5) as simulation:
+        planted, _ = stand_up(Miswired(simulation.platform, imu=mounted.T), robot, stance)
+        with pytest.raises(MotionError, match=r"not confirmed, and no foot was lifted.*--imu-rpy "):
+            check_base(planted, stance, 0, None)
 
 
 def test_a_run_with_a_turned_imu_is_estimated_again_with_the_orientation_found(a1, tmp_path):
