@@ -120,7 +120,7 @@ def precise_run(a1):
     """A short run of the precise method on a realistic A1 with a payload: settings, recordings, result and truth."""
     recordings = []
     settings = Precise(budget=60, sway=False)
-    with simulate(a1, "realistic", seed=4, payload="1.5,0.05,-0.02,0.06") as simulation:
+    with simulate(a1, "realistic", seed=4, payload="1.5,0.05,-0.02,0.06", timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, a1, settings, keep=recordings.append)
         return SimpleNamespace(
             stance=nominal_stance(a1),
@@ -133,12 +133,18 @@ def precise_run(a1):
 
 
 @pytest.fixture(scope="session")
-def paper_result(a1):
-    """What the paper's method finds of a perfect A1, beside the truth; in steps of 1 ms."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(mujoco_model, "TIMESTEP", 1e-3)
-        with simulate(a1, "ideal") as simulation:
-            return calibrate(simulation.platform, a1, Paper()).with_truth(simulation.truth)
+def paper_run(a1):
+    """A run of the paper's method on a perfect A1, in steps of 1 ms: recordings, and the result with the truth."""
+    recordings = []
+    with simulate(a1, "ideal", timestep=1e-3) as simulation:
+        result = calibrate(simulation.platform, a1, Paper(), keep=recordings.append).with_truth(simulation.truth)
+    return SimpleNamespace(recordings=recordings, result=result)
+
+
+@pytest.fixture(scope="session")
+def paper_result(paper_run):
+    """The result of `paper_run`."""
+    return paper_run.result
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from equipoise import Paper, Precise, RunFolder, ScaleReadings, calibrate, find_delta, nominal_stance, simulate
+from equipoise import Paper, Precise, RunFolder, ScaleReadings, find_delta, nominal_stance, simulate
 from equipoise.calibration.delta import _payload
+from equipoise.calibration.routine import perform
 from equipoise.cli import main
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.estimator.known.two_runs import _TwoProblems
@@ -25,11 +26,9 @@ PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `precise_run`
 @pytest.fixture(scope="module")
 def bare(a1):
     """The same robot as in `precise_run`, without its payload and with other noise: recordings and truth."""
-    recordings = []
     settings = Precise(budget=40, sway=False)
     with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
-        calibrate(simulation.platform, a1, settings, keep=recordings.append)
-        return recordings, simulation.truth
+        return perform(simulation.platform, a1, settings).recordings, simulation.truth
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from equipoise import Calibration, Precise, calibrate, nominal_stance, simulate
+from equipoise.calibration.routine import perform
 from equipoise.calibration.weighing import weigh
 from equipoise.errors import UnconfirmedMassError
 from equipoise.estimator.diagnostics.torque_mass import _DIFFERENCE, _compared, compare_at_rest
@@ -151,9 +152,9 @@ def test_constants_that_a_confirmed_mass_taught_are_used(a1, precise_run):
 
 def test_a_payload_measured_with_a_wrong_mass_is_doubtful_in_its_answer(a1, precise_run):
     known = known_with_scale(a1, precise_run, precise_run.truth.composite.mass)
-    method, recordings = Precise(known=known, budget=26), []
+    method = Precise(known=known, budget=26)
     with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
-        calibrate(simulation.platform, a1, method, keep=recordings.append)
+        recordings = perform(simulation.platform, a1, method).recordings
     result = replace(method, mass=11.2).estimate(a1, recordings, nominal_stance(a1))
     found = weigh(a1, known, result)
     assert result.mass_comparison.limit == 0.05

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from guarded import simulated
 
-from equipoise import Calibration, Precise, calibrate, load_robot
+from equipoise import Calibration, Precise, load_robot
+from equipoise.calibration.routine import perform
 from equipoise.cli import main
 from equipoise.errors import RecordingError, SensorError
 from equipoise.estimator.diagnostics.screening import screen_log
@@ -69,7 +70,7 @@ def recording(a1):
     """A whole calibration with fine encoders."""
     platform, *_ = simulated(a1)
     kept = Kept(platform)
-    calibrate(kept, a1, Precise(budget=40.0))
+    perform(kept, a1, Precise(budget=40.0))
     return Recording.concatenate(kept.recordings)
 
 

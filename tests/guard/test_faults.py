@@ -13,6 +13,7 @@ from robots import load_text
 from scipy.spatial.transform import Rotation
 
 from equipoise import Precise, SwaySettings, calibrate, estimate, load_robot, nominal_stance, simulate
+from equipoise.calibration.routine import perform
 from equipoise.errors import MissingDependencyError, MotionError, RecordingError
 from equipoise.estimator.diagnostics.checks import shift_without
 from equipoise.estimator.motions import read_motions
@@ -33,12 +34,17 @@ MOVED_PAYLOAD = "1.0,-0.02,0.02,0.08"
 JOINTS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
 
 
-def ran(robot, model=None, payload=PAYLOAD, noise="realistic", settings=SETTINGS):
-    """A run on a simulated robot, by the model that the user has: its recordings, result and truth."""
-    recordings = []
+def recorded(robot, model=None, payload=PAYLOAD, noise="realistic", settings=SETTINGS):
+    """Recordings of a run on a simulated robot, by the model that the user has, and its true body."""
     with simulate(robot, noise, payload, SEED, timestep=1e-3) as simulation:
-        result = calibrate(simulation.platform, model or robot, settings, recordings.append)
-        return SimpleNamespace(recordings=recordings, result=result, truth=simulation.truth.composite)
+        return perform(simulation.platform, model or robot, settings).recordings, simulation.truth.composite
+
+
+def ran(robot, model=None, noise="realistic", settings=SETTINGS):
+    """The same with the result."""
+    recordings, truth = recorded(robot, model, noise=noise, settings=settings)
+    result = estimate(model or robot, recordings, settings)
+    return SimpleNamespace(recordings=recordings, result=result, truth=truth)
 
 
 @pytest.fixture(scope="module")
@@ -47,9 +53,9 @@ def run(a1):
 
 
 @pytest.fixture(scope="module")
-def told(a1):
-    """It leans about two axes, and `run` about one only: with that alone one fault can look like another."""
-    return ran(a1, settings=replace(SETTINGS, budget=140, cable="none", legs="trusted"))
+def leaning(a1):
+    """Recordings of a robot that leans about two axes; in `run` about one, with which one fault can look like another."""
+    return recorded(a1, settings=replace(SETTINGS, budget=140, cable="none", legs="trusted"))[0]
 
 
 # --- what faults do to a log
@@ -213,15 +219,15 @@ def test_an_encoder_at_rest_that_reads_the_same_is_not_frozen(a1, run):
     ],
     ids=str,
 )
-def test_swapped_legs_are_named(a1, told, pairs, named):
+def test_swapped_legs_are_named(a1, leaning, pairs, named):
     with pytest.raises(RecordingError, match=f"the legs {named} seem to be swapped"):
-        estimate(a1, with_joints(told.recordings, swapped(a1, *pairs)), SETTINGS)
+        estimate(a1, with_joints(leaning, swapped(a1, *pairs)), SETTINGS)
 
 
 @pytest.mark.parametrize("joint", range(12), ids=JOINTS)
-def test_a_joint_with_the_wrong_sign_is_named(a1, told, joint):
+def test_a_joint_with_the_wrong_sign_is_named(a1, leaning, joint):
     with pytest.raises(RecordingError, match=rf"joint '{a1.joint_names[joint]}'.* the wrong sign"):
-        estimate(a1, with_joints(told.recordings, columns(negated, joint)), SETTINGS)
+        estimate(a1, with_joints(leaning, columns(negated, joint)), SETTINGS)
 
 
 def test_all_hips_with_the_wrong_sign_are_named(a1, run):
@@ -296,9 +302,9 @@ def test_gravity_in_g_is_named(a1, run):
         (lambda rate: rate[:, [1, 0, 2]], "are their axes the same?"),
     ],
 )
-def test_a_gyroscope_that_the_accelerometer_contradicts_is_named(a1, told, gyro, named):
+def test_a_gyroscope_that_the_accelerometer_contradicts_is_named(a1, leaning, gyro, named):
     with pytest.raises(RecordingError, match=re.escape(named)):
-        estimate(a1, with_imu(told.recordings, gyro), SETTINGS)
+        estimate(a1, with_imu(leaning, gyro), SETTINGS)
 
 
 def test_a_clock_that_is_far_off_is_named(a1, run):
@@ -396,8 +402,8 @@ def test_gaps_in_most_lifts_are_named(a1, run):
 def test_a_payload_that_moves_is_named_with_when_and_by_how_much(a1, run):
     half = len(run.recordings) // 2
     weighed = replace(SETTINGS, mass=run.truth.mass)  # else it looks like another mass too
-    other = ran(a1, payload=MOVED_PAYLOAD)
-    said = failed(estimate(a1, [*run.recordings[:half], *other.recordings[half:]], weighed))
+    moved, _ = recorded(a1, payload=MOVED_PAYLOAD)
+    said = failed(estimate(a1, [*run.recordings[:half], *moved[half:]], weighed))
     found = re.match(r"from motion (\d+) on CoM x seems to be ([+-][\d.]+) m other than before", said["halves"])
     assert int(found.group(1)) == pytest.approx(half, abs=3)
     assert float(found.group(2)) == pytest.approx(-0.07 * 1.0 / run.truth.mass, abs=2.5e-3)

@@ -6,7 +6,8 @@ from copy import copy
 import numpy as np
 import pytest
 
-from equipoise import Precise, calibrate, nominal_stance, simulate
+from equipoise import Precise, nominal_stance, simulate
+from equipoise.calibration.routine import perform
 from equipoise.estimator.equations.equation import LEFT_OUT
 from equipoise.estimator.equations.planted_moves import PlantedMoves
 from equipoise.estimator.motors.equations import motor_samples
@@ -23,21 +24,18 @@ HEAVY = {"leg_mass_common": 0.15, "leg_com_common": 4e-3, "cable": 0.0}
 @pytest.fixture(scope="module")
 def run(a1, coarse_engine):
     """The recordings of a short run for base, legs and motors, the truth, and the settings."""
-    kept = []
     with simulate(a1, "realistic", seed=5, effects=HEAVY, timestep=1e-3) as simulation:
         mass = simulation.truth.composite.mass
         both = Together(Precise(budget=45.0, mass=mass, cable="none", swings=True, sway=False), Motors(motor_time=5.0))
-        calibrate(simulation.platform, a1, both, keep=kept.append)
+        kept = perform(simulation.platform, a1, both).recordings
         return kept, simulation.truth, simulation.truth_of_parts, both
 
 
 @pytest.fixture(scope="module")
 def on_three_feet(a1, coarse_engine):
     """The recordings of the same robot that swings one leg after the other."""
-    kept = []
     with simulate(a1, "realistic", seed=5, effects=HEAVY, timestep=1e-3) as simulation:
-        calibrate(simulation.platform, a1, Motors(motor_time=20.0, motor_stance="three-feet"), keep=kept.append)
-        return kept
+        return perform(simulation.platform, a1, Motors(motor_time=20.0, motor_stance="three-feet")).recordings
 
 
 @pytest.mark.parametrize("lying", [True, False], ids=["lying", "on three feet"])
