@@ -40,7 +40,7 @@ class TestSteppedRobot(PlatformContract):
         self.robot = a1
 
     def make(self):
-        return SteppedRobot(simulate(self.robot, "realistic", seed=3).platform)
+        return SteppedRobot(simulate(self.robot, "realistic", seed=3, timestep=1e-3).platform)
 
 
 class TestGuardedRobot(PlatformContract):
@@ -51,6 +51,7 @@ class TestGuardedRobot(PlatformContract):
     @pytest.fixture(autouse=True)
     def _robot(self, a1, a1_urdf, tmp_path, monkeypatch):
         monkeypatch.setattr(endings, "LIE_DOWN", 0.1)  # the contract is over by then
+        monkeypatch.setattr(endings, "DAMPED_TIME", 0.1)
         monkeypatch.setattr(footing, "_SUNK", 0.1)
         self.robot = a1
         self.fast = load_text(tmp_path, a1_urdf.replace('velocity="21"', 'velocity="100"'))
