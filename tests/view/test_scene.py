@@ -76,7 +76,7 @@ def test_the_estimates_converge_to_the_result(converged, paper_run, recordings):
 
 
 def test_the_last_estimate_of_the_precise_method_is_its_result(a1, precise_run):
-    recordings = precise_run.recordings[:12]
+    recordings = precise_run.recordings[:7]
     coming = estimates(a1, precise_run.stance, precise_run.settings, recordings)
     newest, planes = list(iter(coming.__next__, None))[-1]
     result = estimate(a1, recordings, precise_run.settings)
