@@ -1,6 +1,7 @@
 """Contents of the report, and the file."""
 
 import dataclasses
+import functools
 import html
 import json
 import re
@@ -28,9 +29,9 @@ from equipoise.figures.plan_view import Ellipse, plan_view
 from equipoise.lab.static.method import Static
 from equipoise.paper.iterations import tried_offsets
 from equipoise.recording.trials import LiftTrial
+from equipoise.report import contents as page_contents
 from equipoise.report.advice import outlook
 from equipoise.report.comparison import comparison_contents
-from equipoise.report.contents import run_contents
 from equipoise.report.convergence_figures import deviations_by_motion
 from equipoise.report.html import bar_places, block_html, typeset
 from equipoise.report.page import page, save_comparison, save_report
@@ -41,6 +42,7 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 ROOT = Path(__file__).parents[2]
 LARGEST = 8_000_000  # [B]
+run_contents = functools.cache(page_contents.run_contents)  # a second for each result of the precise method
 
 
 @pytest.fixture(scope="module")
