@@ -284,7 +284,7 @@ def test_what_is_said_of_cable_legs_and_priors_is_planned_with(tmp_path, capsys)
         return json.loads(capsys.readouterr().out)["predicted_deviation"]
 
     file = tmp_path / "priors.toml"
-    file.write_text("pull = 0.0", encoding="utf-8")
+    file.write_text("pull = 0.0\nhanging = 0.0\ntether = 0.0", encoding="utf-8")
     usual, loose = deviation(), deviation("--cable", "none")
     assert loose["com_x"] < 0.95 * usual["com_x"]
     assert deviation("--priors", str(file)) == loose

@@ -135,7 +135,7 @@ def test_a_remainder_without_its_seconds_is_no_time(a1, trotted, tmp_path, rest)
     remainder = np.round(trotted["time"] * 1e9).astype(np.int64) % 10**9
     path = write(tmp_path / "log.csv", {rest: remainder, **without(trotted, "time")})
     assert '# missing: time = "..."\n# or, without a time: rate = 500' in proposal_for(a1, path)
-    with pytest.raises(ColumnsError, match=r"nothing for time: .*; --rate HZ stands in for a time"):
+    with pytest.raises(ColumnsError, match=r"nothing for time: .*; --rate HERTZ stands in for a time"):
         read_log(path, a1)
 
 

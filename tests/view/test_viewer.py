@@ -208,7 +208,7 @@ def test_a_window_needs_a_display(monkeypatch):
     assert BROWSER != WINDOW
 
 
-@pytest.mark.parametrize("verb", [["calibrate", "--out", "run", "--view"], ["view", "run"]])
+@pytest.mark.parametrize("verb", [["calibrate", "--out", "run", "--view"], ["view", "."]])
 def test_a_missing_package_is_named_before_anything_moves(tmp_path, verb):
     code = f"import sys; sys.modules['rerun'] = None\nfrom equipoise.cli import main\nsys.exit(main({verb!r}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path)
@@ -222,11 +222,11 @@ def test_a_missing_package_is_named_before_anything_moves(tmp_path, verb):
     [
         (["calibrate", "--browser"], 2, "--browser is where --view shows the run; give --view too"),
         (["view", "nowhere"], 5, "'nowhere' does not exist; name the run folder of a calibration"),
-        (["view", "nowhere", "--from", "3s"], 2,
+        (["view", ".", "--from", "3s"], 2,
          "tables, topics, --joint-map, --columns, --rate, --from, --until and descriptions are for logs that are not ours: "
          "give --robot too"),
-        (["view", "nowhere", "--out", "gone/a.rrd"], 6, "'gone/a.rrd' cannot be written: there is no folder 'gone'"),
-        (["view", "nowhere", "--out", "a.mp4"], 6, "'a.mp4' is not the name of a Rerun file; append .rrd"),
+        (["view", ".", "--out", "gone/a.rrd"], 6, "'gone/a.rrd' cannot be written: there is no folder 'gone'"),
+        (["view", ".", "--out", "a.mp4"], 6, "'a.mp4' is not the name of a Rerun file; append .rrd"),
     ],
 )  # fmt: skip
 def test_flags_that_cannot_be_used_are_refused(tmp_path, monkeypatch, capsys, flags, code, message):

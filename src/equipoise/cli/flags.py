@@ -127,7 +127,7 @@ class LogFlags:
     command_topic: Topic = None
     joint_map: File = None
     columns: File = None
-    rate: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="")] = None
+    rate: Annotated[float | None, arg(metavar="HERTZ", help_behavior_hint="")] = None
     start: Annotated[Duration, arg(name="from")] = None
     until: Duration = None
     tables: Annotated[Positional[tuple[Path, ...]], arg(metavar="[TABLE...]", help_behavior_hint="")] = ()

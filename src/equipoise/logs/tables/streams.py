@@ -163,7 +163,7 @@ def _strange(file: TableFile, known: Columns, nameless: Sequence[str], proposal:
     return ColumnsError(
         f"{file.title} has no {', '.join(known.missing())}. The names of its columns suggest the mapping below"
         + (f", but nothing for {', '.join(nameless)}: write these lines yourself" if nameless else "")
-        + ("; --rate HZ stands in for a time where samples are evenly spaced" if TIME in nameless else ""),
+        + ("; --rate HERTZ stands in for a time where samples are evenly spaced" if TIME in nameless else ""),
         proposal,
         file.names,
     )
