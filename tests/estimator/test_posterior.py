@@ -440,7 +440,9 @@ def test_moments_that_nothing_explains_fit_no_better_with_a_larger_inertia(evide
 def test_findings_name_every_sensor_and_the_surest_first(a1, posterior):
     findings = sensor_findings(posterior)
     names = [finding.name for finding in findings]
-    assert len(names) == len(set(names)) == 12 + 3 + 3 + 3 + 3 + 3 + 3 + 3 + 1 + 1 + 1 + 1 + 1 + 1 + 2 + 2 + 2 + 1 + 12 + 3
+    assert (
+        len(names) == len(set(names)) == 12 + 3 + 3 + 3 + 3 + 3 + 3 + 3 + 1 + 1 + 1 + 1 + 1 + 1 + 2 + 2 + 2 + 1 + 12 + 3
+    )
     surety = [abs(finding.value) / finding.deviation for finding in findings]
     assert surety == sorted(surety, reverse=True)
     zero = next(finding for finding in findings if finding.name == "FL_thigh_joint zero")

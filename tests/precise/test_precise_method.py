@@ -117,8 +117,8 @@ def test_legs_that_are_trusted_are_the_files_but_for_a_little_mass():
 
 
 def test_what_was_said_is_told_in_words():
-    assert "a cable pulls by 0.2 N to a side and by 0.2 N down" in Precise().assumptions[0]
-    assert "a cable pulls by 1 N to a side and by 2 N down" in Precise(cable="heavy").assumptions[0]
+    assert "a cable may pull with 0.2 N to a side and 0.2 N down" in Precise().assumptions[0]
+    assert "a cable may pull with 1 N to a side and 2 N down" in Precise(cable="heavy").assumptions[0]
     cable, legs = Precise(cable="none").assumptions, Precise(legs="trusted").assumptions
     assert (len(cable), len(legs)) == (1, 2)
     assert "no cable" in cable[0]

@@ -275,7 +275,9 @@ class Priors:
         10.0, "stiffness of a tether between the end of the trunk and where that is at the nominal stance", "N/m", ROBOT,
         "a hose has 10 to 20; none is known without one",
         group=CABLE, label="stiffness of a tether", finding="stiffness of a tether", notable=5.0, drift=None, judged=False,
-        advice="something holds the trunk back to its place, with {value:+.1f} N/m (sd {deviation:.1f}): a hose or a tether",
+        nonnegative=True,
+        advice="something holds the trunk back to its place with {value:.1f} N/m (sd {deviation:.1f}): a hose or a tether",
+        advice_below="the stiffness of a tether is not measurable: {value:.1f} N/m (sd {deviation:.1f})",
         cause="a hose or a tether holds the trunk back", opened_by="--cable light",
     )  # fmt: skip
     floor_slope: float = unknown(

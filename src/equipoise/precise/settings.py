@@ -131,10 +131,11 @@ class PreciseSettings:
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions on cable, legs and sensors that no motion of a run can test."""
         aside, down = (self.priors.pull * factor for factor in _CABLES[self.cable][:2])
-        cable = f"a cable pulls by {aside:g} N to a side and by {down:g} N down, at an end of the trunk (standard deviations)"
-        said = (
-            f"{cable}; a stronger pull shifts the CoM" if aside else "no cable pulls at the robot or hangs from it",
+        cable = (
+            f"a cable may pull with {aside:g} N to a side and {down:g} N down at an end of the trunk (standard deviations, "
+            "within the intervals)"
         )
+        said = (cable if aside else "no cable pulls at the robot or hangs from it",)
         trusted = f"masses of the legs are the file's to {_TRUSTED_MASS:.0%}, their CoMs and lengths exactly"
         legs = self.legs if self.known is None else self.known.legs
         said = said if legs == "unknown" else (*said, trusted)

@@ -47,6 +47,7 @@ _LEGS_DIFFER = 4.0
 # [m] on an A1, planar and height: the geometric reading knows no sensor biases; 1.4 and 4 mm rms in fault-free runs.
 _PLANES_AGREE = (7e-3, 25e-3)
 _NOT_THERE = 2.5  # standard deviations that a sway has the IMU elsewhere by
+_HELD_BACK = 3.0  # standard deviations: one clean run in 700 is called held
 _IMPOSSIBLE = 3.0  # standard deviations below zero: clean runs come to 1.1, feet with edges and liquids to 3.7
 # What an estimate without a word for it takes for something else.
 _OUTSIDE = "a safety sling, hose or cable carries load"
@@ -80,6 +81,7 @@ def judge(
         *([] if predicted is None else [_predicts(predicted)]),
         _sensors_plausible(posterior),
         _physically_possible(posterior),
+        _nothing_holds_it(posterior),
         _left_and_right_agree(posterior),
         _planes_agree(posterior),
     ]
@@ -372,6 +374,21 @@ def _physically_possible(posterior: Posterior) -> Check:
         )
     message = f"negative, which is impossible: {', '.join(negative)}. Possible causes: {_SHAPES}"
     return Check("physical parameters", False, message)
+
+
+def _nothing_holds_it(posterior: Posterior) -> Check:
+    """Test that nothing holds the trunk back: where a tether is attached, and what else it does, is not known."""
+    if not posterior.unknowns.estimates("tether"):
+        return Check("tether", True, "no tether is allowed for")
+    ((_, stiffness, deviation),) = posterior.of_row(posterior.unknowns.priors.row("tether"))
+    if stiffness < _HELD_BACK * deviation:
+        limit = f"below {_HELD_BACK:g} standard deviations of its stiffness"
+        return Check("tether", True, f"nothing is seen to hold the trunk back: {stiffness:+.1f} N/m, {limit}")
+    message = (
+        f"a hose or a tether holds the trunk back with {stiffness:.1f} N/m (standard deviation {deviation:.1f}): take it off, "
+        "or let it hang slack"
+    )
+    return Check("tether", False, message)
 
 
 def _torques_carry_the_mass(posterior: Posterior, masses: MassComparison | None) -> Check:
