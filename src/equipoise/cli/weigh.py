@@ -68,7 +68,8 @@ def weigh(
 
     assert isinstance(method, Precise)
     required = read_requirements(require)
-    assert method.known is not None
+    if method.known is None:
+        raise SettingsError("name the run folder of this robot's last calibration: --known RUN")
     model = with_known_imu(load_robot(robot, description), place.simulated)
     if not output.silent:
         print(model.imu.sentence, file=sys.stderr)
@@ -90,8 +91,6 @@ def _weigh_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     flags = [optional(replace(flag, name=_FLAGS[flag.name])) for flag in own if flag.name in _FLAGS]
 
     def method(values: Mapping[str, Any]) -> Method:
-        if values[_FLAGS["known"]] is None:
-            raise SettingsError("name the run folder of this robot's last calibration: --known RUN")
         return method_from(DEFAULT_METHOD, {name: values[flag] for name, flag in _FLAGS.items()})
 
     return spec_of("What is known, and how to weigh.", flags, method)

@@ -10,7 +10,6 @@ from equipoise.calibration.run_header import read_header
 from equipoise.robot.catalog import find_model, read_model_file
 
 _ROBOT_FIRST = ("audit", "calibrate", "doctor", "plan", "record", "weigh", "lab balance", "lab monte-carlo")
-_RUNS_ALONE = ("delta", "export", "report")  # other verbs read folders that are logs, too
 _RUN_FIRST = ("delta", "estimate", "export", "report", "view", "lab validate")
 
 
@@ -43,5 +42,5 @@ def refuse_missing(verb: str, words: Sequence[str]) -> None:
     for name in first if verb in _ROBOT_FIRST else [robot] if robot and verb in _RUN_FIRST else ():
         read_model_file(find_model(name)[0])
     for path in map(Path, first if verb in _RUN_FIRST and not robot else ()):
-        if not path.exists() or (path.is_dir() and verb in _RUNS_ALONE):
+        if not path.exists():
             read_header(path)
