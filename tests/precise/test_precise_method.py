@@ -119,6 +119,7 @@ def test_legs_that_are_trusted_are_the_files_but_for_a_little_mass():
 def test_what_was_said_is_told_in_words():
     assert "a cable may pull with 0.2 N to a side and 0.2 N down" in Precise().assumptions[0]
     assert "a cable may pull with 1 N to a side and 2 N down" in Precise(cable="heavy").assumptions[0]
+    assert "with 0 N to a side and 0.4 N down" in Precise(priors=Priors(pull=0.0, hanging=0.16)).assumptions[0]
     cable, legs = Precise(cable="none").assumptions, Precise(legs="trusted").assumptions
     assert (len(cable), len(legs)) == (1, 2)
     assert "no cable" in cable[0]

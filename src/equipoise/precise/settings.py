@@ -19,6 +19,7 @@ _LONGEST = 3600.0  # [s]
 _FINEST, _COARSEST = 1e-4, 500.0  # [kg]
 # Over the priors of what a cable may do: pull to a side, hang, hold back.
 _CABLES = {"none": (0.0, 0.0, 0.0), "light": (1.0, 1.0, 1.0), "heavy": (5.0, 10.0, 2.0)}
+_END_OF_TRUNK = 0.4  # hip heights ahead of the base's origin, or behind
 _SURFACES = {"hard": 1.0, "carpet": 3.0}  # rolling resistance, sag and unevenness over their priors
 _OF_CABLE = ("pull", "hanging", "tether")
 _OF_SURFACE = ("rolling", "sag", "floor_warp", "foothold_change")
@@ -130,12 +131,13 @@ class PreciseSettings:
     @property
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions on cable, legs and sensors that no motion of a run can test."""
-        aside, down = (self.priors.pull * factor for factor in _CABLES[self.cable][:2])
+        beliefs = self._said
+        aside, down = beliefs.pull, beliefs.hanging / _END_OF_TRUNK
         cable = (
             f"a cable may pull with {aside:g} N to a side and {down:g} N down at an end of the trunk (standard deviations, "
             "within the intervals)"
         )
-        said = (cable if aside else "no cable pulls at the robot or hangs from it",)
+        said = (cable if aside or down else "no cable pulls at the robot or hangs from it",)
         trusted = f"masses of the legs are the file's to {_TRUSTED_MASS:.0%}, their CoMs and lengths exactly"
         legs = self.legs if self.known is None else self.known.legs
         said = said if legs == "unknown" else (*said, trusted)
