@@ -180,7 +180,7 @@ def _urdf(robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Paylo
             index = model.getJointId(name)
             own = model.inertias[index]
             mass = own.mass * float(errors.leg_mass_scale[joint])
-            inertia = errors.leg_mass_scale[joint] * (1 + errors.drawn["leg_inertia"][joint]) * np.array(own.inertia)
+            inertia = errors.leg_mass_scale[joint] * errors.leg_inertia_scale[joint] * np.array(own.inertia)
             _link(root, name, pin.Inertia(mass, own.lever + legs.com_shift[joint], inertia))
             place = model.jointPlacements[index]
             axis = np.array(pin.exp3(legs.axis_turn[joint])) @ joint_axis(model, index)

@@ -207,7 +207,7 @@ def as_drawn(robot, errors):
     legs, model = LegErrors.of(robot, nominal_stance(robot), errors), robot.pinocchio.copy()
     for joint in range(JOINTS):
         link, mass = model.inertias[joint + 2], float(errors.leg_mass_scale[joint])
-        about_com = mass * float(1 + errors.drawn["leg_inertia"][joint]) * np.array(link.inertia)
+        about_com = mass * float(errors.leg_inertia_scale[joint]) * np.array(link.inertia)
         model.inertias[joint + 2] = pin.Inertia(
             mass * link.mass, np.array(link.lever) + legs.com_shift[joint], about_com
         )
@@ -239,7 +239,7 @@ def test_the_truth_is_that_of_the_robot_with_all_leg_errors_in(a1, skewed, name)
     others = {"springs": None, "backlash": None, "rotor_spin": None, "armature": None, "foot_radius": None}
     with simulate(robot, "ideal", seed=SEED, effects={**dict.fromkeys(LEG_EFFECTS), **others}) as simulation:
         truth, errors, seen = simulation.truth, simulation.errors, engine(simulation)
-    real, stance, shift = as_drawn(robot, errors), nominal_stance(robot), errors.drawn["hip_position"].reshape(4, 3)
+    real, stance, shift = as_drawn(robot, errors), nominal_stance(robot), errors.hip_position
     in_base_link = composite_parameters(real, stance.joint_position)
     assert_same_body(truth.composite, told_by_hips(in_base_link, shift))
     assert truth.composite.mass != pytest.approx(robot.mass, abs=0.01)
@@ -281,7 +281,7 @@ def test_both_engines_have_the_same_legs(a1):
 @pytest.mark.parametrize("name", ["leg_mass_common", "leg_com_common", "leg_com", "leg_length", "hip_position"])
 def test_each_leg_error_moves_the_truth_by_itself(a1, name):
     with simulate(a1, "ideal", seed=SEED, effects={name: None}) as simulation:
-        real, shift = as_drawn(a1, simulation.errors), simulation.errors.drawn["hip_position"].reshape(4, 3)
+        real, shift = as_drawn(a1, simulation.errors), simulation.errors.hip_position
         composite = simulation.truth.composite
     stance = nominal_stance(a1)
     assert_same_body(composite, told_by_hips(composite_parameters(real, stance.joint_position), shift))

@@ -166,11 +166,11 @@ def _resume(
     """
     if robot is not None:
         raise SettingsError("--resume goes on as the run began; a robot cannot be given with it")
-    read_header(resume)
+    header = read_header(resume)
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.cli.session import confirm, resumed_run
 
-    folder = RunFolder.open(resume)
+    folder = RunFolder(resume, header)
     output.check()
     if folder.complete:
         print(f"the run in {resume} is complete; this is what its recordings say", file=sys.stderr)

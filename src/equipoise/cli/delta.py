@@ -48,14 +48,13 @@ def delta(
         scale_noise: By how much a single reading is off beside that, as a fraction of the mass.
         out: JSON file to save the result in.
     """
-    for path in (before, after):
-        read_header(path)
+    headers = read_header(before), read_header(after)
     from equipoise.calibration.delta import find_delta
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.method.together import of_the_base
     from equipoise.terminal.several_runs import print_delta
 
-    folders = RunFolder.open(before), RunFolder.open(after)
+    folders = RunFolder(before, headers[0]), RunFolder(after, headers[1])
     robot, methods = _shared_robot(*folders), (_precise(folders[0]), _precise(folders[1]))
     scale = _scale(methods, (mass_before, mass_after), scale_gain, scale_noise)
     first, second = (of_the_base(folder.recordings()) for folder in folders)

@@ -169,16 +169,16 @@ def open_run(path: Path, source: LogFlags, description: RobotDescription) -> Run
             "give --robot too"
         )
     try:
-        read_header(path)
+        header = read_header(path)
     except RecordingError as error:
         from equipoise.logs.reader import is_log
 
-        foreign = is_log(path) and "expected" not in error.details  # a schema of ours is no log of others
+        foreign = is_log(path) and "expected" not in error.details  # a file with a schema of equipoise is not foreign
         hint = "; if it is another kind of log, say whose with --robot" if foreign else ""
         raise RecordingError(f"{error}{hint}") from error
     from equipoise.calibration.run_folder import RunFolder
 
-    return RunFolder.open(path)
+    return RunFolder(path, header)
 
 
 def is_simulated(platform: str) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from equipoise.errors import LogError, MotionError, RecordingError
-from equipoise.estimator.diagnostics.screening import screen_log
+from equipoise.estimator.diagnostics.screening import in_order_of_legs, screen_log
 from equipoise.estimator.measurements.scale_reading import check_mass_of
 from equipoise.estimator.unknowns import Priors
 from equipoise.logs.finding import LogFinding
@@ -103,8 +103,8 @@ def _for_what_is_told(method: Precise, recordings: Sequence[Recording]) -> Preci
 
     Planted moves tell it whatever the prior is; a walk hardly does, and its intervals depend on the prior.
     """
-    told = any(isinstance(one.trial, PostureTrial) for one in recordings)
-    if told or method.known is not None or method.priors.imu_tilt != Priors().imu_tilt:
+    moved = any(isinstance(one.trial, PostureTrial) for one in recordings)
+    if moved or method.known is not None or method.priors.imu_tilt != Priors().imu_tilt:
         return method
     return replace(method, priors=replace(method.priors, imu_tilt=_WALKING_TILT))
 
@@ -156,8 +156,7 @@ def _agrees(robot: RobotModel, stance: Stance, recording: Recording) -> bool:
 
 def _reordered(robot: RobotModel, recording: Recording, legs: Sequence[str]) -> Recording:
     """Return a recording whose joints are read as those of legs in another order."""
-    position = np.array(recording.joints.position)
-    position[:, robot.leg_joints] = recording.joints.position[:, np.array([robot.legs[leg].joints for leg in legs])]
+    position = in_order_of_legs(robot, recording.joints.position, legs)
     return replace(recording, joints=replace(recording.joints, position=position))
 
 

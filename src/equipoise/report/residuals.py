@@ -35,13 +35,13 @@ def residual_figures(result: Calibration, planes: LiftPlanes) -> list[Figure]:
 
 
 def _misfits(result: Calibration) -> list[Figure]:
-    told = [(number, trial) for number, trial in enumerate(result.trials, start=1) if trial.misfit is not None]
-    if not told:
+    judged = [(number, trial) for number, trial in enumerate(result.trials, start=1) if trial.misfit is not None]
+    if not judged:
         return []
     bars: list[Trace] = []
     spreads: list[Trace] = []
     for series, (kind, name, pattern) in enumerate(_KINDS):
-        mine = [(number, trial) for number, trial in told if trial.kind == kind]
+        mine = [(number, trial) for number, trial in judged if trial.kind == kind]
         if not mine:
             continue
         colour, misfits = SERIES[series], short(trial.misfit or 0.0 for _, trial in mine)
@@ -56,11 +56,11 @@ def _misfits(result: Calibration) -> list[Figure]:
             "type": "histogram", "name": name, "x": misfits, "xbins": {"start": 0, "size": 0.2},
             "marker": {"color": colour, "pattern": {"shape": pattern}},
         })  # fmt: skip
-    middle = float(np.median([trial.misfit or 0.0 for _, trial in told]))
+    middle = float(np.median([trial.misfit or 0.0 for _, trial in judged]))
     layout = axes("motion", _RATIO)
     layout["shapes"] = [level(1)]
     return [
-        Figure("Residual of each motion", _about_one([trial for _, trial in told]), bars, layout),
+        Figure("Residual of each motion", _about_one([trial for _, trial in judged]), bars, layout),
         Figure(
             "Distribution of the residuals", f"Median {middle:.2f}.", spreads, axes(_RATIO, "motions", barmode="stack")
         ),

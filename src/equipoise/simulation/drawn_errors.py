@@ -71,6 +71,16 @@ class DrawnErrors:
         return (1 + self.drawn["leg_mass"]) * (1 + self.drawn["leg_mass_common"])
 
     @cached_property
+    def leg_inertia_scale(self) -> FloatArray:
+        """(nj,) inertia of the link that each joint moves, about its CoM, over what its mass makes it."""
+        return 1 + self.drawn["leg_inertia"]
+
+    @cached_property
+    def hip_position(self) -> FloatArray:
+        """(4, 3) first joints of the legs FL FR RL RR less the model's, in the base link's axes [m]."""
+        return self.drawn["hip_position"].reshape(4, 3)
+
+    @cached_property
     def gyro_matrix(self) -> FloatArray:
         """(3, 3) reading of the gyroscope, less its bias, over the angular velocity in the IMU frame."""
         x, y, z = self.drawn["gyro_turn"]

@@ -53,7 +53,7 @@ class LegErrors:
             turn[joint] = _across(axis) @ turn_each[joint]
         radii = np.array([foot.radius for foot in robot.feet.values()])
         worn = np.maximum(drawn["foot_radius"], -_MOST_WORN * radii)
-        return cls(com, end, errors.drawn["hip_position"].reshape(4, 3), worn, turn)
+        return cls(com, end, errors.hip_position, worn, turn)
 
 
 def in_frame_of_hips(body: InertialParameters, errors: DrawnErrors) -> InertialParameters:
@@ -68,9 +68,7 @@ def in_frame_of_hips(body: InertialParameters, errors: DrawnErrors) -> InertialP
         body: in the frame of the base link.
         errors: with the places of its first joints less the model's.
     """
-    return InertialParameters(
-        body.mass, body.com - errors.drawn["hip_position"].reshape(4, 3).mean(axis=0), body.inertia
-    )
+    return InertialParameters(body.mass, body.com - errors.hip_position.mean(axis=0), body.inertia)
 
 
 def _links(robot: RobotModel, stance: Stance) -> list[tuple[int, int, FloatArray, FloatArray]]:

@@ -111,10 +111,10 @@ def _add_foot(
         # Radii of curvature at the end of a semi-axis are the squares of the other two over it.
         shape, size = mujoco.mjtGeom.mjGEOM_ELLIPSOID, radius * np.sqrt([1, 1 + oval, 1 - oval / 2])
     up_forward_left = base_axes[:, [2, 0, 1]]
-    body.add_geom(name=foot_name(leg), type=shape, size=size, quat=_quat_wxyz(up_forward_left), **how)
+    body.add_geom(name=foot_name(leg), type=shape, size=size, quat=quat_wxyz(up_forward_left), **how)
     if flat := sizes.foot_flat:
         shape, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [flat, radius, 0]
-        body.add_geom(name=f"{foot_name(leg)}_flat", type=shape, size=size, quat=_quat_wxyz(base_axes), **how)
+        body.add_geom(name=f"{foot_name(leg)}_flat", type=shape, size=size, quat=quat_wxyz(base_axes), **how)
 
 
 def _base_axes(robot: RobotModel, stance: Stance) -> list[FloatArray]:
@@ -125,7 +125,7 @@ def _base_axes(robot: RobotModel, stance: Stance) -> list[FloatArray]:
     return [np.array(data.oMf[frame].rotation).T for frame in frames]
 
 
-def _quat_wxyz(rotation: FloatArray) -> FloatArray:
+def quat_wxyz(rotation: FloatArray) -> FloatArray:
     """Return a (3, 3) rotation as a quaternion, w first."""
     return np.roll(pin.Quaternion(rotation).coeffs(), 1)
 

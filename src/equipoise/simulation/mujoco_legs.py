@@ -30,7 +30,7 @@ def change_legs(model: mujoco.MjModel, robot: RobotModel, joints: Ids, legs: Leg
     for index, joint in enumerate(joints):
         on_link = model.body_weldid == model.body_weldid[model.jnt_bodyid[joint]]
         model.body_mass[on_link] *= errors.leg_mass_scale[index]
-        model.body_inertia[on_link] *= errors.leg_mass_scale[index] * (1 + errors.drawn["leg_inertia"][index])
+        model.body_inertia[on_link] *= errors.leg_mass_scale[index] * errors.leg_inertia_scale[index]
     if any(shift.any() for shift in (legs.com_shift, legs.end_shift, legs.hip_shift, legs.axis_turn)):
         _move(model, robot, joints, legs)
     mujoco.mj_setConst(model, mujoco.MjData(model))

@@ -21,7 +21,7 @@ from equipoise.robot.stance import Stance
 from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import Contacts
 from equipoise.simulation.leg_errors import LegErrors
-from equipoise.simulation.mujoco_contacts import CONTACT_TIME, IMPEDANCE, IMPRATIO, add_contacts, soften_feet
+from equipoise.simulation.mujoco_contacts import CONTACT_TIME, IMPEDANCE, IMPRATIO, add_contacts, quat_wxyz, soften_feet
 from equipoise.simulation.mujoco_drive import add_springs, has_springs, set_springs, set_stops
 from equipoise.simulation.mujoco_legs import add_rotor_spin, change_legs
 from equipoise.simulation.mujoco_loads import add_loads, linear
@@ -255,7 +255,7 @@ def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
             pose = poses.get(index, pin.XYZQUATToSE3(np.concatenate([compiled.body_pos[index], xyzw])))
             position = robot.held.get(spec_joint.name, 0.0)  # joints of several axes are held where they are
             poses[index] = pose = pose * _motion(joint, position)
-            body.pos, body.quat = pose.translation, np.roll(pin.Quaternion(pose.rotation).coeffs(), 1)
+            body.pos, body.quat = pose.translation, quat_wxyz(pose.rotation)
             body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
             _delete(spec, spec_joint)
 
@@ -281,8 +281,8 @@ def _add_actuators_and_sensors(
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
             actuator.forcerange = [-limit * errors.torque_gain[index], limit * errors.torque_gain[index]]
     pose = robot.imu_in_base
-    quat_xyzw = pin.Quaternion(np.array(pose.rotation) @ np.array(pin.exp3(errors.imu_tilt))).coeffs()
-    base.add_site(name=IMU_SITE, pos=pose.translation + errors.drawn["imu_position"], quat=np.roll(quat_xyzw, 1))
+    mounted = np.array(pose.rotation) @ np.array(pin.exp3(errors.imu_tilt))
+    base.add_site(name=IMU_SITE, pos=pose.translation + errors.drawn["imu_position"], quat=quat_wxyz(mounted))
     for joint in robot.joint_names:
         spec.add_sensor(
             name=f"{joint}_torque",

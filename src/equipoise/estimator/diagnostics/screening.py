@@ -315,11 +315,10 @@ def _mistakes(robot: RobotModel, legs: LegChains, position: FloatArray) -> list[
         found.append((f"{what} the wrong sign", flipped))
 
     def swap(what: str, pairs: Sequence[tuple[int, int]]) -> None:
-        swapped = position.copy()
+        order = list(LEG_NAMES)
         for a, b in pairs:
-            swapped[:, legs.joints[a]] = position[:, legs.joints[b]]
-            swapped[:, legs.joints[b]] = position[:, legs.joints[a]]
-        found.append((f"the legs {what} seem to be swapped", swapped))
+            order[a], order[b] = order[b], order[a]
+        found.append((f"the legs {what} seem to be swapped", in_order_of_legs(robot, position, order)))
 
     for joint, name in enumerate(robot.joint_names):
         flip(f"joint {name!r} seems to have", [joint])
@@ -333,6 +332,13 @@ def _mistakes(robot: RobotModel, legs: LegChains, position: FloatArray) -> list[
     swap("of the front and the rear", [(0, 2), (1, 3)])
     swap("FL and RR, and FR and RL,", [(0, 3), (1, 2)])
     return found
+
+
+def in_order_of_legs(robot: RobotModel, position: FloatArray, legs: Sequence[str]) -> FloatArray:
+    """(n, nj) joint positions in which the legs FL FR RL RR have those of other legs, named in this order."""
+    reordered = position.copy()
+    reordered[:, robot.leg_joints] = position[:, np.array([robot.legs[leg].joints for leg in legs])]
+    return reordered
 
 
 def _disagreement(feet: FloatArray, up: FloatArray) -> float:

@@ -28,6 +28,11 @@ def foot_directions(legs: LegChains, posture: TracedPosture) -> Traced:
     return contract("ij...,jk...->ik...", posture.rotation[:, :, -1], legs.level_directions)
 
 
+def _side(normal: Traced, directions: Traced) -> Traced:
+    """(2, ...) share of the half-width in each direction at which the foot stands, by (3, ...) normals: -1 to 1."""
+    return tanh(contract(_ALONG_EACH, normal, directions) * (1 / _LEAN))
+
+
 class FootContact:
     """A foot of n samples on the floor, in base axes.
 
@@ -38,7 +43,7 @@ class FootContact:
     def __init__(self, radius: Traced, normal: Traced, width: Traced, directions: Traced) -> None:
         """Take (n,) radii [m], (3, n) floor normals, (2, n) half-widths [m] and (3, 2, n) directions."""
         self._ball, self._normal, self._width, self._directions = radius * normal, normal, width, directions
-        self._side = tanh(contract(_ALONG_EACH, normal, directions) * (1 / _LEAN))
+        self._side = _side(normal, directions)
         self.to_centre = self._ball + contract(_SUM, width * self._side, directions)
 
     def contact_velocity(self, turning: Traced) -> Traced:
@@ -55,6 +60,6 @@ def to_centre_by_width(legs: LegChains, joint_position: FloatArray, up: FloatArr
         joint_position: (n, nj) joint positions [rad].
         up: (n, 3) floor's normal, in base axes.
     """
-    directions = foot_directions(legs, legs.traced_posture(Traced(np.ascontiguousarray(joint_position.T)))).value.T
-    lean = np.einsum("nlki,ni->nlk", directions, up)
-    return np.asarray(np.moveaxis(np.tanh(lean / _LEAN)[..., None] * directions, 1, 2), dtype=float)
+    position, normal = (Traced(np.ascontiguousarray(part.T)) for part in (joint_position, up))
+    directions = foot_directions(legs, legs.traced_posture(position))
+    return (_side(normal[:, None], directions) * directions).value.transpose(3, 1, 2, 0)

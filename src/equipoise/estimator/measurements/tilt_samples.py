@@ -81,7 +81,7 @@ class TiltSamples:
             _joint_readings(robot, legs, lifts),
             joined("angular_velocity_in_imu"),
             joined("angular_acceleration_in_imu"),
-            np.ascontiguousarray(_rates(joined("angular_acceleration_in_imu").T, lifts).T),
+            np.ascontiguousarray(_rates([lift.angular_acceleration_in_imu for lift in lifts], lifts).T),
             joined("acceleration_in_imu"),
             joined("up_in_imu"),
             _stance_feet(lifts),
@@ -252,14 +252,13 @@ def _joint_readings(robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamp
         np.concatenate([getattr(lift, f"joint_{name}") for lift in lifts])
         for name in ("position", "velocity", "acceleration")
     )
-    return JointReadings.of(legs, position, velocity, torque, _rates(torque, lifts), acceleration)
+    of_lifts = np.split(torque, np.cumsum([len(lift.joint_position) for lift in lifts])[:-1])
+    return JointReadings.of(legs, position, velocity, torque, _rates(of_lifts, lifts), acceleration)
 
 
-def _rates(readings: FloatArray, lifts: Sequence[LiftSamples]) -> FloatArray:
-    """(n, k) rates of change of the (n, k) readings of some lifts."""
-    ends = np.cumsum([len(lift.joint_position) for lift in lifts])[:-1]
-    parts = zip(np.split(readings, ends), lifts, strict=True)
-    return np.concatenate([np.gradient(part, lift.step, axis=0) for part, lift in parts])
+def _rates(readings: Sequence[FloatArray], lifts: Sequence[LiftSamples]) -> FloatArray:
+    """(n, k) rates of change of the readings of some lifts."""
+    return np.concatenate([np.gradient(part, lift.step, axis=0) for part, lift in zip(readings, lifts, strict=True)])
 
 
 def carried_torque(robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> FloatArray:

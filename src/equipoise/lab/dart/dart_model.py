@@ -173,7 +173,7 @@ def _set_inertias(
     changes = {
         skeleton.getJoint(joint).getChildBodyNode().getName(): (float(mass), float(mass * inertia), shift)
         for joint, mass, inertia, shift in zip(
-            robot.joint_names, errors.leg_mass_scale, 1 + errors.drawn["leg_inertia"], legs.com_shift, strict=True
+            robot.joint_names, errors.leg_mass_scale, errors.leg_inertia_scale, legs.com_shift, strict=True
         )
     }
     for name, of_body in parts.items():

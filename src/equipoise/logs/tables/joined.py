@@ -69,10 +69,10 @@ def _joined(
     files: Sequence[TableFile],
     clocks: Sequence[str | None],
     times: Sequence[FloatArray],
-    told: Columns,
+    given: Columns,
 ) -> TableFile:
     microseconds, rows = np.unique(np.round(np.concatenate(times) * 1e6), return_inverse=True)
-    time = microseconds * 1e-6 / told.factor(TIME)
+    time = microseconds * 1e-6 / given.factor(TIME)
     parts = np.split(rows, np.cumsum(list(map(len, times)))[:-1])
     count = Counter([TIME, *(name for file in files for name in file.names)])
     columns: dict[str, tuple[TableFile, str, NDArray[np.intp]]] = {}
@@ -91,7 +91,7 @@ def _joined(
     title = f"the table of {' and '.join(repr(str(path)) for path in paths)}"
     texts = {own: file.texts[name] for own, (file, name, _) in columns.items() if name in file.texts}
     passed_over = tuple(other for file in files for other in file.passed_over)
-    return TableFile(title, len(time), (told.names.get(TIME) or TIME, *columns), read, passed_over, texts)
+    return TableFile(title, len(time), (given.names.get(TIME) or TIME, *columns), read, passed_over, texts)
 
 
 def _own_name(path: Path, name: str, count: int) -> str:

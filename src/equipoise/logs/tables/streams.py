@@ -56,10 +56,10 @@ def read_table(
         SettingsError: the user's columns are not in the table.
         MissingDependencyError: Parquet needs pyarrow.
     """
-    told = columns or Columns()
-    file = open_tables((path, *tables), told)
-    told.check(file.names, file.title)
-    known = told.of_table(file.names)
+    given = columns or Columns()
+    file = open_tables((path, *tables), given)
+    given.check(file.names, file.title)
+    known = given.of_table(file.names)
     file.refuse_twins(known.names.values())
     if known.missing():
         raise _strange(file, known, *propose(robot, file, known))
