@@ -66,7 +66,7 @@ SILENT = 4.0  # standard deviations off, with every check green
 MOVED = 0.02  # standard deviations, by which a row made again may differ
 # Nothing without springs; a mistake, which checks name (tests/estimator/test_outside_forces.py).
 _LEFT_OUT = ("spring_spread", "sling")
-# A cable of 0.3 kg that hangs from the robot is seen by whoever calibrates it; no motion distinguishes it from the CoM.
+# An operator sees a cable of 0.3 kg that hangs from the robot. No motion distinguishes its weight from the CoM.
 _SAID = {"vertical_pull": "heavy"}
 EFFECTS = tuple(
     row.name
