@@ -113,7 +113,7 @@ bench-paper: $(DEV_STAMP)
 
 # What each error source costs the paper's method; three minutes.
 bench-sources: $(DEV_STAMP)
-	$(BIN)/equipoise lab monte-carlo --trials 240 --vary-noise --seed 10000 --out benchmarks/results/sources
+	$(BIN)/equipoise lab monte-carlo --trials 240 --vary-effects --seed 10000 --out benchmarks/results/sources
 	$(BIN)/python benchmarks/provenance.py sources/summary.md
 
 # Twenty minutes on one core, most of it mujoco.sysid. Peers whose packages are missing get a row that says so:

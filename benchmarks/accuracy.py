@@ -1,8 +1,9 @@
 """How near the truth calibrations come, and how honest their intervals are: `make bench-accuracy`.
 
-Random payloads on simulated robots with the presets `stress` and `realistic`, by the precise method, with and without a
+Random payloads on simulated robots with the presets `stress` and `realistic`, by the Bayesian method, with and without a
 scale, with and without a cable, with legs unknown and trusted, all from the same recordings; turned by 180 degrees half-way
-(`--turn`); by the methods `paper` and `static` in `realistic`. Every run appends a row to benchmarks/results/accuracy.jsonl,
+(`--rotate-halfway`); by the methods `paper` and `static` in `realistic`. Every run appends a row to
+benchmarks/results/accuracy.jsonl,
 so that an interrupted benchmark goes on where it was; benchmarks/results/accuracy.md is made from the rows. All is seeded;
 nothing was tuned on these seeds.
 
@@ -35,8 +36,8 @@ from scipy.stats import binom
 
 import equipoise
 from equipoise import (
+    BayesianMethod,
     Method,
-    Precise,
     SensorErrors,
     calibrate,
     estimate,
@@ -67,7 +68,7 @@ Row = dict[str, Any]
 
 # One error source at a time; those that only matter together are together.
 SOURCES = {
-    "joint zeros 5 mrad": ("joint_zero",),
+    "joint offsets 5 mrad": ("joint_offset",),
     "IMU tilt 5 mrad": ("imu_tilt",),
     "accelerometer bias": ("accelerometer_bias",),
     "gyroscope bias": ("gyro_bias",),
@@ -98,7 +99,7 @@ class Case:
 
 def cases() -> list[Case]:
     """All of them, in an order in which half a benchmark is half of each part."""
-    counts = {(robot, "precise", world): count for world in WORLDS for robot, count in COUNTS.items()}
+    counts = {(robot, "bayesian", world): count for world in WORLDS for robot, count in COUNTS.items()}
     counts |= {("unitree_a1", method, "realistic"): NAIVE_SEEDS for method in NAIVE}
     counts["unitree_a1", "turned", "stress"] = TURNED_SEEDS
     parts = [
@@ -110,7 +111,7 @@ def cases() -> list[Case]:
         Case("unitree_a1", FIRST_SEED + seed, method, source)
         for seed in range(SOURCE_SEEDS)
         for source in SOURCES
-        for method in ("precise", "paper")
+        for method in ("bayesian", "paper")
     ]
     return [*(case for _, case in sorted(parts, key=lambda part: part[0])), *sources]
 
@@ -138,9 +139,9 @@ def payload_of(robot: equipoise.RobotModel, generator: np.random.Generator) -> s
 def settings_of(case: Case, true_mass: float, generator: np.random.Generator) -> Method:
     weighed = true_mass * (1 + SCALE * generator.standard_normal())
     if case.method == "precise60":
-        return Precise(budget=60.0, mass=weighed, mass_sd=SCALE * weighed)
+        return BayesianMethod(duration=60.0, mass=weighed, mass_std=SCALE * weighed)
     if case.method == "turned":
-        return Precise(turn=True, mass=weighed, mass_sd=SCALE * weighed)
+        return BayesianMethod(rotate_halfway=True, mass=weighed, mass_std=SCALE * weighed)
     return method_named(case.method)().weighed(weighed, SCALE * weighed)
 
 
@@ -149,13 +150,13 @@ def robot_called(name: str) -> equipoise.RobotModel:
     return load_robot(name)
 
 
-def told_otherwise(settings: Precise) -> dict[str, Precise]:
+def told_otherwise(settings: BayesianMethod) -> dict[str, BayesianMethod]:
     """What else the recordings of a run are estimated with, by what a page calls it."""
     known = dataclasses.replace(settings, cable="none")
     return {
-        "no scale": dataclasses.replace(settings, mass=None, mass_sd=None),
+        "no scale": dataclasses.replace(settings, mass=None, mass_std=None),
         "no cable": known,
-        "no cable, legs trusted": dataclasses.replace(known, legs="trusted"),
+        "no cable, legs trusted": dataclasses.replace(known, leg_prior="narrow"),
     }
 
 
@@ -181,9 +182,9 @@ def run(case: Case) -> Row:
     row["file_error"] = [quantity.model - quantity.truth for quantity in result.composite]
     row["robot_time"] = sum(trial.duration for trial in result.trials)
     row["estimation_s"] = sum(result.timings.values())
-    if isinstance(settings, Precise):
+    if isinstance(settings, BayesianMethod):
         row |= judged(result)
-        if case.source in WORLDS and case.method == "precise":
+        if case.source in WORLDS and case.method == "bayesian":
             row["otherwise"] = {
                 name: judged(estimate(robot, recordings, other).with_truth(truth))
                 for name, other in told_otherwise(settings).items()
@@ -191,7 +192,7 @@ def run(case: Case) -> Row:
         return row
     error = [None if quantity.value is None else quantity.error for quantity in result.composite]
     for index, axis in enumerate(("roll", "pitch", "yaw")):
-        moment = result.sways[axis].moment if axis in result.sways else None
+        moment = result.excitations[axis].moment if axis in result.excitations else None
         error[4 + index] = None if moment is None else float(moment - true[4 + index])
     row["error"] = error
     return row
@@ -202,7 +203,7 @@ def judged(result: equipoise.Calibration) -> Row:
     body = list(result.composite)
     return {
         "error": [quantity.error for quantity in body],
-        "sd": [quantity.deviation for quantity in body],
+        "sd": [quantity.std for quantity in body],
         "holds": [not quantity.missed for quantity in body],
         "alarms": [check.name for check in result.checks if not check.passed],
     }
@@ -235,7 +236,7 @@ def rms(values: np.ndarray) -> np.ndarray:
 
 
 TARGETS = {  # of an A1: mass %, CoM mm, moments %; CoM in proportion to the legs
-    ("stress", "precise"): (0.75, 0.6, 2.0, 5, 3, 4),
+    ("stress", "bayesian"): (0.75, 0.6, 2.0, 5, 3, 4),
     ("stress", "turned"): (0.5, 0.4, 2.0, 5, 3, 4),
     ("realistic", "precise, no cable"): (0.30, 0.25, 1.5, 3, 2, 2),
     ("realistic", "precise, no cable, legs trusted"): (0.22, 0.20, 0.45, 1.2, 0.8, 1.2),
@@ -248,10 +249,10 @@ def lines_of(rows: Iterable[Row]) -> Iterable[tuple[str, str, str, int, list[Row
     for robot, meant in COUNTS.items():
         for world in WORLDS:
             of = [row for row in rows if (row["robot"], row["source"]) == (robot, world)]
-            precise = [row for row in of if row["method"] == "precise"]
+            precise = [row for row in of if row["method"] == "bayesian"]
             good = [row for row in precise if "failed" not in row]
             if good:
-                yield robot, world, "precise", meant, good, good
+                yield robot, world, "bayesian", meant, good, good
                 for name in good[0]["otherwise"]:
                     yield robot, world, f"precise, {name}", meant, good, [row["otherwise"][name] for row in good]
                 yield robot, world, "model file", meant, good, [{"error": row["file_error"]} for row in good]
@@ -322,7 +323,7 @@ def source_table(rows: Iterable[Row]) -> list[str]:
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for source in SOURCES:
-        for method in ("precise", "paper"):
+        for method in ("bayesian", "paper"):
             good = [r for r in rows if (r["source"], r["method"]) == (source, method) and "failed" not in r]
             if good:
                 found = rms(np.array([relative(row, row["error"]) for row in good]))[1:]
@@ -333,23 +334,23 @@ def source_table(rows: Iterable[Row]) -> list[str]:
 
 ABOUT = """# Accuracy
 
-`make bench-accuracy`; seeds from {first} on, which no development used. RMS of estimate less
-truth, for the whole robot at the nominal stance; random payloads of 5 to 30 % of the base's mass; a scale good to 0.5 % where
-nothing else is said. What the precise method was told otherwise is estimated from the same recordings. *Model file*: the file,
-which does not know the payload. Bold: target missed. The paper's I is compared with the whole robot's.
+`make bench-accuracy`; seeds from {first} on, which no development used. RMSE of the whole
+robot at the nominal stance; random payloads of 5 to 30 % of the base's mass; mass from a scale within 0.5 % unless
+stated. Rows with other settings of the Bayesian method are estimated from the same recordings. *Model file*: the file,
+without the payload. Bold: target missed. The paper's I is compared with the whole robot's.
 """
 
 
 def write_tables() -> str:
     rows = list(load_rows(ROWS).values())
     failed = [f"- {row['key']}: {row['failed']}" for row in rows if "failed" in row]
-    seconds = [row["estimation_s"] for row in rows if row["method"] == "precise" and "failed" not in row]
+    seconds = [row["estimation_s"] for row in rows if row["method"] == "bayesian" and "failed" not in row]
     text = "\n".join(
         [
             ABOUT.format(first=FIRST_SEED),
             *accuracy_table(rows),
             "",
-            "## Do the 95 % intervals of `precise` hold the truth?",
+            "## Do the 95 % intervals of `bayesian` hold the truth?",
             "",
             f"Share of runs in which they do, as printed; all runs count. Bold: too few for a share of {LEAST:.0%}.",
             "",

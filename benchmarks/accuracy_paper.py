@@ -18,7 +18,7 @@ import pinocchio as pin
 from provenance import write_page
 
 import equipoise
-from equipoise import ComSearchSettings, Paper, calibrate, load_robot, simulate
+from equipoise import ComSearchSettings, PaperMethod, calibrate, load_robot, simulate
 from equipoise.errors import EquipoiseError, MissingDependencyError
 from equipoise.robot.catalog import CATALOG
 
@@ -57,7 +57,7 @@ def run(robot: str, noise: str = "ideal", feet: str = "measured", tolerance: flo
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = load_robot(robot)
-    settings = Paper(feet, com_search=ComSearchSettings(tolerance=tolerance))
+    settings = PaperMethod(feet, com_search=ComSearchSettings(tolerance=tolerance))
     with simulate(model, noise, payload, seed) as simulation:
         result = calibrate(simulation.platform, model, settings).with_truth(simulation.truth)
     x, y = result.composite.com_in_base.errors[:2].tolist()
@@ -66,7 +66,7 @@ def run(robot: str, noise: str = "ideal", feet: str = "measured", tolerance: flo
         robot, noise, feet, tolerance * 1000, seed, payload, x * 1000, y * 1000,
         {d: len({t.offset for t in lifts if t.about == d}) for d in ("FL_RR", "FR_RL")},
         len(lifts), sum(trial.duration for trial in result.trials), result.moment_errors(),
-        {axis: sway.moment for axis, sway in result.sways.items()}, model.leg_length,
+        {axis: excitation.moment for axis, excitation in result.excitations.items()}, model.leg_length,
     )  # fmt: skip
 
 

@@ -36,12 +36,12 @@ import equipoise
 from equipoise import calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
 from equipoise.lab.balance.balance_routine import BalanceSettings, balance
-from equipoise.lab.balance.belief import Plant, calibrated, displaced, error_along, model_file
-from equipoise.lab.balance.judge import Verdict, judge
-from equipoise.lab.balance.senses import SensorKnowledge
+from equipoise.lab.balance.evaluation import Verdict, judge
+from equipoise.lab.balance.model_error import Plant, calibrated, displaced, error_along, model_file
+from equipoise.lab.balance.observer import SensorKnowledge
 from equipoise.method.table import method_named
 from equipoise.robot.model import DIAGONALS
-from equipoise.simulation.glimpse import Bystander
+from equipoise.simulation.ground_truth_view import Bystander
 from equipoise.simulation.simulation import Simulation
 
 RESULTS = Path(__file__).parent / "results"
@@ -103,14 +103,14 @@ def stand(
     """One balance trial as numbers: lengths in mm, angles in degrees."""
     bystander = Bystander(simulation.witness.look, 5)
     run = balance(simulation.platform, robot, belief.model, diagonal, settings, belief.sensors, bystander.watch)
-    verdict: Verdict = judge(run, bystander.glimpses)
+    verdict: Verdict = judge(run, bystander.ground_truths)
     error = error_along(nominal_stance(robot), diagonal, belief.model, simulation.truth)
     return {
         "balanced": verdict.balanced,
         "time": round(verdict.time_balanced, 2),
         "failure": verdict.failure,
         "believed_error": round(1000 * error, 2),
-        "sway": None if verdict.sway is None else round(1000 * verdict.sway, 3),
+        "excitation": None if verdict.excitation is None else round(1000 * verdict.excitation, 3),
         "tilt": round(float(np.degrees(verdict.tilt)), 2),
         "torque": None if verdict.largest_torque is None else round(verdict.largest_torque, 1),
         "observed_error": None if verdict.observed_error is None else round(1000 * verdict.observed_error, 2),
@@ -134,7 +134,7 @@ def sweep(case: Case) -> dict[str, object]:
         belief = displaced(robot, nominal_stance(robot), simulation.truth, case.diagonal, case.error / 1000)
         if case.kind != "unknown":
             drawn = simulation.errors
-            known = SensorKnowledge(drawn.joint_zero, drawn.imu_tilt, drawn.accelerometer_bias)
+            known = SensorKnowledge(drawn.joint_offset, drawn.imu_tilt, drawn.accelerometer_bias)
             belief = dataclasses.replace(belief, sensors=known)
         settings = BalanceSettings(observe_offset=case.kind == "observe")
         return stand(robot, simulation, belief, case.diagonal, settings)
@@ -144,12 +144,14 @@ def payload_study(case: Case) -> dict[str, object]:
     """Before and after calibrations of the same robot with the same payload; what was calibrated is what balances."""
     robot = robot_called(case.robot)
     stance = nominal_stance(robot)
-    beliefs = [model_file(robot)]
-    for method in ("paper", "precise"):
+    combined_priors = [model_file(robot)]
+    for method in ("paper", "bayesian"):
         with simulate(robot, "realistic", case.payload, case.seed) as simulation:
-            beliefs.append(calibrated(robot, stance, calibrate(simulation.platform, robot, method_named(method)())))
+            combined_priors.append(
+                calibrated(robot, stance, calibrate(simulation.platform, robot, method_named(method)()))
+            )
     trials: dict[str, dict[str, object]] = {}
-    for name, belief in zip(MODELS, beliefs, strict=True):
+    for name, belief in zip(MODELS, combined_priors, strict=True):
         trials[name] = {}
         for diagonal in DIAGONALS:
             with simulate(robot, "realistic", case.payload, case.seed) as simulation:
@@ -201,20 +203,21 @@ def sweep_table(rows: list[dict], kind: str) -> list[str]:
 
 def lean_table(rows: list[dict]) -> list[str]:
     lines = [
-        "| robot | sway at 0 mm, rms [mm] | tilt in the last second at 0, +-2, +-4, +-6 mm [deg] | largest torque [Nm] |",
+        "| robot | excitation at 0 mm, rms [mm] | tilt in the last second at 0, +-2, +-4, +-6 mm [deg] | largest "
+        "torque [Nm] |",
         "|---|---|---|---|",
     ]
     for robot in ROBOTS:
         stood = [row for row in rows if row["kind"] == "known" and row["robot"] == robot and row.get("balanced")]
         if not stood:
             continue
-        sway = [row["sway"] for row in stood if row["error"] == 0]
+        excitation = [row["excitation"] for row in stood if row["error"] == 0]
         tilts = []
         for size in (0, 2, 4, 6):
             some = [row["tilt"] for row in stood if abs(row["error"]) == size]
             tilts.append(f"{np.mean(some):.1f}" if some else "falls")
         torque = max(row["torque"] for row in stood)
-        lines.append(f"| {robot} | {np.mean(sway):.2f} | {', '.join(tilts)} | {torque:.1f} |")
+        lines.append(f"| {robot} | {np.mean(excitation):.2f} | {', '.join(tilts)} | {torque:.1f} |")
     return lines
 
 
@@ -313,12 +316,13 @@ def write_tables() -> str:
         "",
         "Runs that balanced, of all; in brackets the median time to the fall. The law believes the simulated truth with the "
         "centre of mass displaced by so many mm along the horizontal normal of the support line; positive: believed too far "
-        "forward. The sensors' constant errors (joint zeros, IMU mounting, accelerometer bias) are known to the law, so that "
+        "forward. The sensors' constant errors (joint offsets, IMU mounting, accelerometer bias) are known to the "
+        "law, so that "
         "the centre of mass alone is studied; leg masses, torque gains, friction and the floor's slope are not.",
         "",
         *sweep_table(rows, "known"),
         "",
-        "The same with the sensors taken at their word (joint zeros 5 mrad, IMU tilt 5 mrad rms):",
+        "The same with the sensors taken at their word (joint offsets 5 mrad, IMU tilt 5 mrad rms):",
         "",
         *sweep_table(rows, "unknown"),
         "",
@@ -331,8 +335,8 @@ def write_tables() -> str:
         "## Before and after calibration, with a payload off centre",
         "",
         "Runs that balanced, median time, and rms error of the believed centre of mass across the support line. Each robot is "
-        "calibrated with its payload and its own sensor errors, without a scale, and balances afterwards; with `precise` the "
-        "joint zeros and the IMU mounting that it found are taken off, with the others sensors are taken at their word.",
+        "calibrated with its payload and its own sensor errors, without a scale, and balances afterwards; with `bayesian` the "
+        "joint offsets and the IMU mounting that it found are taken off, with the others sensors are taken at their word.",
         "",
         *payload_table(rows),
         "",

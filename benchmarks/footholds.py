@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from provenance import write_page
 
-from equipoise import Precise, RobotModel, load_robot, nominal_stance
+from equipoise import BayesianMethod, RobotModel, load_robot, nominal_stance
+from equipoise.bayesian.plan import Plan, make_plan
+from equipoise.bayesian.planning.candidates import Candidates
 from equipoise.conventions import FloatArray
 from equipoise.estimator.problem import prior_rows
-from equipoise.precise.plan import Plan, make_plan
-from equipoise.precise.planning.candidates import Candidates
 from equipoise.result.findings import Link
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics
@@ -48,7 +48,7 @@ def lines() -> list[str]:
     found = [
         "# Displaced footholds: what they would tell",
         "",
-        "`make bench-footholds`: standard deviations that the planner foretells for `--what base,legs`, a scale of "
+        "`make bench-footholds`: standard deviations that the planner foretells for `--parameters base,legs`, a scale of "
         f"{SCALE:.1%} and no cable, in {BUDGET:.0f} s (an A1's; others longer by their clock). In the second half each foot "
         f"stands {1e3 * STEP:.0f} mm away (an A1's) from the nominal stance; the way there costs nothing. Moments across "
         "the joints' axes, root mean square of all thighs and calves.",
@@ -76,18 +76,20 @@ def displaced(robot: RobotModel, home: Stance) -> dict[str, Stance]:
 
 
 def row(robot: RobotModel, home: Stance, stance: Stance) -> str:
-    method = Precise(mass=robot.mass, mass_sd=SCALE * robot.mass, cable="none", swings=True)
+    method = BayesianMethod(mass=robot.mass, mass_std=SCALE * robot.mass, cable="none", swings=True)
     first, second = (
-        Candidates.of(robot, at, composite_parameters(robot, at.joint_position).com, method.beliefs, swings=True)
+        Candidates.of(
+            robot, at, composite_parameters(robot, at.joint_position).com, method.combined_priors, swings=True
+        )
         for at in (home, stance)
     )
     half = BUDGET * home.scale.time / 2
     before = make_plan(first, half)
     plan = make_plan(second, half, known=told(first, before), searched=True)
-    sd, body = plan.deviation, plan.body
+    sd, body = plan.std, plan.body
     links = list(plan.links.values())
     moments = [1e3 * moment_sd(links[place::3]) for place in (1, 2)]  # three links a leg
-    lengths = [link.length.deviation for link in links if link.length.value is not None]
+    lengths = [link.length.std for link in links if link.length.value is not None]
     cells = [
         str(before.lifts + plan.lifts),
         " ".join(f"{1e3 * value:.2f}" for value in sd[1:4]),
@@ -100,7 +102,7 @@ def row(robot: RobotModel, home: Stance, stance: Stance) -> str:
 
 def moment_sd(links: list[Link]) -> float:
     """Root mean square standard deviation of first moments along x and z, across the joint's axis [kg m]."""
-    return float(np.sqrt(np.mean([link.moment_x.deviation**2 + link.moment_z.deviation**2 for link in links]) / 2))
+    return float(np.sqrt(np.mean([link.moment_x.std**2 + link.moment_z.std**2 for link in links]) / 2))
 
 
 def told(candidates: Candidates, plan: Plan) -> FloatArray:

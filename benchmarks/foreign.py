@@ -31,7 +31,7 @@ import mujoco
 import numpy as np
 from provenance import checkout, commit, write_page
 
-from equipoise import Precise, SteppedPlatform, calibrate, load_robot, nominal_stance
+from equipoise import BayesianMethod, SteppedPlatform, calibrate, load_robot, nominal_stance
 from equipoise.drivers.dds.cyclone import VERSION
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.dds import open_connection
@@ -163,7 +163,7 @@ def calibrated(
         truth = truth_of(loaded, dict(zip(robot.joint_names, stance.tolist(), strict=True)))
         row: dict[str, object] = {"how": how, "step": step, "surface": surface, "scale": scale, "commit": commit()}
         row["truth"] = truth.tolist()
-        method = Precise(surface=surface)
+        method = BayesianMethod(surface=surface)
         method = method.weighed(truth[0], scale * truth[0]) if scale else method
         lockstep = how == "lockstep"
         settings = UnitreeDdsSettings(
@@ -191,7 +191,7 @@ def calibrated(
     return {
         **row,
         "error": (found.values - truth).tolist(),
-        "sd": found.deviations.tolist(),
+        "sd": found.stds.tolist(),
         "warnings": list(result.warnings),
     }
 
@@ -256,7 +256,7 @@ def built(given: argparse.Namespace, folder: Path, sdk: str, program: str) -> st
 
 def commanded(computer: str, protocol: str) -> dict[str, object]:
     """The maker's computer commands our simulated robot."""
-    flags = ["--protocol", protocol, "--address", A1_ADDRESS, "--noise", "ideal"]
+    flags = ["--protocol", protocol, "--address", A1_ADDRESS, "--sim-preset", "ideal"]
     with subprocess.Popen(
         [sys.executable, "-m", "equipoise.lab.emulators.unitree_udp", *flags], stdout=subprocess.PIPE, text=True
     ) as robot:
@@ -365,7 +365,7 @@ tried.
 """
 DDS_TEXT = f"""The simulator runs as it is, in a Python of its own, without a window (`benchmarks/foreign_programs/bridge.py`).
 The robot is the Go2 of its MJCF with {PAYLOAD[0]:g} kg on its back, and lies limp at first; its feet resist rolling.
-`precise` is given the MJCF without the load, and a scale good to {100 * SCALE:g} %, or none. Errors are estimates less
+`bayesian` is given the MJCF without the load, and a scale good to {100 * SCALE:g} %, or none. Errors are estimates less
 MuJoCo's own sums over the loaded MJCF. In lockstep the world waits for commands. In real time it goes by its own clock, and
 as its samples carry no time, they count as taken when they come."""
 UDP_TEXT = """A program of ours that the maker's library is linked into (`benchmarks/foreign_programs/computer.cpp`) commands

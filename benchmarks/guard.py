@@ -16,7 +16,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 from provenance import write_page
 
-from equipoise import Precise, calibrate, load_robot, simulate
+from equipoise import BayesianMethod, calibrate, load_robot, simulate
 from equipoise.errors import EquipoiseError, MissingDependencyError, ModelWarning
 from equipoise.guard.guard import Guard
 from equipoise.method.table import method_named
@@ -24,13 +24,13 @@ from equipoise.robot.catalog import CATALOG
 from equipoise.robot.model import RobotModel
 
 RESULTS = Path(__file__).parent / "results"
-RUNS = (("precise", "standing"), ("precise", "lying"), ("paper", "standing"))
+RUNS = (("bayesian", "standing"), ("bayesian", "lying"), ("paper", "standing"))
 SEED, BUDGET = 10_000, 60.0
 
 
 def row(robot: RobotModel, method: str, start: str) -> tuple[bool, str]:
     """Whether it was calm, and a line of the table."""
-    settings = Precise(budget=BUDGET) if method == "precise" else method_named(method)()
+    settings = BayesianMethod(duration=BUDGET) if method == "bayesian" else method_named(method)()
     with simulate(robot, "realistic", seed=SEED, start=start) as simulation:
         guard = Guard(simulation.platform, robot)
         try:
@@ -64,7 +64,7 @@ def main() -> None:
     text = [
         "# Robots that are well, behind the guard",
         "",
-        f"`make bench-guard`; `--noise realistic`, seed {SEED}, `precise` with {BUDGET:.0f} s of robot time. "
+        f"`make bench-guard`; `--sim-preset realistic`, seed {SEED}, `bayesian` with {BUDGET:.0f} s of robot time. "
         f"{calm} of {len(rows)} runs ended without an alarm. Lean is the largest from upright; lift trials tip on purpose.",
         "",
         "| robot | method | starts | commands | lean [deg] | at the end | |",

@@ -5,7 +5,7 @@
 
 Prints a Markdown table. Lines are those of the files; code is lines without blanks, comments and docstrings. What a
 calibration imports is read from `sys.modules`: after `from equipoise import calibrate`, and at the end of
-`equipoise calibrate unitree_a1 --method precise`, which is run in simulation, in a folder that is thrown away.
+`equipoise calibrate unitree_a1 --method bayesian`, which is run in simulation, in a folder that is thrown away.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-COMMAND = ["calibrate", "unitree_a1", "--method", "precise", "--quiet", "--no-report"]
+COMMAND = ["calibrate", "unitree_a1", "--method", "bayesian", "--quiet", "--no-report"]
 _IMPORTED = """
 import atexit, json, sys
 atexit.register(lambda: print(json.dumps([

@@ -35,10 +35,10 @@ KILLS, SEED = 20, 5
 PERIOD = 0.002  # [s]
 MOST_LOST = 0.3  # [s] of samples
 METHODS = {
-    "precise": ["--budget", "30s", "--no-sway"],
+    "bayesian": ["--duration", "30s", "--no-excitation"],
     "paper": ["--method", "paper", "--tolerance", "0.02"],
 }
-COMMON = ["--quiet", "--noise", "realistic", "--payload", "1,0.03,0.02,0.06", "--seed", "3"]
+COMMON = ["--quiet", "--sim-preset", "realistic", "--payload", "1,0.03,0.02,0.06", "--seed", "3"]
 # A child notes how far it is in a file that both map: that outlives it, whether it was logged or not.
 CALIBRATE = """
 import mmap, struct, sys

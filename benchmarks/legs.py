@@ -2,7 +2,7 @@
 
 Simulated robots whose legs are not their files': 10 % off in mass in common and 5 % each, CoMs 4 mm in common to a kind and
 2 mm each, thighs and calves 1.5 mm, beside ordinary sensors (`realistic`) or all of `stress`; lengths scaled to the robot.
-120 s, a scale of 0.5 %; and ten seconds of the legs in the air besides (`--what base,legs,motors`). Rows are kept in
+120 s, a scale of 0.5 %; and ten seconds of the legs in the air besides (`--parameters base,legs,motors`). Rows are kept in
 legs.jsonl: it goes on where it was.
 """
 
@@ -22,10 +22,10 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 from provenance import commit, write_page
 
-from equipoise import Calibration, Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, Calibration, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
+from equipoise.method.combined import CombinedMethod
 from equipoise.method.method import Method
-from equipoise.method.together import Together
 from equipoise.motors.method import Motors
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial
@@ -37,7 +37,7 @@ from equipoise.simulation.effects import REALISTIC, STRESS, SensorErrors
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "legs.jsonl"
 FIRST = 10_000  # seeds below are for development
-BASE, LEGS, MOTORS = "base", "base,legs", "base,legs,motors"  # as `--what` says it
+BASE, LEGS, MOTORS = "base", "base,legs", "base,legs,motors"  # as `--parameters` says it
 # World, what is looked for, and how many runs of each robot. Legs with motors and without are estimated from one run.
 RUNS = (
     ("realistic", LEGS, {"unitree_a1": 20, "go2": 20, "anymal_c": 8, "solo12": 8}),
@@ -75,8 +75,10 @@ def run(name: str, preset: str, what: str, seed: int) -> list[Row]:
         true = simulation.truth.composite.mass
         mass = true * (1 + 0.005 * np.random.default_rng([seed, 77]).standard_normal())
         cable = "none" if preset == "realistic" else "light"
-        base = Precise(mass=mass, mass_sd=0.005 * mass, cable=cable, swings=what != BASE)
-        methods: dict[str, Method] = {BASE: base} if what == BASE else {LEGS: base, MOTORS: Together(base, Motors())}
+        base = BayesianMethod(mass=mass, mass_std=0.005 * mass, cable=cable, swings=what != BASE)
+        methods: dict[str, Method] = (
+            {BASE: base} if what == BASE else {LEGS: base, MOTORS: CombinedMethod(base, Motors())}
+        )
         try:
             calibrate(simulation.platform, robot, methods[MOTORS if MOTORS in methods else BASE], kept.append)
         except EquipoiseError as error:
@@ -96,7 +98,7 @@ def told(result: Calibration, robot: RobotModel) -> Row:
     body = list(result.composite)
     return {
         "failed_checks": [check.name for check in result.checks if not check.passed],
-        "truth": [one.truth for one in body], "error": [one.error for one in body], "sd": [one.deviation for one in body],
+        "truth": [one.truth for one in body], "error": [one.error for one in body], "sd": [one.std for one in body],
         "links": links(result, robot),
     }  # fmt: skip
 
@@ -125,7 +127,7 @@ def links(result: Calibration, robot: RobotModel) -> Row:
         if link.length.error is not None:
             kind["length"].append(link.length.error)
         known = [one for one in link.quantities.values() if one.value is not None]
-        kind["z"] += [one.error / one.deviation for one in known]
+        kind["z"] += [one.error / one.std for one in known]
     return found
 
 
@@ -149,7 +151,7 @@ def table(rows: list[Row]) -> Iterator[str]:
     )
     yield ""
     yield (
-        "| world | `--what` | robot | runs | CoM x y z [mm] | Ixx Iyy Izz [%] | thigh (file) [%] | calf (file) [%] "
+        "| world | `--parameters` | robot | runs | CoM x y z [mm] | Ixx Iyy Izz [%] | thigh (file) [%] | calf (file) [%] "
         "| lengths [mm] | held | links held | sd/rms | checks failed |"
     )
     yield "|" + "---|" * 13

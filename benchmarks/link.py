@@ -33,7 +33,7 @@ import tyro
 from provenance import commit, write_page
 
 import equipoise
-from equipoise import Precise, RunFolder, Trajectory, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, RunFolder, Trajectory, calibrate, load_robot, nominal_stance, simulate
 from equipoise.calibration.routine import perform
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.guard.remote_robot import RemoteRobot
@@ -105,23 +105,23 @@ def remote(realtime: bool, log: Any = None) -> RemoteRobot:
 
 
 def loop_row(realtime: bool, load: int, seconds: float) -> dict[str, Any]:
-    """How late commands leave while the robot sways and is held, and what both processes cost."""
-    with emulator("--noise", "ideal", "--start", "standing", "--no-sport-mode"), busy(load):
+    """Lateness of commands during excitation and holding, and CPU time of both processes."""
+    with emulator("--sim-preset", "ideal", "--start", "standing", "--no-sport-mode"), busy(load):
         robot = remote(realtime)
         began, used = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF)
         with robot:
-            planted, feet = stand_up(robot, MODEL, nominal_stance(MODEL))
-            trajectory = sway()
+            standing, feet = stand_up(robot, MODEL, nominal_stance(MODEL))
+            trajectory = excitation()
             for _ in range(round(seconds / (len(trajectory.position) * robot.control_period))):
                 robot.play(trajectory)
-            move_to(planted, feet)
+            move_to(standing, feet)
         wall = time.monotonic() - began
     now, report = resource.getrusage(resource.RUSAGE_SELF), robot.report()
     share = (now.ru_utime + now.ru_stime - used.ru_utime - used.ru_stime) / wall
     return {**dataclasses.asdict(report), "load": load, "calibration_share": share, "commit": commit()}
 
 
-def sway() -> Trajectory:
+def excitation() -> Trajectory:
     """Five seconds of all legs long and short in turn, gently."""
     at = np.arange(2500) * 2e-3
     position = np.repeat(nominal_stance(MODEL).joint_position[None], len(at), axis=0)
@@ -134,12 +134,12 @@ def sway() -> Trajectory:
 
 def calibration_row(seed: int, realtime: bool) -> dict[str, Any]:
     """The same robot calibrated directly and over the robot process: estimates, their intervals, and the truth."""
-    method = Precise(budget=BUDGET)
+    method = BayesianMethod(duration=BUDGET)
     with simulate(MODEL, "realistic", PAYLOAD, seed, "lying") as simulation:
         truth = components(simulation.truth.composite)[:7].tolist()
         direct = summary(calibrate(simulation.platform, MODEL, method))
     with (
-        emulator("--noise", "realistic", "--payload", PAYLOAD, "--seed", str(seed)),
+        emulator("--sim-preset", "realistic", "--payload", PAYLOAD, "--seed", str(seed)),
         tempfile.TemporaryDirectory() as place,
         RunFolder.create(f"{place}/run", MODEL, method, {}) as folder,
     ):
@@ -154,7 +154,7 @@ def calibration_row(seed: int, realtime: bool) -> dict[str, Any]:
 
 
 def summary(result: equipoise.Calibration) -> dict[str, Any]:
-    return {"found": result.composite.values[:7].tolist(), "std": result.composite.deviations[:7].tolist()}
+    return {"found": result.composite.values[:7].tolist(), "std": result.composite.stds[:7].tolist()}
 
 
 def loop_table(rows: dict[str, Any]) -> list[str]:
@@ -205,7 +205,7 @@ def page(rows: dict[str, Any]) -> str:
         "",
         "## Punctuality of the loop",
         "",
-        "Lateness of every command after its deadline, while the robot sways and is held. Target with real-time priority at a "
+        "Lateness of every command after its deadline, during excitation and holding. Target with real-time priority at a "
         "load of 8 in ten minutes: 99.9 % within 1 ms, none later than 5 ms; CPU of a tick under 0.15 ms.",
         "",
         *loop_table(loops),
@@ -215,7 +215,8 @@ def page(rows: dict[str, Any]) -> str:
             "",
             "## Calibrations over it",
             "",
-            f"An A1 with a payload of 1.5 kg, preset `realistic`, method `precise` with a budget of {BUDGET:.0f} s, logged: "
+            f"An A1 with a payload of 1.5 kg, preset `realistic`, method `bayesian` with a duration of {BUDGET:.0f} "
+            f"s, logged: "
             "estimate minus truth ± the standard deviation that the result states [kg, mm, kg m2]. Direct: the same simulated "
             "robot in one process.",
             "",

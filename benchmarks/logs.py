@@ -74,7 +74,7 @@ def fused(time: np.ndarray, gyroscope: np.ndarray, accelerometer: np.ndarray) ->
 
 def errors(result: Calibration, truth: RobotInertia) -> tuple[np.ndarray, np.ndarray]:
     """(10,) errors, and (10,) half their 95 % intervals."""
-    return result.composite.values - components(truth.composite), NORMAL_95 * result.composite.deviations
+    return result.composite.values - components(truth.composite), NORMAL_95 * result.composite.stds
 
 
 def run(name: str, payload: str, seed: int) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -105,7 +105,7 @@ def main() -> None:
     lines = [
         "# Estimates from logs without our events",
         "",
-        f"`make bench-logs`; {len(SEEDS)} simulated calibrations each, `--noise realistic`, with a "
+        f"`make bench-logs`; {len(SEEDS)} simulated calibrations each, `--sim-preset realistic`, with a "
         "payload. Root mean square errors of the whole robot, and 95 % intervals of its CoM, the mean.",
         "",
         "| robot | estimated from | mass [%] | CoM x y z [mm] | its intervals +- [mm] | Ixx Iyy Izz [%] | within intervals |",

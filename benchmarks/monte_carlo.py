@@ -31,7 +31,7 @@ from mujoco import rollout
 from provenance import commit, write_page
 
 import equipoise
-from equipoise import Paper, Precise, calibrate, estimate, load_robot, simulate
+from equipoise import BayesianMethod, PaperMethod, calibrate, estimate, load_robot, simulate
 from equipoise.lab.study.executors import dask_cluster
 from equipoise.lab.study.processes import Processes
 from equipoise.lab.study.rows import column, failed
@@ -63,7 +63,7 @@ def commands_of(trial: int, timestep: float) -> tuple[mujoco.MjModel, np.ndarray
             controls: list[np.ndarray] = []
             roll = platform._roll
             platform._roll = lambda control, turn=0.0: controls.append(control) or roll(control, turn)
-            calibrate(platform, drawn.robot, Paper())
+            calibrate(platform, drawn.robot, PaperMethod())
     return model, initial, np.concatenate(controls)
 
 
@@ -171,7 +171,7 @@ def wait_for_workers(address: str, count: int) -> None:
 def steps() -> list[dict[str, object]]:
     """The same trials at different engine steps: how far results move, over how far they are off."""
     rows = []
-    cases = [(name, "paper", count) for name, count in STEP_ROBOTS.items()] + [("unitree_a1", "precise", STEP_PRECISE)]
+    cases = [(name, "paper", count) for name, count in STEP_ROBOTS.items()] + [("unitree_a1", "bayesian", STEP_PRECISE)]
     names = ("com_x", "com_y")
     with Processes(CORES) as pool, tempfile.TemporaryDirectory() as folder:
         for name, method, count in cases:
@@ -213,7 +213,7 @@ def precise_recordings() -> list[equipoise.Recording]:
     recordings: list[equipoise.Recording] = []
     with warnings.catch_warnings(), simulate(robot, "realistic", "1,0.05,0.02,0.08", 3) as simulation:
         warnings.simplefilter("ignore")
-        calibrate(simulation.platform, robot, Precise(), recordings.append)
+        calibrate(simulation.platform, robot, BayesianMethod(), recordings.append)
     return recordings
 
 
@@ -222,7 +222,7 @@ def estimate_alone(recordings: list[equipoise.Recording]) -> dict[str, float]:
     times = []
     for _ in range(3):
         start = time.process_time()
-        estimate(robot, recordings, Precise())
+        estimate(robot, recordings, BayesianMethod())
         times.append(time.process_time() - start)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {"seconds": float(np.median(times)), "peak_mb": peak,
@@ -292,7 +292,7 @@ def report(found: dict[str, object]) -> str:
             "", "## Engine steps", "",
             "The same trials at another engine step: RMS of how far results move, beside the RMS of their errors. Up to a "
             "tenth a coarser step may be used. Studies use 1 ms for `paper` and `static`, and 0.5 ms for "
-            "`precise`.",
+            "`bayesian`.",
             "", "| robot | method | trials | steps | planar CoM moves | its error | ratio | I moves | its error | ratio "
             "| failed |",
             "|---|---|---|---|---|---|---|---|---|---|---|",

@@ -88,7 +88,8 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
     yield "# Motors, without a stand"
     yield ""
     yield (
-        "`make bench-motors`; `--what motors --noise realistic`, seeds from 10,000. Root mean square errors over all joints, "
+        "`make bench-motors`; `--parameters motors --sim-preset realistic`, seeds from 10,000. Root mean square "
+        "errors over all joints, "
         "and the share of 95 % intervals that hold. HyQ and B1, whose legs do not turn up, stand on three feet and swing each "
         "leg for a quarter of the time. Bold: the target is missed."
     )

@@ -154,7 +154,7 @@ def _failing(tests: tuple[str, ...], source: Path) -> str | None:
 def main() -> None:
     """The limits whose names hold a word, or all; only of all a page is written."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", default="", help="modules and limits in whose names this is")
+    parser.add_argument("--only-effects", default="", help="modules and limits in whose names this is")
     only = parser.parse_args().only
     rows: list[tuple[Mutant, str | None]] = []
     made_at = commit()

@@ -18,7 +18,16 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 from provenance import commit, write_page
 
-from equipoise import Payload, Recording, ScaleReadings, calibrate, find_delta, load_robot, nominal_stance, simulate
+from equipoise import (
+    Payload,
+    Recording,
+    ScaleReadings,
+    calibrate,
+    find_payload_change,
+    load_robot,
+    nominal_stance,
+    simulate,
+)
 from equipoise.errors import ModelWarning
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import InertialParameters, RobotInertia
@@ -54,8 +63,8 @@ def run(name: str, seed: int) -> list[dict[str, object]]:
     read = tuple(round(factor * truth.composite.mass / SCALE_STEP) * SCALE_STEP for truth in (bare, loaded))
     rows: list[dict[str, object]] = []
     for way, scale in zip(WAYS, (None, ScaleReadings(read)), strict=True):
-        found = find_delta(robot, before, after, scale).with_truth(bare, loaded)
-        error, sd = ([getattr(one, name) for one in found.payload] for name in ("error", "deviation"))
+        found = find_payload_change(robot, before, after, scale).with_truth(bare, loaded)
+        error, sd = ([getattr(one, name) for one in found.payload] for name in ("error", "std"))
         truth = found.payload.mass.truth
         rows.append(
             {"robot": name, "seed": seed, "way": way, "mass": truth, "error": error, "sd": sd, "commit": commit()}
@@ -69,7 +78,8 @@ def lines(rows: list[dict[str, object]]) -> list[str]:
     text = [
         "# A payload between two calibrations",
         "",
-        "`make bench-payload`; `--noise realistic`, 1 kg on an A1 at 10 cm from the base's origin, in proportion on others.",
+        "`make bench-payload`; `--sim-preset realistic`, 1 kg on an A1 at 10 cm from the base's origin, in proportion "
+        "on others.",
         "Errors of the payload's mass and place: root mean square, and the largest. Intervals are of 95 %.",
         "",
         "| robot | pairs | | mass [%] | largest | x, y [mm] | largest | z [mm] | largest | within intervals |",

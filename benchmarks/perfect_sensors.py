@@ -1,7 +1,7 @@
 """Whether intervals hold and checks are quiet without any sensor error: `make bench-perfect-sensors`.
 
 Every robot of the catalogue with the preset `ideal`, bare and with a payload drawn from a seed, 60 and 120 s of an A1's robot
-time, by the precise method. What the noise model leaves out of the simulated world shows here: it does not shrink with the
+time, by the Bayesian method. What the noise model leaves out of the simulated world shows here: it does not shrink with the
 sensors' noise. Writes benchmarks/results/perfect_sensors.md; rows are kept in perfect_sensors.jsonl: it goes on where it was.
 """
 
@@ -20,9 +20,9 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np
 from provenance import commit, write_page
 
-from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
-from equipoise.estimator.equations.planted_moves import PlantedMoves
+from equipoise.estimator.equations.stance_motion import StanceMotions
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.catalog import CATALOG
@@ -55,7 +55,7 @@ def run(case: Case) -> Row:
     name, budget, seed = case
     robot = load_robot(name)
     payload = payload_of(robot, seed)
-    settings = Precise(budget=budget * nominal_stance(robot).scale.time)
+    settings = BayesianMethod(duration=budget * nominal_stance(robot).scale.time)
     row: Row = {"robot": name, "budget": budget, "seed": seed, "payload": payload, "commit": commit()}
     with simulate(robot, "ideal", payload) as simulation:
         try:
@@ -63,15 +63,16 @@ def run(case: Case) -> Row:
         except EquipoiseError as error:
             return row | {"failed": f"{type(error).__name__}: {error}"}
     error = result.composite.values - components(simulation.truth.composite)
-    deviation = result.composite.deviations
+    std = result.composite.stds
     posterior = result.evidence.posterior
     unused = sum(
-        not misfit.used for misfit in (*posterior.misfits_of(TiltEquation), *posterior.misfits_of(PlantedMoves))
+        not normalized_residual.used
+        for normalized_residual in (*posterior.residuals_of(TiltEquation), *posterior.residuals_of(StanceMotions))
     )
     unread = sum(motion.left_out is not None for motion in posterior.motions)
     alarms = [check.name for check in result.checks if not check.passed]
     return row | {
-        "error": error.tolist(), "deviation": deviation.tolist(), "left_out": unused + unread, "alarms": alarms,
+        "error": error.tolist(), "std": std.tolist(), "left_out": unused + unread, "alarms": alarms,
     }  # fmt: skip
 
 
@@ -86,8 +87,8 @@ def table(rows: list[Row]) -> list[str]:
         told = [row for row in of if "error" in row]
         if not told:
             continue
-        error, deviation = (np.array([row[what] for row in told]) for what in ("error", "deviation"))
-        ratio, com = np.abs(error / deviation), 1e3 * np.sqrt(np.mean(error[:, 1:4] ** 2, axis=0))
+        error, std = (np.array([row[what] for row in told]) for what in ("error", "std"))
+        ratio, com = np.abs(error / std), 1e3 * np.sqrt(np.mean(error[:, 1:4] ** 2, axis=0))
         alarms = ", ".join(sorted({alarm for row in told for alarm in row["alarms"]}))
         text.append(
             f"| {name} | {budget} | {len(of)} | {len(of) - len(told)} | {np.sum(ratio < NORMAL_95)} of {ratio.size} | "
@@ -99,7 +100,7 @@ def table(rows: list[Row]) -> list[str]:
 
 ABOUT = """# Perfect sensors
 
-`make bench-perfect-sensors`: the precise method in simulation with the preset `ideal`, no scale, bare and
+`make bench-perfect-sensors`: the Bayesian method in simulation with the preset `ideal`, no scale, bare and
 with a payload of 5 to 20 % of the robot's mass. Budgets are an A1's; larger robots take longer. CoM errors are root mean
 square. Target: at least 95 % of all intervals hold, no check fails (*alarms*), nothing is left out.
 
@@ -109,7 +110,7 @@ square. Target: at least 95 % of all intervals hold, no check fails (*alarms*), 
 
 def page(rows: list[Row]) -> str:
     """The page."""
-    ratio = np.abs(np.concatenate([np.array(row["error"]) / row["deviation"] for row in rows if "error" in row]))
+    ratio = np.abs(np.concatenate([np.array(row["error"]) / row["std"] for row in rows if "error" in row]))
     about = ABOUT.format(share=np.mean(ratio < NORMAL_95), count=ratio.size)
     failed = [
         f"- {row['robot']}, {row['budget']} s, {row['payload']}: {row['failed']}" for row in rows if "failed" in row

@@ -22,7 +22,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 from provenance import write_page
 
-from equipoise import Precise, RobotModel, load_robot
+from equipoise import BayesianMethod, RobotModel, load_robot
 from equipoise.errors import EquipoiseError
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.problem import MapProblem
@@ -93,18 +93,18 @@ def lines(robot: RobotModel, log: Log) -> Iterator[str]:
     middle = (begin + end) / 2
     parts = (("all", begin, end), ("first half", begin, middle), ("second half", middle, end))
     compared: list[str] = []
-    for mass, deviation in MASSES:
-        method, found = Precise(mass=mass, mass_sd=deviation), list[LogEstimate]()
+    for mass, std in MASSES:
+        method, found = BayesianMethod(mass=mass, mass_std=std), list[LogEstimate]()
         for name, start, until in parts:
             try:
                 found.append(estimate_log(robot, part(log, start, until), method))
             except EquipoiseError as error:
-                yield f"| {mass:g} ± {deviation:g} | {name} | {type(error).__name__}: {error} | | | | |"
+                yield f"| {mass:g} ± {std:g} | {name} | {type(error).__name__}: {error} | | | | |"
                 continue
-            yield f"| {mass:g} ± {deviation:g} | {name} | {row(found[-1])} |"
+            yield f"| {mass:g} ± {std:g} | {name} | {row(found[-1])} |"
         if len(found) == len(parts):
             compared.append(
-                f"| {mass:g} ± {deviation:g} | {differences(found[1], found[2])} | {from_other_starts(found[0])} |"
+                f"| {mass:g} ± {std:g} | {differences(found[1], found[2])} | {from_other_starts(found[0])} |"
             )
     yield ""
     yield (
@@ -153,7 +153,7 @@ def differences(first: LogEstimate, second: LogEstimate) -> str:
     """Compare two halves. Sensors and legs are the same in both, so the true half-width is at most this."""
     one, other = first.result.composite, second.result.composite
     apart = 1e3 * (one.values - other.values)[1:4]
-    both = 1e3 * NORMAL_95 * np.hypot(one.deviations, other.deviations)[1:4]
+    both = 1e3 * NORMAL_95 * np.hypot(one.stds, other.stds)[1:4]
     return " | ".join(", ".join(f"{value:.1f}" for value in vector) for vector in (apart, both))
 
 
@@ -163,7 +163,7 @@ def from_other_starts(found: LogEstimate) -> str:
     assert isinstance(evidence, PosteriorEvidence)
     posterior = evidence.posterior
     robot, stance, priors = posterior.unknowns.robot, posterior.unknowns.stance, posterior.unknowns.priors
-    moved, deviations = [0.0], [0.0]
+    moved, stds = [0.0], [0.0]
     for seed in range(STARTS):
         problem = MapProblem(robot, stance, posterior.motions, priors, posterior.problem.mass, lifts_needed=False)
         start = problem.unknowns.start()
@@ -171,8 +171,8 @@ def from_other_starts(found: LogEstimate) -> str:
         body = problem.unknowns.robot_body(solve(problem, start, 2)[0])
         apart = components(body) - components(posterior.robot_body)
         moved.append(1e3 * float(np.linalg.norm(apart[1:4])))
-        deviations.append(float(np.abs(apart / np.sqrt(np.diag(posterior.robot_covariance))).max()))
-    return f"{max(moved):.2f} | {max(deviations):.2f}"
+        stds.append(float(np.abs(apart / np.sqrt(np.diag(posterior.robot_covariance))).max()))
+    return f"{max(moved):.2f} | {max(stds):.2f}"
 
 
 def main() -> None:

@@ -38,7 +38,7 @@ def results() -> dict[str, Calibration]:
     """A calibration by each method."""
     robot = load_robot("unitree_a1")
     found = {}
-    for method in ("precise", "paper"):
+    for method in ("bayesian", "paper"):
         with simulate(robot, "realistic", "1,0.05,0.02,0.08", 3) as simulation:
             result = calibrate(simulation.platform, robot, method_named(method)())
         found[method] = result.with_truth(simulation.truth)

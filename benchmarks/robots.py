@@ -28,14 +28,14 @@ import numpy as np
 from accuracy import Row, judged, load_rows, payload_of, relative, rounded
 from provenance import commit, write_page
 
-from equipoise import Calibration, Paper, Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, Calibration, PaperMethod, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError, MissingDependencyError
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.catalog import CATALOG
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "robots.jsonl"
-METHODS, NOISES = ("paper", "precise"), ("ideal", "realistic")
+METHODS, NOISES = ("paper", "bayesian"), ("ideal", "realistic")
 SEED = 10_000
 BUDGET = 60.0  # [s] on an A1
 SCALE = 0.005  # a scale's error, as a fraction
@@ -66,12 +66,16 @@ def run(case: Case) -> Row | None:
         robot = load_robot(case.robot)
         generator = np.random.default_rng(SEED)
         payload = None if case.noise == "ideal" else payload_of(robot, generator)
-        row |= {"leg_length": robot.leg_length, "held": dict(robot.held), "payload": payload}
+        row |= {"leg_length": robot.leg_length, "held": dict(robot.locked_joints), "payload": payload}
         with simulate(robot, case.noise, payload, SEED) as simulation:
             weighed = simulation.truth.composite.mass * (1 + SCALE * generator.standard_normal())
-            method = Paper() if case.method == "paper" else Precise(budget=BUDGET * nominal_stance(robot).scale.time)
-            if case.method == "precise" and case.noise != "ideal":
-                method = Precise(budget=method.budget, mass=weighed, mass_sd=SCALE * weighed)
+            method = (
+                PaperMethod()
+                if case.method == "paper"
+                else BayesianMethod(duration=BUDGET * nominal_stance(robot).scale.time)
+            )
+            if case.method == "bayesian" and case.noise != "ideal":
+                method = BayesianMethod(duration=method.duration, mass=weighed, mass_std=SCALE * weighed)
             result = calibrate(simulation.platform, robot, method).with_truth(simulation.truth)
     except MissingDependencyError:
         return None
@@ -117,12 +121,12 @@ def precise_line(row: Row) -> str:
 
 HEADS = {
     "paper": "| robot | sensors | x [mm] | y [mm] | allowed | | bracket [mm] | time [s] | warnings | commit |",
-    "precise": (
+    "bayesian": (
         "| robot | sensors | mass % | CoM x [mm] | y | z | Ixx % | Iyy % | Izz % | intervals hold | checks that fail | "
         "time [s] | commit |"
     ),
 }
-LINES = {"paper": paper_line, "precise": precise_line}
+LINES = {"paper": paper_line, "bayesian": precise_line}
 
 
 def table(method: str, rows: Sequence[Row]) -> list[str]:
@@ -147,12 +151,12 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
         f"{len(ideal)} robots**."
     ]
     for noise in NOISES:
-        of = [row for row in good if (row["method"], row["noise"]) == ("precise", noise)]
+        of = [row for row in good if (row["method"], row["noise"]) == ("bayesian", noise)]
         if of:
             holds = np.concatenate([row["holds"] for row in of])
             fired = sum(bool(row["alarms"]) for row in of)
             text.append(
-                f"- The precise method, `{noise}`: {holds.sum()} of {holds.size} intervals hold the truth; a check fails in "
+                f"- The Bayesian method, `{noise}`: {holds.sum()} of {holds.size} intervals hold the truth; a check fails in "
                 f"{fired} of {len(of)} runs."
             )
     return text
@@ -165,8 +169,8 @@ ABOUT = """# Every robot
 whole robot, estimate less truth. Robots below the catalogue's own are of public model files, which are not part of this
 repository.
 """
-PAPER_ABOUT = """*Allowed* and *met* are of perfect sensors; ordinary joint zeros alone cost more. *Bracket*: the wider of the
-last two.
+PAPER_ABOUT = """*Allowed* and *met*: with perfect sensors; joint offsets alone add more error.
+*Bracket*: the wider of the last two.
 """
 PRECISE_ABOUT = "Error, and half of the 95 % interval; of moments relative to the truth.\n"
 
@@ -175,7 +179,7 @@ def page(rows: Sequence[Row]) -> str:
     """The page."""
     sections = [
         ("The paper's method, no setting touched", [PAPER_ABOUT, *table("paper", rows)]),
-        (f"The precise method, {BUDGET:.0f} s of an A1's robot time", [PRECISE_ABOUT, *table("precise", rows)]),
+        (f"The Bayesian method, {BUDGET:.0f} s of an A1's robot time", [PRECISE_ABOUT, *table("bayesian", rows)]),
         ("Joints that were held", held_joints(rows)),
         ("Ended by name", [f"- {row['key']}: {row['failed']}" for row in rows if "failed" in row]),
     ]

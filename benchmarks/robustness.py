@@ -1,6 +1,7 @@
 """What each effect of the world does to a result, and whether anybody is told: `make bench-robustness`.
 
-The preset `realistic` with one effect of the table besides (docs/method/world.md), at half, once and twice the size that it is
+The preset `realistic` with one effect of the table besides (docs/simulation-studies.md), at half,
+once and twice the size that it is
 tried with on an A1 and once on a Go2 and an ANYmal C; the presets `ideal` and `realistic` alone, and `stress`; by the precise
 method for 120 s of an A1's robot time, with a payload drawn from the seed and a scale that errs by 0.5 %. Each run appends a
 row to benchmarks/results/robustness.jsonl: interrupted, it goes on where it was. benchmarks/results/robustness.md is made from
@@ -8,7 +9,7 @@ the rows.
 
     python benchmarks/robustness.py                   # what is missing, then the page
     python benchmarks/robustness.py --first 2         # the first two seeds of every case only
-    python benchmarks/robustness.py --only springs    # cases of some effects only
+    python benchmarks/robustness.py --only-effects springs    # cases of some effects only
     python benchmarks/robustness.py --keep DIR        # keep the recordings; with --again, estimate kept ones anew
     python benchmarks/robustness.py --check 5         # five rows at random again; fails if one moved
     python benchmarks/robustness.py --check 5 --within 3  # by three deviations: another processor's rounding may change a plan
@@ -40,8 +41,8 @@ from accuracy import Row, judged, load_rows, payload_of, relative, rms, rounded
 from provenance import commit, write_page
 
 from equipoise import (
+    BayesianMethod,
     Calibration,
-    Precise,
     RobotModel,
     RunFolder,
     calibrate,
@@ -142,8 +143,8 @@ def run(case: Case, keep: Path | None, again: bool) -> Row:
         with simulate(robot, case.sizes(scale), payload, case.seed) as simulation:
             truth = simulation.truth
             weighed = truth.composite.mass * (1 + SCALE * generator.standard_normal())
-            settings = Precise(
-                budget=BUDGET * scale.time, mass=weighed, mass_sd=SCALE * weighed, confirm_mass=True,  # no one to ask
+            settings = BayesianMethod(
+                duration=BUDGET * scale.time, mass=weighed, mass_std=SCALE * weighed, confirm_mass=True,  # no one to ask
                 cable=_SAID.get(case.name, "light"),
             )  # fmt: skip
             folder = None if keep is None else keep / case.key.replace("/", "-")
@@ -158,7 +159,9 @@ def run(case: Case, keep: Path | None, again: bool) -> Row:
     return row | told(result.with_truth(truth))
 
 
-def _kept(platform: object, robot: RobotModel, settings: Precise, truth: RobotInertia, folder: Path) -> Calibration:
+def _kept(
+    platform: object, robot: RobotModel, settings: BayesianMethod, truth: RobotInertia, folder: Path
+) -> Calibration:
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was cut short
     with RunFolder.create(folder, robot, settings, {}) as store:
         store.save_truth(truth)
@@ -261,8 +264,9 @@ def verdict(rows: Sequence[Row]) -> list[str]:
 ABOUT = """# What the world does to a result, and whether anybody is told
 
 `make bench-robustness`; {seeds}. The preset `realistic` with one effect besides, a
-payload drawn from the seed, a scale of 0.5 %, the precise method, 120 s of an A1's robot time. Sizes are an A1's; what they
-are and why is in [docs/method/world.md](../../docs/method/world.md). Errors are root mean square, of the whole robot; *file*:
+payload drawn from the seed, a scale of 0.5 %, the Bayesian method, 120 s of an A1's robot time. Sizes are an A1's; what they
+are and why is in [docs/simulation-studies.md](../../docs/simulation-studies.md). Errors are root mean square,
+of the whole robot; *file*:
 the same of the model file, which does not know the payload. **Bold**: worse than the file. *Hold*: share of all ten 95 %
 intervals, as printed, that hold the truth; all runs count. Runs with a
 vertical pull state `--cable heavy`. *Doubtful*: share of the values whose verdict says so. *Checks*:
@@ -313,7 +317,7 @@ def main() -> None:
     """What is missing, then the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--first", type=int, default=len(SEEDS), metavar="N", help="seeds of every case")
-    parser.add_argument("--only", nargs="*", default=[], metavar="EFFECT", help="effects and presets")
+    parser.add_argument("--only-effects", nargs="*", default=[], metavar="EFFECT", help="effects and presets")
     parser.add_argument("--robots", nargs="*", default=[], metavar="ROBOT", help="robots, by default all three")
     parser.add_argument("--sizes", nargs="*", type=float, default=[], metavar="FACTOR", help="factors on the sizes")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="folder for recordings")

@@ -28,7 +28,7 @@ import numpy as np
 from provenance import commit, write_page
 
 import equipoise
-from equipoise import Method, Precise, calibrate, load_robot, simulate
+from equipoise import BayesianMethod, Method, calibrate, load_robot, simulate
 from equipoise.errors import EquipoiseError
 from equipoise.guard.remote_robot import RemoteRobot
 from equipoise.method.table import method_named
@@ -37,7 +37,7 @@ from equipoise.robot.inertial import components
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "ros2.jsonl"
 ROBOT, DOMAIN, PAYLOAD = "unitree_a1", 41, "1.0,0.05,0.02,0.08"
-BUDGET = 60.0  # [s] of `precise`
+BUDGET = 60.0  # [s] of `bayesian`
 SCALE = 0.005  # how sure the scale is
 SOFT = 100.0  # [Nm/rad] the A1's own legs in simulation
 GAINS, BY_JOINT = "quadruped_ros2_control", "/{joint}_controller/commands"
@@ -79,7 +79,7 @@ CASES = [
 
 
 def _settings(method: str) -> Method:
-    return Precise(budget=BUDGET) if method == "precise" else method_named(method)()
+    return BayesianMethod(duration=BUDGET) if method == "bayesian" else method_named(method)()
 
 
 def run(case: Case, method: str, seed: int) -> dict[str, object]:
@@ -108,10 +108,12 @@ def measured(platform, robot, settings, truth) -> dict[str, object]:
     except EquipoiseError as error:
         return {"failed": f"{type(error).__name__}: {error}"}
     common = {"robot_time": sum(trial.duration for trial in result.trials), "warnings": list(result.warnings)}
-    if isinstance(settings, Precise):
+    if isinstance(settings, BayesianMethod):
         error = result.composite.values - truth
-        return {**common, "error": error.tolist(), "sd": result.composite.deviations.tolist()}
-    moments = [result.sways[axis].moment if axis in result.sways else None for axis in ("roll", "pitch", "yaw")]
+        return {**common, "error": error.tolist(), "sd": result.composite.stds.tolist()}
+    moments = [
+        result.excitations[axis].moment if axis in result.excitations else None for axis in ("roll", "pitch", "yaw")
+    ]
     found = [None, *(one.value for one in result.composite.com_in_base), *moments]
     return {**common, "error": [None if v is None else float(v - truth[i]) for i, v in enumerate(found)]}
 
@@ -153,7 +155,7 @@ def write_table() -> str:
         "# Calibrations over the ROS 2 link",
         "",
         f"`python benchmarks/ros2.py`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}. Estimate less truth on "
-        f"a simulated A1 with a payload of 1 kg, preset `realistic`, a scale good to 0.5 %, `precise` with a budget of "
+        f"a simulated A1 with a payload of 1 kg, preset `realistic`, a scale good to 0.5 %, `bayesian` with a duration of "
         f"{BUDGET:.0f} s; a peer process speaks JointState, Imu and the commands over DDS on loopback, in real time. "
         "`x sd`: the largest error of CoM and moments in standard deviations that the result itself states. The paper's I is "
         "compared with the whole robot's. Pace: the peer's time over ours. Late: commands more than a millisecond late (of a "
@@ -166,7 +168,7 @@ def write_table() -> str:
         "|---|---|---|---|---|---|---|---|---|",
     ]
     order = {case.name: index for index, case in enumerate(CASES)}
-    for row in sorted(rows, key=lambda r: (r["method"] != "precise", order[r["case"]], r["seed"])):
+    for row in sorted(rows, key=lambda r: (r["method"] != "bayesian", order[r["case"]], r["seed"])):
         head = f"| {row['case']} | {row['method']} | {row['seed']} | "
         pace = f"{row['pace']:.3f} | {row['late']:.1%}" if "pace" in row else "- | -"
         pace += f" | {row.get('commit', OLDER)} |"
@@ -193,7 +195,7 @@ def main() -> None:
     parser.add_argument("--tables", action="store_true", help="only write the table")
     parser.add_argument("--seeds", type=int, nargs="+", default=[3, 4])
     parser.add_argument("--cases", nargs="+", default=[case.name for case in CASES], help="names, as in the table")
-    parser.add_argument("--methods", nargs="+", default=["precise", "paper"])
+    parser.add_argument("--methods", nargs="+", default=["bayesian", "paper"])
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     if not arguments.tables:

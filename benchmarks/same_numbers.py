@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 ROBOTS = {"unitree_a1": "1.2,0.08,-0.02,0.09", "laikago": "2,0.05,0.03,0.1", "solo12": "0.3,0.03,0.01,0.05"}
-METHODS = ("precise", "paper", "static")
+METHODS = ("bayesian", "paper", "static")
 FORMATS = ("json", "quadruped-pympc", "mit-cheetah", "mjlab", "sdf", "xacro")
 BODIES = ("composite", "base")
 ROUNDING, WORTH_SHOWING = 1e-9, 0.05  # of a standard deviation
@@ -58,7 +58,7 @@ def others(folder: Path, out: Path) -> None:
         (out / f"estimate-{run.name}.json").write_text(equipoise("estimate", run, "--json", "--quiet", "--no-report"))
     for robot in ROBOTS:
         plain, loaded = folder / f"{robot}-precise", folder / f"{robot}-precise-payload"
-        (out / f"delta-{robot}.json").write_text(equipoise("delta", plain, loaded, "--json", "--quiet"))
+        (out / f"delta-{robot}.json").write_text(equipoise("compare", plain, loaded, "--json", "--quiet"))
         log = next(plain.glob("*.mcap"))
         told = equipoise("estimate", log, "--robot", robot, "--json", "--quiet", "--no-report", fails=True)
         (out / f"log-{robot}.json").write_text(told or "{}")
@@ -95,7 +95,7 @@ def told(path: Path) -> tuple[dict[str, float], dict[str, float]]:
     if "composite" not in table or "trials" not in table:
         table.pop("provenance", None)
         return dict(numbers({key: value for key, value in table.items() if key not in ("schema", "timings")})), {}
-    values, deviations = {}, {}
+    values, stds = {}, {}
     for body in BODIES:
         parts = table[body]
         values |= dict(numbers({key: parts[key] for key in ("mass", "com_in_base", "inertia")}, body))
@@ -103,10 +103,10 @@ def told(path: Path) -> tuple[dict[str, float], dict[str, float]]:
         if spread is not None:
             sd = [spread[index][index] ** 0.5 for index in range(10)]
             rows = ((4, 7, 8), (7, 5, 9), (8, 9, 6))  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz behind mass and CoM
-            deviations[f"{body}.mass"] = sd[0]
-            deviations |= {f"{body}.com_in_base[{axis}]": sd[1 + axis] for axis in range(3)}
-            deviations |= {f"{body}.inertia[{i}][{j}]": sd[rows[i][j]] for i in range(3) for j in range(3)}
-    return values, deviations
+            stds[f"{body}.mass"] = sd[0]
+            stds |= {f"{body}.com_in_base[{axis}]": sd[1 + axis] for axis in range(3)}
+            stds |= {f"{body}.inertia[{i}][{j}]": sd[rows[i][j]] for i in range(3) for j in range(3)}
+    return values, stds
 
 
 def covariance(table: dict[str, Any], body: str) -> list[list[float]] | None:
@@ -123,8 +123,8 @@ def compare(before: Path, now: Path) -> tuple[int, float, float]:
         print(f"    {len(missing)} numbers on one side alone: {', '.join(missing[:6])}")
     shared = sorted(set(old) & set(new))
     relative = max((abs(new[key] - old[key]) / max(abs(old[key]), 1e-6) for key in shared), default=0.0)
-    deviations = max((abs(new[key] - old[key]) / sd[key] for key in shared if sd.get(key)), default=0.0)
-    return len(shared), relative, deviations
+    stds = max((abs(new[key] - old[key]) / sd[key] for key in shared if sd.get(key)), default=0.0)
+    return len(shared), relative, stds
 
 
 def main() -> int:
@@ -150,10 +150,10 @@ def main() -> int:
     different = 0
     print("| what | numbers | largest difference, of its size | in standard deviations |\n|---|---|---|---|")
     for before, now in pairs:
-        count, relative, deviations = compare(before, now)
-        different += (relative > ROUNDING and deviations == 0) or deviations > WORTH_SHOWING
+        count, relative, stds = compare(before, now)
+        different += (relative > ROUNDING and stds == 0) or stds > WORTH_SHOWING
         name = before.parent.name if before.name == "calibration.json" else before.name
-        print(f"| {name} | {count} | {relative:.1e} | {deviations:.1e} |")
+        print(f"| {name} | {count} | {relative:.1e} | {stds:.1e} |")
     return int(different > 0)
 
 

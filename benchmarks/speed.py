@@ -30,11 +30,11 @@ import numpy as np
 from mujoco import rollout
 
 import equipoise
-from equipoise import Paper, Precise, RunFolder, calibrate, estimate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, PaperMethod, RunFolder, calibrate, estimate, load_robot, nominal_stance, simulate
+from equipoise.bayesian import excitation
+from equipoise.bayesian.plan import make_plan
+from equipoise.bayesian.planning.candidates import Candidates
 from equipoise.method.method import Method
-from equipoise.precise import sway
-from equipoise.precise.plan import make_plan
-from equipoise.precise.planning.candidates import Candidates
 from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import composite_parameters
 
@@ -68,7 +68,7 @@ PARTS = {  # of a calibration, by files of which one is at work: the first that 
     "sensing, gains, samples": ("/equipoise/simulation/",),
     "paths of motions: inverse kinematics, torques": ("/equipoise/experiments/", "/precise/trials.py"),
 }  # fmt: skip
-OVER_ROLLOUT = {"paper": 1.15, "precise": 1.7}
+OVER_ROLLOUT = {"paper": 1.15, "bayesian": 1.7}
 
 
 def timed(function: Callable[[], object]) -> float:
@@ -88,7 +88,7 @@ def one_round() -> tuple[float, float, float, int, list[Recording]]:
     roll = platform._roll
     platform._roll = lambda control, turn=0.0: controls.append(control) or roll(control, turn)
     recordings: list[Recording] = []
-    routine = timed(lambda: calibrate(platform, robot, Paper(), keep=recordings.append))
+    routine = timed(lambda: calibrate(platform, robot, PaperMethod(), keep=recordings.append))
     played = np.concatenate(controls)
     steps = len(played)
 
@@ -110,7 +110,7 @@ def storage(recordings: list[Recording]) -> tuple[float, float]:
     """Wall seconds and megabytes of writing a run's recordings."""
     robot = load_robot("unitree_a1")
     with tempfile.TemporaryDirectory() as folder:
-        with RunFolder.create(Path(folder) / "run", robot, Paper(), {}) as run:
+        with RunFolder.create(Path(folder) / "run", robot, PaperMethod(), {}) as run:
             start = time.perf_counter()
             for recording in recordings:
                 run.keep(recording)
@@ -142,16 +142,16 @@ def command(*words: object, cache: Path, code: int = 0) -> tuple[float, float]:
     return seconds, kilobytes / 1000
 
 
-def sway_for_long(folder: Path) -> None:
-    """A calibration of which one sway lasts for a quarter of an hour, as a run of 1,000 s."""
-    robot, periods = load_robot("unitree_a1"), sway._ALL_AXES_PERIODS
-    sway._ALL_AXES_PERIODS = 1422
-    method = Precise(budget=60 + sway.sway_time(nominal_stance(robot)))
+def excitation_for_long(folder: Path) -> None:
+    """A calibration of which one excitation lasts for a quarter of an hour, as a run of 1,000 s."""
+    robot, periods = load_robot("unitree_a1"), excitation._ALL_AXES_PERIODS
+    excitation._ALL_AXES_PERIODS = 1422
+    method = BayesianMethod(duration=60 + excitation.excitation_time(nominal_stance(robot)))
     try:
         with simulate(robot, "realistic", seed=7) as simulation, RunFolder.create(folder, robot, method, {}) as run:
             calibrate(simulation.platform, robot, method, keep=run.keep)
     finally:
-        sway._ALL_AXES_PERIODS = periods
+        excitation._ALL_AXES_PERIODS = periods
 
 
 def commands() -> list[str]:
@@ -160,7 +160,7 @@ def commands() -> list[str]:
     with tempfile.TemporaryDirectory() as folder:
         cache, run, swaying = (Path(folder) / name for name in ("cache", "run", "swaying"))
         command("calibrate", "unitree_a1", "--out", run, "--seed", 7, *quiet, cache=cache)
-        sway_for_long(swaying)
+        excitation_for_long(swaying)
         log = swaying / "recording_0.mcap"
         asked = {
             "`equipoise plan`, the first time": (("plan", "unitree_a1"), cache / "empty", ""),
@@ -215,7 +215,7 @@ def over_rollout(method: Method, noise: str, timestep: float | None = None) -> s
 
 
 def where_it_goes() -> list[str]:
-    """Rows of the parts of a calibration by `precise`: what a look every millisecond of CPU time sees."""
+    """Rows of the parts of a calibration by `bayesian`: what a look every millisecond of CPU time sees."""
     robot, seen = load_robot("unitree_a1"), Counter[str]()
 
     def look(_: int, frame: FrameType | None) -> None:
@@ -228,7 +228,7 @@ def where_it_goes() -> list[str]:
 
     def once() -> None:
         with simulate(robot, "realistic", seed=7) as simulation:
-            calibrate(simulation.platform, robot, Precise())
+            calibrate(simulation.platform, robot, BayesianMethod())
 
     once()
     before = signal.signal(signal.SIGPROF, look)
@@ -242,19 +242,19 @@ def where_it_goes() -> list[str]:
 
 
 def thinking() -> list[str]:
-    """Rows of what a calibration by `precise` thinks: estimate and plans, least of several."""
+    """Rows of what a calibration by `bayesian` thinks: estimate and plans, least of several."""
     robot = load_robot("unitree_a1")
-    stance, method, recordings = nominal_stance(robot), Precise(), list[Recording]()
+    stance, method, recordings = nominal_stance(robot), BayesianMethod(), list[Recording]()
     with simulate(robot, "stress", seed=7) as simulation:
         calibrate(simulation.platform, robot, method, keep=recordings.append)
     com = composite_parameters(robot, stance.joint_position).com
-    found = [Candidates.of(robot, stance, com, method.beliefs)]
+    found = [Candidates.of(robot, stance, com, method.combined_priors)]
     steps: dict[str, tuple[Callable[[], object], float]] = {
         "an estimate of 120 s with all unknowns, its checks and reading what was recorded": (
             lambda: estimate(robot, recordings, method), 1.0,
         ),
         "a plan for a robot that was not planned for": (
-            lambda: make_plan(Candidates.of(robot, stance, com, method.beliefs), 100.0), 0.5,
+            lambda: make_plan(Candidates.of(robot, stance, com, method.combined_priors), 100.0), 0.5,
         ),
         "a plan from candidates that are known": (lambda: make_plan(found[0], 100.0), 0.3),
     }  # fmt: skip
@@ -315,14 +315,14 @@ def main() -> None:
         "",
         "| | calibration | `mujoco.rollout` | ratio | target | |",
         "|---|---|---|---|---|---|",
-        over_rollout(Paper(), "realistic", 1e-3),
-        *(over_rollout(Precise(), noise) for noise in ("ideal", "realistic", "stress")),
+        over_rollout(PaperMethod(), "realistic", 1e-3),
+        *(over_rollout(BayesianMethod(), noise) for noise in ("ideal", "realistic", "stress")),
         "",
-        "| of a calibration by `precise`, `realistic` | CPU time |",
+        "| of a calibration by `bayesian`, `realistic` | CPU time |",
         "|---|---|",
         *where_it_goes(),
         "",
-        "| what `precise` thinks, interpreter and imports left out | CPU s | target | |",
+        "| what `bayesian` thinks, interpreter and imports left out | CPU s | target | |",
         "|---|---|---|---|",
         *thinking(),
     ]

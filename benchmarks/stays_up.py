@@ -1,6 +1,6 @@
 """Whether robots stay on their feet while they are calibrated: `make bench-stays-up`. Writes benchmarks/results/stays_up.md.
 
-Every robot of the catalogue with the preset `realistic`, 20 seeds, 60 and 120 s of an A1's robot time, by the precise method.
+Every robot of the catalogue with the preset `realistic`, 20 seeds, 60 and 120 s of an A1's robot time, by the Bayesian method.
 The seed draws a payload of up to 30 % of the robot's mass, up to 0.3 of half its length and width off the middle and 0.2 to
 0.5 hip heights above the base's origin, and drives that bring up to 30 % less than they are asked for: gains and feed-forward
 alike, and they report what they were asked for. A robot has fallen when its base leans by more than 40 degrees.
@@ -26,7 +26,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np
 from provenance import commit, write_page
 
-from equipoise import Precise, Recording, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, Recording, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
 from equipoise.recording.trials import LiftTrial
 from equipoise.robot.catalog import CATALOG
@@ -63,7 +63,7 @@ def run(name: str, seed: int, budget: int) -> Row:
     generator = np.random.default_rng([seed, 83])
     payload, softness = payload_of(robot, generator), generator.uniform(0, SOFTEST)
     clock = nominal_stance(robot).scale.time
-    settings = Precise(budget=budget * clock)
+    settings = BayesianMethod(duration=budget * clock)
     recordings: list[Recording] = []
     leaning: list[float] = []
     row: Row = {"robot": name, "seed": seed, "budget": budget, "payload": payload, "softness": round(softness, 4)}
@@ -82,7 +82,7 @@ def run(name: str, seed: int, budget: int) -> Row:
         else:
             truth = components(simulation.truth.composite)
             error = result.composite.values - truth
-            sd = result.composite.deviations
+            sd = result.composite.stds
             row |= {"truth": truth.tolist(), "error": error.tolist(), "sd": sd.tolist()}
             row["alarms"] = [check.name for check in result.checks if not check.passed]
         leaning.append(simulation.witness.look().tilt)
@@ -135,7 +135,7 @@ def table(rows: list[Row]) -> list[str]:
 
 ABOUT = """# Nothing planned tips a robot over
 
-`make bench-stays-up`: the precise method in simulation, `realistic`, on every robot of the catalogue.
+`make bench-stays-up`: the Bayesian method in simulation, `realistic`, on every robot of the catalogue.
 The seed draws a payload of up to 30 % of the robot's mass (up to 0.3 of half the robot's length and width off the middle,
 0.2 to 0.5 hip heights above the base's origin) and drives up to 30 % softer than the model, in gains and feed-forward, that
 report the torque they were asked for. Nobody tells the robot of either. Budgets are an A1's; larger robots take longer.

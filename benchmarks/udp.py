@@ -31,13 +31,13 @@ import numpy as np
 from provenance import commit, write_page
 
 import equipoise
-from equipoise import Calibration, Precise, calibrate, load_robot, simulate
+from equipoise import BayesianMethod, Calibration, calibrate, load_robot, simulate
 from equipoise.guard.remote_robot import RemoteRobot
 from equipoise.robot.inertial import COMPONENTS
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "udp.jsonl"
-SETTINGS = Precise(budget=60.0)
+SETTINGS = BayesianMethod(duration=60.0)
 PAYLOAD = "1,0.05,0.02,0.08"
 BAD = ("--loss", "0.02", "--duplicate", "0.02", "--reorder", "0.02")
 RUNS = (("a1", ()), ("a1", BAD), ("go1", BAD))
@@ -69,7 +69,7 @@ class Row:
 
     def worst(self) -> float:
         """The largest error in standard deviations that the result claims."""
-        return float(np.max(np.abs(self.result.composite.errors) / self.result.composite.deviations))
+        return float(np.max(np.abs(self.result.composite.errors) / self.result.composite.stds))
 
 
 def direct(seed: int) -> Row:
@@ -104,7 +104,7 @@ def over_udp(protocol: str, faults: tuple[str, ...], seed: int) -> Row:
 @contextmanager
 def peer(*flags: str) -> Generator[list[dict[str, Any]]]:
     """The simulated robot in its own process; its log."""
-    command = [sys.executable, "-m", "equipoise.lab.emulators.unitree_udp", "--noise", "realistic", *flags]
+    command = [sys.executable, "-m", "equipoise.lab.emulators.unitree_udp", "--sim-preset", "realistic", *flags]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     log = [json.loads(process.stdout.readline())]
@@ -134,7 +134,7 @@ def table(rows: list[list[str]]) -> str:
         "# Calibrations over UDP",
         "",
         f"`python benchmarks/udp.py`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, {machine.system()} on "
-        f"{os.cpu_count()} cores. The A1 with 1 kg on it, preset `realistic`, method `precise` with 60 s of robot time. "
+        f"{os.cpu_count()} cores. The A1 with 1 kg on it, preset `realistic`, method `bayesian` with 60 s of robot time. "
         "Errors are of the whole robot's parameters, estimate less truth; sd: as the result claims. The robot is a process "
         "of its own that speaks the A1's compressed or the Go1's plain packets over loopback UDP; no real robot was tried. "
         f"{'Real-time' if os.sched_getscheduler(0) == os.SCHED_RR else 'Ordinary'} priority; load average at the end "

@@ -21,7 +21,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 from provenance import commit, write_page
 
-from equipoise import Calibration, Payload, Precise, RobotModel, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, Calibration, Payload, RobotModel, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError, ModelWarning
 from equipoise.lab.replay.validation import validate
 from equipoise.result.held_out import FOUND, MODEL
@@ -42,7 +42,9 @@ def payload_of(robot: RobotModel) -> Payload:
     return Payload(InertialParameters(1.5 * robot.mass / a1.mass, size * np.array([0.1, 0, 0.08]), np.zeros((3, 3))))
 
 
-def calibrated(robot: RobotModel, noise: str, loaded: bool, seed: int, noise_seed: int, method: Precise) -> Calibration:
+def calibrated(
+    robot: RobotModel, noise: str, loaded: bool, seed: int, noise_seed: int, method: BayesianMethod
+) -> Calibration:
     """A run in simulation."""
     with simulate(robot, noise, payload_of(robot) if loaded else None, seed, noise_seed=noise_seed) as simulation:
         return calibrate(simulation.platform, robot, method)
@@ -53,7 +55,7 @@ def row_of(name: str, seed: int, noise: str, loaded: bool) -> dict[str, object]:
     robot = load_robot(name)
     row: dict[str, object] = {"robot": name, "seed": seed, "noise": noise, "loaded": loaded, "commit": commit()}
     try:
-        first = calibrated(robot, noise, loaded, seed, 2 * seed, Precise())
+        first = calibrated(robot, noise, loaded, seed, 2 * seed, BayesianMethod())
         assert first.held_out is not None
         row["held out"] = {body: 1e3 * first.held_out.error(body) for body in first.held_out.bodies}
         row["checks"] = [check.name for check in first.checks if not check.passed]
@@ -63,7 +65,12 @@ def row_of(name: str, seed: int, noise: str, loaded: bool) -> dict[str, object]:
         row["played"], row["lifts"] = {body: 1e3 * played.error(body) for body in played.bodies}, len(played.lifts)
         if noise != "ideal":
             second = calibrated(
-                robot, noise, loaded, seed, 2 * seed + 1, Precise(budget=45.0 if name == "unitree_a1" else 50.0)
+                robot,
+                noise,
+                loaded,
+                seed,
+                2 * seed + 1,
+                BayesianMethod(duration=45.0 if name == "unitree_a1" else 50.0),
             )
             played = validate(second, {FIRST: first})
             row["second"] = {body: 1e3 * played.error(body) for body in played.bodies}
@@ -77,12 +84,13 @@ def lines(rows: list[dict[str, object]]) -> Iterator[str]:
     yield "# Lifts played again"
     yield ""
     yield (
-        "`make bench-validate`: runs of two minutes, seeds from 10,000, no scale; [what is played](../../docs/validate.md). "
+        "`make bench-validate`: runs of two minutes, seeds from 10,000, no scale; [what is "
+        "played](../../docs/simulation-studies.md#replay-validation). "
         "Root mean square over lifts of measured less simulated tilt at the end, at the centre of mass; median over robots. "
         "`ideal` draws nothing, so it is one run. A second run of 45 s is of the same robot with other noise: its lifts are "
         "played with the body of the first run, which has not seen them. In `realistic` the legs weigh some percent more or "
         "less than in the file, so that the file of a bare robot is not right either. Beside it "
-        "[held out](../../docs/method/trust.md#held-out), by the tilt equation and with the legs found."
+        "[held out](../../docs/uncertainty-and-checks.md#held-out-prediction), by the tilt equation and with the legs found."
     )
     yield ""
     yield (

@@ -32,7 +32,7 @@ import tyro
 from provenance import commit, write_page
 
 import equipoise
-from equipoise import Precise, RunFolder, Trajectory, load_robot, nominal_stance
+from equipoise import BayesianMethod, RunFolder, Trajectory, load_robot, nominal_stance
 from equipoise.guard.remote_robot import RemoteRobot
 from equipoise.view.viewer import BROWSER, free_port, viewer_beside
 
@@ -69,7 +69,7 @@ OPTIONS = Options()
 def robot() -> Generator[None]:
     """A simulated robot in a process of its own."""
     command = [sys.executable, "-m", "equipoise.lab.emulators.unitree_dds", "--robot", ROBOT, "--domain", str(DOMAIN)]
-    flags = ("--start", "standing", "--no-sport-mode", "--noise", "ideal")
+    flags = ("--start", "standing", "--no-sport-mode", "--sim-preset", "ideal")
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen([*command, *flags], stdin=subprocess.DEVNULL, stdout=log)
         try:
@@ -114,12 +114,12 @@ def looked_at(case: str, folder: Path) -> Generator[None]:
 def measured(case: str, seconds: float) -> dict[str, Any]:
     """How late commands left [ms], and how often their deadlines began anew."""
     with tempfile.TemporaryDirectory() as place, robot():
-        folder = RunFolder.create(Path(place) / "run", MODEL, Precise(), {})
+        folder = RunFolder.create(Path(place) / "run", MODEL, BayesianMethod(), {})
         with folder, looked_at(case, folder.path):
             remote = RemoteRobot(
                 "unitree-go2", MODEL, {"interface": "lo", "domain": DOMAIN}, folder.log, realtime=OPTIONS.realtime
             )
-            trajectory = sway()
+            trajectory = excitation()
             with remote:
                 for _ in range(round(seconds / (len(trajectory.position) * 2e-3))):
                     remote.play(trajectory)
@@ -132,7 +132,7 @@ def measured(case: str, seconds: float) -> dict[str, Any]:
             }
 
 
-def sway() -> Trajectory:
+def excitation() -> Trajectory:
     """Five seconds of all legs long and short in turn, gently."""
     at = np.arange(2500) * 2e-3
     position = np.repeat(STANCE[None], len(at), axis=0)
@@ -168,7 +168,8 @@ def report(kept: dict[str, Any]) -> str:
         "# Effect of the view on the control loop",
         "",
         f"`make bench-view`; equipoise {equipoise.__version__}, Python {platform.python_version()}, {os.cpu_count()} cores. "
-        "A simulated robot speaks a Go2's messages over DDS on loopback, in a process of its own; the guarded loop sways it "
+        "A simulated robot speaks a Go2's messages over DDS on loopback, in a process of its own; the guarded loop "
+        "oscillates it "
         f"at 500 Hz and writes its log{_scheduled(kept['realtime'])}. {kept['rounds']} rounds of {kept['seconds']:.0f} s for "
         "each case, in turn. How late commands leave after their deadlines:",
         "",

@@ -30,7 +30,7 @@ import numpy as np
 from provenance import commit, write_page
 from worlds.world import world
 
-from equipoise import Payload, Precise, Recording, RobotModel, calibrate, load_robot, nominal_stance
+from equipoise import BayesianMethod, Payload, Recording, RobotModel, calibrate, load_robot, nominal_stance
 from equipoise.errors import EquipoiseError
 from equipoise.lab.gaits.crawl import crawl
 from equipoise.lab.gaits.trot import trot
@@ -119,14 +119,18 @@ def run(case: Case, seed: int) -> dict[str, object]:
             file = Path(folder, "trot.csv")
             write(recording, file)
             begun = time.process_time()
-            found = estimate_log(robot, read_log(file, robot), Precise(mass=weighed, mass_sd=SCALE_ERROR * weighed))
+            found = estimate_log(
+                robot, read_log(file, robot), BayesianMethod(mass=weighed, mass_std=SCALE_ERROR * weighed)
+            )
             row["cpu"] = time.process_time() - begun
         row |= numbers(found.result, truth)
         row["steps"] = sum(segment.steps for segment in found.report.segments)
         if case.engine == "mujoco" and case.gait == "trot":
             with world(case.engine, case.noise, robot, payload_of(robot, seed), seed) as (platform, truth):
                 lifted = calibrate(
-                    platform, robot, Precise(budget=BUDGET * scale.time, mass=weighed, mass_sd=SCALE_ERROR * weighed)
+                    platform,
+                    robot,
+                    BayesianMethod(duration=BUDGET * scale.time, mass=weighed, mass_std=SCALE_ERROR * weighed),
                 )
             row["lifts"] = numbers(lifted, truth)
     except EquipoiseError as error:
@@ -139,7 +143,7 @@ def numbers(result: object, truth: InertialParameters) -> dict[str, object]:
     true, whole = components(truth), result.composite
     return {
         "error": (whole.values - true).tolist(),
-        "sd": whole.deviations.tolist(),
+        "sd": whole.stds.tolist(),
         "inside": [bool(one.lower <= value <= one.upper) for one, value in zip(whole, true, strict=True)],
         "model": (np.array([one.model for one in whole]) - true).tolist(),
         "size": true[4:7].tolist(),

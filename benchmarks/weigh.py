@@ -25,9 +25,9 @@ import numpy as np
 from provenance import commit, write_page
 
 from equipoise import (
+    BayesianMethod,
     Calibration,
     Payload,
-    Precise,
     Recording,
     RobotModel,
     calibrate,
@@ -36,9 +36,9 @@ from equipoise import (
     nominal_stance,
     simulate,
 )  # fmt: skip
-from equipoise.calibration.weighing import weigh
+from equipoise.calibration.payload_measurement import measure_payload
 from equipoise.errors import EquipoiseError, ModelWarning
-from equipoise.estimator.known.known_run import KnownRun
+from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.json_form import from_json, to_json
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 
@@ -56,20 +56,20 @@ CASES = (("30 s", 30.0, False), ("45 s", 45.0, False), ("30 s, switched off", 30
 TARGETS = {"30 s": (0.25, 0.25, None, 8, 1, 3, 3, None), "45 s": (0.22, 0.18, 0.65, 8, 1, 3, 3, 10)}
 
 
-def first_run(name: str, seed: int) -> tuple[KnownRun, RobotInertia, float]:
+def first_run(name: str, seed: int) -> tuple[PriorRun, RobotInertia, float]:
     """What a calibration of the bare robot keeps, its truth, and the scale's factor."""
     file = FIRST_RUNS / f"first-{name}-{seed}.json"
     if not file.exists():
         factor = 1 + SCALE_ERROR * float(np.random.default_rng([seed, 77]).standard_normal())
         robot = load_robot(name)
         with simulate(robot, "realistic", None, seed, noise_seed=2 * seed + 1) as simulation:
-            method = Precise(legs="trusted", cable="none", mass=read(factor, simulation.truth))
+            method = BayesianMethod(leg_prior="narrow", cable="none", mass=read(factor, simulation.truth))
             result, truth = calibrate(simulation.platform, robot, method), to_json(simulation.truth)
         kept = {"known": result.evidence.keepsake(result.settings), "truth": truth, "factor": factor}
         FIRST_RUNS.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(kept), encoding="utf-8")
     table = json.loads(file.read_text(encoding="utf-8"))
-    return replace(KnownRun(**table["known"]), run=""), from_json(RobotInertia, table["truth"]), table["factor"]
+    return replace(PriorRun(**table["known"]), run=""), from_json(RobotInertia, table["truth"]), table["factor"]
 
 
 def read(factor: float, truth: RobotInertia) -> float:
@@ -90,8 +90,8 @@ def switch_off(drawn: Mapping[str, np.ndarray], seed: int, joint: int) -> None:
     """Change what may be other once a robot was switched off; the zero of one joint by more than that."""
     generator = np.random.default_rng([seed, 78])
     drawn["accelerometer_bias"][:] += BIAS_CHANGE * generator.standard_normal(3)
-    drawn["joint_zero"][:] += ZEROS_CHANGE * generator.standard_normal(len(drawn["joint_zero"]))
-    drawn["joint_zero"][joint] += MOVED if seed % 2 else -MOVED
+    drawn["joint_offset"][:] += ZEROS_CHANGE * generator.standard_normal(len(drawn["joint_offset"]))
+    drawn["joint_offset"][joint] += MOVED if seed % 2 else -MOVED
 
 
 def second_run(name: str, seed: int, case: tuple[str, float, bool]) -> dict[str, object]:
@@ -106,7 +106,7 @@ def second_run(name: str, seed: int, case: tuple[str, float, bool]) -> dict[str,
         truth = simulation.truth
         if joint is not None:
             switch_off(simulation.errors.drawn, seed, joint)
-        method = Precise(known=known, cable="none", budget=budget, mass=read(factor, truth))
+        method = BayesianMethod(prior_run=known, cable="none", duration=budget, mass=read(factor, truth))
         started = time.process_time()
         try:
             result = calibrate(simulation.platform, robot, method, keep=recordings.append)
@@ -123,18 +123,18 @@ def second_run(name: str, seed: int, case: tuple[str, float, bool]) -> dict[str,
 
 
 def numbers(
-    way: str, robot: RobotModel, known: KnownRun, result: Calibration, bare: RobotInertia, truth: RobotInertia
+    way: str, robot: RobotModel, known: PriorRun, result: Calibration, bare: RobotInertia, truth: RobotInertia
 ) -> dict[str, object]:
     """Errors and standard deviations of the whole robot's ten quantities, and of the payload's mass and place."""
     whole = result.with_truth(truth).composite
-    delta = weigh(robot, known, result).delta.with_truth(bare, truth)
+    delta = measure_payload(robot, known, result).delta.with_truth(bare, truth)
     found = [*delta.payload][:4]
     return {
         f"{way}error": whole.errors.tolist(),
-        f"{way}sd": whole.deviations.tolist(),
+        f"{way}sd": whole.stds.tolist(),
         f"{way}payload": delta.payload.mass.truth,
         f"{way}payload error": [one.error for one in found],
-        f"{way}payload sd": [one.deviation for one in found],
+        f"{way}payload sd": [one.std for one in found],
     }
 
 
@@ -143,7 +143,8 @@ def lines(rows: list[dict[str, object]]) -> Iterator[str]:
     yield "# Weighed again in half a minute"
     yield ""
     yield (
-        "`make bench-weigh`; `--noise realistic`, seeds from 10,000, first run of 120 s with `--legs trusted --cable none` "
+        "`make bench-weigh`; `--sim-preset realistic`, seeds from 10,000, first run of 120 s with `--leg-prior narrow "
+        "--cable none` "
         "and a scale. Root mean square errors of the whole robot's centre of mass, and of a payload of 1 kg on an A1 or its "
         "like on a Go2. In the second run sensor errors and floor are the first one's. Once the robot was switched off, its "
         f"zeros are off by another {1e3 * ZEROS_CHANGE:g} mrad (rms), its accelerometer by {1e3 * BIAS_CHANGE:g} mm/s2, one "

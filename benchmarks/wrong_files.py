@@ -21,7 +21,7 @@ import numpy as np
 from accuracy import payload_of, rounded
 from provenance import commit, write_page
 
-from equipoise import Precise, RobotModel, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, RobotModel, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
 from equipoise.recording.recording import Recording
 from equipoise.result.statistics import NORMAL_95
@@ -115,7 +115,7 @@ def run(name: str, preset: str, seed: int) -> list[Row]:
     payload = payload_of(robot, np.random.default_rng([seed, 79]))
     with simulate(robot, preset, payload, seed) as simulation:
         mass = simulation.truth.composite.mass * (1 + 0.005 * np.random.default_rng([seed, 77]).standard_normal())
-        settings = Precise(mass=mass)
+        settings = BayesianMethod(mass=mass)
         calibrate(simulation.platform, robot, settings, kept.append)
     truth = components(simulation.truth.composite)
     rows: list[Row] = []
@@ -132,7 +132,7 @@ def run(name: str, preset: str, seed: int) -> list[Row]:
                 **row,
                 "truth": truth.tolist(),
                 "error": (found.composite.values - truth).tolist(),
-                "sd": found.composite.deviations.tolist(),
+                "sd": found.composite.stds.tolist(),
                 "alarms": [check.name for check in found.checks if not check.passed],
                 "told": [said for said in found.assumptions if said.endswith("contradicts")],
             }

@@ -2,18 +2,18 @@
 
     python examples/01_calibrate.py [ROBOT_TIME_IN_SECONDS]
 
-docs/examples.md shows what this prints.
+docs/get-started.md shows what this prints.
 """
 
 import sys
 
-from equipoise import Precise, calibrate, load_robot, simulate
+from equipoise import BayesianMethod, calibrate, load_robot, simulate
 
 budget = float(sys.argv[1]) if len(sys.argv) > 1 else None
 
 robot = load_robot("unitree_a1")
-with simulate(robot, noise="realistic", payload="1,0.05,0.02,0.08", seed=3) as simulation:
-    settings = Precise(budget=budget)
+with simulate(robot, preset="realistic", payload="1,0.05,0.02,0.08", seed=3) as simulation:
+    settings = BayesianMethod(duration=budget)
     result = calibrate(simulation.platform, robot, settings).with_truth(simulation.truth)
 
 for one in result.composite:

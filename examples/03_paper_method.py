@@ -1,15 +1,15 @@
-"""The paper's routine: two bisections for the planar CoM, three sways for moments of inertia.
+"""The paper's routine: two bisections for the planar CoM, three excitations for moments of inertia.
 
     python examples/03_paper_method.py
 
-docs/examples.md shows what this prints.
+docs/get-started.md shows what this prints.
 """
 
-from equipoise import ComSearchSettings, Paper, calibrate, load_robot, simulate
+from equipoise import ComSearchSettings, PaperMethod, calibrate, load_robot, simulate
 
 robot = load_robot("unitree_a1")
-settings = Paper(com_search=ComSearchSettings(tolerance=0.002))
-with simulate(robot, noise="ideal", payload="1,0.05,0.02,0.08") as simulation:
+settings = PaperMethod(com_search=ComSearchSettings(tolerance=0.002))
+with simulate(robot, preset="ideal", payload="1,0.05,0.02,0.08") as simulation:
     result = calibrate(simulation.platform, robot, settings).with_truth(simulation.truth)
 
 for trial in result.trials:
@@ -20,5 +20,7 @@ for diagonal, line in result.support_lines.items():
 
 com = result.composite.com_in_base
 print(f"CoM off by {1000 * com.x.error:+.2f}, {1000 * com.y.error:+.2f} mm")
-for axis, sway in result.sways.items():
-    print(f"about {axis}: I {sway.moment:.3f} kg m2, C {sway.damping:.2f} Nm s/rad at {sway.frequency:.2f} Hz")
+for axis, excitation in result.excitations.items():
+    print(
+        f"about {axis}: I {excitation.moment:.3f} kg m2, C {excitation.damping:.2f} Nm s/rad at {excitation.frequency:.2f} Hz"
+    )

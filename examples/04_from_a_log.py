@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from equipoise import Precise, RunFolder, calibrate, load_robot, simulate
+from equipoise import BayesianMethod, RunFolder, calibrate, load_robot, simulate
 from equipoise.logs.offline import estimate_log
 from equipoise.logs.reader import read_log
 
@@ -19,7 +19,7 @@ robot, recordings = load_robot("unitree_a1"), []
 if len(sys.argv) > 1:
     recordings = RunFolder.open(sys.argv[1]).recordings()
 else:
-    with simulate(robot, noise="realistic", seed=3) as simulation:
+    with simulate(robot, preset="realistic", seed=3) as simulation:
         calibrate(simulation.platform, robot, keep=recordings.append)
 
 file = Path("a1_log.csv")
@@ -33,7 +33,7 @@ with file.open("w", newline="") as stream:
         of_imu = imu.angular_velocity_in_imu, imu.acceleration_in_imu
         writer.writerows(np.column_stack([joints.time, *of_joints, *of_imu]).tolist())
 
-found = estimate_log(robot, read_log(file, robot), Precise())
+found = estimate_log(robot, read_log(file, robot), BayesianMethod())
 print(f"{sum(trial.kind == 'lift' for trial in found.result.trials)} lifts found in {file}")
 for one in found.result.composite:
     print(f"{one.name:5} {one.lower:8.4f} to {one.upper:8.4f}  {one.verdict}")

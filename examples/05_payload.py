@@ -5,7 +5,7 @@ python examples/05_payload.py [RUN_BEFORE RUN_AFTER]
 
 import sys
 
-from equipoise import RunFolder, ScaleReadings, calibrate, find_delta, load_robot, simulate
+from equipoise import RunFolder, ScaleReadings, calibrate, find_payload_change, load_robot, simulate
 
 if len(sys.argv) > 2:
     before, after = (RunFolder.open(path).recordings() for path in sys.argv[1:])
@@ -13,11 +13,11 @@ if len(sys.argv) > 2:
 else:
     robot, before, after = load_robot("unitree_a1"), [], []
     for recordings, payload in ((before, None), (after, "1,0.05,0.02,0.08")):
-        with simulate(robot, noise="realistic", payload=payload, seed=3) as simulation:  # the same sensors in both
+        with simulate(robot, preset="realistic", payload=payload, seed=3) as simulation:  # the same sensors in both
             calibrate(simulation.platform, robot, keep=recordings.append)
     scale = ScaleReadings(masses=(12.44, 13.44))  # one scale, twice
 
-delta = find_delta(robot, before, after, scale)
+delta = find_payload_change(robot, before, after, scale)
 mass = delta.payload.mass
 print(f"{'removed' if delta.removed else 'added'}: {mass.value:.2f} kg ({mass.lower:.2f} to {mass.upper:.2f})")
 for one in delta.payload.com_in_base:

@@ -31,7 +31,7 @@ class CountingPlatform:
 
 
 robot = load_robot("unitree_a1")
-with simulate(robot, noise="realistic", seed=1) as simulation:
+with simulate(robot, preset="realistic", seed=1) as simulation:
     platform = CountingPlatform(simulation.platform)
     result = calibrate(platform, robot, Static())
 mass = result.composite.mass.value

@@ -15,7 +15,7 @@ from equipoise import load_robot, simulate
 from equipoise.lab.gaits.trot import trot
 
 robot = load_robot("unitree_a1")
-with simulate(robot, noise="realistic", payload="1.2,0.06,0.02,0.08", seed=7) as simulation:
+with simulate(robot, preset="realistic", payload="1.2,0.06,0.02,0.08", seed=7) as simulation:
     log = trot(simulation.platform, robot, float(sys.argv[1]) if len(sys.argv) > 1 else 21.0)
     truth = simulation.truth.composite
 

@@ -105,8 +105,24 @@ def measured():
         "clause_docstrings_per_1000": round(1000 * clauses / documented),
         "archaic_words_per_10000_in_docstrings": round(1e4 * archaic / words),
         "lines_that_calibrate_loads": sum(by_file[path] for path in loaded),
+        **documents(),
     }
     return {"lines": dict(lines), "classes": dict(classes), "reading": reading}
+
+
+def documents():
+    """Return pages under docs/, words of these and of README, and how those read; only sentences of prose are counted."""
+    pages = sorted((ROOT / "docs").rglob("*.md"))
+    text = "\n".join(page.read_text(encoding="utf-8") for page in (ROOT / "README.md", *pages))
+    words = len(text.split())
+    prose = re.sub(r"```.*?```|\$\$.*?\$\$|^(?:[|#>\-<!]| {4}).*?$", " ", text, flags=re.DOTALL | re.MULTILINE)
+    lengths = [len(sentence.split()) for sentence in re.split(r"(?<=[.!?:;])\s+", prose) if sentence.strip()]
+    return {
+        "document_pages": len(pages),
+        "document_words": words,
+        "archaic_words_per_10000_in_documents": round(1e4 * len(ARCHAIC.findall(text)) / words),
+        "sentences_over_30_words_per_1000": round(1000 * sum(length > 30 for length in lengths) / len(lengths)),
+    }
 
 
 def package_of(path):

@@ -12,10 +12,10 @@ from real_time import pytest_runtest_protocol, repeated  # noqa: F401  the first
 from robots import load_text, quadruped_urdf
 
 import equipoise
-from equipoise import Paper, Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, PaperMethod, calibrate, load_robot, nominal_stance, simulate
+from equipoise.bayesian.lift_design import LiftDesign
+from equipoise.bayesian.trials import BayesianTrials
 from equipoise.experiments.stand import stand_up
-from equipoise.precise.lift_design import LiftDesign
-from equipoise.precise.trials import PreciseTrials
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.posture import BodyPosture
@@ -105,8 +105,8 @@ def ideal_motions(a1):
     com = composite_parameters(a1, stance.joint_position).com
     posture = BodyPosture(roll=0.15, yaw=0.2, crouch=0.1)
     with simulate(a1, "ideal") as simulation:
-        planted, _ = stand_up(simulation.platform, a1, stance)
-        trials = PreciseTrials(planted, stance, com)
+        standing, _ = stand_up(simulation.platform, a1, stance)
+        trials = BayesianTrials(standing, stance, com)
         return SimpleNamespace(
             stance=stance,
             posture=posture,
@@ -117,9 +117,9 @@ def ideal_motions(a1):
 
 @pytest.fixture(scope="session")
 def precise_run(a1):
-    """A short run of the precise method on a realistic A1 with a payload: settings, recordings, result and truth."""
+    """A short run of the Bayesian method on a realistic A1 with a payload: settings, recordings, result and truth."""
     recordings = []
-    settings = Precise(budget=60, sway=False)
+    settings = BayesianMethod(duration=60, excitation=False)
     with simulate(a1, "realistic", seed=4, payload="1.5,0.05,-0.02,0.06", timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, a1, settings, keep=recordings.append)
         return SimpleNamespace(
@@ -137,7 +137,7 @@ def paper_run(a1):
     """A run of the paper's method on a perfect A1, in steps of 1 ms: recordings, and the result with the truth."""
     recordings = []
     with simulate(a1, "ideal", timestep=1e-3) as simulation:
-        result = calibrate(simulation.platform, a1, Paper(), keep=recordings.append).with_truth(simulation.truth)
+        result = calibrate(simulation.platform, a1, PaperMethod(), keep=recordings.append).with_truth(simulation.truth)
     return SimpleNamespace(recordings=recordings, result=result)
 
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from equipoise import Precise, RunFolder
+from equipoise import BayesianMethod, RunFolder
 from equipoise.errors import ModelWarning
 from equipoise.exports.subject import seen_from
 from equipoise.result.body import Body
@@ -91,7 +91,7 @@ def found(robot, added=None, verdicts=None, **changes):
     nominal = nominal_inertia(robot, stance)
     bodies = {name: joined(getattr(nominal, name), added) for name in ("composite", "base")}
     result = Calibration(
-        **model_facts(robot, stance), method="precise", sways={}, support_lines={}, trials=(), settings={},
+        **model_facts(robot, stance), method="bayesian", excitations={}, support_lines={}, trials=(), settings={},
         composite=sure("composite", bodies["composite"], nominal.composite, verdicts or {}),
         base=sure("base", bodies["base"], nominal.base, verdicts or {}),
         stance_effective=Body.partly(nominal.stance_effective),
@@ -105,27 +105,27 @@ def with_joints(result):
     The first joint's zero and gain are not identified, the second joint's are weak.
     """
     names = list(result.joint_position)
-    deviations = {names[0]: 4e-3, names[1]: 2e-3}
-    zeros = [finding(f"{name} zero", 1e-3 * (i - 5.5), deviations.get(name, 3e-4)) for i, name in enumerate(names)]
+    stds = {names[0]: 4e-3, names[1]: 2e-3}
+    zeros = [finding(f"{name} offset", 1e-3 * (i - 5.5), stds.get(name, 3e-4)) for i, name in enumerate(names)]
     imu = [
         finding(f"IMU {word}", value, 4e-4) for word, value in zip(("rolled", "pitched", "yawed"), _TILT, strict=True)
     ]
-    motors = {name: motor(i, 0.03 if name in deviations else 2e-3) for i, name in enumerate(names)}
+    motors = {name: motor(i, 0.03 if name in stds else 2e-3) for i, name in enumerate(names)}
     sensors = (*imu, finding("clock offset", -1.25e-3, 1e-4), *zeros[::-1])
     return dataclasses.replace(result, sensors=sensors, motors=motors)
 
 
-def finding(name, value, deviation):
-    return SensorFinding(name, value, deviation, "", False)
+def finding(name, value, std):
+    return SensorFinding(name, value, std, "", False)
 
 
-def motor(i, deviation):
+def motor(i, std):
     """The i-th joint's, with a gain as sure as said."""
     values = {
         "coulomb_friction": (0.3 + i / 100, 0.01),
         "viscous_friction": (0.05 + i / 1000, 1e-3),
         "armature": (0.01 + i / 1e4, 5e-4),
-        "relative_gain": (0.03 - i / 200, deviation),
+        "relative_gain": (0.03 - i / 200, std),
         "delay": (4e-3 + i / 1e5, 2e-5),
     }
     beside = {"relative_gain": 0.05, "delay": 5e-3}
@@ -136,7 +136,7 @@ def motor(i, deviation):
 
 def make_run(path, robot):
     """A finished run of a robot that was found heavier than its file."""
-    with RunFolder.create(path, robot, Precise(), {"time": "2026-01-01T00:00:00+00:00"}) as folder:
+    with RunFolder.create(path, robot, BayesianMethod(), {"time": "2026-01-01T00:00:00+00:00"}) as folder:
         folder.save(with_joints(found(robot)).with_provenance(**folder.provenance))
 
 

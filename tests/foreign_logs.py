@@ -10,7 +10,7 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from equipoise import Precise
+from equipoise import BayesianMethod
 from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.logs.joint_names import JointMap
 from equipoise.logs.message_types import known_types
@@ -39,7 +39,7 @@ def estimated(robot, walked, recording=None):
     """What the log of a simulated walk, or another one, tells of a robot that was weighed."""
     mass = walked.truth.mass
     log = Log(recording or walked.log, JointMap(()), {}, ())
-    return estimate_log(robot, log, Precise(mass=mass, mass_sd=0.005 * mass))
+    return estimate_log(robot, log, BayesianMethod(mass=mass, mass_std=0.005 * mass))
 
 
 def every(stream, step, start=0):

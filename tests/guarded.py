@@ -7,7 +7,7 @@ import numpy as np
 
 from equipoise import nominal_stance, simulate
 from equipoise.experiments.motion import Target
-from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.guard.footing import feet_are_lifted
 from equipoise.guard.known import Known
 from equipoise.guard.tilt_filter import TiltFilter
@@ -42,17 +42,17 @@ def at_rest(robot, index=0, **changes):
     return replace(state, **changes)
 
 
-def look(checks, command, state, sent=None, planted=None):
+def look(checks, command, state, sent=None, standing=None):
     """What the guard does with checks: each looks at a command, a state and the commands sent last, and may raise."""
-    known = Known(state, sent or command, command, planted or command, TiltFilter(np.eye(3)))
+    known = Known(state, sent or command, command, standing or command, TiltFilter(np.eye(3)))
     known.up.update(state)
     for check in checks:
         check(command, known)
 
 
-def simulated(robot, start="standing", noise="realistic", seed=3, payload=None):
+def simulated(robot, start="standing", preset="realistic", seed=3, payload=None):
     """A simulated robot with longer steps, which take half the computing; what can happen to it from outside; its truth."""
-    simulation = simulate(robot, noise, payload, seed, timestep=SLOW / 4)
+    simulation = simulate(robot, preset, payload, seed, timestep=SLOW / 4)
     model, disturbance = simulation.platform._simulated, simulation.disturbance
     platform = MujocoPlatform(robot, model, nominal_stance(robot), start, SLOW, disturbance=disturbance)
     return platform, disturbance, simulation.truth
@@ -167,11 +167,11 @@ def lift(guard, robot, watch=0.3, diagonal="FL_RR"):
     """Lift two feet, and leave them up."""
     stance = nominal_stance(robot)
     target = Target.standing(robot, guard.read().joint_position)
-    planted = PlantedRobot(guard, robot, target, stance.feet_in_base)
+    standing = StandingRobot(guard, robot, target, stance.feet_in_base)
     raised = target.feet_in_base.copy()
     raised[[leg not in DIAGONALS[diagonal] for leg in LEG_NAMES], 2] += 0.024 * stance.scale.length
-    up = planted.motion().phase("unload").shift_load(DIAGONALS[diagonal], 0.1)
-    planted.play(up.phase("lift").move_feet(raised, 0.15).phase("watch").hold(watch))
+    up = standing.motion().phase("unload").shift_load(DIAGONALS[diagonal], 0.1)
+    standing.play(up.phase("lift").move_feet(raised, 0.15).phase("watch").hold(watch))
 
 
 def hold(guard, seen, duration):

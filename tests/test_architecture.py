@@ -26,7 +26,7 @@ FLOORS = [
     ["method"],
     ["paper"],
     ["estimator"],
-    ["precise"],
+    ["bayesian"],
     ["motors"],
     ["calibration"],
     ["logs"],
@@ -163,15 +163,15 @@ def test_lists_import_nothing_that_they_do_not_show(words):
 COMPUTES = ("scipy", "pinocchio", "mujoco", "plotly")
 REFUSED = {
     **{f"{verb} rex": 3 for verb in (
-        "calibrate", "plan", "weigh", "doctor", "record", "audit", "lab balance", "lab monte-carlo",
+        "calibrate", "plan", "payload", "doctor", "record", "audit", "lab balance", "lab monte-carlo",
         "estimate log.csv --robot")},
     **{f"{verb} no/such.urdf": 3 for verb in ("calibrate", "audit", "plan")},
     **{f"{verb} nosuch": 5 for verb in (
-        "estimate", "view", "report", "export", "delta", "lab validate", "calibrate --resume")},
+        "estimate", "view", "report", "export", "compare", "lab validate", "calibrate --resume")},
     **{f"{verb} --bogus": 2 for verb in ("audit", "export", "report", "doctor", "record", "calibrate --resume nosuch")},
     **dict.fromkeys(("record --duration soon", "doctor --duration soon", "doctor --platform nosuch", "calibrat"), 2),
     **dict.fromkeys(("export --samples x", "calibrate --bogus", "calibrate --mass heavy", "calibrate --payload heavy"), 2),
-    **dict.fromkeys(("calibrate --budget soon", "calibrate --with springz", "calibrate --platform nosuch"), 2),
+    **dict.fromkeys(("calibrate --duration soon", "calibrate --enable-effect springz", "calibrate --platform nosuch"), 2),
     **dict.fromkeys(("plan --bogus", "estimate log.csv --robot unitree_a1 --bogus", "weigh unitree_a1 --bogus"), 2),
 }  # fmt: skip
 
@@ -209,12 +209,13 @@ def test_exports_are_frozen():
     assert sorted(equipoise.__all__) == sorted(
         [
             "Audit", "Body", "Calibration", "ComSearchSettings", "CommunicationError",
-            "Delta", "Driver", "EquipoiseError", "Format", "Guard", "Health", "InertialParameters",
-            "JointCommand", "LogReader", "Method", "Paper", "Payload", "Platform", "Precise", "Quantity", "RawImu",
+            "PayloadChange", "Driver", "EquipoiseError", "Format", "Guard", "Health", "InertialParameters",
+            "JointCommand", "LogReader", "Method", "PaperMethod", "Payload", "Platform", "BayesianMethod", "Quantity",
+            "RawImu",
             "RawJoints", "RawLog", "Recording", "RecordingError", "RobotConnection", "RobotDescription", "RobotModel",
             "RobotState", "RunFolder", "ScaleReadings", "SensorErrors", "SettingsError", "Simulation",
-            "Stance", "SteppedPlatform", "Subject", "SwaySettings", "TiltLimit", "Topics", "Trajectory",
-            "Written", "__version__", "audit", "calibrate", "estimate", "export", "find_delta",
+            "Stance", "SteppedPlatform", "Subject", "ExcitationSettings", "TiltLimit", "Topics", "Trajectory",
+            "Written", "__version__", "audit", "calibrate", "estimate", "export", "find_payload_change",
             "load_robot", "nominal_stance", "play_by_stepping", "simulate",
         ]
     )  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from exporting import found
 
-from equipoise import Guard, JointCommand, Precise, RunFolder, nominal_stance
+from equipoise import BayesianMethod, Guard, JointCommand, RunFolder, nominal_stance
 from equipoise.cli import main
 from equipoise.drivers import platforms
 from equipoise.drivers.platforms import open_platform
@@ -80,10 +80,10 @@ def test_a_class_of_somebody_is_a_platform_in_every_verb(installed, here, tmp_pa
     assert {row["name"] for row in json.loads(capsys.readouterr().out)["findings"]} >= {"joint samples", "IMU samples"}
     assert main(["record", *flags, "--duration", "1s", "--out", "log.mcap", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["joint_samples"] == pytest.approx(500, abs=5)
-    code, folder = calibrated(tmp_path / "run", *flags, "--set", "noise=realistic", "--set", "seed=3")
+    code, folder = calibrated(tmp_path / "run", *flags, "--set", "preset=realistic", "--set", "seed=3")
     assert code == 0
     assert folder.provenance["platform"] == platform
-    assert folder.provenance["platform_settings"] == {"noise": "realistic", "seed": "3"}
+    assert folder.provenance["platform_settings"] == {"preset": "realistic", "seed": "3"}
     guard = folder.result().provenance["guard"]
     assert guard["commands"] > 100
     assert guard["ending"][-1] == "released"
@@ -95,7 +95,7 @@ def test_platforms_lists_what_packages_add_with_their_settings(installed, capsys
     assert main(["platforms", "--json"]) == 0
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["platforms"]}
     assert rows["outside-robot"]["what"] == "A robot that is moved step by step."
-    assert rows["outside-robot"]["settings"] == [["noise", "text", "ideal"], ["seed", "a whole number", 0]]
+    assert rows["outside-robot"]["settings"] == [["preset", "text", "ideal"], ["seed", "a whole number", 0]]
     assert rows["outside-bus"]["start"] == "lie it down, switch it on"
     assert rows["outside-bus"]["settings"] == [["node", "a whole number", 1], ["diary", "text", ""]]
     assert main(["platforms"]) == 0
@@ -255,7 +255,7 @@ def test_a_driver_of_somebody_is_a_platform_in_every_verb(installed, tmp_path, c
 
 def test_a_format_of_somebody_is_listed_and_written(installed, a1, tmp_path, capsys):
     installed("format")
-    with RunFolder.create(tmp_path / "run", a1, Precise(), {"time": "2026-01-01"}) as folder:
+    with RunFolder.create(tmp_path / "run", a1, BayesianMethod(), {"time": "2026-01-01"}) as folder:
         folder.save(found(a1).with_provenance(**folder.provenance))
     assert main(["export", "--list", "--json"]) == 0
     assert "kilograms" in {row["name"] for row in json.loads(capsys.readouterr().out)["formats"]}

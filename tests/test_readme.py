@@ -136,7 +136,7 @@ def test_the_first_command_prints_what_the_readme_shows(text, ran):
     """Engines of other versions step a little differently: half a millimetre, a tenth of a moment."""
     folder, done = ran
     _, _, printed, _ = done[0]
-    shown = re.search(r"```\n(unitree_a1: method precise.*?)```", text, re.DOTALL).group(1)
+    shown = re.search(r"```\n(unitree_a1: method bayesian.*?)```", text, re.DOTALL).group(1)
     assert_shown(plain(printed.partition("saved:")[0]), plain(shown), abs=0.6, rel=0.1)
     (shown,) = re.findall(r"```\n(warning: .*?)```", text, re.DOTALL)
     ((_, _, out, err),) = [each for each in done if each[0].startswith("equipoise export")]
@@ -153,7 +153,7 @@ def test_the_readme_is_a_screen_and_a_half(text):
 
 
 def test_the_exit_codes_that_are_documented_are_those_of_the_errors():
-    text = (README.parent / "docs" / "commands.md").read_text(encoding="utf-8")
+    text = (README.parent / "docs" / "reference" / "cli.md").read_text(encoding="utf-8")
     listed = {int(code) for code in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)}
     raised = {
         error.exit_code

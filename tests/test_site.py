@@ -1,5 +1,6 @@
-"""What the site is made with: formulas, tables out of results, links of the repository, pictures."""
+"""The hooks of the site: formulas, tables from results and code, links of the repository, pictures."""
 
+import dataclasses
 import re
 import runpy
 import sys
@@ -8,6 +9,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from browser import open_browser
+
+import equipoise
+from equipoise import cli
 
 pytest.importorskip("mkdocs", reason="the site needs 'equipoise[docs]'")
 ROOT = Path(__file__).parents[1]
@@ -16,6 +21,7 @@ sys.path.insert(0, str(MAKING))
 formulas, hooks = import_module("formulas"), import_module("hooks")
 hash_of = import_module("sources").hash_of
 
+WORKER = ROOT / "docs" / "assets" / "iframe-worker.js"
 PICTURES = sorted((ROOT / "docs" / "pictures").glob("*.svg"))
 
 
@@ -45,17 +51,64 @@ def test_rows_of_a_result_come_with_their_head(tmp_path):
 
 def test_the_table_of_unknowns_is_that_of_the_code():
     table = hooks.unknowns()
-    assert "| `joint_zero`: encoder reading less joint position | joint | 0.005 rad |" in table
+    assert "| `joint_offset`: encoder reading less joint position | joint | 0.005 rad |" in table
     assert "| 0.001 m times hip height | assumed; an indoor floor | moves |" in table
-    assert hooks._UNKNOWNS in (ROOT / "docs" / "method" / "precise.md").read_text(encoding="utf-8")
+    assert hooks._UNKNOWNS in (ROOT / "docs" / "how-it-works" / "bayesian-method.md").read_text(encoding="utf-8")
+
+
+def test_verbs_and_exit_codes_are_those_of_the_code():
+    verbs, codes = hooks.verbs(), hooks.exit_codes()
+    assert verbs.startswith("| verb | purpose |")
+    assert all(f"| [`{verb}`](#" in verbs for verb in (*cli.VERBS, "lab balance"))
+    assert "| 5 | `RecordingError` | " in codes
+    assert codes.count("\n") == 11
 
 
 def test_the_table_of_effects_is_that_of_the_code():
     table = hooks.effects()
     assert "| `springs` |  | 3000 Nm/rad | 3000 Nm/rad | stiffness of the spring between" in table
-    assert "| `joint_zero` | 0.005 rad | 0.01 rad | 0.01 rad | encoder reading less joint position | joint |" in table
+    assert "| `joint_offset` | 0.005 rad | 0.01 rad | 0.01 rad | encoder reading less joint position | joint |" in table
     assert "between a motor's encoder and the link | robot | exact | torque |" in table
-    assert hooks._EFFECTS in (ROOT / "docs" / "method" / "world.md").read_text(encoding="utf-8")
+    assert hooks._EFFECTS in (ROOT / "docs" / "simulation-studies.md").read_text(encoding="utf-8")
+
+
+def test_flags_are_those_of_the_help_and_a_group_of_an_earlier_verb_is_not_repeated():
+    shown = hooks.flags()
+    for verb in (*cli.VERBS, *(f"{group} {verb}" for group in cli.GROUPS for verb in cli.GROUPS[group])):
+        assert f"## `{verb}` {{ #{verb.replace(' ', '-')} }}" in shown
+    assert shown.count("| `--imu-rpy ROLL PITCH YAW` |") == 1
+    assert "Robot options: see [`calibrate`](#calibrate)." in shown
+    assert "| `--motor-time TIME` | " in shown
+    assert "-----" not in shown.replace("|---|---|", "")
+
+
+def test_keys_of_the_robot_configuration_are_those_of_the_code():
+    table = hooks.robot_keys()
+    assert "| `imu_position` | three numbers | IMU position in the base frame &#91;m&#93;. |" in table
+    assert table.count("\n") == len(dataclasses.fields(equipoise.RobotDescription)) + 1
+
+
+def test_every_stable_name_has_its_directive():
+    directives = re.findall(r"^::: equipoise\.\S+\.(\w+)$", hooks.public_names(), re.MULTILINE)
+    assert sorted(directives) == sorted(name for name in equipoise.__all__ if not name.startswith("_"))
+    named = set(re.findall(r"`(\w+)`", (ROOT / "docs" / "reference" / "python-api.md").read_text(encoding="utf-8")))
+    assert set(directives) <= named
+
+
+def test_each_placeholder_is_on_one_page():
+    pages = [page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md")]
+    for placeholder in hooks._TABLES:
+        assert sum(placeholder in page for page in pages) == 1, placeholder
+
+
+def test_every_page_is_in_the_navigation_and_benchmarks_lists_every_result():
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
+    listed = re.findall(r": (\S+\.md)$", navigation, re.MULTILINE)
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")}
+    assert sorted(listed) == sorted(pages | {"CONTRIBUTING.md", "CHANGELOG.md"})
+    benchmarks = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
+    for result in (ROOT / "benchmarks" / "results").rglob("*.md"):
+        assert benchmarks.count(f"](../{result.relative_to(ROOT).as_posix()})") == 1, result
 
 
 OLDER = hooks.Page("benchmarks/accuracy.py", ("0123abc",), ("another hash",))
@@ -102,9 +155,9 @@ def test_links_to_pages_of_older_code_rows_of_them_and_pictures_are_marked(tmp_p
     ("target", "page", "link"),
     [
         ("../benchmarks/results/logs.md", "logs.md", "benchmarks/results/logs.md"),
-        ("../../benchmarks/results/logs.md", "method/paper.md", "../benchmarks/results/logs.md"),
+        ("../../benchmarks/results/logs.md", "how-it-works/paper-method.md", "../benchmarks/results/logs.md"),
         ("accuracy_paper.md", "benchmarks/results/peers.md", "accuracy_paper.md"),
-        ("../CONTRIBUTING.md", "home-built.md", "CONTRIBUTING.md"),
+        ("../CONTRIBUTING.md", "your-robot.md", "CONTRIBUTING.md"),
         ("../README.md", "logs.md", "index.md"),
     ],
 )
@@ -132,4 +185,22 @@ def test_nothing_comes_from_elsewhere():
     settings = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     assert "font: false" in settings
     assert "extra_javascript" not in settings
+    assert "polyfills: [assets/iframe-worker.js]" in settings
+    assert "http" not in WORKER.read_text(encoding="utf-8")
     assert not re.search(r"url\(|@import", style)
+
+
+@pytest.fixture
+def browser():
+    yield from open_browser()
+
+
+def test_the_search_has_its_worker_in_a_page_that_is_opened_from_a_disk(browser, tmp_path):
+    (tmp_path / "double.js").write_text("addEventListener('message', (event) => postMessage(2 * event.data))", "utf-8")
+    page = "<script src='worker.js'></script><script>const worker = new Worker('double.js')</script>"
+    (tmp_path / "page.html").write_text(f"<body>{page}</body>", encoding="utf-8")
+    (tmp_path / "worker.js").write_bytes(WORKER.read_bytes())
+    shown = browser.new_page()
+    shown.goto((tmp_path / "page.html").as_uri())
+    answer = "new Promise((done) => worker.addEventListener('message', (event) => done(event.data)))"
+    assert shown.evaluate(f"[worker.postMessage(21), {answer}][1]") == 42

@@ -19,7 +19,7 @@ A1 = ("audit", "unitree_a1")
 READS = {
     "robot.urdf": ("audit", "FILE"),
     "robot.xml": ("audit", "FILE"),
-    "robot.toml": (*A1, "--description-file", "FILE"),
+    "robot.toml": (*A1, "--robot-config", "FILE"),
     "priors.toml": ("plan", "unitree_a1", "--priors", "FILE"),
     "columns.toml": ("estimate", "walk.csv", "--robot", "unitree_a1", "--columns", "FILE"),
     "joints.toml": ("estimate", "walk.csv", "--robot", "unitree_a1", "--joint-map", "FILE"),

@@ -1,4 +1,4 @@
-"""Motions whose physics is known: what tests of the precise method hold its equations against."""
+"""Motions whose physics is known: what tests of the Bayesian method hold its equations against."""
 
 from dataclasses import dataclass
 
@@ -112,7 +112,7 @@ def pendulum(
         return about(left, [-angle])[0] @ up
 
     def felt(time, angle, speed, change):
-        """Specific force at the base's origin: from the feet's centres, which roll, to the origin, which turns and sways."""
+        """Specific force at the base's origin: from the rolling centres of the feet to the moving origin."""
         beside, velocity, acceleration = give.feet(time)
         foot = right_foot + beside
         of_foot = radius * change * np.cross(left, upward(angle))

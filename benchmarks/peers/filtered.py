@@ -35,7 +35,7 @@ _STICTION_SPEED = 0.03  # [rad/s], below which Coulomb friction is not yet its f
 _STRIDE = 2  # of the samples before differentiating; 250 Hz are left
 _KEPT = 2  # of those, one in two is kept afterwards
 _MARGIN = 0.15  # [s] cut off both ends of a recording, where a filter has not all it needs
-_REST_OF = {"shake": "rest", "posture": "before", "sway": "settle", "lift": "rest", "stand": "rest"}
+_REST_OF = {"shake": "rest", "posture": "before", "excitation": "settle", "lift": "rest", "stand": "rest"}
 
 
 def kind_of(recording: Recording) -> str:
@@ -88,7 +88,7 @@ def read_all(
 
     Args:
         cutoff: of the filter, on a robot of an A1's size [Hz].
-        motions: "shake" alone, "planted": with every rest, move and sway of the precise run, or "all": with the time on
+        motions: "shake" alone, "planted": with every rest, move and excitation of the precise run, or "all": with the time on
             two feet of its lifts too.
     """
     legs = LegChains(robot)

@@ -108,20 +108,23 @@ def triangles(target: FloatArray) -> NDArray[np.intp]:
 
 
 def ours(robot: RobotModel, recording: Recording, scale: Scale, used: NDArray[np.bool_]) -> JointParameters:
-    """`--what motors` of a log without torques, by only some of its samples."""
+    """`--parameters motors` of a log without torques, by only some of its samples."""
     samples, time = motor_samples(robot, [recording], scale.time), recording.phase(Phase.SWING).joints.time
     kept = np.interp(samples.time, time, used.astype(float)) > 0.5
     fit = fit_motors(robot, replace(samples, slides=samples.slides * kept[:, None]), scale)
-    gain, coulomb, viscous, armature = fit.values[:4]
+    gain, coulomb_friction, viscous_friction, armature = fit.values[:4]
     assert fit.delay is not None
-    return JointParameters(armature, viscous, coulomb, np.zeros_like(gain), 1 + gain, fit.delay[0])
+    return JointParameters(armature, viscous_friction, coulomb_friction, np.zeros_like(gain), 1 + gain, fit.delay[0])
 
 
 def errors_of(world: HeldBase, parameters: JointParameters, used: NDArray[np.bool_]) -> dict[str, Any]:
     """Root mean squares of shown less seen over all joints [mrad], and what the motors are said to be."""
     left = 1e3 * (world.shown([parameters])[0] - world.swing.position)
     rms = {name: float(np.sqrt(np.mean(left[kept] ** 2))) for name, kept in (("fitted", used), ("predicted", ~used))}
-    median = {name: float(np.median(getattr(parameters, name))) for name in ("coulomb", "viscous", "armature")}
+    median = {
+        name: float(np.median(getattr(parameters, name)))
+        for name in ("coulomb_friction", "viscous_friction", "armature")
+    }
     return {**rms, **median, "delay": parameters.delay}
 
 

@@ -62,25 +62,27 @@ class JointParameters:
 
     Attributes:
         armature: (nj,) [kg m2].
-        viscous: (nj,) viscous friction [Nm s/rad].
-        coulomb: (nj,) Coulomb friction [Nm].
+        viscous_friction: (nj,) viscous friction [Nm s/rad].
+        coulomb_friction: (nj,) Coulomb friction [Nm].
         bias: (nj,) encoder reading less joint position [rad].
         gain: (nj,) true over reported torque.
         delay: of the position loop [s].
     """
 
     armature: FloatArray
-    viscous: FloatArray
-    coulomb: FloatArray
+    viscous_friction: FloatArray
+    coulomb_friction: FloatArray
     bias: FloatArray
     gain: FloatArray
     delay: float
 
     @classmethod
-    def alike(cls, joints: int, armature: float, viscous: float, coulomb: float, delay: float) -> JointParameters:
+    def alike(
+        cls, joints: int, armature: float, viscous_friction: float, coulomb_friction: float, delay: float
+    ) -> JointParameters:
         """All joints the same, encoders and gains without error."""
         one = np.ones(joints)
-        return cls(armature * one, viscous * one, coulomb * one, 0 * one, one, delay)
+        return cls(armature * one, viscous_friction * one, coulomb_friction * one, 0 * one, one, delay)
 
 
 def read_swing(robot: RobotModel, recording: Recording) -> Swing:
@@ -111,7 +113,7 @@ class HeldBase:
     def model_of(self, parameters: JointParameters) -> mujoco.MjModel:
         """A model with these parameters; its control loops close on encoders."""
         model, swing, p = copy.copy(self.model), self.swing, parameters
-        losses = p.coulomb, p.viscous, p.armature
+        losses = p.coulomb_friction, p.viscous_friction, p.armature
         mujoco_model.set_joints(model, self.dof, p.gain * swing.kp, p.gain * swing.kd, losses)  # pyright: ignore
         model.actuator_biasprm[:, 0] = -p.gain * swing.kp * p.bias
         return model

@@ -30,7 +30,7 @@ RESULTS = Path(__file__).parents[1] / "results"
 ROWS, LOG = RESULTS / "motors_peers.jsonl", RESULTS / "motors_go2_log.json"
 NOTES = Path(__file__).parent / "motors_notes.md"
 FIRST, DURATION = 10_000, 10  # first seed; [s]
-# Robot, preset of `--noise`, engine, and how many seeds.
+# Robot, preset of `--sim-preset`, engine, and how many seeds.
 WORLDS = (
     ("unitree_a1", "realistic", "mujoco", 4), ("go2", "realistic", "mujoco", 4),
     ("unitree_a1", "realistic", "dart", 2), ("unitree_a1", "stress", "mujoco", 2),
@@ -43,7 +43,7 @@ Fit = Callable[[RobotModel, Recording, Scale], Found]
 
 
 def ours(robot: RobotModel, recording: Recording, _: Scale) -> Found:
-    """What `--what motors` says."""
+    """What `--parameters motors` says."""
     motors = Motors().estimate(robot, [recording], nominal_stance(robot)).motors.values()
     names = [name for motor in motors for name in motor.quantities]
     return {name: np.array([motor.quantities[name].value for motor in motors]) for name in names}
@@ -62,7 +62,7 @@ def by(fit: Callable[[RobotModel, Swing, Scale], JointParameters], *more: str) -
 def values_of(parameters: JointParameters, more: Sequence[str]) -> Found:
     """In the unit in which motors report torques on average."""
     p, mean = parameters, parameters.gain.mean()
-    values = {"coulomb_friction": p.coulomb, "viscous_friction": p.viscous, "armature": p.armature}
+    values = {"coulomb_friction": p.coulomb_friction, "viscous_friction": p.viscous_friction, "armature": p.armature}
     found = {name: of / mean for name, of in values.items()}
     besides = {"relative_gain": p.gain / mean - 1, "delay": np.full_like(p.gain, p.delay)}
     return found | {name: besides[name] for name in more}
@@ -183,7 +183,7 @@ def log_table(log: dict[str, Any]) -> Iterator[str]:
     yield f"| {' | '.join(columns)} |"
     yield "|" + "---|" * len(columns)
     for name, found in log["found"].items():
-        motors = f"{found['coulomb']:.2f} | {found['viscous']:.2f} | {found['armature']:.3f}"
+        motors = f"{found['coulomb_friction']:.2f} | {found['viscous_friction']:.2f} | {found['armature']:.3f}"
         rest = f"{motors} | {1e3 * found['delay']:.1f}"
         yield f"| {name} | {found['fitted']:.1f} | {found['predicted']:.1f} | {rest} |"
     yield ""

@@ -9,7 +9,8 @@ that rollouts start from, what is unknown, and how sensors see it.
 
 It is given more than any other peer: the simulated robot is made by the same engine, step, contacts and joint control as
 its model, its delays are known, and so are all positions and torques that were commanded. On a real robot none of that is
-exact. Unknown are the base's ten parameters, friction, damping and armature of all joints; with `biases` the joint zeros, the
+exact. Unknown are the base's ten parameters, friction, damping and armature of all joints; with `biases` the joint offsets,
+the
 IMU's tilt and the floor's slope; with `gains` the motors' torque gains; all with priors of the sizes that they have. Rollouts
 begin at rest, after a while of holding still, so that no initial velocity has to be known.
 """
@@ -46,7 +47,7 @@ _DELAY = 2e-3  # [s] of commands and of sensors; it is told
 _PERIOD = 2e-3  # [s] between commands
 _HOLD = 0.5  # [s] of standing still before a recording begins
 _BLOCK = 5  # samples that are averaged
-_BOUND = 0.15  # of joint zeros, tilt, slope [rad] and gains
+_BOUND = 0.15  # of joint offsets, tilt, slope [rad] and gains
 _LARGEST = 20.0  # residuals beyond are of a robot that fell over; they would hide all others
 _A1_MASS = 12.5  # [kg]
 
@@ -58,7 +59,7 @@ class SysidSettings:
     Attributes:
         shake: how much of the shake is given [s].
         lifts: how many of the precise run's lifts.
-        biases: whether joint zeros, IMU tilt and floor slope are unknown too.
+        biases: whether joint offsets, IMU tilt and floor slope are unknown too.
         gains: with `biases`, whether every motor's torque gain is unknown too.
         iterations: of the optimiser, at most.
         position_sd, gyro_sd, accelerometer_sd, torque_sd: what the residuals are divided by: the model's errors more than
@@ -178,7 +179,7 @@ class RobotProblem:
         return np.concatenate([position, turning, felt, torque], axis=1)
 
     @property
-    def deviations(self) -> FloatArray:
+    def stds(self) -> FloatArray:
         """(2 nj + 6,) what residuals are divided by."""
         s, joints = self.settings, len(self.robot.joint_names)
         sizes = [s.position_sd, s.gyro_sd, s.accelerometer_sd, s.torque_sd * self.scale]
@@ -188,7 +189,7 @@ class RobotProblem:
         """Residuals of what is believed beforehand."""
         rows = [np.zeros(0)]
         if self.settings.biases:
-            sizes = REALISTIC.joint_zero, REALISTIC.imu_tilt, REALISTIC.floor_slope
+            sizes = REALISTIC.joint_offset, REALISTIC.imu_tilt, REALISTIC.floor_slope
             rows += [parameters[name].value / s for name, s in zip(("zeros", "tilt", "slope"), sizes, strict=True)]
             if self.settings.gains:
                 rows.append(parameters["gains"].value / REALISTIC.torque_gain)
@@ -243,7 +244,7 @@ def estimate(
     ) -> tuple[FloatArray, Any, Any]:
         shown = problem.seen(given, state, simulated.data, len(measured.data))
         left = (measured.data - shown)[: len(shown) // _BLOCK * _BLOCK]
-        means = left.reshape(-1, _BLOCK, left.shape[1]).mean(axis=1) / problem.deviations
+        means = left.reshape(-1, _BLOCK, left.shape[1]).mean(axis=1) / problem.stds
         return np.clip(means, -_LARGEST, _LARGEST), measured, measured
 
     rollouts = sysid.build_residual_fn(
@@ -277,7 +278,7 @@ def nominal_spec(robot: RobotModel, stance: Stance) -> mujoco.MjSpec:
     base = mujoco_model._floating_base(spec, robot)
     mujoco_model._strip(spec)
     mujoco_model._weld_held_joints(spec, robot)
-    add_contacts(spec, robot, stance, base, errors, LegErrors.of(robot, stance, errors), "own")
+    add_contacts(spec, robot, stance, base, errors, LegErrors.of(robot, stance, errors), "default")
     mujoco_model._add_actuators_and_sensors(spec, robot, base, errors)
     mujoco_model.set_options(spec, mujoco_model.TIMESTEP)
     spec.option.gravity = [0, 0, -9.81]

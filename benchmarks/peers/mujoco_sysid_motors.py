@@ -24,8 +24,8 @@ FloatArray = NDArray[np.float64]
 
 _BOUNDS = {  # on an A1: start, least, most
     "armature": (5e-3, 1e-4, 0.1),
-    "viscous": (0.03, 0.0, 1.0),
-    "coulomb": (0.2, 0.0, 3.0),
+    "viscous_friction": (0.03, 0.0, 1.0),
+    "coulomb_friction": (0.2, 0.0, 3.0),
     "bias": (0.0, -0.1, 0.1),
     "gain": (1.0, 0.7, 1.4),
 }

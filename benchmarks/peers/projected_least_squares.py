@@ -78,7 +78,7 @@ class Problem:
     square: float
     rows: int
     start: FloatArray
-    deviation: FloatArray
+    std: FloatArray
     links: int
     fixed_mass: float
 
@@ -141,8 +141,8 @@ def pose(robot: RobotModel, samples: Filtered, settings: ProjectedSettings) -> P
         moment += a.T @ y
         square += float(y @ y)
         rows += len(y)
-    start, deviation = _beliefs(robot, settings, links, sets)
-    return Problem(gram, moment, square, rows, start, deviation, links, float(known[::10].sum()))
+    start, std = _beliefs(robot, settings, links, sets)
+    return Problem(gram, moment, square, rows, start, std, links, float(known[::10].sum()))
 
 
 def solve(problem: Problem, mass: float | None = None) -> FloatArray:
@@ -162,7 +162,7 @@ def minimum_with_matrix_inequalities(problem: Problem, variance: float, mass: fl
     """The constrained minimum; raises ModuleNotFoundError without CVXPY."""
     import cvxpy as cp  # noqa: PLC0415 - optional
 
-    unit = problem.deviation
+    unit = problem.std
     hessian = problem.gram / variance * np.outer(unit, unit) + np.eye(len(unit))
     gradient = (problem.moment - problem.gram @ problem.start) / variance * unit
     root = np.linalg.cholesky(hessian)
@@ -180,7 +180,7 @@ def minimum_with_matrix_inequalities(problem: Problem, variance: float, mass: fl
 
 def minimum(problem: Problem, variance: float, mass: float | None) -> FloatArray:
     """Without the inequalities."""
-    unit = problem.deviation
+    unit = problem.std
     hessian = problem.gram / variance * np.outer(unit, unit) + np.eye(len(unit))
     gradient = (problem.moment - problem.gram @ problem.start) / variance * unit
     if mass is None:
@@ -218,11 +218,11 @@ def _beliefs(robot: RobotModel, settings: ProjectedSettings, links: int, sets: i
     start = [np.array(model.inertias[1 + i].toDynamicParameters()) for i in range(links)]
     base = model.inertias[1]
     length = float(np.sqrt(np.trace(base.inertia) / base.mass))
-    deviations = [base.mass * np.repeat([_MASS_PRIOR, _MOMENT_PRIOR * length, _INERTIA_PRIOR * length**2], [1, 3, 6])]
+    stds = [base.mass * np.repeat([_MASS_PRIOR, _MOMENT_PRIOR * length, _INERTIA_PRIOR * length**2], [1, 3, 6])]
     for i in range(1, links):
         link = model.inertias[1 + i]
         length = float(np.sqrt(np.trace(link.inertia) / link.mass + link.lever @ link.lever))
-        deviations.append(settings.leg_prior * link.mass * np.repeat([1.0, length, length**2], [1, 3, 6]))
+        stds.append(settings.leg_prior * link.mass * np.repeat([1.0, length, length**2], [1, 3, 6]))
     scale = robot.mass / 12.5
     losses = np.repeat(np.array(_LOSS_PRIORS) * scale, sets)
-    return np.concatenate([*start, np.zeros(len(losses))]), np.concatenate([*deviations, losses])
+    return np.concatenate([*start, np.zeros(len(losses))]), np.concatenate([*stds, losses])

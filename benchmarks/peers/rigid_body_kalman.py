@@ -155,8 +155,8 @@ def run(
 
 def _start(body: pin.Inertia, scale: float, settings: KalmanSettings) -> Filter:
     length = float(np.sqrt(np.trace(body.inertia) / body.mass))
-    deviation = body.mass * np.repeat([_MASS_PRIOR, _MOMENT_PRIOR * length, _INERTIA_PRIOR * length**2], [1, 3, 6])
+    std = body.mass * np.repeat([_MASS_PRIOR, _MOMENT_PRIOR * length, _INERTIA_PRIOR * length**2], [1, 3, 6])
     state = np.array(body.toDynamicParameters())
     if settings.losses:
-        state, deviation = np.append(state, np.zeros(3)), np.append(deviation, _LOSS_PRIORS * scale)
-    return Filter(state, np.diag(deviation**2), (settings.drift * deviation) ** 2)
+        state, std = np.append(state, np.zeros(3)), np.append(std, _LOSS_PRIORS * scale)
+    return Filter(state, np.diag(std**2), (settings.drift * std) ** 2)

@@ -78,16 +78,16 @@ class Peer:
 PEERS = {
     peer.name: peer
     for peer in (
-        Peer("precise", ("precise",)),
-        Peer("precise, no scale", ("precise",)),
+        Peer("bayesian", ("bayesian",)),
+        Peer("precise, no scale", ("bayesian",)),
         Peer("model file", ()),
         Peer("static", ("static",)),
         Peer("paper", ("paper",)),
-        Peer("projected", ("shake", "precise"), "cvxpy"),
-        Peer("projected, no scale", ("shake", "precise"), "cvxpy"),
-        Peer("kalman", ("shake", "precise")),
-        Peer("kalman, no scale", ("shake", "precise")),
-        Peer(SLOW, ("shake", "precise"), "mujoco[sysid]"),
+        Peer("projected", ("shake", "bayesian"), "cvxpy"),
+        Peer("projected, no scale", ("shake", "bayesian"), "cvxpy"),
+        Peer("kalman", ("shake", "bayesian")),
+        Peer("kalman, no scale", ("shake", "bayesian")),
+        Peer(SLOW, ("shake", "bayesian"), "mujoco[sysid]"),
     )
 }
 
@@ -100,7 +100,7 @@ def estimate_by(peer: str, case: Case, kept: Path) -> tuple[list[float | None], 
     scale = None if rest else told
     feed = [_feed_forward(case, kept, run) for run in PEERS[peer].runs for _ in load(case, kept, run)]
     start = time.process_time()
-    if method in ("precise", "paper", "static"):
+    if method in ("bayesian", "paper", "static"):
         found = _ours(method, case, recordings, scale)
     elif method == "model file":
         found = components(composite_parameters(case.robot, case.stance.joint_position)).tolist()
@@ -117,12 +117,12 @@ def _feed_forward(case: Case, kept: Path, run: str) -> tuple[FloatArray, FloatAr
 def _ours(method: str, case: Case, recordings: list[Recording], scale: Known | None) -> list[float | None]:
     asked = method_named(method)()
     if scale is not None:
-        asked = asked.weighed(scale.mass, scale.mass_sd)
+        asked = asked.weighed(scale.mass, scale.mass_std)
     result = estimate(case.robot, recordings, asked)
-    if method == "precise":
+    if method == "bayesian":
         return result.composite.values.tolist()
     axes = ("roll", "pitch", "yaw")
-    moments = [result.sways[axis].moment if axis in result.sways else None for axis in axes]
+    moments = [result.excitations[axis].moment if axis in result.excitations else None for axis in axes]
     return [*(quantity.value for quantity in [*result.composite][:4]), *moments, None, None, None]
 
 
@@ -133,7 +133,7 @@ def _theirs(
     feed: list[tuple[FloatArray, FloatArray]],
     scale: Known | None,
 ) -> list[float | None]:
-    weighed = None if scale is None else (scale.mass, scale.mass_sd)
+    weighed = None if scale is None else (scale.mass, scale.mass_std)
     at = case.stance.joint_position
     if method == SLOW:
         found = mujoco_sysid.estimate(case.robot, recordings, feed, case.stance, SysidSettings(), weighed)
@@ -228,7 +228,7 @@ def table(robot: str, rows: Iterable[dict]) -> list[str]:
     lines += table_rows([part for part in full if part])
     if slow:  # has fewer seeds, and is compared on those alone
         seeds = {row["seed"] for row in slow}
-        same = [row for row in here if row["peer"] == "precise" and row["seed"] in seeds]
+        same = [row for row in here if row["peer"] == "bayesian" and row["seed"] in seeds]
         lines += table_rows([slow, [{**row, "peer": "precise, on those seeds"} for row in same]])
     return lines
 
@@ -272,7 +272,7 @@ def write_tables() -> str:
         "for the whole robot at the nominal stance; random payloads of 5 to 30 % of the base's mass; preset `realistic`; a "
         "scale good to 0.5 %, told to all but `static`, `paper` and those that say no scale. "
         "Bold: the least of a column; `mujoco.sysid`, a minute a run, has five seeds and is "
-        "compared with `precise` on those. Robot time: of the recordings given. "
+        "compared with `bayesian` on those. Robot time: of the recordings given. "
         "The paper's I is compared with the whole robot's. CPU: median process seconds from recordings to estimate, one core. "
         f"Memory: peak over what a process holds before it reads the recordings ({before:.0f} MB, nearly all imports).",
     ]

@@ -1,7 +1,7 @@
 """What every peer is given: recordings of one simulated robot with a payload, the same for all of them.
 
 A robot is drawn from its seed as `benchmarks/accuracy.py` draws it: payload, sensor errors, and what a scale says. Four runs
-are recorded, each by the routine of the name: `precise`, `paper`, `static`, and `shake`, a motion that was made for the
+are recorded, each by the routine of the name: `bayesian`, `paper`, `static`, and `shake`, a motion that was made for the
 peers that need one: the body turns about three axes and moves along three at once, over planted feet, for 20 s.
 """
 
@@ -19,12 +19,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from equipoise import Method, Precise, RunFolder, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, Method, RunFolder, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import RecordingError
-from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.stand import stand_up
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.method.table import method_named
-from equipoise.paper.sway import why_not_planted
+from equipoise.paper.excitation import why_not_standing
 from equipoise.platform.platform import Platform, TiltLimit, Trajectory
 from equipoise.recording.event import TRIAL
 from equipoise.recording.recording import Recording
@@ -36,7 +36,7 @@ from equipoise.simulation.effects import REALISTIC
 
 FloatArray = NDArray[np.float64]
 
-RUNS = ("precise", "paper", "static", "shake")
+RUNS = ("bayesian", "paper", "static", "shake")
 TRUTH, FEED_FORWARD = "components.npz", "feed_forward.npz"
 
 _GRAVITY = 9.81
@@ -96,11 +96,11 @@ class Known:
 
     Attributes:
         mass: of the whole robot by the scale [kg].
-        mass_sd: its standard deviation [kg].
+        mass_std: its standard deviation [kg].
     """
 
     mass: float
-    mass_sd: float
+    mass_std: float
 
 
 def record(case: Case, kept: Path) -> None:
@@ -116,11 +116,11 @@ def record(case: Case, kept: Path) -> None:
         with simulate(case.robot, sizes, payload, case.seed) as simulation:
             if settings is None:
                 true = components(simulation.truth.composite)
-                drawn_as = accuracy.Case(case.robot_name, case.seed, "precise", "realistic")
+                drawn_as = accuracy.Case(case.robot_name, case.seed, "bayesian", "realistic")
                 settings = accuracy.settings_of(drawn_as, float(true[0]), generator)
                 folder.mkdir(parents=True, exist_ok=True)
-                weighed = settings if isinstance(settings, Precise) else Precise()
-                scale = [weighed.mass or 0.0, weighed.mass_sd or 0.0]
+                weighed = settings if isinstance(settings, BayesianMethod) else BayesianMethod()
+                scale = [weighed.mass or 0.0, weighed.mass_std or 0.0]
                 np.savez(folder / TRUTH, composite=true, scale=scale)
             if not (folder / run / FEED_FORWARD).exists():
                 _record(case, simulation.platform, run, settings, folder / run)
@@ -157,28 +157,28 @@ def truth(case: Case, kept: Path) -> FloatArray:
 
 
 def shake(platform: Platform, robot: RobotModel, stance: Stance, keep: Callable[[Recording], None]) -> None:
-    """Turn and move the body about and along all axes at once; phases "rest", "ramp", "sway" and "end".
+    """Turn and move the body about and along all axes at once; phases "rest", "ramp", "excitation" and "end".
 
     If the feet move it is done again with less. Only the last recording is kept.
 
     Raises:
         RecordingError: the feet moved however little the body did.
     """
-    planted, _ = stand_up(platform, robot, stance)
+    standing, _ = stand_up(platform, robot, stance)
     problem: str | None = None
     for size in _SIZES:
-        recording = _play_shake(planted, stance, size)
+        recording = _play_shake(standing, stance, size)
         # By the feet's distances: joint friction spoils loads that are read from torques.
         joints = dataclasses.replace(recording.joints, torque=None)
-        problem = why_not_planted(robot, dataclasses.replace(recording, joints=joints))
+        problem = why_not_standing(robot, dataclasses.replace(recording, joints=joints))
         if problem is None:
             keep(recording)
             return
     raise RecordingError(f"the feet moved while {robot.name} shook: {problem}")
 
 
-def _play_shake(planted: PlantedRobot, stance: Stance, size: float) -> Recording:
-    body = composite_parameters(planted.robot, stance.joint_position)
+def _play_shake(standing: StandingRobot, stance: Stance, size: float) -> Recording:
+    body = composite_parameters(standing.robot, stance.joint_position)
     slow = 1 / stance.scale.time
     turn_rate, shift_rate = 2 * np.pi * slow * _TURN_FREQUENCIES, 2 * np.pi * slow * _SHIFT_FREQUENCIES
     arms = np.abs(stance.feet_in_base[:, :2] - body.com[:2]).mean(axis=0)
@@ -193,12 +193,12 @@ def _play_shake(planted: PlantedRobot, stance: Stance, size: float) -> Recording
         moved = envelope * shift * np.sin(shift_rate * time)
         return feet_under_base(stance.feet_in_base, body.com + moved - rotation @ body.com, rotation)
 
-    period = planted.platform.control_period
+    period = standing.platform.control_period
     time: FloatArray = np.arange(1.0, round(total / period) + 1) * period
-    motion = planted.motion().event(TRIAL, kind="shake", size=size)
+    motion = standing.motion().event(TRIAL, kind="shake", size=size)
     motion.phase("settle").move_feet(stance.feet_in_base, _SETTLE).phase("rest").hold(_SETTLE)
     begin = motion.time
     motion.phase("ramp").follow(feet_at, int(_KNOTS_PER_PERIOD * total * slow * _TURN_FREQUENCIES.max()), time)
-    motion.phase_at("sway", begin + _RAMP / slow).phase_at("end", begin + total - _RAMP / slow)
-    planted.play(motion.move_feet(stance.feet_in_base, _SETTLE).hold(_SETTLE))
-    return planted.finish()
+    motion.phase_at("excitation", begin + _RAMP / slow).phase_at("end", begin + total - _RAMP / slow)
+    standing.play(motion.move_feet(stance.feet_in_base, _SETTLE).hold(_SETTLE))
+    return standing.finish()

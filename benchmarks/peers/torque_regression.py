@@ -54,10 +54,12 @@ def fit(
     model = leg_torques(robot, swing.gravity_in_base, position[kept], velocity[kept], acceleration[kept])
     columns = np.stack([sign, velocity, acceleration, np.ones_like(sign)], axis=-1)[kept]
     left, used = torque[kept] - model, np.abs(sign[kept]) > slides
-    coulomb, viscous, armature, _ = np.array(
+    coulomb_friction, viscous_friction, armature, _ = np.array(
         [np.linalg.lstsq(columns[u, j], left[u, j], rcond=None)[0] for j, u in enumerate(used.T)]
     ).T
-    return JointParameters(armature, viscous, coulomb, 0 * coulomb, np.ones_like(coulomb), np.nan)
+    return JointParameters(
+        armature, viscous_friction, coulomb_friction, 0 * coulomb_friction, np.ones_like(coulomb_friction), np.nan
+    )
 
 
 def leg_torques(

@@ -22,9 +22,9 @@ from peers.held_base import TIMESTEP, HeldBase, JointParameters, Swing
 
 FloatArray = NDArray[np.float64]
 
-QUANTITIES = ("armature", "viscous", "coulomb", "bias")
-_START = {"armature": 5e-3, "viscous": 0.03, "coulomb": 0.2, "bias": 0.0}  # on an A1
-_SIZES = {"armature": 5e-3, "viscous": 0.03, "coulomb": 0.2, "bias": 0.01}
+QUANTITIES = ("armature", "viscous_friction", "coulomb_friction", "bias")
+_START = {"armature": 5e-3, "viscous_friction": 0.03, "coulomb_friction": 0.2, "bias": 0.0}  # on an A1
+_SIZES = {"armature": 5e-3, "viscous_friction": 0.03, "coulomb_friction": 0.2, "bias": 0.01}
 _FIRST_DELAY, _DELAY_SIZE = 3e-3, 1e-3  # [s]
 _DIFFERENCE = 0.01  # of a size, by which a parameter is moved for its derivative
 _LARGEST_BIAS = 0.1  # [rad], as PACE's

@@ -58,7 +58,7 @@ def variants() -> list[Settings]:
 
 @cache
 def samples_of(case: Case, kept: Path, cutoff: float, acceleration: str, motions: str) -> Filtered:
-    recordings = [*load(case, kept, "shake"), *load(case, kept, "precise")]
+    recordings = [*load(case, kept, "shake"), *load(case, kept, "bayesian")]
     return filtered.read_all(case.robot, recordings, case.stance, cutoff, acceleration, motions)  # pyright: ignore
 
 
@@ -69,7 +69,7 @@ def errors_of(settings: Settings, case: Case, kept: Path) -> NDArray[np.float64]
     if isinstance(settings, ProjectedSettings):
         body = projected_least_squares.estimate(case.robot, samples, at, settings, told.mass)
     else:
-        body = rigid_body_kalman.estimate(case.robot, samples, at, settings, (told.mass, told.mass_sd))
+        body = rigid_body_kalman.estimate(case.robot, samples, at, settings, (told.mass, told.mass_std))
     true = truth(case, kept)
     unit = np.concatenate([[100 / true[0]], [1000.0] * 3, 100 / true[4:7], [100 / true[4]] * 3])
     return (components(body) - true) * unit

@@ -1,4 +1,4 @@
-"""What MkDocs cannot do by itself: pages that live elsewhere, tables out of results and code, formulas, pictures.
+"""Hooks of MkDocs: pages outside of docs/, tables from results and code, formulas, pictures.
 
 Documents are written so that they read well in the repository too: links are those of the repository.
 
@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from formulas import with_formulas
 from provenance import RESULTS, Page
+from reference import exit_codes, flags, public_names, robot_keys, verbs
 
 from equipoise.estimator.equations.table import EQUATIONS
 from equipoise.estimator.unknowns import Priors
@@ -32,6 +33,11 @@ _DRAWN_FROM = re.compile(r"Drawn from (\S+\.md)")
 _OLDER = "(older code)"
 _UNKNOWNS = "<!-- table of unknowns -->"
 _EFFECTS = "<!-- table of effects -->"
+_FLAGS = "<!-- flags of every verb -->"
+_VERBS = "<!-- table of verbs -->"
+_EXIT_CODES = "<!-- table of exit codes -->"
+_ROBOT_KEYS = "<!-- table of robot configuration -->"
+_NAMES = "<!-- stable names -->"
 
 
 def on_files(files, config):
@@ -44,14 +50,16 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, config, files):
-    """The page as MkDocs wants it."""
+    """Return the page in the form that MkDocs takes."""
     source = ROOT / _in_repository(page.file.src_uri)
     if source.is_relative_to(RESULTS):
         markdown = with_banner(markdown, Page.read(source))
     markdown = _ROWS.sub(
         lambda found: rows(ROOT / found[1], int(found[2]), found[3]) + _rows_note(ROOT / found[1]), markdown
     )
-    markdown = markdown.replace(_UNKNOWNS, unknowns()).replace(_EFFECTS, effects())
+    for placeholder, table in _TABLES.items():
+        if placeholder in markdown:
+            markdown = markdown.replace(placeholder, table())
     here = posixpath.dirname(_in_repository(page.file.src_uri))
     markdown = _PICTURE.sub(lambda found: _inlined(found[1], ROOT / posixpath.normpath(f"{here}/{found[2]}")), markdown)
     if source.name != "CHANGELOG.md":  # its entries are dated
@@ -91,8 +99,8 @@ def rows(file: Path, number: int, wanted: str) -> str:
 
 
 def unknowns() -> str:
-    """The precise method's table of unknowns."""
-    lines = ["| what | one for each | believed to | why so much | enters |", "|---|---|---|---|---|"]
+    """Return the table of the Bayesian method's parameters."""
+    lines = ["| parameter | one for each | prior std | source | used by |", "|---|---|---|---|---|"]
     for row in Priors.rows():
         prior = f"{row.usual:g} {row.unit}".strip()
         prior += f" times {row.measure.name}" if row.measure.name else ""
@@ -102,9 +110,9 @@ def unknowns() -> str:
 
 
 def effects() -> str:
-    """The simulation's table of effects."""
+    """Return the table of the simulation's effects."""
     lines = [
-        "| effect | `realistic` | `stress` | by itself | what | one for each | size is | grows with | why | engines |",
+        "| effect | `realistic` | `stress` | alone | meaning | one for each | distribution | scales with | source | engines |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in SensorErrors.rows():
@@ -146,3 +154,10 @@ def _inlined(caption: str, file: Path) -> str:
         f'<figure class="picture picture-{file.stem}" role="img" aria-label="{words}">{svg}'
         f"<figcaption>{words}</figcaption></figure>"
     )
+
+
+_TABLES = {
+    _UNKNOWNS: unknowns, _EFFECTS: effects, _FLAGS: flags, _VERBS: verbs, _EXIT_CODES: exit_codes,
+    _ROBOT_KEYS: robot_keys, _NAMES: public_names
+}  # fmt: skip
+"""Functions that write the tables of code, by the placeholder on the page."""

@@ -1,7 +1,7 @@
 """equipoise: what a quadruped weighs, where its centre of mass is, how hard it is to turn, by its own sensors.
 
     robot = load_robot("unitree_a1")
-    with simulate(robot, noise="realistic", payload="1.5,0.1,0,0.08") as simulation:
+    with simulate(robot, preset="realistic", payload="1.5,0.1,0,0.08") as simulation:
         calibration = calibrate(simulation.platform, robot).with_truth(simulation.truth)
 
 Names are imported when they are first used: `simulate` needs MuJoCo, nothing else here does.
@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING, Any
 from equipoise._version import __version__
 
 if TYPE_CHECKING:
-    from equipoise.calibration.delta import Delta, find_delta
+    from equipoise.bayesian.method import BayesianMethod
+    from equipoise.calibration.payload_change import PayloadChange, find_payload_change
     from equipoise.calibration.routine import calibrate, estimate
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.drivers.hardware import RobotConnection
     from equipoise.drivers.platforms import Driver
     from equipoise.errors import CommunicationError, EquipoiseError, RecordingError, SettingsError
-    from equipoise.estimator.known.two_runs import ScaleReadings
-    from equipoise.experiments.sway_settings import SwaySettings
+    from equipoise.estimator.prior_runs.two_runs import ScaleReadings
+    from equipoise.experiments.excitation_settings import ExcitationSettings
     from equipoise.exports.formats import Format, export
     from equipoise.exports.subject import Subject, Written
     from equipoise.guard.guard import Guard
@@ -30,13 +31,12 @@ if TYPE_CHECKING:
     from equipoise.logs.reader import LogReader
     from equipoise.logs.topics import Topics
     from equipoise.method.method import Method
-    from equipoise.paper.method import Paper
+    from equipoise.paper.method import PaperMethod
     from equipoise.paper.settings import ComSearchSettings
     from equipoise.platform.platform import Health, JointCommand, Platform, RobotState, Trajectory
     from equipoise.platform.stepped import SteppedPlatform
     from equipoise.platform.stepping import play_by_stepping
     from equipoise.platform.tilt_limit import TiltLimit
-    from equipoise.precise.method import Precise
     from equipoise.recording.recording import Recording
     from equipoise.result.body import Body
     from equipoise.result.calibration import Calibration
@@ -52,24 +52,25 @@ if TYPE_CHECKING:
     from equipoise.simulation.simulation import Simulation, simulate
 
 __all__ = [  # noqa: RUF022 - the version last
-    "Audit", "Body", "Calibration", "ComSearchSettings", "CommunicationError", "Delta", "Driver", "EquipoiseError",
-    "Format", "Guard", "Health", "InertialParameters", "JointCommand", "LogReader", "Method", "Paper", "Payload",
-    "Platform", "Precise", "Quantity", "RawImu", "RawJoints", "RawLog", "Recording", "RecordingError", "RobotConnection",
+    "Audit", "Body", "Calibration", "ComSearchSettings", "CommunicationError", "PayloadChange", "Driver", "EquipoiseError",
+    "Format", "Guard", "Health", "InertialParameters", "JointCommand", "LogReader", "Method", "PaperMethod", "Payload",
+    "Platform", "BayesianMethod", "Quantity", "RawImu", "RawJoints", "RawLog", "Recording", "RecordingError",
+    "RobotConnection",
     "RobotDescription", "RobotModel", "RobotState", "RunFolder", "ScaleReadings", "SensorErrors", "SettingsError",
-    "Simulation", "Stance", "SteppedPlatform", "Subject", "SwaySettings", "TiltLimit", "Topics", "Trajectory", "Written",
-    "audit", "calibrate", "estimate", "export", "find_delta", "load_robot", "nominal_stance", "play_by_stepping",
+    "Simulation", "Stance", "SteppedPlatform", "Subject", "ExcitationSettings", "TiltLimit", "Topics", "Trajectory", "Written",
+    "audit", "calibrate", "estimate", "export", "find_payload_change", "load_robot", "nominal_stance", "play_by_stepping",
     "simulate", "__version__",
 ]  # fmt: skip
 
 _MODULES = {
-    "calibration.delta": "Delta find_delta",
+    "calibration.payload_change": "PayloadChange find_payload_change",
     "calibration.routine": "calibrate estimate",
     "calibration.run_folder": "RunFolder",
     "drivers.platforms": "Driver",
     "drivers.hardware": "RobotConnection",
     "errors": "CommunicationError EquipoiseError RecordingError SettingsError",
-    "estimator.known.two_runs": "ScaleReadings",
-    "experiments.sway_settings": "SwaySettings",
+    "estimator.prior_runs.two_runs": "ScaleReadings",
+    "experiments.excitation_settings": "ExcitationSettings",
     "exports.formats": "Format export",
     "exports.subject": "Subject Written",
     "guard.guard": "Guard",
@@ -77,13 +78,13 @@ _MODULES = {
     "logs.reader": "LogReader",
     "logs.topics": "Topics",
     "method.method": "Method",
-    "paper.method": "Paper",
+    "paper.method": "PaperMethod",
     "paper.settings": "ComSearchSettings",
     "platform.platform": "Health JointCommand Platform RobotState Trajectory",
     "platform.stepped": "SteppedPlatform",
     "platform.stepping": "play_by_stepping",
     "platform.tilt_limit": "TiltLimit",
-    "precise.method": "Precise",
+    "bayesian.method": "BayesianMethod",
     "recording.recording": "Recording",
     "result.body": "Body",
     "result.calibration": "Calibration",

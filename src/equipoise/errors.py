@@ -1,7 +1,7 @@
 """Everything that can go wrong, as types a caller can catch and a script can tell apart.
 
 Every message says what is wrong, with what value, and what to do about it. The exit code is what the command line
-returns for the error; the codes are stable and are listed in docs/commands.md.
+returns for the error; the codes are stable and are listed in docs/reference/cli.md.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ class Table(Generic[Row]):
         noun: word for a row in messages, as "platform".
         group: name of the entry point group.
         kind: class of a row, or a protocol that can be checked at run time.
-        own: rows of our own; a text is where one is, as "equipoise.precise.method:PRECISE", and is imported when it is
+        own: rows of our own; a text is where one is, as "equipoise.bayesian.method:BAYESIAN", and is imported when it is
             asked for.
     """
 

@@ -61,14 +61,14 @@ def test_a_trajectory_fit_finds_motors_from_commands_and_encoders(a1, scale, swi
     blind = replace(swing, torque=None)
     short = replace(blind, time=swing.time[:400], position=swing.position[:400])
     found = trajectory_fit.fit(a1, short, scale, timestep=2 * TIMESTEP)
-    assert max(off(found, truth, name) for name in ("armature", "viscous", "coulomb")) < 0.06
+    assert max(off(found, truth, name) for name in ("armature", "viscous_friction", "coulomb_friction")) < 0.06
     assert found.delay == pytest.approx(truth.delay + TIMESTEP / 2, abs=0.1e-3)  # of the longer step: held_base.py
 
 
 def test_a_torque_regression_finds_motors_whose_torques_are_exact(a1, scale, swing, truth):
     found = torque_regression.fit(a1, swing, scale)
-    assert off(found, truth, "coulomb") < 0.05
-    assert off(found, truth, "viscous") < 0.25
+    assert off(found, truth, "coulomb_friction") < 0.05
+    assert off(found, truth, "viscous_friction") < 0.25
     assert off(found, truth, "armature") < 0.25
 
 
@@ -77,20 +77,20 @@ def test_mujoco_sysid_finds_motors_where_it_is_installed(a1, scale, swing, truth
         pytest.skip("mujoco.sysid is not installed")
     short = replace(swing, time=swing.time[:300], position=swing.position[:300], torque=swing.torque[:300])
     found = mujoco_sysid_motors.fit(a1, short, scale)
-    assert max(off(found, truth, name) for name in ("armature", "viscous", "coulomb")) < 0.06
+    assert max(off(found, truth, name) for name in ("armature", "viscous_friction", "coulomb_friction")) < 0.06
 
 
 def test_errors_are_those_of_our_table(truth):
     exact = [
         {"coulomb_friction": c, "viscous_friction": v, "armature": a, "relative_gain": 0.0, "delay": 5e-3}
-        for c, v, a in zip(truth.coulomb, truth.viscous, truth.armature, strict=True)
+        for c, v, a in zip(truth.coulomb_friction, truth.viscous_friction, truth.armature, strict=True)
     ]
 
     def errors_of(found):
         return motors.errors_of(motors.values_of(found, ("relative_gain", "delay")), exact)
 
     assert all(max(map(abs, errors)) < 1e-9 for errors in errors_of(truth).values())
-    wrong = replace(truth, delay=6e-3, coulomb=1.1 * truth.coulomb, gain=np.linspace(0.9, 1.1, 12))
+    wrong = replace(truth, delay=6e-3, coulomb_friction=1.1 * truth.coulomb_friction, gain=np.linspace(0.9, 1.1, 12))
     errors = errors_of(wrong)
     assert errors["delay"] == pytest.approx([1.0] * 12)
     assert errors["coulomb_friction"] == pytest.approx([10.0] * 12)

@@ -7,9 +7,9 @@ import pytest
 
 from equipoise import (
     ComSearchSettings,
-    Paper,
+    ExcitationSettings,
+    PaperMethod,
     RobotDescription,
-    SwaySettings,
     calibrate,
     estimate,
     load_robot,
@@ -22,8 +22,8 @@ from equipoise.robot.inertial import composite_parameters
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
-PAPER = Paper()
-QUICK = Paper(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
+PAPER = PaperMethod()
+QUICK = PaperMethod(com_search=ComSearchSettings(tolerance=0.02), excitation=ExcitationSettings(duration=1.0))
 
 
 def planar_error_mm(result):
@@ -53,7 +53,7 @@ def test_the_com_of_an_a1_is_found_within_five_millimetres_in_at_most_six_halvin
 
 
 def test_a_finer_tolerance_finds_it_within_two_millimetres(a1):
-    settings = Paper(com_search=ComSearchSettings(tolerance=0.001), sway=SwaySettings(duration=1.0))
+    settings = PaperMethod(com_search=ComSearchSettings(tolerance=0.001), excitation=ExcitationSettings(duration=1.0))
     with simulate(a1, "ideal") as simulation:
         result = calibrate(simulation.platform, a1, settings).with_truth(simulation.truth)
     assert np.abs(result.composite.com_in_base.errors[:2]).max() < 2e-3
@@ -62,7 +62,7 @@ def test_a_finer_tolerance_finds_it_within_two_millimetres(a1):
 def test_moments_are_of_the_size_of_the_truths(ideal):
     for errors in ideal[0].moment_errors().values():
         assert abs(errors["against_stance_effective"]) < 0.4
-    assert all(sway.damping > 0 for sway in ideal[0].sways.values())
+    assert all(excitation.damping > 0 for excitation in ideal[0].excitations.values())
 
 
 def test_what_the_paper_does_not_estimate_is_none(ideal):
@@ -117,8 +117,8 @@ def test_an_interrupted_run_is_estimated_from_what_is_complete(ideal, a1):
     broken = recordings[-1].between(0, recordings[-1].joints.time[50])
     partial = estimate(a1, [*recordings[:-1], broken], PAPER)
     assert partial.composite.to_dict() == result.composite.to_dict()
-    assert partial.sways["yaw"].moment is None
-    assert partial.sways["yaw"].note == "there is no recording of it"
+    assert partial.excitations["yaw"].moment is None
+    assert partial.excitations["yaw"].note == "there is no recording of it"
 
 
 def test_a_run_without_a_complete_search_is_refused(ideal, a1):
@@ -127,7 +127,7 @@ def test_a_run_without_a_complete_search_is_refused(ideal, a1):
 
 
 def test_both_readings_of_the_feet_come_from_the_same_trials(ideal, a1):
-    commanded = estimate(a1, ideal[1], Paper(feet="commanded"))
+    commanded = estimate(a1, ideal[1], PaperMethod(feet="commanded"))
     read, found = commanded.composite.com_in_base.values[:2], ideal[0].composite.com_in_base.values[:2]
     assert read == pytest.approx(found, abs=5e-3)
     assert (read != found).any()
@@ -140,15 +140,15 @@ def test_a_search_that_did_not_converge_is_no_result(ideal, a1):
         estimate(a1, without_the_last, PAPER)
 
 
-def test_a_sway_that_cannot_be_fitted_does_not_cost_the_com(ideal, a1):
+def test_a_excitation_that_cannot_be_fitted_does_not_cost_the_com(ideal, a1):
     result, recordings = ideal
     roll = next(r for r in recordings if r.trial.about == "roll")
-    start = roll.phase("sway").joints.time[0]
+    start = roll.phase("excitation").joints.time[0]
     broken = type(roll).concatenate([roll.between(0, start + 0.01), roll.phase("end")])
     again = estimate(a1, [broken if recording is roll else recording for recording in recordings], PAPER)
     assert again.composite.to_dict() == result.composite.to_dict()
-    assert again.sways["roll"].moment is None
-    assert "too short" in again.sways["roll"].note
+    assert again.excitations["roll"].moment is None
+    assert "too short" in again.excitations["roll"].note
 
 
 def test_feet_that_do_not_rise_are_no_balance(a1):
@@ -165,7 +165,7 @@ def test_a_payload_that_the_torques_betray_is_warned_of(a1, realistic):
 
 
 def test_lifts_grow_to_a_bound(a1):
-    settings = Paper(com_search=ComSearchSettings(tolerance=1e-4), sway=SwaySettings(duration=1.0))
+    settings = PaperMethod(com_search=ComSearchSettings(tolerance=1e-4), excitation=ExcitationSettings(duration=1.0))
     with simulate(a1, "realistic", seed=1, timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, a1, settings)
     heights = [trial.lift_height for trial in result.trials if trial.kind == "lift"]
@@ -176,7 +176,7 @@ def test_settings_that_are_unknown_are_refused():
     with pytest.raises(SettingsError, match="method 'magic' is not known"):
         method_named("magic")
     with pytest.raises(SettingsError, match="'measured' or 'commanded'"):
-        Paper(feet="guessed")
+        PaperMethod(feet="guessed")
 
 
 def test_progress_names_the_trial_and_the_bracket(a1):
@@ -185,7 +185,12 @@ def test_progress_names_the_trial_and_the_bracket(a1):
         calibrate(simulation.platform, a1, QUICK, report=said.append)
     assert said[0].doing.startswith("lift on FL_RR: offset +0.0 mm, bracket -61.5 to +61.5 mm")
     *_, roll, pitch, yaw, last = (progress.doing for progress in said)
-    assert [roll, pitch, yaw, last] == ["sway about roll", "sway about pitch", "sway about yaw", "estimating"]
+    assert [roll, pitch, yaw, last] == [
+        "excitation about roll",
+        "excitation about pitch",
+        "excitation about yaw",
+        "estimating",
+    ]
     assert all(progress.done < progress.expected for progress in said)
 
 
@@ -217,7 +222,7 @@ def test_every_robot_of_the_catalogue_is_calibrated_unattended(name, recwarn):
     assert nominal.com == pytest.approx(result.truth.composite.com, abs=1e-9)
 
 
-def test_axes_that_two_joint_legs_cannot_sway_about_are_skipped_with_the_reason(recwarn):
+def test_axes_that_two_joint_legs_cannot_excitation_about_are_skipped_with_the_reason(recwarn):
     try:
         robot = load_robot("solo8")
     except MissingDependencyError as error:
@@ -226,6 +231,6 @@ def test_axes_that_two_joint_legs_cannot_sway_about_are_skipped_with_the_reason(
         result = calibrate(simulation.platform, robot, QUICK)
     recwarn.clear()
     for axis in ("roll", "yaw"):
-        assert result.sways[axis].moment is None
-        assert "planted feet do not allow it" in result.sways[axis].note
-    assert result.sways["pitch"].moment > 0
+        assert result.excitations[axis].moment is None
+        assert "planted feet do not allow it" in result.excitations[axis].note
+    assert result.excitations["pitch"].moment > 0

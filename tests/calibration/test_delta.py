@@ -6,13 +6,21 @@ import json
 import numpy as np
 import pytest
 
-from equipoise import Paper, Precise, RunFolder, ScaleReadings, find_delta, nominal_stance, simulate
-from equipoise.calibration.delta import _payload
+from equipoise import (
+    BayesianMethod,
+    PaperMethod,
+    RunFolder,
+    ScaleReadings,
+    find_payload_change,
+    nominal_stance,
+    simulate,
+)
+from equipoise.calibration.payload_change import _payload
 from equipoise.calibration.routine import perform
 from equipoise.cli import main
 from equipoise.errors import RecordingError, SettingsError
-from equipoise.estimator.known.two_runs import _TwoProblems
 from equipoise.estimator.motions import read_motions
+from equipoise.estimator.prior_runs.two_runs import _TwoProblems
 from equipoise.estimator.unknowns import Priors
 from equipoise.recording.trials import LiftTrial
 from equipoise.result.body import Body
@@ -26,7 +34,7 @@ PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `precise_run`
 @pytest.fixture(scope="module")
 def bare(a1):
     """The same robot as in `precise_run`, without its payload and with other noise: recordings and truth."""
-    settings = Precise(budget=40, sway=False)
+    settings = BayesianMethod(duration=40, excitation=False)
     with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
         return perform(simulation.platform, a1, settings).recordings, simulation.truth
 
@@ -39,7 +47,7 @@ def scale(bare, precise_run):
 
 @pytest.fixture(scope="module")
 def weighed(a1, bare, precise_run, scale):
-    return find_delta(a1, bare[0], precise_run.recordings, scale).with_truth(bare[1], precise_run.truth)
+    return find_payload_change(a1, bare[0], precise_run.recordings, scale).with_truth(bare[1], precise_run.truth)
 
 
 def test_a_payload_is_found_within_its_intervals(weighed):
@@ -51,7 +59,7 @@ def test_a_payload_is_found_within_its_intervals(weighed):
     assert not weighed.removed
     assert not weighed.warnings
     true = np.array([payload.truth.mass, *payload.truth.com, *6 * [0.0]])
-    off = np.abs(payload.values - true) / payload.deviations
+    off = np.abs(payload.values - true) / payload.stds
     assert (off < 1.96).sum() >= 9, off  # of ten intervals of 95 %
     assert off.max() < 3
     assert payload.mass.verdict == "identified"
@@ -59,15 +67,17 @@ def test_a_payload_is_found_within_its_intervals(weighed):
 
 
 def test_errors_in_common_cancel(a1, bare, precise_run, weighed):
-    apart = precise_run.result.composite.mass.deviation
-    alone = find_delta(a1, bare[0], precise_run.recordings)
-    assert alone.payload.mass.deviation < apart
-    assert weighed.payload.mass.deviation < 0.2 * alone.payload.mass.deviation
-    assert abs(alone.payload.mass.value - PAYLOAD[0]) < 2 * alone.payload.mass.deviation
+    apart = precise_run.result.composite.mass.std
+    alone = find_payload_change(a1, bare[0], precise_run.recordings)
+    assert alone.payload.mass.std < apart
+    assert weighed.payload.mass.std < 0.2 * alone.payload.mass.std
+    assert abs(alone.payload.mass.value - PAYLOAD[0]) < 2 * alone.payload.mass.std
 
 
 def test_what_is_taken_off_is_the_same_body(a1, bare, precise_run, scale, weighed):
-    removed = find_delta(a1, precise_run.recordings, bare[0], dataclasses.replace(scale, masses=scale.masses[::-1]))
+    removed = find_payload_change(
+        a1, precise_run.recordings, bare[0], dataclasses.replace(scale, masses=scale.masses[::-1])
+    )
     removed = removed.with_truth(precise_run.truth, bare[1])
     assert removed.removed
     assert removed.payload.truth.mass == pytest.approx(PAYLOAD[0])
@@ -77,23 +87,23 @@ def test_what_is_taken_off_is_the_same_body(a1, bare, precise_run, scale, weighe
 
 
 def test_of_nothing_only_the_mass_is_said(a1, bare):
-    nothing = find_delta(a1, bare[0], bare[0])
+    nothing = find_payload_change(a1, bare[0], bare[0])
     mass, *others = nothing.payload
-    assert all(quantity.value is quantity.deviation is quantity.verdict is None for quantity in others)
+    assert all(quantity.value is quantity.std is quantity.verdict is None for quantity in others)
     assert list(nothing.to_dict()["intervals"]) == ["mass"]
-    assert abs(mass.value) < 0.05 * mass.deviation
-    assert mass.verdict == ("no change" if mass.half < 0.01 * a1.mass else "not identified")
+    assert abs(mass.value) < 0.05 * mass.std
+    assert mass.verdict == ("no change" if mass.half_width < 0.01 * a1.mass else "not identified")
     assert {quantity.verdict for quantity in nothing.change} <= {"no change", "not identified"}
 
 
 def test_a_sure_zero_is_no_change_and_an_unsure_one_is_not():
-    values, deviations = np.array([0.01, *9 * [1e-4]]), np.array([0.02, 5e-4, 5e-4, 5e-3, 1e-3, *5 * [0.1]])
+    values, stds = np.array([0.01, *9 * [1e-4]]), np.array([0.02, 5e-4, 5e-4, 5e-3, 1e-3, *5 * [0.1]])
     typical = np.abs(values)
-    change = Body.of(values, np.diag(deviations**2), typical).with_sure_zeros(np.repeat([0.1, 2e-3, 0.02], [1, 3, 6]))
+    change = Body.of(values, np.diag(stds**2), typical).with_sure_zeros(np.repeat([0.1, 2e-3, 0.02], [1, 3, 6]))
     assert [one.verdict for one in change] == ["no change"] * 3 + ["not identified", "no change"] + 5 * [
         "not identified"
     ]
-    sure = Body.of(10 * values, np.diag(deviations**2), typical).with_sure_zeros(np.full(10, 0.1))
+    sure = Body.of(10 * values, np.diag(stds**2), typical).with_sure_zeros(np.full(10, 0.1))
     assert sure.mass.verdict != "no change"  # 0.1 kg to 0.04 kg: there is one
 
 
@@ -144,7 +154,7 @@ def test_scales_that_cannot_be_are_refused():
 def test_a_run_without_lifts_is_named(a1, bare, precise_run):
     no_lifts = [recording for recording in bare[0] if not isinstance(recording.trial, LiftTrial)]
     with pytest.raises(RecordingError, match="the second run: no lift trial can be used"):
-        find_delta(a1, precise_run.recordings, no_lifts)
+        find_payload_change(a1, precise_run.recordings, no_lifts)
 
 
 # --- the command line
@@ -152,7 +162,7 @@ def test_a_run_without_lifts_is_named(a1, bare, precise_run):
 
 @pytest.fixture(scope="module")
 def folders(a1, bare, precise_run, tmp_path_factory):
-    path = tmp_path_factory.mktemp("delta")
+    path = tmp_path_factory.mktemp("compare")
     settings = precise_run.settings
     runs = {"before": bare, "after": (precise_run.recordings, precise_run.truth)}
     for name, (recordings, truth) in runs.items():
@@ -165,16 +175,16 @@ def folders(a1, bare, precise_run, tmp_path_factory):
 
 def test_the_command_says_what_was_added(folders, scale, weighed, capsys):
     before, after = (str(mass) for mass in scale.masses)
-    runs = [str(folders / "before"), str(folders / "after"), "--mass-before", before, "--mass-after", after]
+    runs = [str(folders / "before"), str(folders / "after"), "--mass", before, after]
     out = folders / "delta.json"
-    assert main(["delta", *runs, "--json", "--out", str(out)]) == 0
+    assert main(["compare", *runs, "--json", "--out", str(out)]) == 0
     table = json.loads(capsys.readouterr().out)
-    assert table["schema"] == "equipoise.delta/1"
+    assert table["schema"] == "equipoise.payload_change/1"
     assert table["payload"]["mass"] == pytest.approx(weighed.payload.mass.value)
     assert table["truth"]["mass"] == pytest.approx(PAYLOAD[0])
     assert table["provenance"]["masses"] == [float(before), float(after)]
     assert json.loads(out.read_text(encoding="utf-8")) == table
-    assert main(["delta", *runs]) == 0
+    assert main(["compare", *runs]) == 0
     text = capsys.readouterr().out
     assert "unitree_a1: what was added" in text
     assert f"{weighed.payload.mass.value:.3f}" in text
@@ -186,16 +196,16 @@ def test_runs_that_cannot_be_compared_are_refused(folders, tmp_path, capsys):
     paper.mkdir()
     for name in ("model.xml", "recording_0.mcap"):
         (paper / name).write_bytes((folders / "before" / name).read_bytes())
-    header["settings"], precise = Paper().to_dict(), header["settings"]
+    header["settings"], precise = PaperMethod().to_dict(), header["settings"]
     (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")
-    assert main(["delta", str(paper), str(folders / "after")]) == 2
-    assert "is of the method 'paper'; what was added is told by runs of 'precise'" in capsys.readouterr().err
+    assert main(["compare", str(paper), str(folders / "after")]) == 2
+    assert "is of the method 'paper'; what was added is told by runs of 'bayesian'" in capsys.readouterr().err
     header["settings"] = precise
     header["description"]["foot_radius"] = 0.03
     (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")
-    assert main(["delta", str(paper), str(folders / "after")]) == 2
+    assert main(["compare", str(paper), str(folders / "after")]) == 2
     assert "the runs are of different models" in capsys.readouterr().err
-    assert main(["delta", str(folders / "after"), str(folders / "after")]) == 2
+    assert main(["compare", str(folders / "after"), str(folders / "after")]) == 2
     assert "is named twice" in capsys.readouterr().err
-    assert main(["delta", str(folders / "nothing"), str(folders / "after")]) == 5
+    assert main(["compare", str(folders / "nothing"), str(folders / "after")]) == 5
     assert "name the run folder of a calibration" in capsys.readouterr().err

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from equipoise import Paper, Precise, calibrate, simulate
+from equipoise import BayesianMethod, PaperMethod, calibrate, simulate
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.errors import SettingsError
 from equipoise.lab.static.method import Static
@@ -11,8 +11,8 @@ from equipoise.lab.static.method import Static
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 SETTINGS = {
-    "precise": Precise(budget=40),
-    "paper": Paper(),
+    "bayesian": BayesianMethod(duration=40),
+    "paper": PaperMethod(),
     "static": Static(),
 }
 
@@ -42,4 +42,4 @@ def test_torques_are_those_of_a_robot_of_its_weight(a1):
 
 def test_what_cannot_be_done_is_refused(a1):
     with pytest.raises(SettingsError, match="allows no lift after the search"):
-        rehearse(a1, Precise(budget=20))
+        rehearse(a1, BayesianMethod(duration=20))

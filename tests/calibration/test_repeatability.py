@@ -32,7 +32,7 @@ def test_the_spread_is_that_of_the_results(results):
 def test_the_spread_is_compared_with_what_results_say_of_themselves(precise_run):
     repeated = repeatability([precise_run.result, precise_run.result])
     assert len(repeated) == 10
-    assert all(one.ratio == 0 and one.quantity.deviation > 0 for one in repeated)
+    assert all(one.ratio == 0 and one.quantity.std > 0 for one in repeated)
     assert to_dict(repeated, 2)["parameters"]["Ixx"]["ratio"] == 0
 
 

@@ -15,30 +15,30 @@ from rosbags.highlevel import AnyReader
 
 import equipoise
 from equipoise import (
+    BayesianMethod,
     Calibration,
     ComSearchSettings,
-    Paper,
-    Precise,
+    ExcitationSettings,
+    PaperMethod,
     RobotDescription,
     RunFolder,
-    SwaySettings,
     calibrate,
     simulate,
 )
+from equipoise.bayesian.goals import Goals
 from equipoise.errors import FallError, OutputError, RecordingError
 from equipoise.estimator.unknowns import Priors
 from equipoise.lab.static.method import Static
 from equipoise.platform.logged_platform import Logged
-from equipoise.precise.goals import Goals
 from equipoise.recording.recording import Event, ImuStream, JointStream, Recording
 from equipoise.recording.run_log import RunLog
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
-SETTINGS = Paper(com_search=ComSearchSettings(tolerance=0.01), sway=SwaySettings(duration=1.0))
+SETTINGS = PaperMethod(com_search=ComSearchSettings(tolerance=0.01), excitation=ExcitationSettings(duration=1.0))
 PROVENANCE = {
     "seed": 2,
-    "noise": "realistic",
+    "sim_preset": "realistic",
     "started": "2026-01-02T03:04:05+00:00",
     "payload": [1.5, 0.05, 0.0, 0.06],
 }
@@ -196,23 +196,23 @@ def test_a_run_that_ends_early_is_closed_properly(tmp_path, a1, error):
 @pytest.mark.parametrize(
     "method",
     [
-        Precise(),
-        Precise(
+        BayesianMethod(),
+        BayesianMethod(
             60.0,
             13.4,
             0.05,
             False,
             False,
             "heavy",
-            "trusted",
+            "narrow",
             "carpet",
             Goals(com_planar=1e-3),
-            Priors(joint_zero=2e-3, compliance=0.0),
+            Priors(joint_offset=2e-3, compliance=0.0),
         ),
-        Paper(
+        PaperMethod(
             feet="commanded",
             com_search=ComSearchSettings(-0.04, 0.05, 0.003, 0.02, 0.7, 0.5),
-            sway=SwaySettings(0.03, 1.5, 2.0),
+            excitation=ExcitationSettings(0.03, 1.5, 2.0),
         ),
         Static(),
     ],
@@ -225,9 +225,9 @@ def test_settings_come_back(new, method):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"method": "magic"}, "method 'magic' is not known; there are precise, paper, motors"),
-        ({"method": "precise", "budget": "long"}, "budget is 'long'; it must be a number"),
-        ({"method": "precise", "budget": -1}, "budget is -1 s; it must be above zero, up to 3600 s"),
+        ({"method": "magic"}, "method 'magic' is not known; there are bayesian, paper, motors"),
+        ({"method": "bayesian", "duration": "long"}, "duration is 'long'; it must be a number"),
+        ({"method": "bayesian", "duration": -1}, "duration is -1 s; it must be above zero, up to 3600 s"),
         ({"method": "paper", "com_search": 3}, "com_search is 3; it must be a table"),
         ({"method": "paper", "com_search": {"steps": 3}}, "unknown key 'com_search.steps'; known are lower"),
         ({"method": "paper", "com_search": {"tolerance": [1]}}, r"com_search.tolerance is \[1\]; it must be a number"),
@@ -246,7 +246,7 @@ def test_settings_that_are_damaged_are_refused_by_name(new, settings, words):
 def test_the_robot_comes_back_as_it_was_read(tmp_path, new):
     description = RobotDescription(
         foot_radius=0.03, imu_position=(0.1, 0.0, 0.02), imu_rpy=(0.0, 0.1, 3.0), kp=90.0, kd=2.5,
-        joint_limits={"FL_2": (-2.5, -0.3)}, held={"arm_0": 0.7},
+        joint_limits={"FL_2": (-2.5, -0.3)}, locked_joints={"arm_0": 0.7},
     )  # fmt: skip
     tail = '<actuator><motor joint="FL_1" ctrlrange="-7 7"/></actuator>'
     robot = load_text(tmp_path, quadruped_mjcf(arm=True, tail=tail), description, name="Größe.xml")
@@ -256,7 +256,7 @@ def test_the_robot_comes_back_as_it_was_read(tmp_path, new):
     assert again.name == robot.name
     assert again.description == description
     assert again.source == robot.source
-    assert again.held == robot.held
+    assert again.locked_joints == robot.locked_joints
     assert again.joint_names == robot.joint_names
     assert again.feet == robot.feet
     for name in ("lower_limit", "upper_limit", "effort_limit", "velocity_limit"):

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from equipoise.calibration.delta import Delta
-from equipoise.calibration.weighing import _answer, _sentence
+from equipoise.calibration.payload_change import PayloadChange
+from equipoise.calibration.payload_measurement import _answer, _message
 from equipoise.result.body import Body
-from equipoise.terminal.several_runs import print_delta
+from equipoise.terminal.several_runs import print_payload_change
 
 SIZES = np.repeat([0.125, 2e-3, 5e-3], [1, 3, 6])  # of an A1
 
@@ -21,7 +21,7 @@ def found(mass, half, shift=0.0, shift_half=5e-4):
     change = Body.of(values, covariance, np.abs(values)).with_sure_zeros(SIZES)
     nothing = np.array([abs(mass), *9 * [np.nan]])
     payload = Body.of(nothing, np.where(np.isnan(nothing), np.nan, covariance), np.abs(nothing)).with_sure_zeros(SIZES)
-    return Delta("unitree_a1", payload, change, removed=mass < 0)
+    return PayloadChange("unitree_a1", payload, change, removed=mass < 0)
 
 
 @pytest.mark.parametrize(
@@ -50,10 +50,10 @@ def test_what_cannot_be_told_is_not_called_too_small(a1, delta, answer):
     ],
 )
 def test_its_sentence_says_which(a1, delta, said):
-    sentence = _sentence(a1, SimpleNamespace(name="runs/last"), delta, _answer(a1, delta), 26.0)
-    assert sentence.startswith(f"unitree_a1: {said}")
-    assert "since runs/last; 26 s of robot time" in sentence
-    assert ("--scale KG" in sentence) == ("cannot tell" in sentence)
+    message = _message(a1, SimpleNamespace(name="runs/last"), delta, _answer(a1, delta), 26.0)
+    assert message.startswith(f"unitree_a1: {said}")
+    assert "since runs/last; 26 s of robot time" in message
+    assert ("--mass KG" in message) == ("cannot tell" in message)
 
 
 @pytest.mark.parametrize(
@@ -64,5 +64,5 @@ def test_its_sentence_says_which(a1, delta, said):
     ],
 )
 def test_two_runs_tell_nothing_from_unsure(delta, said, capsys):
-    print_delta(delta)
+    print_payload_change(delta)
     assert said in " ".join(capsys.readouterr().out.split())

@@ -12,8 +12,8 @@ from equipoise.clearance.pairs import Distances, pairs_of
 from equipoise.clearance.shapes import link_of
 from equipoise.errors import ReachError
 from equipoise.experiments.motion import Target
-from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import check_posture, feet_in_posture
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.method.rehearsal import held_posture
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.kinematics import Kinematics, foot_positions
@@ -103,7 +103,7 @@ def test_a_held_arm_is_where_it_is_held(tmp_path):
     text = quadruped_urdf(arm_joints=2)
     ends = []
     for angle in (0.0, 1.0):
-        robot = load_text(tmp_path, text, RobotDescription(held={"arm_0": angle}))
+        robot = load_text(tmp_path, text, RobotDescription(locked_joints={"arm_0": angle}))
         arm = [shape for shape in pairs_of(robot).shapes.geometryObjects if link_of(shape).startswith("arm")]
         ends.append(np.array(arm[-1].placement.translation))
     assert np.linalg.norm(ends[1] - ends[0]) > 0.03
@@ -120,12 +120,12 @@ class Still:
 
 def test_a_planned_motion_in_which_links_touch_is_refused_before_it_begins(a1, home):
     stance = nominal_stance(a1)
-    planted = PlantedRobot(Still(), a1, Target.standing(a1, home), stance.feet_in_base)
+    standing = StandingRobot(Still(), a1, Target.standing(a1, home), stance.feet_in_base)
     crossed = with_joints(a1, FL_hip_joint=-0.45, FR_hip_joint=0.45)
     with pytest.raises(
         ReachError, match=r"^link 'FL_foot' would come within \d\.\d mm of link 'FR_foot': the motion is "
     ):
-        planted.play(planted.motion().move_joints(crossed, 1.0))
+        standing.play(standing.motion().move_joints(crossed, 1.0))
 
 
 def test_postures_in_which_links_touch_are_out_of_reach(a1, home):

@@ -10,7 +10,7 @@ from equipoise.lab.cli.balance import metres
 from equipoise.recording.run_log_reader import read_log
 from equipoise.simulation.mujoco import MujocoPlatform
 
-SHORT = ["--duration", "1s", "--quiet", "--noise", "ideal"]
+SHORT = ["--duration", "1s", "--quiet", "--sim-preset", "ideal"]
 
 
 def fails(capsys, code, *arguments):
@@ -59,11 +59,21 @@ def test_a_fall_is_a_verdict_and_with_check_an_exit_code(tmp_path, capsys):
 def test_a_calibration_is_read_from_its_file_or_its_folder(tmp_path, capsys, precise_run):
     precise_run.result.save(tmp_path / "calibration.json")
     payload = ["--payload", "1.5,0.05,-0.02,0.06", "--seed", "4"]
-    arguments = ["--com", str(tmp_path), *payload, "--diagonal", "FL_RR", "--noise", "realistic", "--duration", "2s"]
+    arguments = [
+        "--com",
+        str(tmp_path),
+        *payload,
+        "--diagonal",
+        "FL_RR",
+        "--sim-preset",
+        "realistic",
+        "--duration",
+        "2s",
+    ]
     assert main(["lab", "balance", *arguments, "--out", str(tmp_path / "run"), "--quiet"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "FL_RR: balanced for 2.0 s" in out
-    assert "The law believes a calibration by the method precise; sensor errors are taken off, as calibrated." in out
+    assert "The law believes a calibration by the method bayesian; sensor errors are taken off, as calibrated." in out
 
 
 def test_ctrl_c_keeps_what_was_recorded(tmp_path, capsys, monkeypatch):

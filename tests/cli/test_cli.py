@@ -20,7 +20,7 @@ from equipoise.cli import VERBS, main
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 QUICK = [
-    "--noise",
+    "--sim-preset",
     "ideal",
     "--method",
     "paper",
@@ -28,7 +28,7 @@ QUICK = [
     "--no-report",
     "--tolerance",
     "0.02",
-    "--sway-duration",
+    "--excitation-duration",
     "1.0",
 ]
 COMMAND = [sys.executable, "-m", "equipoise"]
@@ -216,8 +216,8 @@ def test_a_stance_out_of_reach(capsys):
     [
         ("--lower=-inf",), ("--upper", "nan"), ("--speed", "1000"), ("--speed", "1e-9"), ("--t-thres", "1e9"),
         ("--t-thres", "1e-9"), ("--tolerance", "1e-300"), ("--tolerance", "1"), ("--lift-height", "1e-6"),
-        ("--lift-height", "0.3"), ("--sway-frequency", "400"), ("--sway-amplitude", "3"), ("--sway-duration", "0.1"),
-        ("--sway-duration", "1e9"),
+        ("--lift-height", "0.3"), ("--excitation-frequency", "400"), ("--excitation-amplitude", "3"),
+        ("--excitation-duration", "0.1"), ("--excitation-duration", "1e9"),
     ],
 )  # fmt: skip
 def test_settings_beyond_all_sense_are_refused_before_a_run_begins(flags, tmp_path, capsys):
@@ -229,15 +229,12 @@ def test_settings_beyond_all_sense_are_refused_before_a_run_begins(flags, tmp_pa
     ("words", "message"),
     [
         (["calibrat"], "equipoise has no verb 'calibrat'; did you mean 'calibrate'? 'equipoise --help' lists them"),
-        (["calibrate", "--budget", "1 day"], "--budget '1 day' is not a time; give it as 60s, 2min or 1h"),
-        (["calibrate", "--budget", "2h"], "budget is 7200 s; it must be above zero, up to 3600 s"),
-        (["calibrate", "--budget", "1s"], "a budget of 1 s allows no lift after the search; give 28 s or more"),
-        (["calibrate", "--budget", "2"], "a budget of 2 s allows no lift after the search; give 28 s or more, or minutes"),
-        (["calibrate", "--scale", "12"], "--scale is called --mass here; use --mass"),
-        (["weigh", "unitree_a1", "--mass", "12"], "--mass is called --scale here; use --scale"),
-        (["weigh", "unitree_a1", "--mass-sd", "1"], "--mass-sd is called --scale-sd here; use --scale-sd"),
-        (["weigh", "unitree_a1", "--scale-sd", "1"], "a standard deviation is given for the scale's mass, and no mass"),
-        (["calibrate", "--held", "foo=1"], "leg joint or none; this robot has no others, so leave it out"),
+        (["calibrate", "--duration", "1 day"], "--duration '1 day' is not a time; give it as 60s, 2min or 1h"),
+        (["calibrate", "--duration", "2h"], "duration is 7200 s; it must be above zero, up to 3600 s"),
+        (["calibrate", "--duration", "1s"], "a duration of 1 s allows no lift after the search; give 28 s or more"),
+        (["calibrate", "--duration", "2"], "a duration of 2 s allows no lift after the search; give 28 s or more, or minutes"),
+        (["payload", "unitree_a1", "--mass-std", "1"], "a standard deviation is given for the scale's mass, and no mass"),
+        (["calibrate", "--locked-joints", "foo=1"], "leg joint or none; this robot has no others, so leave it out"),
         (["calibrate", "--payload", "1500,0,0,0"], "a payload of 1500 kg is 120 times what 'unitree_a1' weighs"),
         (["calibrate", "--payload", "1.5,100,0,80"], "a payload 128 m from the base's origin is not on 'unitree_a1'"),
     ],
@@ -264,9 +261,12 @@ def test_what_is_no_number_is_called_so(words, message, capsys):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("puli = 0.1", "'puli' is no unknown; did you mean 'pull'?"),
-        ("pull = 'much'", "the prior of pull is 'much'; it must be a number"),
-        ("pull = -1", "the prior of pull is -1.0; it must be zero, which holds it, or more, and finite"),
+        ("external_forse = 0.1", "'external_forse' is no unknown; did you mean 'external_force'?"),
+        ("external_force = 'much'", "the prior of external_force is 'much'; it must be a number"),
+        (
+            "external_force = -1",
+            "the prior of external_force is -1.0; it must be zero, which holds it, or more, and finite",
+        ),
         ("pull", "cannot read priors from"),
         (None, "cannot read priors from"),
     ],
@@ -279,16 +279,16 @@ def test_a_file_of_priors_that_is_none(text, message, tmp_path, capsys):
 
 
 def test_what_is_said_of_cable_legs_and_priors_is_planned_with(tmp_path, capsys):
-    def deviation(*flags):
-        assert main(["plan", "--budget", "40s", "--json", *flags]) == 0
+    def std(*flags):
+        assert main(["plan", "--duration", "40s", "--json", *flags]) == 0
         return json.loads(capsys.readouterr().out)["predicted_deviation"]
 
     file = tmp_path / "priors.toml"
-    file.write_text("pull = 0.0\nhanging = 0.0\ntether = 0.0", encoding="utf-8")
-    usual, loose = deviation(), deviation("--cable", "none")
+    file.write_text("external_force = 0.0\nhanging_load = 0.0\ntether_stiffness = 0.0", encoding="utf-8")
+    usual, loose = std(), std("--cable", "none")
     assert loose["com_x"] < 0.95 * usual["com_x"]
-    assert deviation("--priors", str(file)) == loose
-    assert deviation("--legs", "trusted")["com_z"] < 0.95 * usual["com_z"]
+    assert std("--priors", str(file)) == loose
+    assert std("--leg-prior", "narrow")["com_z"] < 0.95 * usual["com_z"]
     assert main(["plan", "--cable", "long"]) == 2
 
 
@@ -355,10 +355,10 @@ def test_debug_shows_the_traceback():
 
 
 def test_a_description_file_that_is_missing_or_wrong(tmp_path, capsys):
-    assert "does not exist" in fails(capsys, 2, "audit", "unitree_a1", "--description-file", str(tmp_path / "no.toml"))
+    assert "does not exist" in fails(capsys, 2, "audit", "unitree_a1", "--robot-config", str(tmp_path / "no.toml"))
     file = tmp_path / "robot.toml"
     file.write_text("feet = 4", encoding="utf-8")
-    assert "unknown key 'feet'" in fails(capsys, 2, "audit", "unitree_a1", "--description-file", str(file))
+    assert "unknown key 'feet'" in fails(capsys, 2, "audit", "unitree_a1", "--robot-config", str(file))
 
 
 def test_flags_of_a_robot_description_are_used(capsys):
@@ -460,7 +460,7 @@ def test_calibrate_says_what_it_does_before_it_does_it(tmp_path, capsys):
     assert main(["calibrate", "--method", "static", "--out", str(tmp_path / "run")]) == 0
     said = capsys.readouterr().err.splitlines()[0]
     assert said.startswith(
-        "unitree_a1 (name another, or a URDF or MJCF file), simulated in mujoco, noise realistic, method static"
+        "unitree_a1 (name another, or a URDF or MJCF file), simulated in mujoco, preset realistic, method static"
     )
 
 

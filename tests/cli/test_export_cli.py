@@ -9,7 +9,7 @@ import pytest
 from commands import fails
 from exporting import assert_same, composite_in_equipoise, composite_in_pinocchio, found, make_run
 
-from equipoise import Precise, RunFolder, export
+from equipoise import BayesianMethod, RunFolder, export
 from equipoise.cli import main
 from equipoise.exports.formats import FORMATS
 from equipoise.result.body import Body
@@ -30,7 +30,7 @@ def test_the_file_lies_in_the_run_and_the_terminal_says_what_it_is(run, a1, caps
     path = run / "export" / "a1.urdf"
     printed = capsys.readouterr().out
     assert "the <inertial> of link 'trunk'" in printed
-    assert f"from run {run} (unitree_a1, method precise, 2026-01-01T00:00:00+00:00)" in printed
+    assert f"from run {run} (unitree_a1, method bayesian, 2026-01-01T00:00:00+00:00)" in printed
     assert f"sha256 {a1.source.sha256}" in printed
     assert f"saved: {path}" in printed
     result = RunFolder.open(run).result()
@@ -44,7 +44,7 @@ def test_a_real_calibration_goes_into_the_users_file(precise_run, a1, tmp_path):
     # Its trunk is nearly as flat as a body can be: what was found of inertia may have to give way within its interval.
     given = result.composite.parameters()
     assert_same(InertialParameters(written.mass, written.com, given.inertia), given)
-    assert (np.abs(written.inertia - given.inertia) / result.composite.inertia.deviations).max() < 1
+    assert (np.abs(written.inertia - given.inertia) / result.composite.inertia.stds).max() < 1
     assert export(result, "mjlab", force=True).content
 
 
@@ -74,13 +74,13 @@ def test_another_result_in_the_runs_folder_is_of_its_model(run, capsys):
 @pytest.mark.parametrize(
     ("arguments", "name"),
     [
-        (["urdf", "--what", "motors"], "a1_motors.urdf"),
-        (["urdf", "--what", "motors,base"], "a1_base_motors.urdf"),
-        (["urdf", "--what", "base"], "a1.urdf"),
-        (["json", "--what", "all"], "inertia_base_sensors_motors.json"),
-        (["toml", "--what", "all"], "sensors_and_motors.toml"),
-        (["toml", "--what", "motors"], "motors.toml"),
-        (["c-header", "--what", "sensors"], "sensors.h"),
+        (["urdf", "--parameters", "motors"], "a1_motors.urdf"),
+        (["urdf", "--parameters", "motors,base"], "a1_base_motors.urdf"),
+        (["urdf", "--parameters", "base"], "a1.urdf"),
+        (["json", "--parameters", "all"], "inertia_base_sensors_motors.json"),
+        (["toml", "--parameters", "all"], "sensors_and_motors.toml"),
+        (["toml", "--parameters", "motors"], "motors.toml"),
+        (["c-header", "--parameters", "sensors"], "sensors.h"),
     ],
 )
 def test_a_file_is_called_by_what_is_in_it(arguments, name, run, capsys):
@@ -163,7 +163,7 @@ def test_errors_name_the_remedy(run, a1, tmp_path, capsys):
     assert "is a folder without run.json; name the run folder of a calibration" in fails(
         capsys, 5, "export", str(tmp_path), "--to", "urdf"
     )
-    with RunFolder.create(tmp_path / "begun", a1, Precise(), {}):
+    with RunFolder.create(tmp_path / "begun", a1, BayesianMethod(), {}):
         pass
     assert "came to no result; go on with: equipoise calibrate --resume" in fails(
         capsys, 5, "export", str(tmp_path / "begun"), "--to", "urdf"
@@ -184,14 +184,16 @@ def test_no_folder_is_made_for_a_mistyped_path(what, run, tmp_path, capsys):
 
 
 def test_all_formats_go_into_a_folder_and_what_cannot_be_is_said(run, tmp_path, capsys):
-    assert main(["export", str(run), "--all", "--what", "all", "--out", str(tmp_path)]) == 0
+    assert main(["export", str(run), "--all", "--parameters", "all", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert len({row.output for row in FORMATS.values()}) == len(FORMATS)
     assert len([*tmp_path.iterdir()]) == len(FORMATS) - 2
     assert "mjcf: not written: the run's model is URDF" in printed
     assert "usd: not written: usd edits a stage of yours" in printed
-    assert printed.count("weakly identified: joint_zero (FL_thigh_joint)") == 1
-    assert main(["export", str(run), "--all", "--what", "motors", "--json", "--out", str(tmp_path / "motors")]) == 0
+    assert printed.count("weakly identified: joint_offset (FL_thigh_joint)") == 1
+    assert (
+        main(["export", str(run), "--all", "--parameters", "motors", "--json", "--out", str(tmp_path / "motors")]) == 0
+    )
     table = json.loads(capsys.readouterr().out)
     assert table["files"]["toml"]["parts"] == ["motors"]
     assert not {"sdf", "zeros"} & ({*table["files"]} | {*table["left_out"]})
@@ -200,7 +202,7 @@ def test_all_formats_go_into_a_folder_and_what_cannot_be_is_said(run, tmp_path, 
 def test_all_takes_no_flag_of_one_format_and_fails_where_nothing_can_be_written(run, a1, tmp_path, capsys):
     assert "--all writes every format by itself" in fails(capsys, 2, "export", str(run), "--all", "--to", "urdf")
     assert "name a run: equipoise export RUN --all" in fails(capsys, 2, "export", "--all")
-    assert "did not look at legs" in fails(capsys, 8, "export", str(run), "--all", "--what", "legs")
+    assert "did not look at legs" in fails(capsys, 8, "export", str(run), "--all", "--parameters", "legs")
     result = found(a1)
     unknown = {name: Body.partly(getattr(result.nominal, name)) for name in ("composite", "base")}
     bare = dataclasses.replace(result, **unknown)

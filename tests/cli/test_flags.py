@@ -15,15 +15,15 @@ from equipoise.method.table import METHODS, method_named
 SHAPES = {
     **{verb: [verb] for verb in VERBS if verb not in ("robots", "platforms")},
     **{verb: [verb, "RUN"] for verb in ("estimate", "view")},
-    "weigh": ["weigh", "unitree_a1"],
+    "payload": ["payload", "unitree_a1"],
     **{f"lab {verb}": ["lab", verb] for verb in ("balance", "monte-carlo", "reproduce")},
     "lab validate": ["lab", "validate", "RUN"],
     "estimate a log": ["estimate", "log.mcap", "--robot", "unitree_a1"],
-    "delta": ["delta", "RUN", "RUN"],
+    "compare": ["compare", "RUN", "RUN"],
     **{f"calibrate {way}": ["calibrate", *way.split()] for way in (
-        "--method paper", "--method static", "--method motors", "--what base,motors")},
+        "--method paper", "--method static", "--method motors", "--parameters base,motors")},
     "calibrate on a robot": ["calibrate", "--platform", "unitree-go2"],
-    "weigh on a robot": ["weigh", "unitree_a1", "--platform", "unitree-go2"],
+    "payload on a robot": ["payload", "unitree_a1", "--platform", "unitree-go2"],
     "lab monte-carlo of paper": ["lab", "monte-carlo", "--methods", "paper"],
 }  # fmt: skip
 
@@ -37,6 +37,7 @@ def named(words):
 TABLES = {"estimate", "view", "validate"}  # verbs that take further tables, so that one more word is one
 NUMBERS = {
     "X Y Z": "0.01 -0.02 3e-2",
+    "KG KG": "13 14",
     "ROLL PITCH YAW": "0.1 -0.2 1.5",
     "NAME LO HI": "FL_hip_joint -0.5 0.5",
     "HERTZ": "1.5",
@@ -53,7 +54,7 @@ WORDS = {
     "NAME=SIZE,NAME": "springs=3000,cable",
     "NAME,NAME": "springs,cable",
     "KEY=VALUE": "interface=eth0",
-    "WHAT": "base",
+    "NAMES": "base",
     "WORDS": "identified,checks",
     "PLATFORM": "mujoco",
     "ROBOT": "unitree_a1",
@@ -65,15 +66,14 @@ WORDS = {
 }
 FILES = {"PATH": "settings.toml", "FILE": "settings.toml", "RUN": "run", "FILE.rrd": "run.rrd", "MODEL": "run"}
 OWN = {
-    "--mass-sd": "0.1",
-    "--scale-sd": "0.1",
+    "--mass-std": "0.1",
     "--methods": "static,paper",
-    "--only": "joint_zero,imu_tilt",
+    "--only-effects": "joint_offset,imu_tilt",
     "--t-thres": "2s",
 }
-BESIDE = {"--mass-sd": ["--mass", "12"], "--confirm-mass": ["--mass", "12"]}  # which a flag needs
-WEIGHED = {flag: ["--scale", "12"] for flag in ("--confirm-mass", "--scale-sd")}  # the same of `weigh`
-ALONE = ("--resume", "--method", "--what", "--methods", "--platform")  # not with others of their kind
+BESIDE = {"--mass-std": ["--mass", "12"], "--confirm-mass": ["--mass", "12"]}  # which a flag needs
+WEIGHED = {flag: ["--mass", "12"] for flag in ("--confirm-mass", "--mass-std")}  # the same of `weigh`
+ALONE = ("--resume", "--method", "--parameters", "--methods", "--platform")  # not with others of their kind
 LINE = re.compile(r"^  (?:(-\w), )?(--[a-z][\w-]*)((?: \S+)*?)(?:  .*)?$", re.MULTILINE)
 
 
@@ -136,7 +136,7 @@ def test_every_flag_can_be_typed_as_its_help_shows_it(words, read, capsys):
     given = [word for word in words if word.startswith("--")]
     for flag, metavar in shown:
         for values in [] if given and flag in ALONE else values_of(flag, metavar):
-            beside = (BESIDE | WEIGHED if words[0] == "weigh" else BESIDE).get(flag, ())
+            beside = (BESIDE | WEIGHED if words[0] == "payload" else BESIDE).get(flag, ())
             assert main([*words, *beside, flag, *values]) == 0, (flag, values, capsys.readouterr().err)
             assert read
 
@@ -165,8 +165,8 @@ def test_numbers_too_few_or_too_many_and_words_are_refused_by_the_flag_s_name(wo
 
 
 @pytest.mark.parametrize("words", [
-    "calibrate --budget", "record --duration", "doctor --duration", "lab balance --com 0,0 --duration",
-    "weigh unitree_a1 --budget",
+    "calibrate --duration", "record --duration", "doctor --duration", "lab balance --com 0,0 --duration",
+    "payload unitree_a1 --duration",
     "view run --from", "view run --until", "lab monte-carlo --trial-limit",
 ])  # fmt: skip
 def test_what_is_not_a_time_is_refused_by_the_flag_s_name(words, folder, monkeypatch, capsys):
@@ -186,7 +186,7 @@ def assert_refused(words, flag, capsys):
     ("plan", "--imu-rpy 0 -1e-1 3.14", "imu_rpy", (0.0, -0.1, 3.14)),
     ("plan", "--joint-limits a -1 2 --joint-limits b 0 0.5", "joint_limits", {"a": (-1.0, 2.0), "b": (0.0, 0.5)}),
     ("plan", "--foot-frames FL=toe --foot-frames RR=heel", "foot_frames", {"FL": "toe", "RR": "heel"}),
-    ("plan", "--held arm=-0.1", "held", {"arm": -0.1}),
+    ("plan", "--locked-joints arm=-0.1", "locked_joints", {"arm": -0.1}),
 ])  # fmt: skip
 def test_flags_of_several_values_reach_the_description(words, read, flags, name, value):
     assert main([*words, *flags.split()]) == 0

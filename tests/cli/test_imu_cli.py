@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 BNO = """<link name="bno085"/><joint name="bno085_joint" type="fixed"><origin xyz="0.05 0 0.02"/><parent link="trunk"/>
 <child link="bno085"/></joint>"""
 ORIGIN = "IMU: at the origin of base link 'trunk' (assumed: no frame of the model looks like an IMU)"
-STATIC = ["--method", "static", "--noise", "ideal", "--no-report"]
+STATIC = ["--method", "static", "--sim-preset", "ideal", "--no-report"]
 
 
 @pytest.fixture(autouse=True)
@@ -44,13 +44,13 @@ def said(capsys):
     return " ".join(captured.out.split()), " ".join(captured.err.split())
 
 
-@pytest.mark.parametrize("verb", [["audit"], ["plan", "--budget", "60s"], ["calibrate", "--dry-run"], ["doctor"]])
+@pytest.mark.parametrize("verb", [["audit"], ["plan", "--duration", "60s"], ["calibrate", "--dry-run"], ["doctor"]])
 def test_verbs_that_move_nothing_state_it(plain, capsys, verb):
     assert main([verb[0], plain, *verb[1:]]) == 0
     assert ORIGIN in said(capsys)[0]
 
 
-@pytest.mark.parametrize("verb", [["audit"], ["plan", "--budget", "60s"], ["calibrate", "--dry-run"]])
+@pytest.mark.parametrize("verb", [["audit"], ["plan", "--duration", "60s"], ["calibrate", "--dry-run"]])
 def test_a_proposed_frame_is_stated_by_verbs_that_use_no_imu(with_bno, capsys, verb):
     assert main([verb[0], with_bno, *verb[1:], "--json"]) == 0
     table = json.loads(capsys.readouterr().out)["imu"]

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from equipoise import Paper, RunFolder, calibrate, simulate
+from equipoise import PaperMethod, RunFolder, calibrate, simulate
 
 LACKING = ("mujoco", "plotly", "rosbags")
 CODE = "import sys; sys.modules |= dict.fromkeys({}); from equipoise.cli import main; sys.exit(main(sys.argv[1:]))"
@@ -14,8 +14,8 @@ CODE = "import sys; sys.modules |= dict.fromkeys({}); from equipoise.cli import 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory, a1, coarse_engine):
     path = tmp_path_factory.mktemp("runs") / "a1"
-    with simulate(a1, "ideal") as simulation, RunFolder.create(path, a1, Paper(), {}) as folder:
-        folder.save(calibrate(simulation.platform, a1, Paper(), folder.keep))
+    with simulate(a1, "ideal") as simulation, RunFolder.create(path, a1, PaperMethod(), {}) as folder:
+        folder.save(calibrate(simulation.platform, a1, PaperMethod(), folder.keep))
     return path
 
 
@@ -54,7 +54,7 @@ def test_a_verb_that_lacks_something_says_what_to_install(run, words, message):
 
 def test_a_calibration_ends_well_without_its_page(tmp_path):
     out = tmp_path / "run"
-    words = ("calibrate", "--method", "static", "--noise", "ideal", "--out", out)
+    words = ("calibrate", "--method", "static", "--sim-preset", "ideal", "--out", out)
     done = lean(*words, lacking=("plotly",))
     assert done.returncode == 0, done.stderr
     assert RunFolder.open(out).complete
@@ -70,4 +70,4 @@ def test_verbs_of_the_lab_have_help_without_what_studies_need(verb):
 
 
 def test_plans_and_rehearsals_need_none_of_it():
-    assert lean("plan", "unitree_a1", "--budget", "40s").returncode == 0
+    assert lean("plan", "unitree_a1", "--duration", "40s").returncode == 0

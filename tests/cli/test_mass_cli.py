@@ -11,7 +11,7 @@ from equipoise.cli import main
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
-WRONG = ["calibrate", "--mass", "9.5", "--budget", "40s", "--seed", "4", "--quiet", "--no-report"]
+WRONG = ["calibrate", "--mass", "9.5", "--duration", "40s", "--seed", "4", "--quiet", "--no-report"]
 
 
 def test_a_script_is_refused_with_both_numbers_and_may_try_again(tmp_path, capsys, monkeypatch):
@@ -26,7 +26,7 @@ def test_a_script_is_refused_with_both_numbers_and_may_try_again(tmp_path, capsy
     assert main([*WRONG, "--confirm-mass", "--out", str(out)]) == 0
     table = json.loads((out / "calibration.json").read_text())
     assert table["mass_comparison"]["given"] == 9.5
-    assert table["mass_comparison"]["carried"] == pytest.approx(12.45, rel=0.03)
+    assert table["mass_comparison"]["from_torques"] == pytest.approx(12.45, rel=0.03)
     shown = " ".join(capsys.readouterr().out.split())
     assert "Doubtful: the given mass is 9.5 kg, and the joint torques carry 12." in shown
     assert "assumed: the given mass of 9.5 kg is right (standard deviation 0.048 kg)" in shown
@@ -49,7 +49,7 @@ def test_a_payload_measurement_is_refused_and_confirmed_alike(tmp_path, capsys, 
     first = [
         "calibrate",
         *quick,
-        "--budget",
+        "--duration",
         "40s",
         "--mass",
         "12.45",
@@ -58,7 +58,19 @@ def test_a_payload_measurement_is_refused_and_confirmed_alike(tmp_path, capsys, 
         earlier,
     ]
     assert main(first) == 0
-    again = ["weigh", "unitree_a1", "--known", earlier, "--noise-seed", "104", *quick, "--scale", "11.5", "--out", out]
+    again = [
+        "payload",
+        "unitree_a1",
+        "--prior-run",
+        earlier,
+        "--noise-seed",
+        "104",
+        *quick,
+        "--mass",
+        "11.5",
+        "--out",
+        out,
+    ]
     capsys.readouterr()
     assert main(again) == 2
     error = capsys.readouterr().err
@@ -66,4 +78,4 @@ def test_a_payload_measurement_is_refused_and_confirmed_alike(tmp_path, capsys, 
     assert "%, limit 5%)" in error
     assert main([*again, "--confirm-mass"]) == 0
     assert "Doubtful: the given mass is 11.5 kg, and the joint torques carry 12." in capsys.readouterr().out
-    assert main(["weigh", "unitree_a1", "--known", earlier, *quick, "--confirm-mass"]) == 2  # confirms no mass
+    assert main(["payload", "unitree_a1", "--prior-run", earlier, *quick, "--confirm-mass"]) == 2  # confirms no mass

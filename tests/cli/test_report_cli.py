@@ -59,7 +59,7 @@ def test_estimate_writes_it_anew(copy, capsys):
 
 def test_an_estimate_with_other_settings_leaves_the_runs_own_alone(tmp_path, capsys):
     run, out, other = tmp_path / "run", tmp_path / "found.json", ["--feet", "commanded"]
-    quick = ["--method", "paper", "--tolerance", "0.02", "--sway-duration", "1.0", "--quiet"]
+    quick = ["--method", "paper", "--tolerance", "0.02", "--excitation-duration", "1.0", "--quiet"]
     assert main(["calibrate", *quick, "--no-report", "--out", str(run)]) == 0
     own = (run / "calibration.json").read_text(encoding="utf-8")
     capsys.readouterr()

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from peer_processes import free_port, running_peer
 
-from equipoise import Precise, RunFolder, nominal_stance
+from equipoise import BayesianMethod, RunFolder, nominal_stance
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.cli import main
 from equipoise.drivers.hardware import HardwarePlatform
@@ -146,8 +146,8 @@ def test_a_program_that_is_killed_leaves_a_damped_robot(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--platform", "unitree-go2", "--noise", "ideal"], "--noise is for simulators; unitree-go2 is none"),
-        (["--set", "interface=lo"], "--set is for real robots; mujoco is none"),
+        (["--platform", "unitree-go2", "--sim-preset", "ideal"], "--sim-preset is for simulators; unitree-go2 is not"),
+        (["--set", "interface=lo"], "--set is for real robots; mujoco is not"),
         (["--repeat", "0"], "--repeat is 0; it must be 1 or more"),
     ],
 )
@@ -160,7 +160,12 @@ def test_a_dry_run_moves_nothing_and_tells_all(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["calibrate", "--platform", "unitree-go2", "--method", "paper", "--dry-run"]) == 0
     told = capsys.readouterr().out
-    for words in ("unitree_a1 on unitree-go2: method paper", "sway about yaw", "FL_hip_joint", "Nothing was moved."):
+    for words in (
+        "unitree_a1 on unitree-go2: method paper",
+        "excitation about yaw",
+        "FL_hip_joint",
+        "Nothing was moved.",
+    ):
         assert words in told
     assert main(["calibrate", "--method", "paper", "--dry-run", "--json"]) == 0
     table = json.loads(capsys.readouterr().out)
@@ -170,11 +175,11 @@ def test_a_dry_run_moves_nothing_and_tells_all(tmp_path, monkeypatch, capsys):
 
 
 def test_a_dry_run_counts_lifts_and_names_each_posture_once(a1, capsys):
-    rehearsal = rehearse(a1, Precise(budget=60))
-    lifts = Precise(budget=60).forecast(a1, nominal_stance(a1)).lifts
+    rehearsal = rehearse(a1, BayesianMethod(duration=60))
+    lifts = BayesianMethod(duration=60).forecast(a1, nominal_stance(a1)).lifts
     assert sum(p.times for p in rehearsal.postures if "two feet up" in p.what) == lifts
     print_rehearsal(rehearsal, "mujoco")
-    assert capsys.readouterr().out.count("sway about yaw") == 1
+    assert capsys.readouterr().out.count("excitation about yaw") == 1
 
 
 @pytest.mark.parametrize(
@@ -233,7 +238,7 @@ def test_a_recording_goes_into_logs_unless_said_otherwise(tmp_path, monkeypatch,
 
 
 def test_repetitions_are_compared(tmp_path, capsys):
-    assert main(["calibrate", "--method", "static", "--noise", "realistic", "--quiet", "--repeat", "2", "--out",
+    assert main(["calibrate", "--method", "static", "--sim-preset", "realistic", "--quiet", "--repeat", "2", "--out",
                  str(tmp_path / "runs")]) == 0  # fmt: skip
     assert "2 calibrations" in capsys.readouterr().out
     table = json.loads((tmp_path / "runs" / "repeatability.json").read_text(encoding="utf-8"))

@@ -14,7 +14,7 @@ QUICK = ["lab", "monte-carlo", "--methods", "static", "--workers", "1", "--quiet
 def study(tmp_path_factory):
     """A small study whose error sources vary, by the command line; its folder and what it printed."""
     folder = tmp_path_factory.mktemp("studies") / "study"
-    only = ["--vary-noise", "--only", "joint_zero,torque_gain", "--seed", "2"]
+    only = ["--vary-effects", "--only-effects", "joint_offset,torque_gain", "--seed", "2"]
     assert main([*QUICK, *only, "--trials", "30", "--out", str(folder)]) == 0
     return folder, only
 
@@ -40,13 +40,13 @@ def test_the_help_shows_an_example(capsys):
 def test_page_and_tables_are_written(study):
     folder, _ = study
     page = (folder / "summary.html").read_text(encoding="utf-8")
-    for words in ("Distribution of the CoM error", "What costs static its planar accuracy", "joint zero [mrad]"):
+    for words in ("Distribution of the CoM error", "What costs static its planar accuracy", "joint offset [mrad]"):
         assert words in page
     page = (folder / "summary.md").read_text(encoding="utf-8")
     for words in (
-        "# Monte Carlo study of unitree_a1", "30 trials; noise realistic, only joint_zero, torque_gain",
+        "# Monte Carlo study of unitree_a1", "30 trials; noise realistic, only joint_offset, torque_gain",
         "\nstatic: 30 trials, within 5 mm ",
-        "| planar CoM | mm | 30 |", "| mass | % | 30 |", "## What costs static its planar accuracy", "| joint zero | ",
+        "| planar CoM | mm | 30 |", "| mass | % | 30 |", "## What costs static its planar accuracy", "| joint offset | ",
         "| torque gain |", "| payload mass |",
     ):  # fmt: skip
         assert words in page
@@ -67,12 +67,12 @@ def test_json_is_one_object_and_a_second_run_runs_nothing(study, capsys):
     assert sorted((folder / "trials").iterdir()) == parts
     assert json.loads((folder / "summary.json").read_text(encoding="utf-8")) == table
     assert table["schema"] == "equipoise.study-summary/1"
-    assert table["study"]["only"] == ["joint_zero", "torque_gain"]
+    assert table["study"]["only"] == ["joint_offset", "torque_gain"]
     (method,) = table["methods"]
     assert (method["method"], method["trials"], method["failures"]) == ("static", 30, {})
     assert method["within_5_mm"]["of"] == 30
     assert {"planar CoM", "mass", "com_x", "com_y"} <= {error["quantity"] for error in method["errors"]}
-    assert [slope["source"] for slope in table["slopes"]] == ["size_joint_zero", "size_torque_gain", "payload_mass"]
+    assert [slope["source"] for slope in table["slopes"]] == ["size_joint_offset", "size_torque_gain", "payload_mass"]
 
 
 def test_the_terminal_shows_what_the_page_says(study, capsys):
@@ -132,9 +132,9 @@ def test_random_robots_alone_have_no_slopes(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("code", "flags", "words"),
     [
-        (2, ["--methods", "magic"], "method 'magic' is not known; there are precise, paper, motors"),
+        (2, ["--methods", "magic"], "method 'magic' is not known; there are bayesian, paper, motors"),
         (2, ["--methods", ","], "name a method at least"),
-        (2, ["--only", "gremlins"], "'gremlins' is no error source; those are encoder_noise"),
+        (2, ["--only-effects", "gremlins"], "'gremlins' is no error source; those are encoder_noise"),
         (2, ["--executor", "dask"], "go together"),
         (2, ["--scheduler", "tcp://127.0.0.1:1"], "go together"),
         (2, ["--executor", "dask", "--scheduler", "127.0.0.1:8786"], "looks like tcp://"),
@@ -149,8 +149,8 @@ def test_random_robots_alone_have_no_slopes(tmp_path, capsys, monkeypatch):
         (2, ["--payload", "heavy"], "MASS,X,Y,Z"),
         (2, ["--spread", "2"], "from 0 to 0.3"),
         (2, ["--scale-error", "5"], "0.005 for 0.5 %"),
-        (2, ["--methods", "precise", "--budget", "soon"], "give it as 60s, 2min or 1h"),
-        (2, ["--budget", "60s"], "--budget belongs to --method precise; this is --methods paper"),
+        (2, ["--methods", "bayesian", "--duration", "soon"], "give it as 60s, 2min or 1h"),
+        (2, ["--duration", "60s"], "--duration belongs to --method bayesian; this is --methods paper"),
         (2, ["--tolerance", "0.9"], "leaves nothing to search"),
     ],
 )
@@ -161,7 +161,9 @@ def test_wrong_flags_are_one_sentence_and_leave_no_folder(code, flags, words, tm
     assert not (tmp_path / "study").exists()
 
 
-@pytest.mark.parametrize("flags", [["--colour"], ["--trials", "many"], ["--noise", "loud"], ["--executor", "cloud"]])
+@pytest.mark.parametrize(
+    "flags", [["--colour"], ["--trials", "many"], ["--sim-preset", "loud"], ["--executor", "cloud"]]
+)
 def test_flags_that_do_not_exist(flags, capsys):
     assert main(["lab", "monte-carlo", *flags, "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["error"]["exit_code"] == 2

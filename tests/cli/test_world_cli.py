@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from equipoise.cli import main
-from equipoise.cli.place import Place, SimulatedPlace
+from equipoise.cli.target import RunTarget, SimulatedTarget
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
@@ -16,39 +16,46 @@ QUIET = ["--quiet", "--no-report"]
 def test_a_run_keeps_which_world_it_was_made_in(tmp_path):
     out = tmp_path / "run"
     world = [
-        "--noise",
+        "--sim-preset",
         "stress",
-        "--without",
+        "--disable-effect",
         "springs,backlash",
-        "--without",
+        "--disable-effect",
         "cable",
-        "--with",
+        "--enable-effect",
         "swinging_load,jitter=1e-3",
     ]
     assert main(["calibrate", "--method", "static", *world, *QUIET, "--out", str(out)]) == 0
     facts = json.loads((out / "calibration.json").read_text(encoding="utf-8"))["provenance"]
-    assert facts["noise"] == "stress"
+    assert facts["sim_preset"] == "stress"
     assert facts["effects"] == {"swinging_load": None, "jitter": 1e-3}
-    place = Place.of(SimpleNamespace(path=out, provenance=facts))
-    assert place.without == ("springs", "backlash", "cable")
+    place = RunTarget.of(SimpleNamespace(path=out, provenance=facts))
+    assert place.disable_effect == ("springs", "backlash", "cable")
     assert place.facts() == {name: facts[name] for name in place.facts()}
     assert place.world.startswith(
-        "noise stress, with swinging_load, with jitter 0.001, without springs, without backlash"
+        "preset stress, with swinging_load, with jitter 0.001, without springs, without backlash"
     )
 
 
 def test_a_usual_run_says_nothing_of_effects():
-    assert set(SimulatedPlace("mujoco").facts()) == {"platform", "noise", "payload", "seed", "start", "noise_seed"}
+    assert set(SimulatedTarget("mujoco").facts()) == {
+        "platform",
+        "sim_preset",
+        "payload",
+        "seed",
+        "start",
+        "noise_seed",
+    }
 
 
 @pytest.mark.parametrize("verb", ["calibrate", "lab monte-carlo", "lab balance"])
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (["--without", "sprngs"], "'sprngs' is no effect of a simulated robot"),
-        (["--with", "cable=much"], "'cable=much' gives cable no size"),
-        (["--with", "cable", "--without", "cable"], "with it and without it"),
-        (["--with", "cable=-1"], "cable is -1.0; it must be"),
+        (["--disable-effect", "sprngs"], "'sprngs' is no effect of a simulated robot"),
+        (["--enable-effect", "cable=much"], "'cable=much' gives cable no size"),
+        (["--enable-effect", "cable", "--disable-effect", "cable"], "with it and without it"),
+        (["--enable-effect", "cable=-1"], "cable is -1.0; it must be"),
     ],
 )
 def test_what_cannot_be_is_refused_by_name(verb, flags, words, tmp_path, capsys):
@@ -58,13 +65,13 @@ def test_what_cannot_be_is_refused_by_name(verb, flags, words, tmp_path, capsys)
 
 def test_an_engine_says_what_it_cannot_have(tmp_path, capsys):
     pytest.importorskip("dartpy")
-    flags = ["--platform", "dart", "--with", "springs", "--quiet", "--out", str(tmp_path / "out")]
+    flags = ["--platform", "dart", "--enable-effect", "springs", "--quiet", "--out", str(tmp_path / "out")]
     assert main(["calibrate", *flags]) == 2
     assert "dart cannot simulate springs; take out" in capsys.readouterr().err
 
 
 def test_balancing_lives_on_lost_samples(tmp_path):
-    flags = ["--noise", "ideal", "--with", "lost_samples=0.02", "--duration", "1s", "--diagonal", "FL_RR"]
+    flags = ["--sim-preset", "ideal", "--enable-effect", "lost_samples=0.02", "--duration", "1s", "--diagonal", "FL_RR"]
     assert (
         main(["lab", "balance", *flags, "--com-error=0mm", "--check", "--quiet", "--no-report", "--out", str(tmp_path)])
         == 0

@@ -16,9 +16,9 @@ VERBS = [
     (["view", "FILE"], RUN),
     (["estimate", "FILE"], RUN),
     (["lab", "validate", "FILE"], RUN),
-    (["delta", "FILE", "FILE"], RUN),
-    (["weigh", "unitree_a1", "--known", "FILE"], RUN),
-    (["calibrate", "--known", "FILE"], RUN),
+    (["compare", "FILE", "FILE"], RUN),
+    (["payload", "unitree_a1", "--prior-run", "FILE"], RUN),
+    (["calibrate", "--prior-run", "FILE"], RUN),
     (["calibrate", "--resume", "FILE"], RUN),
 ]
 
@@ -52,7 +52,7 @@ def test_the_kind_of_file_and_what_is_needed_are_named(verb, needed, name, kind,
     assert said in (
         f"error: {name!r} {kind}; {needed}",
         f"error: {name!r} {kind}; {RUN}",
-        f"error: --known {name}: it {kind}; {RUN}",
+        f"error: --prior-run {name}: it {kind}; {RUN}",
     )
     if needed == RESULT and name.endswith((".urdf", ".xml")):
         assert said.endswith(RESULT)

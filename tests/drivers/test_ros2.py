@@ -39,7 +39,7 @@ class Peer:
             "equipoise.lab.emulators.ros2",
             "--domain",
             str(DOMAIN),
-            "--noise",
+            "--sim-preset",
             "ideal",
             *flags,
         ]
@@ -149,16 +149,16 @@ def test_feed_forward_torque_is_folded_into_the_target_of_a_soft_controller(conn
     torque = static_torques(a1, target, LEG_NAMES)
     knees = [leg.joints[-1] for leg in a1.legs.values()]
 
-    def sag(platform):
+    def foot_compliance(platform):
         return np.abs(hold(platform, target, 0.7, torque).joint_position - target)[knees].mean()
 
     plain = connect()
     assert plain.accepts == frozenset()
-    left_aside = sag(plain)
+    left_aside = foot_compliance(plain)
     folding = connect(stiffness=STIFFNESS)
     assert folding.accepts == {"torque"}
     assert left_aside > 0.03
-    assert sag(folding) < 0.4 * left_aside
+    assert foot_compliance(folding) < 0.4 * left_aside
 
 
 def test_joints_and_imu_are_felt_in_the_models_order_and_signs(connect, a1):
@@ -216,11 +216,11 @@ def test_a_trajectory_controller_that_starts_where_the_joints_sag_to_holds_them_
     target = nominal_stance(a1).joint_position
     knees = [leg.joints[-1] for leg in a1.legs.values()]
 
-    def sag(time_from_start):
+    def foot_compliance(time_from_start):
         platform = connect(command_type="joint_trajectory", time_from_start=time_from_start)
         return np.abs(hold(platform, target, 0.8).joint_position - target)[knees].mean()
 
-    at_once, gradually = sag(0.0), sag(0.01)
+    at_once, gradually = foot_compliance(0.0), foot_compliance(0.01)
     print(at_once, gradually)
     assert gradually > 1.3 * at_once
 
@@ -350,7 +350,7 @@ while True:
 
 def test_two_writers_of_the_models_joints_are_two_robots_and_one_of_other_joints_is_not(a1):
     domain = unused_domain()
-    robot = "--domain", domain, "--noise", "ideal"
+    robot = "--domain", domain, "--sim-preset", "ideal"
     with (
         running_peer("ros2", *robot) as first,
         running_peer("", domain, code=OTHER_JOINTS),

@@ -24,7 +24,7 @@ from equipoise.robot.statics import static_torques
 
 STACK = "quadruped_ros2_control"
 BY_JOINT = "/{joint}_controller/commands"
-QUICK = ("--noise", "ideal", "--stack", STACK)
+QUICK = ("--sim-preset", "ideal", "--stack", STACK)
 
 
 def connected(robot, domain, **settings):

@@ -59,7 +59,15 @@ class Peer:
 @contextmanager
 def running(tmp_path_factory, *flags, domain=None):
     path, domain = tmp_path_factory.mktemp("peer") / "log.jsonl", domain or unused_domain()
-    command = [sys.executable, "-m", "equipoise.lab.emulators.unitree_dds", "--domain", str(domain), "--noise", "ideal"]
+    command = [
+        sys.executable,
+        "-m",
+        "equipoise.lab.emulators.unitree_dds",
+        "--domain",
+        str(domain),
+        "--sim-preset",
+        "ideal",
+    ]
     with path.open("w") as log:
         process = subprocess.Popen(
             [*command, "--duration", "120", *flags], stdin=subprocess.PIPE, stdout=log, stderr=subprocess.STDOUT,
@@ -136,7 +144,7 @@ def test_what_the_standing_robot_says(linked, a1, target):
 
 
 def test_a_motion_is_the_one_of_the_direct_simulation(linked, a1):
-    motion = sway(a1)
+    motion = excitation(a1)
     here = Trajectory(np.repeat(motion.position[:1], 200, axis=0))
     with simulate(a1, "ideal") as simulation:
         simulation.platform.play(here)
@@ -155,7 +163,7 @@ def test_a_motion_is_the_one_of_the_direct_simulation(linked, a1):
     assert np.median(steps) == pytest.approx(1)
 
 
-def sway(robot):
+def excitation(robot):
     """Legs long and short in turn, so that the body rolls and pitches."""
     at = np.arange(750) * 2e-3
     wave = np.sin(2 * np.pi * at / 1.5) * np.sin(np.pi * at / 1.5) ** 2
@@ -416,7 +424,7 @@ def test_a_simulator_without_clock_checksum_and_services(tmp_path_factory, a1, t
         with connected(peer, a1, check_crc=False, release_sport_mode=False) as platform:
             state = hold(platform, target, 0.2)
             assert state.time == state.received
-            recording = platform.play(sway(a1))
+            recording = platform.play(excitation(a1))
     assert len(recording.joints.time) > 50
     assert recording.joints.time[-1] < time.monotonic()
 

@@ -40,7 +40,7 @@ FAULTS = ("--loss", 0.02, "--duplicate", 0.02, "--reorder", 0.02)
 def connected(robot, protocol, *flags, silence=5.0, form=None):
     """A platform on a simulated robot of its own, without sensor errors, and the robot's process."""
     port, form = free_port(), form or next(iter(FORMS[protocol]))
-    flags = ("--protocol", protocol, "--form", form, "--port", port, "--noise", "ideal", *flags)
+    flags = ("--protocol", protocol, "--form", form, "--port", port, "--sim-preset", "ideal", *flags)
     with running_peer("unitree_udp", *flags) as peer:
         settings = UnitreeUdpSettings(protocol, "127.0.0.1", port, local_port=free_port(), silence=silence)
         with HardwarePlatform(open_connection(robot, settings)) as platform:

@@ -25,7 +25,7 @@ def test_a_calibration_over_a_bad_network_says_what_one_without_network_says(a1)
     with simulate(a1, "ideal", PAYLOAD, SEED) as simulation:
         direct = calibrate(simulation.platform, a1, STATIC).with_truth(simulation.truth)
     recordings, port = [], free_port()
-    robot = ("--protocol", "go1", "--port", port, "--payload", PAYLOAD, "--seed", SEED, "--noise", "ideal")
+    robot = ("--protocol", "go1", "--port", port, "--payload", PAYLOAD, "--seed", SEED, "--sim-preset", "ideal")
     with running_peer("unitree_udp", *robot, *FAULTS) as peer:
         link = open_connection(a1, UnitreeUdpSettings("go1", "127.0.0.1", port, local_port=free_port(), silence=1.0))
         platform = HardwarePlatform(link)

@@ -12,7 +12,7 @@ from equipoise.terminal.results import print_budget
 
 
 def test_shares_are_positive_and_add_up(precise_run):
-    shares = np.array([source.shares for source in precise_run.result.budget])
+    shares = np.array([source.shares for source in precise_run.result.uncertainty_budget])
     assert (shares > -1e-9).all()
     assert shares.sum(axis=0) == pytest.approx(np.ones(10), abs=1e-9)
 
@@ -29,7 +29,7 @@ def test_a_share_is_what_an_error_of_the_source_does_to_the_estimate(precise_run
         gradient[column] -= 1.0  # of 1/2 (x - 1)^2 in place of 1/2 x^2
         x = posterior.x - np.linalg.solve(equations.information, gradient - equations.gradient)
         moved.append(unknowns.robot_body(x).com - posterior.robot_body.com)
-    (source,) = (one for one in precise_run.result.budget if one.name.startswith("lengths of the legs"))
+    (source,) = (one for one in precise_run.result.uncertainty_budget if one.name.startswith("lengths of the legs"))
     variance = np.diag(posterior.robot_covariance)[1:4]
     assert np.square(moved).sum(axis=0) / variance == pytest.approx(source.shares[1:4], rel=0.05)
 
@@ -38,15 +38,15 @@ def test_it_is_saved_read_and_shown(precise_run, tmp_path, capsys):
     result = precise_run.result
     result.save(tmp_path / "a1.json")
     again = Calibration.load(tmp_path / "a1.json")
-    assert [source.name for source in again.budget] == [source.name for source in result.budget]
-    assert again.budget[0].shares == pytest.approx(result.budget[0].shares, abs=1e-4)
-    saved = json.loads((tmp_path / "a1.json").read_text(encoding="utf-8"))["budget"]
+    assert [source.name for source in again.uncertainty_budget] == [source.name for source in result.uncertainty_budget]
+    assert again.uncertainty_budget[0].shares == pytest.approx(result.uncertainty_budget[0].shares, abs=1e-4)
+    saved = json.loads((tmp_path / "a1.json").read_text(encoding="utf-8"))["uncertainty_budget"]
     assert list(saved[0]["variance_shares"]) == list(COMPONENTS)
     print_budget(again)
     shown = " ".join(capsys.readouterr().out.split())
     assert "masses and CoMs of the legs" in shown
     assert "CoM z [mm]: +- " in shown
-    assert len(uncertainty_table(again).rows) == len(result.budget)
+    assert len(uncertainty_table(again).rows) == len(result.uncertainty_budget)
     assert len(remedies(again)) == 7
 
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from equipoise import Calibration
+from equipoise.bayesian.estimate import _refuse_worse_than_file
 from equipoise.errors import RecordingError
 from equipoise.estimator.diagnostics.checks import HELD_OUT_CHECK, judge
 from equipoise.estimator.diagnostics.held_out import folds_of, tilt_errors
@@ -15,7 +16,6 @@ from equipoise.estimator.equations.torque_balance import TorqueBalance
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import MapProblem
 from equipoise.estimator.solve import descend
-from equipoise.precise.estimate import _refuse_worse_than_file
 from equipoise.recording.phases import Phase
 from equipoise.result.findings import Check
 from equipoise.result.held_out import FOUND, MODEL, HeldOut
@@ -45,7 +45,7 @@ def refit_without(posterior, evidence, motions):
     problem = MapProblem(unknowns.robot, unknowns.stance, left, unknowns.priors, whole.mass, lifts_needed=True)
     for equation, of_all in zip(problem.equations, whole.equations, strict=True):
         if isinstance(equation, TorqueBalance):
-            equation.normalised_residual = of_all.normalised_residual
+            equation.normalized_residual = of_all.normalized_residual
         else:
             equation.scale = of_all.scale[[index not in motions for index, _ in of_all.motions]]
     return descend(problem, posterior.x)[0]
@@ -59,7 +59,7 @@ def test_estimates_made_anew_without_a_lift_predict_it_nearly_the_same(evidence,
     def missed(of):
         x = refit_without(posterior, evidence, [of.motion])
         errors = tilt_errors(equation, posterior.unknowns, np.tile(x, (len(motions), 1)))
-        return (errors[motions.index(of.motion)][-1] - of.errors[FOUND][-1]) / of.deviation[-1]
+        return (errors[motions.index(of.motion)][-1] - of.errors[FOUND][-1]) / of.std[-1]
 
     assert np.sqrt(np.mean([missed(lift) ** 2 for lift in predictions[::3]])) < 0.33
 
@@ -88,7 +88,7 @@ def test_a_tilt_is_the_one_that_was_measured(precise_run, predictions):
         imu = precise_run.recordings[lift.motion].phase(Phase.REST, until=Phase.LOWER).imu
         turned = np.linalg.norm(np.cumsum(imu.angular_velocity_in_imu, axis=0) * np.diff(imu.time).mean(), axis=1).max()
         assert abs(lift.tilt[-1]) < turned
-        assert lift.tilt[0] == lift.errors[FOUND][0] == lift.deviation[0] == 0
+        assert lift.tilt[0] == lift.errors[FOUND][0] == lift.std[0] == 0
 
 
 def test_the_check_allows_what_its_chance_is_and_no_more(posterior, precise_run):
@@ -98,7 +98,7 @@ def test_the_check_allows_what_its_chance_is_and_no_more(posterior, precise_run)
     def verdict(sizes):
         lifts = [replace(lift, intervals={**lift.intervals, FOUND: sizes / NORMAL_95}) for lift in found.lifts]
         checks = judge(posterior, HeldOut(tuple(lifts)))
-        return next(check for check in checks if check.name == "held out").passed
+        return next(check for check in checks if check.name == "held-out prediction").passed
 
     assert verdict(0.98 * limit)
     assert not verdict(1.02 * limit)
@@ -118,7 +118,9 @@ def test_an_estimate_that_predicts_worse_than_the_model_file_is_refused(precise_
     ):
         _refuse_worse_than_file(exchanged, [failed])
     with pytest.raises(RecordingError, match="Checks that failed: lifts: bad; held out: predicted badly"):
-        _refuse_worse_than_file(exchanged, [Check("lifts", False, "bad"), failed, Check("halves", True, "fine")])
+        _refuse_worse_than_file(
+            exchanged, [Check("lift residuals", False, "bad"), failed, Check("split-half consistency", True, "fine")]
+        )
 
 
 def test_it_is_in_the_json_form(precise_run, tmp_path):

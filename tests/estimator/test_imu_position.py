@@ -1,14 +1,14 @@
-"""Where the IMU sits, by a sway over planted feet: found where it is, whatever the file says and whatever the robot weighs."""
+"""The IMU position from an excitation: found with any position in the file and any mass of the robot."""
 
 import re
 
 import numpy as np
 import pytest
 
-from equipoise import Precise, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, load_robot, nominal_stance, simulate
 from equipoise.calibration.routine import perform
 from equipoise.estimator.equations import imu_position
-from equipoise.estimator.equations.imu_position import SwaySamples, imu_by_sway
+from equipoise.estimator.equations.imu_position import ExcitationSamples, imu_by_excitation
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.parameters import Unknowns
@@ -20,16 +20,16 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 @pytest.fixture(scope="module")
 def swaying(a1):
-    """Recordings of a short run with its sway: a realistic A1 with a payload that nobody knows of."""
+    """Recordings of a short run with its excitation: a realistic A1 with a payload that nobody knows of."""
     with simulate(a1, "realistic", "2,0.1,0,0.1", seed=5) as simulation:
-        return perform(simulation.platform, a1, Precise(budget=60)).recordings
+        return perform(simulation.platform, a1, BayesianMethod(duration=60)).recordings
 
 
 @pytest.fixture(scope="module")
 def expected(swaying):
     """The result with an IMU that sits where the file has it."""
     robot = with_imu_at((0.0, 0.0, 0.0))
-    return Precise(budget=60).estimate(robot, swaying, nominal_stance(robot))
+    return BayesianMethod(duration=60).estimate(robot, swaying, nominal_stance(robot))
 
 
 def with_imu_at(shift):
@@ -42,66 +42,70 @@ def test_it_is_found_where_it_is(swaying, shift):
     robot = with_imu_at(shift)
     stance = nominal_stance(robot)
     motions = read_motions(robot, stance, swaying)
-    (sway,) = (sway for motion in motions for sway in motion.of(SwaySamples))
+    (excitation,) = (excitation for motion in motions for excitation in motion.of(ExcitationSamples))
     unknowns = Unknowns(robot, stance, Priors())
     values = unknowns.values(unknowns.start())
-    place, deviation = imu_by_sway(robot, LegChains(robot), sway, values, stance.scale)
+    place, std = imu_by_excitation(robot, LegChains(robot), excitation, values, stance.scale)
     assert place == pytest.approx(-np.array(shift), abs=4e-3)
-    assert np.all(deviation < 2e-3)
+    assert np.all(std < 2e-3)
 
 
-def test_of_a_sway_that_goes_on_for_long_the_first_minute_is_read(swaying, a1, monkeypatch):
+def test_of_a_excitation_that_goes_on_for_long_the_first_minute_is_read(swaying, a1, monkeypatch):
     stance = nominal_stance(a1)
-    (sway,) = (sway for motion in read_motions(a1, stance, swaying) for sway in motion.of(SwaySamples))
-    longest = (sway.time[-1] - sway.time[0]) / 2
+    (excitation,) = (
+        excitation for motion in read_motions(a1, stance, swaying) for excitation in motion.of(ExcitationSamples)
+    )
+    longest = (excitation.time[-1] - excitation.time[0]) / 2
     monkeypatch.setattr(imu_position, "_LONGEST", longest / stance.scale.time)
-    half = sway.first(longest)
-    assert 2 * len(half.time) == pytest.approx(len(sway.time), abs=2)
+    half = excitation.first(longest)
+    assert 2 * len(half.time) == pytest.approx(len(excitation.time), abs=2)
     values = Unknowns(a1, stance, Priors()).values(Unknowns(a1, stance, Priors()).start())
-    of_all, of_half = (imu_by_sway(a1, LegChains(a1), one, values, stance.scale) for one in (sway, half))
+    of_all, of_half = (imu_by_excitation(a1, LegChains(a1), one, values, stance.scale) for one in (excitation, half))
     assert np.array_equal(of_all, of_half)
 
 
 @pytest.mark.parametrize("up", [0.01, 0.02])
 def test_a_file_that_has_it_too_high_is_not_believed(swaying, expected, up):
-    """A minute on two feet takes it for inertia. The sway is heard, and it is as with a right file."""
+    """A minute on two feet takes it for inertia. The excitation is heard, and it is as with a right file."""
     wrong = with_imu_at((0.0, 0.0, up))
-    found = Precise(budget=60).estimate(wrong, swaying, nominal_stance(wrong))
+    found = BayesianMethod(duration=60).estimate(wrong, swaying, nominal_stance(wrong))
     assert found.trustworthy
     assert "the IMU sits elsewhere than in the file, which the run contradicts" in found.assumptions
     (height,) = (finding.value for finding in found.sensors if finding.name == "IMU position z")
     assert height == pytest.approx(-up, abs=4e-3)
     apart = found.composite.values - expected.composite.values
-    assert np.all(np.abs(apart) < 0.7 * expected.composite.deviations)
-    assert sum(source.name == "position of the IMU by the sway" for source in found.budget) == 1
-    assert sum(source.shares for source in found.budget) == pytest.approx(np.ones(10))
+    assert np.all(np.abs(apart) < 0.7 * expected.composite.stds)
+    assert sum(source.name == "position of the IMU by the excitation" for source in found.uncertainty_budget) == 1
+    assert sum(source.shares for source in found.uncertainty_budget) == pytest.approx(np.ones(10))
 
 
-def test_a_sway_that_says_what_the_tilts_say_stays_a_witness(expected):
-    (check,) = (check for check in expected.checks if check.name == "place of the IMU")
+def test_a_excitation_that_says_what_the_tilts_say_stays_a_witness(expected):
+    (check,) = (check for check in expected.checks if check.name == "IMU position")
     assert check.passed
-    assert all(source.name != "position of the IMU by the sway" for source in expected.budget)
+    assert all(source.name != "position of the IMU by the excitation" for source in expected.uncertainty_budget)
 
 
-def test_who_trusts_the_legs_hears_the_sway_at_once(swaying):
+def test_who_trusts_the_legs_hears_the_excitation_at_once(swaying):
     """Nothing else looks like an IMU that sits elsewhere, then: moments hang less on what is believed of it."""
     robot = with_imu_at((0.0, 0.0, 0.0))
-    shares, deviations = [], []
-    for legs in ("unknown", "trusted"):
-        result = Precise(budget=60, mass=14.5, legs=legs).estimate(robot, swaying, nominal_stance(robot))
-        shares.append([source.name for source in result.budget].count("position of the IMU by the sway"))
-        (height,) = (finding.deviation for finding in result.sensors if finding.name == "IMU position z")
-        deviations.append(height)
+    shares, stds = [], []
+    for legs in ("wide", "narrow"):
+        result = BayesianMethod(duration=60, mass=14.5, leg_prior=legs).estimate(robot, swaying, nominal_stance(robot))
+        shares.append(
+            [source.name for source in result.uncertainty_budget].count("position of the IMU by the excitation")
+        )
+        (height,) = (finding.std for finding in result.sensors if finding.name == "IMU position z")
+        stds.append(height)
     assert shares == [0, 1]
-    assert deviations[1] < 0.9 * deviations[0]
+    assert stds[1] < 0.9 * stds[0]
 
 
 def test_who_says_that_it_is_there_is_told_that_it_is_not(swaying):
-    """A place that somebody vouches for is not doubted, and the check says what the sway says."""
+    """A place that somebody vouches for is not doubted, and the check says what the excitation says."""
     robot = with_imu_at((0.0, 0.0, 0.02))
-    vouched = Precise(budget=60, priors=Priors().holding("imu_position"))
+    vouched = BayesianMethod(duration=60, priors=Priors().holding("imu_position"))
     result = vouched.estimate(robot, swaying, nominal_stance(robot))
-    (check,) = (check for check in result.checks if check.name == "place of the IMU")
+    (check,) = (check for check in result.checks if check.name == "IMU position")
     assert not check.passed
     assert not result.trustworthy
     away = re.search(
@@ -112,7 +116,7 @@ def test_who_says_that_it_is_there_is_told_that_it_is_not(swaying):
     assert "imu_position" in check.message
 
 
-def test_without_a_sway_nobody_knows(precise_run):
-    (check,) = (check for check in precise_run.result.checks if check.name == "place of the IMU")
+def test_without_a_excitation_nobody_knows(precise_run):
+    (check,) = (check for check in precise_run.result.checks if check.name == "IMU position")
     assert check.passed
-    assert check.message == "there is no sway about all axes, to see where the IMU sits by"
+    assert check.message == "there is no excitation about all axes, to see where the IMU sits by"

@@ -6,20 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from equipoise import Precise, RunFolder, calibrate, estimate, nominal_stance, simulate
-from equipoise.calibration.weighing import weigh
+from equipoise import BayesianMethod, RunFolder, calibrate, estimate, nominal_stance, simulate
+from equipoise.bayesian.planning.nominal import nominal_candidates
+from equipoise.bayesian.short_plan import opening_moves
+from equipoise.bayesian.trials import BayesianTrials
+from equipoise.calibration.payload_measurement import measure_payload
 from equipoise.cli import main
 from equipoise.errors import NotEstimatedError, RecordingError, SettingsError
-from equipoise.estimator.known.both_runs import both_runs
-from equipoise.estimator.known.changes import check_of_changes, estimate_after
-from equipoise.estimator.known.known_run import POSTERIOR, SCALE_GAIN, KnownRun, shared_places
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.parameters import Unknowns
+from equipoise.estimator.prior_runs.both_runs import both_runs
+from equipoise.estimator.prior_runs.changes import check_of_changes, estimate_after
+from equipoise.estimator.prior_runs.prior_run import POSTERIOR, SCALE_GAIN, PriorRun, shared_places
 from equipoise.experiments.stand import stand_up
-from equipoise.precise.planning.nominal import nominal_candidates
-from equipoise.precise.short_plan import opening_moves
-from equipoise.precise.trials import PreciseTrials
-from equipoise.result.held_out import EARLIER, FOUND, MODEL
+from equipoise.result.held_out import FOUND, MODEL, PRIOR_RUN
 from equipoise.result.requirements import UNMET
 from equipoise.robot.inertial import composite_parameters
 
@@ -30,13 +30,13 @@ MOVED = 6e-3  # [rad]
 @pytest.fixture(scope="module")
 def earlier(precise_run):
     """The run with a payload, as the next one knows it."""
-    return KnownRun.of(precise_run.result.evidence.posterior, precise_run.result.settings)
+    return PriorRun.of(precise_run.result.evidence.posterior, precise_run.result.settings)
 
 
 @pytest.fixture(scope="module")
 def later(a1, earlier):
     """The same robot without that payload, known: method, recordings and result."""
-    method, recordings = Precise(known=earlier, budget=26), []
+    method, recordings = BayesianMethod(prior_run=earlier, duration=26), []
     with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, a1, method, keep=recordings.append)
         return method, recordings, result.with_truth(simulation.truth)
@@ -49,20 +49,20 @@ def test_a_short_run_finds_the_com_and_what_was_taken_off(a1, earlier, later, pr
     assert np.hypot(*result.composite.com_in_base.errors[:2]) < 1.5e-3
     assert not any(quantity.missed for quantity in result.composite)
     assert not result.evidence.changes
-    found = weigh(a1, earlier, result)
-    payload = found.delta.with_truth(precise_run.truth, result.truth).payload
+    found = measure_payload(a1, earlier, result)
+    payload = found.change.with_truth(precise_run.truth, result.truth).payload
     assert found.answer == "removed"
     assert payload.mass.value == pytest.approx(1.5, rel=0.2)
     assert not any(quantity.missed for quantity in payload)
-    assert "taken off" in found.sentence
+    assert "taken off" in found.message
     assert found.to_dict()["answer"] == "removed"
 
 
 def test_the_earlier_runs_body_predicts_worse_once_its_payload_is_off(later):
     found = later[2].held_out
-    assert found.bodies == (MODEL, EARLIER, FOUND)
-    assert found.error(EARLIER) > 3 * max(found.error(FOUND), found.error(MODEL))
-    assert "with the earlier run's body off by" in found.sentence()
+    assert found.bodies == (MODEL, PRIOR_RUN, FOUND)
+    assert found.error(PRIOR_RUN) > 3 * max(found.error(FOUND), found.error(MODEL))
+    assert "with the prior run's body off by" in found.message()
 
 
 def test_the_covariance_of_both_runs_is_that_of_one_estimate(earlier, later):
@@ -82,19 +82,17 @@ def test_the_covariance_of_both_runs_is_that_of_one_estimate(earlier, later):
     information[:size, :size] += np.linalg.inv(earlier.spread)
     information[size:, size:] += evidence
     together = np.linalg.inv(information)
-    deviation = np.sqrt(together.diagonal())
-    np.testing.assert_allclose(
-        runs.covariance / np.outer(deviation, deviation), together / np.outer(deviation, deviation), atol=1e-2
-    )
+    std = np.sqrt(together.diagonal())
+    np.testing.assert_allclose(runs.covariance / np.outer(std, std), together / np.outer(std, std), atol=1e-2)
 
 
 def test_what_is_kept_is_the_prior_and_the_base_is_not(a1, earlier):
-    unknowns = Unknowns(a1, nominal_stance(a1), Precise(known=earlier).beliefs)
+    unknowns = Unknowns(a1, nominal_stance(a1), BayesianMethod(prior_run=earlier).combined_priors)
     belief, first = earlier.belief(unknowns), unknowns.tabled.start
     spread = np.sqrt(np.diag(belief.covariance))
     of = {row.name: spread[unknowns[row.name].start - first : unknowns[row.name].stop - first] for row in unknowns.rows}
-    assert (of["joint_zero"] < 1).all()
-    assert (of["joint_zero"] > 0.1).all()  # switched off in between
+    assert (of["joint_offset"] < 1).all()
+    assert (of["joint_offset"] > 0.1).all()  # switched off in between
     # Were it forgotten, a short run would have to find up anew: that is half a millimetre of CoM x.
     assert (of["accelerometer_bias"] < 1).all()
     assert (of["accelerometer_bias"] > 0.2).all()  # another temperature
@@ -105,10 +103,10 @@ def test_what_is_kept_is_the_prior_and_the_base_is_not(a1, earlier):
 
 def test_a_scale_that_weighs_twice_has_one_factor(a1, earlier, later):
     weighed = replace(earlier, weighed=14.0 * 1.004)
-    method = Precise(known=weighed, mass=12.5)
+    method = BayesianMethod(prior_run=weighed, mass=12.5)
     assert method.scale == (12.5, pytest.approx(0.0125))
-    assert Precise(known=weighed, mass=12.5, mass_sd=0.1).scale == (12.5, 0.1)  # another scale
-    unknowns = Unknowns(a1, nominal_stance(a1), method.beliefs)
+    assert BayesianMethod(prior_run=weighed, mass=12.5, mass_std=0.1).scale == (12.5, 0.1)  # another scale
+    unknowns = Unknowns(a1, nominal_stance(a1), method.combined_priors)
     x, spread, layout = weighed.earlier(unknowns)
     mass = layout.robot_body(x).mass
     assert layout.value(x, "scale_gain")[0] == pytest.approx(weighed.weighed / mass - 1)
@@ -120,25 +118,25 @@ def test_a_scale_that_weighs_twice_has_one_factor(a1, earlier, later):
 @pytest.fixture(scope="module")
 def moved(a1, earlier):
     """What the first moves of a run tell whose FL_thigh_joint reads otherwise since: posterior and changes."""
-    stance, method, recordings = nominal_stance(a1), Precise(known=earlier), []
+    stance, method, recordings = nominal_stance(a1), BayesianMethod(prior_run=earlier), []
     with simulate(a1, "realistic", seed=4, noise_seed=105, timestep=1e-3) as simulation:
-        simulation.errors.drawn["joint_zero"][1] += MOVED
-        planted, _ = stand_up(simulation.platform, a1, stance)
-        trials = PreciseTrials(planted, stance, composite_parameters(a1, stance.joint_position).com)
-        for posture in opening_moves(nominal_candidates(a1, method.beliefs), earlier):
+        simulation.errors.drawn["joint_offset"][1] += MOVED
+        standing, _ = stand_up(simulation.platform, a1, stance)
+        trials = BayesianTrials(standing, stance, composite_parameters(a1, stance.joint_position).com)
+        for posture in opening_moves(nominal_candidates(a1, method.combined_priors), earlier):
             recordings.append(trials.take_posture(posture))
     evidence = read_motions(a1, stance, recordings)
-    return estimate_after(a1, stance, evidence, method.beliefs, None, earlier, lifts_needed=False)
+    return estimate_after(a1, stance, evidence, method.combined_priors, None, earlier, lifts_needed=False)
 
 
 def test_a_zero_that_moved_is_found_and_named_by_the_first_moves(moved, earlier):
     _, (change,) = moved
     assert change.each == "FL_thigh_joint"
-    assert change.value == pytest.approx(MOVED, abs=3 * change.deviation)
-    assert "joint zero of FL_thigh_joint moved by" in change.finding().sentence
+    assert change.value == pytest.approx(MOVED, abs=3 * change.std)
+    assert "joint offset of FL_thigh_joint moved by" in change.finding().message
     check = check_of_changes((change,), earlier)
     assert check.passed
-    assert change.sentence in check.message
+    assert change.message in check.message
     assert not check_of_changes(4 * (change,), earlier).passed
 
 
@@ -153,8 +151,8 @@ def test_what_moved_is_not_common_to_both_runs(earlier, moved):
 
 
 def test_without_its_evidence_nothing_is_weighed(a1, earlier, later):
-    with pytest.raises(NotEstimatedError, match="a run with --known"):
-        weigh(a1, earlier, replace(later[2], evidence=None))
+    with pytest.raises(NotEstimatedError, match="a run with --prior-run"):
+        measure_payload(a1, earlier, replace(later[2], evidence=None))
 
 
 # --- on disk
@@ -169,8 +167,8 @@ def folder(a1, precise_run, tmp_path):
 
 
 def test_a_run_keeps_what_the_next_one_knows(a1, folder, earlier, later, tmp_path):
-    method = replace(later[0], known=KnownRun.read(folder))
-    assert method.known == earlier
+    method = replace(later[0], prior_run=PriorRun.read(folder))
+    assert method.prior_run == earlier
     with RunFolder.create(tmp_path / "next", a1, method, {}) as following:
         for recording in later[1]:
             following.keep(recording)
@@ -184,8 +182,8 @@ def test_a_run_keeps_what_the_next_one_knows(a1, folder, earlier, later, tmp_pat
 
 
 def test_a_default_run_says_nothing_of_it():
-    assert "known" not in Precise().to_dict()
-    assert not Precise().attachments()
+    assert "known" not in BayesianMethod().to_dict()
+    assert not BayesianMethod().attachments()
 
 
 @pytest.mark.parametrize(
@@ -210,53 +208,53 @@ def test_a_default_run_says_nothing_of_it():
 def test_a_damaged_posterior_is_refused_by_name(folder, harm, message):
     path = folder / POSTERIOR
     path.write_text(json.dumps(harm(json.loads(path.read_text(encoding="utf-8")))), encoding="utf-8")
-    with pytest.raises(RecordingError, match=f"--known .*last: .*{message}"):
-        KnownRun.read(folder)
+    with pytest.raises(RecordingError, match=f"--prior-run .*last: .*{message}"):
+        PriorRun.read(folder)
 
 
 def test_a_run_that_cannot_be_known_says_why(folder, tmp_path):
     (folder / POSTERIOR).unlink()
     with pytest.raises(RecordingError, match="make it with: equipoise estimate"):
-        KnownRun.read(folder)
+        PriorRun.read(folder)
     (folder / "calibration.json").unlink()
     with pytest.raises(RecordingError, match="came to no result; go on with"):
-        KnownRun.read(folder)
+        PriorRun.read(folder)
     header = folder / "run.json"
-    header.write_text(header.read_text(encoding="utf-8").replace('"precise"', '"paper"'), encoding="utf-8")
+    header.write_text(header.read_text(encoding="utf-8").replace('"bayesian"', '"paper"'), encoding="utf-8")
     with pytest.raises(SettingsError, match="of the method 'paper'"):
-        KnownRun.read(folder)
+        PriorRun.read(folder)
     for path, kind in ((tmp_path, "a folder"), (folder / "run.json", "a JSON file")):
         with pytest.raises(RecordingError, match=f"it is {kind}; name the run folder of a calibration"):
-            KnownRun.read(path)
+            PriorRun.read(path)
 
 
-@pytest.mark.parametrize("verb", [["weigh", "unitree_a1"], ["plan"], ["calibrate"]], ids=lambda verb: verb[0])
+@pytest.mark.parametrize("verb", [["payload", "unitree_a1"], ["plan"], ["calibrate"]], ids=lambda verb: verb[0])
 def test_a_run_that_is_not_there_ends_every_verb_alike(verb, tmp_path, capsys):
-    assert main([*verb, "--known", str(tmp_path / "nowhere")]) == RecordingError.exit_code
+    assert main([*verb, "--prior-run", str(tmp_path / "nowhere")]) == RecordingError.exit_code
     assert "does not exist; name the run folder of a calibration" in capsys.readouterr().err
 
 
 def test_another_robot_is_refused(two_jointed, earlier):
     with pytest.raises(SettingsError, match="of 'unitree_a1', by another model file"):
-        Precise(known=earlier).check(two_jointed, nominal_stance(two_jointed))
+        BayesianMethod(prior_run=earlier).check(two_jointed, nominal_stance(two_jointed))
 
 
 def test_settings_that_contradict_the_earlier_run_are_refused(earlier):
-    with pytest.raises(SettingsError, match="was 'unknown' in the earlier run"):
-        Precise(known=earlier, legs="trusted")
+    with pytest.raises(SettingsError, match="but 'wide' in the prior run"):
+        BayesianMethod(prior_run=earlier, leg_prior="narrow")
     with pytest.raises(SettingsError, match="does not turn"):
-        Precise(known=earlier, turn=True)
+        BayesianMethod(prior_run=earlier, rotate_halfway=True)
 
 
 def test_a_plan_says_what_it_buys(a1, earlier):
-    plan = Precise(known=earlier, budget=45).forecast(a1, nominal_stance(a1))
+    plan = BayesianMethod(prior_run=earlier, duration=45).forecast(a1, nominal_stance(a1))
     assert plan.robot_time <= 45
-    assert np.hypot(*plan.deviation[1:3]) < 0.85 * np.hypot(*plan.without[1:3])
+    assert np.hypot(*plan.std[1:3]) < 0.85 * np.hypot(*plan.without[1:3])
     assert plan.trials()[3][0] == "search, nominal"
     with_lifts = [bool(visit.lifts) for visit in plan.visits]
     assert with_lifts == sorted(with_lifts)  # feet are put back once for all moves
     with pytest.raises(SettingsError, match="lifts after the search; give"):
-        Precise(known=earlier, budget=20).forecast(a1, nominal_stance(a1))
+        BayesianMethod(prior_run=earlier, duration=20).forecast(a1, nominal_stance(a1))
 
 
 # --- requirements
@@ -269,18 +267,20 @@ def test_what_is_required_and_not_met_has_an_exit_code(folder, precise_run, word
     assert met["checks"]
     assert not met["identified"]  # 44 s, no scale
     well = all(met[word] for word in words.split(","))
-    assert main(["estimate", str(folder), "--require", words, "--json", "--no-report"]) == (0 if well else UNMET)
+    assert main(["estimate", str(folder), "--fail-unless", words, "--json", "--no-report"]) == (0 if well else UNMET)
     captured = capsys.readouterr()
     assert json.loads(captured.out)["verdicts"] == met
     assert ("required, and not met" in captured.err) == (not well)
 
 
 def test_an_unknown_requirement_is_refused(folder, capsys):
-    assert main(["estimate", str(folder), "--require", "indentified"]) == 2
+    assert main(["estimate", str(folder), "--fail-unless", "indentified"]) == 2
     assert "did you mean 'identified'?" in capsys.readouterr().err
 
 
 def test_a_budget_of_a_run_that_knows_another_names_it_as_a_source(later):
-    (source,) = [source for source in later[2].budget if source.name.startswith("what the earlier run left open")]
+    (source,) = [
+        source for source in later[2].uncertainty_budget if source.name.startswith("what the earlier run left open")
+    ]
     assert 0.1 < source.shares[1] < 1
-    np.testing.assert_allclose(sum(each.shares for each in later[2].budget), 1, atol=1e-6)
+    np.testing.assert_allclose(sum(each.shares for each in later[2].uncertainty_budget), 1, atol=1e-6)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from equipoise import Precise, calibrate, simulate
+from equipoise import BayesianMethod, calibrate, simulate
 from equipoise.estimator.diagnostics import checks
 from equipoise.estimator.diagnostics.checks import half_difference
 from equipoise.estimator.problem import body_jacobian
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 def run_with(robot, effect, budget=None):
     with simulate(robot, "realistic", "1,0.03,0.02,0.08", seed=21, effects={effect: None}) as simulation:
-        settings = Precise(budget=budget, mass=simulation.truth.composite.mass)
+        settings = BayesianMethod(duration=budget, mass=simulation.truth.composite.mass)
         return calibrate(simulation.platform, robot, settings).with_truth(simulation.truth)
 
 
@@ -41,8 +41,8 @@ def test_no_standard_deviation_of_a_failed_run_is_below_the_difference_of_its_ha
     jacobian = body_jacobian(posterior.unknowns, posterior.x, getattr(posterior.unknowns, of))
     difference = np.abs(jacobian @ half_difference(posterior))
     found = getattr(in_a_sling, body)
-    assert np.all(found.deviations >= difference - 1e-12)
-    assert np.allclose(np.sqrt(np.diag(found.covariance)), found.deviations)
+    assert np.all(found.stds >= difference - 1e-12)
+    assert np.allclose(np.sqrt(np.diag(found.covariance)), found.stds)
     assert (difference > 1.5 * np.sqrt(np.diag(getattr(posterior, f"{of.removesuffix('_body')}_covariance")))).any()
     assert {one.verdict for one in found} <= {"doubtful", "not identified"}
 
@@ -51,14 +51,14 @@ def test_feet_that_are_cylinders_are_found(a1):
     """Taken for balls their CoM is 13 mm too low, five standard deviations."""
     result = run_with(a1, "foot_width")
     across, along = (next(one for one in result.sensors if one.name.endswith(what)) for what in ("across", "along"))
-    assert abs(across.value - 6e-3) < 3 * across.deviation < 1e-3
-    assert abs(along.value) < 3 * along.deviation
-    assert np.abs(result.composite.errors / result.composite.deviations).max() < 3
+    assert abs(across.value - 6e-3) < 3 * across.std < 1e-3
+    assert abs(along.value) < 3 * along.std
+    assert np.abs(result.composite.errors / result.composite.stds).max() < 3
 
 
 def test_a_negative_backlash_is_a_failed_check_from_three_standard_deviations_on(precise_run):
     posterior = precise_run.result.evidence.posterior
-    column = posterior.unknowns["play"].start
+    column = posterior.unknowns["backlash"].start
     sd = np.sqrt(posterior.covariance[column, column])
 
     def check_at(size):

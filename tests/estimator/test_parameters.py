@@ -119,21 +119,21 @@ def test_every_unknown_has_one_place(unknowns):
 
 
 def test_one_unit_is_one_standard_deviation_of_the_prior(a1):
-    priors = Priors(joint_zero=0.01, imu_tilt=0.02, accelerometer_bias=0.3, clock_offset=0.004, foot_radius=0.05,
-                    floor_slope=0.006, floor_warp=0.007, torque_gain=0.08, coulomb=0.9, leg_mass=0.1,
+    priors = Priors(joint_offset=0.01, imu_tilt=0.02, accelerometer_bias=0.3, clock_offset=0.004, foot_radius=0.05,
+                    floor_slope=0.006, floor_warp=0.007, torque_gain=0.08, coulomb_friction=0.9, leg_mass=0.1,
                     leg_mass_common=0.2)  # fmt: skip
     stance = nominal_stance(a1)
     unknowns = Unknowns(a1, stance, priors)
     ones = np.ones(unknowns.size)
     values = unknowns.values(ones)
-    np.testing.assert_allclose(values["joint_zero"], 0.01)
+    np.testing.assert_allclose(values["joint_offset"], 0.01)
     np.testing.assert_allclose(values["imu_tilt"], 0.02)
     np.testing.assert_allclose(values["accelerometer_bias"], 0.3)
     np.testing.assert_allclose(values["floor_slope"], 0.006)
     assert (values["clock_offset"], values["foot_radius"]) == pytest.approx((0.004, 0.05))
     assert unknowns.value(ones, "floor_warp") == pytest.approx([0.007 * stance.hip_height])
     assert unknowns.value(ones, "torque_gain") == pytest.approx([0.08] * 12)
-    assert unknowns.value(ones, "coulomb") == pytest.approx([0.9 * a1.mass * 9.81 * stance.hip_height / 38.0])
+    assert unknowns.value(ones, "coulomb_friction") == pytest.approx([0.9 * a1.mass * 9.81 * stance.hip_height / 38.0])
     np.testing.assert_allclose(unknowns.inertial(ones)[10:22], 1 + 0.1 + 0.2)
 
 
@@ -153,7 +153,7 @@ OF_THE_BASE = [field.name for field in dataclasses.fields(Priors) if field.name 
 def test_all_rows_are_open_at_first():
     """What a robot may have is not held unless somebody says so."""
     assert [row.name for row in Priors().estimated] == ROWS
-    assert Priors().holding("play", "pull").all_open == Priors()
+    assert Priors().holding("backlash", "external_force").all_open == Priors()
     assert OF_THE_BASE == ["mass", "first_moment", "inertia"]
 
 
@@ -190,10 +190,10 @@ def test_what_is_held_has_no_place_and_the_models_value(a1, name):
 
 
 def test_several_rows_are_held_and_the_rest_stay():
-    believed = Priors(joint_zero=0.01, play=0.3)
-    held = believed.holding("compliance", "play")
-    assert held == Priors(joint_zero=0.01, play=0.0, compliance=0.0)
-    assert held == dataclasses.replace(believed, compliance=0.0, play=0.0)
+    believed = Priors(joint_offset=0.01, backlash=0.3)
+    held = believed.holding("compliance", "backlash")
+    assert held == Priors(joint_offset=0.01, backlash=0.0, compliance=0.0)
+    assert held == dataclasses.replace(believed, compliance=0.0, backlash=0.0)
     with pytest.raises(SettingsError, match=r"the prior of mass is 0\.0"):
         believed.holding("mass")
 
@@ -215,8 +215,8 @@ def read(tmp_path):
 
 def test_priors_are_read_and_the_rest_is_as_usual(read):
     assert read("") == Priors()
-    found = read("# a bench\ncompliance = 0\nmass = 0.1  # ours\npull = 2.5e-1\n")
-    assert found == Priors(compliance=0.0, mass=0.1, pull=0.25)
+    found = read("# a bench\ncompliance = 0\nmass = 0.1  # ours\nexternal_force = 2.5e-1\n")
+    assert found == Priors(compliance=0.0, mass=0.1, external_force=0.25)
     assert isinstance(found.compliance, float)
 
 
@@ -225,12 +225,12 @@ def test_priors_are_read_and_the_rest_is_as_usual(read):
     [
         ("complience = 0.001", r"priors.toml: 'complience' is no unknown; did you mean 'compliance'\?"),
         ("xyzzy = 0.001", r"'xyzzy' is no unknown; those are mass, first_moment, inertia, leg_mass, .*, armature$"),
-        ("play = 'much'", "priors.toml: the prior of play is 'much'; it must be a number"),
-        ("play = true", "the prior of play is True; it must be a number"),
-        ("[play]\nhip = 0.1", "the prior of play is .*; it must be a number"),
+        ("backlash = 'much'", "priors.toml: the prior of backlash is 'much'; it must be a number"),
+        ("backlash = true", "the prior of backlash is True; it must be a number"),
+        ("[backlash]\nhip = 0.1", "the prior of backlash is .*; it must be a number"),
         ("mass = 0", "the prior of mass is 0.0; it must be above zero, and finite"),
-        ("play = inf", "the prior of play is inf; it must be zero, which holds it, or more, and finite"),
-        ("play: 0.1", "cannot read priors from .*priors.toml: "),
+        ("backlash = inf", "the prior of backlash is inf; it must be zero, which holds it, or more, and finite"),
+        ("backlash: 0.1", "cannot read priors from .*priors.toml: "),
     ],
 )
 def test_a_file_that_says_no_priors_is_refused(read, text, message):
@@ -241,6 +241,6 @@ def test_a_file_that_says_no_priors_is_refused(read, text, message):
 def test_a_file_of_priors_that_is_not_there_or_no_text_is_refused(tmp_path):
     with pytest.raises(SettingsError, match=r"cannot read priors from .*none.toml: .*No such file"):
         Priors.read(tmp_path / "none.toml")
-    (tmp_path / "bytes.toml").write_bytes(b"play = \xff")
+    (tmp_path / "bytes.toml").write_bytes(b"backlash = \xff")
     with pytest.raises(SettingsError, match=r"cannot read priors from .*bytes.toml: "):
         Priors.read(tmp_path / "bytes.toml")

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from scipy.signal import savgol_filter
 
-from equipoise import Precise, load_robot
+from equipoise import BayesianMethod, load_robot
 from equipoise.estimator.diagnostics import prior_conflict
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import estimate_posterior
@@ -20,20 +20,22 @@ LENGTHS = ("link_length", "link_length_common")
 
 
 OTHERS = (
-    "leg_mass_common", "link_com", "link_com_common", "compliance", "play", "accelerometer_gain", *GYRO, "rolling",
-    "foot_radius_each", "sag", *LENGTHS, "hip_position", "pull", "torque_gain_common", "rotor_spin", "eccentricity",
+    "leg_mass_common", "link_com", "link_com_common", "compliance", "backlash", "accelerometer_gain", *GYRO,
+    "rolling_resistance",
+    "foot_radius_each", "foot_compliance", *LENGTHS, "hip_position", "external_force", "torque_gain_common", "rotor_spin",
+    "eccentricity",
     "accelerometer_drift", "gyro_drift", "imu_position",
 )  # fmt: skip
 
 
 def told(*names):
-    """Beliefs of somebody who knows the robot but for these, joint zeros, the IMU's mounting and the like."""
+    """Beliefs of somebody who knows the robot but for these, joint offsets, the IMU's mounting and the like."""
     return Priors().holding(*(name for name in OTHERS if name not in names))
 
 
-def posterior_of(a1, run, recordings, beliefs):
+def posterior_of(a1, run, recordings, combined_priors):
     evidence = read_motions(a1, run.stance, recordings)
-    return estimate_posterior(a1, run.stance, evidence, beliefs, (run.truth.composite.mass, 0.06))
+    return estimate_posterior(a1, run.stance, evidence, combined_priors, (run.truth.composite.mass, 0.06))
 
 
 def moved(found, plain):
@@ -57,22 +59,22 @@ def with_gyroscope(recordings, error):
     return [seen(recording) for recording in recordings]
 
 
-@pytest.mark.parametrize("beliefs", [told(*GYRO), Priors()], ids=["all else known", "as usual"])
-def test_gains_and_misalignment_of_the_gyroscope(a1, precise_run, beliefs):
+@pytest.mark.parametrize("combined_priors", [told(*GYRO), Priors()], ids=["all else known", "as usual"])
+def test_gains_and_misalignment_of_the_gyroscope(a1, precise_run, combined_priors):
     gains, beside = np.array([0.012, -0.01, 0.008]), np.array([6e-3, -4e-3, -7e-3, 5e-3, 3e-3, -6e-3])
     error = np.diag(gains)
     error[~np.eye(3, dtype=bool)] = beside
     recordings = with_gyroscope(precise_run.recordings, error)
-    plain = posterior_of(a1, precise_run, precise_run.recordings, beliefs)
-    found = posterior_of(a1, precise_run, recordings, beliefs)
-    for name, planted in (("gyro_gain", gains), ("gyro_misalignment", beside)):
-        off = (gained(found, plain, name) - planted) / found.deviation(name)
+    plain = posterior_of(a1, precise_run, precise_run.recordings, combined_priors)
+    found = posterior_of(a1, precise_run, recordings, combined_priors)
+    for name, standing in (("gyro_gain", gains), ("gyro_misalignment", beside)):
+        off = (gained(found, plain, name) - standing) / found.std(name)
         assert np.abs(off).max() < 1.5, name
-    assert (found.deviation("gyro_gain") < (0.65 if beliefs != Priors() else 0.7) * 0.01).all()
+    assert (found.std("gyro_gain") < (0.65 if combined_priors != Priors() else 0.7) * 0.01).all()
     assert np.abs(moved(found, plain)).max() < 1
     # Lifts integrate no attitude: it takes worse axes to shift the body.
     worse = with_gyroscope(precise_run.recordings, 3 * error)
-    held = posterior_of(a1, precise_run, worse, beliefs.holding(*GYRO))
+    held = posterior_of(a1, precise_run, worse, combined_priors.holding(*GYRO))
     assert np.abs(moved(held, plain)).max() > 2
 
 
@@ -93,32 +95,34 @@ def with_drive_train(recordings, give, play):
 
 
 @pytest.mark.parametrize(
-    ("beliefs", "surer"), [(told("compliance"), 0.85), (Priors(), 0.95)], ids=["all else known", "as usual"]
+    ("combined_priors", "surer"), [(told("compliance"), 0.85), (Priors(), 0.95)], ids=["all else known", "as usual"]
 )
-def test_springs_of_the_drive_train(a1, precise_run, beliefs, surer):
+def test_springs_of_the_drive_train(a1, precise_run, combined_priors, surer):
     """An A1 has the same joints in every leg, hip, thigh and calf. What is not told of them leaves the body where it is."""
     give = np.array([1 / 2500, 1 / 4000, 1 / 3000])
     recordings = with_drive_train(precise_run.recordings, give, np.zeros(3))
-    plain = posterior_of(a1, precise_run, precise_run.recordings, beliefs)
-    found = posterior_of(a1, precise_run, recordings, beliefs)
-    assert np.abs((gained(found, plain, "compliance") - give) / found.deviation("compliance")).max() < 1.5
+    plain = posterior_of(a1, precise_run, precise_run.recordings, combined_priors)
+    found = posterior_of(a1, precise_run, recordings, combined_priors)
+    assert np.abs((gained(found, plain, "compliance") - give) / found.std("compliance")).max() < 1.5
     prior = found.unknowns.scale[found.unknowns["compliance"]]
-    assert (found.deviation("compliance") < surer * prior).all()
+    assert (found.std("compliance") < surer * prior).all()
     assert np.abs(moved(found, plain)).max() < 0.7
-    held = posterior_of(a1, precise_run, recordings, beliefs.holding("compliance"))
+    held = posterior_of(a1, precise_run, recordings, combined_priors.holding("compliance"))
     assert np.abs(moved(held, plain)).max() < 0.7
 
 
-@pytest.mark.parametrize("beliefs", [told("compliance", "play"), Priors()], ids=["all else known", "as usual"])
-def test_play_of_the_drive_train(a1, precise_run, beliefs):
+@pytest.mark.parametrize(
+    "combined_priors", [told("compliance", "backlash"), Priors()], ids=["all else known", "as usual"]
+)
+def test_play_of_the_drive_train(a1, precise_run, combined_priors):
     """It turns over hard, at a torque of zero, and not smoothly as the estimate has it: products of inertia suffer."""
     play = np.array([2e-3, 2e-3, 0.0])
     recordings = with_drive_train(precise_run.recordings, np.zeros(3), play)
-    plain = posterior_of(a1, precise_run, precise_run.recordings, beliefs)
-    found = posterior_of(a1, precise_run, recordings, beliefs)
-    off = (gained(found, plain, "play") - play)[:2]
-    assert np.abs(off / found.deviation("play")[:2]).max() < 1.5
-    assert (found.deviation("play")[:2] < 1.9e-3).all()
+    plain = posterior_of(a1, precise_run, precise_run.recordings, combined_priors)
+    found = posterior_of(a1, precise_run, recordings, combined_priors)
+    off = (gained(found, plain, "backlash") - play)[:2]
+    assert np.abs(off / found.std("backlash")[:2]).max() < 1.5
+    assert (found.std("backlash")[:2] < 1.9e-3).all()
     assert abs(off[1]) < 1.3e-3  # thighs turn over most
     assert np.abs(moved(found, plain)[:7]).max() < 1
 
@@ -147,22 +151,22 @@ def test_legs_that_are_heavier_and_hang_lower_than_the_model_says(a1, precise_ru
     plain, found = (posterior_of(robot, precise_run, recordings, Priors()) for robot in (a1, model))
     assert np.abs(moved(found, plain)).max() < 1
     assert np.abs(off(found, precise_run)).max() < 3
-    trusting = Precise(legs="trusted").beliefs
+    trusting = BayesianMethod(leg_prior="narrow").combined_priors
     plain, held = (posterior_of(robot, precise_run, recordings, trusting) for robot in (a1, model))
     assert np.abs(moved(held, plain)).max() > 2.4
     assert np.abs(off(held, precise_run)).max() > 2
 
 
-@pytest.mark.parametrize("beliefs", [told("imu_position"), Priors()], ids=["all else known", "as usual"])
-def test_an_imu_that_sits_elsewhere_than_the_model_says(a1, precise_run, beliefs):
+@pytest.mark.parametrize("combined_priors", [told("imu_position"), Priors()], ids=["all else known", "as usual"])
+def test_an_imu_that_sits_elsewhere_than_the_model_says(a1, precise_run, combined_priors):
     beside = np.array([3e-3, -3e-3, 2e-3])
     model, recordings = load_robot("unitree_a1", RobotDescription(imu_position=tuple(beside))), precise_run.recordings
-    plain, found = (posterior_of(robot, precise_run, recordings, beliefs) for robot in (a1, model))
+    plain, found = (posterior_of(robot, precise_run, recordings, combined_priors) for robot in (a1, model))
     missed = gained(found, plain, "imu_position") + beside
-    assert np.abs(missed / found.deviation("imu_position")).max() < 1.5
+    assert np.abs(missed / found.std("imu_position")).max() < 1.5
     assert np.abs(moved(found, plain)).max() < 1.2
     assert np.abs(off(found, precise_run)).max() < 2.5
-    held = posterior_of(model, precise_run, recordings, beliefs.holding("imu_position"))
+    held = posterior_of(model, precise_run, recordings, combined_priors.holding("imu_position"))
     assert np.abs(moved(held, plain)).max() > 1.4
 
 
@@ -180,8 +184,8 @@ def with_longer_legs(robot, longer):
 
 def test_legs_that_are_shorter_than_the_model_says(a1, precise_run):
     model, recordings = with_longer_legs(a1, 2e-3), precise_run.recordings
-    for beliefs in (told(*LENGTHS), Priors()):
-        plain, found = (posterior_of(robot, precise_run, recordings, beliefs) for robot in (a1, model))
+    for combined_priors in (told(*LENGTHS), Priors()):
+        plain, found = (posterior_of(robot, precise_run, recordings, combined_priors) for robot in (a1, model))
         longer = gained(found, plain, "link_length_common") + [
             part.mean() for part in gained(found, plain, "link_length").reshape(4, 2).T
         ]
@@ -190,10 +194,12 @@ def test_legs_that_are_shorter_than_the_model_says(a1, precise_run):
     assert np.abs(moved(found, plain)).max() < 0.7
 
 
-def estimated(model, run, beliefs=None):
+def estimated(model, run, combined_priors=None):
     """By the method, which asks the run whether it contradicts the beliefs."""
     mass = run.truth.composite.mass
-    return Precise(mass=mass, mass_sd=0.06, priors=beliefs or Priors()).estimate(model, run.recordings, run.stance)
+    return BayesianMethod(mass=mass, mass_std=0.06, priors=combined_priors or Priors()).estimate(
+        model, run.recordings, run.stance
+    )
 
 
 def test_a_place_of_the_imu_that_the_run_contradicts_is_found_without_the_files(a1, precise_run):
@@ -202,15 +208,15 @@ def test_a_place_of_the_imu_that_the_run_contradicts_is_found_without_the_files(
     model = load_robot("unitree_a1", RobotDescription(imu_position=tuple(beside)))
     plain, found = estimated(a1, precise_run), estimated(model, precise_run)
     place = [next(one for one in found.sensors if one.name == f"IMU position {axis}") for axis in "xyz"]
-    assert all(abs(one.value + off) < 3 * one.deviation for one, off in zip(place, beside, strict=True))
-    assert max(one.deviation for one in place) < 1.2e-2
+    assert all(abs(one.value + off) < 3 * one.std for one, off in zip(place, beside, strict=True))
+    assert max(one.std for one in place) < 1.2e-2
     assert found.assumptions[2:] == ("the IMU sits elsewhere than in the file, which the run contradicts",)
     assert not any("elsewhere" in one for one in plain.assumptions)
-    apart = (found.composite.values - plain.composite.values) / found.composite.deviations
+    apart = (found.composite.values - plain.composite.values) / found.composite.stds
     assert np.abs(apart).max() < 1.5
     believed = estimated(model, precise_run, Priors(imu_position=2.1e-3))  # who says so is believed
     assert not any("elsewhere" in one for one in believed.assumptions)
-    wrong = (believed.composite.values - plain.composite.values) / believed.composite.deviations
+    wrong = (believed.composite.values - plain.composite.values) / believed.composite.stds
     assert np.abs(wrong).max() > 4
 
 
@@ -253,4 +259,4 @@ def test_legs_of_another_length_are_found_without_the_files(a1, precise_run):
     assert all(abs(one.value + 15e-3) < 4e-3 for one in lengths)
     assert any("in all legs alike" in assumption for assumption in found.assumptions)
     error = found.composite.values - components(precise_run.truth.composite)
-    assert np.abs(error / found.composite.deviations).max() < 3
+    assert np.abs(error / found.composite.stds).max() < 3

@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from equipoise import nominal_stance
-from equipoise.estimator.equations.planted_moves import PlantedRows, RestReading, read_move
+from equipoise.bayesian.predict import Predictor
+from equipoise.estimator.equations.stance_motion import RestReading, StanceMotionRows, read_move
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.unknowns import by_the_model
-from equipoise.precise.predict import Predictor
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.posture import BodyPosture
@@ -36,7 +36,7 @@ def moves(robot):
 
 
 def rows_of(robot, moves):
-    return PlantedRows(LegChains(robot), np.array(robot.imu_in_base.rotation), nominal_stance(robot), moves)
+    return StanceMotionRows(LegChains(robot), np.array(robot.imu_in_base.rotation), nominal_stance(robot), moves)
 
 
 def residuals(rows, values):
@@ -58,7 +58,7 @@ def test_a_joint_zero_moves_feet_as_the_kinematics_say(robot, moves):
     rows, size = rows_of(robot, moves), 5e-3
     for joint in range(12):
         zero = size * np.eye(12)[joint]
-        biases = by_the_model(robot) | {"joint_zero": zero}
+        biases = by_the_model(robot) | {"joint_offset": zero}
         found, heights = residuals(rows, biases)
         for number, (move, posture) in enumerate(zip(moves, POSTURES, strict=True)):
             before, after = (foot_positions(robot, rest.joint_position - zero) for rest in (move.before, move.after))
@@ -67,7 +67,7 @@ def test_a_joint_zero_moves_feet_as_the_kinematics_say(robot, moves):
             for row, feet, rotation in ((0, before, HOME.rotation), (1, after, posture.rotation)):
                 above = feet @ rotation[2]
                 np.testing.assert_allclose(heights[number, row], above - above.mean(), atol=1e-9)
-        half = by_the_model(robot) | {"joint_zero": zero / 2}
+        half = by_the_model(robot) | {"joint_offset": zero / 2}
         for whole, part in zip((found, heights), residuals(rows, half), strict=True):
             np.testing.assert_allclose(part, whole / 2, atol=0.02 * np.abs(whole).max() + 1e-6)
         assert np.abs(found).max() > 5e-5  # of the millimetre that a foot moves, most is common to both postures
@@ -78,7 +78,7 @@ def seen_by(move, biases):
     tilt = Rotation.from_rotvec(biases["imu_tilt"]).as_matrix()
     before, after = (
         RestReading(
-            rest.joint_position + biases["joint_zero"],
+            rest.joint_position + biases["joint_offset"],
             tilt.T @ rest.acceleration_in_imu + biases["accelerometer_bias"],
             rest.load,
         )
@@ -87,9 +87,9 @@ def seen_by(move, biases):
     return replace(move, before=before, after=after, rotation_to_before=tilt.T @ move.rotation_to_before @ tilt)
 
 
-@pytest.mark.parametrize("bias", ["joint_zero", "imu_tilt", "accelerometer_bias"])
+@pytest.mark.parametrize("bias", ["joint_offset", "imu_tilt", "accelerometer_bias"])
 def test_known_biases_of_sensors_are_taken_off(robot, moves, bias):
-    value = {"joint_zero": np.linspace(-8e-3, 6e-3, 12), "imu_tilt": np.array([0.02, -0.01, 0.03])}
+    value = {"joint_offset": np.linspace(-8e-3, 6e-3, 12), "imu_tilt": np.array([0.02, -0.01, 0.03])}
     biases = by_the_model(robot) | {bias: value.get(bias, np.array([0.05, 0.08, -0.03]))}
     rows = rows_of(robot, [seen_by(move, biases) for move in moves])
     for found in residuals(rows, biases):
@@ -132,17 +132,17 @@ def test_a_rest_is_its_means(a1, ideal_motions):
 
 def test_feet_sag_under_what_they_carry(robot, moves):
     """Against Pinocchio's feet, lowered by sag times load: a body that moves aside leans, and no encoder sees it."""
-    sag = 4e-5
+    foot_compliance = 4e-5
     for move in moves:
         for rest in (move.before, move.after):
             assert rest.load.sum() == pytest.approx(robot.mass * 9.81, rel=0.01)
             assert rest.load.min() > 0
-    biases = by_the_model(robot) | {"sag": np.array([sag])}
+    biases = by_the_model(robot) | {"foot_compliance": np.array([foot_compliance])}
     displacements, heights = residuals(rows_of(robot, moves), biases)
     for number, (move, posture) in enumerate(zip(moves, POSTURES, strict=True)):
         for row, (rest, rotation) in enumerate(((move.before, HOME.rotation), (move.after, posture.rotation))):
-            sunk = foot_positions(robot, rest.joint_position) @ rotation[2] + sag * rest.load
+            sunk = foot_positions(robot, rest.joint_position) @ rotation[2] + foot_compliance * rest.load
             np.testing.assert_allclose(heights[number, row], sunk - sunk.mean(), atol=1e-9)
-        sunk = sag * (move.after.load - move.before.load)
+        sunk = foot_compliance * (move.after.load - move.before.load)
         np.testing.assert_allclose(displacements[number], np.outer(sunk - sunk.mean(), HOME.rotation[2]), atol=1e-6)
     assert np.abs(heights).max() > 2e-4

@@ -9,7 +9,7 @@ from tilting import moving_robot
 from equipoise import nominal_stance
 from equipoise.errors import RecordingError
 from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
-from equipoise.estimator.equations.planted_moves import PlantedMove, PlantedMoves
+from equipoise.estimator.equations.stance_motion import StanceMotion, StanceMotions
 from equipoise.estimator.equations.tilt import TiltEquation, TiltNoise
 from equipoise.estimator.equations.torque_balance import TorqueBalance, TorqueSamples
 from equipoise.estimator.measurements.leg_motion import LegChains
@@ -54,7 +54,7 @@ def lifts_of(evidence):
 
 
 def blocks_of(unknowns, evidence):
-    kinds = {"tilt": TiltEquation, "planted": PlantedMoves, "torque": TorqueBalance}
+    kinds = {"tilt": TiltEquation, "planted": StanceMotions, "torque": TorqueBalance}
     return {name: kind.of(unknowns, evidence) for name, kind in kinds.items()}
 
 
@@ -90,8 +90,8 @@ def without_noise(lift):
 
 def away_from(posterior):
     """Where residuals are not small."""
-    deviation = np.sqrt(np.diag(posterior.covariance))
-    return posterior.x + np.random.default_rng(1).standard_normal(posterior.unknowns.size) * deviation
+    std = np.sqrt(np.diag(posterior.covariance))
+    return posterior.x + np.random.default_rng(1).standard_normal(posterior.unknowns.size) * std
 
 
 @pytest.mark.parametrize("name", ["tilt", "planted", "torque"])
@@ -146,7 +146,7 @@ def test_bodies_jacobians_are_those_of_larger_differences(posterior):
     direction = np.random.default_rng(2).standard_normal(unknowns.size)
     ahead, behind = (components(unknowns.robot_body(x + sign * 1e-3 * direction)) for sign in (1, -1))
     np.testing.assert_allclose(jacobian @ direction, (ahead - behind) / 2e-3, rtol=1e-3, atol=1e-5)
-    assert not jacobian[:, unknowns["joint_zero"].start :].any()
+    assert not jacobian[:, unknowns["joint_offset"].start :].any()
 
 
 def test_a_long_motions_torques_as_few_rows_say_the_same(a1, posterior, precise_run, monkeypatch):
@@ -159,7 +159,7 @@ def test_a_long_motions_torques_as_few_rows_say_the_same(a1, posterior, precise_
         block.prepare(x)
         before = list(block.by_motion(x))
         block.renew_noise(x + 0.5)
-        return before, block.normalised_residual, len(block.residual(x))
+        return before, block.normalized_residual, len(block.residual(x))
 
     few, noise, count = told(posterior.x)
     monkeypatch.setattr("equipoise.estimator.equations.torque_balance._SAMPLES_AT_ONCE", 50)
@@ -183,11 +183,13 @@ def test_known_gains_friction_and_armature_leave_no_torque(a1):
     generator, unknowns = np.random.default_rng(3), Unknowns(a1, nominal_stance(a1), Priors())
     samples = moving_robot(a1, 5)
     x = unknowns.start()
-    for name in ("torque_gain", "coulomb", "viscous", "armature"):
+    for name in ("torque_gain", "coulomb_friction", "viscous_friction", "armature"):
         x[unknowns[name]] = generator.uniform(0.3, 1.5, len(x[unknowns[name]]))
-    value = {name: unknowns.value(x, name) for name in ("torque_gain", "coulomb", "viscous", "armature")}
-    lost = value["coulomb"] * np.tanh(samples.joint_velocity / 0.03)
-    lost += value["viscous"] * samples.joint_velocity + value["armature"] * samples.joint_acceleration
+    value = {
+        name: unknowns.value(x, name) for name in ("torque_gain", "coulomb_friction", "viscous_friction", "armature")
+    }
+    lost = value["coulomb_friction"] * np.tanh(samples.joint_velocity / 0.03)
+    lost += value["viscous_friction"] * samples.joint_velocity + value["armature"] * samples.joint_acceleration
     reported = (samples.joint_torque + lost) / (1 + value["torque_gain"])
     block = TorqueBalance(unknowns, [(0, replace(samples, joint_torque=reported))])
     block.prepare(x)
@@ -222,7 +224,7 @@ def step_left(posterior):
 def test_the_estimate_is_within_what_it_says_of_itself(precise_run, body):
     truth = components(getattr(precise_run.truth, body))
     found = getattr(precise_run.result, body)
-    off = (found.values - truth) / found.deviations
+    off = (found.values - truth) / found.stds
     assert np.abs(off).max() < SURE, dict(zip(COMPONENTS, off, strict=True))
 
 
@@ -235,7 +237,7 @@ def test_the_estimate_is_good(precise_run):
 
 def test_sensors_are_calibrated_on_the_way(posterior, drawn, precise_run):
     truths = {
-        "joint_zero": drawn.joint_zero,
+        "joint_offset": drawn.joint_offset,
         "imu_tilt": drawn.imu_tilt,
         "accelerometer_bias": drawn.accelerometer_bias,
         "clock_offset": np.array([0.5e-3]),
@@ -243,13 +245,13 @@ def test_sensors_are_calibrated_on_the_way(posterior, drawn, precise_run):
         "torque_gain": drawn.torque_gain - 1,
     }
     for name, truth in truths.items():
-        found, deviation = posterior.unknowns.value(posterior.x, name), posterior.deviation(name)
+        found, std = posterior.unknowns.value(posterior.x, name), posterior.std(name)
         if name not in {"leg_mass", "torque_gain"}:
-            assert np.abs((found - truth) / deviation).max() < SURE, name
+            assert np.abs((found - truth) / std).max() < SURE, name
         prior = posterior.unknowns.scale[posterior.unknowns[name]]
-        assert (deviation <= prior * (1 + 1e-9)).all(), name
-    found = posterior.unknowns.value(posterior.x, "joint_zero")
-    assert np.linalg.norm(found - drawn.joint_zero) < 0.9 * np.linalg.norm(drawn.joint_zero)
+        assert (std <= prior * (1 + 1e-9)).all(), name
+    found = posterior.unknowns.value(posterior.x, "joint_offset")
+    assert np.linalg.norm(found - drawn.joint_offset) < 0.9 * np.linalg.norm(drawn.joint_offset)
 
 
 def test_every_body_can_exist(posterior):
@@ -268,22 +270,22 @@ def test_the_estimate_has_converged_and_its_covariance_is_the_informations_inver
 
 
 def test_evidence_narrows_what_was_believed(posterior):
-    deviation = np.sqrt(np.diag(posterior.robot_covariance))
-    before = posterior.deviation_before(posterior.unknowns.robot_body)
-    assert (deviation < before).all()
-    assert (deviation[1:4] < 0.1 * before[1:4]).all()
+    std = np.sqrt(np.diag(posterior.robot_covariance))
+    before = posterior.std_before(posterior.unknowns.robot_body)
+    assert (std < before).all()
+    assert (std[1:4] < 0.1 * before[1:4]).all()
 
 
 def test_every_motion_that_was_read_is_judged(posterior, evidence):
-    assert [misfit.motion for misfit in posterior.misfits_of(TiltEquation)] == [
+    assert [normalized_residual.motion for normalized_residual in posterior.residuals_of(TiltEquation)] == [
         m.index for m in evidence if m.lift is not None
     ]
-    assert [misfit.motion for misfit in posterior.misfits_of(PlantedMoves)] == [
-        m.index for m in evidence if m.of(PlantedMove)
+    assert [normalized_residual.motion for normalized_residual in posterior.residuals_of(StanceMotions)] == [
+        m.index for m in evidence if m.of(StanceMotion)
     ]
     assert all(
-        misfit.used and 0 < misfit.normalised_residual < 4
-        for misfit in (*posterior.misfits_of(TiltEquation), *posterior.misfits_of(PlantedMoves))
+        normalized_residual.used and 0 < normalized_residual.normalized_residual < 4
+        for normalized_residual in (*posterior.residuals_of(TiltEquation), *posterior.residuals_of(StanceMotions))
     )
     assert set(posterior.information) == set(posterior.gradient) <= {motion.index for motion in evidence}
 
@@ -351,7 +353,11 @@ def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, size):
     motions = list(evidence)
     motions[number] = with_samples(motions[number], LiftSamples, pushed(motions[number].lift, size))
     found = estimate_posterior(a1, precise_run.stance, tuple(motions), mass=scale)
-    left_out = [misfit.motion for misfit in found.misfits_of(TiltEquation) if not misfit.used]
+    left_out = [
+        normalized_residual.motion
+        for normalized_residual in found.residuals_of(TiltEquation)
+        if not normalized_residual.used
+    ]
     assert evidence[number].index in left_out
     assert len(left_out) <= 2  # it draws the first round so far that another may seem wrong
     moved = components(found.robot_body) - components(plain.robot_body)
@@ -361,19 +367,27 @@ def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, size):
 
 def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evidence, posterior):
     fitting = min(
-        (misfit for misfit in posterior.misfits_of(TiltEquation) if misfit.used),
-        key=lambda misfit: abs(misfit.normalised_residual - 1),
+        (
+            normalized_residual
+            for normalized_residual in posterior.residuals_of(TiltEquation)
+            if normalized_residual.used
+        ),
+        key=lambda normalized_residual: abs(normalized_residual.normalized_residual - 1),
     )
     number = next(index for index, motion in enumerate(evidence) if motion.index == fitting.motion)
     motions = list(evidence)
     motions[number] = with_samples(motions[number], LiftSamples, pushed(motions[number].lift, 0.05))
     found = estimate_posterior(a1, precise_run.stance, tuple(motions))
     before, after = (
-        next(misfit for misfit in p.misfits_of(TiltEquation) if misfit.motion == evidence[number].index)
+        next(
+            normalized_residual
+            for normalized_residual in p.residuals_of(TiltEquation)
+            if normalized_residual.motion == evidence[number].index
+        )
         for p in (posterior, found)
     )
     assert after.used
-    assert after.normalised_residual > 1.3 * before.normalised_residual
+    assert after.normalized_residual > 1.3 * before.normalized_residual
     assert np.trace(found.information[after.motion]) < 0.6 * np.trace(posterior.information[after.motion])
 
 
@@ -443,12 +457,12 @@ def test_findings_name_every_sensor_and_the_surest_first(a1, posterior):
     assert (
         len(names) == len(set(names)) == 12 + 3 + 3 + 3 + 3 + 3 + 3 + 3 + 1 + 1 + 1 + 1 + 1 + 1 + 2 + 2 + 2 + 1 + 12 + 3
     )
-    surety = [abs(finding.value) / finding.deviation for finding in findings]
+    surety = [abs(finding.value) / finding.std for finding in findings]
     assert surety == sorted(surety, reverse=True)
-    zero = next(finding for finding in findings if finding.name == "FL_thigh_joint zero")
+    zero = next(finding for finding in findings if finding.name == "FL_thigh_joint offset")
     index = a1.joint_names.index("FL_thigh_joint")
-    assert zero.value == pytest.approx(posterior.unknowns.value(posterior.x, "joint_zero")[index])
-    assert zero.deviation == pytest.approx(posterior.deviation("joint_zero")[index])
+    assert zero.value == pytest.approx(posterior.unknowns.value(posterior.x, "joint_offset")[index])
+    assert zero.std == pytest.approx(posterior.std("joint_offset")[index])
 
 
 def off_by(posterior, name, index, value):
@@ -460,7 +474,13 @@ def off_by(posterior, name, index, value):
 @pytest.mark.parametrize(
     ("block", "index", "value", "name", "words"),
     [
-        ("joint_zero", 4, 0.05, "FR_thigh_joint zero", "FR_thigh_joint: the encoder's zero is off by +2.86 deg (sd 0."),
+        (
+            "joint_offset",
+            4,
+            0.05,
+            "FR_thigh_joint offset",
+            "FR_thigh_joint: the encoder's zero is off by +2.86 deg (sd 0.",
+        ),
         ("imu_tilt", 1, -0.04, "IMU pitched", "the IMU is pitched by -2.29 deg (sd 0."),
         (
             "accelerometer_bias",
@@ -496,13 +516,13 @@ def off_by(posterior, name, index, value):
 )
 def test_what_is_far_off_is_said_in_words_and_notable(a1, posterior, block, index, value, name, words):
     found = next(f for f in sensor_findings(off_by(posterior, block, index, value)) if f.name == name)
-    assert found.sentence.startswith(words)
-    assert found.notable
+    assert found.message.startswith(words)
+    assert found.significant
     assert found.value == pytest.approx(value)
 
 
 def test_what_is_small_or_unsure_is_not_notable(a1, posterior):
-    tiny = replace(off_by(posterior, "joint_zero", 4, 3e-3), covariance=1e-6 * posterior.covariance)
-    unsure = replace(off_by(posterior, "joint_zero", 4, 0.05), covariance=1e6 * posterior.covariance)
+    tiny = replace(off_by(posterior, "joint_offset", 4, 3e-3), covariance=1e-6 * posterior.covariance)
+    unsure = replace(off_by(posterior, "joint_offset", 4, 0.05), covariance=1e6 * posterior.covariance)
     for changed in (tiny, unsure):
-        assert not next(f for f in sensor_findings(changed) if f.name == "FR_thigh_joint zero").notable
+        assert not next(f for f in sensor_findings(changed) if f.name == "FR_thigh_joint offset").significant

@@ -2,8 +2,8 @@
 
 import pytest
 
+from equipoise.bayesian.method import BayesianMethod
 from equipoise.errors import SettingsError
-from equipoise.precise.method import Precise
 from equipoise.robot.stance import nominal_stance
 
 
@@ -20,7 +20,7 @@ from equipoise.robot.stance import nominal_stance
 )
 def test_a_mass_that_no_robot_has_is_refused(mass, message):
     with pytest.raises(SettingsError) as caught:
-        Precise(mass=mass)
+        BayesianMethod(mass=mass)
     assert str(caught.value) == message
 
 
@@ -29,37 +29,37 @@ def test_a_mass_that_no_robot_has_is_refused(mass, message):
 )
 def test_the_mass_of_another_robot_is_refused_before_anything_moves(a1, mass, like):
     with pytest.raises(SettingsError) as caught:
-        Precise(mass=mass).check(a1, nominal_stance(a1))
+        BayesianMethod(mass=mass).check(a1, nominal_stance(a1))
     assert str(caught.value) == (
         f"a scale's mass of {mass:g} kg is another robot's: the model file of 'unitree_a1' has 12.46 kg{like}"
     )
 
 
-@pytest.mark.parametrize("deviation", [12.0, 13.5])
-def test_a_standard_deviation_as_large_as_the_mass_is_refused(deviation):
+@pytest.mark.parametrize("std", [12.0, 13.5])
+def test_a_standard_deviation_as_large_as_the_mass_is_refused(std):
     with pytest.raises(SettingsError) as caught:
-        Precise(mass=12.0, mass_sd=deviation)
+        BayesianMethod(mass=12.0, mass_std=std)
     assert str(caught.value) == (
-        f"the scale's mass is 12 kg and its standard deviation {deviation:g} kg: a standard deviation as large as the mass "
+        f"the scale's mass is 12 kg and its standard deviation {std:g} kg: a standard deviation as large as the mass "
         "determines nothing; give that of the scale, or leave both out"
     )
-    assert Precise(mass=12.0, mass_sd=3.0).scale == (12.0, 3.0)
+    assert BayesianMethod(mass=12.0, mass_std=3.0).scale == (12.0, 3.0)
 
 
-@pytest.mark.parametrize("deviation", [0.0, -0.1, float("nan"), float("inf")])
-def test_a_standard_deviation_that_is_none_is_refused(deviation):
-    said = f"the standard deviation of the scale's mass is {deviation:g} kg; it must be from 0.0001 to 500 kg"
+@pytest.mark.parametrize("std", [0.0, -0.1, float("nan"), float("inf")])
+def test_a_standard_deviation_that_is_none_is_refused(std):
+    said = f"the standard deviation of the scale's mass is {std:g} kg; it must be from 0.0001 to 500 kg"
     with pytest.raises(SettingsError, match=said):
-        Precise(mass=600.0, mass_sd=deviation)
+        BayesianMethod(mass=600.0, mass_std=std)
 
 
 def test_a_standard_deviation_without_a_mass_is_refused_under_no_flag_s_name():
-    """The flag is --mass-sd in 'calibrate' and --scale-sd in 'weigh'."""
+    """The flag is --mass-std in 'calibrate' and --mass-std in 'weigh'."""
     with pytest.raises(SettingsError) as caught:
-        Precise(mass_sd=0.1)
+        BayesianMethod(mass_std=0.1)
     assert str(caught.value) == "a standard deviation is given for the scale's mass, and no mass; give both, or neither"
 
 
 def test_there_is_nothing_to_confirm_without_a_mass():
     with pytest.raises(SettingsError, match="confirm_mass confirms a given mass, and there is none"):
-        Precise(confirm_mass=True)
+        BayesianMethod(confirm_mass=True)

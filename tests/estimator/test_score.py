@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_planted_errors import another_model, gained, posterior_of, told, with_drive_train, with_gyroscope
 
-from equipoise import Precise
+from equipoise import BayesianMethod
 from equipoise.estimator.diagnostics import checks, score
 from equipoise.estimator.diagnostics.checks import judge
 from equipoise.estimator.diagnostics.score import score_tests
@@ -15,7 +15,7 @@ from equipoise.estimator.unknowns import Priors
 
 
 def check_of(posterior):
-    return next(check for check in judge(posterior) if check.name == "what is held")
+    return next(check for check in judge(posterior) if check.name == "fixed-parameter score test")
 
 
 def drifting(recordings, gyroscope, accelerometer):
@@ -56,14 +56,18 @@ def eccentric(recordings, sine, cosine):
 
 
 @pytest.mark.parametrize(
-    "beliefs",
-    [Precise(cable="none").beliefs, told(), Precise(legs="trusted", cable="none").beliefs],
-    ids=["no cable", "all known", "trusted"],
+    "combined_priors",
+    [
+        BayesianMethod(cable="none").combined_priors,
+        told(),
+        BayesianMethod(leg_prior="narrow", cable="none").combined_priors,
+    ],
+    ids=["no cable", "all known", "narrow"],
 )
-def test_a_robot_that_is_as_it_is_believed_to_be_is_left_alone(a1, precise_run, beliefs):
-    found = posterior_of(a1, precise_run, precise_run.recordings, beliefs)
+def test_a_robot_that_is_as_it_is_believed_to_be_is_left_alone(a1, precise_run, combined_priors):
+    found = posterior_of(a1, precise_run, precise_run.recordings, combined_priors)
     tests = score_tests(found)
-    held = {row.name for row in Priors.rows() if getattr(beliefs, row.name) == 0}
+    held = {row.name for row in Priors.rows() if getattr(combined_priors, row.name) == 0}
     assert {test.row.name for test in tests} == held
     deviates = [test.deviate for test in tests]
     assert deviates == sorted(deviates, reverse=True)
@@ -73,7 +77,7 @@ def test_a_robot_that_is_as_it_is_believed_to_be_is_left_alone(a1, precise_run, 
     assert tests[0].row.name in check.message
 
 
-def planted(a1, recordings):
+def standing(a1, recordings):
     """Recordings with something that is held, and the model to read them with."""
     shorter = another_model(a1)
     for leg in shorter.legs.values():
@@ -81,15 +85,15 @@ def planted(a1, recordings):
         calf.translation = calf.translation * (1 + 4e-3 / np.linalg.norm(calf.translation))
     play = np.array([6e-3, 6e-3, 0.0])
     return {
-        "play": (with_drive_train(recordings, np.zeros(3), play), a1),
+        "backlash": (with_drive_train(recordings, np.zeros(3), play), a1),
         "link_length_common": (recordings, shorter),
         "gyro_drift": (drifting(recordings, np.array([6e-3, -6e-3, 6e-3]), 0.0), a1),
     }
 
 
-@pytest.mark.parametrize("name", ["play", "link_length_common", "gyro_drift"])
+@pytest.mark.parametrize("name", ["backlash", "link_length_common", "gyro_drift"])
 def test_what_is_wrong_is_named_first_with_what_to_do(a1, precise_run, name):
-    recordings, model = planted(a1, precise_run.recordings)[name]
+    recordings, model = standing(a1, precise_run.recordings)[name]
     found = posterior_of(model, precise_run, recordings, told())
     tests = score_tests(found)
     assert tests[0].row.name == name
@@ -97,7 +101,7 @@ def test_what_is_wrong_is_named_first_with_what_to_do(a1, precise_run, name):
     assert not check.passed
     assert check.message.startswith(Priors.row(name).cause)
     assert f"{name} = {Priors.row(name).usual:g} in --priors" in check.message
-    assert ("--legs unknown" in check.message.split(";")[1]) == (name == "link_length_common")
+    assert ("--leg-prior wide" in check.message.split(";")[1]) == (name == "link_length_common")
     # Once it is unknown nothing speaks against the rest as it did.
     opened = told().__class__(**{**told().__dict__, name: Priors.row(name).usual})
     after = score_tests(posterior_of(model, precise_run, recordings, opened))
@@ -119,16 +123,16 @@ def test_eccentric_encoders_are_noticed_and_can_be_estimated(a1, precise_run):
     """Such errors look much like hips and lengths that are off, which trusted legs have not either."""
     sine, cosine = 0.03 * np.random.default_rng(0).standard_normal((2, 12))
     recordings = eccentric(precise_run.recordings, sine, cosine)
-    beliefs = Precise(legs="trusted").beliefs.holding("eccentricity")
+    combined_priors = BayesianMethod(leg_prior="narrow").combined_priors.holding("eccentricity")
     clean, planted_in = (
-        score_tests(posterior_of(a1, precise_run, read, beliefs))[0].deviate
+        score_tests(posterior_of(a1, precise_run, read, combined_priors))[0].deviate
         for read in (precise_run.recordings, recordings)
     )
     assert clean < 1.5 < planted_in - 1
     opened = replace(told(), eccentricity=0.03)
     plain, found = (posterior_of(a1, precise_run, read, opened) for read in (precise_run.recordings, recordings))
     off = gained(found, plain, "eccentricity") - np.column_stack([sine, cosine]).ravel()
-    assert np.abs(off / found.deviation("eccentricity")).max() < 2.5
+    assert np.abs(off / found.std("eccentricity")).max() < 2.5
 
 
 def test_larger_drifts_are_not_hidden_by_the_noise_that_they_raise(a1, precise_run):

@@ -247,7 +247,7 @@ def test_y_is_constant_on_feet_of_no_size_too_and_the_size_tells(a1):
 
 def test_y_is_constant_on_feet_that_resist_rolling_and_the_resistance_tells(a1):
     resisted = toppling(a1, resistance=1e-3)
-    assert residual(a1, resisted, biases=nothing_wrong(a1) | {"rolling": np.array([1e-3])}) < 1e-5
+    assert residual(a1, resisted, biases=nothing_wrong(a1) | {"rolling_resistance": np.array([1e-3])}) < 1e-5
     assert residual(a1, resisted) > 1e-3
 
 
@@ -286,7 +286,7 @@ def test_springs_that_no_encoder_sees_leave_y_constant(a1, way):
     arm = body.com - LegChains(a1).feet(lift.joint_position[:1])[0, lift.stance_feet[1]]
     momentum = abs(line @ np.cross(arm, body.mass * 3e-4 * pace * direction)) / np.sqrt(2)
     missed = momentum / float(inertia[0] @ parameters(a1))
-    assert np.abs(lift.acceleration_in_imu - toppling(a1).acceleration_in_imu).max() > 0.2  # it does sway
+    assert np.abs(lift.acceleration_in_imu - toppling(a1).acceleration_in_imu).max() > 0.2  # it does excitation
     assert residual(a1, lift) < 0.01 * missed
 
 
@@ -330,7 +330,7 @@ def seen_by(robot, lift, biases):
     turning = tilt @ np.linalg.inv(np.eye(3) - error).T  # the true velocity is 1 - E times what is read
     return replace(
         lift,
-        joint_position=lift.joint_position + biases["joint_zero"],
+        joint_position=lift.joint_position + biases["joint_offset"],
         angular_velocity_in_imu=lift.angular_velocity_in_imu @ turning,
         angular_acceleration_in_imu=lift.angular_acceleration_in_imu @ turning,
         acceleration_in_imu=lift.acceleration_in_imu @ tilt + biases["accelerometer_bias"],
@@ -343,7 +343,7 @@ def test_known_biases_of_sensors_are_taken_off(request, name):
     """Also where the IMU is far from the base's origin, and its errors reach what is felt there."""
     robot, generator = with_far_imu() if name == "far" else request.getfixturevalue(name), np.random.default_rng(4)
     biases = nothing_wrong(robot) | {
-        "joint_zero": 5e-3 * generator.standard_normal(len(robot.joint_names)),
+        "joint_offset": 5e-3 * generator.standard_normal(len(robot.joint_names)),
         "imu_tilt": 0.02 * generator.standard_normal(3),
         "accelerometer_bias": 0.1 * generator.standard_normal(3),
         "gyro_gain": 0.02 * generator.standard_normal(3),

@@ -91,14 +91,14 @@ def test_samples_on_three_feet_and_on_four_go_together(a1):
 def test_friction_and_armature_take_from_the_motors_torque(robot):
     """tau_link = g tau - F_c tanh(v / v_0) - F_v v - A a, with the module's v_0 of 0.03 rad/s."""
     samples = moving_robot(robot, 4)
-    coulomb, viscous, armature, gain = 0.4, 0.07, 0.015, 1.05
-    lost = coulomb * np.tanh(samples.joint_velocity / 0.03)
-    lost += viscous * samples.joint_velocity + armature * samples.joint_acceleration
+    coulomb_friction, viscous_friction, armature, gain = 0.4, 0.07, 0.015, 1.05
+    lost = coulomb_friction * np.tanh(samples.joint_velocity / 0.03)
+    lost += viscous_friction * samples.joint_velocity + armature * samples.joint_acceleration
     reported = (samples.joint_torque + lost) / gain
     rows = torque_rows(robot, replace(samples, joint_torque=reported), nothing_wrong(robot))
     np.testing.assert_array_equal(rows.reported, reported)
-    at_link = gain * rows.reported - coulomb * rows.friction_direction
-    at_link -= viscous * rows.joint_velocity + armature * rows.joint_acceleration
+    at_link = gain * rows.reported - coulomb_friction * rows.friction_direction
+    at_link -= viscous_friction * rows.joint_velocity + armature * rows.joint_acceleration
     assert np.abs(balance(robot, rows, at_link)).max() < 1e-8
     assert np.abs(balance(robot, rows, rows.reported)).max() > 0.1
 
@@ -107,7 +107,7 @@ def test_friction_and_armature_take_from_the_motors_torque(robot):
 def test_known_biases_of_sensors_are_taken_off(request, name):
     robot, generator = request.getfixturevalue(name), np.random.default_rng(5)
     biases = nothing_wrong(robot) | {
-        "joint_zero": 0.01 * generator.standard_normal(len(robot.joint_names)),
+        "joint_offset": 0.01 * generator.standard_normal(len(robot.joint_names)),
         "imu_tilt": 0.02 * generator.standard_normal(3),
         "accelerometer_bias": 0.1 * generator.standard_normal(3),
     }
@@ -115,7 +115,7 @@ def test_known_biases_of_sensors_are_taken_off(request, name):
     true = moving_robot(robot, 6)
     seen = replace(
         true,
-        joint_position=true.joint_position + biases["joint_zero"],
+        joint_position=true.joint_position + biases["joint_offset"],
         angular_velocity_in_imu=true.angular_velocity_in_imu @ tilt,
         angular_acceleration_in_imu=true.angular_acceleration_in_imu @ tilt,
         acceleration_in_imu=true.acceleration_in_imu @ tilt + biases["accelerometer_bias"],

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from equipoise import Calibration, Precise, calibrate, nominal_stance, simulate
+from equipoise import BayesianMethod, Calibration, calibrate, nominal_stance, simulate
+from equipoise.calibration.payload_measurement import measure_payload
 from equipoise.calibration.routine import perform
-from equipoise.calibration.weighing import weigh
 from equipoise.errors import UnconfirmedMassError
 from equipoise.estimator.diagnostics.torque_mass import _DIFFERENCE, _compared, compare_at_rest
-from equipoise.estimator.known.known_run import KnownRun
+from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.experiments.dip import dip
 from equipoise.experiments.stand import stand_up
 from equipoise.recording.phases import Phase
-from equipoise.result.legend import doubt_sentence
+from equipoise.result.legend import doubt_message
 from equipoise.result.mass_comparison import MassComparison
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
@@ -25,9 +25,9 @@ def comparisons(robot, preset, seed, start="standing", payload=None, known=None)
     """The comparison of the true mass on one simulated robot, and its true mass [kg]."""
     stance = nominal_stance(robot)
     with simulate(robot, preset, payload, seed, start, timestep=1e-3) as simulation:
-        planted, _ = stand_up(simulation.platform, robot, stance)
+        standing, _ = stand_up(simulation.platform, robot, stance)
         mass = simulation.truth.composite.mass
-        return compare_at_rest(robot, stance, (mass, 0.005 * mass), dip(planted, stance), known), mass
+        return compare_at_rest(robot, stance, (mass, 0.005 * mass), dip(standing, stance), known), mass
 
 
 @pytest.mark.parametrize(("preset", "spread"), [("ideal", 0.005), ("realistic", 0.03), ("stress", 0.13)])
@@ -46,9 +46,9 @@ def test_a_wrong_mass_is_refused_before_a_foot_is_lifted(a1):
     kept, asked = [], []
     with simulate(a1, "realistic", "4.5,0,0,0.08", 3, timestep=1e-3) as simulation:
         with pytest.raises(UnconfirmedMassError) as caught:
-            calibrate(simulation.platform, a1, Precise(mass=12.0), kept.append)
-        asleep = calibrate_asking(simulation.platform, a1, Precise(mass=12.0), asked)
-    carried = caught.value.comparison.carried
+            calibrate(simulation.platform, a1, BayesianMethod(mass=12.0), kept.append)
+        asleep = calibrate_asking(simulation.platform, a1, BayesianMethod(mass=12.0), asked)
+    carried = caught.value.comparison.from_torques
     assert carried == pytest.approx(16.95, rel=0.03)
     assert str(caught.value) == (
         f"the given mass is 12 kg, and the joint torques carry {carried:.2f} kg ({12 / carried - 1:+.0%}, limit 15%); no "
@@ -65,7 +65,7 @@ def test_a_wrong_mass_is_refused_before_a_foot_is_lifted(a1):
 def calibrate_asking(platform, robot, method, asked):
     """The error of a run whose operator says no; `asked` gets what the operator was asked."""
     try:
-        calibrate(platform, robot, method, confirm=lambda sentence: asked.append(sentence) or False)
+        calibrate(platform, robot, method, confirm=lambda message: asked.append(message) or False)
     except UnconfirmedMassError as error:
         return error
     return None
@@ -73,7 +73,7 @@ def calibrate_asking(platform, robot, method, asked):
 
 def test_a_robot_without_torque_sensors_is_not_compared(a1, precise_run):
     silent = [replace(one, joints=replace(one.joints, torque=None)) for one in precise_run.recordings]
-    result = Precise(budget=60, mass=9.0).estimate(a1, silent, precise_run.stance)
+    result = BayesianMethod(duration=60, mass=9.0).estimate(a1, silent, precise_run.stance)
     assert result.mass_comparison is None
     assert result.assumptions[0] == (
         "the given mass of 9 kg is right (standard deviation 0.045 kg): mass and inertia scale with it, and there are no "
@@ -84,16 +84,18 @@ def test_a_robot_without_torque_sensors_is_not_compared(a1, precise_run):
 @pytest.fixture(scope="module")
 def confirmed(a1, precise_run):
     """The recordings of a robot of 13.96 kg, estimated with a mass of 10 kg that was confirmed."""
-    return Precise(budget=60, mass=10.0, confirm_mass=True).estimate(a1, precise_run.recordings, precise_run.stance)
+    return BayesianMethod(duration=60, mass=10.0, confirm_mass=True).estimate(
+        a1, precise_run.recordings, precise_run.stance
+    )
 
 
 def test_a_confirmed_mass_stays_doubtful_and_the_headline_has_both(confirmed):
-    carried = confirmed.mass_comparison.carried
+    carried = confirmed.mass_comparison.from_torques
     assert carried == pytest.approx(13.96, rel=0.04)
     failed = [check.name for check in confirmed.checks if not check.passed]
-    assert "mass" in failed
+    assert "torque-mass consistency" in failed
     assert {quantity.verdict for quantity in confirmed.composite} == {"doubtful"}
-    assert doubt_sentence(confirmed) == (
+    assert doubt_message(confirmed) == (
         f"Doubtful: the given mass is 10 kg, and the joint torques carry {carried:.2f} kg ({10 / carried - 1:+.0%}, "
         f"limit 15%); {len(failed)} of {len(confirmed.checks)} checks failed."
     )
@@ -110,10 +112,10 @@ def test_both_masses_are_kept_with_the_result(confirmed, tmp_path):
 
 def test_the_right_mass_is_not_doubtful(a1, precise_run):
     mass = precise_run.truth.composite.mass
-    result = Precise(budget=60, mass=mass).estimate(a1, precise_run.recordings, precise_run.stance)
+    result = BayesianMethod(duration=60, mass=mass).estimate(a1, precise_run.recordings, precise_run.stance)
     assert result.trustworthy
     assert not result.mass_comparison.disagrees
-    assert doubt_sentence(result) == ""
+    assert doubt_message(result) == ""
 
 
 def test_no_mass_was_given_and_none_is_compared(precise_run):
@@ -122,9 +124,9 @@ def test_no_mass_was_given_and_none_is_compared(precise_run):
 
 
 def known_with_scale(robot, precise_run, mass):
-    method = Precise(budget=60, mass=mass, confirm_mass=True)
+    method = BayesianMethod(duration=60, mass=mass, confirm_mass=True)
     result = method.estimate(robot, precise_run.recordings, precise_run.stance)
-    return KnownRun.of(result.evidence.posterior, result.settings, "runs/last")
+    return PriorRun.of(result.evidence.posterior, result.settings, "runs/last")
 
 
 def test_torque_constants_of_a_weighed_run_narrow_the_limit(a1, precise_run):
@@ -132,13 +134,13 @@ def test_torque_constants_of_a_weighed_run_narrow_the_limit(a1, precise_run):
     compared, mass = comparisons(a1, "realistic", precise_run.seed, "lying", known=known)
     assert compared.limit == 0.05
     assert not compared.disagrees
-    assert "with the torque constants of runs/last" in compared.sentence
+    assert "with the torque constants of runs/last" in compared.message
     assert replace(compared, given=1.08 * mass).disagrees
     assert not replace(compared, given=1.08 * mass, limit=0.15).disagrees
 
 
 def test_torque_constants_of_a_run_without_a_scale_narrow_nothing(a1, precise_run):
-    known = KnownRun.of(precise_run.result.evidence.posterior, precise_run.result.settings, "runs/last")
+    known = PriorRun.of(precise_run.result.evidence.posterior, precise_run.result.settings, "runs/last")
     compared, _ = comparisons(a1, "realistic", precise_run.seed, known=known)
     assert compared.limit == 0.15
 
@@ -147,23 +149,23 @@ def test_constants_that_a_confirmed_mass_taught_are_used(a1, precise_run):
     """A scale that is right and motors that are 28 % off: confirmed once, it is asked no more."""
     known = known_with_scale(a1, precise_run, 10.0)
     compared, mass = comparisons(a1, "realistic", precise_run.seed, known=known)
-    assert compared.carried == pytest.approx(mass * 10.0 / 13.96, rel=0.05)
+    assert compared.from_torques == pytest.approx(mass * 10.0 / 13.96, rel=0.05)
 
 
 def test_a_payload_measured_with_a_wrong_mass_is_doubtful_in_its_answer(a1, precise_run):
     known = known_with_scale(a1, precise_run, precise_run.truth.composite.mass)
-    method = Precise(known=known, budget=26)
+    method = BayesianMethod(prior_run=known, duration=26)
     with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
         recordings = perform(simulation.platform, a1, method).recordings
     result = replace(method, mass=11.2).estimate(a1, recordings, nominal_stance(a1))
-    found = weigh(a1, known, result)
+    found = measure_payload(a1, known, result)
     assert result.mass_comparison.limit == 0.05
-    assert found.sentence.startswith("Doubtful: the given mass is 11.2 kg, and the joint torques carry 12.")
+    assert found.message.startswith("Doubtful: the given mass is 11.2 kg, and the joint torques carry 12.")
     assert found.to_dict()["mass_comparison"]["disagrees"] is True
 
 
 @pytest.mark.parametrize(
-    ("given", "deviation", "disagrees"),
+    ("given", "std", "disagrees"),
     [
         (11.4, 0.05, False),
         (11.6, 0.05, True),
@@ -173,8 +175,8 @@ def test_a_payload_measured_with_a_wrong_mass_is_doubtful_in_its_answer(a1, prec
         (13.0, 1.0, True),
     ],
 )
-def test_the_limit_is_15_percent_or_two_standard_deviations(given, deviation, disagrees):
-    compared = _compared((given, deviation), 10.0, _DIFFERENCE, None)
+def test_the_limit_is_15_percent_or_two_standard_deviations(given, std, disagrees):
+    compared = _compared((given, std), 10.0, _DIFFERENCE, None)
     assert compared.disagrees == disagrees
 
 

@@ -10,13 +10,13 @@ from equipoise.estimator import problem as problem_module
 from equipoise.estimator.diagnostics.checks import judge
 from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
 from equipoise.estimator.equations.equation import Equation
-from equipoise.estimator.equations.planted_moves import PlantedMove, PlantedRows
+from equipoise.estimator.equations.stance_motion import StanceMotion, StanceMotionRows
 from equipoise.estimator.equations.table import USUAL
-from equipoise.estimator.known.two_runs import estimate_two_runs
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.momenta import model_parameters
 from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
 from equipoise.estimator.motions import read_motions
+from equipoise.estimator.prior_runs.two_runs import estimate_two_runs
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknown import AXIS, IMU, unknown
 from equipoise.estimator.unknowns import Priors, by_the_model, finding_names
@@ -33,7 +33,7 @@ class TwoAccelerometers(Priors):
     second_bias: float = unknown(
         0.2, "reading of a second accelerometer less specific force", "m/s2", AXIS, "made up",
         group=IMU, label="second accelerometer bias {each}",
-        finding="second accelerometer bias {each}", notable=0.2, drift=0.5,
+        finding="second accelerometer bias {each}", significant=0.2, drift=0.5,
         advice="the second accelerometer's {each} reads {value:+.2f} m/s2 too much; take it off",
     )  # fmt: skip
 
@@ -79,17 +79,17 @@ def test_a_row_more_is_estimated_reported_and_written(a1, precise_run, tmp_path)
     for axis, more in zip("xyz", MORE, strict=True):
         first, second = found[f"accelerometer bias {axis}"], found[f"second accelerometer bias {axis}"]
         assert second.value - first.value == pytest.approx(more, abs=5 * BENCH)
-        assert first.deviation < second.deviation < first.deviation + BENCH
+        assert first.std < second.std < first.std + BENCH
     told = found["second accelerometer bias x"]
-    sentence = f"the second accelerometer's x reads {told.value:+.2f} m/s2 too much; take it off"
-    assert told.sentence == sentence
-    assert told.notable
-    assert not found["second accelerometer bias y"].notable
+    message = f"the second accelerometer's x reads {told.value:+.2f} m/s2 too much; take it off"
+    assert told.message == message
+    assert told.significant
+    assert not found["second accelerometer bias y"].significant
     result.save(tmp_path / "calibration.json")
     again = Calibration.load(tmp_path / "calibration.json")
     assert again.sensors == result.sensors
     assert again.settings["priors"]["second_bias"] == 0.2
-    assert sentence in str(run_contents(result))
+    assert message in str(run_contents(result))
 
 
 @pytest.mark.usefixtures("bench")
@@ -106,16 +106,16 @@ def test_a_row_says_what_two_runs_share(a1, precise_run, few):
     runs = estimate_two_runs(a1, precise_run.stance, (few, few), TwoAccelerometers())
     unknowns, size = runs.unknowns, runs.unknowns.size
     change = np.hstack([-np.eye(size), np.eye(size)])
-    deviation = np.sqrt(np.diag(change @ runs.covariance @ change.T))
-    assert (deviation[unknowns["second_bias"]] > 1e-3).all()
-    assert (deviation[unknowns["joint_zero"]] < 1e-6).all()  # nobody took the robot apart
+    std = np.sqrt(np.diag(change @ runs.covariance @ change.T))
+    assert (std[unknowns["second_bias"]] > 1e-3).all()
+    assert (std[unknowns["joint_offset"]] < 1e-6).all()  # nobody took the robot apart
 
 
 def test_without_an_equation_nothing_is_said(a1, precise_run, few):
     found = estimate_posterior(a1, precise_run.stance, few, TwoAccelerometers())
     assert "second_bias" not in found.informed
     np.testing.assert_allclose(found.unknowns.value(found.x, "second_bias"), 0, atol=1e-12)
-    np.testing.assert_allclose(found.deviation("second_bias"), 0.2)
+    np.testing.assert_allclose(found.std("second_bias"), 0.2)
 
 
 # --- what holds for every row
@@ -125,11 +125,11 @@ def test_equations_depend_on_what_they_say(a1, precise_run, few):
     """And on nothing else: they are given no other value."""
     legs, rotation, values = LegChains(a1), np.array(a1.imu_in_base.rotation), by_the_model(a1)
     lifts = [motion.lift for motion in few if motion.lift is not None]
-    moves = [move for motion in few for move in motion.of(PlantedMove)]
+    moves = [move for motion in few for move in motion.of(StanceMotion)]
     moves[-1] = replace(moves[-1], heading=np.pi)
     _, _, by_y, _ = TiltInvariant(a1, legs, lifts).linearise(values, model_parameters(a1))
-    _, by_rows = PlantedRows(legs, rotation, precise_run.stance, moves).linearise(values)
-    for equation, by in ((TiltInvariant, by_y), (PlantedRows, by_rows)):
+    _, by_rows = StanceMotionRows(legs, rotation, precise_run.stance, moves).linearise(values)
+    for equation, by in ((TiltInvariant, by_y), (StanceMotionRows, by_rows)):
         assert set(by) - {"inertial"} == set(equation.DEPENDS_ON)
         assert all((np.abs(part) > 1e-9).any() for part in by.values())
 
@@ -145,7 +145,7 @@ def test_a_row_says_all_that_is_to_be_known(a1, row):
     assert bool(row.finding) == bool(row.advice)
     if row.finding:
         assert len(set(finding_names(a1, row.name))) == len(labels)
-        assert all(row.sentence(labels[0], sign * 0.1, 0.01) for sign in (-1, 1))
+        assert all(row.message(labels[0], sign * 0.1, 0.01) for sign in (-1, 1))
 
 
 def test_every_unknown_enters_an_equation(a1, precise_run, few):
@@ -172,4 +172,4 @@ def test_any_row_may_be_held(a1, precise_run, few, opened, row):
 
 def test_findings_of_a_robot_are_found_by_the_name_of_their_unknown(a1):
     assert finding_names(a1, "imu_tilt") == ["IMU rolled", "IMU pitched", "IMU yawed"]
-    assert finding_names(a1, "joint_zero")[1] == "FL_thigh_joint zero"
+    assert finding_names(a1, "joint_offset")[1] == "FL_thigh_joint offset"

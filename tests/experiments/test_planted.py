@@ -20,51 +20,51 @@ def log(tmp_path):
 
 
 @pytest.fixture
-def planted(a1, log):
+def standing(a1, log):
     with simulate(a1, "ideal", timestep=1e-3) as simulation:
-        planted, _ = stand_up(Logged(simulation.platform, log), a1, nominal_stance(a1))
-        planted.keep = log.keep
-        yield planted
+        standing, _ = stand_up(Logged(simulation.platform, log), a1, nominal_stance(a1))
+        standing.keep = log.keep
+        yield standing
 
 
-def hold(planted, begins=False):
-    motion = planted.motion()
-    return planted.play((motion.begin(StandTrial()) if begins else motion).hold(0.1))
+def hold(standing, begins=False):
+    motion = standing.motion()
+    return standing.play((motion.begin(StandTrial()) if begins else motion).hold(0.1))
 
 
 def ids(log):
     return [play.trial for play in read_log(log.path).plays]
 
 
-def test_a_trial_has_an_id_from_its_beginning_to_its_recording(planted, log):
-    hold(planted)
-    planted.take()
+def test_a_trial_has_an_id_from_its_beginning_to_its_recording(standing, log):
+    hold(standing)
+    standing.take()
     kept = []
     for _ in range(2):
-        hold(planted, begins=True)
-        hold(planted)
-        kept.append(planted.finish())
-    hold(planted)
+        hold(standing, begins=True)
+        hold(standing)
+        kept.append(standing.finish())
+    hold(standing)
     assert ids(log) == [None, None, 1, 1, 2, 2, None]  # the first stands up
     content = read_log(log.path)
     assert [recording.trial_id for recording in (*kept, *content.recordings)] == [1, 2, 1, 2]
     assert all(one.equals(other) for one, other in zip(kept, content.recordings, strict=True))
 
 
-def test_an_attempt_has_an_id_of_its_own(planted, log):
-    hold(planted, begins=True)
-    assert planted.take().trial_id == 1
-    hold(planted, begins=True)
-    assert planted.finish().trial_id == 2
+def test_an_attempt_has_an_id_of_its_own(standing, log):
+    hold(standing, begins=True)
+    assert standing.take().trial_id == 1
+    hold(standing, begins=True)
+    assert standing.finish().trial_id == 2
     assert ids(log) == [None, 1, 2]
     assert [recording.trial_id for recording in read_log(log.path).recordings] == [2]
 
 
-def test_a_motion_that_is_not_made_begins_no_trial(planted, log, monkeypatch):
+def test_a_motion_that_is_not_made_begins_no_trial(standing, log, monkeypatch):
     with monkeypatch.context() as patched:
-        patched.setattr(planted._clearance, "first_contact", lambda position: "a link touches another")
+        patched.setattr(standing._clearance, "first_contact", lambda position: "a link touches another")
         with pytest.raises(ReachError):
-            hold(planted, begins=True)
-    hold(planted, begins=True)
-    assert planted.finish().trial_id == 1
+            hold(standing, begins=True)
+    hold(standing, begins=True)
+    assert standing.finish().trial_id == 1
     assert ids(log) == [None, 1]

@@ -9,7 +9,7 @@ import pytest
 from miswired import Miswired, wiring
 from scipy.spatial.transform import Rotation
 
-from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, calibrate, load_robot, nominal_stance, simulate
 from equipoise.calibration.run_folder import RunFolder
 from equipoise.errors import ModelWarning, MotionError, RecordingError
 from equipoise.experiments.imu_orientation import wirings
@@ -18,7 +18,7 @@ from equipoise.experiments.response_test import ResponseTest
 from equipoise.experiments.stand import stand_up
 from equipoise.json_form import from_json
 from equipoise.result.calibration import Calibration
-from equipoise.result.legend import frame_sentence
+from equipoise.result.legend import frame_message
 from equipoise.robot.catalog import CATALOG
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
@@ -38,8 +38,8 @@ def robot(request):
 def turned(platform, robot):
     """The recording of a robot that turns its base."""
     stance = nominal_stance(robot)
-    planted, _ = stand_up(platform, robot, stance)
-    return turn_base(planted, stance)[0]
+    standing, _ = stand_up(platform, robot, stance)
+    return turn_base(standing, stance)[0]
 
 
 @pytest.mark.parametrize("preset", ["ideal", "realistic", "stress"])
@@ -124,8 +124,8 @@ def test_hypotheses_begin_with_the_model_and_are_all_different(a1, two_jointed):
 def test_legs_of_two_joints_turn_in_pitch_alone(two_jointed):
     stance = nominal_stance(two_jointed)
     with simulate(two_jointed, "realistic", seed=3) as simulation:
-        planted, _ = stand_up(simulation.platform, two_jointed, stance)
-        test = check_base(planted, stance, 0, None)
+        standing, _ = stand_up(simulation.platform, two_jointed, stance)
+        test = check_base(standing, stance, 0, None)
     assert test.axes == ("pitch",)
     assert np.degrees(test.angle) < 2
 
@@ -135,11 +135,11 @@ def test_a_turned_imu_is_measured_and_used_once_confirmed(robot, rpy):
     mounted = Rotation.from_euler("xyz", rpy, degrees=True).as_matrix()
     stance, asked = nominal_stance(robot), []
     with simulate(robot, "realistic", seed=5) as simulation:
-        planted, _ = stand_up(Miswired(simulation.platform, imu=mounted.T), robot, stance)
-        test = check_base(planted, stance, 0, lambda question: asked.append(question) or True)
+        standing, _ = stand_up(Miswired(simulation.platform, imu=mounted.T), robot, stance)
+        test = check_base(standing, stance, 0, lambda question: asked.append(question) or True)
         tilt = Rotation.from_rotvec(simulation.errors.imu_tilt).as_matrix()
     expected = robot.imu_in_base.rotation @ tilt @ mounted
-    used = np.array(planted.robot.imu_in_base.rotation)
+    used = np.array(standing.robot.imu_in_base.rotation)
     assert np.degrees(Rotation.from_matrix(used.T @ expected).magnitude()) < 1
     assert test.uses_measurement
     assert "Is the measured orientation right?" in asked[0]
@@ -149,14 +149,14 @@ def test_a_turned_imu_that_is_not_confirmed_ends_the_run(robot):
     mounted = Rotation.from_euler("xyz", (20, -30, 140), degrees=True).as_matrix()
     stance = nominal_stance(robot)
     with simulate(robot, "realistic", seed=5) as simulation:
-        planted, _ = stand_up(Miswired(simulation.platform, imu=mounted.T), robot, stance)
+        standing, _ = stand_up(Miswired(simulation.platform, imu=mounted.T), robot, stance)
         with pytest.raises(MotionError, match=r"not confirmed, and no foot was lifted.*--imu-rpy "):
-            check_base(planted, stance, 0, None)
+            check_base(standing, stance, 0, None)
 
 
 def test_a_run_with_a_turned_imu_is_estimated_again_with_the_orientation_found(a1, tmp_path):
     mounted = Rotation.from_euler("z", 90, degrees=True).as_matrix()
-    method, kept = Precise(budget=30, sway=False), []
+    method, kept = BayesianMethod(duration=30, excitation=False), []
     with simulate(a1, "realistic", "1.5,0.1,0,0.08", 4, "lying") as simulation:
         with RunFolder.create(tmp_path / "run", a1, method, {"time": "now"}) as folder:
             result = calibrate(
@@ -177,7 +177,7 @@ def test_a_run_with_a_turned_imu_is_estimated_again_with_the_orientation_found(a
     assert again.estimate().composite.com_in_base.values == pytest.approx(result.composite.com_in_base.values, abs=1e-7)
     stored = Calibration.load(tmp_path / "run" / "calibration.json")
     assert from_json(ResponseTest, stored.provenance["response_test"]) == test
-    assert f" {test.sentence}." in frame_sentence(stored)
+    assert f" {test.message}." in frame_message(stored)
 
 
 def test_a_resumed_run_keeps_the_orientation_of_its_trials(a1, tmp_path, precise_run):

@@ -12,21 +12,21 @@ from scipy.integrate import solve_ivp
 from scipy.spatial import ConvexHull
 from tilting import pendulum
 
-from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, calibrate, load_robot, nominal_stance, simulate
+from equipoise.bayesian import lift_design, safe_lift
+from equipoise.bayesian.lift_design import LiftDesign, check_lift, offset_of
+from equipoise.bayesian.safe_lift import doubt_after_a_lift, found_doubt, unknown_doubt
+from equipoise.bayesian.trials import BayesianTrials
 from equipoise.errors import MissingDependencyError, ReachError
 from equipoise.estimator.motions import read_motions
 from equipoise.experiments import tipping
 from equipoise.experiments.lift import tipping_from
 from equipoise.experiments.motion import Target
-from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import feet_in_posture
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.experiments.tilt import line_axes
 from equipoise.experiments.tipping import SAFE, Pendulum
 from equipoise.platform.ramp import smooth_step
-from equipoise.precise import lift_design, safe_lift
-from equipoise.precise.lift_design import LiftDesign, check_lift, offset_of
-from equipoise.precise.safe_lift import doubt_after_a_lift, found_doubt, unknown_doubt
-from equipoise.precise.trials import PreciseTrials
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import Kinematics, foot_positions, inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
@@ -187,13 +187,13 @@ def tilt_after_a_lift(robot, share, monkeypatch):
     stance = nominal_stance(robot)
     with simulate(robot, "realistic", payload="4,0,0,0.15", seed=3) as simulation:
         simulation.errors.torque_gain[:] *= 0.7
-        planted = PlantedRobot(
+        standing = StandingRobot(
             simulation.platform, robot, Target.standing(robot, stance.joint_position), stance.feet_in_base
         )
-        trials = PreciseTrials(planted, stance, np.array(simulation.truth.composite.com))
+        trials = BayesianTrials(standing, stance, np.array(simulation.truth.composite.com))
         trials.doubt = found_doubt(stance)
         trials.lift(LiftDesign(BodyPosture(), "FL_RR", 1))
-        planted.play(planted.motion().hold(1.0))
+        standing.play(standing.motion().hold(1.0))
         return simulation.witness.look().tilt
 
 
@@ -209,10 +209,12 @@ def soft_trials(a1):
     stance = nominal_stance(a1)
     with simulate(a1, "realistic", seed=1) as simulation:
         simulation.errors.torque_gain[:] *= 0.7
-        planted = PlantedRobot(simulation.platform, a1, Target.standing(a1, stance.joint_position), stance.feet_in_base)
+        standing = StandingRobot(
+            simulation.platform, a1, Target.standing(a1, stance.joint_position), stance.feet_in_base
+        )
         recordings = []
-        planted.keep = recordings.append
-        trials = PreciseTrials(planted, stance, np.array(simulation.truth.composite.com))
+        standing.keep = recordings.append
+        trials = BayesianTrials(standing, stance, np.array(simulation.truth.composite.com))
         trials.doubt = found_doubt(stance)
         yield trials, recordings
 
@@ -222,7 +224,7 @@ LEANING = BodyPosture(roll=0.22, pitch=-0.22, crouch=0.12)
 
 def beside_the_line(trials, recording, design):
     """How far the CoM is from where the design wants it, by the rest before the lift [m]."""
-    tipping = tipping_from(trials.planted, recording.phase("rest"), design.diagonal)
+    tipping = tipping_from(trials.standing, recording.phase("rest"), design.diagonal)
     return tipping.ahead + offset_of(trials.stance, design.side)
 
 
@@ -230,7 +232,7 @@ def beside_the_line(trials, recording, design):
 def test_the_com_is_where_it_is_wanted_also_on_legs_that_give_way(soft_trials, aimed, monkeypatch):
     trials, _ = soft_trials
     if not aimed:
-        monkeypatch.setattr(PreciseTrials, "_drift_of", lambda *_: np.zeros(2))
+        monkeypatch.setattr(BayesianTrials, "_drift_of", lambda *_: np.zeros(2))
     trials.take_posture(LEANING)
     design = LiftDesign(LEANING, "FR_RL", 1)
     assert (abs(beside_the_line(trials, trials.lift(design), design)) < 5e-3) == aimed
@@ -245,7 +247,7 @@ def test_a_lift_that_could_tip_the_robot_over_is_left_out_and_told(soft_trials):
     ):
         trials.lift(LiftDesign(LEANING, "FR_RL", 1))
     assert not recordings[-1].has_phase("unload")
-    left_out = read_motions(trials.planted.robot, trials.stance, recordings)[-1].left_out
+    left_out = read_motions(trials.standing.robot, trials.stance, recordings)[-1].left_out
     assert left_out == "not lifted: out of reach, or the robot could have tipped over"
     trials.take_posture(BodyPosture())
     assert trials.lift(LiftDesign(BodyPosture(), "FR_RL", 1)).has_phase("lower")
@@ -284,5 +286,5 @@ def test_robots_that_were_thrown_on_their_backs_stay_up(name, seed, motions):
                 raise EnoughError
 
         with pytest.raises(EnoughError):
-            calibrate(simulation.platform, robot, Precise(), keep)
+            calibrate(simulation.platform, robot, BayesianMethod(), keep)
     assert max(tilts) < 0.4

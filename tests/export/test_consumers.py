@@ -112,7 +112,7 @@ def mjlab(tmp_path_factory):
         folder = tmp_path_factory.mktemp("mjlab")
         result = with_joints(found(load_text(folder, quadruped_mjcf(), name="robot.xml")))
         path = export(result, "mjcf").save(folder / "found.xml")
-        names = names_in(export(result, "mjlab", what="all").text)
+        names = names_in(export(result, "mjlab", parameters="all").text)
         actuators = tuple(
             BuiltinPositionActuatorCfg(stiffness=20.0, damping=0.5, **row) for row in names["actuators"](STEP)
         )
@@ -163,5 +163,5 @@ def test_holosomas_robot_takes_the_offsets(result):
         dof_names_lower_body=joints, joint_offsets_deg=offsets(joints),
     )  # fmt: skip
     zeros = {finding.name: finding.value for finding in result.sensors}
-    assert config.joint_offsets_deg[3] == pytest.approx(math.degrees(zeros[f"{joints[3]} zero"]))
+    assert config.joint_offsets_deg[3] == pytest.approx(math.degrees(zeros[f"{joints[3]} offset"]))
     assert config.joint_offsets_deg[0] == 0.0  # not identified

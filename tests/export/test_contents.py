@@ -95,7 +95,7 @@ def test_a_link_of_its_own_is_named(exported):
 
 
 def test_other_parts_alone_hold_no_body(exported):
-    assert exported("urdf", what="motors").contents == "written of base and composite: no mass, CoM or inertia"
+    assert exported("urdf", parameters="motors").contents == "written of base and composite: no mass, CoM or inertia"
 
 
 @pytest.mark.parametrize("name", [name for name, row in FORMATS.items() if row.file != "model" and name != "usd"])
@@ -107,7 +107,7 @@ def test_the_terminal_states_it_too(name, a1, tmp_path, capsys):
 
 def test_the_terminal_states_it_of_all_formats_at_once(a1, tmp_path, capsys):
     make_run(tmp_path / "run", a1)
-    assert main(["export", str(tmp_path / "run"), "--all", "--what", "all"]) == 0
+    assert main(["export", str(tmp_path / "run"), "--all", "--parameters", "all"]) == 0
     printed = capsys.readouterr().out
     written = [name for name in FORMATS if f"{name}: written of" in printed]
     assert len(written) >= len(FORMATS) - 2

@@ -60,7 +60,7 @@ def test_every_output_says_what_it_is(name, result):
     text = " ".join(out.text.split())
     assert f"equipoise {equipoise.__version__}" in out.header[0]
     assert out.header[1] == out.contents
-    assert out.header[2] == "from run runs/a1 (unitree_a1, method precise)"
+    assert out.header[2] == "from run runs/a1 (unitree_a1, method bayesian)"
     assert out.header[3].startswith("stance [rad]: FL_hip_joint 0, FL_thigh_joint 0.722734, FL_calf_joint -1.44547")
     assert out.header[4] == f"model: urdf, sha256 {result.model['sha256']}"
     assert result.model["sha256"] in text
@@ -80,7 +80,9 @@ def test_what_speaks_against_the_numbers_is_in_the_file(name, a1):
 
 @pytest.mark.parametrize("name", ["urdf", *OWN_FILES])
 def test_what_comes_of_a_failed_check_is_refused_unless_forced(name, a1):
-    result = found(a1, checks=(Check("planted feet", False, "they slid"), Check("lifts", True, "they fit")))
+    result = found(
+        a1, checks=(Check("stance motion residuals", False, "they slid"), Check("lift residuals", True, "they fit"))
+    )
     doubtful = dataclasses.replace(result, composite=result.composite.doubted(), base=result.base.doubted())
     with pytest.raises(NotEstimatedError) as error:
         export(doubtful, name)
@@ -100,7 +102,7 @@ def test_only_what_a_format_wants_is_judged(a1):
     with pytest.raises(NotEstimatedError) as error:
         export(doubtful, "urdf")
     assert str(error.value) == (
-        "not identified by this run: base mass, base Iyz; calibrate longer (--budget) or with a scale (--mass), or write "
+        "not identified by this run: base mass, base Iyz; calibrate longer (--duration) or with a scale (--mass), or write "
         "them all the same with --force"
     )
     forced = export(doubtful, "urdf", force=True)
@@ -117,7 +119,7 @@ def test_what_a_method_does_not_estimate_is_refused(name, force, result):
     with pytest.raises(NotEstimatedError) as error:
         export(paper, name, force=force)
     assert "this calibration does not know mass, inertia, com_in_base." in str(error.value)
-    assert str(error.value).endswith("calibrate with --method precise")
+    assert str(error.value).endswith("calibrate with --method bayesian")
 
 
 def test_a_base_that_no_body_can_be_is_refused(a1):
@@ -233,7 +235,7 @@ def test_json_and_yaml_hold_both_bodies_with_verdicts(result, composite, base):
     table = json.loads(export(result, "json").text)
     assert table["composite"]["mass"] == composite.mass
     assert table["composite"]["verdict"]["Ixy"] == "identified"
-    assert table["base"]["deviation"]["mass"] == pytest.approx(0.02 * base.mass)
+    assert table["base"]["std"]["mass"] == pytest.approx(0.02 * base.mass)
     yaml = pytest.importorskip("yaml")
     assert yaml.safe_load(export(result, "yaml").text) == table
 
@@ -365,9 +367,9 @@ def test_robots_with_drawn_bases_have_the_covariance_of_the_composite(result, ba
         [components(InertialParameters.from_vector(body_from(row).vector + legs)) for row in drawn.bodies]
     )
     covariance = 0.01 * result.composite.covariance
-    deviation = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(robots.std(axis=0), deviation, rtol=0.05)
-    np.testing.assert_allclose(np.corrcoef(robots.T), covariance / np.outer(deviation, deviation), atol=0.06)
+    std = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(robots.std(axis=0), std, rtol=0.05)
+    np.testing.assert_allclose(np.corrcoef(robots.T), covariance / np.outer(std, std), atol=0.06)
 
 
 def body_from(row):
@@ -422,8 +424,8 @@ def test_mjlab_has_the_ranges_of_its_pseudo_inertia_term(result, base):
     assert len(names["SAMPLES"]) == 20
     assert (names["BASE_LINK"], names["SEED"]) == ("trunk", 5)
     low, high = names["QUANTILES"]["mass"]
-    deviation = result.composite.mass.deviation
-    assert high - low == pytest.approx(2 * 1.96 * deviation, rel=0.1)
+    std = result.composite.mass.std
+    assert high - low == pytest.approx(2 * 1.96 * std, rel=0.1)
 
 
 def test_isaaclab_scales_the_mass_and_shifts_the_com(result, base):

@@ -62,10 +62,10 @@ def test_every_robots_urdf_is_read_again_as_what_was_found(name, tmp_path):
     path, _, result = written(robot, tmp_path)
     assert_same(composite_in_equipoise(path, result, robot), result.composite.parameters())
     assert_only_inertial_changed(robot.source.path.read_bytes(), path.read_bytes())
-    before = composite_in_pinocchio(robot.source.path, result, robot.held)
-    assert_same(composite_in_pinocchio(path, result, robot.held), before + added_to(robot))
+    before = composite_in_pinocchio(robot.source.path, result, robot.locked_joints)
+    assert_same(composite_in_pinocchio(path, result, robot.locked_joints), before + added_to(robot))
     if not robot.source.repairs:
-        assert_same(composite_in_pinocchio(path, result, robot.held), result.composite.parameters())
+        assert_same(composite_in_pinocchio(path, result, robot.locked_joints), result.composite.parameters())
 
 
 FIXED = """<link name="{name}"><inertial><origin xyz="0.02 -0.01 0.03" rpy="0.1 0.2 -0.3"/><mass value="0.4"/>
@@ -101,7 +101,7 @@ def test_urdfs_of_all_kinds(case, tmp_path):
     robot = load_text(tmp_path, URDFS[case])
     path, _, result = written(robot, tmp_path)
     assert_same(composite_in_equipoise(path, result, robot), result.composite.parameters())
-    assert_same(composite_in_pinocchio(path, result, robot.held), result.composite.parameters())
+    assert_same(composite_in_pinocchio(path, result, robot.locked_joints), result.composite.parameters())
     assert_only_inertial_changed(URDFS[case].encode(), path.read_bytes())
 
 
@@ -109,7 +109,7 @@ def test_urdfs_of_all_kinds(case, tmp_path):
 def test_what_was_added_is_a_link_of_a_urdf(case, tmp_path):
     robot = load_text(tmp_path, URDFS[case])
     path, _, result = written(robot, tmp_path, payload_link=True)
-    assert_same(composite_in_pinocchio(path, result, robot.held), result.composite.parameters())
+    assert_same(composite_in_pinocchio(path, result, robot.locked_joints), result.composite.parameters())
     before, after = URDFS[case].encode(), path.read_bytes()
     start = after.index(b"<!-- equipoise")
     assert before.startswith(after[:start].rstrip())
@@ -118,9 +118,11 @@ def test_what_was_added_is_a_link_of_a_urdf(case, tmp_path):
 
 
 def test_held_joints_are_where_they_were_held(tmp_path):
-    robot = load_text(tmp_path, quadruped_urdf(arm_joints=2), RobotDescription(held={"arm_0": 0.7, "arm_1": -0.4}))
+    robot = load_text(
+        tmp_path, quadruped_urdf(arm_joints=2), RobotDescription(locked_joints={"arm_0": 0.7, "arm_1": -0.4})
+    )
     path, out, result = written(robot, tmp_path)
-    assert_same(composite_in_pinocchio(path, result, robot.held), result.composite.parameters())
+    assert_same(composite_in_pinocchio(path, result, robot.locked_joints), result.composite.parameters())
     assert_same(base_parameters(read_again(path, robot)), result.base.parameters())
     assert out.header[3].endswith(", arm_0 0.7, arm_1 -0.4")
 
@@ -167,7 +169,7 @@ MJCFS = {
 def test_mjcfs_of_all_kinds(case, payload_link, tmp_path):
     robot = load_text(tmp_path, MJCFS[case], name="robot.xml")
     path, out, result = written(robot, tmp_path, payload_link=payload_link)
-    assert_same(composite_in_mujoco(out.text, result, robot.held), result.composite.parameters())
+    assert_same(composite_in_mujoco(out.text, result, robot.locked_joints), result.composite.parameters())
     assert_same(composite_in_equipoise(path, result, robot), result.composite.parameters())
     if not payload_link and "<inertial" in MJCFS[case].split("<body", 2)[1]:
         assert_only_inertial_changed(MJCFS[case].encode(), path.read_bytes())
@@ -182,7 +184,8 @@ def test_a_users_mjcf(payload_link, tmp_path):
     robot = load_robot(MODELS / "unitree_mujoco_go2.xml")
     path, _, result = written(robot, tmp_path, payload_link=payload_link)
     assert_same(
-        composite_in_mujoco(read_again(path, robot).source.xml, result, robot.held), result.composite.parameters()
+        composite_in_mujoco(read_again(path, robot).source.xml, result, robot.locked_joints),
+        result.composite.parameters(),
     )
     if not payload_link:
         assert_only_inertial_changed(robot.source.path.read_bytes(), path.read_bytes())
@@ -302,7 +305,7 @@ def test_a_file_whose_legs_stand_elsewhere_is_told_or_refused(menagerie, tmp_pat
     result = found(dataclasses.replace(load_text(tmp_path, quadruped_urdf()), name="go1"))
     if moved > 0.01:
         said = refusal(SettingsError, result, "mjcf")
-        assert said.endswith("it is another robot's, or its base frame or joint zeros are others")
+        assert said.endswith("it is another robot's, or its base frame or joint offsets are others")
     else:
         said = " ".join(export(result, "mjcf").notes)
     assert told is None or f"the feet of go1.xml are {told} from those of the run's model" in said

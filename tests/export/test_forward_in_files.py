@@ -54,7 +54,7 @@ def from_sdf(inertial):
 def test_a_urdf_is_what_was_found(robot, result, tmp_path, payload_link):
     path = export(result, "urdf", payload_link=payload_link).save(tmp_path / "exported.urdf")
     of_file = dataclasses.replace(result, model={**result.model, "base_link": "trunk"})
-    assert_same(composite_in_pinocchio(path, of_file, robot.held), in_file(result.composite.parameters()))
+    assert_same(composite_in_pinocchio(path, of_file, robot.locked_joints), in_file(result.composite.parameters()))
 
 
 @pytest.mark.parametrize("payload_link", [False, True])
@@ -62,7 +62,7 @@ def test_an_mjcf_is_what_was_found(tmp_path, payload_link):
     robot = load_text(tmp_path, quadruped_mjcf(), TRUNK)
     result = found(robot)
     out = export(result, "mjcf", payload_link=payload_link)
-    assert_same(composite_in_mujoco(out.text, result, robot.held), in_file(result.composite.parameters()))
+    assert_same(composite_in_mujoco(out.text, result, robot.locked_joints), in_file(result.composite.parameters()))
     assert "trunk_forward" not in out.text
 
 
@@ -99,7 +99,7 @@ def test_what_learning_draws_is_about_the_base_of_the_file(result, base, name):
     for axis, com in zip("xyz", base.com, strict=True):
         assert drawn[f"com_{axis}"][0] < com < drawn[f"com_{axis}"][1]
     widths = [np.diff(drawn[name])[0] for name in ("Ixx", "Iyy")]
-    x, y = result.composite.inertia.deviations.diagonal()[:2]
+    x, y = result.composite.inertia.stds.diagonal()[:2]
     assert (widths[0] > widths[1]) == (y > x)  # turned by a right angle
 
 

@@ -36,7 +36,9 @@ def result(request, a1, tmp_path):
 
 def test_links_weigh_what_was_found_and_the_robot_too(result, tmp_path):
     robot, before = result.robot_model, result.robot_model.pinocchio
-    path = export(result, robot.source.format, what="base,legs").save(tmp_path / f"new.{robot.source.path.suffix}")
+    path = export(result, robot.source.format, parameters="base,legs").save(
+        tmp_path / f"new.{robot.source.path.suffix}"
+    )
     again = read_again(path, robot)
     for leg in robot.legs.values():
         for joint in leg.joint_ids:
@@ -57,11 +59,11 @@ def test_the_base_alone_goes_with_the_files_legs(result, tmp_path):
 
 
 def test_links_go_with_the_base_that_was_found_with_them(result):
-    with pytest.raises(SettingsError, match="write both, with --what base,legs"):
-        export(result, result.robot_model.source.format, what="legs")
+    with pytest.raises(SettingsError, match="write both, with --parameters base,legs"):
+        export(result, result.robot_model.source.format, parameters="legs")
 
 
 def test_links_of_another_robot_are_refused(result):
     others = dict(zip("abcdefghijkl", result.links.values(), strict=True))
     with pytest.raises(ModelError, match=r"has a leg link '.*', which the run knows nothing of"):
-        export(dataclasses.replace(result, links=others), result.robot_model.source.format, what="base,legs")
+        export(dataclasses.replace(result, links=others), result.robot_model.source.format, parameters="base,legs")

@@ -52,10 +52,10 @@ def test_toml_has_numbers_deviations_and_verdicts(result):
     table = tomllib.loads(export(result, "toml", run="runs/a1").text)
     assert table["schema"] == "equipoise.sensors-and-motors/1"
     assert (table["run"], table["model"]["sha256"]) == ("runs/a1", result.model["sha256"])
-    zero = table["sensors"]["joint_zero"]
+    zero = table["sensors"]["joint_offset"]
     assert (zero["unit"], zero["meaning"]) == ("rad", "encoder reading less joint position")
     assert zero["value"][CALF] == values(result, "zero")[CALF] == -3.5e-3
-    assert (zero["deviation"][CALF], zero["verdict"][CALF], zero["verdict"][THIGH]) == (3e-4, "identified", "weak")
+    assert (zero["std"][CALF], zero["verdict"][CALF], zero["verdict"][THIGH]) == (3e-4, "identified", "weak")
     assert table["sensors"]["imu_tilt"]["value"] == {"roll": -0.004, "pitch": 0.002, "yaw": 0.007}
     assert table["sensors"]["clock_offset"]["value"] == {"imu": -1.25e-3}
     assert table["motors"]["delay"]["value"] == values(result, "delay")
@@ -63,8 +63,8 @@ def test_toml_has_numbers_deviations_and_verdicts(result):
 
 def test_json_and_yaml_hold_them_beside_the_bodies_or_alone(result):
     yaml = pytest.importorskip("yaml")
-    whole = yaml.safe_load(export(result, "yaml", what="all").text)
-    alone = json.loads(export(result, "json", what="motors").text)
+    whole = yaml.safe_load(export(result, "yaml", parameters="all").text)
+    alone = json.loads(export(result, "json", parameters="motors").text)
     assert whole["composite"]["mass"] == result.composite.mass.value
     assert whole["motors"] == alone["motors"] == tomllib.loads(export(result, "toml").text)["motors"]
     assert not {"composite", "base", "sensors"} & set(alone)
@@ -74,11 +74,11 @@ def test_yaml_of_ros_of_unitree_and_of_zeros(result, a1):
     yaml = pytest.importorskip("yaml")
     parameters = yaml.safe_load(export(result, "ros2").text)["/**"]["ros__parameters"]["equipoise"]
     assert parameters["armature"] == values(result, "armature")
-    assert parameters["joint_zero"][CALF] == -3.5e-3
+    assert parameters["joint_offset"][CALF] == -3.5e-3
     lists = yaml.safe_load(export(result, "unitree-yaml").text)
     assert lists["joint_names"][:4] == ["FR_hip_joint", "FR_thigh_joint", "FR_calf_joint", HIP]
     assert dict(zip(lists["joint_names"], lists["armature"], strict=True)) == values(result, "armature")
-    told = dict(zip(lists["joint_names"], lists["joint_zero"], strict=True))
+    told = dict(zip(lists["joint_names"], lists["joint_offset"], strict=True))
     assert (told[HIP], told[CALF]) == (0.0, -3.5e-3)  # the hip's was not told
     assert lists["imu_tilt"] == [-0.004, 0.002, 0.007]
     zeros = yaml.safe_load(export(result, "zeros").text)
@@ -94,7 +94,7 @@ def test_the_c_header_compiles_as_c_and_as_cpp(result, tmp_path):
     (tmp_path / "found.h").write_text(export(result, "c-header").text, encoding="utf-8")
     prints = "".join(
         f'for (int i = 0; i < {size}; ++i) printf("%.17g ", equipoise_{name}[i]); puts("");'
-        for name, size in (("joint_zero", "EQUIPOISE_JOINTS"), ("relative_gain", "EQUIPOISE_JOINTS"), ("imu_tilt", 3))
+        for name, size in (("joint_offset", "EQUIPOISE_JOINTS"), ("relative_gain", "EQUIPOISE_JOINTS"), ("imu_tilt", 3))
     )
     code = f'#include <stdio.h>\n#include "found.h"\nint main(void) {{ puts(equipoise_joint_names[1]); {prints} return 0; }}'
     for language in ("c", "c++"):
@@ -119,7 +119,7 @@ def test_holosoma_adds_the_zeros_to_what_it_commands(result):
 
 
 def test_mjlab_adds_the_bias_to_the_position_and_counts_delays_in_steps(result):
-    names = python_names(export(result, "mjlab", what="sensors,motors").text)
+    names = python_names(export(result, "mjlab", parameters="sensors,motors").text)
     assert "PSEUDO_INERTIA" not in names
     assert set(names["ENCODER_BIAS"]) == set(result.joint_position) - {HIP}
     assert names["ENCODER_BIAS"][CALF] == pytest.approx((-3.5e-3 - 1.96 * 3e-4, -3.5e-3 + 1.96 * 3e-4))
@@ -132,7 +132,7 @@ def test_mjlab_adds_the_bias_to_the_position_and_counts_delays_in_steps(result):
 
 
 def test_isaaclab_takes_dictionaries_by_joint_and_one_delay(result):
-    names = python_names(export(result, "isaaclab", what="all").text)
+    names = python_names(export(result, "isaaclab", parameters="all").text)
     assert names["JOINT_ZERO"][CALF] == pytest.approx((-3.5e-3 - 1.96 * 3e-4, -3.5e-3 + 1.96 * 3e-4))
     fields = names["actuator"](0.001)
     assert fields["friction"] == fields["dynamic_friction"] == values(result, "coulomb_friction")
@@ -156,7 +156,7 @@ def dofs(text, result):
 def test_mujoco_reads_joints_and_base(tmp_path):
     robot = load_text(tmp_path, MJCF, name="robot.xml")
     result = with_joints(found(robot))
-    alone, both = (export(result, "mjcf", what=what).text for what in ("motors", "base,motors"))
+    alone, both = (export(result, "mjcf", parameters=what).text for what in ("motors", "base,motors"))
     wanted = [list(values(result, name).values()) for name in ("armature", "coulomb_friction", "viscous_friction")]
     np.testing.assert_array_equal(dofs(alone, result), wanted)
     np.testing.assert_array_equal(dofs(both, result), wanted)
@@ -166,11 +166,11 @@ def test_mujoco_reads_joints_and_base(tmp_path):
     without_nameless = MJCF.replace(f'name="{next(iter(result.joint_position))}"', "")
     nameless = with_joints(found(load_text(tmp_path, without_nameless, name="nameless.xml")))
     with pytest.raises(ModelError, match="with a name for each joint"):
-        export(nameless, "mjcf", what="motors")
+        export(nameless, "mjcf", parameters="motors")
 
 
 def test_pinocchio_reads_joints(result, tmp_path):
-    text = export(result, "urdf", what="motors").text
+    text = export(result, "urdf", parameters="motors").text
     model, before = pin.buildModelFromXML(text), pin.buildModelFromUrdf(str(result.robot_model.source.path))
     at = [model.joints[model.getJointId(name)].idx_v for name in result.joint_position]
     np.testing.assert_array_equal(model.damping[at], list(values(result, "viscous_friction").values()))
@@ -179,7 +179,7 @@ def test_pinocchio_reads_joints(result, tmp_path):
     assert all(a == b for a, b in zip(model.inertias, before.inertias, strict=True))
     again = tmp_path / "again.urdf"
     again.write_text(text, encoding="utf-8")
-    assert export(result, "urdf", what="motors", file=again).text.count("<dynamics ") == 12  # edited, not added
+    assert export(result, "urdf", parameters="motors", file=again).text.count("<dynamics ") == 12  # edited, not added
 
 
 # --- what is written, and what is not
@@ -187,32 +187,33 @@ def test_pinocchio_reads_joints(result, tmp_path):
 
 def test_by_default_files_that_hold_the_base_hold_it_alone(result, a1):
     for name in ("urdf", "json", "mjlab"):
-        assert export(result, name).content == export(found(a1), name, what="base").content
+        assert export(result, name).content == export(found(a1), name, parameters="base").content
 
 
 def test_what_is_not_identified_is_left_out_and_said(result):
     out = export(result, "toml")
     assert out.notes == (
-        f"not identified, so left out (in lists: 0): joint_zero ({HIP}), relative_gain ({HIP} {THIGH})",
-        f"weakly identified: joint_zero ({THIGH})",
+        f"not identified, so left out (in lists: 0): joint_offset ({HIP}), relative_gain ({HIP} {THIGH})",
+        f"weakly identified: joint_offset ({THIGH})",
     )
-    assert HIP not in tomllib.loads(out.text)["sensors"]["joint_zero"]["value"]
+    assert HIP not in tomllib.loads(out.text)["sensors"]["joint_offset"]["value"]
     forced = export(result, "toml", force=True)
-    assert forced.notes[0] == f"FORCED: not identified: joint_zero ({HIP}), relative_gain ({HIP} {THIGH})"
-    assert tomllib.loads(forced.text)["sensors"]["joint_zero"]["value"][HIP] == -5.5e-3
+    assert forced.notes[0] == f"FORCED: not identified: joint_offset ({HIP}), relative_gain ({HIP} {THIGH})"
+    assert tomllib.loads(forced.text)["sensors"]["joint_offset"]["value"][HIP] == -5.5e-3
 
 
 def test_priors_of_the_run_say_what_is_identified(result):
-    sure = dataclasses.replace(result, settings={"priors": {"joint_zero": 5e-4}})
+    sure = dataclasses.replace(result, settings={"priors": {"joint_offset": 5e-4}})
     assert set(tomllib.loads(export(sure, "toml").text)["sensors"]) == {"imu_tilt", "clock_offset"}
 
 
 def test_where_nothing_is_identified_nothing_is_written(result):
-    vague = dataclasses.replace(result, sensors=(finding(f"{HIP} zero", 1e-3, 4e-3),))
+    vague = dataclasses.replace(result, sensors=(finding(f"{HIP} offset", 1e-3, 4e-3),))
     with pytest.raises(NotEstimatedError) as error:
         export(vague, "ros2")
     assert str(error.value) == (
-        "not identified by this run: joint_zero (all); calibrate longer (--budget), or write them all the same with --force"
+        "not identified by this run: joint_offset (all); calibrate longer (--duration), or write them all the same "
+        "with --force"
     )
     assert f"{HIP}: 0.001" in export(vague, "ros2", force=True).text
     tilted = dataclasses.replace(result, sensors=result.sensors[:3])
@@ -222,21 +223,21 @@ def test_where_nothing_is_identified_nothing_is_written(result):
 
 @pytest.mark.parametrize("name", ["urdf", *OWN])
 def test_what_comes_of_a_failed_check_is_refused_unless_forced(name, result):
-    doubtful = dataclasses.replace(result, checks=(Check("planted feet", False, "they slid"),))
+    doubtful = dataclasses.replace(result, checks=(Check("stance motion residuals", False, "they slid"),))
     what = "motors" if name == "urdf" else None
     with pytest.raises(NotEstimatedError, match="the result is doubtful: check failed: planted feet: they slid"):
-        export(doubtful, name, what=what)
-    assert "check failed: planted feet: they slid" in export(doubtful, name, what=what, force=True).text
+        export(doubtful, name, parameters=what)
+    assert "check failed: planted feet: they slid" in export(doubtful, name, parameters=what, force=True).text
 
 
 def test_a_run_that_looked_at_no_motor_tells_what_all_have_in_common(result):
-    common = dataclasses.replace(result, motors={}, sensors=(finding("coulomb of the joints", 0.3, 0.02),))
+    common = dataclasses.replace(result, motors={}, sensors=(finding("Coulomb friction of the joints", 0.3, 0.02),))
     motors = tomllib.loads(export(common, "toml").text)["motors"]
     assert motors["coulomb_friction"]["value"] == dict.fromkeys(result.joint_position, 0.3)
     assert set(motors) == {"coulomb_friction"}
     with pytest.raises(NotEstimatedError) as error:
-        export(dataclasses.replace(result, motors={}), "urdf", what="motors")
-    assert str(error.value) == "this run did not look at motors; calibrate with --what base,motors"
+        export(dataclasses.replace(result, motors={}), "urdf", parameters="motors")
+    assert str(error.value) == "this run did not look at motors; calibrate with --parameters base,motors"
 
 
 @pytest.mark.parametrize(
@@ -244,22 +245,30 @@ def test_a_run_that_looked_at_no_motor_tells_what_all_have_in_common(result):
     [
         (
             "urdf",
-            {"what": "base,legs", "payload_link": True},
+            {"parameters": "base,legs", "payload_link": True},
             "--add-payload-link leaves the model's links as they are",
         ),
-        ("ros2", {"what": "legs"}, "--what legs: ros2 does not hold legs, but sensors, motors; urdf, mjcf, yaml"),
         (
-            "urdf",
-            {"what": "motor"},
-            "--what is 'motor'; did you mean 'motors'? it must be base, sensors, motors, legs, several",
+            "ros2",
+            {"parameters": "legs"},
+            "--parameters legs: ros2 does not hold legs, but sensors, motors; urdf, mjcf, yaml",
         ),
         (
             "urdf",
-            {"what": "sensors"},
-            "--what sensors: urdf does not hold sensors, but base, motors, legs; mjlab, isaaclab, yaml",
+            {"parameters": "motor"},
+            "--parameters is 'motor'; did you mean 'motors'? it must be base, sensors, motors, legs, several",
         ),
-        ("toml", {"what": "base"}, "--what base: toml does not hold base, but sensors, motors, legs; urdf, mjcf, sdf"),
-        ("urdf", {"what": "motors", "payload_link": True}, "of the base, which --what motors leaves out"),
+        (
+            "urdf",
+            {"parameters": "sensors"},
+            "--parameters sensors: urdf does not hold sensors, but base, motors, legs; mjlab, isaaclab, yaml",
+        ),
+        (
+            "toml",
+            {"parameters": "base"},
+            "--parameters base: toml does not hold base, but sensors, motors, legs; urdf, mjcf, sdf",
+        ),
+        ("urdf", {"parameters": "motors", "payload_link": True}, "of the base, which --parameters motors leaves out"),
     ],
 )
 def test_what_a_format_does_not_hold_is_refused(name, options, message, result):
@@ -276,14 +285,14 @@ def test_names_say_nothing_but_themselves(result, name):
         robot=name,
         joint_position={name: 0.0},
         motors={name: result.motors[CALF]},
-        sensors=(finding(f"{name} zero", 1e-3, 1e-5),),
+        sensors=(finding(f"{name} offset", 1e-3, 1e-5),),
         robot_model=None,
     )
     yaml = pytest.importorskip("yaml")
     assert tomllib.loads(export(hostile, "toml").text)["motors"]["armature"]["value"] == {name: 0.0102}
     parameters = yaml.safe_load(export(hostile, "ros2").text)["/**"]["ros__parameters"]["equipoise"]
     assert parameters["armature"] == {name: 0.0102}
-    assert python_names(export(hostile, "mjlab", what="all").text)["ARMATURE"] == {name: 0.0102}
+    assert python_names(export(hostile, "mjlab", parameters="all").text)["ARMATURE"] == {name: 0.0102}
     header = export(hostile, "c-header").text
     assert all(" " <= letter <= "~" or letter == "\n" for letter in header.split("equipoise_joint_names")[1])
     assert yaml.safe_load(export(hostile, "zeros").text) == {name: 1e-3}
@@ -291,9 +300,9 @@ def test_names_say_nothing_but_themselves(result, name):
 
 def test_the_command_line_says_what_was_written(a1, tmp_path, capsys):
     make_run(tmp_path / "run", a1)
-    assert main(["export", str(tmp_path / "run"), "--to", "toml", "--what", "motors"]) == 0
+    assert main(["export", str(tmp_path / "run"), "--to", "toml", "--parameters", "motors"]) == 0
     assert "not identified, so left out (in lists: 0): relative_gain" in capsys.readouterr().out
     table = tomllib.loads((tmp_path / "run" / "export" / "motors.toml").read_text(encoding="utf-8"))
     assert set(table) & {"sensors", "motors"} == {"motors"}
-    assert main(["export", str(tmp_path / "run"), "--to", "toml", "--what", "legs"]) == 8
-    assert "this run did not look at legs; calibrate with --what base,legs" in capsys.readouterr().err
+    assert main(["export", str(tmp_path / "run"), "--to", "toml", "--parameters", "legs"]) == 8
+    assert "this run did not look at legs; calibrate with --parameters base,legs" in capsys.readouterr().err

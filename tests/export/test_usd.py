@@ -75,7 +75,7 @@ def test_usd_has_the_base_in_the_stages_units(name, pxr, a1, result, tmp_path):
 
 def test_joints_have_what_physx_reads_angles_in_degrees(pxr, a1, result, tmp_path):
     (tmp_path / "a1.usda").write_text(usd(a1), encoding="utf-8")
-    stage = written(result, tmp_path, what="motors")
+    stage = written(result, tmp_path, parameters="motors")
     joint = stage.GetPrimAtPath(f"/a1/{CALF}")
     values = {attribute.GetName().split(":")[-1]: attribute.Get() for attribute in joint.GetAuthoredAttributes()}
     assert values == pytest.approx({
@@ -84,7 +84,7 @@ def test_joints_have_what_physx_reads_angles_in_degrees(pxr, a1, result, tmp_pat
     })  # fmt: skip
     assert joint.GetMetadata("apiSchemas").GetAddedOrExplicitItems() == ["PhysxJointAxisAPI:angular"]
     assert stage.GetPrimAtPath("/a1/trunk").GetAttribute("physics:mass").Get() == pytest.approx(4.7)
-    twice = written(result, tmp_path, "new_a1.usda", what="motors")
+    twice = written(result, tmp_path, "new_a1.usda", parameters="motors")
     again = twice.GetPrimAtPath(f"/a1/{CALF}")
     assert again.GetMetadata("apiSchemas").GetAddedOrExplicitItems() == ["PhysxJointAxisAPI:angular"]
 
@@ -93,7 +93,7 @@ def test_friction_at_rest_is_what_joints_have_at_rest(pxr, a1, result, tmp_path)
     (tmp_path / "a1.usda").write_text(usd(a1), encoding="utf-8")
     at_rest = Quantity("stribeck_friction", "Nm", 0.1, 0.01, "identified")
     motors = {name: dataclasses.replace(motor, stribeck_friction=at_rest) for name, motor in result.motors.items()}
-    stage = written(dataclasses.replace(result, motors=motors), tmp_path, what="motors")
+    stage = written(dataclasses.replace(result, motors=motors), tmp_path, parameters="motors")
     joint = stage.GetPrimAtPath(f"/a1/{CALF}")
     values = {attribute.GetName().split(":")[-1]: attribute.Get() for attribute in joint.GetAuthoredAttributes()}
     assert values["staticFrictionEffort"] == pytest.approx(0.42)
@@ -123,17 +123,17 @@ def test_what_a_file_composes_is_overruled_and_said(pxr, a1, result, tmp_path):
 def test_a_stage_that_cannot_hold_it_is_refused(text, message, pxr, a1, result, tmp_path):
     (tmp_path / "a1.usda").write_text(text(a1), encoding="utf-8")
     with pytest.raises(ModelError) as error:
-        export(result, "usd", file=tmp_path / "a1.usda", what="all")
+        export(result, "usd", file=tmp_path / "a1.usda", parameters="all")
     assert message in str(error.value)
 
 
 def test_an_arm_that_was_held_is_not_counted_twice(pxr, a1, result, tmp_path):
     (tmp_path / "a1.usda").write_text(usd(a1, more='\n    def PhysicsRevoluteJoint "arm" {}'), encoding="utf-8")
     assert export(result, "usd", file=tmp_path / "a1.usda").notes == ()
-    held = dataclasses.replace(result, held={"arm": 0.3})
+    held = dataclasses.replace(result, locked_joints={"arm": 0.3})
     with pytest.raises(ModelError, match="has joint 'arm', which was held"):
         export(held, "usd", file=tmp_path / "a1.usda")
-    export(held, "usd", file=tmp_path / "a1.usda", what="motors")
+    export(held, "usd", file=tmp_path / "a1.usda", parameters="motors")
 
 
 def test_without_a_file_or_without_usd_core_it_says_what_to_do(result, tmp_path, monkeypatch):

@@ -61,7 +61,7 @@ def test_on_four_feet_the_base_does_not_lean(a1, checks, hold):
 def test_on_two_feet_it_may_lean_farther_and_for_a_second_after_them(a1, checks, hold):
     raised = np.array(hold.position)
     raised[[2, 11]] -= 0.1  # the knees of FL and RR
-    look(checks.in_motion, JointCommand(raised), leaning(a1, 0.59, time=1.0), planted=hold)
+    look(checks.in_motion, JointCommand(raised), leaning(a1, 0.59, time=1.0), standing=hold)
     look(checks.in_motion, hold, leaning(a1, 0.59, time=1.9))
     with pytest.raises(FallError):
         look(checks.in_motion, hold, leaning(a1, 0.61, time=1.9))
@@ -73,10 +73,10 @@ def test_on_three_feet_it_may_lean_no_farther_than_on_four(a1, checks, hold):
     """Nor does the foot in the air turn the floor, which is where the others stand."""
     raised = np.array(hold.position)
     raised[2] -= 0.5  # the knee of FL
-    look(checks.in_motion, JointCommand(raised), leaning(a1, 0.34, time=1.0), planted=hold)
+    look(checks.in_motion, JointCommand(raised), leaning(a1, 0.34, time=1.0), standing=hold)
     for angle in (-0.36, 0.36):
         with pytest.raises(FallError):
-            look(checks.in_motion, JointCommand(raised), leaning(a1, angle, time=1.1), planted=hold)
+            look(checks.in_motion, JointCommand(raised), leaning(a1, angle, time=1.1), standing=hold)
 
 
 def test_a_robot_that_lies_has_no_feet_lifted(a1, checks, hold):

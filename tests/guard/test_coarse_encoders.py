@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from guarded import simulated
 
-from equipoise import Calibration, Precise, load_robot
+from equipoise import BayesianMethod, Calibration, load_robot
 from equipoise.calibration.routine import perform
 from equipoise.cli import main
 from equipoise.errors import RecordingError, SensorError
@@ -70,7 +70,7 @@ def recording(a1):
     """A whole calibration with fine encoders."""
     platform, *_ = simulated(a1)
     kept = Kept(platform)
-    perform(kept, a1, Precise(budget=40.0))
+    perform(kept, a1, BayesianMethod(duration=40.0))
     return Recording.concatenate(kept.recordings)
 
 
@@ -112,7 +112,7 @@ def test_a_frozen_encoder_among_coarse_ones_is_named(a1, recording, step):
 
 def test_a_robot_with_coarse_encoders_is_calibrated_behind_the_guard(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # the robot process imports this module
-    arguments = ["--platform", f"{__name__}:Coarse", "--set", "step=1.5e-3", "--budget", "30s", "--mass", "12.46"]
+    arguments = ["--platform", f"{__name__}:Coarse", "--set", "step=1.5e-3", "--duration", "30s", "--mass", "12.46"]
     assert main(["calibrate", "unitree_a1", *arguments, "--yes", "--quiet", "--no-report",
                  "--out", str(tmp_path / "run")]) == 0  # fmt: skip
     assert all(check.passed for check in Calibration.load(tmp_path / "run" / "calibration.json").checks)

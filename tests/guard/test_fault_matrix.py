@@ -10,7 +10,10 @@ import pytest
 from faults import Fault, Faulty, grease
 from guarded import SLOW, hold, simulated
 
-from equipoise import Precise, RunFolder, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, RunFolder, calibrate, load_robot, nominal_stance, simulate
+from equipoise.bayesian.lift_design import LiftDesign
+from equipoise.bayesian.safe_lift import found_doubt
+from equipoise.bayesian.trials import BayesianTrials
 from equipoise.clearance.clearance import contact_in
 from equipoise.errors import (
     CommunicationError,
@@ -31,9 +34,6 @@ from equipoise.platform.logged_platform import Logged
 from equipoise.platform.platform import Trajectory
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
-from equipoise.precise.lift_design import LiftDesign
-from equipoise.precise.safe_lift import found_doubt
-from equipoise.precise.trials import PreciseTrials
 from equipoise.recording.run_log_reader import read_log
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_jacobians
@@ -41,7 +41,7 @@ from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import lies
 from equipoise.simulation.mujoco import MujocoPlatform
 
-SETTINGS = Precise(budget=32, sway=False)
+SETTINGS = BayesianMethod(duration=32, excitation=False)
 CALF, THIGH = 2, 1  # of the front left leg
 SIZES = {"delay": 0.3, "spike": 0.3, "overheat": 90.0, "empty battery": 0.08}
 FALLS = (FallError, MotionError)
@@ -123,11 +123,11 @@ def act_of(case, disturbance):
     return lambda begins: grease(disturbance, "FL", 0.05 if begins else 0.8)
 
 
-class OneSwing(Precise):
+class OneSwing(BayesianMethod):
     """A lift in which the two lifted feet swing, and nothing else."""
 
-    def run(self, planted, stance, recordings, report=None):
-        trials = PreciseTrials(planted, stance, composite_parameters(planted.robot, stance.joint_position).com)
+    def run(self, standing, stance, recordings, report=None):
+        trials = BayesianTrials(standing, stance, composite_parameters(standing.robot, stance.joint_position).com)
         trials.doubt = found_doubt(stance)
         trials.lift(LiftDesign(BodyPosture(), "FR_RL", 1, swing="ahead"))
 
@@ -394,7 +394,7 @@ def test_faults_that_do_no_harm_leave_the_result_right(a1, tmp_path):
     outcome, truth, peer, report = run(a1, HARMLESS, tmp_path / "run", duration=0.3)
     assert not isinstance(outcome, EquipoiseError), outcome
     com = outcome.composite.com_in_base
-    assert (np.abs(com.values - truth.com) < 5 * com.deviations).all()
+    assert (np.abs(com.values - truth.com) < 5 * com.stds).all()
     assert_calm_or_put_down(a1, HARMLESS[0], outcome, peer, report)
 
 
@@ -431,7 +431,7 @@ def crossing(robot, start, control_period):
 @pytest.mark.parametrize("how", ["play", "step"])
 def test_self_collision_is_refused_before_links_touch(a1, how):
     """A program whose plan nobody checked: of a motion nothing is sent, of steps those that are clear."""
-    platform, _, _ = simulated(a1, noise="ideal")
+    platform, _, _ = simulated(a1, preset="ideal")
     peer = Seen(platform)
     with Guard(peer, a1) as guard:
         hold(guard, peer, 0.1)

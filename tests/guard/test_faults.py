@@ -12,14 +12,14 @@ import pytest
 from robots import load_text
 from scipy.spatial.transform import Rotation
 
-from equipoise import Precise, SwaySettings, calibrate, estimate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, ExcitationSettings, calibrate, estimate, load_robot, nominal_stance, simulate
 from equipoise.calibration.routine import perform
 from equipoise.errors import MissingDependencyError, MotionError, RecordingError
 from equipoise.estimator.diagnostics.checks import shift_without
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknowns import Priors
-from equipoise.paper.method import estimate_sways
+from equipoise.paper.method import estimate_excitations
 from equipoise.recording.recording import PHASE
 from equipoise.recording.trials import DesignedLift
 from equipoise.robot.description import RobotDescription
@@ -28,7 +28,7 @@ from equipoise.simulation.effects import REALISTIC
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
-SETTINGS = Precise(budget=60)
+SETTINGS = BayesianMethod(duration=60)
 PAYLOAD, SEED = "1.0,0.05,0.02,0.08", 3
 MOVED_PAYLOAD = "1.0,-0.02,0.02,0.08"
 JOINTS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
@@ -55,7 +55,7 @@ def run(a1):
 @pytest.fixture(scope="module")
 def leaning(a1):
     """Recordings of a robot that leans about two axes; in `run` about one, with which one fault can look like another."""
-    return recorded(a1, settings=replace(SETTINGS, budget=140, cable="none", legs="trusted"))[0]
+    return recorded(a1, settings=replace(SETTINGS, duration=140, cable="none", leg_prior="narrow"))[0]
 
 
 # --- what faults do to a log
@@ -182,7 +182,7 @@ def test_a_run_without_a_fault_raises_no_alarm(run):
 
 def test_true_values_lie_where_they_should(run):
     off = run.result.composite.values - components(run.truth)
-    assert np.abs(off / run.result.composite.deviations).max() < 4.0
+    assert np.abs(off / run.result.composite.stds).max() < 4.0
 
 
 # --- encoders
@@ -251,8 +251,8 @@ def test_a_velocity_with_the_wrong_sign_is_named(a1, run):
 def test_a_joint_zero_that_is_far_off_is_named(a1, run):
     moved = with_joints(run.recordings, columns(lambda q: q + 0.1, 4), ["position"])
     result = estimate(a1, moved, SETTINGS)
-    assert "a joint's encoder is wrong" in failed(result)["planted feet"]
-    assert farthest(result).startswith("joint zero of FR_thigh_joint")
+    assert "a joint's encoder is wrong" in failed(result)["stance motion residuals"]
+    assert farthest(result).startswith("joint offset of FR_thigh_joint")
 
 
 # --- inertial sensors
@@ -337,10 +337,10 @@ def test_one_motor_that_errs_by_half_is_named(a1, run):
 @pytest.mark.parametrize("factor", [1.2, 0.8])
 def test_a_mass_that_is_wrong_by_a_fifth_is_named(a1, run, factor):
     """By one who knows the motors' torque constant; else it looks like another one, and that is named."""
-    wrong = Precise(budget=60, mass=factor * run.truth.mass)
+    wrong = BayesianMethod(duration=60, mass=factor * run.truth.mass)
     gains = [found for found in estimate(a1, run.recordings, wrong).sensors if found.name == "torque gain"]
     assert [found.value for found in gains] == pytest.approx([factor - 1], abs=0.06)
-    assert gains[0].notable
+    assert gains[0].significant
     said = failed(estimate(a1, run.recordings, replace(wrong, priors=Priors(torque_gain_common=0.0))))
     assert next(iter(said)) == "mass"
     off = float(re.search(r"([+-][\d.]+)% off", said["mass"]).group(1)) / 100
@@ -349,7 +349,7 @@ def test_a_mass_that_is_wrong_by_a_fifth_is_named(a1, run, factor):
 
 
 def test_the_right_mass_raises_no_alarm(a1, run):
-    weighed = Precise(budget=60, mass=run.truth.mass)
+    weighed = BayesianMethod(duration=60, mass=run.truth.mass)
     for priors in (Priors(), Priors(torque_gain_common=0.0)):
         assert not failed(estimate(a1, run.recordings, replace(weighed, priors=priors)))
 
@@ -393,7 +393,7 @@ def test_a_gap_in_one_lift_does_no_harm(a1, run, streams):
 
 def test_gaps_in_most_lifts_are_named(a1, run):
     said = failed(estimate(a1, with_gaps(run.recordings, 8, 0.06, ["joints", "imu"]), SETTINGS))
-    assert "samples are missing" in said["evidence"]
+    assert "samples are missing" in said["sufficient data"]
 
 
 # --- the robot, its load and the floor
@@ -404,17 +404,19 @@ def test_a_payload_that_moves_is_named_with_when_and_by_how_much(a1, run):
     weighed = replace(SETTINGS, mass=run.truth.mass)  # else it looks like another mass too
     moved, _ = recorded(a1, payload=MOVED_PAYLOAD)
     said = failed(estimate(a1, [*run.recordings[:half], *moved[half:]], weighed))
-    found = re.match(r"from motion (\d+) on CoM x seems to be ([+-][\d.]+) m other than before", said["halves"])
+    found = re.match(
+        r"from motion (\d+) on CoM x seems to be ([+-][\d.]+) m other than before", said["split-half consistency"]
+    )
     assert int(found.group(1)) == pytest.approx(half, abs=3)
     assert float(found.group(2)) == pytest.approx(-0.07 * 1.0 / run.truth.mass, abs=2.5e-3)
-    assert "a payload or something else on the robot moved" in said["halves"]
+    assert "a payload or something else on the robot moved" in said["split-half consistency"]
 
 
 def test_feet_that_slip_are_named(a1):
     slippery = replace(REALISTIC.scaled_to(nominal_stance(a1).scale), floor_friction=0.05)
-    said = failed(ran(a1, noise=slippery, settings=Precise(budget=40)).result)
-    assert next(iter(said)) == "planted feet"
-    assert "The feet do not keep their places: they slip" in said["planted feet"]
+    said = failed(ran(a1, noise=slippery, settings=BayesianMethod(duration=40)).result)
+    assert next(iter(said)) == "stance motion residuals"
+    assert "The feet do not keep their places: they slip" in said["stance motion residuals"]
 
 
 @pytest.mark.parametrize(
@@ -437,10 +439,10 @@ def test_legs_that_are_longer_than_the_model_says_are_named(a1, a1_urdf, tmp_pat
             rf'(<joint name="{leg}_{joint}".*?<origin xyz="0 0 )-0.2"', r'\1-0.22"', text, flags=re.S
         )
         assert changed == 1, leg
-    longer = ran(load_text(tmp_path, text), model=a1, settings=replace(SETTINGS, budget=95))
+    longer = ran(load_text(tmp_path, text), model=a1, settings=replace(SETTINGS, duration=95))
     assert f"{words}, which the run contradicts" in longer.result.assumptions
-    said = failed(estimate(a1, longer.recordings, replace(SETTINGS, legs="trusted")))
-    assert words in said["what is held"]
+    said = failed(estimate(a1, longer.recordings, replace(SETTINGS, leg_prior="narrow")))
+    assert words in said["fixed-parameter score test"]
 
 
 # --- legs of two joints
@@ -458,12 +460,12 @@ def test_what_legs_of_two_joints_cannot_tell_is_said(recwarn):
     assert not failed(result)
     com = result.composite.com_in_base
     assert com.x.verdict == com.z.verdict == "identified"
-    assert (np.abs(off) < 4 * result.composite.deviations).all()
-    sways, _, _ = estimate_sways(robot, recordings, com.values, nominal_stance(robot), SwaySettings())
+    assert (np.abs(off) < 4 * result.composite.stds).all()
+    excitations, _, _ = estimate_excitations(robot, recordings, com.values, nominal_stance(robot), ExcitationSettings())
     for axis in ("roll", "yaw"):
-        assert sways[axis].moment is None
-        assert "lacks a joint" in sways[axis].note
-    assert sways["pitch"].moment > 0
+        assert excitations[axis].moment is None
+        assert "lacks a joint" in excitations[axis].note
+    assert excitations["pitch"].moment > 0
 
 
 # --- leaving motions out
@@ -487,9 +489,9 @@ def test_leaving_a_motion_out_shifts_the_estimate_as_estimating_without_it(a1, r
 
 
 def test_leaving_nothing_out_shifts_nothing(posterior):
-    shift, deviations = shift_without(posterior, [])
+    shift, stds = shift_without(posterior, [])
     assert not shift.any()
-    assert not deviations.any()
+    assert not stds.any()
 
 
 def test_what_holds_no_evidence_shifts_nothing(posterior):
@@ -497,5 +499,5 @@ def test_what_holds_no_evidence_shifts_nothing(posterior):
 
 
 def test_by_chance_shifts_are_as_large_as_their_deviations_say(posterior):
-    deviations = np.array([shift_without(posterior, [motion])[1] for motion in posterior.information])
-    assert 0.2 < np.sqrt(np.mean(deviations**2)) < 1.5
+    stds = np.array([shift_without(posterior, [motion])[1] for motion in posterior.information])
+    assert 0.2 < np.sqrt(np.mean(stds**2)) < 1.5

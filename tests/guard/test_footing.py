@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from equipoise import nominal_stance
+from equipoise.bayesian.lift_design import LiftDesign, lift_feet, lift_settings, turned_feet
 from equipoise.experiments.posture import feet_in_posture
 from equipoise.guard.footing import feet_are_lifted, look_at_feet
-from equipoise.precise.lift_design import LiftDesign, lift_feet, lift_settings, turned_feet
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.posture import BodyPosture
@@ -52,11 +52,11 @@ def test_two_feet_in_the_air_are_up_also_in_the_lowest_step(robot, postures, joi
     stance = nominal_stance(robot)
     for posture in postures:
         design = LiftDesign(posture, diagonal, 1)
-        planted, raised = lift_feet(stance, com, design, share * lift_settings(stance).height)
+        standing, raised = lift_feet(stance, com, design, share * lift_settings(stance).height)
         lifted, up = look_at_feet(robot, stance, joints(raised))
         assert lifted
         assert np.allclose(up, posture.rotation[2], atol=1e-3)
-        assert not feet_are_lifted(robot, stance, joints(planted))
+        assert not feet_are_lifted(robot, stance, joints(standing))
 
 
 def test_feet_stay_up_while_the_body_turns_over_two(a1):

@@ -252,24 +252,24 @@ def test_a_second_ctrl_c_skips_lowering_and_drops_no_robot(a1, seen, after, endi
 
 def test_a_standing_robot_is_taken_over_as_it_stands(a1, seen):
     with Guard(seen, a1) as guard:
-        planted, _ = stand_up(guard, a1, nominal_stance(a1))
+        standing, _ = stand_up(guard, a1, nominal_stance(a1))
         first = seen.commands[0]
         assert np.abs(first.position - seen.joints[0]).max() < 2e-3
         assert all(command.kp is None for command in seen.commands)
-        move_to(planted, nominal_stance(a1).feet_in_base)
+        move_to(standing, nominal_stance(a1).feet_in_base)
     assert_put_down(seen, a1)
 
 
 def test_a_robot_that_lies_gets_up_and_lies_down_again(a1, make):
     seen = make("lying")
     with Guard(seen, a1) as guard:
-        planted, home = stand_up(guard, a1, nominal_stance(a1))
+        standing, home = stand_up(guard, a1, nominal_stance(a1))
         stiffness = np.array([command.kp[0] for command in seen.commands if command.kp is not None])
         assert stiffness[0] < 0.01 * stiffness[-1]
         assert (np.diff(stiffness) >= 0).all()
         assert len(stiffness) == 250
         assert not lies(a1, nominal_stance(a1), seen.read().joint_position)
-        move_to(planted, home)
+        move_to(standing, home)
     assert guard.report().ending == ("damped", "released")
     assert_put_down(seen, a1)
 

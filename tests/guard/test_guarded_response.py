@@ -18,8 +18,8 @@ def respond(platform, robot, confirm=None):
     stance = nominal_stance(robot)
     with Guard(platform, robot) as guard:
         joints = check_joints(guard, robot, stance)
-        planted, _ = stand_up(guard, robot, stance)
-        return check_base(planted, stance, joints, confirm)
+        standing, _ = stand_up(guard, robot, stance)
+        return check_base(standing, stance, joints, confirm)
 
 
 @pytest.mark.parametrize(("start", "preset", "joints"), [("lying", "realistic", 12), ("standing", "stress", 0)])

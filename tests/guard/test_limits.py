@@ -386,16 +386,16 @@ class Robot:
         return self
 
 
-def taken_over(platform, robot, sent, planted=None):
+def taken_over(platform, robot, sent, standing=None):
     loop = RobotLoop(platform, robot)
     loop.tick()
-    loop.known = Known(loop.state, sent, sent, planted or sent, loop._up)
+    loop.known = Known(loop.state, sent, sent, standing or sent, loop._up)
     return loop
 
 
-def put_down(platform, robot, sent, sound=True, planted=None, urgent=False, tilt=None):
+def put_down(platform, robot, sent, sound=True, standing=None, urgent=False, tilt=None):
     """The steps of the ending of a robot that was sent somewhere last."""
-    loop = taken_over(platform, robot, sent, planted)
+    loop = taken_over(platform, robot, sent, standing)
     if tilt is not None:
         loop.known.up = SimpleNamespace(tilt=tilt, lean=lambda floor: 0.0, update=lambda sample: None)
     loop.end(None if sound else FallError("it falls"), urgent, sound)
@@ -483,7 +483,7 @@ def test_feet_in_the_air_are_put_down_first(a1, stance, home, urgent):
     feet = stance.feet_in_base + np.array([0.02, 0, 0, 0.02])[:, None] * [0, 0, 1]
     raised = inverse_kinematics(a1, feet, home)
     platform = Robot(a1, None).follow(raised)
-    done = put_down(platform, a1, JointCommand(raised), planted=JointCommand(home), urgent=urgent)
+    done = put_down(platform, a1, JointCommand(raised), standing=JointCommand(home), urgent=urgent)
     assert done == ["feet down", *["lowered"] * (not urgent), "damped"]
     assert np.allclose(platform.sent[149].position, home)
     if urgent:

@@ -8,6 +8,7 @@ import pytest
 from guarded import SLOW, Seen, assert_put_down, simulated
 
 from equipoise import nominal_stance
+from equipoise.bayesian.trials import BayesianTrials
 from equipoise.cli import operator_prompt
 from equipoise.cli.operator_prompt import Keyboard
 from equipoise.errors import FallError, MotionError
@@ -15,7 +16,6 @@ from equipoise.experiments import turn as turn_module
 from equipoise.experiments.stand import stand_up
 from equipoise.guard.guard import Guard
 from equipoise.platform.platform import TURNS, MotionInterrupted
-from equipoise.precise.trials import PreciseTrials
 from equipoise.recording.trials import TurnTrial
 from equipoise.robot.inertial import composite_parameters
 
@@ -46,14 +46,14 @@ class Carried(Seen):
 
 def turned(a1, angle, told=None):
     """The robot, and what the trial recorded."""
-    robot = Carried(simulated(a1, noise="ideal")[0], angle)
+    robot = Carried(simulated(a1, preset="ideal")[0], angle)
     stance, kept = nominal_stance(a1), []
     with Guard(robot, a1) as guard:
         assert TURNS not in guard.accepts
-        planted, _ = stand_up(guard, a1, stance)
-        planted.keep = kept.append
-        planted.told = told or (lambda: robot.carried == WHILE)
-        PreciseTrials(planted, stance, composite_parameters(a1, stance.joint_position).com).turn()
+        standing, _ = stand_up(guard, a1, stance)
+        standing.keep = kept.append
+        standing.told = told or (lambda: robot.carried == WHILE)
+        BayesianTrials(standing, stance, composite_parameters(a1, stance.joint_position).com).turn()
     return robot, kept[0]
 
 

@@ -59,8 +59,8 @@ def standing(robot, *flags, dds=False, log=None, folder=None):
     with emulator(*flags, dds=dds) as (peer, name, settings):
         remote = RemoteRobot(name, robot, settings, log, folder and folder / "ending.txt", LIMITS)
         with remote:
-            planted, feet = stand_up(remote, robot, nominal_stance(robot))
-            yield remote, peer, planted, feet
+            raised, feet = stand_up(remote, robot, nominal_stance(robot))
+            yield remote, peer, raised, feet
 
 
 def moments(peer, **what):
@@ -202,13 +202,13 @@ def test_a_push_in_a_lift_damps_the_robot_beyond_the_recovery_angle(a1):
 
 @pytest.mark.realtime
 def test_a_blocked_joint_meets_a_bounded_force(a1):
-    with standing(a1) as (remote, peer, planted, _):
+    with standing(a1) as (remote, peer, raised, _):
         joint = a1.joint_names.index("FL_calf_joint")
         before = remote.read().joint_torque
         peer.fault(block="FL_calf_joint")
         peer.wait_for("fault", "block")
         with pytest.raises(MotionError, match="FL_calf_joint"):
-            move_to(planted, nominal_stance(a1).feet_in_base + [0.0, 0.0, 0.06])
+            move_to(raised, nominal_stance(a1).feet_in_base + [0.0, 0.0, 0.06])
         began = moments(peer, fault="block")[0]
         strained = max(
             e["torque"] for e in peer.log if "torque" in e and e["time"] > began and e["joint"].endswith("calf_joint")
@@ -222,11 +222,11 @@ def test_a_blocked_joint_meets_a_bounded_force(a1):
 
 @pytest.mark.realtime
 def test_bad_samples_are_left_out_and_counted(a1):
-    with standing(a1, dds=True) as (remote, peer, planted, feet):
+    with standing(a1, dds=True) as (remote, peer, raised, feet):
         for fault in ({"damage": 0.02}, {"replay": 0.02}):
             peer.fault(**fault)
         for there in (nominal_stance(a1).feet_in_base, feet):
-            move_to(planted, there)
+            move_to(raised, there)
     report = remote.report()
     assert min(report.samples.rejected, report.samples.out_of_order) >= 5
     assert report.ending == LOWERED

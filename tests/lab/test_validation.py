@@ -52,7 +52,7 @@ def run(a1, precise_run, tmp_path_factory):
 def test_the_body_found_tips_as_the_robot_did_and_the_model_files_does_not(played):
     assert played.ratio(MODEL) > 7
     assert 1000 * played.error(FOUND) < 1
-    assert "the body found is nearer the robot's" in played.sentence
+    assert "the body found is nearer the robot's" in played.message
     assert max(played.joint_errors.values()) < 2e-3
 
 

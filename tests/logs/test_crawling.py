@@ -58,12 +58,12 @@ def test_every_foot_is_seen_to_be_up_in_turn(found, stance):
 
 def test_a_crawl_tells_the_planar_centre_of_mass_by_its_torques(a1, crawled, found):
     true, whole = components(crawled.truth), found.result.composite
-    errors, deviations = whole.values - true, whole.deviations
+    errors, stds = whole.values - true, whole.stds
     assert (np.abs(errors[1:3]) < (0.006, 0.004)).all()
     assert sum(one.lower <= value <= one.upper for one, value in zip(whole, true, strict=True)) == 10
-    assert (deviations[1:3] < (0.005, 0.003)).all()
+    assert (stds[1:3] < (0.005, 0.003)).all()
     standing = estimated(a1, crawled, crawled.log.between(0.0, 1.1)).result.composite
-    assert (deviations[1:3] < 0.7 * standing.deviations[1:3]).all()
+    assert (stds[1:3] < 0.7 * standing.stds[1:3]).all()
 
 
 def test_what_a_crawl_cannot_tell_is_said(found):

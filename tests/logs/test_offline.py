@@ -9,7 +9,7 @@ import pytest
 from foreign_logs import Bag, as_log, columns_of, every, shifted, without, write_bag, write_csv
 from scipy.spatial.transform import Rotation
 
-from equipoise import Precise, simulate
+from equipoise import BayesianMethod, simulate
 from equipoise.cli import main
 from equipoise.errors import LogError, MotionError, RecordingError
 from equipoise.estimator.measurements.lift_samples import attitudes
@@ -37,7 +37,7 @@ KNOWN_MOTORS = Priors(torque_gain_common=1e-3)
 
 def estimated(robot, log, **settings):
     read = Log(log, map_joints(robot, log.joint_names), {}, ())
-    return estimate_log(robot, read, Precise(**settings))
+    return estimate_log(robot, read, BayesianMethod(**settings))
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def found(a1, log):
 
 def errors(result, truth):
     """(10,) errors and (10,) standard deviations of the whole robot."""
-    return result.composite.values - components(truth.composite), result.composite.deviations
+    return result.composite.values - components(truth.composite), result.composite.stds
 
 
 def verdicts_of(found):
@@ -56,8 +56,8 @@ def verdicts_of(found):
 
 def agrees(result, truth):
     """Nine of ten parameters within their 95 % intervals, and none far outside."""
-    off, deviations = errors(result, truth)
-    z = np.abs(off / deviations)
+    off, stds = errors(result, truth)
+    z = np.abs(off / stds)
     assert (z < 1.96).sum() >= 9, dict(zip(COMPONENTS, z.round(1), strict=True))
     assert z.max() < 3.5
     return z
@@ -66,8 +66,8 @@ def agrees(result, truth):
 def test_a_log_gives_what_our_own_events_give(found, precise_run):
     agrees(found.result, precise_run.truth)
     own_off, own_deviations = errors(precise_run.result, precise_run.truth)
-    off, deviations = errors(found.result, precise_run.truth)
-    assert (deviations < 1.3 * own_deviations).all()
+    off, stds = errors(found.result, precise_run.truth)
+    assert (stds < 1.3 * own_deviations).all()
     assert np.abs(off - own_off)[1:4].max() < 1e-3  # [m] of the centre of mass
     assert found.result.trustworthy
     used = [one for one in found.report.segments if one.kind == "lift" and one.used]
@@ -93,7 +93,7 @@ def test_the_estimates_verdict_is_on_the_segment(found):
 )
 def test_other_rates_starts_and_gaps(a1, log, precise_run, change):
     name, make = change
-    other = estimated(a1, make(log), legs="trusted", cable="none")
+    other = estimated(a1, make(log), leg_prior="narrow", cable="none")
     agrees(other.result, precise_run.truth)
     off, _ = errors(other.result, precise_run.truth)
     assert np.abs(off[1:4]).max() < 3e-3
@@ -105,12 +105,12 @@ def test_other_rates_starts_and_gaps(a1, log, precise_run, change):
 
 
 def test_a_slower_log_knows_less_and_says_so(a1, log, found, precise_run):
-    before = found.result.composite.deviations
+    before = found.result.composite.stds
     for step, rate in ((5, 100), (10, 50)):
         slower = estimated(a1, replace(log, joints=every(log.joints, step), imu=every(log.imu, step)))
         agrees(slower.result, precise_run.truth)
-        assert np.linalg.norm(slower.result.composite.deviations[1:4]) > np.linalg.norm(before[1:4])
-        before = slower.result.composite.deviations
+        assert np.linalg.norm(slower.result.composite.stds[1:4]) > np.linalg.norm(before[1:4])
+        before = slower.result.composite.stds
         said = " ".join(finding.message for finding in slower.report.findings)
         assert (f"come at {rate} Hz; a lift is over in half a second" in said) == (rate == 50)
 
@@ -125,9 +125,9 @@ def test_an_orientation_in_place_of_the_gyroscope_knows_less(a1, log, found, pre
         RawJoints(log.joints.time, log.joint_names, log.joints.position, log.joints.velocity, log.joints.torque),
         RawImu(log.imu.time, None, log.imu.acceleration_in_imu, quaternions),
     )
-    fused = estimate_log(a1, assemble(a1, raw), Precise())
+    fused = estimate_log(a1, assemble(a1, raw), BayesianMethod())
     agrees(fused.result, precise_run.truth)
-    assert (fused.result.composite.deviations[1:4] > found.result.composite.deviations[1:4]).all()
+    assert (fused.result.composite.stds[1:4] > found.result.composite.stds[1:4]).all()
     assert any("turns as its fused orientation does" in finding.message for finding in fused.report.findings)
 
 
@@ -139,7 +139,7 @@ def test_without_lifts_torques_tell_a_little_and_the_rest_is_not_told(a1, log, f
     agrees(other.result, precise_run.truth)
     verdicts = verdicts_of(other)
     assert verdicts["mass"] == "doubtful"  # nothing but torques says it, and that is a check that fails
-    assert other.result.composite.mass.deviation < 0.03 * precise_run.truth.composite.mass  # a tenth of its prior
+    assert other.result.composite.mass.std < 0.03 * precise_run.truth.composite.mass  # a tenth of its prior
     assert verdicts["Ixx"] == verdicts["Izz"] == "not identified"
     assert other.report.not_told[0].startswith("There is no lift of two diagonal feet after a rest")
     assert other.report.not_told[-1].startswith("Not told by this log: Ixx, Iyy, Izz")
@@ -148,28 +148,28 @@ def test_without_lifts_torques_tell_a_little_and_the_rest_is_not_told(a1, log, f
 
 def test_standing_alone_tells_the_mass(a1, precise_run):
     with simulate(a1, "realistic", seed=precise_run.seed, payload="1.5,0.05,-0.02,0.06") as simulation:
-        planted, _ = stand_up(simulation.platform, a1, precise_run.stance)
-        planted.play(planted.motion().hold(4.0))
-        log = as_log([planted.finish()])
+        standing, _ = stand_up(simulation.platform, a1, precise_run.stance)
+        standing.play(standing.motion().hold(4.0))
+        log = as_log([standing.finish()])
     other, unsure = estimated(a1, log, priors=KNOWN_MOTORS), estimated(a1, log)
     for one in (other, unsure):
         agrees(one.result, precise_run.truth)
         assert {segment.kind for segment in one.report.segments} == {"rest"}
     verdicts = verdicts_of(other)
     assert verdicts["mass"] == "doubtful"  # without lifts
-    assert other.result.composite.mass.deviation < 0.15 * precise_run.truth.composite.mass  # half of its prior
+    assert other.result.composite.mass.std < 0.15 * precise_run.truth.composite.mass  # half of its prior
     assert verdicts_of(unsure)["mass"] == "not identified"  # nobody knows their torque constant
     assert verdicts["com_z"] == verdicts["Iyy"] == "not identified"
-    assert any("no move over planted feet" in sentence for sentence in other.report.not_told)
+    assert any("no move over planted feet" in message for message in other.report.not_told)
 
 
 def test_without_torques_the_scales_mass_counts(a1, log, precise_run):
     silent = replace(log, joints=replace(log.joints, torque=None))
     without_scale, with_scale = estimated(a1, silent), estimated(a1, silent, mass=precise_run.truth.composite.mass)
     agrees(with_scale.result, precise_run.truth)
-    assert any("no joint torques and no --mass" in sentence for sentence in without_scale.report.not_told)
-    assert not any("--mass" in sentence for sentence in with_scale.report.not_told)
-    spread = [one.result.composite.inertia.Iyy.deviation for one in (without_scale, with_scale)]
+    assert any("no joint torques and no --mass" in message for message in without_scale.report.not_told)
+    assert not any("--mass" in message for message in with_scale.report.not_told)
+    spread = [one.result.composite.inertia.Iyy.std for one in (without_scale, with_scale)]
     assert spread[1] < 0.7 * spread[0]
 
 
@@ -248,12 +248,12 @@ QUANTITIES = ("position", "velocity", "torque")
 
 def test_a_bag_of_somebody_else_from_the_command_line(bag, precise_run, tmp_path, capsys):
     out = tmp_path / "found.json"
-    known = ["--legs", "trusted", "--cable", "none"]
+    known = ["--leg-prior", "narrow", "--cable", "none"]
     assert main(["estimate", str(bag), "--robot", "unitree_a1", *known, "--out", str(out)]) == 0
     shown = capsys.readouterr().out
     for part in (
         "joints: /joint_states (sensor_msgs/msg/JointState)", "rates: joints 250 Hz, IMU 167 Hz", "FL_hip_joint", "lf_haa",
-        "leg and place", "other joints, not used: arm", "lifts", "move", "method precise", "identified", "saved: ",
+        "leg and place", "other joints, not used: arm", "lifts", "move", "method bayesian", "identified", "saved: ",
     ):  # fmt: skip
         assert part in shown, part
     assert f"see {tmp_path / 'found.html'}" in shown
@@ -263,9 +263,9 @@ def test_a_bag_of_somebody_else_from_the_command_line(bag, precise_run, tmp_path
     truth = precise_run.truth.composite
     found = saved["composite"]["com_in_base"]
     np.testing.assert_allclose(found[:2], truth.com[:2], atol=2e-3)
-    deviation = saved["composite"]["uncertainty"]["intervals"]["com_z"]["deviation"]
-    assert deviation < 2.5e-3  # few lifts, at slow rates
-    assert abs(found[2] - truth.com[2]) < 3 * deviation
+    std = saved["composite"]["uncertainty"]["intervals"]["com_z"]["std"]
+    assert std < 2.5e-3  # few lifts, at slow rates
+    assert abs(found[2] - truth.com[2]) < 3 * std
 
 
 def test_json_is_one_object_with_the_logs_section(log, a1, tmp_path, capsys):
@@ -300,7 +300,7 @@ def test_flags_of_logs_and_of_runs_are_not_mixed(bag, tmp_path, capsys):
     assert main(["estimate", str(bag), "--imu-topic", "/imu/data"]) == 2
     assert "give --robot too" in capsys.readouterr().err.replace("\n", " ")
     assert main(["estimate", str(bag), "--robot", "unitree_a1", "--feet", "measured"]) == 2
-    assert "--feet belongs to --method paper; this is --method precise" in capsys.readouterr().err
+    assert "--feet belongs to --method paper; this is --method bayesian" in capsys.readouterr().err
 
 
 def test_a_joint_map_from_the_command_line(bag, tmp_path, capsys):

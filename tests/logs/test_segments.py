@@ -75,7 +75,7 @@ def outing(a1, stance):
     def lean(motion):
         motion.move_feet(home + [0.0, 0.02, 0.03], 0.6)
 
-    def sway(motion):
+    def excitation(motion):
         for _ in range(6):
             motion.move_feet(home + [0.02, 0, 0], 0.2).move_feet(home, 0.2)
 
@@ -85,13 +85,13 @@ def outing(a1, stance):
 
     with simulate(a1, "realistic", seed=3, start="lying") as simulation:
         recordings = logged(simulation.platform)
-        planted, feet_at_end = stand_up(simulation.platform, a1, stance)
-        for what in (crawl, trot, pace, lean, sway, lift):
-            motion = planted.motion().hold(PAUSE)
+        standing, feet_at_end = stand_up(simulation.platform, a1, stance)
+        for what in (crawl, trot, pace, lean, excitation, lift):
+            motion = standing.motion().hold(PAUSE)
             began[what.__name__] = recordings[-1].joints.time[-1] + PAUSE
             what(motion)
-            planted.play(motion.hold(PAUSE))
-        move_to(planted, feet_at_end)
+            standing.play(motion.hold(PAUSE))
+        move_to(standing, feet_at_end)
     return SimpleNamespace(log=as_log(recordings), began=began)
 
 
@@ -104,7 +104,7 @@ def test_every_piece_of_an_outing_is_named(a1, stance, outing):
     segments = find_segments(a1, stance, outing.log)
     expected = {
         "crawl": ("steps", False), "trot": ("walk", True), "pace": ("steps", False), "lean": ("move", True),
-        "sway": ("sway", True), "lift": ("lift", True),
+        "excitation": ("excitation", True), "lift": ("lift", True),
     }  # fmt: skip
     for what, (kind, used) in expected.items():
         one = found_at(segments, outing.began[what])
@@ -172,7 +172,7 @@ def test_a_recording_is_cut_at_gaps_and_nothing_is_used_across_them(a1, stance, 
     assert missing.start == pytest.approx(gap, abs=0.01)
     assert found_at(segments, outing.began["lean"]).kind == "motion"
     used = [one.kind for one in segments if one.used and one.recording is not None and one.kind != "rest"]
-    assert used == ["walk", "sway", "lift"]
+    assert used == ["walk", "excitation", "lift"]
 
 
 @pytest.mark.parametrize("time", [0.0, 1_763_712_000.0])

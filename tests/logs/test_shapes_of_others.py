@@ -11,6 +11,7 @@ import pytest
 from foreign_logs import write_parquet
 
 from equipoise import load_robot, simulate
+from equipoise.bayesian.method import BayesianMethod
 from equipoise.cli import main
 from equipoise.errors import ColumnsError, EquipoiseError, RecordingError, SettingsError
 from equipoise.lab.gaits.trot import trot
@@ -19,7 +20,6 @@ from equipoise.logs.offline import estimate_log
 from equipoise.logs.raw_log import Log
 from equipoise.logs.reader import read_log
 from equipoise.logs.tables.column_names import STANDARD_GRAVITY, Columns
-from equipoise.precise.method import Precise
 from equipoise.terminal.column_dialogue import ask_columns
 from equipoise.user_file import toml_table
 
@@ -106,7 +106,7 @@ def without(columns, *kinds):
 
 def test_the_trot_with_our_names_is_estimated_without_a_failed_check(a1, whole, tmp_path):
     log = read_log(write(tmp_path / "trot.csv", whole), a1)
-    result = estimate_log(a1, Log(log.recording, JointMap(()), {}, ()), Precise(mass=MASS, mass_sd=0.1)).result
+    result = estimate_log(a1, Log(log.recording, JointMap(()), {}, ()), BayesianMethod(mass=MASS, mass_std=0.1)).result
     assert all(check.passed for check in result.checks)
 
 
@@ -267,7 +267,7 @@ def test_26_an_accelerometer_that_points_down_is_named(a1, whole, tmp_path, torq
     columns = {name: -column if name.startswith("acc") else column for name, column in whole.items()}
     kept = columns if torques else without(columns, "torque")
     with pytest.raises(EquipoiseError, match="the accelerometer has the wrong sign, or the IMU hangs upside down"):
-        estimate_log(a1, read_log(write(tmp_path / "log.csv", kept), a1), Precise(mass=MASS))
+        estimate_log(a1, read_log(write(tmp_path / "log.csv", kept), a1), BayesianMethod(mass=MASS))
 
 
 DEGREES = 180 / np.pi
@@ -364,7 +364,7 @@ def test_an_order_of_legs_that_the_gyroscope_contradicts_is_refused_with_both(a1
     path = write(tmp_path / "log.csv", columns)
     told = Columns.from_text(proposal_for(a1, path), "it")
     with pytest.raises(RecordingError, match=r"in the order FL FR RL RR, .* agrees .* in the order FR FL RR RL"):
-        estimate_log(a1, read_log(path, a1, columns=told), Precise(mass=MASS))
+        estimate_log(a1, read_log(path, a1, columns=told), BayesianMethod(mass=MASS))
 
 
 def arrays_without_time(robot, trotted):

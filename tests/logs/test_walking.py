@@ -9,7 +9,7 @@ import pytest
 from foreign_logs import columns_of, estimated, shifted, write_csv
 from scipy.spatial.transform import Rotation
 
-from equipoise import Precise, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, load_robot, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import LogError, MotionError, RecordingError, SettingsError
 from equipoise.estimator.diagnostics import prior_conflict
@@ -145,7 +145,7 @@ def test_every_walk_states_that_the_height_of_the_imu_is_assumed(found):
 
 def test_what_a_walk_cannot_tell_is_said(found):
     said = " ".join(found.report.not_told)
-    assert "joint zeros and the IMU's mounting are not told" in said
+    assert "joint offsets and the IMU's mounting are not told" in said
     assert "Lifts, or moves over planted feet from rest to rest, would." in said
 
 
@@ -248,4 +248,4 @@ def test_the_bias_is_what_turns_gravity():
 
 def test_another_robots_mass_is_refused(a1, trotted):
     with pytest.raises(SettingsError, match="another robot's"):
-        estimate_log(a1, Log(trotted.log, JointMap(()), {}, ()), Precise(mass=200.0))
+        estimate_log(a1, Log(trotted.log, JointMap(()), {}, ()), BayesianMethod(mass=200.0))

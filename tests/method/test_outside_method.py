@@ -66,7 +66,7 @@ def test_it_is_estimated_again_with_its_own_flag(run, capsys):
     assert again["settings"]["average"] == "last"
     assert again["composite"]["mass"] != Calibration.load(run / "calibration.json").composite.mass.value
     assert main(["estimate", str(run), "--mass", "12"]) == 2
-    assert "--mass belongs to --method precise; this is --method hefty" in capsys.readouterr().err
+    assert "--mass belongs to --method bayesian; this is --method hefty" in capsys.readouterr().err
 
 
 def test_a_run_that_was_cut_off_goes_on(run, tmp_path, capsys):
@@ -109,7 +109,7 @@ def shown_estimates(folder):
 
 def test_its_run_is_shown_with_its_own_estimates(run, a1):
     assert RunFolder.open(run).method().expected_trials(nominal_stance(a1)) == 3
-    assert shown_estimates(run)[2].half[2] == 0.01
+    assert shown_estimates(run)[2].half_width[2] == 0.01
 
 
 def test_a_method_without_estimates_after_each_trial_is_not_shown_as_another(tmp_path):
@@ -133,7 +133,7 @@ def test_help_lists_it_and_who_is_broken(capsys):
     assert "hefty: stands still now and then, and weighs itself." in shown
     assert "broken: cannot be used here" in shown
     assert "--pause-time TIME Time of each stand [s]; default 1.5 s." in shown
-    assert "--budget" not in shown
+    assert "--duration" not in shown
 
 
 @pytest.mark.parametrize(
@@ -149,4 +149,4 @@ def test_a_method_that_cannot_be_used_is_refused_by_name(name, words, capsys):
     assert str(caught.value).startswith(words)
     assert main(["calibrate", "--method", name]) == 7
     assert words in capsys.readouterr().err
-    assert main(["plan", "--budget", "60s", "--json"]) == 0
+    assert main(["plan", "--duration", "60s", "--json"]) == 0

@@ -6,14 +6,14 @@ from copy import copy
 import numpy as np
 import pytest
 
-from equipoise import Precise, nominal_stance, simulate
+from equipoise import BayesianMethod, nominal_stance, simulate
 from equipoise.calibration.routine import perform
 from equipoise.estimator.equations.equation import LEFT_OUT
-from equipoise.estimator.equations.planted_moves import PlantedMoves
+from equipoise.estimator.equations.stance_motion import StanceMotions
 from equipoise.estimator.motors.equations import motor_samples
 from equipoise.estimator.motors.fit import fit_motors, fit_swings
 from equipoise.estimator.motors.legs import legs_in_swing
-from equipoise.method.together import Together, of_the_base
+from equipoise.method.combined import CombinedMethod, of_the_base
 from equipoise.motors.method import Motors
 from equipoise.recording.trials import MotorTrial
 from equipoise.robot.links import link_names
@@ -26,7 +26,10 @@ def run(a1, coarse_engine):
     """The recordings of a short run for base, legs and motors, the truth, and the settings."""
     with simulate(a1, "realistic", seed=5, effects=HEAVY, timestep=1e-3) as simulation:
         mass = simulation.truth.composite.mass
-        both = Together(Precise(budget=45.0, mass=mass, cable="none", swings=True, sway=False), Motors(motor_time=5.0))
+        both = CombinedMethod(
+            BayesianMethod(duration=45.0, mass=mass, cable="none", swings=True, excitation=False),
+            Motors(motor_time=5.0),
+        )
         kept = perform(simulation.platform, a1, both).recordings
         return kept, simulation.truth, simulation.truth_of_parts, both
 
@@ -53,15 +56,15 @@ def test_true_legs_fit_and_the_files_do_not(a1, run, on_three_feet, lying):
         moments.append([true[f"moment_{axis}"] for axis in "xyz"] - true["mass"] * body.lever)
     by_the_file = np.concatenate([np.ones(len(factors)), np.zeros(3 * len(factors))])
 
-    def misfit(links):
+    def normalized_residual(links):
         """Root mean square residual, with the gains that fit best: they go with the links."""
         rows, left = found[:, len(links) :], target - found[:, : len(links)] @ links
         gains = np.linalg.solve(rows.T @ rows + np.eye(rows.shape[1]) / 0.03**2, rows.T @ left)
         return np.sqrt(np.mean((left - rows @ gains) ** 2))
 
-    true = misfit(np.concatenate([factors, np.ravel(moments)]))
+    true = normalized_residual(np.concatenate([factors, np.ravel(moments)]))
     assert true < 1.0
-    assert misfit(by_the_file) > 1.15 * true
+    assert normalized_residual(by_the_file) > 1.15 * true
 
 
 def test_legs_are_told_better_with_the_swing(a1, run):
@@ -73,13 +76,13 @@ def test_legs_are_told_better_with_the_swing(a1, run):
     )
     for leg in a1.legs:
         less, more = alone.links[f"{leg}_calf"].moment_z, together.links[f"{leg}_calf"].moment_z
-        assert more.deviation < 0.5 * less.deviation
-        assert abs(more.error) < 3 * more.deviation
+        assert more.std < 0.5 * less.std
+        assert abs(more.error) < 3 * more.std
     less, more = (next(one for one in of.composite if one.name == "com_z") for of in (alone, together))
-    assert more.deviation < 0.95 * less.deviation
-    assert abs(more.error) < 3 * more.deviation
+    assert more.std < 0.95 * less.std
+    assert abs(more.error) < 3 * more.std
     assert [trial.kind for trial in together.trials].count(MotorTrial.kind) == 1
-    assert any("swing in the air" in source.name for source in together.budget)
+    assert any("swing in the air" in source.name for source in together.uncertainty_budget)
 
 
 def test_the_plan_foretells_what_the_swing_says_of_legs(a1, run):
@@ -89,21 +92,19 @@ def test_the_plan_foretells_what_the_swing_says_of_legs(a1, run):
     swings = both.motors.predicted_recordings(a1, stance), (kept[-1],)
     links = 4 * len(a1.joint_names)
 
-    def deviations(rows):
+    def stds(rows):
         believed = np.repeat([0.1, 0.02, 0.03], [links // 4, 3 * links // 4, rows.shape[1] - links])
         return np.sqrt(np.diag(np.linalg.inv(rows.T @ rows + np.diag(believed**-2))))
 
-    foretold, found = (
-        deviations(legs_in_swing(a1, *fit_swings(a1, stance, swing), stance.scale)[0]) for swing in swings
-    )
+    foretold, found = (stds(legs_in_swing(a1, *fit_swings(a1, stance, swing), stance.scale)[0]) for swing in swings)
     assert (found / foretold > 1 / 1.3).all()
     assert (found / foretold < 1.3).all()
     plan, lifts = both.forecast(a1, stance), both.base.forecast(a1, stance)
     assert plan.visits == lifts.visits
-    assert (plan.deviation <= lifts.deviation).all()
-    assert plan.links["FL_calf"].moment_x.deviation < 0.5 * lifts.links["FL_calf"].moment_x.deviation
-    alone = Together(both.base.having({"swings": False}), both.motors)
-    assert (alone.forecast(a1, stance).deviation == alone.base.forecast(a1, stance).deviation).all()
+    assert (plan.std <= lifts.std).all()
+    assert plan.links["FL_calf"].moment_x.std < 0.5 * lifts.links["FL_calf"].moment_x.std
+    alone = CombinedMethod(both.base.having({"swings": False}), both.motors)
+    assert (alone.forecast(a1, stance).std == alone.base.forecast(a1, stance).std).all()
 
 
 def test_a_swing_that_broke_off_costs_the_motors_alone(a1, run):
@@ -136,7 +137,7 @@ def test_quiet_feet_are_not_taken_for_quieter_than_they_may_be(a1, run):
     kept, _, _, both = run
     lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
     posterior = both.base.estimate(a1, lifts, nominal_stance(a1)).evidence.posterior
-    moves = posterior.problem.equation(PlantedMoves)
+    moves = posterior.problem.equation(StanceMotions)
     allowed = moves.scale / moves._quiet
     loose = np.zeros_like(posterior.covariance)  # as if no unknown took a freedom
     quiet = moves.at_residual_noise(posterior.x, loose)
@@ -147,13 +148,16 @@ def test_quiet_feet_are_not_taken_for_quieter_than_they_may_be(a1, run):
     assert moves.at_residual_noise(posterior.x, 1e6 * np.eye(len(posterior.x))).scale == pytest.approx(moves.scale)
     partly = copy(moves)
     partly.scale = np.where(np.arange(len(moves.scale)) == 0, LEFT_OUT, moves.scale)
-    assert [one.used for one in partly.at_residual_noise(posterior.x, loose).misfits(posterior.x)][:2] == [False, True]
+    assert [one.used for one in partly.at_residual_noise(posterior.x, loose).normalized_residuals(posterior.x)][:2] == [
+        False,
+        True,
+    ]
 
 
 def test_who_does_not_look_for_legs_gets_the_base_of_before(a1, run):
     kept, _, _, both = run
     lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
     base = both.base.having({"swings": False})
-    together = Together(base, both.motors).estimate(a1, kept, nominal_stance(a1))
+    together = CombinedMethod(base, both.motors).estimate(a1, kept, nominal_stance(a1))
     alone = base.estimate(a1, lifts, nominal_stance(a1))
     assert [one.value for one in together.composite] == [one.value for one in alone.composite]

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from equipoise import Calibration, Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, Calibration, calibrate, load_robot, nominal_stance, simulate
 from equipoise.clearance.clearance import Clearance
 from equipoise.clearance.in_the_air import LegsInTheAir
 from equipoise.errors import MissingDependencyError, ReachError, RecordingError
@@ -15,8 +15,8 @@ from equipoise.estimator.motors.delay import _torque_scale, position_loop_delays
 from equipoise.estimator.motors.equations import SPACING, averages, motor_samples
 from equipoise.estimator.motors.fit import _repetition
 from equipoise.experiments.legs_up import legs_up
+from equipoise.method.combined import CombinedMethod
 from equipoise.method.table import method_from_dict
-from equipoise.method.together import Together
 from equipoise.motors.method import Motors
 from equipoise.recording.phases import Phase
 from equipoise.recording.trials import MotorTrial
@@ -169,7 +169,7 @@ def test_what_is_near_a_gap_does_not_count(a1, swung, streams):
     for name, joint in result.joints.items():
         for what in ("armature", "viscous_friction"):
             found, before = getattr(other.joints[name], what), getattr(joint, what)
-            assert abs(found.value - before.value) < before.deviation
+            assert abs(found.value - before.value) < before.std
 
 
 @pytest.mark.parametrize("factor", [0.9, 1.1])
@@ -225,8 +225,8 @@ def test_what_the_other_joints_gears_show_is_in_the_interval_of_one_that_shows_n
     greased = dataclasses.replace(recording, joints=dataclasses.replace(joints, torque=joints.torque + friction))
     found = Motors().estimate(a1, [greased], nominal_stance(a1))
     *others, last = found.motors.values()
-    assert last.misfit < 0.1 * max(one.misfit for one in others)
-    assert last.armature.deviation > 3 * list(result.motors.values())[-1].armature.deviation
+    assert last.normalized_residual < 0.1 * max(one.normalized_residual for one in others)
+    assert last.armature.std > 3 * list(result.motors.values())[-1].armature.std
 
 
 def test_slow_joints_swing_from_the_end_of_the_ramp_to_its_begin(a1):
@@ -254,7 +254,7 @@ def test_the_page_begins_with_the_motors_where_there_is_nothing_else(swung):
         estimates, truths = found.data
         first = getattr(swung[0].joints["FL_hip_joint"], name)
         scale = estimates["x"][0] / first.value
-        assert estimates["error_x"]["array"][0] == pytest.approx(scale * first.half, rel=1e-3)
+        assert estimates["error_x"]["array"][0] == pytest.approx(scale * first.half_width, rel=1e-3)
         assert truths["x"][0] == pytest.approx(scale * first.truth, rel=1e-3)
     assert "scene" not in {one.name for one in contents.sections}
 
@@ -281,6 +281,6 @@ def test_a_run_without_a_swing_says_so(a1):
 
 
 def test_settings_of_both_survive_a_file():
-    both = Together(Precise(budget=60.0), Motors(motor_time=7.0))
+    both = CombinedMethod(BayesianMethod(duration=60.0), Motors(motor_time=7.0))
     assert method_from_dict(both.to_dict()) == both
     assert both.having({"mass": 12.0}).base.mass == 12.0

@@ -8,7 +8,7 @@ from equipoise.estimator.motors.equations import motor_samples
 from equipoise.estimator.motors.fit import fit_motors, fit_swings
 from equipoise.estimator.motors.legs import legs_in_swing
 from equipoise.estimator.motors.stribeck import is_wanted
-from equipoise.exports.found import MOTORS, columns_of
+from equipoise.exports.parameters import MOTORS, columns_of
 from equipoise.figures.parts import parts_of
 from equipoise.motors.method import Motors
 
@@ -57,9 +57,9 @@ def test_one_joint_out_of_many_is_seen_and_chance_is_not():
     design, covariance = np.zeros((400, 12, 1)), np.eye(1)
     noise = rng.normal(size=(400, 12))
 
-    def found(deviations):
+    def found(stds):
         left = noise.copy()
-        left[:, 4] += deviations / 20.0 * terms[2, :, 4]  # 400 averages: the deviation of an amount is a twentieth
+        left[:, 4] += stds / 20.0 * terms[2, :, 4]  # 400 averages: the deviation of an amount is a twentieth
         return is_wanted(terms, design, left, covariance, 10.0)
 
     assert not found(0.0)

@@ -105,7 +105,7 @@ def test_a_place_outside_of_the_feet_has_a_negative_margin():
     assert np.allclose(over_three_feet(four, 0, 0.9), [-0.3, -0.3])
 
 
-def test_the_base_that_sways_is_in_the_equation(a1, swung):
+def test_the_base_that_excitations_is_in_the_equation(a1, swung):
     """Were it taken to rest, legs would be pushed by what nobody sees."""
     scale = nominal_stance(a1).scale.time
     recording = swung[1][0]

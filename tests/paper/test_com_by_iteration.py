@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from equipoise import ComSearchSettings, Paper, SwaySettings, calibrate, nominal_stance, simulate
+from equipoise import ComSearchSettings, ExcitationSettings, PaperMethod, calibrate, nominal_stance, simulate
 from equipoise.errors import NotEstimatedError
 from equipoise.paper.iterations import com_by_iteration
 from equipoise.robot.model import DIAGONALS
 
-SETTINGS = Paper(com_search=ComSearchSettings(tolerance=0.004), sway=SwaySettings(duration=1.0))
+SETTINGS = PaperMethod(com_search=ComSearchSettings(tolerance=0.004), excitation=ExcitationSettings(duration=1.0))
 
 
 def calibrated(robot, payload, tolerance=SETTINGS.com_search.tolerance):

@@ -81,7 +81,7 @@ def test_the_middle_of_two_planes_is_as_far_from_both():
     assert between([one, other]).distance_to(np.array([0.005, 3, 1])) == pytest.approx(0)
 
 
-def made_sway(a1, inertia, damping, frequency=2.0, amplitude=0.6, rate=500, duration=4.0):
+def made_excitation(a1, inertia, damping, frequency=2.0, amplitude=0.6, rate=500, duration=4.0):
     """A recording of massless-legged feet whose forces about the CoM are I d(omega)/dt + C omega about pitch."""
     stance = nominal_stance(a1)
     time = np.arange(int(duration * rate)) / rate
@@ -107,12 +107,12 @@ def made_sway(a1, inertia, damping, frequency=2.0, amplitude=0.6, rate=500, dura
         JointStream(time, np.tile(stance.joint_position, (len(time), 1)), None, torques),
         ImuStream(time, gyro, np.tile([0, 0, 9.81], (len(time), 1))),
         None,
-        (Event(0.0, PHASE, {"name": "sway"}),),
+        (Event(0.0, PHASE, {"name": "excitation"}),),
     )  # fmt: skip
 
 
 def test_inertia_and_damping_are_recovered_from_forces_made_of_them(a1):
-    stance, com, recording = made_sway(a1, inertia=0.4, damping=0.7)
+    stance, com, recording = made_excitation(a1, inertia=0.4, damping=0.7)
     fit = fit_axis(a1, recording, "pitch", com, stance.joint_position)
     assert fit.inertia == pytest.approx(0.4, rel=1e-3)
     assert fit.damping == pytest.approx(0.7, rel=0.02)
@@ -120,7 +120,7 @@ def test_inertia_and_damping_are_recovered_from_forces_made_of_them(a1):
 
 
 def test_a_standing_robot_has_no_torque_about_its_com(a1):
-    stance, com, recording = made_sway(a1, inertia=0.0, damping=0.0)
+    stance, com, recording = made_excitation(a1, inertia=0.0, damping=0.0)
     _, torque = torque_about_com(a1, recording, com, stance.joint_position)
     assert np.abs(torque).max() < 1e-9
 
@@ -128,13 +128,13 @@ def test_a_standing_robot_has_no_torque_about_its_com(a1):
 def test_torques_of_massless_legs_are_the_static_ones_without_leg_gravity(a1):
     stance = nominal_stance(a1)
     difference = static_torques(a1, stance.joint_position, ("FL", "FR", "RL", "RR"))
-    _, _, recording = made_sway(a1, 0, 0)
+    _, _, recording = made_excitation(a1, 0, 0)
     leg_gravity = difference - recording.joints.torque[0]
     assert 0 < np.abs(leg_gravity).max() < 2.5  # Nm: about a kilogramme's leg at a tenth of a metre
 
 
 def test_a_recording_without_torques_says_so(a1):
-    stance, com, recording = made_sway(a1, 0.1, 0)
+    stance, com, recording = made_excitation(a1, 0.1, 0)
     joints = JointStream(recording.joints.time, recording.joints.position)
     bare = Recording(recording.joint_names, joints, recording.imu, None, recording.events)
     with pytest.raises(RecordingError, match="no joint torques"):

@@ -19,10 +19,10 @@ DIAGONALS = ("FL_RR", "FR_RL")
 
 def runner_on(simulation, robot, **settings):
     stance = nominal_stance(robot)
-    planted, _ = stand_up(simulation.platform, robot, stance)
+    standing, _ = stand_up(simulation.platform, robot, stance)
     recordings = []
-    planted.keep = recordings.append
-    return TrialRunner(planted, stance, ComSearchSettings(**settings)), recordings
+    standing.keep = recordings.append
+    return TrialRunner(standing, stance, ComSearchSettings(**settings)), recordings
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def trials(a1):
         for diagonal in DIAGONALS:
             for offset in (-0.05, 0.03):
                 feet = shifted_feet(stance, offset)
-                recording = lift_trial(runner.planted, diagonal, offset, feet, runner.settings.lift(stance))
+                recording = lift_trial(runner.standing, diagonal, offset, feet, runner.settings.lift(stance))
                 found[diagonal, offset] = read_lift_trial(a1, recording, stance.joint_position)
         return found, simulation.truth
 

@@ -8,7 +8,7 @@ import pytest
 from logs import bits, kill
 from platform_contract import TO_ROUNDING, SimulationContract, SteppedRobot
 
-from equipoise import ComSearchSettings, Paper, RunFolder, SwaySettings, calibrate, simulate
+from equipoise import ComSearchSettings, ExcitationSettings, PaperMethod, RunFolder, calibrate, simulate
 from equipoise.errors import RecordingError
 from equipoise.motors.method import Motors
 from equipoise.platform.logged_platform import Logged
@@ -19,7 +19,7 @@ from equipoise.recording.run_log_reader import LogContent
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
-SETTINGS = Paper(com_search=ComSearchSettings(tolerance=0.04), sway=SwaySettings(duration=0.7))
+SETTINGS = PaperMethod(com_search=ComSearchSettings(tolerance=0.04), excitation=ExcitationSettings(duration=0.7))
 PAYLOAD = "1,0.03,0.02,0.06"
 NOTHING = LogContent((), (), None, False, ())
 

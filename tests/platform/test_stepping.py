@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from guarded import PERIOD, at_rest, simulated
 
-from equipoise import ComSearchSettings, Paper, RunFolder, SwaySettings, calibrate, simulate
+from equipoise import ComSearchSettings, ExcitationSettings, PaperMethod, RunFolder, calibrate, simulate
 from equipoise.guard.guard import Guard
 from equipoise.platform.logged_platform import Logged
 from equipoise.platform.platform import Trajectory
@@ -109,7 +109,7 @@ def test_commands_that_seem_to_be_sent_at_once_have_increasing_times(a1):
 
 def test_a_calibration_goes_through_as_without_lost_samples(a1, tmp_path):
     """It ended by "joint times must be finite and increasing", and with it went the recording."""
-    settings = Paper(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
+    settings = PaperMethod(com_search=ComSearchSettings(tolerance=0.02), excitation=ExcitationSettings(duration=1.0))
     folder = RunFolder.create(tmp_path / "run", a1, settings, {})
     platform, _, truth = simulated(a1)
     with folder, platform, Guard(Stuttering(platform), a1) as guard:

@@ -181,8 +181,8 @@ def test_a_phase_may_be_taken_until_a_later_one(phased):
 
 def test_a_phase_that_is_missing_is_told_with_those_there_are(phased):
     with pytest.raises(RecordingError) as caught:
-        phased.phase("sway")
-    assert str(caught.value) == "the recording has no phase 'sway'; it has ['rest', 'lift', 'lower']"
+        phased.phase("excitation")
+    assert str(caught.value) == "the recording has no phase 'excitation'; it has ['rest', 'lift', 'lower']"
     with pytest.raises(RecordingError, match="the recording has no phase 'end'"):
         phased.phase("rest", until="end")
 
@@ -196,7 +196,7 @@ def test_a_phase_without_samples_is_an_error():
 def test_has_phase_looks_at_phases_only(phased):
     assert phased.has_phase("lift")
     assert not phased.has_phase("note")
-    assert not phased.has_phase("sway")
+    assert not phased.has_phase("excitation")
 
 
 def test_cutting_and_joining_gives_the_same(phased):

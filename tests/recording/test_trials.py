@@ -8,10 +8,10 @@ from equipoise.recording.recording import PHASE, TRIAL, Event, ImuStream, JointS
 from equipoise.recording.trials import (
     CommandedLift,
     DesignedLift,
+    ExcitationTrial,
     LiftTrial,
     PostureTrial,
     StandTrial,
-    SwayTrial,
     read_trial,
 )
 from equipoise.robot.posture import BodyPosture
@@ -50,15 +50,15 @@ TRIALS = {
         "ready settle before move settle rest",
         PostureTrial(posture=BodyPosture(**LEANING)),
     ),
-    "sway": (
-        {"kind": "sway", "amplitude": 0.05, "frequencies": {"pitch": 1.97}},
-        "settle ramp sway end",
-        SwayTrial(frequencies={"pitch": 1.97}, amplitude=0.05),
+    "excitation": (
+        {"kind": "excitation", "amplitude": 0.05, "frequencies": {"pitch": 1.97}},
+        "settle ramp excitation end",
+        ExcitationTrial(frequencies={"pitch": 1.97}, amplitude=0.05),
     ),
-    "sway about all axes": (
-        {"kind": "sway", "frequencies": {"roll": 2.27, "pitch": 1.88, "yaw": 1.48}},
-        "settle ramp sway end",
-        SwayTrial(frequencies={"roll": 2.27, "pitch": 1.88, "yaw": 1.48}),
+    "excitation about all axes": (
+        {"kind": "excitation", "frequencies": {"roll": 2.27, "pitch": 1.88, "yaw": 1.48}},
+        "settle ramp excitation end",
+        ExcitationTrial(frequencies={"roll": 2.27, "pitch": 1.88, "yaw": 1.48}),
     ),
     "stand": ({"kind": "stand"}, "move settle rest", StandTrial()),
 }  # fmt: skip
@@ -106,9 +106,9 @@ def test_a_trial_is_written_as_its_event(logged):
         ("posture", "ready settle before", "refused"),
         ("posture", "ready settle before move settle", "interrupted"),
         ("posture", "ready settle before move settle rest", "complete"),
-        ("sway", "settle", "refused"),
-        ("sway", "settle ramp sway", "interrupted"),
-        ("sway", "settle ramp sway end", "complete"),
+        ("excitation", "settle", "refused"),
+        ("excitation", "settle ramp excitation", "interrupted"),
+        ("excitation", "settle ramp excitation end", "complete"),
         ("stand", "move settle", "interrupted"),
         ("stand", "rest", "complete"),
     ],
@@ -130,7 +130,7 @@ def test_what_is_no_trial_of_ours_is_none_and_not_complete(data):
     [
         LiftTrial(diagonal="FL_RR", found_at=12.5),
         PostureTrial(posture=None, found_at=3.0),
-        SwayTrial(frequencies={}, found_at=1.0),
+        ExcitationTrial(frequencies={}, found_at=1.0),
         StandTrial(found_at=0.0),
     ],
 )
@@ -152,7 +152,7 @@ def test_what_is_found_in_a_log_is_read_as_it_was_written(trial):
         ({**TRIALS["paper lift"][0], "offset": "far"}, "offset is 'far'; it must be a number"),
         ({**TRIALS["precise lift"][0], "turn": "about"}, "no turn is called 'about'"),
         ({**TRIALS["precise lift"][0], "posture": 3}, "posture is 3; it must be a table"),
-        ({"kind": "sway", "frequencies": {"x": 2.0}, "amplitude": 0.1}, "no axes are called x"),
+        ({"kind": "excitation", "frequencies": {"x": 2.0}, "amplitude": 0.1}, "no axes are called x"),
         ({"kind": "posture", "posture": {"roll": None}}, "posture.roll is None; it must be a number"),
     ],
 )

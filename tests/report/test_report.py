@@ -32,17 +32,17 @@ from equipoise.recording.trials import LiftTrial
 from equipoise.report import contents as page_contents
 from equipoise.report.advice import outlook
 from equipoise.report.comparison import comparison_contents
-from equipoise.report.convergence_figures import deviations_by_motion
+from equipoise.report.convergence_figures import stds_by_motion
 from equipoise.report.html import bar_places, block_html, typeset
 from equipoise.report.page import page, save_comparison, save_report
 from equipoise.report.trial_figures import narrowing
-from equipoise.result.calibration import SwayEstimate
+from equipoise.result.calibration import ExcitationEstimate
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 ROOT = Path(__file__).parents[2]
 LARGEST = 8_000_000  # [B]
-run_contents = functools.cache(page_contents.run_contents)  # a second for each result of the precise method
+run_contents = functools.cache(page_contents.run_contents)  # a second for each result of the Bayesian method
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +138,12 @@ def test_what_a_run_was_not_given_is_called_so(precise):
 def test_the_papers_method_shows_its_search(paper):
     contents = run_contents(paper)
     figures = [figure.title for figure in blocks(contents, Figure)]
-    for title in ("The search closes in", "Error by iteration", "Sway about yaw: joint torques", "Tilt by offset"):
+    for title in (
+        "The search closes in",
+        "Error by iteration",
+        "Excitation about yaw: joint torques",
+        "Tilt by offset",
+    ):
         assert title in figures
     assert "does not find the whole robot's mass, CoM z, Ixx" in contents.lead
     assert "gives no intervals" in blocks(contents, str)[0]
@@ -199,7 +204,7 @@ def test_numbers_are_the_results_in_the_terminals_units(precise):
     mass, com_x, *_ = numbers(precise)
     found = precise.composite.com_in_base.x
     assert (com_x.label, com_x.quantity.verdict) == ("CoM x [mm]", found.verdict)
-    assert com_x.quantity.half == pytest.approx(1960 * found.deviation)
+    assert com_x.quantity.half_width == pytest.approx(1960 * found.std)
     assert com_x.quantity.error == pytest.approx(1000 * (found.value - precise.truth.composite.com[0]))
     assert mass.quantity.change == pytest.approx(precise.composite.mass.value - precise.nominal.composite.mass)
 
@@ -271,15 +276,15 @@ def test_a_tilt_curve_ends_where_the_trial_was_judged(paper):
 
 def test_intervals_narrow_motion_by_motion_to_what_was_found(precise):
     posterior = precise.evidence.posterior
-    path = deviations_by_motion(posterior, [motion.index for motion in posterior.motions])
+    path = stds_by_motion(posterior, [motion.index for motion in posterior.motions])
     assert np.all(np.diff(path, axis=0) <= 1e-9 * path[0])
     np.testing.assert_allclose(path[-1], np.sqrt(np.diag(posterior.robot_covariance)), rtol=1e-6)
 
 
-def test_sways_are_shown_as_measured_and_as_fitted(paper):
+def test_excitations_are_shown_as_measured_and_as_fitted(paper):
     figures = {figure.title: figure for figure in blocks(run_contents(paper), Figure)}
     for axis, fit in paper.evidence.fits.items():
-        velocity, torque = (figures[f"Sway about {axis}: {name}"] for name in ("gyroscope", "joint torques"))
+        velocity, torque = (figures[f"Excitation about {axis}: {name}"] for name in ("gyroscope", "joint torques"))
         for figure, curves in (
             (velocity, (fit.angular_velocity, fit.sinusoid.value(fit.time))),
             (torque, (fit.torque, fit.fitted_torque)),
@@ -289,32 +294,32 @@ def test_sways_are_shown_as_measured_and_as_fitted(paper):
         assert f"I = {fit.inertia:.4f} kg m2, C = {fit.damping:.3f} Nm s/rad" in torque.caption
 
 
-def test_a_sway_without_an_estimate_says_why_and_a_doubt_is_told(paper):
+def test_a_excitation_without_an_estimate_says_why_and_a_doubt_is_told(paper):
     fits = {axis: fit for axis, fit in paper.evidence.fits.items() if axis != "roll"}
     skipped, doubt = "skipped, planted feet do not allow it", "a foot carries only 0.3 N of 30.5 N at the lightest"
-    sways = {
-        **paper.sways,
-        "roll": SwayEstimate(None, None, note=skipped),
-        "pitch": dataclasses.replace(paper.sways["pitch"], note=doubt),
+    excitations = {
+        **paper.excitations,
+        "roll": ExcitationEstimate(None, None, note=skipped),
+        "pitch": dataclasses.replace(paper.excitations["pitch"], note=doubt),
     }
     evidence = dataclasses.replace(paper.evidence, fits=fits)
-    contents = run_contents(dataclasses.replace(paper, sways=sways, evidence=evidence))
-    assert not any(figure.title.startswith("Sway about roll") for figure in blocks(contents, Figure))
+    contents = run_contents(dataclasses.replace(paper, excitations=excitations, evidence=evidence))
+    assert not any(figure.title.startswith("Excitation about roll") for figure in blocks(contents, Figure))
     told = [item for block in blocks(contents, tuple) for item in block]
     assert {f"roll: {skipped}", f"pitch: {doubt}"} <= set(told)
 
 
 def test_every_motion_that_was_read_has_its_misfit(precise):
-    misfits = figure_called(run_contents(precise), "Residual of each motion")
-    read = [number for number, trial in enumerate(precise.trials, start=1) if trial.misfit is not None]
-    assert sorted(number for bars in misfits.data for number in bars["x"]) == read
+    normalized_residuals = figure_called(run_contents(precise), "Residual of each motion")
+    read = [number for number, trial in enumerate(precise.trials, start=1) if trial.normalized_residual is not None]
+    assert sorted(number for bars in normalized_residuals.data for number in bars["x"]) == read
 
 
 def test_hollow_bars_are_explained_where_there_are_any(precise):
     figure = figure_called(run_contents(precise), "Residual of each motion")
-    assert all(trial.note is None for trial in precise.trials if trial.misfit is not None)
+    assert all(trial.note is None for trial in precise.trials if trial.normalized_residual is not None)
     assert "Hollow" not in figure.caption
-    index = next(index for index, trial in enumerate(precise.trials) if trial.misfit is not None)
+    index = next(index for index, trial in enumerate(precise.trials) if trial.normalized_residual is not None)
     left_out = dataclasses.replace(precise.trials[index], note="left out: it does not fit the others")
     trials = (*precise.trials[:index], left_out, *precise.trials[index + 1 :])
     figure = figure_called(run_contents(dataclasses.replace(precise, trials=trials)), "Residual of each motion")
@@ -356,10 +361,10 @@ def test_angles_and_positions_have_axes_of_their_own(precise):
 
 def test_what_is_worth_fixing_is_bold_and_joints_have_their_own_names(precise):
     other = dataclasses.replace(
-        precise.sensors[0], name="servo_hl_0 zero", value=0.2, deviation=0.01, notable=True, unit="rad"
+        precise.sensors[0], name="servo_hl_0 zero", value=0.2, std=0.01, significant=True, unit="rad"
     )
     changed = dataclasses.replace(
-        precise, sensors=(other, dataclasses.replace(other, name="servo_hl_1 zero", notable=False))
+        precise, sensors=(other, dataclasses.replace(other, name="servo_hl_1 zero", significant=False))
     )
     figure = figure_called(run_contents(changed), "Joint zeros and IMU orientation")
     assert figure.data[0]["y"] == ["servo_hl_1 zero", "<b>servo_hl_0 zero</b>"]
@@ -390,7 +395,7 @@ def test_more_evidence_never_widens_an_interval(precise):
     assert np.all(more <= now)
     assert np.all(both <= np.minimum(with_scale, more) * (1 + 0.3))  # another plan may choose otherwise
     assert with_scale[0] <= 1.96 * 0.005 * precise.composite.mass.value
-    np.testing.assert_allclose(now, 1.96 * precise.composite.deviations)
+    np.testing.assert_allclose(now, 1.96 * precise.composite.stds)
     assert seen.motions
 
 
@@ -469,11 +474,11 @@ def test_a_difference_has_the_combined_interval(precise, static):
     other = dataclasses.replace(precise, composite=precise.composite)
     contents = comparison_contents({"before": precise, "after": other})
     table = next(block for block in blocks(contents, DataTable) if block.title == "after less before")
-    half = numbers(precise)[0].quantity.half
+    half = numbers(precise)[0].quantity.half_width
     assert table.rows[0] == ["mass [kg]", Cell("+0.000"), f"{np.sqrt(2) * half:.3f}", "within the interval"]
     assert len([block for block in contents.first if isinstance(block, Figure)]) == 2
-    mixed = comparison_contents({"precise": precise, "static": static})
-    table = next(block for block in blocks(mixed, DataTable) if block.title == "static less precise")
+    mixed = comparison_contents({"bayesian": precise, "static": static})
+    table = next(block for block in blocks(mixed, DataTable) if block.title == "static less bayesian")
     assert [row[0] for row in table.rows] == ["mass [kg]", "CoM x [mm]", "CoM y [mm]"]
     assert table.rows[0][2:] == ["", ""]
 

@@ -15,8 +15,8 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 DRAW_ALL = "() => Promise.all(plots.map(draw)).then(() => null)"
 DRAWN = "() => plots.map((plot) => Boolean(plot.querySelector('canvas, .cartesianlayer .trace path')))"
 SCENE = "plots.find((plot) => plot.layout?.scene)"
-KINDS = ("precise", "paper", "comparison")
-FIGURES = {"precise": 8, "paper": 12, "comparison": 2}  # at least
+KINDS = ("bayesian", "paper", "comparison")
+FIGURES = {"bayesian": 8, "paper": 12, "comparison": 2}  # at least
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def browser():
 
 @pytest.fixture(scope="module")
 def results(paper_result, precise_run):
-    return {"precise": precise_run.result.with_truth(precise_run.truth), "paper": paper_result}
+    return {"bayesian": precise_run.result.with_truth(precise_run.truth), "paper": paper_result}
 
 
 @pytest.fixture(scope="module")
@@ -91,21 +91,21 @@ def test_every_figure_is_drawn_below_a_first_screen_that_holds_numbers_and_pictu
     assert page.evaluate(
         "document.querySelector('#numbers .scroll').scrollWidth <= document.querySelector('#numbers').clientWidth"
     )
-    if kind == "precise":
+    if kind == "bayesian":
         assert_figures_below_are_drawn_when_they_come_near(page)
     page.evaluate(DRAW_ALL)
     page.wait_for_function(f"{DRAWN}.every(Boolean)")
     assert len(page.evaluate(DRAWN)) >= FIGURES[kind]
-    if kind == "precise":
+    if kind == "bayesian":
         assert_the_scene_looks_at_the_robot_or_at_the_com(page)
     ellipses = "plots[1].data.filter((trace) => trace.name.startsWith('95 % of')).length"
-    assert page.evaluate(ellipses) == {"precise": 1, "paper": 0, "comparison": 1}[kind]
+    assert page.evaluate(ellipses) == {"bayesian": 1, "paper": 0, "comparison": 1}[kind]
     page.set_viewport_size({"width": 400, "height": 800})
     page.wait_for_function("document.documentElement.scrollWidth <= 400")
 
 
 def test_a_telephone_shows_every_number_with_its_verdict_and_no_word_broken(page_of):
-    page = page_of("precise")
+    page = page_of("bayesian")
     page.set_viewport_size({"width": 360, "height": 780})
     rows = page.locator("#numbers tbody tr")
     for row in (rows.first, rows.last):
@@ -129,7 +129,7 @@ def test_no_table_is_cut_on_a_telephone(visit, pages, kind):
       .filter((one) => one.scrollWidth > one.clientWidth + 1)
       .map((one) => one.querySelector('table').getAttribute('aria-label'))"""
     assert page.evaluate(cut) == []
-    if kind == "precise":
+    if kind == "bayesian":
         page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
         assert page.evaluate(cut) == []
         remedy = page.locator("#uncertainty tbody tr").first.locator('[data-head="remedy"]').bounding_box()
@@ -137,7 +137,7 @@ def test_no_table_is_cut_on_a_telephone(visit, pages, kind):
 
 
 def test_paper_is_wide_enough_for_the_numbers(visit, pages):
-    page = visit(pages["precise"], width=688, height=970)  # A4 less its margins
+    page = visit(pages["bayesian"], width=688, height=970)  # A4 less its margins
     page.emulate_media(media="print")
     assert page.evaluate(
         "[...document.querySelectorAll('.barred')].every((table) => table.getBoundingClientRect().right <= 688)"
@@ -171,7 +171,7 @@ def test_figures_are_saved_from_the_page_without_a_network(page_of, tmp_path):
 
 
 def test_paper_is_wide_enough_for_the_numbers_and_gets_every_figure_unasked(page_of, tmp_path):
-    page = page_of("precise")
+    page = page_of("bayesian")
     page.set_viewport_size({"width": 688, "height": 970})  # A4 less its margins
     page.emulate_media(media="print", color_scheme="dark")
     assert page.evaluate(
@@ -204,17 +204,17 @@ def test_without_webgl_a_sentence_stands_in_for_the_scene(visit, pages):
     no_webgl = """const own = HTMLCanvasElement.prototype.getContext;
         HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
           return kind.includes('webgl') ? null : own.call(this, kind, ...more); };"""
-    page = visit(pages["precise"], init=no_webgl)
+    page = visit(pages["bayesian"], init=no_webgl)
     page.evaluate("plots.forEach((plot) => Promise.resolve(draw(plot)).catch(() => null))")
     page.wait_for_function("document.querySelector('#scene').innerText.includes('WebGL is not supported')")
 
 
 def test_a_name_is_shown_and_never_run(visit, results, tmp_path):
     name = "</script><script>window.hurt = 1</script><img src=x onerror='window.hurt = 1'>"
-    result = dataclasses.replace(results["precise"], robot=name)
+    result = dataclasses.replace(results["bayesian"], robot=name)
     for path in (
         save_report(result, tmp_path / "one.html"),
-        save_comparison({name: result, "<b>other": results["precise"]}, tmp_path / "two.html"),
+        save_comparison({name: result, "<b>other": results["bayesian"]}, tmp_path / "two.html"),
     ):
         page = visit(path)
         page.evaluate(DRAW_ALL)
@@ -223,7 +223,7 @@ def test_a_name_is_shown_and_never_run(visit, results, tmp_path):
 
 
 def test_failed_checks_come_first_and_what_was_found_is_doubtful(visit, results, tmp_path):
-    precise = results["precise"]
+    precise = results["bayesian"]
     checks = tuple(dataclasses.replace(check, passed=False) for check in precise.checks[:2])
     failed = dataclasses.replace(precise, checks=checks, composite=precise.composite.doubted())
     page = visit(save_report(failed, tmp_path / "failed.html"))

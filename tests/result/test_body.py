@@ -28,14 +28,14 @@ def body():
 
 
 def test_a_quantity_has_all_that_is_known_of_it(body):
-    deviation = np.sqrt(COVARIANCE[2, 2])
+    std = np.sqrt(COVARIANCE[2, 2])
     y = body.com_in_base.y
-    assert y == Quantity("com_y", "m", -0.003, deviation, "weak", 0.0, 0.0)
-    assert y.half == 1.96 * deviation
-    assert y.interval == (y.lower, y.upper) == (-0.003 - y.half, -0.003 + y.half)
+    assert y == Quantity("com_y", "m", -0.003, std, "weak", 0.0, 0.0)
+    assert y.half_width == 1.96 * std
+    assert y.interval == (y.lower, y.upper) == (-0.003 - y.half_width, -0.003 + y.half_width)
     assert (y.error, y.change) == (-0.003, -0.003)
     assert not y.missed
-    assert dataclasses.replace(y, truth=-0.003 - 1.01 * y.half).missed
+    assert dataclasses.replace(y, truth=-0.003 - 1.01 * y.half_width).missed
     assert body.mass.missed
 
 
@@ -53,7 +53,7 @@ def test_arrays_are_those_of_the_quantities(body):
     assert np.array_equal(body.values, components(BASE))
     assert np.array_equal(body.com_in_base.values, BASE.com)
     assert np.array_equal(body.inertia.values, BASE.inertia)
-    assert np.array_equal(body.deviations, np.sqrt(np.diag(COVARIANCE)))
+    assert np.array_equal(body.stds, np.sqrt(np.diag(COVARIANCE)))
     assert np.array_equal(body.com_in_base.errors, BASE.com - TRUE.com)
     assert np.array_equal(body.inertia.errors, BASE.inertia - TRUE.inertia)
     assert np.array_equal(body.covariance, COVARIANCE)
@@ -76,7 +76,7 @@ def test_a_known_body_goes_there_and_back(body):
     assert list(again) == list(body)
     assert np.array_equal(again.covariance, body.covariance)
     assert table["uncertainty"]["intervals"]["Ixy"] == {
-        "deviation": body.inertia.Ixy.deviation, "lower": body.inertia.Ixy.lower, "upper": body.inertia.Ixy.upper,
+        "std": body.inertia.Ixy.std, "lower": body.inertia.Ixy.lower, "upper": body.inertia.Ixy.upper,
         "verdict": body.inertia.Ixy.verdict,
     }  # fmt: skip
 
@@ -120,7 +120,7 @@ def test_errors_are_of_what_both_know():
 def test_what_is_not_estimated_still_has_the_models_value():
     height = Body.partly(TRUE, com_in_base=(0.01, 0.0, None)).com_in_base.z
     assert height == Quantity("com_z", "m", model=0.05)
-    assert height.interval is height.half is height.error is height.change is None
+    assert height.interval is height.half_width is height.error is height.change is None
 
 
 def test_what_is_doubted_keeps_its_numbers_and_is_neither_identified_nor_weak():
@@ -142,9 +142,9 @@ def test_a_doubted_body_has_standard_deviations_of_at_least_what_is_given():
     body = Body.known(BASE, np.diag(np.repeat([1e-12, 1.0, 1e-7], [1, 1, 8])) + 1e-13, np.ones(10))
     least = np.where(np.arange(10) == 2, 0.02, 1e-9)
     doubted = body.doubted(least)
-    assert np.allclose(doubted.deviations, np.maximum(body.deviations, least))
-    scale = np.outer(doubted.deviations, doubted.deviations)
-    before = np.outer(body.deviations, body.deviations)
+    assert np.allclose(doubted.stds, np.maximum(body.stds, least))
+    scale = np.outer(doubted.stds, doubted.stds)
+    before = np.outer(body.stds, body.stds)
     assert np.allclose(doubted.covariance / scale, body.covariance / before)
 
 

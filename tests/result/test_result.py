@@ -11,10 +11,10 @@ from robots import load_text, quadruped_urdf
 from equipoise import (
     Calibration,
     ComSearchSettings,
+    ExcitationSettings,
     InertialParameters,
-    Paper,
+    PaperMethod,
     RobotDescription,
-    SwaySettings,
     calibrate,
     nominal_stance,
     simulate,
@@ -24,7 +24,7 @@ from equipoise.json_form import from_json, to_json
 from equipoise.result.body import Body
 from equipoise.robot.inertial import RobotInertia, nominal_inertia
 
-SETTINGS = Paper(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
+SETTINGS = PaperMethod(com_search=ComSearchSettings(tolerance=0.02), excitation=ExcitationSettings(duration=1.0))
 BASE = InertialParameters(
     6.2, np.array([0.02, -0.003, 0.03]), np.array([[0.03, 1e-3, 2e-3], [1e-3, 0.07, -1e-3], [2e-3, -1e-3, 0.08]])
 )
@@ -66,7 +66,8 @@ def test_the_json_keys_are_those_that_others_rely_on(calibration):
     table = json.loads(calibration.to_json())
     assert list(table) == [
         "schema", "robot", "method", "model", "stance", "composite", "base", "stance_effective",
-        "sensors", "motors", "links", "checks", "budget", "held_out", "mass_comparison", "sways", "support_lines", "trials",
+        "sensors", "motors", "links", "checks", "uncertainty_budget", "held_out", "mass_comparison", "excitations",
+        "support_lines", "trials",
         "settings", "provenance", "warnings", "assumptions", "verdicts", "nominal", "truth", "errors",
     ]  # fmt: skip
     assert table["schema"] == "equipoise.calibration/1"
@@ -80,11 +81,11 @@ def test_the_json_keys_are_those_that_others_rely_on(calibration):
     for name in ("nominal", "truth"):
         assert list(table[name]) == ["composite", "base", "stance_effective"]
         assert all(list(each) == body for each in table[name].values())
-    assert list(table["sways"]) == ["roll", "pitch", "yaw"]
-    assert list(table["sways"]["yaw"]) == ["moment", "damping", "frequency", "amplitude", "note"]
+    assert list(table["excitations"]) == ["roll", "pitch", "yaw"]
+    assert list(table["excitations"]["yaw"]) == ["moment", "damping", "frequency", "amplitude", "note"]
     assert list(table["support_lines"]) == ["FL_RR", "FR_RL"]
     assert list(table["support_lines"]["FL_RR"]) == ["offset", "lower", "upper", "point", "normal"]
-    trial = ["kind", "about", "offset", "lift_height", "tilt", "verdict", "duration", "misfit", "note"]
+    trial = ["kind", "about", "offset", "lift_height", "tilt", "verdict", "duration", "normalized_residual", "note"]
     assert all(list(each) == trial for each in table["trials"])
 
 
@@ -135,8 +136,8 @@ def test_another_file_is_no_result(path, content, message):
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("sways", []), ("sways", {"roll": {"moment": 1.0}}), ("sways", {"roll": {"colour": 1}}), ("trials", [{}]),
-        ("trials", None), ("composite", None), ("composite", {"mass": 1, "com_in_base": [1, 2], "inertia": None}),
+        ("excitations", []), ("excitations", {"roll": {"moment": 1.0}}), ("excitations", {"roll": {"colour": 1}}), ("trials",
+        [{}]), ("trials", None), ("composite", None), ("composite", {"mass": 1, "com_in_base": [1, 2], "inertia": None}),
         ("support_lines", {"FL_RR": 3}), ("support_lines", [1]), ("stance", {}), ("stance", []), ("truth", {}),
         ("nominal", None), ("nominal", {"composite": []}), ("warnings", None),
     ],
@@ -167,8 +168,8 @@ def test_what_was_found_about_a_joint_is_asked_by_its_name(precise_run):
     result = precise_run.result
     found = {finding.name: finding for finding in result.sensors}
     zero, gain = result.joints["FL_calf_joint"].zero, result.joints["FL_calf_joint"].torque_gain
-    assert (zero.value, zero.deviation) == (found["FL_calf_joint zero"].value, found["FL_calf_joint zero"].deviation)
-    assert (zero.unit, zero.half) == ("rad", found["FL_calf_joint zero"].half)
+    assert (zero.value, zero.std) == (found["FL_calf_joint offset"].value, found["FL_calf_joint offset"].std)
+    assert (zero.unit, zero.half_width) == ("rad", found["FL_calf_joint offset"].half_width)
     assert gain.value == found["FL_calf_joint torque gain"].value
     few = dataclasses.replace(result, sensors=())
     assert few.joints["RR_hip_joint"].zero.value is None
@@ -185,7 +186,7 @@ def test_errors_are_estimate_less_truth(calibration, without_truth):
     assert com.errors[:2] == pytest.approx(com.values[:2] - truth.composite.com[:2])
     assert errors["composite"]["com_in_base"] == [com.x.error, com.y.error, None]
     for index, axis in enumerate(("roll", "pitch", "yaw")):
-        moment, errors_of_axis = calibration.sways[axis].moment, errors["moments_relative"][axis]
+        moment, errors_of_axis = calibration.excitations[axis].moment, errors["moments_relative"][axis]
         assert calibration.moments[axis].value == moment
         assert calibration.moments[axis].error == moment - truth.stance_effective.inertia[index, index]
         assert calibration.moments[axis].model == calibration.nominal.stance_effective.inertia[index, index]
@@ -196,8 +197,8 @@ def test_errors_are_estimate_less_truth(calibration, without_truth):
 
 
 def test_an_axis_without_an_estimate_has_no_error(calibration):
-    skipped = dataclasses.replace(calibration.sways["yaw"], moment=None, damping=None, note="skipped")
-    partial = dataclasses.replace(calibration, sways={**calibration.sways, "yaw": skipped})
+    skipped = dataclasses.replace(calibration.excitations["yaw"], moment=None, damping=None, note="skipped")
+    partial = dataclasses.replace(calibration, excitations={**calibration.excitations, "yaw": skipped})
     assert list(partial.moment_errors()) == list(partial.moments) == ["roll", "pitch"]
 
 
@@ -247,7 +248,7 @@ def test_a_known_base_is_put_into_the_robots_own_model(calibration, a1):
 
 def test_the_base_found_includes_the_arm_that_was_held_and_the_model_has_both(calibration, tmp_path):
     held = {"arm_0": 0.7, "arm_1": -0.4}
-    robot = load_text(tmp_path, quadruped_urdf(arm_joints=2), RobotDescription(held=held))
+    robot = load_text(tmp_path, quadruped_urdf(arm_joints=2), RobotDescription(locked_joints=held))
     result = dataclasses.replace(calibration, robot_model=robot, base=Body.known(BASE))
     model = result.to_pinocchio()
     assert list(model.names) == list(robot.full_pinocchio.names)

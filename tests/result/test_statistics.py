@@ -35,11 +35,11 @@ def test_intervals_of_all_levels_hold_what_they_say(percent, half):
 
 
 @pytest.mark.parametrize(
-    ("deviation", "verdict"),
+    ("std", "verdict"),
     [(0.1, "identified"), (0.101, "weak"), (0.5, "weak"), (0.501, "not identified"), (0.0, "identified")],
 )
-def test_a_verdict_is_by_how_much_narrower_a_belief_became(deviation, verdict):
-    assert verdict_of(deviation, 1.0) == verdict_of(3 * deviation, 3.0) == verdict
+def test_a_verdict_is_by_how_much_narrower_a_belief_became(std, verdict):
+    assert verdict_of(std, 1.0) == verdict_of(3 * std, 3.0) == verdict
 
 
 def test_nobody_else_says_how_many_standard_deviations_hold_95_percent():

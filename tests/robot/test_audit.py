@@ -103,7 +103,7 @@ def test_composite_is_that_of_the_nominal_stance_and_its_ratio_to_the_base_is_pu
     np.testing.assert_array_equal(report.composite.inertia, truth.inertia)
     ratio = np.diag(truth.inertia) / np.diag(report.base.inertia)
     assert report.ratio_composite_over_base == pytest.approx(ratio)
-    assert report.ratio_sentence == "the composite's Ixx, Iyy, Izz are 9.6, 7.0 and 6.3 x the base's (link 'trunk')"
+    assert report.ratio_message == "the composite's Ixx, Iyy, Izz are 9.6, 7.0 and 6.3 x the base's (link 'trunk')"
 
 
 def test_json_form_has_stable_keys_and_plain_values(a1):
@@ -243,7 +243,7 @@ def test_a_robot_without_a_stance_is_audited_and_told_why(edited_a1):
     changes = {"FL_thigh": {"mass": {"value": "1.2"}}}
     report = audit(edited_a1(changes, RobotDescription(joint_limits=knees)))
     assert (report.stance, report.composite, report.stance_effective) == (None, None, None)
-    assert (report.ratio_composite_over_base, report.ratio_sentence) == (None, None)
+    assert (report.ratio_composite_over_base, report.ratio_message) == (None, None)
     finding = the_finding(report, "no nominal stance")
     assert (finding.severity, finding.body) == ("error", "")
     assert "give one under [stance] in a robot description" in finding.text

@@ -138,7 +138,7 @@ def test_a_slider_that_is_locked_stays_where_it_is(load):
     )
     still = FINGERS.replace("<parent", '<origin xyz="0 0.02 0"/><parent').replace('"prismatic"', '"fixed"')
     locked, fixed = (load(cases.urdf(extra=extra)) for extra in (finger, still))
-    assert (locked.held, set(locked.source.locked)) == ({}, {"grip_left", "grip_right"})
+    assert (locked.locked_joints, set(locked.source.locked)) == ({}, {"grip_left", "grip_right"})
     np.testing.assert_allclose(composite(locked).com, composite(fixed).com, atol=1e-12)
 
 
@@ -380,7 +380,7 @@ def test_leg_joints_that_mimic_are_refused(refusal):
 
 def test_a_gripper_that_mimics_is_held_and_noted(load):
     robot = load(cases.urdf(extra=FINGERS))
-    assert set(robot.held) == {"grip_left", "grip_right"}
+    assert set(robot.locked_joints) == {"grip_left", "grip_right"}
     notes = [text for _, text in findings(robot, "note")]
     assert "couplings of joints that are held still are ignored: grip_right with grip_left (<mimic>)" in notes
 
@@ -532,7 +532,7 @@ def virtual_chain(mass="0"):
 @pytest.mark.parametrize("mass", ["0", "1e-6", "0.001", "0.05"])
 def test_a_virtual_chain_above_the_trunk_is_dropped(load, mass):
     robot = load(cases.urdf(extra=virtual_chain(mass)))
-    assert (robot.base_link, robot.held) == ("trunk", {})
+    assert (robot.base_link, robot.locked_joints) == ("trunk", {})
     assert robot.mass == pytest.approx(12)
     np.testing.assert_allclose(composite(robot).com * 1000, cases.COM_MM, atol=0.06)
     assert "what is above the base 'trunk' is ignored: world, px, py, pz, rz, ry" in [

@@ -29,7 +29,7 @@ FL_thigh = 0.8
 [joint_limits]
 FL_hip = [-1, 1.5]
 
-[held]
+[locked_joints]
 arm = 0.5
 """
 
@@ -70,7 +70,7 @@ def test_every_field_can_be_written_in_toml(from_toml):
         kp=80.0,
         kd=2.5,
         joint_limits={"FL_hip": (-1.0, 1.5)},
-        held={"arm": 0.5},
+        locked_joints={"arm": 0.5},
     )
 
 
@@ -93,7 +93,7 @@ def test_what_a_description_holds_can_be_written_as_json_and_read_back(from_toml
 
 KNOWN = (
     "base_link, forward, foot_frames, foot_radius, imu_frame, imu_position, imu_rpy, stance, stance_height, kp, "
-    "kd, joint_limits, held"
+    "kd, joint_limits, locked_joints"
 )
 REFUSED = [
     ('colour = "blue"', f"unknown key 'colour'; known are {KNOWN}"),
@@ -109,7 +109,7 @@ REFUSED = [
     ("[foot_frames]\nFL = 3", "foot_frames.FL is 3; it must be a text"),
     ('stance = "low"', "stance is 'low'; it must be a table"),
     ("[stance]\nFL_hip = [1]", "stance.FL_hip is [1]; it must be a number"),
-    ("[held]\narm = false", "held.arm is False; it must be a number"),
+    ("[locked_joints]\narm = false", "locked_joints.arm is False; it must be a number"),
     ("[joint_limits]\nFL_hip = 1.0", "joint_limits.FL_hip is 1.0; it must be 2 numbers"),
     ("[joint_limits]\nFL_hip = [1]", "joint_limits.FL_hip is [1]; it must be 2 numbers"),
     ('[foot_frames]\nLF = "foot"', "foot_frames names a leg 'LF'; the legs are FL, FR, RL, RR"),
@@ -120,7 +120,7 @@ REFUSED = [
     ("stance_height = 1", "stance_height is 1.0; it is a fraction of the leg length and must be below 1"),
     ("imu_position = [0, nan, 0]", "imu_position must be finite, got 0.0, nan, 0.0"),
     ("imu_rpy = [0, 0, 90]", "imu_rpy is 0.0, 0.0, 90.0, which is beyond a whole turn; radians, not degrees?"),
-    ("[held]\narm = nan", "held.arm must be finite, got nan"),
+    ("[locked_joints]\narm = nan", "locked_joints.arm must be finite, got nan"),
     ("[stance]\nFL_hip = inf", "stance.FL_hip must be finite, got inf"),
     (
         "[joint_limits]\nFL_hip = [1, 1]",
@@ -162,15 +162,15 @@ def test_an_imu_may_be_turned_by_a_whole_turn():
 def test_numbers_given_in_python_are_checked_alike():
     with pytest.raises(SettingsError, match=r"^foot_radius is -1; it must be a positive number$"):
         RobotDescription(foot_radius=-1)
-    with pytest.raises(SettingsError, match=r"^held\.arm must be finite, got nan$"):
-        RobotDescription(held={"arm": math.nan})
+    with pytest.raises(SettingsError, match=r"^locked_joints\.arm must be finite, got nan$"):
+        RobotDescription(locked_joints={"arm": math.nan})
 
 
 def test_flags_win_over_the_file_where_they_are_set(from_toml):
-    file, flags = from_toml(COMPLETE), RobotDescription(kp=50.0, imu_rpy=(1.0, 0.0, 0.0), held={"arm": 0.1})
+    file, flags = from_toml(COMPLETE), RobotDescription(kp=50.0, imu_rpy=(1.0, 0.0, 0.0), locked_joints={"arm": 0.1})
     both = file.overridden_by(flags)
-    assert (both.kp, both.imu_rpy, both.held) == (50.0, (1.0, 0.0, 0.0), {"arm": 0.1})
-    assert dataclasses.replace(both, kp=file.kp, imu_rpy=file.imu_rpy, held=file.held) == file
+    assert (both.kp, both.imu_rpy, both.locked_joints) == (50.0, (1.0, 0.0, 0.0), {"arm": 0.1})
+    assert dataclasses.replace(both, kp=file.kp, imu_rpy=file.imu_rpy, locked_joints=file.locked_joints) == file
 
 
 def test_flags_that_are_not_set_change_nothing(from_toml):

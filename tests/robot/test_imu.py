@@ -34,7 +34,7 @@ def test_a_frame_named_imu_is_taken_and_stated(imu_of):
     imu = imu_of(frame("imu_link", rpy="3.14159265 0 0"))
     np.testing.assert_allclose(imu.placement.translation, [0.1, 0, 0.02])
     assert (imu.frame, imu.is_assumed, imu.others, imu.proposed) == ("imu_link", False, (), ())
-    assert imu.sentence == (
+    assert imu.message == (
         "IMU: frame 'imu_link', at 100.0 0.0 20.0 mm in the base frame, turned by roll 180.0, pitch 0.0, yaw 0.0 deg"
     )
 
@@ -42,12 +42,12 @@ def test_a_frame_named_imu_is_taken_and_stated(imu_of):
 def test_of_several_one_that_is_of_no_other_device_is_taken_and_the_others_are_named(imu_of):
     imu = imu_of(frame("camera_imu_optical_frame") + frame("imu_link", "0 0 0.05") + frame("rear_imu"))
     assert (imu.frame, imu.others) == ("imu_link", ("rear_imu", "camera_imu_optical_frame"))
-    assert imu.sentence == (
+    assert imu.message == (
         "IMU: frame 'imu_link', at 0.0 0.0 50.0 mm in the base frame; also named like an IMU: "
         "rear_imu, camera_imu_optical_frame (--imu-frame NAME takes one)"
     )
     described = imu_of(frame("imu_link") + frame("rear_imu", "-0.1 0 0"), RobotDescription(imu_frame="rear_imu"))
-    assert described.sentence == (
+    assert described.message == (
         "IMU: frame 'rear_imu' (described by imu_frame), at -100.0 0.0 0.0 mm in the base frame"
     )
 
@@ -56,9 +56,7 @@ def test_without_a_frame_the_origin_of_the_base_is_assumed_and_called_so(imu_of)
     imu = imu_of("")
     assert imu.is_assumed
     np.testing.assert_array_equal(imu.placement.homogeneous, np.eye(4))
-    assert imu.sentence == (
-        "IMU: at the origin of base link 'trunk' (assumed: no frame of the model looks like an IMU)"
-    )
+    assert imu.message == ("IMU: at the origin of base link 'trunk' (assumed: no frame of the model looks like an IMU)")
 
 
 @pytest.mark.parametrize(
@@ -80,7 +78,7 @@ def test_a_frame_that_is_named_otherwise_is_proposed_and_not_taken(imu_of, extra
     np.testing.assert_array_equal(imu.placement.homogeneous, np.eye(4))
     if proposed:
         names = " or ".join(map(repr, proposed))
-        assert imu.sentence == (
+        assert imu.message == (
             "IMU: at the origin of base link 'trunk' (assumed: no frame of the model is named imu, and "
             f"{names} may be the IMU's: --imu-frame {proposed[0]})"
         )
@@ -91,16 +89,16 @@ def test_a_described_frame_or_place_is_no_assumption(imu_of):
     assert not taken.is_assumed
     np.testing.assert_allclose(taken.placement.translation, [0.1, 0, 0.02])
     origin = imu_of("", RobotDescription(imu_position=(0.0, 0.0, 0.0)))
-    assert origin.sentence == "IMU: described by imu_position, at 0.0 0.0 0.0 mm in the base frame"
+    assert origin.message == "IMU: described by imu_position, at 0.0 0.0 0.0 mm in the base frame"
     assert not imu_of("", RobotDescription(imu_frame="trunk")).is_assumed
     both = imu_of(frame("imu"), RobotDescription(imu_rpy=(0.0, 0.0, 1.5707963)))
-    assert both.sentence == (
+    assert both.message == (
         "IMU: frame 'imu', imu_rpy as described, at 100.0 0.0 20.0 mm in the base frame, "
         "turned by roll 0.0, pitch 0.0, yaw 90.0 deg"
     )
     turned = imu_of("", RobotDescription(imu_rpy=(0.0, 0.0, 1.5707963)))
     assert turned.is_assumed  # of its position nothing is described
-    assert "at the origin of base link 'trunk', turned as described (assumed:" in turned.sentence
+    assert "at the origin of base link 'trunk', turned as described (assumed:" in turned.message
 
 
 @pytest.mark.parametrize(
@@ -194,7 +192,7 @@ def test_an_audit_states_it(tmp_path):
     found = audit(load_text(tmp_path, quadruped_urdf(extra=frame("bno085"))))
     assert found.to_dict()["imu"]["proposed"] == ["bno085"]
     assert found.to_dict()["imu"]["assumed"] is True
-    assert "--imu-frame bno085" in found.imu.sentence
+    assert "--imu-frame bno085" in found.imu.message
 
 
 def test_a_robot_described_anew_has_its_imu_elsewhere(tmp_path):

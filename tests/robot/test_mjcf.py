@@ -132,7 +132,7 @@ def test_included_files_are_put_in_place(tmp_path):
     (tmp_path / "arm.xml").write_text(f"<mujocoinclude>{inner}</mujocoinclude>", encoding="utf-8")
     split = load_text(tmp_path, whole.replace(inner, '<include file="arm.xml"/>'), name="split.xml")
     assert split.mass == pytest.approx(load_text(tmp_path, whole).mass)
-    assert set(split.held) == {"arm_0", "arm_1"}
+    assert set(split.locked_joints) == {"arm_0", "arm_1"}
 
 
 def test_a_scene_may_include_the_robot_after_its_own_world(tmp_path):
@@ -478,6 +478,6 @@ def test_joints_are_held_where_the_keyframe_called_home_has_them(read):
     legs = " ".join(["0.1 0.2 0.3"] * 4)
     keys = f'<keyframe><key qpos="{"9 " * 21}"/><key name="home" qpos="0 0 1 1 0 0 0 {legs} 0.4 -0.5"/></keyframe>'
     robot = RobotModel.from_source(read(quadruped_mjcf(arm=True, tail=keys)))
-    assert list(robot.held.values()) == [0.4, -0.5]
+    assert list(robot.locked_joints.values()) == [0.4, -0.5]
     short = RobotModel.from_source(read(quadruped_mjcf(arm=True, tail=keys.replace(" -0.5", ""))))
-    assert list(short.held.values()) == [0.0, 0.0]  # another robot's
+    assert list(short.locked_joints.values()) == [0.0, 0.0]  # another robot's

@@ -85,7 +85,7 @@ def test_legs_are_found_whatever_their_joints_are_called(load, naming, joints):
         assert leg.joint_names == tuple(name(leg.name, place) for place in range(joints))
         assert [robot.joint_names[joint] for joint in leg.joints] == list(leg.joint_names)
         assert [robot.pinocchio.names[joint] for joint in leg.joint_ids] == list(leg.joint_names)
-    assert robot.held == {}
+    assert robot.locked_joints == {}
 
 
 @settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -217,21 +217,21 @@ def test_a_leg_joint_that_does_not_turn_about_one_axis_is_refused(refusal, kind,
 def test_an_arm_is_held_and_counted_in_the_base(load, quadruped, joints, kind):
     robot = load(quadruped_urdf(arm_joints=joints, arm_type=kind))
     assert robot.joint_names == quadruped.joint_names
-    assert robot.held == {f"arm_{i}": 0.0 for i in range(joints)}
+    assert robot.locked_joints == {f"arm_{i}": 0.0 for i in range(joints)}
     assert base_parameters(robot).mass == pytest.approx(6.0 + joints * ARM[0])
     assert robot.mass == pytest.approx(quadruped.mass + joints * ARM[0])
     assert robot.full_pinocchio.nq == robot.pinocchio.nq + joints
 
 
 def test_an_arm_of_two_joints_is_no_leg_of_three(load):
-    assert list(load(quadruped_urdf(arm_joints=2)).held) == ["arm_0", "arm_1"]
-    assert list(load(quadruped_urdf(joints_per_leg=2, arm_joints=3)).held) == ["arm_0", "arm_1", "arm_2"]
+    assert list(load(quadruped_urdf(arm_joints=2)).locked_joints) == ["arm_0", "arm_1"]
+    assert list(load(quadruped_urdf(joints_per_leg=2, arm_joints=3)).locked_joints) == ["arm_0", "arm_1", "arm_2"]
 
 
 def test_where_an_arm_is_held_moves_the_com_of_the_base(load):
     angle = 0.5
     straight = base_parameters(load(quadruped_urdf(arm_joints=1)))
-    bent = base_parameters(load(quadruped_urdf(arm_joints=1), RobotDescription(held={"arm_0": angle})))
+    bent = base_parameters(load(quadruped_urdf(arm_joints=1), RobotDescription(locked_joints={"arm_0": angle})))
     shoulder = rotation_of([0.3, -0.2, 0.4])  # of the arm's joint in the trunk, as the file has it
     moved = shoulder @ (rotation_of([0, angle, 0]) - np.eye(3)) @ np.array(ARM[1])
     np.testing.assert_allclose(bent.com - straight.com, moved * ARM[0] / (6.0 + ARM[0]), atol=1e-12)
@@ -240,9 +240,9 @@ def test_where_an_arm_is_held_moves_the_com_of_the_base(load):
 
 def test_a_spine_is_held_and_its_other_half_belongs_to_the_base(load):
     robot = load(quadruped_urdf(spine=True))
-    assert robot.held == {"spine": 0.0}
+    assert robot.locked_joints == {"spine": 0.0}
     assert base_parameters(robot).mass == pytest.approx(6.0 + REAR_TRUNK[0])
-    bent = load(quadruped_urdf(spine=True), RobotDescription(held={"spine": 0.3}))
+    bent = load(quadruped_urdf(spine=True), RobotDescription(locked_joints={"spine": 0.3}))
     feet, feet_bent = (foot_positions(r, np.zeros(12)) for r in (robot, bent))
     np.testing.assert_allclose(feet_bent[:2], feet[:2], atol=1e-12)
     pivot = np.array([-0.05, 0, 0])
@@ -250,14 +250,14 @@ def test_a_spine_is_held_and_its_other_half_belongs_to_the_base(load):
 
 
 def test_only_joints_that_are_no_legs_can_be_held(refusal):
-    held = RobotDescription(held={"FL_0": 0.1})
+    held = RobotDescription(locked_joints={"FL_0": 0.1})
     assert refusal(quadruped_urdf(arm_joints=2), held, SettingsError) == (
         "held names 'FL_0', which is a leg joint or none; others are arm_0, arm_1"
     )
 
 
 def test_a_joint_is_held_within_its_limits(refusal):
-    assert refusal(quadruped_urdf(arm_joints=2), RobotDescription(held={"arm_1": -1.6}), SettingsError) == (
+    assert refusal(quadruped_urdf(arm_joints=2), RobotDescription(locked_joints={"arm_1": -1.6}), SettingsError) == (
         "held puts joint 'arm_1' at -1.600 rad, outside its limits -1.500 to 1.500; give its angle in radians, as the joint "
         "is while the robot is calibrated"
     )
@@ -266,15 +266,15 @@ def test_a_joint_is_held_within_its_limits(refusal):
 def test_a_joint_of_several_axes_can_be_held_only_as_the_file_has_it(load, refusal):
     ball = quadruped_urdf(arm_joints=1, arm_type="floating")
     assert base_parameters(load(ball)).mass == pytest.approx(6.0 + ARM[0])
-    message = refusal(ball, RobotDescription(held={"arm_0": 0.1}), SettingsError)
+    message = refusal(ball, RobotDescription(locked_joints={"arm_0": 0.1}), SettingsError)
     assert message == "held joint 'arm_0' has more than one axis"
 
 
 def test_a_held_joint_may_be_called_as_its_link(load):
     sphere = '<collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
     text = re.sub(r'(<link name="arm_link_0">.*)</link>', rf"\1{sphere}", quadruped_urdf(arm_joints=1))
-    robot = load(text.replace('"arm_link_0"', '"arm_0"'), RobotDescription(held={"arm_0": 0.2}))
-    assert robot.held == {"arm_0": 0.2}
+    robot = load(text.replace('"arm_link_0"', '"arm_0"'), RobotDescription(locked_joints={"arm_0": 0.2}))
+    assert robot.locked_joints == {"arm_0": 0.2}
 
 
 # --- feet

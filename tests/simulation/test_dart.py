@@ -14,10 +14,10 @@ from test_truth import BENT, CLASSES, FRAMES, ORIENTATIONS, PARTS, PAYLOAD, RADI
 
 from equipoise import (
     ComSearchSettings,
-    Paper,
+    ExcitationSettings,
+    PaperMethod,
     RobotDescription,
     SensorErrors,
-    SwaySettings,
     Trajectory,
     calibrate,
     load_robot,
@@ -168,7 +168,7 @@ def test_an_engine_that_is_none_is_refused(a1):
 @pytest.fixture(scope="module")
 def robots(tmp_path_factory, a1):
     folder = tmp_path_factory.mktemp("robots")
-    arm = RobotDescription(held=BENT.held, imu_position=(0.1, -0.05, 0.06), imu_rpy=(0.3, -0.5, 2.0))
+    arm = RobotDescription(locked_joints=BENT.locked_joints, imu_position=(0.1, -0.05, 0.06), imu_rpy=(0.3, -0.5, 2.0))
     return {
         "A1": a1,
         "URDF, two joints a leg": load_text(folder, quadruped_urdf(joints_per_leg=2), name="two"),
@@ -380,10 +380,12 @@ def test_dart_needs_no_mujoco():
 
 def test_a_calibration_in_dart_finds_the_centre_of_mass(a1):
     with simulate(a1, "realistic", "1.5,0.05,-0.02,0.06", seed=4, timestep=1e-3, engine="dart") as simulation:
-        settings = Paper(com_search=ComSearchSettings(tolerance=0.01), sway=SwaySettings(duration=1.0))
+        settings = PaperMethod(
+            com_search=ComSearchSettings(tolerance=0.01), excitation=ExcitationSettings(duration=1.0)
+        )
         result = calibrate(simulation.platform, a1, settings).with_truth(simulation.truth)
     assert np.abs(result.composite.com_in_base.errors[:2]).max() < 6e-3
-    assert result.sways["yaw"].moment == pytest.approx(simulation.truth.stance_effective.inertia[2, 2], rel=0.4)
+    assert result.excitations["yaw"].moment == pytest.approx(simulation.truth.stance_effective.inertia[2, 2], rel=0.4)
 
 
 def test_a_platform_may_be_made_with_another_control_period(a1):

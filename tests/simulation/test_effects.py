@@ -46,13 +46,13 @@ def engine(simulation):
     return SimpleNamespace(model=platform._model, data=platform._data, simulated=platform._simulated)
 
 
-def standing(robot, noise="ideal", seed=SEED, **effects):
+def standing(robot, preset="ideal", seed=SEED, **effects):
     """A robot that stands, behind a forward step: contacts and forces are of the present."""
-    with simulate(robot, noise, seed=seed, effects=effects) as simulation:
+    with simulate(robot, preset, seed=seed, effects=effects) as simulation:
         simulation.platform.play(Trajectory(np.tile(nominal_stance(robot).joint_position, (250, 1))))
         seen = engine(simulation)
         seen.errors, seen.truth, seen.witness = simulation.errors, simulation.truth, simulation.witness
-        seen.glimpse = simulation.witness.look()
+        seen.ground_truth = simulation.witness.look()
         seen.data.xfrc_applied[:] = simulation.disturbance.wrench
         mujoco.mj_forward(seen.model, seen.data)
         return seen
@@ -127,11 +127,12 @@ def test_effects_are_read_and_taken_out():
         ({"effects": {"vertical_pull": np.inf}}, r"vertical_pull is inf; it must be a finite number$"),
         ({"effects": {"foot_width": None, "foot_oval": None}}, "feet are cylinders, by foot_width or by the model file"),
         ({"effects": {"vertical_pull": None}, "engine": "dart"}, "dart cannot simulate vertical_pull; take out"),
-        ({"noise": "stress", "engine": "dart"}, r"dart cannot simulate springs, spring.*--without springs,spring_spread"),
+        ({"preset": "stress", "engine": "dart"},
+        r"dart cannot simulate springs, spring.*--disable-effect springs,spring_spread"),
         ({"effects": {"swinging_load": None}, "engine": "dart"}, "dart cannot simulate swinging_load; take out"),
-        ({"contacts": "file", "engine": "dart"}, "dart cannot take contacts from the model file"),
-        ({"contacts": "file"}, "the model file of 'unitree_a1' says nothing of how its feet touch the floor"),
-        ({"contacts": "glue"}, "contacts 'glue' are not known; they are 'own' or those of the model 'file'"),
+        ({"contact_model": "file", "engine": "dart"}, "dart cannot take contacts from the model file"),
+        ({"contact_model": "file"}, "the model file of 'unitree_a1' says nothing of how its feet touch the floor"),
+        ({"contact_model": "glue"}, "contacts 'glue' are not known; they are 'default' or those of the model 'file'"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_by_name(a1, given, words):
@@ -158,7 +159,7 @@ def test_no_effect_changes_what_another_draws():
 def test_the_draws_of_realistic_are_those_of_ever():
     errors, digest = drawn(REALISTIC), hashlib.sha256()
     for name in (
-        "joint_zero", "torque_gain", "gyro_bias", "accelerometer_bias", "imu_tilt", "leg_mass_scale", "gravity_direction",
+        "joint_offset", "torque_gain", "gyro_bias", "accelerometer_bias", "imu_tilt", "leg_mass_scale", "gravity_direction",
     ):  # fmt: skip
         digest.update(np.ascontiguousarray(getattr(errors, name, errors.drawn.get(name))).tobytes())
     digest.update(errors.noise(1000, 50).tobytes())
@@ -300,7 +301,7 @@ def test_feet_have_other_radii_and_still_stand_on_the_floor(a1):
     usual = [foot.radius for foot in a1.feet.values()]
     radii = [seen.model.geom(f"equipoise_{leg}_foot").size[0] for leg in a1.legs]
     assert np.allclose(np.subtract(radii, usual), seen.errors.drawn["foot_radius"])
-    assert np.abs(seen.glimpse.clearance).max() < 5e-6
+    assert np.abs(seen.ground_truth.clearance).max() < 5e-6
 
 
 def test_axes_are_askew_by_their_size(a1):
@@ -484,8 +485,8 @@ def test_feet_stand_on_footholds_of_their_own_height(a1):
     heights = seen.errors.drawn["foothold_height"]
     radii = [foot.radius for foot in a1.feet.values()]
     assert np.abs(heights).max() > 1e-3
-    assert np.allclose(seen.glimpse.feet[:, 2] - radii, heights, atol=1e-5)
-    assert np.abs(seen.glimpse.clearance).max() < 1e-5
+    assert np.allclose(seen.ground_truth.feet[:, 2] - radii, heights, atol=1e-5)
+    assert np.abs(seen.ground_truth.clearance).max() < 1e-5
 
 
 def test_a_cable_pulls_and_the_feet_hold_it(a1):
@@ -582,9 +583,9 @@ def test_a_foot_that_leans_touches_the_floor_where_its_shape_has_it(a1, effects,
 def test_feet_of_all_shapes_stand_level_on_the_floor(a1, skewed, effect, contacts):
     for robot in (a1, skewed):
         with simulate(robot, "ideal", effects={effect: None}) as simulation:
-            glimpse, seen = simulation.witness.look(), engine(simulation)
-            assert np.abs(glimpse.clearance).max() < 0.2e-3
-            assert glimpse.tilt < 0.02
+            ground_truth, seen = simulation.witness.look(), engine(simulation)
+            assert np.abs(ground_truth.clearance).max() < 0.2e-3
+            assert ground_truth.tilt < 0.02
         data = mujoco.MjData(seen.model)
         stance = nominal_stance(robot)
         data.qpos[:7] = [0, 0, stance.base_height - 0.1e-3, 1, 0, 0, 0]
@@ -697,11 +698,11 @@ def test_all_motors_can_err_together():
 def test_robots_of_all_kinds_rest_in_stress(a1, two_jointed, skewed, name, start):
     robot = {"unitree_a1": a1, "two_jointed": two_jointed, "skewed": skewed}[name]
     with simulate(robot, "stress", seed=SEED, start=start, effects={"swinging_load": None}) as simulation:
-        glimpse = simulation.witness.look()
+        ground_truth = simulation.witness.look()
         assert np.abs(simulation.platform.read().joint_velocity).max() < 0.3
-    assert glimpse.tilt < 0.05
+    assert ground_truth.tilt < 0.05
     if start == "standing":
-        assert np.abs(glimpse.clearance).max() < 2e-3
+        assert np.abs(ground_truth.clearance).max() < 2e-3
 
 
 # --- contacts of the file
@@ -736,7 +737,7 @@ def test_feet_can_touch_the_floor_as_the_file_says(tmp_path, foot):
         f'<inertial pos="0 0 0" mass="6" diaginertia="0.02 0.06 0.07"/>{legs}</body></worldbody></mujoco>'
     )
     robot = load_text(tmp_path, text)
-    with simulate(robot, "realistic", contacts="file") as simulation:
+    with simulate(robot, "realistic", contact_model="file") as simulation:
         simulation.platform.play(Trajectory(np.tile(nominal_stance(robot).joint_position, (50, 1))))
         seen = engine(simulation)
         mujoco.mj_forward(seen.model, seen.data)

@@ -20,15 +20,15 @@ from equipoise.simulation.mujoco import MujocoPlatform
 from equipoise.simulation.mujoco_contacts import FLOOR
 
 HEAD = '<compiler angle="radian"/>'
-HELD = RobotDescription(held={"arm_0": 0.7, "arm_1": -0.4})
+HELD = RobotDescription(locked_joints={"arm_0": 0.7, "arm_1": -0.4})
 ROBOTS = {
     "URDF": (quadruped_urdf(), None),
     "URDF of two joints a leg": (quadruped_urdf(joints_per_leg=2), None),
     "URDF with an arm": (quadruped_urdf(arm_joints=2), HELD),
     "URDF with an arm that slides": (
-        quadruped_urdf(arm_joints=2, arm_type="prismatic"), RobotDescription(held={"arm_0": 0.07, "arm_1": -0.04}),
+        quadruped_urdf(arm_joints=2, arm_type="prismatic"), RobotDescription(locked_joints={"arm_0": 0.07, "arm_1": -0.04}),
     ),
-    "URDF with a spine": (quadruped_urdf(spine=True), RobotDescription(held={"spine": 0.1})),
+    "URDF with a spine": (quadruped_urdf(spine=True), RobotDescription(locked_joints={"spine": 0.1})),
     "URDF with turned inertials": (
         quadruped_urdf().replace('<origin xyz="-0.004 0.02 -0.03"/>', '<origin xyz="0 0 -0.03" rpy="0.3 0.4 0.5"/>'), None,
     ),
@@ -156,7 +156,7 @@ def test_steps_that_would_soften_contacts_are_refused(a1):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"noise": "loud"}, "noise 'loud' is not known; it is one of ideal, realistic, stress, or SensorErrors"),
+        ({"preset": "loud"}, "preset 'loud' is not known; it is one of ideal, realistic, stress, or SensorErrors"),
         ({"start": "sitting"}, "a robot starts 'standing' or 'lying', not 'sitting'"),
         ({"payload": "heavy"}, "payload 'heavy' is not MASS,X,Y,Z"),
     ],

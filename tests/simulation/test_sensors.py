@@ -33,7 +33,7 @@ def test_realistic_is_the_table_of_an_a1():
     sizes = {name: size for name, size in dataclasses.asdict(REALISTIC).items() if size}
     assert sizes == {
         "encoder_noise": 0.0003,  # rad
-        "joint_zero": 0.005,  # rad
+        "joint_offset": 0.005,  # rad
         "joint_velocity_noise": 0.03,  # rad/s
         "gyro_noise": 0.003,  # rad/s
         "gyro_bias": 0.002,  # rad/s
@@ -101,15 +101,15 @@ def test_no_imu_sample_is_younger_than_its_reading():
 
 def test_constants_are_drawn_once_per_seed():
     first, again, other = (DrawnErrors.draw(REALISTIC, JOINTS, seed) for seed in (SEED, SEED, SEED + 1))
-    for name in ("joint_zero", "torque_gain", "gyro_bias", "accelerometer_bias", "imu_tilt", "leg_mass"):
+    for name in ("joint_offset", "torque_gain", "gyro_bias", "accelerometer_bias", "imu_tilt", "leg_mass"):
         assert not np.allclose(first.drawn[name], other.drawn[name], rtol=1e-6, atol=1e-9)
     assert all(np.array_equal(values, again.drawn[name]) for name, values in first.drawn.items())
 
 
 def test_constants_have_the_sizes_asked_for():
-    many = drawn(joints=20000, joint_zero=5e-3, torque_gain=0.03, leg_mass=0.02)
+    many = drawn(joints=20000, joint_offset=5e-3, torque_gain=0.03, leg_mass=0.02)
     for value, mean, size in (
-        (many.joint_zero, 0, 5e-3), (many.torque_gain, 1, 0.03), (many.leg_mass_scale, 1, 0.02),
+        (many.joint_offset, 0, 5e-3), (many.torque_gain, 1, 0.03), (many.leg_mass_scale, 1, 0.02),
     ):  # fmt: skip
         assert value.mean() == pytest.approx(mean, abs=5 * size / np.sqrt(20000))
         assert value.std() == pytest.approx(size, rel=0.03)
@@ -121,7 +121,7 @@ def test_constants_have_the_sizes_asked_for():
 
 
 def test_one_error_does_not_change_how_another_is_drawn():
-    alone, among = drawn(imu_tilt=5e-3), drawn(imu_tilt=5e-3, joint_zero=5e-3, gyro_bias=1e-3, floor_slope=0.1)
+    alone, among = drawn(imu_tilt=5e-3), drawn(imu_tilt=5e-3, joint_offset=5e-3, gyro_bias=1e-3, floor_slope=0.1)
     assert np.array_equal(alone.imu_tilt, among.imu_tilt)
 
 
@@ -174,7 +174,7 @@ def test_seeds_have_their_own_noise():
 
 
 def test_no_noise_is_none():
-    assert not drawn(joint_zero=1.0).noise(7, 30).any()
+    assert not drawn(joint_offset=1.0).noise(7, 30).any()
     assert drawn(encoder_noise=1.0).noise(0, 0).shape == (0, 3 * JOINTS + 6)
 
 
@@ -341,9 +341,9 @@ def test_a_clock_offset_makes_the_imu_younger_than_the_encoders(moved, offset):
 
 
 def test_the_loop_closes_on_the_encoder_and_the_joint_goes_elsewhere(a1):
-    zero = drawn(joint_zero=5e-3).joint_zero
+    zero = drawn(joint_offset=5e-3).joint_offset
     target, (kp, _) = nominal_stance(a1).joint_position, a1.gains(nominal_stance(a1).hip_height)
-    with simulate(a1, SensorErrors(joint_zero=5e-3), seed=SEED) as simulation:
+    with simulate(a1, SensorErrors(joint_offset=5e-3), seed=SEED) as simulation:
         state = simulation.platform.read()
         true = simulation.platform._data.qpos[simulation.platform._simulated.qpos].copy()
     with simulate(a1, "ideal") as simulation:
@@ -355,8 +355,8 @@ def test_the_loop_closes_on_the_encoder_and_the_joint_goes_elsewhere(a1):
 
 
 def test_an_encoder_reads_off_by_its_zero_however_the_joint_moves(a1):
-    zero = drawn(joint_zero=5e-3).joint_zero
-    with simulate(a1, SensorErrors(joint_zero=5e-3), seed=SEED) as simulation:
+    zero = drawn(joint_offset=5e-3).joint_offset
+    with simulate(a1, SensorErrors(joint_offset=5e-3), seed=SEED) as simulation:
         platform = simulation.platform
         recording = platform.play(squat(a1))
         true = platform._data.qpos[platform._simulated.qpos]

@@ -57,9 +57,9 @@ def test_friction_is_coulombs_and_viscous_whatever_the_motion(robot, frequency, 
     speed, friction = swung(robot, frequency, size, timestep, sizes)
     moving = np.abs(speed) > 0.05 * np.abs(speed).max()
     columns = np.column_stack([np.sign(speed), speed])[moving]
-    coulomb, viscous = np.linalg.lstsq(columns, friction[moving], rcond=None)[0]
-    assert coulomb == pytest.approx(COULOMB, rel=0.01)
-    assert viscous == pytest.approx(VISCOUS, rel=0.02)
+    coulomb_friction, viscous_friction = np.linalg.lstsq(columns, friction[moving], rcond=None)[0]
+    assert coulomb_friction == pytest.approx(COULOMB, rel=0.01)
+    assert viscous_friction == pytest.approx(VISCOUS, rel=0.02)
     phase = 2 * np.pi * frequency * timestep * np.arange(len(speed))
     assert abs(lead_of(friction - VISCOUS * speed, speed, phase)) < 1.5
 

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from equipoise import Paper, calibrate, load_robot, nominal_stance, simulate
+from equipoise import PaperMethod, calibrate, load_robot, nominal_stance, simulate
 
 
 def with_light_shanks(a1_urdf, folder):
@@ -37,7 +37,7 @@ def test_light_shanks_are_damped_and_do_not_chatter(a1_urdf, tmp_path, timestep)
         state = simulation.platform.read()
         assert np.abs(state.angular_velocity_in_imu).max() < 0.02
         assert simulation.platform.control_period == pytest.approx(2e-3)
-        result = calibrate(simulation.platform, light, Paper()).with_truth(simulation.truth)
+        result = calibrate(simulation.platform, light, PaperMethod()).with_truth(simulation.truth)
     assert np.abs(result.composite.com_in_base.errors[:2]).max() < 5e-3
 
 

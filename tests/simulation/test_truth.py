@@ -32,7 +32,7 @@ PAYLOAD = Payload(
         1.5, np.array([0.1, -0.03, 0.08]), np.array([[0.01, 1e-3, 2e-4], [1e-3, 0.02, -5e-4], [2e-4, -5e-4, 0.025]])
     )
 )
-BENT = RobotDescription(held={"arm_0": 0.5, "arm_1": -0.7})
+BENT = RobotDescription(locked_joints={"arm_0": 0.5, "arm_1": -0.7})
 RADIAN = '<compiler angle="radian"/>'
 
 
@@ -64,7 +64,7 @@ SAME_IN_BOTH = {
     "URDF, arm held bent": (quadruped_urdf(arm_joints=4), BENT),
     "URDF, continuous arm held bent": (quadruped_urdf(arm_joints=4, arm_type="continuous"), BENT),
     "URDF, sliding arm held out": (quadruped_urdf(arm_joints=4, arm_type="prismatic"), BENT),
-    "URDF, spine held bent": (quadruped_urdf(spine=True), RobotDescription(held={"spine": 0.2})),
+    "URDF, spine held bent": (quadruped_urdf(spine=True), RobotDescription(locked_joints={"spine": 0.2})),
     "URDF, world link": (quadruped_urdf(world=True), None),
     "URDF, turned inertial": (
         quadruped_urdf().replace('<origin xyz="-0.004 0.02 -0.03"/>', '<origin xyz="0 0 -0.03" rpy="0.3 0.4 0.5"/>'),
@@ -125,7 +125,7 @@ EVERY_ROBOT = {
         lambda text, folder: load_text(folder, text), quadruped_urdf(extra=urdf_arm_on_a_mount()),
     ),
     "URDF, arm on a mount, bent": (
-        lambda text, folder: load_text(folder, text, RobotDescription(held=ARM_HELD)),
+        lambda text, folder: load_text(folder, text, RobotDescription(locked_joints=ARM_HELD)),
         quadruped_urdf(extra=urdf_arm_on_a_mount()),
     ),
     "URDF, arm without a mount": (lambda text, folder: load_text(folder, text), quadruped_urdf(arm_joints=4)),
@@ -133,7 +133,7 @@ EVERY_ROBOT = {
         lambda text, folder: load_text(folder, text), quadruped_mjcf(trunk_extra=mjcf_arm_on_a_mount()),
     ),
     "MJCF, arm on a mount, bent": (
-        lambda text, folder: load_text(folder, text, RobotDescription(held=ARM_HELD)),
+        lambda text, folder: load_text(folder, text, RobotDescription(locked_joints=ARM_HELD)),
         quadruped_mjcf(trunk_extra=mjcf_arm_on_a_mount()),
     ),
 }  # fmt: skip
@@ -199,7 +199,7 @@ def composite_in_mujoco(model, robot, joint_position):
     """Mass, CoM and inertia about it in the base frame, of a MuJoCo model that nobody cleaned; other joints at `held`."""
     data = mujoco.MjData(model)
     data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
-    for name, value in [*zip(robot.joint_names, joint_position, strict=True), *robot.held.items()]:
+    for name, value in [*zip(robot.joint_names, joint_position, strict=True), *robot.locked_joints.items()]:
         data.qpos[model.jnt_qposadr[model.joint(name).id]] = value
     mujoco.mj_forward(model, data)
     base = int(model.jnt_bodyid[np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[0]])
@@ -312,7 +312,7 @@ ARMS = {
 def test_a_held_arm_is_where_mujoco_has_it_at_the_same_joint_positions(tmp_path, change):
     text = change(quadruped_mjcf(arm=True))
     robot = load_text(tmp_path, text, BENT)
-    assert robot.held == BENT.held
+    assert robot.locked_joints == BENT.locked_joints
     assert_reads_as_mujoco_does(robot, mujoco.MjModel.from_xml_string(text))
     assert_engines_agree(robot)
 

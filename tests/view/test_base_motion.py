@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from equipoise import nominal_stance, simulate
+from equipoise.bayesian.lift_design import LiftDesign
+from equipoise.bayesian.trials import BayesianTrials
 from equipoise.experiments.stand import stand_up
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
-from equipoise.precise.lift_design import LiftDesign
-from equipoise.precise.trials import PreciseTrials
 from equipoise.recording.recording import JointStream, Recording
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.posture import BodyPosture
@@ -43,8 +43,8 @@ def witnessed(robot, noise):
     com = composite_parameters(robot, stance.joint_position).com + [0.01, 0, 0]  # so that it tips
     with simulate(robot, noise, seed=5) as simulation:
         platform = Witnessed(simulation)
-        planted, _ = stand_up(platform, robot, stance)
-        trials = PreciseTrials(planted, stance, com)
+        standing, _ = stand_up(platform, robot, stance)
+        trials = BayesianTrials(standing, stance, com)
         trials.lift(LiftDesign(BodyPosture(), "FL_RR", 0))
         trials.take_posture(BodyPosture(roll=0.15, yaw=0.25, crouch=0.1))
         trials.lift(LiftDesign(BodyPosture(roll=0.15, yaw=0.25, crouch=0.1), "FR_RL", 1, "roll"))
@@ -60,9 +60,11 @@ def tracked(robot, run):
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("feet_in_world", "rotation_base_to_world", "standing")
     )
-    truth = [glimpse for glimpse in run.seen if time[0] <= glimpse.time <= time[-1]]
-    at = np.searchsorted(time - STEP / 2, [glimpse.time for glimpse in truth], side="right") - 1  # the nearest
-    true_feet = np.array([glimpse.feet for glimpse in truth])
+    truth = [ground_truth for ground_truth in run.seen if time[0] <= ground_truth.time <= time[-1]]
+    at = (
+        np.searchsorted(time - STEP / 2, [ground_truth.time for ground_truth in truth], side="right") - 1
+    )  # the nearest
+    true_feet = np.array([ground_truth.feet for ground_truth in truth])
     return SimpleNamespace(
         truth=truth, true_feet=true_feet, feet=feet[at], rotation=rotation[at], standing=standing[at]
     )
@@ -81,12 +83,12 @@ def test_the_base_is_where_the_simulated_robot_has_it_also_during_lifts(a1, nois
     error = feet - seen.true_feet
     assert np.linalg.norm(error, axis=2).max() < 3 * place, "any foot at any time"
     assert np.sqrt((error**2).sum(axis=2).mean()) < place
-    up = np.array([glimpse.up for glimpse in seen.truth])
-    true_tilt = np.array([glimpse.tilt for glimpse in seen.truth])
+    up = np.array([ground_truth.up for ground_truth in seen.truth])
+    true_tilt = np.array([ground_truth.tilt for ground_truth in seen.truth])
     felt = np.arccos(np.clip(seen.rotation[:, 2, 2], -1, 1))
     assert np.abs(felt - true_tilt).max() < tilt
     assert up[:, 2].min() > 0.99
-    in_air = np.array([glimpse.clearance for glimpse in seen.truth]) > 6e-3
+    in_air = np.array([ground_truth.clearance for ground_truth in seen.truth]) > 6e-3
     assert in_air.any()
     assert seen.standing[in_air].max() < 0.5
 

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from rrd import read_rrd
 
-from equipoise import ComSearchSettings, Paper, Precise, RunFolder, calibrate, nominal_stance, simulate
+from equipoise import BayesianMethod, ComSearchSettings, PaperMethod, RunFolder, calibrate, nominal_stance, simulate
 from equipoise.calibration.routine import estimate
 from equipoise.errors import RecordingError
 from equipoise.logs.reader import read_log
@@ -24,7 +24,7 @@ from equipoise.view.viewer import view
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
-PAPER = Paper(com_search=ComSearchSettings(tolerance=0.01))
+PAPER = PaperMethod(com_search=ComSearchSettings(tolerance=0.01))
 PERIOD = 0.04
 
 
@@ -65,11 +65,11 @@ def test_the_estimates_converge_to_the_result(converged, paper_run, recordings):
     history = [found for found, _ in converged]
     assert [found.trials for found in history] == list(range(1, 1 + len(recordings)))
     assert np.allclose(history[-1].com[:2], result.composite.com_in_base.values[:2], atol=1e-9)
-    widths = np.array([found.half[:2] for found in history])
+    widths = np.array([found.half_width[:2] for found in history])
     # Lines lie in their brackets by how fast the robot tipped: where they cross may widen a little what a bracket allows.
     assert (np.diff(widths, axis=0) <= 3e-3).all(), "a bracket does not widen"
     assert widths[-1].max() < 0.2 * widths[0].max()
-    assert np.isnan(history[-1].half[2]), "two level lines do not determine the height"
+    assert np.isnan(history[-1].half_width[2]), "two level lines do not determine the height"
     for diagonal, (lower, upper) in history[-1].brackets.items():
         line = result.support_lines[diagonal]
         assert (lower, upper) == pytest.approx((line.lower, line.upper))
@@ -82,7 +82,7 @@ def test_the_last_estimate_of_the_precise_method_is_its_result(a1, precise_run):
     result = estimate(a1, recordings, precise_run.settings)
     assert newest.trials == len(recordings)
     assert np.allclose(newest.com, result.composite.com_in_base.values, atol=1e-9)
-    assert np.allclose(newest.half, 1.96 * result.composite.com_in_base.deviations)
+    assert np.allclose(newest.half_width, 1.96 * result.composite.com_in_base.stds)
     assert len(planes) >= 4
     for lift in planes:
         assert abs(lift.plane.distance_to(newest.com)) < 0.01
@@ -93,7 +93,7 @@ def test_the_last_estimate_of_the_precise_method_is_its_result(a1, precise_run):
 
 def test_estimates_of_trials_that_come_later(a1, ideal_motions):
     given = []
-    coming = estimates(a1, ideal_motions.stance, Precise(), given)
+    coming = estimates(a1, ideal_motions.stance, BayesianMethod(), given)
     assert next(coming) is None
     given += [ideal_motions.move, ideal_motions.lift]
     assert [next(coming)[0].trials, next(coming)[0].trials, next(coming)] == [1, 2, None]
@@ -184,7 +184,7 @@ def test_an_estimate_as_text_and_trials_by_name():
 def test_a_trial_is_shown_before_it_is_complete(a1, ideal_motions, tmp_path):
     lift = ideal_motions.lift
     watch = next(event.time for event in lift.events if event.data.get("name") == "watch")
-    entities = shown(tmp_path / "a.rrd", a1, Precise(), [([lift.between(-1, watch + 0.1)], [])])
+    entities = shown(tmp_path / "a.rrd", a1, BayesianMethod(), [([lift.between(-1, watch + 0.1)], [])])
     texts = [text for (text,) in entities["/now"].column("TextDocument:text")]
     assert "**watch**" in texts[-1]
     assert np.isfinite(entities["/tilt"].column("Scalars:scalars")[-1][0])
@@ -219,12 +219,12 @@ def test_logs_of_other_programs_show_the_trials_that_are_found_in_them(paper_run
 def test_recordings_without_trials_are_shown(a1, ideal_motions, tmp_path):
     move = ideal_motions.move
     bare = Recording(move.joint_names, move.joints, move.imu)
-    entities = shown(tmp_path / "bare.rrd", a1, Precise(), [([bare], [])])
+    entities = shown(tmp_path / "bare.rrd", a1, BayesianMethod(), [([bare], [])])
     assert len(entities["/world/robot"].times) > 10
     assert "/now" not in entities
 
 
 def test_a_log_without_samples_is_refused(a1, tmp_path):
     with pytest.raises(RecordingError) as error:
-        shown(tmp_path / "empty.rrd", a1, Precise(), [([], [])])
+        shown(tmp_path / "empty.rrd", a1, BayesianMethod(), [([], [])])
     assert str(error.value) == "there is nothing to show: the log holds no samples of joints and IMU"

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from rrd import read_rrd
 
-from equipoise import Precise, RunFolder
+from equipoise import BayesianMethod, RunFolder
 from equipoise.cli import main
 from equipoise.view.viewer import BROWSER, WINDOW, free_port, has_display, how_to_open, viewer_beside
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 pytest.importorskip("rerun", reason="no rerun-sdk: the view was NOT TRIED")
 EQUIPOISE = [sys.executable, "-m", "equipoise"]
-QUICK = ["calibrate", "--method", "static", "--noise", "realistic", "--no-report", "--quiet", "--json"]
+QUICK = ["calibrate", "--method", "static", "--sim-preset", "realistic", "--no-report", "--quiet", "--json"]
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +37,7 @@ def no_display(monkeypatch):
 @pytest.fixture(scope="module")
 def run(a1, ideal_motions, tmp_path_factory):
     """Return the folder of a run of a move and a lift."""
-    folder = RunFolder.create(tmp_path_factory.mktemp("runs") / "short", a1, Precise(), {})
+    folder = RunFolder.create(tmp_path_factory.mktemp("runs") / "short", a1, BayesianMethod(), {})
     with folder:
         folder.keep(ideal_motions.move)
         folder.keep(ideal_motions.lift)
@@ -146,7 +146,7 @@ def test_a_killed_viewer_leaves_the_calibration_alone(tmp_path):
 
 
 def test_a_killed_view_leaves_the_run_alone(a1, ideal_motions, tmp_path):
-    folder = RunFolder.create(tmp_path / "run", a1, Precise(), {})
+    folder = RunFolder.create(tmp_path / "run", a1, BayesianMethod(), {})
     with folder, viewer_beside(folder.path, str(tmp_path / "a.rrd")) as process:
         folder.keep(ideal_motions.move)
         os.kill(process.pid, signal.SIGKILL)

@@ -12,7 +12,8 @@ from style import save
 PICTURES = {
     function.__name__.removeprefix("draw_"): function
     for function in (
-        schematics.draw_lift, schematics.draw_tilt, schematics.draw_planes, results.draw_methods, results.draw_balance,
+        schematics.draw_lift, schematics.draw_tilt, schematics.draw_planes, schematics.draw_frames,
+        results.draw_methods, results.draw_balance,
         runs.draw_result, runs.draw_bisection, runs.draw_tipping, runs.draw_sway, runs.draw_sensors, runs.draw_plan,
         runs.draw_payload,
     )

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, new_figure
 
 _RESULTS = Path(__file__).parents[3] / "benchmarks" / "results"
-_METHODS = {"static": MUTED, "paper": BLUE, "precise": ORANGE}
-_WORDS = {"static": "static: torques of a robot that stands", "paper": "paper: bisection", "precise": "precise"}
+_METHODS = {"static": MUTED, "paper": BLUE, "bayesian": ORANGE}
+_WORDS = {"static": "static: torques of a robot that stands", "paper": "paper: bisection", "bayesian": "bayesian"}
 
 
 def _lines(name: str) -> list[dict]:

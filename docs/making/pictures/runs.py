@@ -8,11 +8,11 @@ from matplotlib.patches import Ellipse
 from matplotlib.ticker import MaxNLocator
 from style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, draw_com, new_figure
 
-from equipoise import Precise, calibrate, find_delta, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, calibrate, find_payload_change, load_robot, nominal_stance, simulate
+from equipoise.bayesian.routine import plan_ahead
 from equipoise.figures.lift_planes import lift_planes
 from equipoise.figures.plan_view import plan_view
 from equipoise.method.table import method_named
-from equipoise.precise.routine import plan_ahead
 from equipoise.robot.model import DIAGONALS
 
 _PAYLOAD = "1,0.05,0.02,0.08"
@@ -29,7 +29,7 @@ def _run(
     method: str, payload: str | None = _PAYLOAD, budget: float | None = None, seed: int = 3, mass: float | None = None
 ):
     """A calibration, its recordings, and what was drawn for the simulated sensors."""
-    settings = Precise(budget, mass=mass) if method == "precise" else method_named(method)()
+    settings = BayesianMethod(budget, mass=mass) if method == "bayesian" else method_named(method)()
     recordings = []
     with simulate(_robot(), "realistic", payload, seed=seed) as simulation:
         result = calibrate(simulation.platform, _robot(), settings, keep=recordings.append).with_truth(simulation.truth)
@@ -38,7 +38,7 @@ def _run(
 
 def draw_result() -> Figure:
     """What `make demo` finds: lines of all lifts around the CoM, and each number against its interval."""
-    result = _run("precise", mass=13.4)[0]
+    result = _run("bayesian", mass=13.4)[0]
     figure = new_figure(8.2, 3.7)
     left, right = figure.subplots(1, 2, width_ratios=[1.0, 1.25])
     view = plan_view({result.robot: result}, lift_planes(result))
@@ -68,17 +68,21 @@ def _draw_numbers(axes, quantities) -> None:
     """Estimates with their intervals and the file's values, less the truth, in half intervals."""
     for row, one in enumerate(quantities):
         axes.plot(
-            [one.error / one.half - 1, one.error / one.half + 1], [row, row], color=ORANGE, linewidth=6, alpha=0.3
+            [one.error / one.half_width - 1, one.error / one.half_width + 1],
+            [row, row],
+            color=ORANGE,
+            linewidth=6,
+            alpha=0.3,
         )
         axes.plot(
-            one.error / one.half,
+            one.error / one.half_width,
             row,
             "o",
             color=ORANGE,
             markersize=5,
             label="estimate, 95 % interval" if not row else "",
         )
-        axes.plot((one.model - one.truth) / one.half, row, "D", color=MUTED, mfc="none", markersize=6,
+        axes.plot((one.model - one.truth) / one.half_width, row, "D", color=MUTED, mfc="none", markersize=6,
                   label="model file" if not row else "")  # fmt: skip
     axes.axvline(0, color=INK, linewidth=1)
     axes.set_yticks(range(len(quantities)), [one.name.replace("com_", "CoM ") for one in quantities])
@@ -197,8 +201,8 @@ def draw_sway() -> Figure:
 
 
 def draw_sensors() -> Figure:
-    """Joint zeros that the precise method found, beside those that were drawn for the simulated robot."""
-    result, _, errors = _run("precise")
+    """Joint zeros that the Bayesian method found, beside those that were drawn for the simulated robot."""
+    result, _, errors = _run("bayesian")
     names = _robot().joint_names
     figure = new_figure(7.6, 2.9)
     axes = figure.add_subplot()
@@ -207,7 +211,7 @@ def draw_sensors() -> Figure:
     values, halves = (np.array([getattr(zero, which) for zero in zeros]) for which in ("value", "half"))
     axes.errorbar(places, np.degrees(values), np.degrees(halves), fmt="o", color=BLUE, capsize=4, markersize=5,
                   label="found, with 95 %")  # fmt: skip
-    axes.plot(places, np.degrees(errors.joint_zero), "x", color=ORANGE, mew=2, markersize=7, label="truth")
+    axes.plot(places, np.degrees(errors.joint_offset), "x", color=ORANGE, mew=2, markersize=7, label="truth")
     axes.axhline(0, color=FAINT, linewidth=1)
     axes.set_xticks(places, [name.replace("_joint", "").replace("_", "\n") for name in names])
     axes.set_ylabel("encoder zero off by [deg]")
@@ -220,13 +224,13 @@ def draw_plan() -> Figure:
     """What the planner expects of a robot time."""
     stance = nominal_stance(_robot())
     budgets = [45, 60, 80, 100, 120, 160, 200]
-    plans = [plan_ahead(_robot(), stance, Precise(budget)) for budget in budgets]
+    plans = [plan_ahead(_robot(), stance, BayesianMethod(budget)) for budget in budgets]
     times = [plan.robot_time for plan in plans]
     figure = new_figure(7.6, 2.8)
     shown = (
-        ("centre of mass [mm]", ((1, "x", ORANGE), (2, "y", BLUE), (3, "z", GREEN)), lambda plan, k: 1000 * plan.deviation[k]),
+        ("centre of mass [mm]", ((1, "x", ORANGE), (2, "y", BLUE), (3, "z", GREEN)), lambda plan, k: 1000 * plan.std[k]),
         ("moments of inertia [%]", ((4, "Ixx", ORANGE), (5, "Iyy", BLUE), (6, "Izz", GREEN)),
-         lambda plan, k: 100 * plan.deviation[k] / plan.body[k]),
+         lambda plan, k: 100 * plan.std[k] / plan.body[k]),
     )  # fmt: skip
     for axes, (title, curves, value) in zip(figure.subplots(1, 2), shown, strict=True):
         for index, word, colour in curves:
@@ -243,12 +247,12 @@ def draw_plan() -> Figure:
 
 def draw_payload() -> Figure:
     """How sure what was added is: two results less each other, and both runs estimated together."""
-    before, first, _ = _run("precise", None)
-    after, second, _ = _run("precise", _PAYLOAD)
-    delta = find_delta(_robot(), first, second)
+    before, first, _ = _run("bayesian", None)
+    after, second, _ = _run("bayesian", _PAYLOAD)
+    delta = find_payload_change(_robot(), first, second)
     names = ("mass", "com_x", "com_y", "com_z")
-    apart = np.hypot(before.composite.deviations, after.composite.deviations)
-    together = delta.change.deviations
+    apart = np.hypot(before.composite.stds, after.composite.stds)
+    together = delta.change.stds
     figure = new_figure(7.6, 2.5)
     mass, com = figure.subplots(1, 2, width_ratios=[1, 3])
     for axes, chosen, factor, label in ((mass, slice(0, 1), 1000, "[g]"), (com, slice(1, 4), 1000, "[mm]")):

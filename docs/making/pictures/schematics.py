@@ -51,7 +51,7 @@ def draw_lift() -> Figure:
     axes.add_patch(FancyArrowPatch(start, end, connectionstyle="arc3,rad=-0.3", arrowstyle="-|>", mutation_scale=16,
                                    color=ORANGE, linewidth=2, zorder=9))  # fmt: skip
     _label(axes, turned(ends[0], *_VIEW)[0], (5, 5), "support line", BLUE, "left")
-    _label(axes, end, (17, 1), "it tips to where\nits mass is", ORANGE, "left")
+    _label(axes, end, (17, 1), "tips to the side\nof the CoM", ORANGE, "left")
     axes.margins(0.02)
     return figure
 
@@ -84,11 +84,12 @@ def _draw_trunk(axes) -> None:
 
 
 def _label(axes, at, shift, words: str, colour: str, side: str) -> None:
-    axes.annotate(words, at, shift, textcoords="offset points", color=colour, ha=side, va="center", fontsize=10)
+    axes.annotate(words, at, shift, textcoords="offset points", color=colour, ha=side, va="center", fontsize=10,
+                  zorder=10)  # fmt: skip
 
 
 def draw_tilt() -> Figure:
-    """The robot as its support line sees it: a pendulum that stands on its head."""
+    """The robot seen along its support line: an inverted pendulum."""
     figure = new_figure(6.6, 3.5)
     axes = bare(figure.add_subplot())
     lean, height, radius = np.radians(13), 1.0, 0.09
@@ -104,10 +105,10 @@ def draw_tilt() -> Figure:
     draw_com(axes, *com, 0.06)
     axes.annotate("", com + [0, -0.62], com, arrowprops={"arrowstyle": "-|>", "color": ORANGE, "linewidth": 1.8})
     axes.add_patch(Arc((0, 0), 1.0, 1.0, theta1=90 - np.degrees(lean), theta2=90, color=GREEN, linewidth=1.6))
-    _label(axes, com + [0, -0.5], (8, 0), "M g: no other force has a moment about l", ORANGE, "left")
+    _label(axes, com + [0, -0.5], (8, 0), "M g: the only moment about l", ORANGE, "left")
     _label(axes, (-radius, 0.3), (-8, -6), "l comes out of the page;\nthe foot rolls on its radius ρ", BLUE, "right")
     _label(axes, (0.03, 0.62), (3, 0), "θ", GREEN, "left")
-    _label(axes, com + [-0.5, 0.42], (0, 0), "what is measured: how the angular momentum l · L grows", INK, "center")
+    _label(axes, com + [-0.5, 0.42], (0, 0), "measured: the angular momentum l · L", INK, "center")
     axes.annotate("", (0.4, -0.16), (0, -0.16), arrowprops={"arrowstyle": "-|>", "color": MUTED, "linewidth": 1.2})
     _label(axes, (0.4, -0.16), (4, 0), "n, forward", MUTED, "left")
     axes.set_xlim(-1.6, 2.1)
@@ -116,10 +117,10 @@ def draw_tilt() -> Figure:
 
 
 def draw_planes() -> Figure:
-    """Why the body leans: level lifts give lines that share a direction, leaning ones meet in a point."""
+    """Support planes: those of level lift trials share a vertical line, those of leaning postures meet in a point."""
     figure = new_figure(7.4, 3.3)
-    for place, (leans, title) in enumerate((((0.0,), "level: the height is anybody's guess"),
-                                            ((-15.0, 0.0, 15.0), "leaning: one point is left"))):  # fmt: skip
+    for place, (leans, title) in enumerate((((0.0,), "level: height not determined"),
+                                            ((-15.0, 0.0, 15.0), "leaning: one point"))):  # fmt: skip
         axes = bare(figure.add_subplot(1, 2, 1 + place))
         axes.set_title(title, color=INK)
         axes.add_patch(
@@ -138,7 +139,102 @@ def draw_planes() -> Figure:
                 draw_com(axes, com[0], z, 0.06)
         else:
             draw_com(axes, *com, 0.06)
-        _label(axes, (com[0], -0.99), (8, 0) if place == 0 else (52, 0), "support plane of a lift", BLUE, "left")
+        _label(axes, (com[0], -0.99), (8, 0) if place == 0 else (52, 0), "support plane", BLUE, "left")
         axes.set_xlim(-1.15, 1.5)
         axes.set_ylim(-1.1, 0.95)
     return figure
+
+
+def draw_frames() -> Figure:
+    """Frames of base and IMU, feet, CoM, stance and support line of an A1, in perspective and from above."""
+    robot = load_robot("unitree_a1")
+    stance = nominal_stance(robot)
+    feet = np.array(stance.feet_in_base)
+    floor = float(feet[:, 2].mean()) - robot.legs["FL"].foot_radius
+    contacts = np.column_stack([feet[:, :2], np.full(4, floor)])
+    com = composite_parameters(robot, stance.joint_position).com + [0.05, -0.03, 0.0]  # far enough to be seen
+    figure = new_figure(8.6, 4.4)
+    left, right = figure.subplots(1, 2, width_ratios=[1.35, 1.0])
+    _draw_frames_in_space(bare(left), robot, stance, contacts, com)
+    _draw_frames_from_above(bare(right), contacts, com)
+    return figure
+
+
+def _draw_frames_in_space(axes, robot, stance, contacts: np.ndarray, com: np.ndarray) -> None:
+    floor = contacts[0, 2]
+    _draw_floor(axes, floor)
+    axes.set_title("nominal stance", color=INK)
+    points = joint_points(robot, stance.joint_position)
+    for leg, name in sorted(enumerate(LEG_NAMES), key=lambda item: -points[item[0], 0, 1]):
+        near = name.endswith("R")
+        chain = turned(points[leg], *_VIEW)
+        axes.plot(*chain.T, color=MUTED, linewidth=4.5, zorder=4, solid_joinstyle="round", alpha=0.9 if near else 0.45)
+        standing = name in DIAGONALS["FL_RR"]
+        axes.add_patch(Circle(chain[-1], 0.018, facecolor=BLUE if standing else MUTED, edgecolor=PAPER, zorder=7.5))
+        _label(axes, chain[-1], (14 if near else -14, -4), name, INK, "center")
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * _TRUNK
+    flat = turned(corners, *_VIEW)
+    axes.add_patch(Polygon(flat[ConvexHull(flat).vertices], facecolor=PAPER, edgecolor=INK, alpha=0.8, zorder=6))
+    line = contacts[[LEG_NAMES.index(leg) for leg in DIAGONALS["FL_RR"]]]
+    ends = line + np.outer([0.25, -0.25], line[0] - line[1])
+    axes.plot(*turned(ends, *_VIEW).T, color=BLUE, linewidth=2.4, zorder=3)
+    _label(axes, turned(ends[0], *_VIEW)[0], (6, 6), "support line", BLUE, "left")
+    base, imu = np.zeros(3), np.array([-0.09, -0.03, -0.03])  # the IMU of the file is at the origin: moved, to be seen
+    _draw_axes(axes, base, 0.2, GREEN, "base")
+    _draw_axes(axes, imu, 0.06, INK, "IMU")
+    draw_com(axes, *turned(com, *_VIEW)[0], 0.017)
+    _label(axes, turned(com, *_VIEW)[0], (9, -5), "CoM", ORANGE, "left")
+    axes.margins(0.06)
+
+
+def _draw_axes(axes, origin: np.ndarray, length: float, colour: str, name: str) -> None:
+    at = turned(origin, *_VIEW)[0]
+    for direction, words in zip(np.eye(3), ("x", "y", "z"), strict=True):
+        end = turned(origin + length * direction, *_VIEW)[0]
+        axes.add_patch(FancyArrowPatch(at, end, arrowstyle="-|>", mutation_scale=9, color=colour, linewidth=1.6,
+                                       shrinkA=0, shrinkB=0, zorder=8))  # fmt: skip
+        _label(axes, end + 0.018 * (end - at) / np.linalg.norm(end - at), (0, 0), words, colour, "center")
+    axes.plot(*at, "o", color=colour, markersize=4, zorder=8.5)
+    _label(axes, at, (15, 13) if name == "base" else (0, -10), name, colour, "center")
+
+
+def _draw_frames_from_above(axes, contacts: np.ndarray, com: np.ndarray) -> None:
+    """Forward is up, left is left."""
+    axes.set_title("from above", color=INK)
+
+    def seen(points) -> np.ndarray:
+        x, y = np.atleast_2d(points)[:, 0], np.atleast_2d(points)[:, 1]
+        return np.column_stack([-y, x])
+
+    corners = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * _TRUNK[:2]
+    axes.add_patch(Polygon(seen(corners), facecolor="none", edgecolor=FAINT, linewidth=1.6))
+    for diagonal, colour, style in (("FR_RL", MUTED, (0, (4, 3))), ("FL_RR", BLUE, "-")):
+        line = contacts[[LEG_NAMES.index(leg) for leg in DIAGONALS[diagonal]]]
+        ends = line + np.outer([0.22, -0.22], line[0] - line[1])
+        axes.plot(*seen(ends).T, color=colour, linewidth=2.2, linestyle=style)
+        side = "right" if diagonal == "FL_RR" else "left"
+        _label(axes, seen(ends[0])[0], (0, 9), diagonal, colour, side)
+    for name, contact in zip(LEG_NAMES, contacts, strict=True):
+        at = seen(contact)[0]
+        axes.add_patch(
+            Circle(at, 0.014, facecolor=BLUE if name in DIAGONALS["FL_RR"] else MUTED, edgecolor=PAPER, zorder=5)
+        )
+        _label(axes, at, (-12 if name.endswith("L") else 12, 0), name, INK, "right" if name.endswith("L") else "left")
+    line = contacts[LEG_NAMES.index("FL")] - contacts[LEG_NAMES.index("RR")]
+    along = line / np.linalg.norm(line)
+    across = np.cross(along, [0.0, 0.0, 1.0])
+    start = contacts[LEG_NAMES.index("RR")] + 0.1 * line
+    for direction, words in ((along, "l"), (across, "n")):
+        end = seen(start + 0.085 * direction)[0]
+        axes.add_patch(FancyArrowPatch(seen(start)[0], end, arrowstyle="-|>", mutation_scale=11, color=BLUE, linewidth=2,
+                                       shrinkA=0, shrinkB=0, zorder=6))  # fmt: skip
+        _label(axes, end, (10, 6) if words == "l" else (9, 3), words, BLUE, "center")
+    for direction, words in (([1.0, 0.0], "x"), ([0.0, 1.0], "y")):
+        end = seen(0.11 * np.array(direction))[0]
+        axes.add_patch(FancyArrowPatch((0, 0), end, arrowstyle="-|>", mutation_scale=9, color=GREEN, linewidth=1.6,
+                                       shrinkA=0, shrinkB=0, zorder=6))  # fmt: skip
+        _label(axes, 1.14 * end, (0, 0), words, GREEN, "center")
+    _label(axes, (0, 0), (-16, -9), "base", GREEN, "right")
+    draw_com(axes, *seen(com)[0], 0.013)
+    _label(axes, seen(com)[0], (9, 0), "CoM", ORANGE, "left")
+    axes.margins(0.12)

@@ -32,9 +32,10 @@ class Repeated:
     def ratio(self) -> float | None:
         """Spread over deviation: at most about one for an honest interval.
 
-        Less is not a sign of caution: an interval also covers what is the same each time, as joint zeros and a scale's error.
+        Less is not a sign of caution: an interval also covers what is the same each time, as joint offsets and a scale's
+        error.
         """
-        return self.spread / self.quantity.deviation if self.quantity.deviation else None
+        return self.spread / self.quantity.std if self.quantity.std else None
 
 
 def repeatability(results: Sequence[Calibration]) -> list[Repeated]:
@@ -51,11 +52,11 @@ def repeatability(results: Sequence[Calibration]) -> list[Repeated]:
         known = [quantity.value for quantity in same if quantity.value is not None]
         if len(known) < len(results):
             continue
-        deviations = [quantity.deviation for quantity in same if quantity.deviation is not None]
+        stds = [quantity.std for quantity in same if quantity.std is not None]
         mean = replace(
             same[0],
             value=float(np.mean(known)),
-            deviation=float(np.median(deviations)) if deviations else None,
+            std=float(np.median(stds)) if stds else None,
             verdict=None,
         )
         found.append(Repeated(mean, float(np.std(known, ddof=1))))
@@ -73,7 +74,7 @@ def to_dict(repeated: Sequence[Repeated], count: int) -> dict[str, Any]:
             one.quantity.name: {
                 "mean": one.quantity.value,
                 "spread": one.spread,
-                "deviation": one.quantity.deviation,
+                "std": one.quantity.std,
                 "ratio": one.ratio,
             }
             for one in repeated

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from equipoise.bayesian.method import BayesianMethod
 from equipoise.errors import UnconfirmedMassError
 from equipoise.experiments.progress import Progress
 from equipoise.experiments.response import check_base, check_joints
@@ -16,7 +17,6 @@ from equipoise.guard.report import GuardReport
 from equipoise.json_form import to_json
 from equipoise.method.method import Method
 from equipoise.platform.platform import Platform
-from equipoise.precise.method import Precise
 from equipoise.recording.recording import Recording
 from equipoise.result.calibration import Calibration
 from equipoise.result.findings import Check
@@ -44,7 +44,7 @@ def calibrate(
     Args:
         platform: robot, real or simulated.
         robot: model of the robot.
-        method: method with its settings; default: `Precise()`.
+        method: method with its settings; default: `BayesianMethod()`.
         keep: function that gets every recording as soon as it is complete, and the last, broken one if the routine ends
             early.
         report: function that is called before every trial, and before the estimate.
@@ -61,7 +61,7 @@ def calibrate(
         MotionError: joints or gyroscope do not answer as the model predicts, and no foot was lifted; or the robot could not
             do, or did not do, what was asked.
     """
-    method = method or Precise()
+    method = method or BayesianMethod()
     experiment = perform(platform, robot, method, keep, report, told, confirm, on_response)
     return experiment.estimate(method, report)
 
@@ -108,20 +108,20 @@ def perform(
 
     method.check(robot, stance)
     joints = 0 if on_response is None else check_joints(platform, robot, stance)
-    planted, feet_at_end = stand_up(platform, robot, stance)
-    planted.keep, planted.told = store, told
+    standing, feet_at_end = stand_up(platform, robot, stance)
+    standing.keep, standing.told = store, told
     facts: dict[str, Any] = {}
     try:
         if on_response is not None:
-            response = check_base(planted, stance, joints, confirm)
-            robot = planted.robot  # methods put robots of other masses there later
+            response = check_base(standing, stance, joints, confirm)
+            robot = standing.robot  # methods put robots of other masses there later
             on_response(response)
             facts["response_test"] = to_json(response)
-        _confirm_mass(method.mass_in_doubt(planted, stance), confirm)
-        method.run(planted, stance, recordings, report)
-        move_to(planted, feet_at_end)
+        _confirm_mass(method.mass_in_doubt(standing, stance), confirm)
+        method.run(standing, stance, recordings, report)
+        move_to(standing, feet_at_end)
     except BaseException:
-        unfinished = planted.take()
+        unfinished = standing.take()
         if unfinished is not None and keep is not None:
             keep(unfinished.broken_off())
         raise
@@ -147,9 +147,9 @@ def with_guard_report(result: Calibration, report: GuardReport) -> Calibration:
 
 def _confirm_mass(doubt: MassComparison | None, confirm: Callable[[str], bool] | None) -> None:
     question = "Mass in doubt: {}. Mass and inertia scale with the given mass. Is it right?"
-    if doubt is not None and not (confirm is not None and confirm(question.format(doubt.sentence))):
+    if doubt is not None and not (confirm is not None and confirm(question.format(doubt.message))):
         raise UnconfirmedMassError(
-            f"{doubt.sentence}; no foot was lifted. Weigh the robot again, or give no mass; if the mass is "
+            f"{doubt.message}; no foot was lifted. Weigh the robot again, or give no mass; if the mass is "
             "right (torque constants may be off by so much), confirm it: --confirm-mass (in Python confirm_mass=True)",
             doubt,
             {"mass_comparison": to_json(doubt)},
@@ -172,10 +172,10 @@ def estimate(robot: RobotModel, recordings: Sequence[Recording], method: Method 
     Args:
         robot: model of the robot that was recorded.
         recordings: recordings of one run, in order; broken ones (of an interrupted trial) are passed over.
-        method: method of the run; default: `Precise()`.
+        method: method of the run; default: `BayesianMethod()`.
 
     Raises:
         RecordingError: they do not hold what the method needs.
     """
-    method = method or Precise()
+    method = method or BayesianMethod()
     return method.estimate(robot, recordings, nominal_stance(robot))

@@ -75,7 +75,7 @@ def _sphere(shape: pin.GeometryObject) -> tuple[FloatArray, float]:
 def held_links(robot: RobotModel) -> set[str]:
     """Names of the links that held joints move, as an arm's: they are on the base's joint, and no part of the trunk."""
     model = robot.full_pinocchio
-    joints = {model.getJointId(name) for name in robot.held}
+    joints = {model.getJointId(name) for name in robot.locked_joints}
     return {str(f.name) for f in model.frames if f.parentJoint in joints and f.type == pin.FrameType.BODY}
 
 
@@ -86,7 +86,7 @@ def _held_configuration(robot: RobotModel) -> FloatArray:
     """Configuration of the full model with its base at the origin and the held joints where they are held."""
     model = robot.full_pinocchio
     configuration = pin.neutral(model)
-    for name, angle in robot.held.items():
+    for name, angle in robot.locked_joints.items():
         joint = model.joints[model.getJointId(name)]
         if joint.nq == 1:
             configuration[joint.idx_q] = angle
@@ -95,7 +95,7 @@ def _held_configuration(robot: RobotModel) -> FloatArray:
 
 def _of_the_file(robot: RobotModel, held: FloatArray) -> list[Named]:
     model, shapes = read_shapes(robot.source)
-    to_hold = [model.getJointId(name) for name in robot.held]
+    to_hold = [model.getJointId(name) for name in robot.locked_joints]
     if to_hold:
         model, (shapes,) = pin.buildReducedModel(model, [shapes], to_hold, held)
     simple = (shape for shape in shapes.geometryObjects if type(shape.geometry).__name__ in _SIMPLE)
@@ -123,7 +123,7 @@ def _held_limbs(robot: RobotModel, held: FloatArray, shown: set[str]) -> Iterato
     model = robot.full_pinocchio
     data, radius = model.createData(), _ARM_SHARE * LIMB_RADIUS_RATIO * robot.leg_length
     pin.forwardKinematics(model, data, held)
-    joints = [model.getJointId(name) for name in robot.held]
+    joints = [model.getJointId(name) for name in robot.locked_joints]
     for joint in joints:
         link, place = _link_name(model, joint), data.oMi[joint]
         ends = [np.array(data.oMi[below].translation) for below in joints if model.parents[below] == joint]

@@ -25,8 +25,8 @@ VERBS = {
     "view": ("equipoise.cli.view", "show a run or a log in the Rerun viewer"),
     "report": ("equipoise.cli.report", "a page to read and to show: a run, or several compared"),
     "export": ("equipoise.cli.export", "write the result into the file that your controller reads"),
-    "delta": ("equipoise.cli.delta", "what was added between two calibrations"),
-    "weigh": ("equipoise.cli.weigh", "what is on a robot now beside its last run, in half a minute"),
+    "compare": ("equipoise.cli.compare", "the payload that was added between two calibrations"),
+    "payload": ("equipoise.cli.payload", "measure the payload that is on the robot now, in half a minute"),
     "doctor": ("equipoise.cli.robot", "look at a robot without moving it"),
     "record": ("equipoise.cli.robot", "log a robot's sensors without moving it"),
     "robots": ("equipoise.cli.overview", "robots known by name"),
@@ -110,7 +110,7 @@ def _run(arguments: Sequence[str]) -> int | None:
         raise SettingsError(
             f"{program} has no verb {asked!r}; {did_you_mean(asked, verbs)}'{program} --help' lists them"
         )
-    from equipoise.cli.words import refuse_missing
+    from equipoise.cli.arguments import refuse_missing
 
     refuse_missing(name, words)
     verb = find_verb(name, words)
@@ -147,7 +147,7 @@ def _failed(
     kind: str, message: str, code: int, arguments: Sequence[str], details: Mapping[str, Any] | None = None
 ) -> int:
     """With --json an error is an object too. Returns the exit code."""
-    from equipoise.cli.words import chosen
+    from equipoise.cli.arguments import chosen
 
     if "--json" in arguments or chosen(arguments, "--format", "") == "json":
         table = {"type": kind, "message": message, "exit_code": code, **(details or {})}

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from equipoise.calibration.run_header import read_header
+from equipoise.cli.arguments import chosen
 from equipoise.cli.flags import Described, File, Flag, Output, Required, RobotOrNone, Verbose, exit_code
 from equipoise.cli.methods import METHOD_FLAGS
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags, Verb
-from equipoise.cli.place import PLACE_FLAGS, Place, SimulatedPlace
 from equipoise.cli.report import try_to_save
+from equipoise.cli.target import TARGET_FLAGS, RunTarget, SimulatedTarget
 from equipoise.cli.view import viewer_of
-from equipoise.cli.words import chosen
 from equipoise.errors import SettingsError
 from equipoise.method.method import Method
 from equipoise.robot.catalog import load_robot
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _ELSEWHERE = "; 'equipoise report {}' draws the page elsewhere"
 _DEFAULT_ROBOT = "unitree_a1"
-CHOSEN: dict[type, ChosenFlags] = {Method: METHOD_FLAGS, Place: PLACE_FLAGS}
+CHOSEN: dict[type, ChosenFlags] = {Method: METHOD_FLAGS, RunTarget: TARGET_FLAGS}
 
 
 @dataclass(frozen=True)
@@ -97,10 +97,10 @@ def calibrate(
     repeat: Annotated[int, arg(metavar="N")] = 1,
     resume: Annotated[Path | None, arg(metavar="RUN", help_behavior_hint="")] = None,
     out: File = None,
-    require: Required = None,
+    fail_unless: Required = None,
     method: Method,
     description: Described,
-    place: Annotated[Place, arg(name="platform")],
+    place: Annotated[RunTarget, arg(name="platform")],
     output: ShownFlags,
 ) -> int:
     """Find a quadruped's mass, centre of mass and inertia, in simulation or on the
@@ -110,7 +110,7 @@ def calibrate(
     and sample, and lets it down on any trouble.
 
     Example: equipoise calibrate a1 --payload 1.5,0.1,0,0.08 --seed 3 --out runs/a1
-             equipoise calibrate go2 --noise stress --without springs --with cable=0.5
+             equipoise calibrate go2 --sim-preset stress --disable-effect springs --enable-effect cable=0.5
              equipoise calibrate go2 --platform unitree-go2 --set interface=eth0
              equipoise calibrate --resume runs/go2
 
@@ -125,7 +125,7 @@ def calibrate(
     from equipoise.result.requirements import read_requirements, verdicts
 
     del resume  # a run that is gone on with is what `_resume` does
-    required = read_requirements(require)
+    required = read_requirements(fail_unless)
     if repeat < 1:
         raise SettingsError(f"--repeat is {repeat}; it must be 1 or more")
     output.check()
@@ -140,7 +140,7 @@ def calibrate(
     out = run_path(model, out)
     if not output.silent:
         _say_what(robot, place, method, out)
-        print(model.imu.sentence, file=sys.stderr)
+        print(model.imu.message, file=sys.stderr)
     if repeat > 1:
         results = _repeated(model, place, out, method, repeat, output)
     else:
@@ -177,7 +177,7 @@ def _resume(
         with output.viewing(folder):
             output.show(folder.shown(), folder)
         return
-    model, method, place = folder.robot(), folder.method(), Place.of(folder)
+    model, method, place = folder.robot(), folder.method(), RunTarget.of(folder)
     confirm(place, model, method, yes)
     with resumed_run(place, model, resume, method) as run, output.viewing(run.folder):
         output.show(run(output.silent), run.folder)
@@ -206,21 +206,21 @@ def rehearsed(model: RobotModel, method: Method, platform: str, json: bool) -> N
         print(json_module.dumps(table, indent=2))
     else:
         print_rehearsal(rehearsal, platform)
-        print(f"{model.imu.sentence}.")
+        print(f"{model.imu.message}.")
 
 
-def _say_what(robot: str | None, place: Place, method: Method, out: Path) -> None:
+def _say_what(robot: str | None, place: RunTarget, method: Method, out: Path) -> None:
     """What is about to be done: nobody has to guess what the defaults are."""
     whose = robot or f"{_DEFAULT_ROBOT} (name another, or a URDF or MJCF file)"
     where = f"on {place.platform}"
-    if isinstance(place, SimulatedPlace):
+    if isinstance(place, SimulatedTarget):
         load = f", payload {place.payload}" if place.payload else ""
         where = f"simulated in {place.platform}, {place.world}{load}"
     print(f"{whose}, {where}, method {method.name}, into {out}", file=sys.stderr)
 
 
 def _repeated(
-    model: RobotModel, place: Place, out: Path, method: Method, count: int, output: ShownFlags
+    model: RobotModel, place: RunTarget, out: Path, method: Method, count: int, output: ShownFlags
 ) -> list[Calibration]:
     """Several runs on one robot, and how much they differ; each is whole by itself, and can be gone on with."""
     from equipoise.calibration.repeatability import repeatability, to_dict

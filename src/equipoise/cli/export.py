@@ -31,7 +31,7 @@ def export(
     *,
     to: Annotated[str | None, arg(metavar="FORMAT", help_behavior_hint="")] = None,
     all: Flag = False,
-    what: Annotated[str | None, arg(metavar="WHAT", help_behavior_hint="")] = None,
+    parameters: Annotated[str | None, arg(metavar="NAMES", help_behavior_hint="")] = None,
     out: File = None,
     file: File = None,
     force: Flag = False,
@@ -45,19 +45,20 @@ def export(
     which formats there are.
 
     urdf and mjcf are the run's own model file with another inertial of the base
-    link, and otherwise the same to the byte. Another --what, and another result
+    link, and otherwise the same to the byte. Another --parameters, and another result
     than the run's own, go into files of their own: a1_motors.urdf, a1_weighed.urdf.
     Every file says which body it holds, in which frame, at which stance and from
     which run. What the run did not identify is refused.
 
     Example: equipoise export runs/go2 --to urdf
              equipoise export runs/go2 --to xacro --file const.xacro --out const.xacro
-             equipoise export runs/go2 --all --what all --out numbers
+             equipoise export runs/go2 --all --parameters all --out numbers
 
     Args:
         to: Format; --list shows all.
         all: Every format that can hold what is asked for, into the folder --out; what cannot be written is said.
-        what: 'base' (mass, centre of mass, inertia), 'sensors' (joint zeros, IMU, clock), 'motors' (friction, armature, gain,
+        parameters: 'base' (mass, centre of mass, inertia), 'sensors' (joint offsets, IMU, clock), 'motors' (friction,
+            armature, gain,
             delay), 'legs' (masses and first moments of their links; a model file takes them with the base), several with
             commas, or 'all' that the format holds. Default: base, or all where a format holds no base.
         out: File to write, in a folder that is there; default export/ in the run folder. Your own file is overwritten only if
@@ -85,7 +86,7 @@ def export(
             raise SettingsError(
                 "--all writes every format by itself: without --to, --file, --add-payload-link, --samples"
             )
-        _export_all(run, out, force, seed, what, output)
+        _export_all(run, out, force, seed, parameters, output)
         return
     assert to is not None
     from equipoise.exports import formats
@@ -101,18 +102,18 @@ def export(
         samples=samples,
         seed=seed,
         run=str(run),
-        what=what,
+        parameters=parameters,
     )
     path = written.save(out or _place(run, written, file))
     table = {"schema": "equipoise.export/1", "path": str(path), "run": str(run), **written.to_dict()}
     output.write(table, lambda: None if output.quiet else print_export(written, path))
 
 
-def _export_all(run: Path, out: Path | None, force: bool, seed: int, what: str | None, output: Output) -> None:
+def _export_all(run: Path, out: Path | None, force: bool, seed: int, parameters: str | None, output: Output) -> None:
     from equipoise.exports.formats import Export, export_all
     from equipoise.terminal.export_listing import print_exports
 
-    found = export_all(_result(run), force=force, seed=seed, run=str(run), what=what)
+    found = export_all(_result(run), force=force, seed=seed, run=str(run), parameters=parameters)
     written = {name: one for name, one in found.items() if isinstance(one, Export)}
     refused = {name: one for name, one in found.items() if not isinstance(one, Export)}
     if not written:
@@ -146,7 +147,7 @@ def _show_formats(json: bool) -> None:
     rows = [
         {"name": row.name, "bodies": row.bodies, "lacks": row.lacks, "parts": row.parts, "where": row.where, "file": row.file,
          "payload_link": row.payload,
-         "page": row.page if "/" in row.page or not row.page else f"docs/controllers/{row.page}.md"}
+         "page": row.page if "/" in row.page or not row.page else f"docs/reference/exports.md#{row.page}"}
         if isinstance(row, Format) else {"name": name, "cannot_be_used": str(row)}
         for name, row in known.items()
     ]  # fmt: skip

@@ -37,7 +37,6 @@ RobotOrNone = Annotated[
 Run = Annotated[Positional[Path], arg(metavar="RUN", help="Run folder of a calibration, or a log of another kind.")]
 Described = Annotated[RobotDescription, arg(name="robot")]
 # An option whose default is found at run time: its help says how.
-Kilograms = Annotated[float | None, arg(metavar="KG", help_behavior_hint="")]
 Duration = Annotated[str | None, arg(metavar="TIME", help_behavior_hint="")]
 Topic = Annotated[str | None, arg(metavar="TOPIC", help_behavior_hint="")]
 Verbose = Annotated[bool, arg(aliases=["-v"], help_behavior_hint="")]
@@ -54,26 +53,24 @@ _SET = "A setting of the platform, as interface=eth0; may be given again."
 SettingsGiven = UseAppendAction[Annotated[tuple[str, ...], arg(metavar="KEY=VALUE", help=_SET, help_behavior_hint="")]]
 _SETTINGS = "TOML file with settings of the platform."
 SettingsFile = Annotated[Path | None, arg(metavar="PATH", help=_SETTINGS, help_behavior_hint="")]
-_WITH = (
-    "Effects besides, or of another size, as springs=3000,cable; docs/method/world.md lists all. May be given again."
-)
+_WITH = "Effects besides, or of another size, as springs=3000,cable; docs/simulation-studies.md lists all. May be given again."
 _WITHOUT = "Effects that are left out, as springs,cable. May be given again."
 _CONTACTS = (
     "How feet touch the floor: own, hard points or as the effects have them; file, as the model file (an MJCF) says."
 )
-NoiseName = Annotated[
+PresetName = Annotated[
     Literal["ideal", "realistic", "stress"],
     arg(help="Effects of the simulated robot; ideal has none, and no friction; stress has more than is estimated."),
 ]
 WithEffects = UseAppendAction[
-    Annotated[tuple[str, ...], arg(name="with", metavar="NAME=SIZE,NAME", help=_WITH, help_behavior_hint="")]
+    Annotated[tuple[str, ...], arg(metavar="NAME=SIZE,NAME", help=_WITH, help_behavior_hint="")]
 ]
 WithoutEffects = UseAppendAction[
     Annotated[tuple[str, ...], arg(metavar="NAME,NAME", help=_WITHOUT, help_behavior_hint="")]
 ]
 _PAYLOAD = "MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM."
 PayloadGiven = Annotated[str | None, arg(metavar="M,X,Y,Z", help=_PAYLOAD, help_behavior_hint="")]
-ContactsName = Annotated[Literal["own", "file"], arg(help=_CONTACTS)]
+ContactModelName = Annotated[Literal["default", "file"], arg(help=_CONTACTS)]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
 _REQUIRED = (
     "End with 11 where the result is less than that, as identified,checks: all that the method estimates is identified; all "

@@ -15,13 +15,13 @@ from tyro.constructors import StructConstructorSpec
 
 from equipoise.calibration.run_header import HEADER, RESULT, read_header
 from equipoise.cli import flags
+from equipoise.cli.arguments import chosen
 from equipoise.cli.calibrate import rehearsed
-from equipoise.cli.methods import DEFAULT_METHOD, METHOD_FLAGS, OF_WEIGH, owners, refuse_flag_of, refuse_other_name
+from equipoise.cli.methods import DEFAULT_METHOD, METHOD_FLAGS, owners, refuse_flag_of
 from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.report import try_to_save
 from equipoise.cli.setting_flags import flags_of, optional, spec_of, values_of
-from equipoise.cli.words import chosen
 from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
 from equipoise.method.method import Method
 from equipoise.method.table import METHODS, settings_of
@@ -45,9 +45,9 @@ def plan(
     """Show what 'calibrate' would do, and how accurate it would be. Moves nothing,
     needs no simulator.
 
-    Example: equipoise plan go2 --budget 60s
+    Example: equipoise plan go2 --duration 60s
     """
-    from equipoise.method.together import Together
+    from equipoise.method.combined import CombinedMethod
     from equipoise.robot.stance import nominal_stance
     from equipoise.terminal.results import print_plan
 
@@ -60,8 +60,8 @@ def plan(
         print(json_module.dumps(table, indent=2))
     else:
         print_plan(model.name, result)
-        print(f"{model.imu.sentence}.")
-        if isinstance(method, Together):
+        print(f"{model.imu.message}.")
+        if isinstance(method, CombinedMethod):
             after = method.motors.rehearse(model, nominal_stance(model))
             print(f"Then the robot {after.doing}: {after.duration:.0f} s more.")
 
@@ -102,7 +102,7 @@ class EstimateOutput(flags.Output):
 def estimate(
     log: Annotated[Positional[Path], arg(metavar="LOG", help="Run folder of a calibration, or a log of another kind.")],
     *,
-    require: flags.Required = None,
+    fail_unless: flags.Required = None,
     given: Annotated[Mapping[str, Any], arg(name="method")],
     source: Annotated[flags.LogFlags, arg(name="log")],
     description: flags.Described,
@@ -115,14 +115,14 @@ def estimate(
     JointState and Imu or unitree_go/LowState, and tables (.csv, .dat, .txt, .jsonl,
     .parquet, .npz, .npy, .mat, also with .gz); docs/logs.md says what is in them.
     Several tables of one run are joined by time. What can be used is found: lifts of
-    two diagonal feet, moves and sways over planted feet, walks and crawls.
+    two diagonal feet, moves and excitations over planted feet, walks and crawls.
 
     Example: equipoise estimate bags/wiggle --robot go2 --mass 16.2 --from 10s
              equipoise estimate joints.csv imu.csv --robot go2
     """
     from equipoise.result.requirements import read_requirements, verdicts
 
-    required = read_requirements(require)
+    required = read_requirements(fail_unless)
     if source.robot is not None:
         result = _estimate_log(log, source, description, given, output)
     else:
@@ -139,7 +139,6 @@ def _given_flags(arguments: Sequence[str]) -> StructConstructorSpec:
 
 
 def _refuse_other(flag: str, arguments: Sequence[str]) -> None:
-    refuse_other_name(flag, OF_WEIGH)
     refuse_flag_of(owners(flag, judging=True), flag, f"--method {_method_of(arguments)}")
 
 
@@ -147,7 +146,7 @@ CHOSEN: dict[Any, ChosenFlags] = {
     Method: METHOD_FLAGS,
     Mapping[str, Any]: (_given_flags, _refuse_other),
 }
-"""Flags of the parameters of `plan` and `estimate` that `--method`, `--what` and the run choose."""
+"""Flags of the parameters of `plan` and `estimate` that `--method`, `--parameters` and the run choose."""
 
 
 def _method_of(arguments: Sequence[str]) -> str:
@@ -190,11 +189,11 @@ def estimated_log(
         given: settings of the method.
         verbose: whether every piece of the log is printed then.
     """
+    from equipoise.bayesian.method import BayesianMethod
     from equipoise.logs.offline import estimate_log
-    from equipoise.precise.method import Precise
     from equipoise.terminal.log_summary import print_log_report
 
-    method = Precise(**given)
+    method = BayesianMethod(**given)
     model = with_known_imu(load_robot(source.robot or "", description))  # the result states it
     log = source.read(path, model, not output.silent)
     try:

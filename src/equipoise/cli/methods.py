@@ -10,19 +10,17 @@ from tyro.conf import arg
 from tyro.constructors import StructConstructorSpec, StructFieldSpec
 from tyro.extras import literal_type_from_choices
 
+from equipoise.cli.arguments import chosen
 from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.setting_flags import flags_of, spec_of, values_of
-from equipoise.cli.words import chosen
 from equipoise.errors import EquipoiseError, SettingsError
 from equipoise.method.method import Method
 from equipoise.method.table import METHODS, method_named, settings_of
 
-DEFAULT_METHOD = "precise"
+DEFAULT_METHOD = "bayesian"
 MOTORS = "motors"
 _BASE, _LEGS = "base", "legs"
 _ALL = {_BASE, _LEGS, MOTORS}
-OF_WEIGH = {"scale": "mass", "scale_sd": "mass_sd"}
-"""Settings that other verbs have, by the names that `weigh` has for their flags."""
 _WHAT = (
     "What is to be found: 'base' (mass, centre of mass, inertia), 'legs' (masses, first moments and lengths of their links; "
     "with the base), 'motors' (friction, armature, gain and delay of each joint), several with commas, or 'all'."
@@ -30,36 +28,36 @@ _WHAT = (
 
 
 def asked_for(what: str) -> set[str]:
-    """Of "base", "legs" and "motors" those that `--what` names; legs are found with the base. Raises SettingsError."""
+    """Of "base", "legs" and "motors" those that `--parameters` names; legs are found with the base. Raises SettingsError."""
     words = {word.strip() for word in what.split(",")}
     asked = _ALL if words == {"all"} else words
     if not asked or asked - _ALL:
-        raise SettingsError(f"--what is {what!r}; it must be base, legs, motors, several with commas, or all")
+        raise SettingsError(f"--parameters is {what!r}; it must be base, legs, motors, several with commas, or all")
     return asked | {_BASE} if _LEGS in asked else asked
 
 
 def method_asked_for(arguments: Sequence[str]) -> str:
     """The method's name: motors by themselves are one of their own; raises SettingsError."""
-    if asked_for(chosen(arguments, "--what", _BASE)) == {MOTORS}:
+    if asked_for(chosen(arguments, "--parameters", _BASE)) == {MOTORS}:
         if chosen(arguments, "--method", MOTORS) != MOTORS:
-            raise SettingsError("--what motors needs no --method; for both use --what base,motors")
+            raise SettingsError("--parameters motors needs no --method; for both use --parameters base,motors")
         return MOTORS
     method = chosen(arguments, "--method", DEFAULT_METHOD)
-    if method == MOTORS and chosen(arguments, "--what", MOTORS) != MOTORS:
-        raise SettingsError("--method motors finds motors alone; for more leave it out, as --what base,motors")
+    if method == MOTORS and chosen(arguments, "--parameters", MOTORS) != MOTORS:
+        raise SettingsError("--method motors finds motors alone; for more leave it out, as --parameters base,motors")
     return method
 
 
 def method_flags(arguments: Sequence[str]) -> StructConstructorSpec:
-    """Return `--method`, `--what` and the flags of the settings of the method that they name; raises SettingsError."""
+    """Return `--method`, `--parameters` and the flags of the settings of the method that they name; raises SettingsError."""
     name = method_asked_for(arguments)
-    with_motors = name != MOTORS and MOTORS in asked_for(chosen(arguments, "--what", _BASE))
+    with_motors = name != MOTORS and MOTORS in asked_for(chosen(arguments, "--parameters", _BASE))
     words = _summaries() if {"-h", "--help"} & set(arguments) else ""
     choice = Annotated[literal_type_from_choices([*METHODS]), arg(help=words)]
-    what = Annotated[str, arg(help=_WHAT, metavar="WHAT")]
+    what = Annotated[str, arg(help=_WHAT, metavar="NAMES")]
     flags = [
         StructFieldSpec("method", cast("Any", choice), name),
-        StructFieldSpec("what", cast("Any", what), MOTORS if name == MOTORS else _BASE),
+        StructFieldSpec("parameters", cast("Any", what), MOTORS if name == MOTORS else _BASE),
         *flags_of(settings_of(name)),
         *(flags_of(settings_of(MOTORS)) if with_motors else ()),
     ]
@@ -68,14 +66,14 @@ def method_flags(arguments: Sequence[str]) -> StructConstructorSpec:
 
 def _method(flags: Mapping[str, Any]) -> Method:
     """Return the method that flags describe; raises SettingsError."""
-    method, asked = method_from(flags["method"], flags), asked_for(flags["what"])
+    method, asked = method_from(flags["method"], flags), asked_for(flags["parameters"])
     if _LEGS in asked:
         method = _with_legs(method)
     if method.name == MOTORS or MOTORS not in asked:
         return method
-    from equipoise.method.together import Together
+    from equipoise.method.combined import CombinedMethod
 
-    return Together(method, method_from(MOTORS, flags))
+    return CombinedMethod(method, method_from(MOTORS, flags))
 
 
 def method_from(name: str, flags: Mapping[str, Any]) -> Method:
@@ -88,33 +86,22 @@ def method_from(name: str, flags: Mapping[str, Any]) -> Method:
 
 def _with_legs(method: Method) -> Method:
     """The method, which finds what the legs weigh too; raises SettingsError where it cannot."""
-    from equipoise.precise.method import Precise
+    from equipoise.bayesian.method import BayesianMethod
 
-    if not isinstance(method, Precise):
-        raise SettingsError(f"--what legs is for --method precise; {method.name} does not find legs: leave them out")
+    if not isinstance(method, BayesianMethod):
+        raise SettingsError(
+            f"--parameters legs is for --method bayesian; {method.name} does not find legs: leave them out"
+        )
     return dataclasses.replace(method, swings=True)
 
 
 def refuse_other_method(flag: str, arguments: Sequence[str]) -> None:
-    """Raise SettingsError for a flag of another method than the one that the arguments name, or a flag of `weigh`."""
-    refuse_other_name(flag, OF_WEIGH)
+    """Raise SettingsError for a flag of another method than the one that the arguments name."""
     refuse_flag_of(owners(flag), flag, f"--method {method_asked_for(arguments)}")
 
 
-def refuse_other_name(flag: str, names: Mapping[str, str]) -> None:
-    """Raise SettingsError for a flag that has another name here.
-
-    Args:
-        flag: name of the flag, with underscores.
-        names: names here, by the names in other verbs.
-    """
-    if flag in names:
-        there, here = (f"--{name.replace('_', '-')}" for name in (flag, names[flag]))
-        raise SettingsError(f"{there} is called {here} here; use {here}")
-
-
 METHOD_FLAGS: ChosenFlags = (method_flags, refuse_other_method)
-"""Flags of a parameter of the type `Method`, which `--method` and `--what` choose."""
+"""Flags of a parameter of the type `Method`, which `--method` and `--parameters` choose."""
 
 
 def refuse_flag_of(names: Sequence[str], flag: str, this: str) -> None:
@@ -127,7 +114,7 @@ def refuse_flag_of(names: Sequence[str], flag: str, this: str) -> None:
     """
     if names:
         shown = f"--{flag.replace('_', '-')}"
-        where = " and ".join(f"--what {name}" if name == MOTORS else f"--method {name}" for name in names)
+        where = " and ".join(f"--parameters {name}" if name == MOTORS else f"--method {name}" for name in names)
         raise SettingsError(f"{shown} belongs to {where}; this is {this}")
 
 

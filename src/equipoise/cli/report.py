@@ -26,7 +26,7 @@ def report(runs: Runs, *, out: File = None, output: Output) -> None:
     """Write a run's report.html anew, or one page that compares two or more runs.
 
     The page is one file that needs nothing else, no network either: send it, print
-    it, keep it. docs/report.md says how to read it. Runs may be of one robot or of
+    it, keep it. docs/report-and-viewer.md says how to read it. Runs may be of one robot or of
     several.
 
     Example: equipoise report runs/go2

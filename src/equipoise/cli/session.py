@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli.operator_prompt import Keyboard
-from equipoise.cli.place import Place, RealPlace, SimulatedPlace
+from equipoise.cli.target import HardwareTarget, RunTarget, SimulatedTarget
 from equipoise.drivers.checkup import examine
 from equipoise.drivers.platforms import for_platform, open_platform
 from equipoise.errors import EquipoiseError, MotionError, SettingsError, UnconfirmedMassError
@@ -47,9 +47,9 @@ class Session:
     folder: RunFolder
     content: LogContent | None = None  # of a run that is resumed
 
-    def __init__(self, place: Place, robot: RobotModel, method: Method) -> None:
+    def __init__(self, place: RunTarget, robot: RobotModel, method: Method) -> None:
         self.place, self.robot, self.method = place, for_platform(place.platform, robot), method
-        self._simulation = place.simulate(robot) if isinstance(place, SimulatedPlace) else None
+        self._simulation = place.simulate(robot) if isinstance(place, SimulatedTarget) else None
         self._report: GuardReport | None = None  # of a real robot, once it was put down
 
     def __enter__(self) -> Session:
@@ -104,7 +104,7 @@ class Session:
             return
         from equipoise.guard.remote_robot import RemoteRobot
 
-        assert isinstance(self.place, RealPlace)
+        assert isinstance(self.place, HardwareTarget)
         ending = folder.path / "ending.txt"
         remote = RemoteRobot(self.place.platform, self.robot, self.place.given, folder.log, ending)
         for line in (f"robot process: {remote.realtime}", remote.warning):
@@ -124,7 +124,7 @@ def run_path(robot: RobotModel, out: Path | None) -> Path:
 
 
 @contextmanager
-def new_run(place: Place, robot: RobotModel, out: Path, method: Method, **facts: Any) -> Generator[Session]:
+def new_run(place: RunTarget, robot: RobotModel, out: Path, method: Method, **facts: Any) -> Generator[Session]:
     """Open a session in a new run folder.
 
     Args:
@@ -139,7 +139,7 @@ def new_run(place: Place, robot: RobotModel, out: Path, method: Method, **facts:
 
 
 @contextmanager
-def resumed_run(place: Place, robot: RobotModel, path: Path, method: Method) -> Generator[Session]:
+def resumed_run(place: RunTarget, robot: RobotModel, path: Path, method: Method) -> Generator[Session]:
     """Open a session in the folder of a run that goes on behind its last complete trial."""
     with Session(place, robot, method) as session:
         session.folder, session.content = RunFolder.resume(path, repeats=place.simulated)
@@ -169,7 +169,7 @@ def _went_on(question: str) -> bool:
     return True
 
 
-def confirm(place: Place, robot: RobotModel, method: Method, yes: bool = False) -> None:
+def confirm(place: RunTarget, robot: RobotModel, method: Method, yes: bool = False) -> None:
     """Before anything moves on a real robot: look at it, say what will be done, and have it confirmed.
 
     Args:
@@ -179,7 +179,7 @@ def confirm(place: Place, robot: RobotModel, method: Method, yes: bool = False) 
         SettingsError: it was not confirmed.
         MotionError: what the sensors show speaks against moving.
     """
-    if not isinstance(place, RealPlace):
+    if not isinstance(place, HardwareTarget):
         return
 
     robot = for_platform(place.platform, robot)

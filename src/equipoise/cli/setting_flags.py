@@ -97,11 +97,11 @@ def description_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     del arguments
     words = "TOML file with a robot description; flags win over it."
     file = Annotated[Path | None, arg(metavar="PATH", help=words, help_behavior_hint="")]
-    flags = [StructFieldSpec("description_file", cast("Any", file), None), *flags_of(RobotDescription)]
+    flags = [StructFieldSpec("robot_config", cast("Any", file), None), *flags_of(RobotDescription)]
 
     def described(values: Mapping[str, Any]) -> RobotDescription:
         description = settings_from(RobotDescription, values)
-        path = values["description_file"]
+        path = values["robot_config"]
         return description if path is None else RobotDescription.from_toml(path).overridden_by(description)
 
     return spec_of("What the model file leaves out or gets wrong.", flags, described)

@@ -52,7 +52,7 @@ def view(
 
     Args:
         follow: Keep up with a run, or with the file of 'equipoise record' (give --robot), that another process writes.
-        browser: Serve the viewer to a browser on this computer until Ctrl-C. See docs/view.md for another computer.
+        browser: Serve the viewer to a browser on this computer until Ctrl-C. For another computer: docs/report-and-viewer.md.
         out: Write this file and open no viewer; 'rerun FILE.rrd' opens it.
     """
     from equipoise.view.viewer import BROWSER, how_to_open, require_rerun
@@ -91,9 +91,9 @@ def _opened(
         return folder.path.name, folder.robot(), folder.method(), followed(path, lambda: follow)
     model = load_robot(source.robot, description)
     news = followed(path, lambda: True) if follow else [log_news(model, source.read(path, model, asking))]
-    from equipoise.precise.method import Precise
+    from equipoise.bayesian.method import BayesianMethod
 
-    return path.name, model, Precise(), news
+    return path.name, model, BayesianMethod(), news
 
 
 def _require_new(target: str) -> None:

@@ -59,7 +59,7 @@ class CheckupFinding:
 _CABLE = CheckupFinding(
     "cable", "is one attached? No sensor feels it, and its pull looks like a shifted centre of mass", None,
     "tell calibrate: --cable none if there is none, light (the default) for an Ethernet cable that hangs slack, heavy for "
-    "more; --turn tells its pull from the centre of mass",
+    "more; --rotate-halfway tells its pull from the centre of mass",
 )  # fmt: skip
 
 

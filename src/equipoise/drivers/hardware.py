@@ -10,7 +10,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.checkup import CheckupFinding, foretold
-from equipoise.drivers.foreign import translated
+from equipoise.drivers.plugin_errors import translated
 from equipoise.errors import CommunicationError, MotionError, OverrunError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.stepped import SteppedPlatform

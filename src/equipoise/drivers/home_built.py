@@ -10,8 +10,8 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.checkup import CheckupFinding, foretold
-from equipoise.drivers.foreign import translated
 from equipoise.drivers.platform_settings import read_values, settings_of_platform
+from equipoise.drivers.plugin_errors import translated
 from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, SensorError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.stepped import SteppedPlatform

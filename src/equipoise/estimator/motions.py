@@ -13,7 +13,7 @@ from equipoise.estimator.equations.table import EQUATIONS
 from equipoise.estimator.measurements.heading import angle_turned
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.walking import gyro_bias_of_walks
-from equipoise.method.together import of_the_base
+from equipoise.method.combined import of_the_base
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial, SteppingTrial, TurnTrial
@@ -53,13 +53,13 @@ def _read(run: RunContext, index: int, recording: Recording) -> MotionSamples:
 def _gyro_bias(recordings: Sequence[Recording]) -> FloatArray:
     """(3,) bias of the gyroscope, in the IMU frame [rad/s]."""
     rested = [recording for recording in recordings if recording.has_phase(Phase.REST)]
-    if rested:  # the median over rests: one in which the robot still swayed does not count
+    if rested:  # the median over rests: one in which the robot still excitationed does not count
         rests = [recording.phase(Phase.REST).imu.angular_velocity_in_imu for recording in rested]
         return np.asarray(np.median([rest.mean(axis=0) for rest in rests], axis=0), dtype=float)
     walks = [one.imu for one in recordings if isinstance(one.trial, SteppingTrial)]
     if not walks:
         raise RecordingError(
-            "the recordings hold no rest before a lift or after a move; are they of the precise method?"
+            "the recordings hold no rest before a lift or after a move; are they of the Bayesian method?"
         )
     return gyro_bias_of_walks([(imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu) for imu in walks])
 

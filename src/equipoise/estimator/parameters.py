@@ -1,4 +1,4 @@
-"""The vector that the precise method estimates, and the bodies that it stands for."""
+"""The vector that the Bayesian method estimates, and the bodies that it stands for."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ INERTIAL = ("base", *LINKS)
 
 
 @dataclass(frozen=True, eq=False)
-class Belief:
+class PriorDistribution:
     """What is believed of the table's unknowns beforehand, from an earlier run.
 
     Attributes:
@@ -69,7 +69,7 @@ class Unknowns:
         belief: what an earlier run says of them; None: there is none, and priors are as the table has them.
     """
 
-    belief: Belief | None = None
+    belief: PriorDistribution | None = None
 
     def __init__(self, robot: RobotModel, stance: Stance, priors: Priors) -> None:
         self.robot, self.stance, self.priors, self.rows = robot, stance, priors, priors.estimated
@@ -112,7 +112,7 @@ class Unknowns:
         within = slice(own.start - self.tabled.start, own.stop - self.tabled.start)
         return self.belief.mean[within], self.belief.covariance[within, within]
 
-    def believing(self, belief: Belief) -> Unknowns:
+    def believing(self, belief: PriorDistribution) -> Unknowns:
         """The same unknowns after an earlier run."""
         after = copy(self)
         after.belief = belief

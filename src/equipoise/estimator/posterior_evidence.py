@@ -1,4 +1,4 @@
-"""What the precise method leaves beside its result."""
+"""What the Bayesian method leaves beside its result."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from equipoise.estimator.diagnostics.held_out import LiftPrediction
-from equipoise.estimator.known.changes import Change
-from equipoise.estimator.known.known_run import KnownRun
+from equipoise.estimator.prior_runs.changes import Change
+from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.estimator.problem import Posterior
 from equipoise.result.calibration import Evidence
 
@@ -28,4 +28,4 @@ class PosteriorEvidence(Evidence):
     predictions: tuple[LiftPrediction, ...] = ()
 
     def keepsake(self, settings: Mapping[str, Any]) -> dict[str, Any]:
-        return KnownRun.of(self.posterior, settings).to_dict()
+        return PriorRun.of(self.posterior, settings).to_dict()

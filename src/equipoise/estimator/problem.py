@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.estimator.equations.equation import Equation, Misfit, MotionSamples
+from equipoise.estimator.equations.equation import Equation, MotionResidual, MotionSamples
 from equipoise.estimator.equations.table import USUAL
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.equations.torque_balance import TorqueBalance
 from equipoise.estimator.measurements.leg_motion import LegChains
-from equipoise.estimator.parameters import Belief, Unknowns
+from equipoise.estimator.parameters import PriorDistribution, Unknowns
 from equipoise.estimator.solve import NormalEquations, descend, solve
 from equipoise.estimator.unknown import Unknown
 from equipoise.estimator.unknowns import Priors
@@ -32,7 +32,8 @@ from equipoise.robot.stance import Stance
 
 E = TypeVar("E", bound=Equation[Any])
 _ROOT_LENGTHS = 1.0  # prior of the logarithms of the base's root lengths: a factor of e
-# Misfit that is expected before any is known. Were it one, what the equations leave out would outweigh all priors in the
+# MotionResidual that is expected before any is known. Were it one, what the equations leave out would outweigh all priors in
+# the
 # first round: without a scale, robots then lose their mass to motors that have no torque, and never find it again.
 _MISFIT_AT_FIRST = 4.0
 # How sure a robot that was not weighed is taken to be of its torque constants, or without torques of its mass, until noise
@@ -51,7 +52,7 @@ class Posterior:
         information: (size, size) information that each motion adds, by motion index.
         information_by_equation: the same by the equation.
         gradient: (size,) gradient of each motion's squared residuals, halved, by motion index.
-        misfits: misfits of the motions of each equation.
+        normalized_residuals: misfits of the motions of each equation.
         converged: whether the last step was small; if not, something does not fit at all.
     """
 
@@ -61,7 +62,7 @@ class Posterior:
     information: Mapping[int, FloatArray]
     information_by_equation: Mapping[type[Equation[Any]], FloatArray]
     gradient: Mapping[int, FloatArray]
-    misfits: Mapping[type[Equation[Any]], tuple[Misfit, ...]]
+    normalized_residuals: Mapping[type[Equation[Any]], tuple[MotionResidual, ...]]
     converged: bool
 
     @property
@@ -79,9 +80,9 @@ class Posterior:
         """Names of the unknowns that some equation depends on."""
         return frozenset(name for equation in self.problem.equations for name in equation.depends_on)
 
-    def misfits_of(self, equation: type[Equation[Any]]) -> tuple[Misfit, ...]:
+    def residuals_of(self, equation: type[Equation[Any]]) -> tuple[MotionResidual, ...]:
         """Misfits of the motions of an equation; empty if there are none."""
-        return self.misfits.get(equation, ())
+        return self.normalized_residuals.get(equation, ())
 
     @cached_property
     def robot_body(self) -> InertialParameters:
@@ -123,7 +124,7 @@ class Posterior:
         _, prior = prior_rows(self.unknowns, self.unknowns.start(), None)
         return np.asarray(np.linalg.inv(prior.T @ prior), dtype=float)
 
-    def deviation_before(self, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
+    def std_before(self, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
         """Return the (10,) standard deviations of a body's parameters before any motion (a scale's mass not counted)."""
         jacobian = body_jacobian(self.unknowns, self.unknowns.start(), body)
         return np.sqrt(np.diag(jacobian @ self._covariance_before @ jacobian.T))
@@ -148,10 +149,10 @@ class Posterior:
     def of_row(self, row: Unknown) -> Iterator[tuple[str, float, float]]:
         """List the label, value and posterior standard deviation of each unknown of a row, in its own unit."""
         values = self.unknowns.value(self.x, row.name)
-        for label, value, deviation in zip(self.unknowns.labels(row), values, self.deviation(row.name), strict=True):
-            yield label, float(value), float(deviation)
+        for label, value, std in zip(self.unknowns.labels(row), values, self.std(row.name), strict=True):
+            yield label, float(value), float(std)
 
-    def deviation(self, name: str) -> FloatArray:
+    def std(self, name: str) -> FloatArray:
         """Posterior standard deviations of a block, in its own units."""
         block = self.unknowns[name]
         return np.sqrt(np.diag(self.covariance)[block]) * self.unknowns.scale[block]
@@ -213,7 +214,7 @@ class MapProblem:
             reasons = {motion.left_out for motion in motions if motion.left_out}
             raise RecordingError(f"no lift trial can be used: {'; '.join(sorted(reasons)) or 'there is none'}")
         for equation in self.equations:
-            equation.expect_misfit(_MISFIT_AT_FIRST)
+            equation.expect_residual(_MISFIT_AT_FIRST)
 
     def equation(self, kind: type[E]) -> E | None:
         """The rows of an equation; None if there are none."""
@@ -229,7 +230,7 @@ class MapProblem:
         problem.equations = [equation.laid_out(problem.unknowns, at) for equation in self.equations]
         return problem, at, places
 
-    def believing(self, belief: Belief) -> MapProblem:
+    def believing(self, belief: PriorDistribution) -> MapProblem:
         """The same after an earlier run."""
         problem = copy(self)
         problem.unknowns = self.unknowns.believing(belief)
@@ -290,8 +291,8 @@ class MapProblem:
                 gradients[motion] = gradients.get(motion, 0.0) + pull
         _, prior = prior_rows(self.unknowns, x, self.mass)
         covariance = np.asarray(np.linalg.inv(prior.T @ prior + sum(by_motion.values())), dtype=float)
-        misfits = {type(equation): equation.misfits(x) for equation in self.equations}
-        return Posterior(self, x, covariance, by_motion, by_equation, gradients, misfits, converged)
+        normalized_residuals = {type(equation): equation.normalized_residuals(x) for equation in self.equations}
+        return Posterior(self, x, covariance, by_motion, by_equation, gradients, normalized_residuals, converged)
 
 
 def body_jacobian(unknowns: Unknowns, x: FloatArray, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
@@ -329,9 +330,9 @@ def body_prior_rows(
     inertial, jacobian = unknowns.inertial(x), unknowns.inertial_jacobian(x)
     moment = np.array(priors.first_moment * model[0] * stance.hip_height)
     tensor = np.array(priors.inertia * max(model[4], model[6], model[9]))
-    deviation = np.concatenate([np.full(3, moment), np.full(6, tensor)])
-    rows = [(inertial[1:10] - model[1:]) / deviation]
-    columns = [jacobian[1:10] / deviation[:, None]]
+    std = np.concatenate([np.full(3, moment), np.full(6, tensor)])
+    rows = [(inertial[1:10] - model[1:]) / std]
+    columns = [jacobian[1:10] / std[:, None]]
     # The three root lengths of the base: without this nothing holds them when a body shrinks to a plate that cannot exist,
     # and a few motions send them there.
     lengths = slice(1, 4)

@@ -1,4 +1,4 @@
-"""The precise method's reading of trials while they come: the posterior of those so far."""
+"""The Bayesian method's reading of trials while they come: the posterior of those so far."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.estimator.equations.equation import MotionSamples
-from equipoise.estimator.known.changes import estimate_after
-from equipoise.estimator.known.known_run import KnownRun
 from equipoise.estimator.measurements.support_planes import centre_shift
 from equipoise.estimator.motions import read_motions
+from equipoise.estimator.prior_runs.changes import estimate_after
+from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknowns import Priors
 from equipoise.experiments.tilt import SupportPlane
@@ -49,7 +49,7 @@ class PreciseReading:
         recordings: Sequence[Recording],
         priors: Priors,
         scale: tuple[float, float] | None,
-        known: KnownRun | None = None,
+        known: PriorRun | None = None,
     ) -> None:
         self._known = known
         self._robot, self._stance, self._priors, self._scale = robot, stance, priors, scale

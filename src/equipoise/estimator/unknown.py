@@ -94,7 +94,7 @@ PER_A1_STIFFNESS = Measure(
 A1_TORQUE = Measure("m g h over an A1's", lambda robot, stance: stance.scale.torque)
 
 
-MORE_TIME, A_SCALE = "more robot time (--budget)", "a scale (--mass)"
+MORE_TIME, A_SCALE = "more robot time (--duration)", "a scale (--mass)"
 
 
 @dataclass(frozen=True)
@@ -110,14 +110,14 @@ class Group:
     remedy: str
 
 
-LEG_MASSES = Group("masses and CoMs of the legs", "--legs trusted, where the model file's legs were weighed")
-LEG_LENGTHS = Group("lengths of the legs, hips, foot radii", "--legs trusted, where they were measured")
-JOINTS = Group("joint zeros, springs and play", f"{MORE_TIME}; a jig for the zeros (--priors)")
+LEG_MASSES = Group("masses and CoMs of the legs", "--leg-prior narrow, where the model file's legs were weighed")
+LEG_LENGTHS = Group("lengths of the legs, hips, foot radii", "--leg-prior narrow, where they were measured")
+JOINTS = Group("joint offsets, springs and play", f"{MORE_TIME}; a jig for the zeros (--priors)")
 IMU = Group("IMU: mounting, gains, biases, clock", MORE_TIME)
-CABLE = Group("a cable's pull", "--cable none, where there is none; --turn")
-FLOOR = Group("feet and floor", "a hard, level floor; --turn")
+CABLE = Group("a cable's pull", "--cable none, where there is none; --rotate-halfway")
+FLOOR = Group("feet and floor", "a hard, level floor; --rotate-halfway")
 MOTORS = Group("torque constants, friction, rotors", A_SCALE)
-SCALE = Group("gain of the scale", "a better scale (--mass-sd)")
+SCALE = Group("gain of the scale", "a better scale (--mass-std)")
 
 
 @dataclass(frozen=True)
@@ -134,11 +134,11 @@ class Unknown:
         measure: quantity that the prior's number is a fraction of.
         label: name of one of them in prose, with {each}.
         finding: name of one of them among the findings, in reports and JSON, with {each}; empty: not reported.
-        advice: sentence about one of them, with {each}, {value}, {deviation} and {size}, the value without its sign, in the
+        advice: sentence about one of them, with {each}, {value}, {std} and {size}, the value without its sign, in the
             unit shown.
         advice_below: the same where the value is not above zero; empty: no difference.
         shown: number of the unit shown that are one in the unit.
-        notable: least value that is worth fixing.
+        significant: least value that is worth fixing.
         drift: change of it between two runs of a robot that nobody took apart, over its prior; None: nothing is kept.
         switched: change of it beside that where the robot was switched off in between, over its prior.
         judged: whether a value far from zero speaks against a result.
@@ -162,7 +162,7 @@ class Unknown:
     advice: str = ""
     advice_below: str = ""
     shown: float = 1.0
-    notable: float = math.inf
+    significant: float = math.inf
     drift: float | None = 0.0
     switched: float = 0.0
     judged: bool = True
@@ -172,17 +172,17 @@ class Unknown:
     cause: str = ""
     opened_by: str = ""
 
-    def sentence(self, each: str, value: float, deviation: float) -> str:
+    def message(self, each: str, value: float, std: float) -> str:
         """What is to be said of one of them.
 
         Args:
             each: label of the unknown.
             value: value in the row's unit.
-            deviation: posterior standard deviation of the value.
+            std: posterior standard deviation of the value.
         """
         form = self.advice_below if self.advice_below and value <= 0 else self.advice
-        value, deviation = value * self.shown, deviation * self.shown
-        return form.format(each=each, value=value, deviation=deviation, size=abs(value))
+        value, std = value * self.shown, std * self.shown
+        return form.format(each=each, value=value, std=std, size=abs(value))
 
 
 def unknown(prior: float, meaning: str, unit: str, each: Each, source: str, group: Group, **more: Any) -> float:

@@ -1,1 +1,1 @@
-"""Motions and parts of trials that all methods use: standing up, planted feet, lifts, sways, and when a lift ends."""
+"""Motions and parts of trials that all methods use: standing up, planted feet, lifts, excitations, and when a lift ends."""

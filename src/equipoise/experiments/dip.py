@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.experiments.lift import LiftSettings, come_to_rest
-from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.stance import Stance
@@ -13,7 +13,7 @@ from equipoise.robot.stance import Stance
 _DEPTH = 0.03  # of the hip height: joints turn by several times what friction deflects their position control
 
 
-def dip(planted: PlantedRobot, stance: Stance) -> tuple[Recording, Recording]:
+def dip(standing: StandingRobot, stance: Stance) -> tuple[Recording, Recording]:
     """Lower the body, rest, raise it again, rest. Nothing of it is kept among the recordings of the run.
 
     Returns:
@@ -26,13 +26,13 @@ def dip(planted: PlantedRobot, stance: Stance) -> tuple[Recording, Recording]:
     home = stance.feet_in_base
     settings = LiftSettings.of(stance, height=0.0)
     below, above = (
-        _rest_at(planted, feet, settings) for feet in (home + np.array([0.0, 0.0, _DEPTH * stance.hip_height]), home)
+        _rest_at(standing, feet, settings) for feet in (home + np.array([0.0, 0.0, _DEPTH * stance.hip_height]), home)
     )
-    planted.take()
+    standing.take()
     return below, above
 
 
-def _rest_at(planted: PlantedRobot, feet_in_base: np.ndarray, settings: LiftSettings) -> Recording:
-    time = planted.move_time(feet_in_base, planted.target.feet_in_base, settings.move_time)
-    motion = planted.motion().phase(Phase.MOVE).move_feet(feet_in_base, time)
-    return come_to_rest(planted, motion, settings, "before its mass is compared")
+def _rest_at(standing: StandingRobot, feet_in_base: np.ndarray, settings: LiftSettings) -> Recording:
+    time = standing.move_time(feet_in_base, standing.target.feet_in_base, settings.move_time)
+    motion = standing.motion().phase(Phase.MOVE).move_feet(feet_in_base, time)
+    return come_to_rest(standing, motion, settings, "before its mass is compared")

@@ -72,13 +72,13 @@ class Orientation:
 def wirings(robot: RobotModel) -> Iterator[Wiring]:
     """Generate all hypotheses, the model's own first, then those with the fewest deviations."""
     signs = [(1.0,) * 4] if robot.leg_joints.shape[1] < 3 else product((1.0, -1.0), repeat=4)
-    for hips, (exchange, legs) in sorted(product(signs, _EXCHANGES.items()), key=_deviations):
+    for hips, (exchange, legs) in sorted(product(signs, _EXCHANGES.items()), key=_stds):
         flipped = [leg for leg, sign in zip(LEG_NAMES, hips, strict=True) if sign < 0]
         sign = f"the signs of the hips {', '.join(flipped)} are wrong" if flipped else ""
         yield Wiring(" and ".join(filter(None, (exchange, sign))), legs, hips)
 
 
-def _deviations(candidate: tuple[tuple[float, ...], tuple[str, tuple[int, ...]]]) -> tuple[int, int]:
+def _stds(candidate: tuple[tuple[float, ...], tuple[str, tuple[int, ...]]]) -> tuple[int, int]:
     hips, (exchange, _) = candidate
     flipped = hips.count(-1.0)
     return bool(exchange) + bool(flipped), flipped % 4

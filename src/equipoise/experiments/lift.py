@@ -9,7 +9,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import FallError, MotionError
 from equipoise.experiments.motion import Motion
-from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.experiments.tilt import still_means
 from equipoise.experiments.tipping import Pendulum
 from equipoise.platform.tilt_limit import TiltLimit
@@ -80,27 +80,27 @@ class LiftSettings:
         return replace(usual, **{name: getattr(usual, name) * stance.scale.time for name in times})
 
 
-def tipping_from(planted: PlantedRobot, still: Recording, diagonal: str) -> Pendulum:
+def tipping_from(standing: StandingRobot, still: Recording, diagonal: str) -> Pendulum:
     """How the robot would tip on a diagonal from where it rests.
 
     Raises:
         FallError: it does not stand upright.
     """
-    rest = still_means(planted.robot, still)
+    rest = still_means(standing.robot, still)
     if rest.up_in_base[2] < _UPRIGHT:
         raise FallError(
             f"the robot leans by {np.degrees(np.arccos(rest.up_in_base[2])):.0f} deg when it should stand on four feet: it "
             "has fallen, or the IMU is mounted turned (give its pose under imu_rpy in a robot description)",
             (still,),
         )
-    return Pendulum.of(planted.robot, rest.joint_position, rest.up_in_base, diagonal)
+    return Pendulum.of(standing.robot, rest.joint_position, rest.up_in_base, diagonal)
 
 
 def tilt_limit(
-    planted: PlantedRobot, tipping: Pendulum, settings: LiftSettings, stop: tuple[float, float]
+    standing: StandingRobot, tipping: Pendulum, settings: LiftSettings, stop: tuple[float, float]
 ) -> TiltLimit:
     """When a lift ends: at a plain tilt, or where the robot is about to tip farther than to `stop` [rad]."""
-    axis = tipping.axis_in_base @ np.array(planted.robot.imu_in_base.rotation)
+    axis = tipping.axis_in_base @ np.array(standing.robot.imu_in_base.rotation)
     back, ahead = stop
     return TiltLimit(
         settings.tilt_limit,
@@ -114,36 +114,36 @@ def tilt_limit(
 
 
 def in_time(
-    planted: PlantedRobot, feet_in_base: FloatArray, lifted: FloatArray, settings: LiftSettings
+    standing: StandingRobot, feet_in_base: FloatArray, lifted: FloatArray, settings: LiftSettings
 ) -> LiftSettings:
     """The settings with the time that lowering takes: more than was asked, where joints may not turn so fast.
 
     Args:
         feet_in_base, lifted: (4, 3) feet in the base frame, down and up [m].
     """
-    up = planted.motion().move_feet(lifted, settings.lift_time)
-    slowed = Motion(planted.robot, up.control_period, up.target).move_feet(feet_in_base, settings.lower_time).slowed
+    up = standing.motion().move_feet(lifted, settings.lift_time)
+    slowed = Motion(standing.robot, up.control_period, up.target).move_feet(feet_in_base, settings.lower_time).slowed
     return settings if slowed == 1 else replace(settings, lower_time=slowed * settings.lower_time)
 
 
 def come_to_rest(
-    planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: str, rest_phase: str = Phase.REST
+    standing: StandingRobot, motion: Motion, settings: LiftSettings, when: str, rest_phase: str = Phase.REST
 ) -> Recording:
     """Play a motion, settle as `settle` does, and rest.
 
     Args:
         rest_phase: name of the rest.
     """
-    settled = settle(planted, motion, settings, when)
-    return Recording.concatenate([settled, rest(planted, settings, rest_phase)])
+    settled = settle(standing, motion, settings, when)
+    return Recording.concatenate([settled, rest(standing, settings, rest_phase)])
 
 
-def rest(planted: PlantedRobot, settings: LiftSettings, phase: str = Phase.REST) -> Recording:
+def rest(standing: StandingRobot, settings: LiftSettings, phase: str = Phase.REST) -> Recording:
     """Do nothing for a while."""
-    return planted.play(planted.motion().phase(phase).hold(settings.rest_time))
+    return standing.play(standing.motion().phase(phase).hold(settings.rest_time))
 
 
-def settle(planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: str) -> Recording:
+def settle(standing: StandingRobot, motion: Motion, settings: LiftSettings, when: str) -> Recording:
     """Play a motion, and wait until the joints are near their targets and the base is still.
 
     Args:
@@ -153,14 +153,14 @@ def settle(planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: 
     Raises:
         MotionError: the robot did not come to rest near its targets.
     """
-    parts = [planted.play(motion.phase(Phase.SETTLE).hold(settings.settle_time))]
+    parts = [standing.play(motion.phase(Phase.SETTLE).hold(settings.settle_time))]
     problem: str | None = None
     for _ in range(settings.max_settling):
         recording = Recording.concatenate(parts)
-        problem = _not_at_rest(planted, recording, settings)
+        problem = _not_at_rest(standing, recording, settings)
         if problem is None:
             return recording
-        parts.append(planted.play(planted.motion().hold(settings.settle_time)))
+        parts.append(standing.play(standing.motion().hold(settings.settle_time)))
     raise MotionError(
         f"the robot did not come to rest {when}: {problem}; is something in its way, are the gains too low?",
         (Recording.concatenate(parts),),
@@ -195,17 +195,17 @@ def still_part(recording: Recording, settings: LiftSettings) -> Recording:
     return recording.between(recording.joints.time[-1] - settings.rest_time, np.inf)
 
 
-def _not_at_rest(planted: PlantedRobot, recording: Recording, settings: LiftSettings) -> str | None:
+def _not_at_rest(standing: StandingRobot, recording: Recording, settings: LiftSettings) -> str | None:
     """Why the robot is not at rest at its targets at the end of a recording, or None."""
     tail = still_part(recording, settings)
-    miss = np.abs(tail.joints.position.mean(axis=0) - planted.target.joint_position)
+    miss = np.abs(tail.joints.position.mean(axis=0) - standing.target.joint_position)
     worst = int(np.argmax(miss))
     if miss[worst] > settings.reached_tolerance:
         return f"joint {recording.joint_names[worst]!r} is {miss[worst]:.2f} rad from its target"
     # Means over a fraction of the tail: noise of single samples does not show in them, nor does a gyroscope's bias in how
-    # they differ. A base that sways also spoils the accelerometer's idea of where up is.
+    # they differ. A swaying base also disturbs the vertical of the accelerometer.
     parts = np.array_split(tail.imu.angular_velocity_in_imu, _STILL_PARTS)
-    sway = float(np.ptp([part.mean(axis=0) for part in parts], axis=0).max())
-    if sway > settings.still_speed:
-        return f"its base still sways by {sway:.3f} rad/s"
+    excitation = float(np.ptp([part.mean(axis=0) for part in parts], axis=0).max())
+    if excitation > settings.still_speed:
+        return f"its base still excitations by {excitation:.3f} rad/s"
     return None

@@ -23,7 +23,8 @@ SOFTER = 0.25
 ORDER = ("FL", "FR", "RR", "RL")
 """In which legs swing: the body goes around, and never across."""
 _OVER = (1.0, 0.85, 0.7)  # of the way from the middle of four feet to that of three, the farthest that legs reach
-_MARGIN = 0.03  # [m] on an A1 from the CoM to the edge of the three feet, at least: what a file does not know, and sway
+# [m] on an A1 from the CoM to the edge of the three feet, at least: errors of the model file, and sway of the body.
+_MARGIN = 0.03
 _ROOM = 0.02  # [m] on an A1 between the leg and all that it must not touch: soft feet and a body that sways
 _TORQUE_SHARE = 0.9  # of what a motor can give: the most that it pulls a joint back with that stays behind by a swing
 
@@ -85,13 +86,13 @@ def _over_three(robot: RobotModel, stance: Stance, leg: str, share: float) -> On
     com = Kinematics(robot).com(stance.joint_position)
     feet = home.copy()
     feet[:, :2] -= over_three_feet(home[:, :2], index, share) - com[:2]
-    planted = check_posture(robot, stance, feet, tuple(name for name in LEG_NAMES if name != leg))
-    position, swing = _with_room(robot, stance, leg, planted)
+    posture = check_posture(robot, stance, feet, tuple(name for name in LEG_NAMES if name != leg))
+    position, swing = _with_room(robot, stance, leg, posture)
     raised = feet.copy()
     raised[index] = foot_positions(robot, position)[index]
     standing, kinematics = np.delete(feet[:, :2], index, axis=0), Kinematics(robot)
     ends = [position + OVERSHOOT * side * swing for side in (-1.0, 0.0, 1.0)]
-    margin = min(margin_inside(standing, kinematics.com(end)[:2]) for end in (planted, *ends))
+    margin = min(margin_inside(standing, kinematics.com(end)[:2]) for end in (posture, *ends))
     if margin < (least := _MARGIN * stance.scale.length):
         raise ReachError(
             f"the centre of mass would be {1000 * margin:.0f} mm inside the edge of the other three feet, and "
@@ -100,7 +101,7 @@ def _over_three(robot: RobotModel, stance: Stance, leg: str, share: float) -> On
     return OneLegUp(leg, feet, raised, position, swing, margin)
 
 
-def _with_room(robot: RobotModel, stance: Stance, leg: str, planted: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _with_room(robot: RobotModel, stance: Stance, leg: str, standing: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(nj,) joint positions nearest to the planted ones around which a leg has room, and (nj,) angles of its swing [rad]."""
     joints = list(robot.legs[leg].joints)
     clearance = LegsInTheAir(robot, stance, _ROOM * stance.scale.length, (leg,), -stance.base_height)
@@ -109,11 +110,11 @@ def _with_room(robot: RobotModel, stance: Stance, leg: str, planted: FloatArray)
     for share in SHARES:
         swing = OVERSHOOT * share * most
         corners = np.array([(0.0,) * len(joints), *product((-1.0, 1.0), repeat=len(joints))]) * swing
-        for angles in nearest_first(robot, joints, planted[joints], swing):
-            postures = np.repeat(planted[None], len(corners), axis=0)
+        for angles in nearest_first(robot, joints, standing[joints], swing):
+            postures = np.repeat(standing[None], len(corners), axis=0)
             postures[:, joints] = angles + corners
             if all(map(clearance.kept, postures)):
-                of_all = np.zeros_like(planted)
+                of_all = np.zeros_like(standing)
                 of_all[joints] = share * most
                 return postures[0], of_all
     raise ReachError("within its joints' limits it would touch the floor, the trunk or another leg")

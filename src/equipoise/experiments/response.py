@@ -11,12 +11,12 @@ import pinocchio as pin
 
 from equipoise.conventions import AXES, Axis, FloatArray
 from equipoise.errors import MotionError, ReachError
+from equipoise.experiments.excitation import feet_during_excitation
 from equipoise.experiments.imu_orientation import REST_TIME, Orientation, fit_orientation, wirings
-from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import check_posture
 from equipoise.experiments.response_test import ResponseTest
 from equipoise.experiments.stand import take_over
-from equipoise.experiments.sway import feet_during_sway
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.json_form import to_json
 from equipoise.platform.platform import Platform
 from equipoise.platform.ramp import smooth_step
@@ -53,33 +53,33 @@ def check_joints(platform: Platform, robot: RobotModel, stance: Stance) -> int:
     Raises:
         MotionError: a joint answers with the wrong sign, at another encoder, or not at all.
     """
-    planted = take_over(platform, robot, stance)
-    if planted.target.legs:
+    standing = take_over(platform, robot, stance)
+    if standing.target.legs:
         return 0
     if "gains" in platform.accepts:
-        sink(planted)
-        planted = take_over(platform, robot, stance)
+        sink(standing)
+        standing = take_over(platform, robot, stance)
         for share in _GAINS:
-            if refusal := judge_hold(hold(planted, stance, share), planted.target.joint_position):
+            if refusal := judge_hold(hold(standing, stance, share), standing.target.joint_position):
                 raise refusal
-    answered = sum(_answers(planted, joint) for joint in range(len(robot.joint_names)))
-    planted.take()
+    answered = sum(_answers(standing, joint) for joint in range(len(robot.joint_names)))
+    standing.take()
     return answered
 
 
-def _answers(planted: PlantedRobot, joint: int) -> bool:
+def _answers(standing: StandingRobot, joint: int) -> bool:
     """Step with one joint, either way and farther, until it answers: on a robot that lies the floor may hold the foot.
 
     Returns:
         whether it answered; False: its limits and other links leave it no room.
     """
-    robot, here, refusal = planted.robot, planted.target.joint_position[joint], None
+    robot, here, refusal = standing.robot, standing.target.joint_position[joint], None
     leg = next(leg.joints for leg in robot.legs.values() if joint in leg.joints)
     for angle in _STEPS:
         if not robot.lower_limit[joint] < here + angle < robot.upper_limit[joint]:
             continue
         with suppress(ReachError):  # links would touch
-            refusal = judge_step(step_joint(planted, joint, angle), joint, angle, leg)
+            refusal = judge_step(step_joint(standing, joint, angle), joint, angle, leg)
             if refusal is None:
                 return True
     if refusal is not None:
@@ -87,18 +87,18 @@ def _answers(planted: PlantedRobot, joint: int) -> bool:
     return False
 
 
-def sink(planted: PlantedRobot) -> None:
+def sink(standing: StandingRobot) -> None:
     """Let the joints only resist being moved, until the belly of a robot that crouches carries it."""
     for _ in range(_LIMP_TIMES):
-        moved = planted.play(planted.motion().phase(Phase.LIE).hold_limp(_LIMP_TIME)).joints.position
+        moved = standing.play(standing.motion().phase(Phase.LIE).hold_limp(_LIMP_TIME)).joints.position
         if np.abs(moved[-1] - moved[0]).max() < _STILL:
             return
 
 
-def hold(planted: PlantedRobot, stance: Stance, share: float) -> Recording:
+def hold(standing: StandingRobot, stance: Stance, share: float) -> Recording:
     """Hold the joint positions with a share of the usual gains: a joint whose command has the wrong sign moves gently."""
-    kp, kd = (np.full(len(planted.robot.joint_names), gain) for gain in planted.robot.gains(stance.hip_height))
-    return planted.play(planted.motion().with_gains(share * kp, kd).hold(_STEP_TIME))
+    kp, kd = (np.full(len(standing.robot.joint_names), gain) for gain in standing.robot.gains(stance.hip_height))
+    return standing.play(standing.motion().with_gains(share * kp, kd).hold(_STEP_TIME))
 
 
 def judge_hold(recording: Recording, target: FloatArray) -> MotionError | None:
@@ -110,13 +110,13 @@ def judge_hold(recording: Recording, target: FloatArray) -> MotionError | None:
     return _refused(recording, worst, 0.0, moved, "the sign or the order of joints is wrong, or the robot was moved")
 
 
-def step_joint(planted: PlantedRobot, joint: int, angle: float) -> Recording:
+def step_joint(standing: StandingRobot, joint: int, angle: float) -> Recording:
     """Move one joint by an angle [rad] and back. Phases: before, move, rest, end."""
-    motion = planted.motion().phase(Phase.BEFORE).hold(_HOLD_TIME).phase(Phase.MOVE)
-    path = np.zeros((round(_STEP_TIME / motion.control_period), len(planted.robot.joint_names)))
+    motion = standing.motion().phase(Phase.BEFORE).hold(_HOLD_TIME).phase(Phase.MOVE)
+    path = np.zeros((round(_STEP_TIME / motion.control_period), len(standing.robot.joint_names)))
     path[:, joint] = angle * smooth_step(len(path))
     motion.swing_joints(path).phase(Phase.REST).hold(_HOLD_TIME)
-    return planted.play(motion.phase(Phase.END).swing_joints(path[::-1] - path[-1]))
+    return standing.play(motion.phase(Phase.END).swing_joints(path[::-1] - path[-1]))
 
 
 def judge_step(recording: Recording, joint: int, angle: float, leg: Collection[int] = ()) -> MotionError | None:
@@ -138,7 +138,7 @@ def judge_step(recording: Recording, joint: int, angle: float, leg: Collection[i
     return _refused(recording, joint, angle, moved, cause)
 
 
-def turn_base(planted: PlantedRobot, stance: Stance) -> tuple[Recording, tuple[Axis, ...]]:
+def turn_base(standing: StandingRobot, stance: Stance) -> tuple[Recording, tuple[Axis, ...]]:
     """Turn the base of a robot at its stance by 3 deg about each axis to either side, over feet that stay.
 
     Returns:
@@ -147,20 +147,20 @@ def turn_base(planted: PlantedRobot, stance: Stance) -> tuple[Recording, tuple[A
     Raises:
         ReachError: the feet allow no turn in roll or pitch.
     """
-    robot, motion = planted.robot, planted.motion().phase(Phase.REST).hold(2 * REST_TIME)
+    robot, motion = standing.robot, standing.motion().phase(Phase.REST).hold(2 * REST_TIME)
     reachable: dict[Axis, float] = {
         axis: angle for axis in AXES if (angle := _reachable(robot, stance, axis)) is not None
     }
     if not reachable.keys() & {"roll", "pitch"}:
         raise ReachError("the base cannot be turned by 0.75 deg in roll or pitch over its feet: give another stance")
     for axis, angle in reachable.items():
-        feet_at = feet_during_sway(robot, stance, axis)
+        feet_at = feet_during_excitation(robot, stance, axis)
         share = smooth_step(round(_TURN_TIME * stance.scale.time / motion.control_period))
         for start, end in ((0.0, angle), (angle, -angle), (-angle, 0.0)):
             motion.phase(Phase.MOVE).follow(feet_at, _KNOTS, start + (end - start) * share)
             motion.phase(Phase.REST).hold(_REST_TIME * stance.scale.time)
-    recording = planted.play(motion)
-    planted.take()
+    recording = standing.play(motion)
+    standing.take()
     return recording, tuple(reachable)
 
 
@@ -168,7 +168,7 @@ def _reachable(robot: RobotModel, stance: Stance, axis: Axis) -> float | None:
     for share in _SMALLER:
         try:
             for side in (share, -share):
-                check_posture(robot, stance, feet_during_sway(robot, stance, axis)(side * _TURN))
+                check_posture(robot, stance, feet_during_excitation(robot, stance, axis)(side * _TURN))
         except ReachError:
             continue
         return share * _TURN
@@ -205,7 +205,7 @@ def find_orientation(robot: RobotModel, recording: Recording) -> Orientation:
 
 
 def check_base(
-    planted: PlantedRobot, stance: Stance, joints: int, confirm: Callable[[str], bool] | None
+    standing: StandingRobot, stance: Stance, joints: int, confirm: Callable[[str], bool] | None
 ) -> ResponseTest:
     """Turn the base over four feet and measure the orientation of the IMU; from then on the robot has the confirmed one.
 
@@ -216,22 +216,22 @@ def check_base(
     Raises:
         MotionError: the gyroscope contradicts the joints, or the orientation differs from the model's and is not confirmed.
     """
-    recording, axes = turn_base(planted, stance)
-    found, robot = find_orientation(planted.robot, recording), planted.robot
+    recording, axes = turn_base(standing, stance)
+    found, robot = find_orientation(standing.robot, recording), standing.robot
     measured, model = (_rpy(rotation) for rotation in (found.rotation, robot.imu.placement.rotation))
     test = ResponseTest(joints, axes, found.residual, measured, found.std, model)
     if test.angle <= _AGREES:
         return test
-    source = "assumed" if robot.imu.frame is None and "imu_rpy" not in robot.imu.described else robot.imu.sentence
-    sentence = f"{test.orientation}, {np.degrees(test.angle):.1f} deg from the model's ({source})"
-    if confirm is None or not confirm(f"{sentence}. Is the measured orientation right? It is then used for this run."):
+    source = "assumed" if robot.imu.frame is None and "imu_rpy" not in robot.imu.described else robot.imu.message
+    message = f"{test.orientation}, {np.degrees(test.angle):.1f} deg from the model's ({source})"
+    if confirm is None or not confirm(f"{message}. Is the measured orientation right? It is then used for this run."):
         raise MotionError(
-            f"{sentence}; not confirmed, and no foot was lifted. If the measurement is right: {rpy_flag(found.rotation)} "
+            f"{message}; not confirmed, and no foot was lifted. If the measurement is right: {rpy_flag(found.rotation)} "
             "(imu_rpy in a robot description); else examine its mounting",
             (recording,),
             to_json(test),
         )
-    planted.robot = replace(robot, description=replace(robot.description, imu_rpy=measured))
+    standing.robot = replace(robot, description=replace(robot.description, imu_rpy=measured))
     return replace(test, uses_measurement=True)
 
 

@@ -45,7 +45,7 @@ class ResponseTest:
         return f"the IMU is measured at roll pitch yaw {angles} deg (std {np.degrees(self.std):.1f} deg)"
 
     @property
-    def sentence(self) -> str:
+    def message(self) -> str:
         """Joints that answered, the measured orientation of the IMU, and the orientation that is used."""
         joints = (
             f"{self.joints} joints answered one by one"

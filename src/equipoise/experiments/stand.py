@@ -7,7 +7,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.experiments.motion import Target
-from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.platform.platform import Platform
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
@@ -23,7 +23,7 @@ _FOLDING_SPEED = 0.6  # [rad/s], mean
 _ELSEWHERE_RATIO = 0.15  # of the leg length: a robot whose feet are farther from its stance ends where it began
 
 
-def stand_up(platform: Platform, robot: RobotModel, stance: Stance) -> tuple[PlantedRobot, FloatArray]:
+def stand_up(platform: Platform, robot: RobotModel, stance: Stance) -> tuple[StandingRobot, FloatArray]:
     """From where the joints are to the nominal stance, the feet on straight lines in the base frame.
 
     Returns:
@@ -34,18 +34,18 @@ def stand_up(platform: Platform, robot: RobotModel, stance: Stance) -> tuple[Pla
         SettingsError: the platform's joints are not the robot's.
         ReachError: the way is out of the legs' reach.
     """
-    planted = take_over(platform, robot, stance)
-    if not planted.target.legs:
-        down = rise(planted, stance)
-        planted.take()
-        return planted, down
-    feet = planted.target.feet_in_base
-    move_to(planted, stance.feet_in_base)
+    standing = take_over(platform, robot, stance)
+    if not standing.target.legs:
+        down = rise(standing, stance)
+        standing.take()
+        return standing, down
+    feet = standing.target.feet_in_base
+    move_to(standing, stance.feet_in_base)
     elsewhere = np.linalg.norm(feet - stance.feet_in_base, axis=1).max() > _ELSEWHERE_RATIO * robot.leg_length
-    return planted, feet if elsewhere else stance.feet_in_base
+    return standing, feet if elsewhere else stance.feet_in_base
 
 
-def take_over(platform: Platform, robot: RobotModel, stance: Stance) -> PlantedRobot:
+def take_over(platform: Platform, robot: RobotModel, stance: Stance) -> StandingRobot:
     """Return the robot as it stands or lies, its present joint positions as its targets; nothing is sent.
 
     Raises:
@@ -58,7 +58,7 @@ def take_over(platform: Platform, robot: RobotModel, stance: Stance) -> PlantedR
         )
     here = before_stops(robot, platform.read().joint_position)
     target = Target.lying(robot, here) if lies(robot, stance, here) else Target.standing(robot, here)
-    return PlantedRobot(platform, robot, target, stance.feet_in_base)
+    return StandingRobot(platform, robot, target, stance.feet_in_base)
 
 
 def before_stops(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
@@ -70,47 +70,47 @@ def before_stops(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
     return np.clip(joint_position, robot.lower_limit + inside, robot.upper_limit - inside)
 
 
-def lie_down(planted: PlantedRobot, stance: Stance, trial: RecordedTrial | None = None) -> Recording:
+def lie_down(standing: StandingRobot, stance: Stance, trial: RecordedTrial | None = None) -> Recording:
     """Bring the body down over its feet, until the legs carry nothing. Phase: lie.
 
     Args:
         trial: trial that this begins, if it begins one.
     """
-    robot = planted.robot
+    robot = standing.robot
     folded, _ = lying_posture(robot, stance)
     feet = foot_positions(robot, folded)
-    motion = planted.motion() if trial is None else planted.motion().begin(trial)
-    motion.phase(Phase.LIE).move_feet(feet, _carrying_time(planted, feet))
-    return planted.play(motion.shift_load((), _SHORTEST))
+    motion = standing.motion() if trial is None else standing.motion().begin(trial)
+    motion.phase(Phase.LIE).move_feet(feet, _carrying_time(standing, feet))
+    return standing.play(motion.shift_load((), _SHORTEST))
 
 
-def rise(planted: PlantedRobot, stance: Stance) -> FloatArray:
+def rise(standing: StandingRobot, stance: Stance) -> FloatArray:
     """Fold the legs under the lying robot, joint by joint; take its weight on them; stand up.
 
     Returns:
         the (4, 3) feet in the base frame over which it lies.
     """
-    robot = planted.robot
+    robot = standing.robot
     folded, _ = lying_posture(robot, stance)
-    swept = float(np.abs(folded - planted.target.joint_position).max())
-    motion = planted.motion().phase(Phase.FOLD).move_joints(folded, max(_SHORTEST, swept / _FOLDING_SPEED))
-    planted.play(motion.shift_load(LEG_NAMES, _SHORTEST))
-    _move(planted, stance.feet_in_base)
+    swept = float(np.abs(folded - standing.target.joint_position).max())
+    motion = standing.motion().phase(Phase.FOLD).move_joints(folded, max(_SHORTEST, swept / _FOLDING_SPEED))
+    standing.play(motion.shift_load(LEG_NAMES, _SHORTEST))
+    _move(standing, stance.feet_in_base)
     return foot_positions(robot, folded)
 
 
-def move_to(planted: PlantedRobot, feet_in_base: FloatArray) -> None:
+def move_to(standing: StandingRobot, feet_in_base: FloatArray) -> None:
     """Move the feet in the base frame slowly enough for feet that carry the robot; nothing of it is kept."""
-    _move(planted, feet_in_base)
-    planted.take()
+    _move(standing, feet_in_base)
+    standing.take()
 
 
-def _move(planted: PlantedRobot, feet_in_base: FloatArray) -> None:
-    duration = _carrying_time(planted, feet_in_base)
-    planted.play(planted.motion().phase(Phase.STAND).move_feet(feet_in_base, duration).hold(_SHORTEST))
+def _move(standing: StandingRobot, feet_in_base: FloatArray) -> None:
+    duration = _carrying_time(standing, feet_in_base)
+    standing.play(standing.motion().phase(Phase.STAND).move_feet(feet_in_base, duration).hold(_SHORTEST))
 
 
-def _carrying_time(planted: PlantedRobot, feet_in_base: FloatArray) -> float:
+def _carrying_time(standing: StandingRobot, feet_in_base: FloatArray) -> float:
     """[s]."""
-    distance = float(np.linalg.norm(feet_in_base - planted.target.feet_in_base, axis=1).max())
-    return max(_SHORTEST, 2 * distance / (_SPEED_RATIO * planted.robot.leg_length))
+    distance = float(np.linalg.norm(feet_in_base - standing.target.feet_in_base, axis=1).max())
+    return max(_SHORTEST, 2 * distance / (_SPEED_RATIO * standing.robot.leg_length))

@@ -14,8 +14,8 @@ from equipoise.experiments.legs_up import legs_up
 from equipoise.experiments.lift import LiftSettings, settle
 from equipoise.experiments.motion import Motion
 from equipoise.experiments.one_leg_up import SOFTER, OneLegUp, legs_in_turn
-from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.stand import lie_down, rise
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.recording.phases import Phase
 from equipoise.recording.trials import MotorTrial
 from equipoise.robot.model import LEG_NAMES, RobotModel
@@ -31,7 +31,7 @@ _SHIFT_TIME, _UNLOAD_TIME, _LIFT_TIME = 1.0, 0.2, 0.6
 _RAMP_ON_THREE = 0.25
 
 
-def swing_legs(planted: PlantedRobot, stance: Stance, duration: float) -> None:
+def swing_legs(standing: StandingRobot, stance: Stance, duration: float) -> None:
     """Lie down, turn the legs up, swing all joints, and stand up again.
 
     Phases: lie, raise, rest, ramp, swing, end, fold, stand.
@@ -42,17 +42,17 @@ def swing_legs(planted: PlantedRobot, stance: Stance, duration: float) -> None:
     Raises:
         ReachError: the robot cannot turn its legs up.
     """
-    up, robot = legs_up(planted.robot, stance), planted.robot
-    lie_down(planted, stance, _trial(planted, stance))
-    _turn_legs(planted, Phase.RAISE, up.folded, up.way)
+    up, robot = legs_up(standing.robot, stance), standing.robot
+    lie_down(standing, stance, _trial(standing, stance))
+    _turn_legs(standing, Phase.RAISE, up.folded, up.way)
     joints = range(len(robot.joint_names))
-    planted.play(_swing(planted, stance, joints, up.swing, duration, RAMP_TIME))
-    _turn_legs(planted, Phase.FOLD, up.joint_position, up.way_back)
-    rise(planted, stance)
-    planted.finish()
+    standing.play(_swing(standing, stance, joints, up.swing, duration, RAMP_TIME))
+    _turn_legs(standing, Phase.FOLD, up.joint_position, up.way_back)
+    rise(standing, stance)
+    standing.finish()
 
 
-def swing_leg(planted: PlantedRobot, stance: Stance, up: OneLegUp, duration: float) -> None:
+def swing_leg(standing: StandingRobot, stance: Stance, up: OneLegUp, duration: float) -> None:
     """Move the body over three feet, lift the fourth, swing that leg's joints, put the foot down.
 
     Phases: move, settle, unload, lift, rest, ramp, swing, end, lower.
@@ -66,27 +66,27 @@ def swing_leg(planted: PlantedRobot, stance: Stance, up: OneLegUp, duration: flo
     """
     times = LiftSettings.of(stance, 0.0)
     unload, lift = (time * stance.scale.time for time in (_UNLOAD_TIME, _LIFT_TIME))
-    over = planted.motion().begin(_trial(planted, stance, up.leg)).phase(Phase.MOVE)
-    over.move_feet(up.feet, _shift_time(stance, planted.target.feet_in_base, up.feet))
-    settle(planted, over, times, f"over three feet, before it lifts the {up.leg} one")
-    motion = planted.motion().phase(Phase.UNLOAD).shift_load(up.standing, unload)
-    planted.play(motion.phase(Phase.LIFT).move_feet(up.raised, lift))
-    joints = planted.robot.legs[up.leg].joints
-    planted.play(_swing(planted, stance, joints, up.swing, duration, _RAMP_ON_THREE))
-    planted.play(planted.motion().phase(Phase.LOWER).move_feet(up.feet, lift).shift_load(LEG_NAMES, unload))
-    planted.finish()
+    over = standing.motion().begin(_trial(standing, stance, up.leg)).phase(Phase.MOVE)
+    over.move_feet(up.feet, _shift_time(stance, standing.target.feet_in_base, up.feet))
+    settle(standing, over, times, f"over three feet, before it lifts the {up.leg} one")
+    motion = standing.motion().phase(Phase.UNLOAD).shift_load(up.standing, unload)
+    standing.play(motion.phase(Phase.LIFT).move_feet(up.raised, lift))
+    joints = standing.robot.legs[up.leg].joints
+    standing.play(_swing(standing, stance, joints, up.swing, duration, _RAMP_ON_THREE))
+    standing.play(standing.motion().phase(Phase.LOWER).move_feet(up.feet, lift).shift_load(LEG_NAMES, unload))
+    standing.finish()
 
 
-def _trial(planted: PlantedRobot, stance: Stance, leg: str | None = None) -> MotorTrial:
+def _trial(standing: StandingRobot, stance: Stance, leg: str | None = None) -> MotorTrial:
     """With the gains of the joints that swing, if the platform takes any."""
-    if "gains" not in planted.platform.accepts:
+    if "gains" not in standing.platform.accepts:
         return MotorTrial(leg=leg)
-    kp, kd = planted.robot.gains(stance.hip_height)
+    kp, kd = standing.robot.gains(stance.hip_height)
     return MotorTrial(kp=SOFTER * kp, kd=SOFTER * kd, leg=leg)
 
 
 def _swing(
-    planted: PlantedRobot, stance: Stance, joints: Sequence[int], swing: FloatArray, duration: float, ramp: float
+    standing: StandingRobot, stance: Stance, joints: Sequence[int], swing: FloatArray, duration: float, ramp: float
 ) -> Motion:
     """Let go of the joints' torques, swing them with soft gains, and wait until nothing swings any more.
 
@@ -96,8 +96,8 @@ def _swing(
         duration: time of the steady part [s].
         ramp: time in which it grows, and in which it fades, on an A1 [s].
     """
-    robot, period, motion = planted.robot, planted.platform.control_period, planted.motion()
-    if "gains" in planted.platform.accepts:
+    robot, period, motion = standing.robot, standing.platform.control_period, standing.motion()
+    if "gains" in standing.platform.accepts:
         share = np.ones(len(robot.joint_names))
         share[list(joints)] = SOFTER
         kp, kd = robot.gains(stance.hip_height)
@@ -147,11 +147,11 @@ def swing_angles(
     return grown[:, None] * shape * (swing / np.abs(shape).max(axis=0))
 
 
-def _turn_legs(planted: PlantedRobot, phase: str, start: FloatArray, way: tuple[FloatArray, ...]) -> None:
-    motion = planted.motion().phase(phase)
+def _turn_legs(standing: StandingRobot, phase: str, start: FloatArray, way: tuple[FloatArray, ...]) -> None:
+    motion = standing.motion().phase(phase)
     for before, after in pairwise((start, *way)):
         motion.move_joints(after, _turning_time(before, after))
-    planted.play(motion)
+    standing.play(motion)
 
 
 def _turning_time(before: FloatArray, after: FloatArray) -> float:
@@ -161,4 +161,4 @@ def _turning_time(before: FloatArray, after: FloatArray) -> float:
 
 def _shift_time(stance: Stance, before: FloatArray, after: FloatArray) -> float:
     """[s]."""
-    return PlantedRobot.move_time(after, before, _SHIFT_TIME * stance.scale.time)
+    return StandingRobot.move_time(after, before, _SHIFT_TIME * stance.scale.time)

@@ -10,8 +10,8 @@ import math
 
 from equipoise.errors import MotionError, SettingsError
 from equipoise.experiments.motion import Target
-from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.stand import before_stops
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.platform.platform import TURNS, TiltLimit
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
@@ -21,35 +21,35 @@ _PATIENCE = 120.0  # [s] for somebody who turns it
 _SIMULATED = 2.0  # [s] that a simulator takes
 
 
-def check_turn(planted: PlantedRobot) -> None:
+def check_turn(standing: StandingRobot) -> None:
     """Refuse where nobody is there to turn the robot (SettingsError)."""
-    if TURNS not in planted.platform.accepts and planted.told is None:
+    if TURNS not in standing.platform.accepts and standing.told is None:
         raise SettingsError(
             "somebody has to turn the robot and say when it is done, and nobody is asked: give `told` to calibrate(), or "
             "leave the turn out"
         )
 
 
-def be_turned(planted: PlantedRobot, stance: Stance) -> Recording:
+def be_turned(standing: StandingRobot, stance: Stance) -> Recording:
     """Wait until the lying robot was turned. Phase: turn.
 
     Raises:
         MotionError: nobody said in time that it was, or it does not lie any more.
     """
-    by_itself = TURNS in planted.platform.accepts
-    said = None if by_itself else TiltLimit(math.inf, (0.0, 0.0, 0.0), told=planted.told)
-    motion = planted.motion().phase(Phase.TURN).hold_limp(_SIMULATED if by_itself else _PATIENCE)
-    recording = planted.play(motion, said)
+    by_itself = TURNS in standing.platform.accepts
+    said = None if by_itself else TiltLimit(math.inf, (0.0, 0.0, 0.0), told=standing.told)
+    motion = standing.motion().phase(Phase.TURN).hold_limp(_SIMULATED if by_itself else _PATIENCE)
+    recording = standing.play(motion, said)
     if not by_itself and (recording.commands is None or recording.commands.time.size == motion.count):
         raise MotionError(
             f"nobody said within {_PATIENCE:.0f} s that the robot was turned; resume the run when somebody is there",
             (recording,),
         )
-    here = before_stops(planted.robot, recording.joints.position[-1])
-    if not lies(planted.robot, stance, here):
+    here = before_stops(standing.robot, recording.joints.position[-1])
+    if not lies(standing.robot, stance, here):
         raise MotionError(
             "the robot does not lie any more: its legs hang or stand. Put it on its belly before you say that it is turned",
             (recording,),
         )
-    planted.start_from(Target.lying(planted.robot, here))
+    standing.start_from(Target.lying(standing.robot, here))
     return recording

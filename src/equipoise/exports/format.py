@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from equipoise.exports.found import BASE
+from equipoise.exports.parameters import BASE
 from equipoise.exports.subject import PAYLOAD, Subject, Written
 
 FileUse = Literal["model", "given", ""]
@@ -29,7 +29,7 @@ class Format:
         where: place that the numbers go to, in words.
         output: default name of the file that is written; an edited file keeps its own.
         write: function that writes it.
-        page: page under docs/controllers, or an address; empty: none.
+        page: heading in docs/reference/exports.md, or an address; empty: none.
         samples: whether it lists drawn bodies too.
         parts: what of a result it can hold, of "base", "sensors", "motors" and "legs".
         lacks: quantities of its bodies that the consumer has no place for: "composite CoM" and so on.
@@ -70,10 +70,10 @@ class Format:
         lacks = [quantity for quantity in ("mass", "inertia", "CoM") if f"{body} {quantity}" in self.lacks]
         written = ", ".join(words.format(frame) for name, words in _QUANTITIES.items() if name not in lacks)
         name = f"link {PAYLOAD!r}" if subject.payload_link else f"the {body}{', as ranges' if self.samples else ''}"
-        sentence = f"written of {name}: {written}"
+        message = f"written of {name}: {written}"
         if not lacks:
-            return sentence
+            return message
         parameters = subject.base_in_file if self.bodies == (BASE,) else getattr(subject, body)
         place = ", ".join(f"{value:.5f}" for value in parameters.com)
         com = f", which is at ({place}) m in the frame of {frame}" if "CoM" in lacks else ""
-        return f"{sentence}; there is no place in {self.where} for the {body}'s {' and '.join(lacks)}{com}"
+        return f"{message}; there is no place in {self.where} for the {body}'s {' and '.join(lacks)}{com}"

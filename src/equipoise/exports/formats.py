@@ -9,10 +9,10 @@ from typing import Any
 from equipoise._version import __version__
 from equipoise.errors import EquipoiseError, NotEstimatedError, SettingsError, did_you_mean
 from equipoise.exports import controllers, learning, mjcf, sdf, sensors_and_motors, tables, urdf, usd, xacro
+from equipoise.exports.acceptance import judge, judge_columns, require_within_robot
 from equipoise.exports.format import Format
-from equipoise.exports.found import BASE, LEGS, MOTORS, SENSORS, columns_of
-from equipoise.exports.judgement import judge, judge_columns, require_within_robot
 from equipoise.exports.model_file import find_users_file
+from equipoise.exports.parameters import BASE, LEGS, MOTORS, SENSORS, columns_of
 from equipoise.exports.randomisation import DRAWS
 from equipoise.exports.subject import Subject, UsersFile
 from equipoise.plugins import Table
@@ -123,7 +123,7 @@ def export(
     samples: int = 0,
     seed: int = 0,
     run: str = "",
-    what: str | None = None,
+    parameters: str | None = None,
 ) -> Export:
     """A result in the form that a consumer reads.
 
@@ -132,12 +132,12 @@ def export(
         format: name of a format, as `find_format` takes it.
         file: user's file to edit; urdf and mjcf know the run's own.
         payload_link: whether to write what was added to the model as a link of its own (urdf, mjcf, sdf).
-        force: whether to write what is not identified all the same, and say so in the file.
+        force: whether to write parameters is not identified all the same, and say so in the file.
         samples: number of drawn bodies to list (mjlab, isaaclab).
         seed: seed of everything drawn.
         run: name of the run that the file says it is from.
-        what: what is written: "base", "sensors", "motors", "legs", several with commas between, or "all" that the format
-            holds and the run found. By default the base, or, where a format does not hold it, all.
+        parameters: names of parameters is written: "base", "sensors", "motors", "legs", several with commas between, or "all"
+            that the format holds and the run found. By default the base, or, where a format does not hold it, all.
 
     Raises:
         SettingsError: no such format, or it does not take what was asked for.
@@ -147,13 +147,13 @@ def export(
     """
     row = find_format(format)
     _refuse_flags(row, file is not None, payload_link, samples, seed)
-    parts = _parts(row, result, what)
+    parts = _parts(row, result, parameters)
     if (payload_link or samples) and BASE not in parts:
         raise SettingsError(
-            f"--add-payload-link and --samples are of the base, which --what {','.join(parts)} leaves out"
+            f"--add-payload-link and --samples are of the base, which --parameters {','.join(parts)} leaves out"
         )
     if payload_link and LEGS in parts:
-        raise SettingsError("--add-payload-link leaves the model's links as they are: leave legs out of --what")
+        raise SettingsError("--add-payload-link leaves the model's links as they are: leave legs out of --parameters")
     bodies = () if BASE not in parts else ("composite",) if payload_link else row.bodies
     notes = judge(result, bodies, force)
     columns, of_columns = judge_columns(result, [part for part in parts if part != BASE], force)
@@ -184,9 +184,9 @@ def export(
 
 
 def export_all(
-    result: Calibration, *, force: bool = False, seed: int = 0, run: str = "", what: str | None = None
+    result: Calibration, *, force: bool = False, seed: int = 0, run: str = "", parameters: str | None = None
 ) -> dict[str, Export | EquipoiseError]:
-    """A result in every form that holds what is asked for, by the format's name; in place of one that cannot be, why.
+    """A result in every form that holds parameters is asked for, by the format's name; in place of one that cannot be, why.
 
     The arguments are those of `export`.
     """
@@ -194,9 +194,9 @@ def export_all(
     for name, row in all_formats().items():
         if isinstance(row, EquipoiseError):
             found[name] = row
-        elif what in (None, "all") or _words(what) <= set(row.parts):
+        elif parameters in (None, "all") or _words(parameters) <= set(row.parts):
             try:
-                found[name] = export(result, name, force=force, seed=seed, run=run, what=what)
+                found[name] = export(result, name, force=force, seed=seed, run=run, parameters=parameters)
             except EquipoiseError as error:
                 found[name] = error
     return found
@@ -219,29 +219,31 @@ def all_formats() -> dict[str, Format | EquipoiseError]:
     return _ALL.rows()
 
 
-def _parts(row: Format, result: Calibration, what: str | None) -> tuple[str, ...]:
+def _parts(row: Format, result: Calibration, parameters: str | None) -> tuple[str, ...]:
     """Return the parts that are asked for, in the format's order; raises SettingsError for one that it cannot hold."""
-    if what is None and BASE in row.parts:
+    if parameters is None and BASE in row.parts:
         return (BASE,)
-    if what in (None, "all"):
+    if parameters in (None, "all"):
         there = tuple(part for part in row.parts if _has(result, part))
         return there or row.parts  # of which it is said why there is none
-    words = _words(what)
+    words = _words(parameters)
     if lacking := words - set(row.parts):
         able = ", ".join(name for name, other in FORMATS.items() if words <= set(other.parts))
         raise SettingsError(
-            f"--what {what}: {row.name} does not hold {' and '.join(sorted(lacking))}, but {', '.join(row.parts)}; "
+            f"--parameters {parameters}: {row.name} does not hold {' and '.join(sorted(lacking))}, but "
+            f"{', '.join(row.parts)}; "
             f"{able} hold it"
         )
     return tuple(part for part in row.parts if part in words)
 
 
-def _words(what: str) -> set[str]:
+def _words(parameters: str) -> set[str]:
     """Parts by their names; raises SettingsError."""
-    words = {word.strip() for word in what.split(",")}
+    words = {word.strip() for word in parameters.split(",")}
     if wrong := sorted(words - set(_ALL_PARTS)):
         raise SettingsError(
-            f"--what is {what!r}; {did_you_mean(wrong[0], _ALL_PARTS)}it must be {', '.join(_ALL_PARTS)}, several with "
+            f"--parameters is {parameters!r}; {did_you_mean(wrong[0], _ALL_PARTS)}it must be {', '.join(_ALL_PARTS)}, "
+            f"several with "
             "commas, or all"
         )
     return words

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from equipoise.errors import NotEstimatedError
-from equipoise.exports.found import BASE
+from equipoise.exports.parameters import BASE
 from equipoise.exports.randomisation import Spread, spread
 from equipoise.exports.subject import Subject, Written, number
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
@@ -104,7 +104,7 @@ def _isaaclab_base(subject: Subject) -> Written:
 def _spread(subject: Subject) -> Spread:
     covariance = subject.result.composite.covariance
     if covariance is None:
-        raise NotEstimatedError("this calibration has no covariance; calibrate with --method precise")
+        raise NotEstimatedError("this calibration has no covariance; calibrate with --method bayesian")
     # A turn of the axes is linear in all ten numbers.
     turn = np.column_stack([components(subject.in_file(InertialParameters.from_components(one))) for one in np.eye(10)])
     composite = subject.in_file(subject.composite)
@@ -147,7 +147,7 @@ def _joints(subject: Subject, zeros: str, code: str) -> Written:
         *subject.comment(about),
         f"JOINTS = ({''.join(f'{joint!a}, ' for joint in subject.joints).rstrip()})",
         "# 95 % of encoder reading less joint position [rad]",
-        *_ranges(zeros, subject, "joint_zero"),
+        *_ranges(zeros, subject, "joint_offset"),
         "# 95 % of the age of the command that a torque obeys [s]",
         *_ranges("DELAY", subject, "delay"),
         *_values("ARMATURE", subject.column("armature"), "kg m2"),

@@ -169,7 +169,7 @@ def _other_legs(subject: Subject, robot: RobotModel) -> tuple[str, ...]:
     apart = float(np.linalg.norm(here - there, axis=1).max())
     said = f"at the run's stance the feet of {robot.source.path.name} are {1000 * apart:.1f} mm from those of the run's model"
     if apart > _OTHER_LEGS * known.leg_length:
-        raise SettingsError(f"{said}: it is another robot's, or its base frame or joint zeros are others")
+        raise SettingsError(f"{said}: it is another robot's, or its base frame or joint offsets are others")
     return (said,) if apart > _SAME_LEGS * known.leg_length else ()
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from equipoise.errors import ModelError, SettingsError
-from equipoise.exports.found import BASE, LEGS, MOTORS
 from equipoise.exports.model_file import composite_of, edited_link, new_inertial, payload, read_robot, require_composite
+from equipoise.exports.parameters import BASE, LEGS, MOTORS
 from equipoise.exports.subject import PAYLOAD, Subject, Written, seen_from
 from equipoise.exports.xml_edit import Document, Edit, Element
 from equipoise.robot.forward import link_in_file
@@ -119,7 +119,7 @@ def _with_legs(subject: Subject, robot: RobotModel, form: ModelFormat) -> Subjec
         NotEstimatedError: no body near enough can be what a link gets, and that is not overridden.
     """
     if BASE not in subject.parts:
-        raise SettingsError("legs are found with the base that goes with them: write both, with --what base,legs")
+        raise SettingsError("legs are found with the base that goes with them: write both, with --parameters base,legs")
     assert subject.file is not None
     document = Document(subject.file.content, subject.file.path)
     edits = [

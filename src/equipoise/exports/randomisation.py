@@ -92,7 +92,8 @@ def spread(
         tried += draws
         if len(kept) < _FEWEST * tried:
             raise NotEstimatedError(
-                f"of bodies drawn from what this run left open, less than {_FEWEST:.0%} can exist; calibrate longer (--budget)"
+                f"of bodies drawn from what this run left open, less than {_FEWEST:.0%} can exist; calibrate longer "
+                f"(--duration)"
             )
     return Spread(_entries(kept[:draws], pseudo), _components(kept[:draws]))
 

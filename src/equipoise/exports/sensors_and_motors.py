@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from equipoise.errors import NotEstimatedError, SettingsError
-from equipoise.exports.found import Column
+from equipoise.exports.parameters import Column
 from equipoise.exports.subject import Subject, Written, number
 from equipoise.exports.tables import columns_table, provenance, yaml_lines
 
@@ -24,7 +24,7 @@ def write_toml(subject: Subject) -> Written:
 
 
 def write_ros2(subject: Subject) -> Written:
-    """Parameters of any node: equipoise.joint_zero.FL_hip_joint and so on."""
+    """Parameters of any node: equipoise.joint_offset.FL_hip_joint and so on."""
     about = subject.columns_words
     values = {column.name: {key: column.number(key) for key in column.values} for column in subject.columns}
     lines = yaml_lines({"/**": {"ros__parameters": {"equipoise": values}}})
@@ -56,7 +56,7 @@ def write_c_header(subject: Subject) -> Written:
 
 def write_zeros(subject: Subject) -> Written:
     """Joint zeros alone, by joint, as YAML."""
-    zeros, about = _zeros(subject), "joint zeros: encoder reading less joint position [rad]; joint = reading - zero"
+    zeros, about = _zeros(subject), "joint offsets: encoder reading less joint position [rad]; joint = reading - zero"
     return Written.text([*subject.comment(about), *yaml_lines(zeros)], about)
 
 
@@ -73,7 +73,7 @@ def write_unitree(subject: Subject) -> Written:
 
 def write_holosoma(subject: Subject) -> Written:
     """Holosoma's joint_offsets_deg: added to what is commanded, as an encoder's zero must be."""
-    about = "joint zeros in degrees: encoder reading less joint position, which is what a command has to be more by"
+    about = "joint offsets in degrees: encoder reading less joint position, which is what a command has to be more by"
     degrees = {joint: math.degrees(zero) for joint, zero in _zeros(subject).items()}
     lines = [
         *subject.comment(about),
@@ -90,9 +90,9 @@ def write_holosoma(subject: Subject) -> Written:
 
 
 def _zeros(subject: Subject) -> dict[str, float]:
-    if not (zeros := subject.column("joint_zero")):
+    if not (zeros := subject.column("joint_offset")):
         raise NotEstimatedError(
-            "the run told no joint's zero well; calibrate longer (--budget), or write them all the same with --force"
+            "the run told no joint's zero well; calibrate longer (--duration), or write them all the same with --force"
         )
     return zeros
 

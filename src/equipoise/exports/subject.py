@@ -14,7 +14,7 @@ import pinocchio as pin
 from equipoise._version import __version__
 from equipoise.conventions import FloatArray
 from equipoise.errors import NotEstimatedError
-from equipoise.exports.found import Column
+from equipoise.exports.parameters import Column
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.cleaning.urdf import physical_inertia
@@ -150,7 +150,7 @@ class Subject:
 
     def within_intervals(self, change: FloatArray) -> bool:
         """Return whether a change of the inertia [kg m2] (3, 3) is within the 95 % intervals of the whole robot's."""
-        return bool((np.abs(change) <= NORMAL_95 * self.result.composite.inertia.deviations).all())  # nan: none given
+        return bool((np.abs(change) <= NORMAL_95 * self.result.composite.inertia.stds).all())  # nan: none given
 
     @property
     def base_link(self) -> str:
@@ -178,7 +178,7 @@ class Subject:
     @property
     def stance(self) -> str:
         """Joint positions in words [rad]."""
-        joints = [*self.result.joint_position.items(), *self.result.held.items()]
+        joints = [*self.result.joint_position.items(), *self.result.locked_joints.items()]
         return ", ".join(f"{name} {round(q, 6) + 0.0:g}" for name, q in joints)
 
     def header(self, about: str, *notes: str) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, cast
 
 from equipoise._version import __version__
-from equipoise.exports.found import BASE, Column
+from equipoise.exports.parameters import BASE, Column
 from equipoise.exports.subject import COMPOSITE_WORDS, Subject, Written, number
 from equipoise.result.body import Body
 from equipoise.robot.inertial import InertialParameters
@@ -71,7 +71,7 @@ def columns_table(columns: Iterable[Column]) -> dict[str, Any]:
             "unit": column.unit,
             "meaning": column.meaning,
             "value": {key: column.number(key) for key in column.values},
-            "deviation": {key: float(quantity.deviation or 0.0) for key, quantity in found},
+            "std": {key: float(quantity.std or 0.0) for key, quantity in found},
             "verdict": {key: quantity.verdict for key, quantity in found},
         }
     return table
@@ -79,9 +79,9 @@ def columns_table(columns: Iterable[Column]) -> dict[str, Any]:
 
 def _body(found: Body, written: InertialParameters) -> dict[str, Any]:
     table = Body.known(written).numbers()
-    told = [quantity for quantity in found if quantity.deviation is not None]
+    told = [quantity for quantity in found if quantity.std is not None]
     if told:
-        table["deviation"] = {quantity.name: quantity.deviation for quantity in told}
+        table["std"] = {quantity.name: quantity.std for quantity in told}
         table["verdict"] = {quantity.name: quantity.verdict for quantity in told}
     return table
 

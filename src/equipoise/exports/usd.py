@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from equipoise.errors import MissingDependencyError, ModelError, SettingsError
-from equipoise.exports.found import BASE
+from equipoise.exports.parameters import BASE
 from equipoise.exports.subject import FloatArray, Subject, Written
 from equipoise.robot.inertial import InertialParameters
 
@@ -96,7 +96,7 @@ def write(subject: Subject) -> Written:
     words += [_JOINTS] if subject.columns else []
     about = "; ".join(words)
     if BASE in subject.parts:
-        _refuse_fixed_bodies(stage, base, set(subject.result.held))
+        _refuse_fixed_bodies(stage, base, set(subject.result.locked_joints))
         _set_body(stage, base, subject.base_in_file)
     for name in subject.joints:
         _set_joint(stage, _joint(stage, name), {key: subject.column(key).get(name) for key in _OF_JOINTS})

@@ -9,7 +9,7 @@ from equipoise.conventions import AXES
 from equipoise.figures.blocks import BAR, Cell, DataTable, number
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration
-from equipoise.result.legend import frame_sentence, verdict_sentence
+from equipoise.result.legend import frame_message, verdict_message
 from equipoise.result.quantity import Quantity
 from equipoise.result.shown import ROWS, called
 
@@ -40,9 +40,9 @@ class Number:
         return self.quantity.value or 0.0
 
     @property
-    def half(self) -> str:
+    def half_width(self) -> str:
         """Half the 95 % interval."""
-        return number(self.quantity.half, 1, self.form)
+        return number(self.quantity.half_width, 1, self.form)
 
     def __str__(self) -> str:
         return number(self.value, 1, self.form)
@@ -51,7 +51,7 @@ class Number:
 def numbers(result: Calibration, body: str = "composite") -> list[Number]:
     """Return the estimated quantities of a body, and the paper's I and C if there are no intervals."""
     shown = numbers_of(getattr(result, body))
-    return shown if result.has_intervals or body != "composite" else shown + list(_sways(result))
+    return shown if result.has_intervals or body != "composite" else shown + list(_excitations(result))
 
 
 def numbers_of(body: Body) -> list[Number]:
@@ -64,25 +64,27 @@ def numbers_of(body: Body) -> list[Number]:
 
 
 def _scaled(quantity: Quantity, factor: float) -> Quantity:
-    values = {name: getattr(quantity, name) for name in ("value", "deviation", "model", "truth")}
+    values = {name: getattr(quantity, name) for name in ("value", "std", "model", "truth")}
     return replace(quantity, **{name: None if value is None else value * factor for name, value in values.items()})
 
 
-def _sways(result: Calibration) -> Iterator[Number]:
+def _excitations(result: Calibration) -> Iterator[Number]:
     """Yield the paper's I, of base, hips and thighs, and C."""
     for axis, letter in zip(AXES, "xyz", strict=True):
         if axis in result.moments:
             yield Number(f"I_{letter} ({axis}) [kg m2]", ".4f", result.moments[axis])
-        sway = result.sways.get(axis)
-        if sway is not None and sway.damping is not None:
-            yield Number(f"C_{letter} ({axis}) [Nm s/rad]", ".3f", Quantity(f"C_{letter}", "Nm s/rad", sway.damping))
+        excitation = result.excitations.get(axis)
+        if excitation is not None and excitation.damping is not None:
+            yield Number(
+                f"C_{letter} ({axis}) [Nm s/rad]", ".3f", Quantity(f"C_{letter}", "Nm s/rad", excitation.damping)
+            )
 
 
 def numbers_table(shown: list[Number], title: str) -> DataTable:
     """Return a row for each quantity, with a bar for its interval; empty columns are left out."""
     found = [one.quantity for one in shown]
     there = {
-        "|95 % +-": any(one.half is not None for one in found),
+        "|95 % +-": any(one.half_width is not None for one in found),
         "verdict": any(one.verdict for one in found),
         "|truth": any(one.truth is not None for one in found),
         "|error": any(one.truth is not None for one in found),
@@ -95,18 +97,20 @@ def numbers_table(shown: list[Number], title: str) -> DataTable:
 
 def _cells(one: Number, columns: list[str]) -> list[str | Cell]:
     found, form = one.quantity, one.form
-    clear = found.half is not None and found.change is not None and abs(found.change) > found.half
+    clear = found.half_width is not None and found.change is not None and abs(found.change) > found.half_width
     error = number(found.error, 1, "+" + form) + " (!)" * found.missed
     by_column: Mapping[str, str | Cell] = {
         "parameter": one.label,
         "|estimate": Cell(str(one), "strong"),
-        "|95 % +-": one.half,
+        "|95 % +-": one.half_width,
         BAR: Cell(bar=found),
         "verdict": Cell(verdict=found.verdict or ""),
         "|truth": number(found.truth, 1, form),
         "|error": Cell(error, "bad" if found.missed else ""),
         "|model": number(found.model, 1, form),
-        "|change": Cell(number(found.change, 1, "+" + form), "strong" if clear else "muted" if found.half else ""),
+        "|change": Cell(
+            number(found.change, 1, "+" + form), "strong" if clear else "muted" if found.half_width else ""
+        ),
     }
     return [by_column[column] for column in columns]
 
@@ -114,7 +118,7 @@ def _cells(one: Number, columns: list[str]) -> list[str | Cell]:
 def legend(result: Calibration) -> tuple[str, ...]:
     """Return the sentences below the table: frame, bodies, and the meaning of the verdicts."""
     paper = "I and C are of base, hips and thighs." if result.moments and not result.has_intervals else ""
-    return tuple(filter(None, (frame_sentence(result), paper, verdict_sentence(result.composite))))
+    return tuple(filter(None, (frame_message(result), paper, verdict_message(result.composite))))
 
 
 def not_estimated(result: Calibration) -> list[str]:

@@ -55,7 +55,7 @@ class Parts:
             "In brackets: hardly surer than before the run.": any(one.verdict == "not identified" for one in shown),
             "(!): what was simulated is outside the interval.": any(one.missed for one in shown),
         }
-        return [sentence for sentence, there in marks.items() if there]
+        return [message for message, there in marks.items() if there]
 
     def of(self, name: str) -> list[Quantity]:
         """One quantity of every part."""
@@ -106,7 +106,7 @@ def _left_by_right(found: Mapping[str, Part], names: Sequence[str]) -> dict[str,
 
 def _cells(quantities: list[Quantity], shown: Shown) -> list[str]:
     """A column; the narrowest interval says how many digits all have."""
-    halves = [quantity.half * shown.factor for quantity in quantities if quantity.half]
+    halves = [quantity.half_width * shown.factor for quantity in quantities if quantity.half_width]
     form = f".{_decimals(min(halves, default=1.0))}f"
     return [_cell(quantity, shown, form) for quantity in quantities]
 
@@ -118,9 +118,9 @@ def _decimals(half: float) -> int:
 
 
 def _cell(quantity: Quantity, shown: Shown, form: str) -> str:
-    if quantity.value is None or quantity.half is None:
+    if quantity.value is None or quantity.half_width is None:
         return "-"
     outside = " (!)" if quantity.missed else ""
-    value, half = quantity.value * shown.factor, quantity.half * shown.factor
+    value, half = quantity.value * shown.factor, quantity.half_width * shown.factor
     told = f"{value:{shown.form}{form}}+-{half:{form}}"
     return f"({told}){outside}" if quantity.verdict == "not identified" else told + outside

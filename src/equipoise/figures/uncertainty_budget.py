@@ -12,9 +12,9 @@ _SHOWN = ROWS[:7]  # mass, CoM, moments
 
 def uncertainty_table(result: Calibration) -> DataTable:
     """Return the percentage of each variance by source; the largest of each column is strong."""
-    largest = [max(float(source.shares[index]) for source in result.budget) for index in range(len(_SHOWN))]
+    largest = [max(float(source.shares[index]) for source in result.uncertainty_budget) for index in range(len(_SHOWN))]
     rows: list[list[str | Cell]] = []
-    for source in result.budget:
+    for source in result.uncertainty_budget:
         shares = zip(source.shares, largest, strict=False)
         cells = [Cell(_percent(share), "strong" if share == most else "") for share, most in shares]
         rows.append([source.name, *cells, source.remedy])
@@ -31,8 +31,11 @@ def remedies(result: Calibration) -> tuple[str, ...]:
     """Return for mass, CoM and moments the largest source, its part of the interval, and its remedy."""
     said: list[str] = []
     for index, ((_, label, factor, form), quantity) in enumerate(zip(_SHOWN, result.composite, strict=False)):
-        if quantity.half is not None:
-            source = max(result.budget, key=lambda one, of=index: float(one.shares[of]))
-            whole, part = quantity.half * factor, quantity.half * factor * float(source.shares[index]) ** 0.5
+        if quantity.half_width is not None:
+            source = max(result.uncertainty_budget, key=lambda one, of=index: float(one.shares[of]))
+            whole, part = (
+                quantity.half_width * factor,
+                quantity.half_width * factor * float(source.shares[index]) ** 0.5,
+            )
             said.append(f"{label}: +- {whole:{form}}, most by {source.name}, +- {part:{form}}: {source.remedy}")
     return tuple(said)

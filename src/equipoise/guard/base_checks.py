@@ -55,11 +55,11 @@ class BaseChecks:
         lifted, floor = look_at_feet(self._robot, self._stance, command.position)
         known.lifted = lifted
         if not lifted:
-            known.planted = command
+            known.standing = command
         elif lies(self._robot, self._stance, command.position):  # legs in the air say nothing of the floor
             self._lifted, floor, known.lifted = state.time, _LEVEL, False
         elif on_three := floor_on_three_feet(
-            self._robot, self._stance, command.position, known.planted.position
+            self._robot, self._stance, command.position, known.standing.position
         ):  # who stands on three feet is not meant to tip
             floor = on_three
         else:

@@ -89,18 +89,18 @@ class Ending:
         # A robot that cannot be damped is lowered: lying is better than falling.
         stiff = loop.own_gains is None and loop.known.up.tilt < _FALLEN
         if stiff or not (self.unsound or self._has_sunk()):
-            yield from self._feet_down(loop.known.sent, loop.known.planted)
+            yield from self._feet_down(loop.known.sent, loop.known.standing)
             yield from self._lowered()
             yield from self._faded()
         self.unsound = True
         yield from self._damped()
 
-    def _feet_down(self, sent: JointCommand, planted: JointCommand) -> Iterator[JointCommand]:
+    def _feet_down(self, sent: JointCommand, standing: JointCommand) -> Iterator[JointCommand]:
         loop = self._loop
         if lies(loop.robot, loop.stance, sent.position) or not feet_are_lifted(loop.robot, loop.stance, sent.position):
             return
         self.done.append("feet down")
-        yield from self._way_to(planted.position, planted.torque, FEET_DOWN * loop.stance.scale.time)
+        yield from self._way_to(standing.position, standing.torque, FEET_DOWN * loop.stance.scale.time)
 
     def _lowered(self) -> Iterator[JointCommand]:
         loop = self._loop

@@ -55,20 +55,20 @@ def damping_time(stance: Stance, legs_up: bool) -> float:
 
 
 def floor_on_three_feet(
-    robot: RobotModel, stance: Stance, joint_position: FloatArray, planted: FloatArray
+    robot: RobotModel, stance: Stance, joint_position: FloatArray, standing: FloatArray
 ) -> Vector | None:
     """The floor's upward normal in the base where joints hold one foot elsewhere than it stood, and the others there.
 
     Args:
         stance: stance in which all feet stand.
         joint_position: (nj,) joint positions [rad].
-        planted: (nj,) joint positions when all feet stood last [rad].
+        standing: (nj,) joint positions when all feet stood last [rad].
 
     Returns:
         None where more than one foot moved, as in a lift. A second one shows at once, so that one that has hardly moved is
         taken to be alone.
     """
-    feet, before = (foot_positions(robot, position) for position in (joint_position, planted))
+    feet, before = (foot_positions(robot, position) for position in (joint_position, standing))
     moved = np.abs(feet - before).max(axis=1) > _LIFTED * stance.scale.length
     return floor_normal_by_diagonals(before) if np.count_nonzero(moved) <= 1 else None
 

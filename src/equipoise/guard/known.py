@@ -17,7 +17,7 @@ class Known:
         state: newest accepted state.
         sent: the last command, before its force was bounded.
         bounded: the last command as it was sent.
-        planted: the last command with all feet on the floor.
+        standing: the last command with all feet on the floor.
         up: filter of the vertical direction.
         lifted: whether the last command holds feet above the floor that the others stand on; not of a robot that lies.
     """
@@ -25,7 +25,7 @@ class Known:
     state: RobotState
     sent: JointCommand
     bounded: JointCommand
-    planted: JointCommand
+    standing: JointCommand
     up: TiltFilter
     lifted: bool = False
 

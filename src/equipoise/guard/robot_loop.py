@@ -241,7 +241,8 @@ class RobotLoop:
         self._sent_at = now
         raise OverrunError(
             f"no command was sent for {(now - before) * 1000:.0f} ms while the robot was moved or held: the robot process was "
-            "stopped, this computer was asleep, or other programs were in the way. See docs/robots.md"
+            "stopped, this computer was asleep, or other programs were in the way. See "
+            "docs/hardware/safety.md#real-time-priority"
         )
 
     def _observe(self) -> tuple[RobotState, ...]:

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from equipoise.figures.blocks import PageContents
 from equipoise.lab.balance.balance_report import BalanceReport
-from equipoise.lab.pages.balance_page import balance_table, sentences, title
+from equipoise.lab.pages.balance_page import balance_table, messages, title
 from equipoise.lab.pages.validation_page import validation_table
 from equipoise.lab.replay.validation import Validation
 from equipoise.terminal.rich_tables import print_block, print_saved, print_table
@@ -86,8 +86,8 @@ def print_balance(report: BalanceReport, files: Sequence[Path]) -> None:
     """Print a column for each diagonal, and the verdicts."""
     console = Console()
     print_table(console, replace(balance_table(report), title=title(report)))
-    for sentence in sentences(report):
-        console.print(escape(sentence))
+    for message in messages(report):
+        console.print(escape(message))
     print_saved(console, files)
 
 
@@ -99,7 +99,7 @@ def print_validation(found: Validation, files: Sequence[Path]) -> None:
     """
     console = Console()
     print_table(console, validation_table(found))
-    console.print(escape(f"{found.sentence}."))
+    console.print(escape(f"{found.message}."))
     print_saved(console, files)
 
 

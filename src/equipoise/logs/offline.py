@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from equipoise.bayesian.method import BayesianMethod
 from equipoise.errors import LogError, MotionError, RecordingError
 from equipoise.estimator.diagnostics.screening import in_order_of_legs, screen_log
 from equipoise.estimator.measurements.scale_reading import check_mass_of
@@ -18,7 +19,6 @@ from equipoise.logs.finding import LogFinding
 from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import LogSegment, find_segments, usable
 from equipoise.logs.raw_log import Log, rate
-from equipoise.precise.method import Precise
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import CrawlTrial, LiftTrial, PostureTrial, WalkTrial
 from equipoise.result.calibration import Calibration
@@ -67,8 +67,8 @@ class LogEstimate:
     report: LogReport
 
 
-def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> LogEstimate:
-    """Estimate the robot's parameters from a log, by the precise method.
+def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = None) -> LogEstimate:
+    """Estimate the robot's parameters from a log, by the Bayesian method.
 
     Raises:
         LogError: nothing in it can be used, or its sensors cannot be believed; the error carries the report.
@@ -76,7 +76,7 @@ def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> 
         MotionError: the IMU is mounted turned.
         SettingsError: the mass is that of another robot.
     """
-    method, stance = method or Precise(), nominal_stance(robot)
+    method, stance = method or BayesianMethod(), nominal_stance(robot)
     if method.mass is not None:
         check_mass_of(robot, method.mass)
     screen_log(robot, log.recording)
@@ -98,13 +98,13 @@ def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> 
     return LogEstimate(result, replace(report, not_told=tuple(_not_told(result, report, method))))
 
 
-def _for_what_is_told(method: Precise, recordings: Sequence[Recording]) -> Precise:
+def _for_what_is_told(method: BayesianMethod, recordings: Sequence[Recording]) -> BayesianMethod:
     """Return the method with a prior of the IMU's mounting as wide as robots have it, unless the user set one.
 
-    Planted moves tell it whatever the prior is; a walk hardly does, and its intervals depend on the prior.
+    Stance motions tell it whatever the prior is; a walk hardly does, and its intervals depend on the prior.
     """
     moved = any(isinstance(one.trial, PostureTrial) for one in recordings)
-    if moved or method.known is not None or method.priors.imu_tilt != Priors().imu_tilt:
+    if moved or method.prior_run is not None or method.priors.imu_tilt != Priors().imu_tilt:
         return method
     return replace(method, priors=replace(method.priors, imu_tilt=_WALKING_TILT))
 
@@ -195,7 +195,7 @@ def _judged(segments: list[LogSegment], result: Calibration) -> tuple[LogSegment
     return tuple(judged)
 
 
-def _not_told(result: Calibration, report: LogReport, method: Precise) -> list[str]:
+def _not_told(result: Calibration, report: LogReport, method: BayesianMethod) -> list[str]:
     """Return what the log does not determine, causes first."""
     used = [segment for segment in report.segments if segment.used and segment.recording is not None]
     trials = [segment.recording.trial for segment in used if segment.recording is not None]
@@ -205,7 +205,7 @@ def _not_told(result: Calibration, report: LogReport, method: Precise) -> list[s
     said: list[str] = []
     if pairs and not diagonals:
         said.append(
-            "The robot walks, and is not seen to lift two feet out of a rest: joint zeros and the IMU's mounting are not told "
+            "The robot walks and lifts no two feet from rest: joint offsets and the IMU's mounting are not separated "
             "from an offset of the centre of mass. Lifts, or moves over planted feet from rest to rest, would."
         )
         if len(pairs) == 1:

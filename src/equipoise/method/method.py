@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 from equipoise.json_form import fields_to_json, from_json
 
 if TYPE_CHECKING:  # flags are read without a robot model
-    from equipoise.experiments.planted import PlantedRobot
     from equipoise.experiments.progress import Progress
+    from equipoise.experiments.standing_robot import StandingRobot
     from equipoise.method.reading import Reading
     from equipoise.method.rehearsal import Course, Forecast
     from equipoise.recording.recording import Recording
@@ -27,13 +27,15 @@ Self = TypeVar("Self", bound="Method")
 class Method(ABC):
     """A method with its settings: the fields of a frozen dataclass.
 
-    A field may be a dataclass of settings itself. On the command line fields are flags, with what the docstring's
-    "Attributes" say as help; `metadata={"prefix": "sway_"}` of a field that holds settings begins the names of their flags,
-    and None as a prefix leaves them without flags. `metadata={"file": read}` makes one flag of such a field, a file that
-    `read` reads; `"metavar"` with it is the name of that file in the help. `metadata={"flag": False}` makes none.
+    A field can be a dataclass of settings. Each field is a command-line flag; its help is the docstring's "Attributes".
+    Metadata of a field change its flags:
+
+    - `{"prefix": "excitation_"}` prefixes the flags of the nested settings; None omits these flags.
+    - `{"file": read}` makes one flag: a file that `read` parses. `"metavar"` names the file in the help.
+    - `{"flag": False}` omits the flag.
 
     Attributes:
-        name: name that users choose it by, as in `--method precise`.
+        name: name that users choose it by, as in `--method bayesian`.
         summary: sentence that says what it does.
         estimates: names of the parameters of the whole robot that it estimates: "mass", "com_x", "com_y", "com_z",
             "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz".
@@ -56,19 +58,19 @@ class Method(ABC):
         """
         return None
 
-    def mass_in_doubt(self, planted: PlantedRobot, stance: Stance) -> MassComparison | None:
+    def mass_in_doubt(self, standing: StandingRobot, stance: Stance) -> MassComparison | None:
         """Compare a given mass with the joint torques of the standing robot, before `run`.
 
         Returns:
             the comparison that the operator has to confirm; None: there is nothing to confirm.
         """
-        del planted, stance
+        del standing, stance
         return None
 
     @abstractmethod
     def run(
         self,
-        planted: PlantedRobot,
+        standing: StandingRobot,
         stance: Stance,
         recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
@@ -76,7 +78,7 @@ class Method(ABC):
         """Do the trials, from the stance; recordings go where `planted.keep` takes them.
 
         Args:
-            planted: robot, on four feet at its stance.
+            standing: robot, on four feet at its stance.
             stance: nominal stance of the robot.
             recordings: recordings that were kept so far: decisions depend on them alone.
             report: function that is called before every trial.
@@ -131,14 +133,14 @@ class Method(ABC):
         """
         return None
 
-    def weighed(self: Self, mass: float, deviation: float) -> Self:
+    def weighed(self: Self, mass: float, std: float) -> Self:
         """Return the method with the mass from a scale; itself if it does not use that.
 
         Args:
             mass: mass of the whole robot [kg].
-            deviation: standard deviation of that mass [kg].
+            std: standard deviation of that mass [kg].
         """
-        del mass, deviation
+        del mass, std
         return self
 
     @property

@@ -33,14 +33,14 @@ class ComEstimate:
     Attributes:
         trials: number of complete recordings that it is from.
         com: (3,) CoM of the whole robot at the nominal stance, in the base frame [m].
-        half: (3,) half width of the 95 % interval, or of the bracket [m]; nan where the method does not estimate it.
+        half_width: (3,) half width of the 95 % interval, or of the bracket [m]; nan where the method does not estimate it.
         covariance: (3, 3) covariance of the CoM [m2], or None.
         brackets: bounds of the offset, by diagonal [m], where the method has them.
     """
 
     trials: int
     com: FloatArray
-    half: FloatArray
+    half_width: FloatArray
     covariance: FloatArray | None = None
     brackets: dict[str, tuple[float, float]] = field(default_factory=dict[str, "tuple[float, float]"])
 

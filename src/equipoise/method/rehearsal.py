@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 from equipoise.conventions import AXES, FloatArray
 from equipoise.errors import ReachError
+from equipoise.experiments.excitation import extreme_feet, why_unreachable
+from equipoise.experiments.excitation_settings import ExcitationSettings
 from equipoise.experiments.posture import check_clear
-from equipoise.experiments.sway import extreme_feet, why_unreachable
-from equipoise.experiments.sway_settings import SwaySettings
 from equipoise.result.findings import Link
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import LEG_NAMES, RobotModel
@@ -26,7 +26,7 @@ class RehearsedPosture:
         what: description of the posture in words.
         joint_position: (nj,) joint positions [rad].
         torque: (nj,) joint torques that hold the posture, by the model [Nm].
-        times: number of times it is taken; 0 at the far end of a turn or a sway, which is counted at the near one.
+        times: number of times it is taken; 0 at the far end of a turn or an excitation, which is counted at the near one.
     """
 
     what: str
@@ -57,7 +57,7 @@ class Forecast(Protocol):
         robot_time: expected time on the robot [s].
         body: (10,) mass [kg], CoM in the base frame [m] and inertia about it [kg m2] of the whole robot, as thought of
             before.
-        deviation: (10,) predicted standard deviations of these.
+        std: (10,) predicted standard deviations of these.
         left_out: motions that the robot cannot do, and why.
         without: (10,) what the same time would give if no earlier run were known; None: none is.
         links: leg links by name, with predicted standard deviations; none unless the method looks at them.
@@ -72,7 +72,7 @@ class Forecast(Protocol):
     @property
     def body(self) -> FloatArray: ...
     @property
-    def deviation(self) -> FloatArray: ...
+    def std(self) -> FloatArray: ...
     @property
     def left_out(self) -> tuple[str, ...]: ...
 
@@ -108,15 +108,15 @@ def held_posture(
     return RehearsedPosture(what, position, static_torques(robot, position, tuple(legs)), times)
 
 
-def sway_postures(robot: RobotModel, stance: Stance, settings: SwaySettings) -> list[RehearsedPosture]:
-    """Both ends of a sway about each axis that planted feet allow."""
+def excitation_postures(robot: RobotModel, stance: Stance, settings: ExcitationSettings) -> list[RehearsedPosture]:
+    """Both ends of an excitation about each axis that planted feet allow."""
     found: list[RehearsedPosture] = []
     for axis in AXES:
         if why_unreachable(robot, stance, axis, settings) is not None:
             continue
         for times, feet in zip((1, 0), extreme_feet(robot, stance, axis, settings), strict=True):
             try:
-                found.append(held_posture(robot, f"sway about {axis}", feet, stance.joint_position, times=times))
+                found.append(held_posture(robot, f"excitation about {axis}", feet, stance.joint_position, times=times))
             except ReachError:
                 continue
     return found

@@ -18,15 +18,15 @@ METHODS: Table[type[Any]] = Table(
     "equipoise.methods",
     type,
     {
-        "precise": "equipoise.precise.method:Precise",
-        "paper": "equipoise.paper.method:Paper",
+        "bayesian": "equipoise.bayesian.method:BayesianMethod",
+        "paper": "equipoise.paper.method:PaperMethod",
         "motors": "equipoise.motors.method:Motors",
     },
 )
 
 
 _SETTINGS = {
-    "precise": "equipoise.precise.settings:PreciseSettings",
+    "bayesian": "equipoise.bayesian.settings:BayesianSettings",
     "paper": "equipoise.paper.settings:PaperSettings",
     "motors": "equipoise.motors.settings:MotorsSettings",
 }
@@ -63,8 +63,8 @@ def method_named(name: str) -> type[Method]:
 
 def method_from_dict(table: Mapping[str, Any]) -> Method:
     """A method with its settings, from `Method.to_dict`; raises SettingsError and MissingDependencyError."""
-    from equipoise.method.together import AND_MOTORS, Together  # noqa: PLC0415 - flags need no robot model
+    from equipoise.method.combined import AND_MOTORS, CombinedMethod  # noqa: PLC0415 - flags need no robot model
 
     own = {name: value for name, value in table.items() if name != AND_MOTORS}
     method = method_named(str(own.get("method"))).from_dict(own)
-    return method if AND_MOTORS not in table else Together(method, method_from_dict(table[AND_MOTORS]))
+    return method if AND_MOTORS not in table else CombinedMethod(method, method_from_dict(table[AND_MOTORS]))

@@ -16,9 +16,9 @@ from equipoise.estimator.motors.delay import motor_trial
 from equipoise.estimator.motors.fit import MotorFit, complete_swings, fit_swings, last_swings
 from equipoise.experiments.legs_up import legs_up
 from equipoise.experiments.one_leg_up import legs_in_turn
-from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
 from equipoise.experiments.stand import move_to
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.experiments.swing import swing_leg, swing_legs, swing_time, swing_time_on_three
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture
@@ -90,7 +90,7 @@ class Motors(MotorsSettings, Method):
 
     def run(
         self,
-        planted: PlantedRobot,
+        standing: StandingRobot,
         stance: Stance,
         recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
@@ -102,14 +102,14 @@ class Motors(MotorsSettings, Method):
             if report is not None:
                 report(Progress(what, done + number, done + of))
 
-        if self.lies(planted.robot, stance):
+        if self.lies(standing.robot, stance):
             tell("swing all legs in the air, lying", 0, 1)
-            swing_legs(planted, stance, self.motor_time)
+            swing_legs(standing, stance, self.motor_time)
             return
-        for number, up in enumerate(legs_in_turn(planted.robot, stance)):
+        for number, up in enumerate(legs_in_turn(standing.robot, stance)):
             tell(f"swing the {up.leg} leg, on three feet", number, len(LEG_NAMES))
-            swing_leg(planted, stance, up, self.motor_time / len(LEG_NAMES))
-        move_to(planted, stance.feet_in_base)
+            swing_leg(standing, stance, up, self.motor_time / len(LEG_NAMES))
+        move_to(standing, stance.feet_in_base)
 
     def expected_trials(self, stance: Stance) -> int | None:
         return {"belly": 1, "three-feet": len(LEG_NAMES)}.get(self.motor_stance)
@@ -130,7 +130,7 @@ class Motors(MotorsSettings, Method):
         return Course(doing, swing_time_on_three(robot, stance, self.motor_time), tuple(chain(*on_three)))
 
     def predicted_recordings(self, robot: RobotModel, stance: Stance) -> tuple[Recording, ...]:
-        """A swing lying; none on three feet, where a base that sways is not predicted."""
+        """A swing lying; none on three feet, where a swaying base is not predicted."""
         return (nominal_swing(robot, stance, self.motor_time),) if self.lies(robot, stance) else ()
 
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
@@ -147,7 +147,7 @@ class Motors(MotorsSettings, Method):
             composite=Body.partly(nominal.composite),
             base=Body.partly(nominal.base),
             stance_effective=Body.partly(nominal.stance_effective),
-            sways={},
+            excitations={},
             support_lines={},
             trials=tuple(_told(recording) for recording in complete_swings(recordings)),
             settings=self.to_dict(),
@@ -189,18 +189,18 @@ def _swung(
 
 
 def _motors(robot: RobotModel, fit: MotorFit, delays: tuple[np.ndarray, np.ndarray] | None) -> dict[str, Motor]:
-    deviations = np.sqrt(np.diag(fit.covariance)).reshape(fit.values.shape)
+    stds = np.sqrt(np.diag(fit.covariance)).reshape(fit.values.shape)
     found: dict[str, Motor] = {}
     for joint, name in enumerate(robot.joint_names):
         quantities: dict[str, Quantity] = {}
-        for (what, unit), values, sds in zip(_FOUND[: len(fit.values)], fit.values, deviations, strict=True):
-            value, deviation = float(values[joint]), float(sds[joint])
+        for (what, unit), values, sds in zip(_FOUND[: len(fit.values)], fit.values, stds, strict=True):
+            value, std = float(values[joint]), float(sds[joint])
             beside = _BELIEVED_GAIN if what == "relative_gain" else abs(value)
-            quantities[what] = Quantity(what, unit, value, deviation, verdict_of(deviation, beside))
+            quantities[what] = Quantity(what, unit, value, std, verdict_of(std, beside))
         told = fit.delay if delays is None else (float(delays[0][joint]), float(delays[1][joint]))
         if told is not None:
             quantities["delay"] = Quantity("delay", "s", *told, verdict_of(told[1], _BELIEVED_DELAY))
-        found[name] = Motor(**quantities, misfit=float(fit.misfit[joint]))
+        found[name] = Motor(**quantities, normalized_residual=float(fit.normalized_residual[joint]))
     return found
 
 

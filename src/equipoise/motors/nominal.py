@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from equipoise.bayesian.predict import ACCELEROMETER_NOISE, ENCODER_NOISE, GYRO_NOISE, RATE, VELOCITY_NOISE
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.estimator.motors.delay import THOUGHT_DELAY
 from equipoise.estimator.unknowns import Priors
 from equipoise.experiments.legs_up import legs_up
 from equipoise.experiments.swing import RAMP_TIME, SOFTER, swing_angles
-from equipoise.precise.predict import ACCELEROMETER_NOISE, ENCODER_NOISE, GYRO_NOISE, RATE, VELOCITY_NOISE
 from equipoise.recording.event import PHASE, TRIAL, Event
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
@@ -81,9 +81,9 @@ def _follow(
         upper = np.triu(np.asarray(pin.crba(model, data, configuration), dtype=float)[6:, 6:])
         inertia: FloatArray = upper + np.triu(upper, 1).T + priors.armature * strong * np.eye(len(q))
         sign = np.tanh(v / _TURNING)
-        drag = strong * (priors.coulomb * sign + priors.viscous * v)
+        drag = strong * (priors.coulomb_friction * sign + priors.viscous_friction * v)
         # What slows joints acts at a step's end, which keeps light legs behind stiff motors stable.
-        damping = trial.kd + strong * (priors.coulomb * (1 - sign**2) / _TURNING + priors.viscous)
+        damping = trial.kd + strong * (priors.coulomb_friction * (1 - sign**2) / _TURNING + priors.viscous_friction)
         held = np.asarray(pin.rnea(model, data, configuration, np.concatenate([still, v]), at_rest), dtype=float)[6:]
         v = v + step * np.asarray(np.linalg.solve(inertia + np.diag(step * damping), torque - drag - held), dtype=float)
         q = q + step * v

@@ -42,7 +42,7 @@ class SupportVector:
 def find_com(runner: TrialRunner) -> tuple[SupportVector, SupportVector]:
     """Algorithm 2, FindCOM: one support line per diagonal. Where they cross is `find_intersection` (line 5)."""
     x_l, x_u = runner.settings.bounds(runner.stance)  # Algorithm 2, line 1
-    check_search(runner.planted.robot, runner.stance, runner.settings)
+    check_search(runner.standing.robot, runner.stance, runner.settings)
     first = find_support_vector(runner, "FL_RR", x_u, x_l)  # line 3
     second = find_support_vector(runner, "FR_RL", x_u, x_l)  # line 4
     return first, second
@@ -120,7 +120,7 @@ def _reachable_end(runner: TrialRunner, near: float, far: float) -> float:
     for fraction in (1.0, 0.75, 0.5, 0.25):
         candidate = near + fraction * (far - near)
         try:
-            check_offset(runner.planted.robot, runner.stance, candidate, runner.heights[0])
+            check_offset(runner.standing.robot, runner.stance, candidate, runner.heights[0])
         except ReachError:
             continue
         return candidate

@@ -1,4 +1,4 @@
-"""The paper's estimates: the planar CoM from two support lines (Algorithm 2), I and C from sways (equations 2 to 5)."""
+"""The paper's estimates: the planar CoM from two support lines (Algorithm 2), I and C from excitations (equations 2 to 5)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
 """Rotation axes x, y, z of the base, in this order."""
 
-# Torques are needed at the sway's frequency of a few Hz: this many samples a second are plenty.
+# Torques are needed at the excitation's frequency of a few Hz: this many samples a second are plenty.
 _TORQUE_RATE = 40.0
 
 
@@ -47,10 +47,10 @@ class Sinusoid:
 
 @dataclass(frozen=True, eq=False)
 class AxisFit:
-    """What one sway gave.
+    """What one excitation gave.
 
     Attributes:
-        axis: base axis of the sway: "roll", "pitch" or "yaw".
+        axis: base axis of the excitation: "roll", "pitch" or "yaw".
         inertia: moment of inertia I_j about the axis [kg m2].
         damping: damping C_j about the axis [Nm s/rad].
         sinusoid: dominant sinusoid of the angular velocity about the axis.
@@ -118,7 +118,7 @@ def dominant_sinusoid(time: FloatArray, signal: FloatArray) -> Sinusoid:
         RecordingError: fewer than eight samples, or no oscillation.
     """
     if len(time) < 8:
-        raise RecordingError(f"a sway of {len(time)} samples is too short for a frequency")
+        raise RecordingError(f"an excitation of {len(time)} samples is too short for a frequency")
     step = float(np.mean(np.diff(time)))
     spectrum = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(len(signal))))
     bins = np.fft.rfftfreq(len(signal), step)
@@ -149,17 +149,17 @@ def _sine_fit(time: FloatArray, signal: FloatArray, frequency: float) -> tuple[F
 def fit_axis(
     robot: RobotModel, recording: Recording, axis: Axis, com_at_stance: FloatArray, stance: FloatArray
 ) -> AxisFit:
-    """I_j and C_j of one sway (equations 2 to 5).
+    """I_j and C_j of one excitation (equations 2 to 5).
 
     Args:
-        recording: recording with a phase "sway" in which the base oscillates steadily.
+        recording: recording with a phase "excitation" in which the base oscillates steadily.
         com_at_stance: (3,) CoM in the base frame at the nominal stance [m]: x and y as found, z by the model.
         stance: (nj,) joint positions of the nominal stance [rad].
 
     Raises:
         RecordingError: the recording has no joint torques, or no oscillation.
     """
-    steady = recording.phase(Phase.SWAY)
+    steady = recording.phase(Phase.EXCITATION)
     index = AXES.index(axis)
     rotation_imu_to_base = np.array(robot.imu_in_base.rotation)
     start = steady.imu.time[0]
@@ -210,6 +210,6 @@ def _whole_periods(time: FloatArray, signal: FloatArray, frequency: float) -> tu
     step = float(np.mean(np.diff(time)))
     periods = int((time[-1] - time[0] + step) * frequency + 0.1)  # a stride may be cut off the last one
     if periods < 1:
-        raise RecordingError(f"the sway lasts less than one period of {frequency:.2f} Hz")
+        raise RecordingError(f"the excitation lasts less than one period of {frequency:.2f} Hz")
     count = min(len(time), round(periods / frequency / step))
     return time[:count], signal[:count]

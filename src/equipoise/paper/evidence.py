@@ -1,4 +1,4 @@
-"""What the paper's search and sways leave beside their result."""
+"""What the paper's search and excitations leave beside their result."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from equipoise.result.calibration import Evidence
 
 
 @dataclass(frozen=True, eq=False)
-class SwayEvidence(Evidence):
-    """Of a run with sways.
+class ExcitationEvidence(Evidence):
+    """Of a run with excitations.
 
     Attributes:
         fits: fits of equations 2 to 5, by axis.
@@ -22,7 +22,7 @@ class SwayEvidence(Evidence):
 
 
 @dataclass(frozen=True, eq=False)
-class SearchEvidence(SwayEvidence):
+class SearchEvidence(ExcitationEvidence):
     """Of a run with the paper's search.
 
     Attributes:

@@ -10,7 +10,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.experiments.lift import LiftSettings, come_to_rest, in_time, replant, tilt_limit, tipping_from
-from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.experiments.tilt import SupportPlane, Tilt, support_plane_of, tilt_of
 from equipoise.paper.bracket import TriedOffset
 from equipoise.paper.head_start import head_start
@@ -21,14 +21,14 @@ from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
 
 def lift_trial(
-    planted: PlantedRobot, diagonal: str, offset: float, feet_in_base: FloatArray, settings: LiftSettings
+    standing: StandingRobot, diagonal: str, offset: float, feet_in_base: FloatArray, settings: LiftSettings
 ) -> Recording:
     """Move over the support line, lift the other diagonal's feet, watch, and return to four feet.
 
     Phases: replant, move, settle, rest, unload, lift, watch, lower.
 
     Args:
-        planted: robot on four feet.
+        standing: robot on four feet.
         diagonal: diagonal to stand on.
         offset: shift of the support line from where it is at the nominal stance, along the base's x axis [m].
         feet_in_base: (4, 3) centres that all four feet are to have in the base frame, still planted [m].
@@ -40,33 +40,35 @@ def lift_trial(
     trial = CommandedLift(
         diagonal=diagonal, offset=offset, lift_height=settings.height, tilt_threshold=settings.tilt_threshold
     )
-    before = _move_over(planted, trial, feet_in_base, settings)
-    tipping = tipping_from(planted, before.phase(Phase.REST), diagonal)
+    before = _move_over(standing, trial, feet_in_base, settings)
+    tipping = tipping_from(standing, before.phase(Phase.REST), diagonal)
     # The CoM is what is searched: what the model says of it must not end a lift before it shows.
     plain = tipping.from_rest(2 * settings.tilt_threshold)
     stance_legs = DIAGONALS[diagonal]
     lifted = np.array(feet_in_base)
     lifted[[leg not in stance_legs for leg in LEG_NAMES], 2] += settings.height
-    settings = in_time(planted, feet_in_base, lifted, settings)
+    settings = in_time(standing, feet_in_base, lifted, settings)
     safe = tipping.stop(settings.height, settings.lower_time, settings.stop_delay)
-    limit = tilt_limit(planted, tipping, settings, (max(safe[0], plain), max(safe[1], plain)))
-    up = planted.motion().phase(Phase.UNLOAD).shift_load(stance_legs, settings.unload_time)
+    limit = tilt_limit(standing, tipping, settings, (max(safe[0], plain), max(safe[1], plain)))
+    up = standing.motion().phase(Phase.UNLOAD).shift_load(stance_legs, settings.unload_time)
     up.phase(Phase.LIFT).move_feet(lifted, settings.lift_time).phase(Phase.WATCH).hold(settings.watch_time)
-    planted.play(up, limit)
-    down = planted.motion().phase(Phase.LOWER).move_feet(feet_in_base, settings.lower_time)
-    planted.play(down.shift_load(LEG_NAMES, settings.unload_time))
-    return planted.finish()
+    standing.play(up, limit)
+    down = standing.motion().phase(Phase.LOWER).move_feet(feet_in_base, settings.lower_time)
+    standing.play(down.shift_load(LEG_NAMES, settings.unload_time))
+    return standing.finish()
 
 
 def _move_over(
-    planted: PlantedRobot, trial: CommandedLift, feet_in_base: FloatArray, settings: LiftSettings
+    standing: StandingRobot, trial: CommandedLift, feet_in_base: FloatArray, settings: LiftSettings
 ) -> Recording:
     """Replant the feet, move, settle until the joints are near their targets and still, and rest."""
-    motion, home = planted.motion().begin(trial), planted.home
-    motion.phase(Phase.REPLANT).move_feet(home, planted.move_time(home, motion.target.feet_in_base, settings.move_time))
+    motion, home = standing.motion().begin(trial), standing.home
+    motion.phase(Phase.REPLANT).move_feet(
+        home, standing.move_time(home, motion.target.feet_in_base, settings.move_time)
+    )
     replant(motion, home, trial.diagonal, settings)
-    motion.phase(Phase.MOVE).move_feet(feet_in_base, planted.move_time(feet_in_base, home, settings.move_time))
-    return come_to_rest(planted, motion, settings, f"before a lift on {trial.diagonal}")
+    motion.phase(Phase.MOVE).move_feet(feet_in_base, standing.move_time(feet_in_base, home, settings.move_time))
+    return come_to_rest(standing, motion, settings, f"before a lift on {trial.diagonal}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,28 +11,28 @@ import numpy as np
 
 from equipoise.conventions import AXES, FloatArray
 from equipoise.errors import RecordingError
-from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.excitation import why_unreachable
+from equipoise.experiments.excitation_settings import ExcitationSettings
 from equipoise.experiments.progress import Progress
-from equipoise.experiments.sway import why_unreachable
-from equipoise.experiments.sway_settings import SwaySettings
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.method.method import Method
-from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
+from equipoise.method.rehearsal import Course, RehearsedPosture, excitation_postures, held_posture
 from equipoise.paper.bracket import done, step
 from equipoise.paper.com_search import find_com
 from equipoise.paper.equations import AxisFit, commanded_plane, find_intersection, fit_axis
 from equipoise.paper.evidence import SearchEvidence
+from equipoise.paper.excitation import excitation_axis, why_not_standing
 from equipoise.paper.iterations import com_by_iteration
 from equipoise.paper.lift_trial import LiftReading, read_lift_trials
 from equipoise.paper.reading import SearchReading
 from equipoise.paper.settings import ComSearchSettings, PaperSettings
-from equipoise.paper.sway import sway_axis, why_not_planted
 from equipoise.paper.trial_runner import TrialRunner, check_search, lift_heights, shifted_feet
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import LiftTrial, SwayTrial
+from equipoise.recording.trials import ExcitationTrial, LiftTrial
 from equipoise.result.body import Body
-from equipoise.result.calibration import Calibration, SupportLine, SwayEstimate, Trial, model_facts
+from equipoise.result.calibration import Calibration, ExcitationEstimate, SupportLine, Trial, model_facts
 from equipoise.robot.inertial import nominal_inertia
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
@@ -42,19 +42,20 @@ from equipoise.robot.statics import carried_mass
 # the torques of a `realistic` robot lie by up to half as much.
 _MASS_MISMATCH = 0.15
 _LIFT_TIME = 4.6  # [s] of one trial of the search, on an A1
-_SWAYS_TIME = 17.0  # [s] of the three sways, on an A1
+_EXCITATIONS_TIME = 17.0  # [s] of the three excitations, on an A1
 
 
 @dataclass(frozen=True)
-class Paper(PaperSettings, Method):
-    """CoM by bisection (Algorithms 1 and 2), then I and C by sways (equations 2 to 5).
+class PaperMethod(PaperSettings, Method):
+    """CoM by bisection (Algorithms 1 and 2), then I and C by excitations (equations 2 to 5).
 
     Its settings are those of `PaperSettings`.
     """
 
     name: ClassVar[str] = "paper"
     summary: ClassVar[str] = (
-        "a bisection finds the planar centre of mass (Algorithms 1 and 2), sways give moments of inertia (equations 2 to 5)"
+        "a bisection finds the planar centre of mass (Algorithms 1 and 2), excitations give moments of inertia "
+        "(equations 2 to 5)"
     )
     estimates: ClassVar[tuple[str, ...]] = ("com_x", "com_y")
     # At twice the usual step the estimates stay the same to a tenth of their errors: `make bench-monte-carlo`. No step is
@@ -63,16 +64,16 @@ class Paper(PaperSettings, Method):
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
         check_search(robot, stance, self.com_search)
-        self.sway.duration_for(stance)
+        self.excitation.duration_for(stance)
 
     def run(
         self,
-        planted: PlantedRobot,
+        standing: StandingRobot,
         stance: Stance,
         recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
     ) -> None:
-        """Step 1, the search, and step 2, the sways."""
+        """Step 1, the search, and step 2, the excitations."""
 
         def tell(doing: str, left: int) -> None:
             if report is not None:
@@ -82,16 +83,22 @@ class Paper(PaperSettings, Method):
             other = self.com_search.halvings(stance) if diagonal == next(iter(DIAGONALS)) else 0
             tell(doing, halvings + other + len(AXES))
 
-        find_com(TrialRunner(planted, stance, self.com_search, searching))  # step 1
+        find_com(TrialRunner(standing, stance, self.com_search, searching))  # step 1
         for index, axis in enumerate(AXES):  # step 2
-            tell(f"sway about {axis}", len(AXES) - index)
-            sway_axis(planted, stance, axis, self.sway)
+            tell(f"excitation about {axis}", len(AXES) - index)
+            excitation_axis(standing, stance, axis, self.excitation)
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
         halvings = self.com_search.halvings(stance)
-        time = 2 * halvings * _LIFT_TIME * stance.scale.time / self.com_search.speed + _SWAYS_TIME * stance.scale.time
-        postures = [*_searched_postures(robot, stance, self.com_search), *sway_postures(robot, stance, self.sway)]
-        return Course("lifts two diagonal feet again and again, sways about three axes", time, tuple(postures))
+        time = (
+            2 * halvings * _LIFT_TIME * stance.scale.time / self.com_search.speed
+            + _EXCITATIONS_TIME * stance.scale.time
+        )
+        postures = [
+            *_searched_postures(robot, stance, self.com_search),
+            *excitation_postures(robot, stance, self.excitation),
+        ]
+        return Course("lifts two diagonal feet again and again, excitations about three axes", time, tuple(postures))
 
     def expected_trials(self, stance: Stance) -> int:
         return 2 * self.com_search.halvings(stance) + len(AXES)
@@ -122,20 +129,24 @@ class Paper(PaperSettings, Method):
         nominal = nominal_inertia(robot, stance.joint_position)
         x_c, y_c = find_intersection(planes, float(nominal.composite.com[2]))  # Algorithm 2, line 5
         com = np.array([x_c, y_c, nominal.composite.com[2]])
-        sways, fits, trials = estimate_sways(robot, recordings, com, stance, self.sway)
+        excitations, fits, trials = estimate_excitations(robot, recordings, com, stance, self.excitation)
         return Calibration(
             method=self.name,
             **model_facts(robot, stance.joint_position),
             composite=Body.partly(nominal.composite, com_in_base=(float(x_c), float(y_c), None)),
             base=Body.partly(nominal.base),
             stance_effective=Body.partly(nominal.stance_effective),
-            sways=sways,
+            excitations=excitations,
             support_lines=lines,
             trials=(*(_trial(lift) for lift in lifts), *trials),
             settings=self.to_dict(),
             warnings=(
                 *_weight_warning(robot, recordings),
-                *(f"sway about {axis}: {sway.note}" for axis, sway in sways.items() if sway.note is not None),
+                *(
+                    f"excitation about {axis}: {excitation.note}"
+                    for axis, excitation in excitations.items()
+                    if excitation.note is not None
+                ),
             ),
             evidence=SearchEvidence(tuple(recordings), fits, tuple(lift.tried for lift in lifts)),
         )
@@ -171,7 +182,7 @@ def _weight_warning(robot: RobotModel, recordings: Sequence[Recording]) -> list[
 
 
 def _support_line(
-    lifts: list[LiftReading], diagonal: str, stance: Stance, settings: Paper
+    lifts: list[LiftReading], diagonal: str, stance: Stance, settings: PaperMethod
 ) -> tuple[SupportLine, SupportPlane]:
     """Where a diagonal's search ended: between the last trial to tip forward and the last to tip backward."""
     bracket = reduce(step, [lift.tried for lift in lifts], settings.com_search.bracket(stance))
@@ -196,21 +207,21 @@ def _trial(lift: LiftReading) -> Trial:
     )  # fmt: skip
 
 
-def estimate_sways(
+def estimate_excitations(
     robot: RobotModel,
     recordings: Sequence[Recording],
     com_at_stance: FloatArray,
     stance: Stance,
-    settings: SwaySettings,
-) -> tuple[dict[str, SwayEstimate], dict[str, AxisFit], list[Trial]]:
-    """I and C by axis; of an axis that swayed twice, the second, gentler one."""
-    estimates: dict[str, SwayEstimate] = {}
+    settings: ExcitationSettings,
+) -> tuple[dict[str, ExcitationEstimate], dict[str, AxisFit], list[Trial]]:
+    """I and C by axis; of an axis that excitationed twice, the second, gentler one."""
+    estimates: dict[str, ExcitationEstimate] = {}
     fits: dict[str, AxisFit] = {}
     trials: list[Trial] = []
     by_axis = {
         str(axis): recording
         for recording in recordings
-        if isinstance(trial := recording.trial, SwayTrial) and recording.complete
+        if isinstance(trial := recording.trial, ExcitationTrial) and recording.complete
         for axis in trial.frequencies
     }
     for axis in AXES:
@@ -218,20 +229,20 @@ def estimate_sways(
         if recording is None:
             reason = why_unreachable(robot, stance, axis, settings)
             note = f"skipped, planted feet do not allow it: {reason}" if reason else "there is no recording of it"
-            estimates[axis] = SwayEstimate(None, None, note=note)
+            estimates[axis] = ExcitationEstimate(None, None, note=note)
             continue
-        trials.append(Trial(SwayTrial.kind, axis, None, None, None, None, recording.duration))
+        trials.append(Trial(ExcitationTrial.kind, axis, None, None, None, None, recording.duration))
         if recording.joints.torque is None:
-            estimates[axis] = SwayEstimate(None, None, note="the robot reports no joint torques")
+            estimates[axis] = ExcitationEstimate(None, None, note="the robot reports no joint torques")
             continue
         try:
             fit = fits[axis] = fit_axis(robot, recording, axis, com_at_stance, stance.joint_position)
         except RecordingError as error:
-            estimates[axis] = SwayEstimate(None, None, note=str(error))
+            estimates[axis] = ExcitationEstimate(None, None, note=str(error))
             continue
         rotation = fit.sinusoid.amplitude / (2 * np.pi * fit.sinusoid.frequency)
-        note = why_not_planted(robot, recording)
+        note = why_not_standing(robot, recording)
         if fit.inertia <= 0:
             note = f"no body has a moment of inertia of {fit.inertia:.3g} kg m2; are the joint torques plausible?"
-        estimates[axis] = SwayEstimate(fit.inertia, fit.damping, fit.sinusoid.frequency, rotation, note)
+        estimates[axis] = ExcitationEstimate(fit.inertia, fit.damping, fit.sinusoid.frequency, rotation, note)
     return estimates, fits, trials

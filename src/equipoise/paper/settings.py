@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from equipoise.errors import SettingsError
-from equipoise.experiments.sway_settings import SwaySettings
+from equipoise.experiments.excitation_settings import ExcitationSettings
 
 if TYPE_CHECKING:
     from equipoise.experiments.lift import LiftSettings
@@ -108,14 +108,14 @@ class PaperSettings:
         feet: where support lines are taken to be: "measured" by the encoders and the accelerometer at rest, or "commanded", as
             printed in the paper.
         com_search: step 1.
-        sway: step 2.
+        excitation: step 2.
     """
 
     judging: ClassVar[tuple[str, ...]] = ("feet",)
 
     feet: Literal["measured", "commanded"] = "measured"
     com_search: ComSearchSettings = field(default_factory=ComSearchSettings, metadata={"prefix": ""})
-    sway: SwaySettings = field(default_factory=SwaySettings, metadata={"prefix": "sway_"})
+    excitation: ExcitationSettings = field(default_factory=ExcitationSettings, metadata={"prefix": "excitation_"})
 
     def __post_init__(self) -> None:
         if self.feet not in ("measured", "commanded"):

@@ -10,8 +10,8 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError, ReachError
 from equipoise.experiments.lift import LiftSettings
-from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import check_clear
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.experiments.tipping import Pendulum
 from equipoise.paper.bracket import Bracket, TriedOffset
 from equipoise.paper.lift_trial import LiftReading, lift_trial, read_lift_trial
@@ -32,9 +32,9 @@ class TrialRunner:
     """Does lift trials for a search: inverse kinematics, motion, and higher lifts where no tilt is seen."""
 
     def __init__(
-        self, planted: PlantedRobot, stance: Stance, settings: ComSearchSettings, report: Report | None = None
+        self, standing: StandingRobot, stance: Stance, settings: ComSearchSettings, report: Report | None = None
     ) -> None:
-        self.planted, self.stance, self.settings = planted, stance, settings
+        self.standing, self.stance, self.settings = standing, stance, settings
         self.heights = lift_heights(settings.lift(stance))
         self._rung = 0
         self._report = report
@@ -63,8 +63,8 @@ class TrialRunner:
         r_hat = shifted_feet(self.stance, x_m)  # Algorithm 1, lines 3 and 4
         for rung in range(self._rung, len(self.heights)):
             settings = replace(self.settings.lift(self.stance), height=self.heights[rung])
-            recording = lift_trial(self.planted, diagonal, x_m, r_hat, settings)  # lines 5 to 12
-            lifts.append(read_lift_trial(self.planted.robot, recording, self.stance.joint_position))
+            recording = lift_trial(self.standing, diagonal, x_m, r_hat, settings)  # lines 5 to 12
+            lifts.append(read_lift_trial(self.standing.robot, recording, self.stance.joint_position))
             _check_direction(lifts[-1])
             if lifts[-1].tilt.verdict != "balanced":
                 self._rung = rung

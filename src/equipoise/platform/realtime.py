@@ -9,7 +9,7 @@ import sys
 
 _PRIORITY = 50  # of 1 to 99: above what users run, below the system's own
 _CURRENT_AND_FUTURE = 3  # of mlockall
-_REMEDY = "docs/robots.md explains how to grant it without root"
+_REMEDY = "docs/hardware/safety.md#real-time-priority explains how to grant it without root"
 
 
 def claim_priority() -> bool:

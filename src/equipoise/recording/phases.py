@@ -40,8 +40,8 @@ class Phase:
     # balancing
     BALANCE: Final = "balance"
     CATCH: Final = "catch"
-    # a sway
+    # an excitation
     RAMP: Final = "ramp"
-    SWAY: Final = "sway"
+    EXCITATION: Final = "excitation"
     """The steady part."""
     END: Final = "end"

@@ -24,7 +24,7 @@ class RecordedTrial:
     """Base of all trials.
 
     Attributes:
-        kind: kind of trial, "lift", "posture", "sway", "stand", "walk", "crawl", "turn" or "motors".
+        kind: kind of trial, "lift", "posture", "excitation", "stand", "walk", "crawl", "turn" or "motors".
         starts_with: name of the phase with which the robot does what the trial is for; before it, it may be refused.
         complete_with: name of the phase that begins once the trial has shown what it is for.
         found_at: time in a log in which the trial was found, None if we commanded it [s].
@@ -93,7 +93,7 @@ def meanwhile(turn: Axis | None, swing: Swing | None) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class DesignedLift(CommandedLift):
-    """A lift of the precise method: in a posture, on a side of the CoM, perhaps with a turn of the body.
+    """A lift of the Bayesian method: in a posture, on a side of the CoM, perhaps with a turn of the body.
 
     Attributes:
         posture: posture of the base.
@@ -134,7 +134,7 @@ class PostureTrial(RecordedTrial):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SwayTrial(RecordedTrial):
+class ExcitationTrial(RecordedTrial):
     """The base oscillates over planted feet.
 
     Attributes:
@@ -142,7 +142,7 @@ class SwayTrial(RecordedTrial):
         amplitude: commanded rotation about a single axis [rad]; None: about all axes at once, or found in a log.
     """
 
-    kind: ClassVar[str] = "sway"
+    kind: ClassVar[str] = "excitation"
     starts_with: ClassVar[str] = Phase.RAMP
     complete_with: ClassVar[str] = Phase.END
     frequencies: Mapping[Axis, float] = field(default_factory=dict[Axis, float])
@@ -309,4 +309,4 @@ def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
         ) from error
 
 
-_KINDS = (LiftTrial, PostureTrial, SwayTrial, StandTrial, WalkTrial, CrawlTrial, TurnTrial, MotorTrial)
+_KINDS = (LiftTrial, PostureTrial, ExcitationTrial, StandTrial, WalkTrial, CrawlTrial, TurnTrial, MotorTrial)

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from equipoise.bayesian.method import BayesianMethod
+from equipoise.bayesian.plan import Plan, Visit, make_plan
+from equipoise.bayesian.planning.candidates import Candidates, describe
+from equipoise.bayesian.routine import plan_ahead
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.problem import Posterior, body_jacobian, total_mass
 from equipoise.figures.blocks import Block, DataTable, number
-from equipoise.precise.method import Precise
-from equipoise.precise.plan import Plan, Visit, make_plan
-from equipoise.precise.planning.candidates import Candidates, describe
-from equipoise.precise.routine import plan_ahead
 from equipoise.report.part_figures import motors_alone
 from equipoise.result.calibration import Calibration
 from equipoise.result.shown import ROWS, called
@@ -39,12 +39,12 @@ class Outlook:
 
 
 def advice_blocks(result: Calibration) -> list[Block]:
-    """For the precise method what more of it would bring; for others what the precise method would."""
+    """For the Bayesian method what more of it would bring; for others what the Bayesian method would."""
     robot = result.robot_model
     if robot is None:
         return []
     if motors_alone(result):
-        return ["--what base,motors finds mass, centre of mass and inertia in the same run."]
+        return ["--parameters base,motors finds mass, centre of mass and inertia in the same run."]
     posterior = result.evidence.posterior if isinstance(result.evidence, PosteriorEvidence) else None
     try:
         return _ahead(robot) if posterior is None else _further(outlook(result, robot, posterior), result)
@@ -72,13 +72,13 @@ def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Out
     with_scale = np.sqrt(np.diag(to_body @ np.linalg.inv(known + scale) @ to_body.T))
     weighed = result.settings["mass"] is not None
     intervals = {"now": now, **({} if weighed else {"with a scale": np.minimum(with_scale, now)})}
-    intervals[f"{time:.0f} s more"] = np.minimum(more.deviation, now)
+    intervals[f"{time:.0f} s more"] = np.minimum(more.std, now)
     if not weighed:
-        intervals["both"] = np.minimum(both.deviation, np.minimum(with_scale, now))
-    goals = Precise().goals.vector(np.abs(more.body), stance)
+        intervals["both"] = np.minimum(both.std, np.minimum(with_scale, now))
+    goals = BayesianMethod().goals.vector(np.abs(more.body), stance)
     over = {name: float(ratio) for name, ratio in zip(COMPONENTS, now / goals, strict=True) if ratio > 1}
     weakest = sorted(over, key=lambda name: -over[name])[:_WEAKEST]
-    return Outlook({name: NORMAL_95 * deviation for name, deviation in intervals.items()}, _in_words(more), weakest)
+    return Outlook({name: NORMAL_95 * std for name, std in intervals.items()}, _in_words(more), weakest)
 
 
 def _scale_information(posterior: Posterior, robot: RobotModel) -> FloatArray:
@@ -92,7 +92,7 @@ def _scale_information(posterior: Posterior, robot: RobotModel) -> FloatArray:
 def _in_words(plan: Plan) -> list[str]:
     """The postures that would be visited first, with their lifts."""
     return [
-        f"posture {describe(visit.posture)}: {_lifts(visit) or 'a move over planted feet'}"
+        f"posture {describe(visit.posture)}: {_lifts(visit) or 'a move over standing feet'}"
         for visit in plan.visits[:_SHOWN_MOTIONS]
     ]
 
@@ -144,7 +144,7 @@ def _best_step(seen: Outlook, names: list[str]) -> str:
     }
     name = min(ratios, key=lambda one: ratios[one])
     how = {"with a scale": "a scale (give --mass)"}.get(
-        name, f"{name.removesuffix(' more')} more of robot time (--budget)"
+        name, f"{name.removesuffix(' more')} more of robot time (--duration)"
     )
     if ratios[name] > 0.95:
         return "Neither a scale nor a minute more of robot time would change that much."
@@ -152,14 +152,14 @@ def _best_step(seen: Outlook, names: list[str]) -> str:
 
 
 def _ahead(robot: RobotModel) -> list[Block]:
-    """Return the predicted intervals of the precise method."""
-    plan = plan_ahead(robot, nominal_stance(robot), Precise())
+    """Return the predicted intervals of the Bayesian method."""
+    plan = plan_ahead(robot, nominal_stance(robot), BayesianMethod())
     rows = [
-        [label, number(NORMAL_95 * deviation, factor, form)]
-        for (_, label, factor, form), deviation in zip(ROWS, plan.deviation, strict=True)
+        [label, number(NORMAL_95 * std, factor, form)]
+        for (_, label, factor, form), std in zip(ROWS, plan.std, strict=True)
     ]
     said = (
-        f"This method gives no intervals, and does not find everything. --method precise would, in "
+        f"This method gives no intervals, and does not find everything. --method bayesian would, in "
         f"{plan.robot_time:.0f} s of robot time, with {plan.lifts} lifts in {len(plan.visits)} postures:"
     )
     return [said, DataTable("Predicted for ordinary sensors and a scale", ["parameter", "|95 % +-"], rows)]

@@ -29,7 +29,7 @@ from equipoise.result.calibration import Calibration
 
 _SYMBOLS = ("circle", "diamond", "square", "triangle-up")
 _SHARED = (
-    "Combined intervals take the runs' errors to be independent. Runs of one robot share joint zeros, IMU mounting and a "
+    "Combined intervals take the runs' errors to be independent. Runs of one robot share joint offsets, IMU mounting and a "
     "scale's error, which cancel: a difference is surer than said here."
 )
 
@@ -54,12 +54,12 @@ def comparison_contents(results: dict[str, Calibration]) -> PageContents:
         ),
         Section("provenance", "Provenance", [_provenance(results)]),
     ]
-    sentences = dict.fromkeys(sentence for result in results.values() for sentence in legend(result))
+    messages = dict.fromkeys(message for result in results.values() for message in legend(result))
     return PageContents(
         f"{len(results)} runs compared",
         " \u00b7 ".join(robots),
         "" if len(robots) == 1 else f"These are {len(robots)} different robots; the first one is drawn.",
-        [_side_by_side(labels, shown), *sentences, *plan_figures(plan_view(results))],
+        [_side_by_side(labels, shown), *messages, *plan_figures(plan_view(results))],
         sections,
         [(f"{name}: {kind.lower()}", message) for name, result in results.items() for kind, message in alerts(result)],
     )
@@ -74,7 +74,7 @@ def _side_by_side(labels: list[str], shown: dict[str, dict[str, Number]]) -> Dat
 def _cell(one: Number | None) -> Cell:
     if one is None:
         return Cell("-")
-    half = "" if one.quantity.half is None else f" +- {one.half}"
+    half = "" if one.quantity.half_width is None else f" +- {one.half_width}"
     return Cell(f"{one}{half}", verdict=one.quantity.verdict or "")
 
 
@@ -85,7 +85,7 @@ def _overlay(label: str, shown: dict[str, dict[str, Number]]) -> Figure:
     for name, one in of_run.items():
         series = list(shown).index(name) % 4
         marker = {"color": SERIES[series], "symbol": _SYMBOLS[series], "size": 9}
-        interval = {"type": "data", "array": short([one.quantity.half or 0.0]), "width": 6, "thickness": 2}
+        interval = {"type": "data", "array": short([one.quantity.half_width or 0.0]), "width": 6, "thickness": 2}
         data.append(points([one.value], [plain(name)], name, marker, error_x=interval, showlegend=False))
     for kind, symbol, colour in (("model", "line-ns-open", MUTED), ("truth", "x-thin-open", INK)):
         there = {
@@ -106,7 +106,7 @@ def _differences(labels: list[str], shown: dict[str, dict[str, Number]], first: 
         if a is None or b is None:
             continue
         difference, form = b.value - a.value, a.form
-        one, two = a.quantity.half, b.quantity.half
+        one, two = a.quantity.half_width, b.quantity.half_width
         half = None if one is None or two is None else float(np.hypot(one, two))
         differs = half is not None and abs(difference) > half
         said = "" if half is None else "differs" if differs else "within the interval"

@@ -12,15 +12,15 @@ from equipoise.figures.plan_view import plan_figures, plan_view
 from equipoise.figures.uncertainty_budget import remedies, uncertainty_table
 from equipoise.report.advice import advice_blocks
 from equipoise.report.convergence_figures import progress_figures
-from equipoise.report.part_figures import LINKS, MOTORS, motor_sentence, motors_alone, part_blocks
+from equipoise.report.excitation_figures import excitation_blocks
+from equipoise.report.part_figures import LINKS, MOTORS, motor_message, motors_alone, part_blocks
 from equipoise.report.provenance import provenance_blocks
 from equipoise.report.residuals import held_out_blocks, residual_figures
 from equipoise.report.scene import scene
 from equipoise.report.sensor_figures import sensor_blocks
-from equipoise.report.sway_figures import sway_blocks
 from equipoise.report.trial_figures import search_figures, tilt_figures, trial_table
 from equipoise.result.calibration import Calibration
-from equipoise.result.legend import doubt_sentence, frame_sentence
+from equipoise.result.legend import doubt_message, frame_message
 
 
 def run_contents(result: Calibration) -> PageContents:
@@ -28,12 +28,12 @@ def run_contents(result: Calibration) -> PageContents:
     planes = lift_planes(result)
     alone = motors_alone(result)
     trials = [*search_figures(result), *progress_figures(result), *tilt_figures(result), *trial_table(result)]
-    uncertainty = [uncertainty_table(result), remedies(result)] if result.budget else []
+    uncertainty = [uncertainty_table(result), remedies(result)] if result.uncertainty_budget else []
     sections = [
         Section("held-out", _unseen(result), held_out_blocks(result)),
         Section("trials", "Trials", trials),
         Section("scene", "In space", [] if alone else scene(result, planes)),
-        Section("sways", "Sways", sway_blocks(result)),
+        Section("excitations", "Excitations", excitation_blocks(result)),
         Section("residuals", "Residuals", residual_figures(result, planes)),
         Section("links", "Legs", part_blocks(result, LINKS)),
         Section("motors", "Motors", part_blocks(result, MOTORS)),
@@ -81,13 +81,13 @@ def _subtitle(result: Calibration) -> str:
 
 def _lead(result: Calibration) -> str:
     """The change against the model file, in a sentence or two."""
-    said = [doubt_sentence(result)] if not result.trustworthy else []
+    said = [doubt_message(result)] if not result.trustworthy else []
     mass = result.composite.mass
     if mass.value is not None and mass.change is not None:
-        half = "" if mass.half is None else f" +- {mass.half:.2f}"
+        half = "" if mass.half_width is None else f" +- {mass.half_width:.2f}"
         more = "more" if mass.change > 0 else "less"
         against = f"{abs(mass.change):.2f} kg {more} than its model file says"
-        if mass.half is not None and abs(mass.change) <= mass.half:
+        if mass.half_width is not None and abs(mass.change) <= mass.half_width:
             against = "as its model file says, within the interval"
         said.append(f"It weighs {mass.value:.2f}{half} kg, {against}.")
     shifts = [1000 * one.change for one in result.composite.com_in_base if one.change is not None]
@@ -96,7 +96,7 @@ def _lead(result: Calibration) -> str:
         along = ", ".join(f"{number(shift, 1, '+.1f')} mm {name}" for shift, name in zip(shifts, names, strict=True))
         said.append(f"Its centre of mass is {np.linalg.norm(shifts):.1f} mm from where the file has it ({along}).")
     if result.motors:
-        said.append(motor_sentence(result))
+        said.append(motor_message(result))
     if (missing := not_estimated(result)) and not motors_alone(result):
         names = ", ".join(missing)
         said.append(f"The method {result.method} does not find the whole robot's {names}.")
@@ -107,7 +107,7 @@ def _lead(result: Calibration) -> str:
 
 def _other_bodies(result: Calibration) -> list[Block]:
     tables = [numbers_table(shown, _heading(body)) for body in list(BODIES)[1:] if (shown := numbers(result, body))]
-    return [*tables, frame_sentence(result)] if tables else []
+    return [*tables, frame_message(result)] if tables else []
 
 
 def _heading(body: str) -> str:

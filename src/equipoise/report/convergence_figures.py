@@ -1,4 +1,4 @@
-"""Intervals of the precise method after each motion."""
+"""Intervals of the Bayesian method after each motion."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def progress_figures(result: Calibration) -> list[Figure]:
     if not isinstance(evidence, PosteriorEvidence):
         return []
     posterior = evidence.posterior
-    deviation = deviations_by_motion(posterior, [motion.index for motion in posterior.motions])
+    std = stds_by_motion(posterior, [motion.index for motion in posterior.motions])
     time = np.cumsum([0.0, *(motion.duration for motion in posterior.motions)])
-    com = 1000 * NORMAL_95 * deviation[:, 1:4]
-    inertia = 100 * NORMAL_95 * deviation[:, 4:7] / components(posterior.robot_body)[4:7]
+    com = 1000 * NORMAL_95 * std[:, 1:4]
+    inertia = 100 * NORMAL_95 * std[:, 4:7] / components(posterior.robot_body)[4:7]
     shown = (
         ("How the centre of mass became known", com, ("CoM x", "CoM y", "CoM z"), "95 % \u00b1 [mm]"),
         ("How the moments became known", inertia, COMPONENTS[4:7], "95 % \u00b1 [%]"),
@@ -36,7 +36,7 @@ def progress_figures(result: Calibration) -> list[Figure]:
     ]
 
 
-def deviations_by_motion(posterior: Posterior, motions: list[int]) -> FloatArray:
+def stds_by_motion(posterior: Posterior, motions: list[int]) -> FloatArray:
     """(n + 1, 10) standard deviations of the whole robot's parameters before the first and after each of n motions."""
     to_body = body_jacobian(posterior.unknowns, posterior.x, posterior.unknowns.robot_body)
     information = np.linalg.inv(posterior.covariance) - sum(posterior.information.values())

@@ -137,7 +137,7 @@ def _key(table: DataTable) -> str:
     bars = [cell.bar for row in table.rows for cell in row if isinstance(cell, Cell) and cell.bar]
     if BAR not in table.columns or not bars:
         return ""
-    intervals = any(bar.half is not None for bar in bars)
+    intervals = any(bar.half_width is not None for bar in bars)
     samples = {
         "95 % interval": _band(0, 16) if intervals else "",
         "estimate": _mark("found", 8, 10),

@@ -31,7 +31,7 @@ def motors_alone(result: Calibration) -> bool:
     return bool(result.motors) and result.composite.mass.value is None
 
 
-def motor_sentence(result: Calibration) -> str:
+def motor_message(result: Calibration) -> str:
     """Return the ranges of what was estimated of motors; empty if there is nothing."""
     said: list[str] = []
     for parts in parts_of(result):
@@ -49,9 +49,9 @@ def _figure(parts: Parts, shown: Shown) -> Figure:
     names, found = [plain(name) for name in parts.found], parts.of(shown.name)
     values = {
         what: [np.nan if (value := getattr(one, what)) is None else shown.factor * value for one in found]
-        for what in ("value", "half", "model", "truth")
+        for what in ("value", "half_width", "model", "truth")
     }
-    interval = {"type": "data", "array": short(values["half"]), "color": SERIES[0], "thickness": 1.4, "width": 3}
+    interval = {"type": "data", "array": short(values["half_width"]), "color": SERIES[0], "thickness": 1.4, "width": 3}
     data = [points(values["value"], names, "estimate, 95 %", {"color": SERIES[0], "size": 7}, error_x=interval)]
     data += [
         points(values[what], names, what, look) for what, look in _LOOKS.items() if np.isfinite(values[what]).any()

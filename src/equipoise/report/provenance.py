@@ -29,7 +29,7 @@ def provenance_blocks(result: Calibration) -> list[Block]:
     blocks: list[Block] = [DataTable("Where this comes from", ["fact", "value"], list(facts(result).items()))]
     joints = {
         "Joint positions of the stance that all refers to": result.joint_position,
-        "Joints that were held still, and count as part of the base": result.held,
+        "Joints that were held still, and count as part of the base": result.locked_joints,
     }
     for title, positions in joints.items():
         rows = [[name, number(q, 1, ".4f"), number(float(np.degrees(q)), 1, ".2f")] for name, q in positions.items()]

@@ -31,11 +31,13 @@ _HOLLOW = "rgba(0,0,0,0)"
 
 def residual_figures(result: Calibration, planes: LiftPlanes) -> list[Figure]:
     """Return the figures that apply to the method."""
-    return [*_misfits(result), *_plane_misses(result, planes), *_tilt_by_offset(result)]
+    return [*_residual_summary(result), *_plane_misses(result, planes), *_tilt_by_offset(result)]
 
 
-def _misfits(result: Calibration) -> list[Figure]:
-    judged = [(number, trial) for number, trial in enumerate(result.trials, start=1) if trial.misfit is not None]
+def _residual_summary(result: Calibration) -> list[Figure]:
+    judged = [
+        (number, trial) for number, trial in enumerate(result.trials, start=1) if trial.normalized_residual is not None
+    ]
     if not judged:
         return []
     bars: list[Trace] = []
@@ -44,19 +46,19 @@ def _misfits(result: Calibration) -> list[Figure]:
         mine = [(number, trial) for number, trial in judged if trial.kind == kind]
         if not mine:
             continue
-        colour, misfits = SERIES[series], short(trial.misfit or 0.0 for _, trial in mine)
+        colour, normalized_residuals = SERIES[series], short(trial.normalized_residual or 0.0 for _, trial in mine)
         fills = [_HOLLOW if trial.note else colour for _, trial in mine]
         bars.append({
-            "type": "bar", "name": name, "x": [number for number, _ in mine], "y": misfits,
+            "type": "bar", "name": name, "x": [number for number, _ in mine], "y": normalized_residuals,
             "text": [plain("; ".join(filter(None, (trial.about, trial.note)))) for _, trial in mine], "textposition": "none",
             "hovertemplate": "motion %{x}: %{y:.2f}<br>%{text}<extra></extra>",
             "marker": {"color": fills, "line": {"color": colour, "width": 1}, "pattern": {"shape": pattern}},
         })  # fmt: skip
         spreads.append({
-            "type": "histogram", "name": name, "x": misfits, "xbins": {"start": 0, "size": 0.2},
+            "type": "histogram", "name": name, "x": normalized_residuals, "xbins": {"start": 0, "size": 0.2},
             "marker": {"color": colour, "pattern": {"shape": pattern}},
         })  # fmt: skip
-    middle = float(np.median([trial.misfit or 0.0 for _, trial in judged]))
+    middle = float(np.median([trial.normalized_residual or 0.0 for _, trial in judged]))
     layout = axes("motion", _RATIO)
     layout["shapes"] = [level(1)]
     return [

@@ -1,4 +1,4 @@
-"""Estimated sensor errors; method `precise`."""
+"""Estimated sensor errors; method `bayesian`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _SHOWN = 15
 
 
 def sensor_blocks(result: Calibration) -> list[Block]:
-    """Return joint zeros and IMU mounting as figures, and all sensor errors as a table."""
+    """Return joint offsets and IMU mounting as figures, and all sensor errors as a table."""
     if not result.sensors:
         return []
     rows = [
-        [Cell(one.sentence, "strong" if one.notable else ""), number(one.value, 1, ".3g"), number(one.half, 1, ".2g"),
-         one.unit, "worth fixing" if one.notable else ""]
+        [Cell(one.message, "strong" if one.significant else ""), number(one.value, 1, ".3g"), number(one.half_width, 1, ".2g"),
+         one.unit, "worth fixing" if one.significant else ""]
         for one in result.sensors
     ]  # fmt: skip
     title = f"All {len(rows)} sensor errors, the most significant first"
@@ -25,7 +25,7 @@ def sensor_blocks(result: Calibration) -> list[Block]:
 
 
 def _figures(result: Calibration) -> list[Figure]:
-    """Return joint zeros with the orientation of the IMU, and its position."""
+    """Return joint offsets with the orientation of the IMU, and its position."""
     found = [one for one in result.sensors if one.name.endswith(" zero") or one.name.startswith("IMU ")]
     angles, lengths = ([one for one in found if one.unit == unit] for unit in ("rad", "m"))
     figures = [_bars("Joint zeros and IMU orientation", angles, "deg", float(np.degrees(1.0)))] if angles else []
@@ -38,12 +38,12 @@ def _bars(title: str, found: list[SensorFinding], unit: str, factor: float) -> F
     names = [plain(finding.name) for finding in shown]
     data = [{
         "type": "bar", "orientation": "h", "x": short(factor * finding.value for finding in shown),
-        "y": [f"<b>{name}</b>" if finding.notable else name for name, finding in zip(names, shown, strict=True)],
-        "error_x": {"type": "data", "array": short(factor * finding.half for finding in shown), "color": INK,
+        "y": [f"<b>{name}</b>" if finding.significant else name for name, finding in zip(names, shown, strict=True)],
+        "error_x": {"type": "data", "array": short(factor * finding.half_width for finding in shown), "color": INK,
                     "thickness": 1.2, "width": 3},
-        "marker": {"color": [SERIES[1] if finding.notable else SERIES[0] for finding in shown]},
+        "marker": {"color": [SERIES[1] if finding.significant else SERIES[0] for finding in shown]},
         "hovertemplate": f"%{{y}}: %{{x:.2f}} {unit}<extra></extra>",
     }]  # fmt: skip
-    bold = " Bold: significant, and worth fixing." if any(finding.notable for finding in shown) else ""
+    bold = " Bold: significant, and worth fixing." if any(finding.significant for finding in shown) else ""
     caption = f"Estimate less the model's value, with the 95 % interval; the {len(shown)} largest.{bold}"
     return Figure(title, caption, data, axes(f"error [{unit}]", ""), height=90 + 24 * len(shown))

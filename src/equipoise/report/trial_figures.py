@@ -130,7 +130,7 @@ def trial_table(result: Calibration) -> list[DataTable]:
         "|tilt [deg]": lambda trial: _known(trial.tilt, 57.29578, "+.2f"),
         "verdict": lambda trial: trial.verdict or "",
         "|duration [s]": lambda trial: f"{trial.duration:.1f}",
-        "|misfit": lambda trial: _known(trial.misfit, 1, ".2f"),
+        "|misfit": lambda trial: _known(trial.normalized_residual, 1, ".2f"),
         "note": lambda trial: trial.note or "",
     }
     shown = {name: text for name, text in columns.items() if any(map(text, result.trials))}

@@ -39,9 +39,9 @@ class _Group:
         return self._array("value")
 
     @property
-    def deviations(self) -> FloatArray:
+    def stds(self) -> FloatArray:
         """Posterior standard deviations."""
-        return self._array("deviation")
+        return self._array("std")
 
     @property
     def errors(self) -> FloatArray:
@@ -122,7 +122,7 @@ class Body(_Group):
         """
         table: dict[str, Any] = {"value": np.asarray(values, dtype=float)}
         if covariance is not None:
-            table["deviation"] = np.sqrt(np.diag(covariance))
+            table["std"] = np.sqrt(np.diag(covariance))
         if model is not None:
             table["model"] = components(model)
         unknown = cls._of([Quantity(name, unit) for name, unit in zip(COMPONENTS, _UNITS, strict=True)], None)
@@ -130,7 +130,7 @@ class Body(_Group):
         if compared_with is not None:
             sizes = np.asarray(compared_with, dtype=float)
             verdicts = [
-                None if quantity.deviation is None else verdict_of(quantity.deviation, float(size))
+                None if quantity.std is None else verdict_of(quantity.std, float(size))
                 for quantity, size in zip(body, sizes, strict=True)
             ]
             body = body._with(verdict=verdicts)
@@ -184,7 +184,7 @@ class Body(_Group):
         """
 
         def verdict(one: Quantity, size: float) -> str | None:
-            sure = one.value is not None and one.half is not None and abs(one.value) <= one.half <= size
+            sure = one.value is not None and one.half_width is not None and abs(one.value) <= one.half_width <= size
             return "no change" if sure else one.verdict
 
         return self._with(verdict=[verdict(one, float(size)) for one, size in zip(self, sizes, strict=True)])
@@ -226,9 +226,9 @@ class Body(_Group):
         Args:
             least: (10,) smallest standard deviations, in the order of COMPONENTS; correlations stay.
         """
-        factor = np.maximum(1.0, least / self.deviations)
+        factor = np.maximum(1.0, least / self.stds)
         covariance = None if self.covariance is None else _read_only(self.covariance * np.outer(factor, factor))
-        wider = self._with(deviation=factor * self.deviations)
+        wider = self._with(std=factor * self.stds)
         return self._of([one.doubted() for one in wider], covariance)
 
     def to_dict(self) -> dict[str, Any]:
@@ -241,9 +241,9 @@ class Body(_Group):
     def intervals(self) -> dict[str, Any]:
         """JSON form of deviation, 95 % interval and verdict, by name, of the quantities that have them."""
         return {
-            one.name: {"deviation": one.deviation, "lower": one.lower, "upper": one.upper, "verdict": one.verdict}
+            one.name: {"std": one.std, "lower": one.lower, "upper": one.upper, "verdict": one.verdict}
             for one in self
-            if one.deviation is not None
+            if one.std is not None
         }
 
     def numbers(self, attribute: str = "value") -> dict[str, Any]:
@@ -261,7 +261,7 @@ class Body(_Group):
             return body
         known = uncertainty["intervals"]
         body = body._with(
-            deviation=[known[name]["deviation"] if name in known else None for name in COMPONENTS],
+            std=[known[name]["std"] if name in known else None for name in COMPONENTS],
             verdict=[known[name]["verdict"] if name in known else None for name in COMPONENTS],
         )
         covariance = uncertainty["covariance"]

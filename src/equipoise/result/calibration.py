@@ -35,20 +35,21 @@ Maybe = float | None
 
 SCHEMA = "equipoise.calibration/1"
 _WRITTEN = (
-    "sensors", "motors", "links", "checks", "budget", "held_out", "mass_comparison", "sways", "support_lines", "trials",
+    "sensors", "motors", "links", "checks", "uncertainty_budget", "held_out", "mass_comparison", "excitations",
+    "support_lines", "trials",
     "settings", "provenance", "warnings", "assumptions",
 )  # fmt: skip
 """Fields of a calibration that stand in its JSON form as they are."""
 
 
 @dataclass(frozen=True)
-class SwayEstimate:
+class ExcitationEstimate:
     """The paper's I and C about one axis (equation 2).
 
     Attributes:
-        moment: moment of inertia I about the sway's axis [kg m2].
-        damping: damping C about the sway's axis [Nm s/rad].
-        frequency: frequency of the sway, as found [Hz].
+        moment: moment of inertia I about the excitation's axis [kg m2].
+        damping: damping C about the excitation's axis [Nm s/rad].
+        frequency: frequency of the excitation, as found [Hz].
         amplitude: amplitude of the base's rotation, as found [rad].
         note: reason why there is no estimate, or an objection to it; None without either.
     """
@@ -65,14 +66,14 @@ class Trial:
     """One motion and what it showed.
 
     Attributes:
-        kind: kind of trial: "lift", "sway", "posture" or "stand".
-        about: diagonal of a lift, axis of a sway, or posture, in words.
+        kind: kind of trial: "lift", "excitation", "posture" or "stand".
+        about: diagonal of a lift, axis of an excitation, or posture, in words.
         offset: offset of the support line along the base's x axis, for a lift [m].
         lift_height: commanded height of the lifted feet [m].
         tilt: rotation of the CoM about the support line, positive forward [rad].
         verdict: direction in which the robot tipped: "forward", "backward" or "balanced".
         duration: duration of the recording [s].
-        misfit: normalised residual: root mean square of the trial's residual over what its noise explains.
+        normalized_residual: normalised residual: root mean square of the trial's residual over what its noise explains.
         note: reason why the trial was left out, or None.
     """
 
@@ -83,7 +84,7 @@ class Trial:
     tilt: Maybe
     verdict: str | None
     duration: float
-    misfit: Maybe = None
+    normalized_residual: Maybe = None
     note: str | None = None
 
 
@@ -139,14 +140,14 @@ class Calibration:
         robot: name of the robot.
         method: name of the method.
         joint_position: joint positions of the nominal stance that all refers to, by joint name [rad].
-        held: positions of joints that do not belong to legs and were held still, as an arm's, by joint name [rad].
+        locked_joints: positions of joints that do not belong to legs and were held still, as an arm's, by joint name [rad].
         model: format, hash and base link of the model file, and a sentence on the IMU's pose.
         composite: body of the whole robot, frozen at the stance.
         base: body of the base link with all that is fixed to it.
         stance_effective: body of the paper: base, hips and thighs about their own CoM.
-        sways: moments of inertia I and damping C of the paper, by axis; `paper` only.
+        excitations: moments of inertia I and damping C of the paper, by axis; `paper` only.
         support_lines: support lines that were found, by diagonal; `paper` only.
-        sensors: errors of the sensors that were found; `precise` only.
+        sensors: errors of the sensors that were found; `bayesian` only.
         checks: checks of the result, failed ones first.
         trials: all motions, in order.
         settings: settings of the method, as JSON values; "method" is its name.
@@ -158,8 +159,8 @@ class Calibration:
         robot_model: model that was used; not in the JSON form.
         motors: what was found about each joint's motor, by the model's joint names; of runs with `motors` only.
         links: what was found about each moving link of the legs, by the model file's names; of runs with `legs` only.
-        budget: sources of the uncertainty of the whole robot's parameters, the largest first; `precise` only.
-        held_out: lifts predicted by estimates that have not seen them; `precise` only.
+        uncertainty_budget: sources of the uncertainty of the whole robot's parameters, the largest first; `bayesian` only.
+        held_out: lifts predicted by estimates that have not seen them; `bayesian` only.
         mass_comparison: given mass and mass that the joint torques carry; None without one of them.
         timings: time that each stage of the estimate took, by its name [s]; not in the JSON form.
     """
@@ -171,7 +172,7 @@ class Calibration:
     composite: Body
     base: Body
     stance_effective: Body
-    sways: Mapping[str, SwayEstimate]
+    excitations: Mapping[str, ExcitationEstimate]
     support_lines: Mapping[str, SupportLine]
     trials: tuple[Trial, ...]
     settings: Mapping[str, Any]
@@ -183,10 +184,10 @@ class Calibration:
     sensors: tuple[SensorFinding, ...] = ()
     checks: tuple[Check, ...] = ()
     timings: Mapping[str, float] = field(default_factory=dict[str, float])
-    held: Mapping[str, float] = field(default_factory=dict[str, float])
+    locked_joints: Mapping[str, float] = field(default_factory=dict[str, float])
     motors: Mapping[str, Motor] = field(default_factory=dict[str, Motor])
     links: Mapping[str, Link] = field(default_factory=dict[str, Link])
-    budget: tuple[UncertaintySource, ...] = ()
+    uncertainty_budget: tuple[UncertaintySource, ...] = ()
     held_out: HeldOut | None = None
     mass_comparison: MassComparison | None = None
 
@@ -203,7 +204,7 @@ class Calibration:
     @property
     def has_intervals(self) -> bool:
         """True if the method gives intervals for the whole robot."""
-        return any(quantity.deviation is not None for quantity in self.composite)
+        return any(quantity.std is not None for quantity in self.composite)
 
     @property
     def nominal(self) -> RobotInertia:
@@ -231,8 +232,8 @@ class Calibration:
         """The paper's I by axis [kg m2], for axes with an estimate, with the model's and the true value of its body."""
         moments: dict[Axis, Quantity] = {}
         for axis, letter, of_body in zip(AXES, "xyz", self.stance_effective.inertia.moments, strict=True):
-            if axis in self.sways and self.sways[axis].moment is not None:
-                value = self.sways[axis].moment
+            if axis in self.excitations and self.excitations[axis].moment is not None:
+                value = self.excitations[axis].moment
                 moments[axis] = Quantity(f"I_{letter}", of_body.unit, value, model=of_body.model, truth=of_body.truth)
         return moments
 
@@ -271,7 +272,7 @@ class Calibration:
         robot = self.robot_model
         model = robot.full_pinocchio.copy()
         held = robot.pinocchio.inertias[1] - robot.full_pinocchio.inertias[1]
-        model.inertias[1] = base - held if robot.held else base
+        model.inertias[1] = base - held if robot.locked_joints else base
         return model
 
     def moment_errors(self) -> dict[Axis, dict[str, float]]:
@@ -309,7 +310,7 @@ class Calibration:
 
     def stance_dict(self) -> dict[str, Any]:
         """JSON form of the posture that all refers to."""
-        return {"joint_position": dict(self.joint_position), "held": dict(self.held)}
+        return {"joint_position": dict(self.joint_position), "locked_joints": dict(self.locked_joints)}
 
     def _errors(self) -> dict[str, Any]:
         """JSON form of the estimates less the truth, in the shape of the estimates."""
@@ -376,13 +377,13 @@ def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]
     return {
         "robot": robot.name,
         "joint_position": {name: float(q) for name, q in zip(robot.joint_names, joint_position, strict=True)},
-        "held": dict(robot.held),
+        "locked_joints": dict(robot.locked_joints),
         "model": {
             "format": robot.source.format,
             "sha256": robot.source.sha256,
             "base_link": robot.base_link,
             "forward": robot.source.forward,
-            "imu": robot.imu.sentence,
+            "imu": robot.imu.message,
         },
         "robot_model": robot,
         "provenance": library_versions(),

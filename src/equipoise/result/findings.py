@@ -15,25 +15,25 @@ class SensorFinding:
     """Error of a sensor, a joint or the floor.
 
     Attributes:
-        name: name of the sensor error, as "FL_thigh_joint zero".
+        name: name of the sensor error, as "FL_thigh_joint offset".
         value: estimate of the error, in SI units.
-        deviation: posterior standard deviation, in the same unit.
-        sentence: sentence for people; says what can be done where something can.
-        notable: whether it is large enough to be worth fixing, and sure.
+        std: posterior standard deviation, in the same unit.
+        message: sentence for people; says what can be done where something can.
+        significant: whether it is large enough to be worth fixing, and sure.
         unit: SI unit of the value; empty for a fraction.
     """
 
     name: str
     value: float
-    deviation: float
-    sentence: str
-    notable: bool
+    std: float
+    message: str
+    significant: bool
     unit: str = ""
 
     @property
-    def half(self) -> float:
+    def half_width(self) -> float:
         """Half the 95 % interval."""
-        return NORMAL_95 * self.deviation
+        return NORMAL_95 * self.std
 
 
 # What is not known.
@@ -81,7 +81,8 @@ class Motor(Part):
         armature: inertia of the rotor, seen at the joint [kg m2].
         relative_gain: true over reported torque, over the mean of that of all motors, less one.
         delay: age of the command that a torque obeys [s].
-        misfit: what the law of friction leaves: rms of the torque that repeats with the speed [Nm]; None: not known.
+        normalized_residual: what the law of friction leaves: rms of the torque that repeats with the speed [Nm]; None: not
+            known.
     """
 
     coulomb_friction: Quantity = _COULOMB_FRICTION
@@ -90,7 +91,7 @@ class Motor(Part):
     armature: Quantity = _ARMATURE
     relative_gain: Quantity = _RELATIVE_GAIN
     delay: Quantity = _DELAY
-    misfit: float | None = None
+    normalized_residual: float | None = None
 
 
 _MASS = Quantity("mass", "kg")
@@ -137,14 +138,14 @@ class JointFindings(Motor):
     @classmethod
     def of(cls, joint: str, findings: Mapping[str, SensorFinding], motor: Motor | None = None) -> JointFindings:
         """From all findings by name, and from what was found about the joint's motor."""
-        zero = _quantity(f"{joint} zero", "rad", findings)
+        zero = _quantity(f"{joint} offset", "rad", findings)
         return cls(zero=zero, torque_gain=_quantity(f"{joint} torque gain", "1", findings), **vars(motor or Motor()))
 
 
 def _quantity(name: str, unit: str, findings: Mapping[str, SensorFinding]) -> Quantity:
     if name not in findings:
         return Quantity(name, unit)
-    return Quantity(name, unit, findings[name].value, findings[name].deviation)
+    return Quantity(name, unit, findings[name].value, findings[name].std)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from equipoise.json_form import from_json, to_json
 
-MODEL, EARLIER, FOUND = "model file", "earlier run", "this run"
+MODEL, PRIOR_RUN, FOUND = "model file", "prior run", "this run"
 """Names of the bodies that predict."""
 
 
@@ -48,7 +48,7 @@ class HeldOut:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Names of the bodies that predict: MODEL, EARLIER if there is a prior run, FOUND."""
+        """Names of the bodies that predict: MODEL, PRIOR_RUN if there is a prior run, FOUND."""
         return tuple(self.lifts[0].errors)
 
     @property
@@ -82,7 +82,7 @@ class HeldOut:
         counts = Counter(lift.kind for lift in self.lifts)
         return " and ".join(f"{count} {kind}s" for kind, count in counts.items())
 
-    def sentence(self) -> str:
+    def message(self) -> str:
         """Return the number of predictions and the errors with each body."""
         beside = "; ".join(
             f"with the {body}'s body off by {1000 * self.error(body):.2f} mm" for body in self.bodies if body != FOUND

@@ -19,7 +19,7 @@ _VERDICTS = {
 }
 
 
-def frame_sentence(result: Calibration) -> str:
+def frame_message(result: Calibration) -> str:
     """Frame, point, axes and stance that the numbers refer to, and how often intervals miss."""
     words = (
         f"CoM from the origin of base link {result.model['base_link']!r}, x forward, z up; inertia about the CoM, in the "
@@ -27,7 +27,7 @@ def frame_sentence(result: Calibration) -> str:
     )
     imu = f" {result.model['imu']}."
     if "response_test" in result.provenance:
-        imu += f" {from_json(ResponseTest, result.provenance['response_test']).sentence}."
+        imu += f" {from_json(ResponseTest, result.provenance['response_test']).message}."
     return words + imu + " Of 20 intervals one is expected to miss the truth." * result.has_intervals
 
 
@@ -39,7 +39,7 @@ def _standing(result: Calibration) -> str:
     return f"; standing with its hips {stance.hip_height:.3f} m high"
 
 
-def verdict_sentence(quantities: Iterable[Quantity], meanings: Mapping[str, str] = _VERDICTS) -> str:
+def verdict_message(quantities: Iterable[Quantity], meanings: Mapping[str, str] = _VERDICTS) -> str:
     """Return the meaning of the verdicts and marks in a table that need explaining; empty if there are none.
 
     Args:
@@ -52,16 +52,16 @@ def verdict_sentence(quantities: Iterable[Quantity], meanings: Mapping[str, str]
     return "; ".join(said) + "." if said else ""
 
 
-def doubt_sentence(result: Calibration) -> str:
+def doubt_message(result: Calibration) -> str:
     """Return the headline of a result whose checks failed, with both masses if they disagree; empty: all checks passed."""
     if result.trustworthy:
         return ""
     masses = result.mass_comparison
-    disagreement = f"{masses.sentence}; " if masses is not None and masses.disagrees else ""
-    return f"Doubtful: {disagreement}{checks_sentence(result)}."
+    disagreement = f"{masses.message}; " if masses is not None and masses.disagrees else ""
+    return f"Doubtful: {disagreement}{checks_message(result)}."
 
 
-def checks_sentence(result: Calibration) -> str:
+def checks_message(result: Calibration) -> str:
     """Return the number of failed checks, in words."""
     failed = sum(not check.passed for check in result.checks)
     return "all checks passed" if not failed else f"{failed} of {len(result.checks)} checks failed"

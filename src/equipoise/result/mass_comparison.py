@@ -12,30 +12,30 @@ class MassComparison:
 
     Attributes:
         given: mass that the user gave, from a scale [kg].
-        carried: mass that the joint torques carry [kg].
+        from_torques: mass from the joint torques [kg].
         limit: largest acceptable difference, as a fraction of the carried mass.
         earlier: name of the earlier run whose torque constants the carried mass is computed with; None: as reported.
     """
 
     COMPUTED: ClassVar = ("disagrees",)
     given: float
-    carried: float
+    from_torques: float
     limit: float
     earlier: str | None = None
 
     @property
     def difference(self) -> float:
         """Given over carried mass, less one."""
-        return self.given / self.carried - 1
+        return self.given / self.from_torques - 1
 
     @property
     def disagrees(self) -> bool:
         """True if the difference is larger than the limit, or the joint torques carry no weight at all."""
-        return not self.carried > 0 or abs(self.difference) > self.limit
+        return not self.from_torques > 0 or abs(self.difference) > self.limit
 
     @property
-    def sentence(self) -> str:
+    def message(self) -> str:
         """Both masses and their difference."""
         constants = f", with the torque constants of {self.earlier}" if self.earlier else ""
-        masses = f"the given mass is {self.given:g} kg, and the joint torques carry {self.carried:.2f} kg{constants}"
+        masses = f"the given mass is {self.given:g} kg, and the joint torques carry {self.from_torques:.2f} kg{constants}"
         return f"{masses} ({self.difference:+.0%}, limit {self.limit:.0%})"

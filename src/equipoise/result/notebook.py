@@ -31,5 +31,5 @@ def _cells(label: str, factor: float, form: str, one: Quantity, count: int) -> l
     def shown(value: float | None, before: str = "") -> str:
         return "" if value is None else f"{before}{value * factor:{form}}"
 
-    values = [shown(one.value), shown(one.half, "\u00b1 "), one.verdict or "", shown(one.model), shown(one.truth)]
+    values = [shown(one.value), shown(one.half_width, "\u00b1 "), one.verdict or "", shown(one.model), shown(one.truth)]
     return [f"<td>{escape(text)}</td>" for text in [label, *values][:count]]

@@ -15,7 +15,7 @@ class Quantity:
         name: name of the quantity: "mass", "com_x", "Ixx", ...
         unit: SI unit of the numbers below: "kg", "m", "kg m2", ...
         value: estimate; None: the method does not estimate it.
-        deviation: posterior standard deviation of the value; None: the method gives none.
+        std: posterior standard deviation of the value; None: the method gives none.
         verdict: "identified", "weak" or "not identified": how much the run told beyond what was believed before; "doubtful"
             where a check of the run failed; "no change" of a difference that is surely zero.
         model: value by the model file.
@@ -25,20 +25,24 @@ class Quantity:
     name: str
     unit: str
     value: float | None = None
-    deviation: float | None = None
+    std: float | None = None
     verdict: str | None = None
     model: float | None = None
     truth: float | None = None
 
     @property
-    def half(self) -> float | None:
+    def half_width(self) -> float | None:
         """Half the 95 % interval."""
-        return None if self.deviation is None else NORMAL_95 * self.deviation
+        return None if self.std is None else NORMAL_95 * self.std
 
     @property
     def interval(self) -> tuple[float, float] | None:
         """Lower and upper end of the 95 % interval."""
-        return None if self.value is None or self.half is None else (self.value - self.half, self.value + self.half)
+        return (
+            None
+            if self.value is None or self.half_width is None
+            else (self.value - self.half_width, self.value + self.half_width)
+        )
 
     @property
     def lower(self) -> float | None:
@@ -67,7 +71,7 @@ class Quantity:
     @property
     def missed(self) -> bool:
         """True if the ground truth is known and outside the interval."""
-        return self.error is not None and self.half is not None and abs(self.error) > self.half
+        return self.error is not None and self.half_width is not None and abs(self.error) > self.half_width
 
 
 def _difference(a: float | None, b: float | None) -> float | None:

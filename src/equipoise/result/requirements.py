@@ -22,10 +22,10 @@ def read_requirements(text: str | None) -> tuple[str, ...]:
     for word in words:
         if word not in WORDS:
             raise SettingsError(
-                f"--require {text}: {word!r} cannot be required; {did_you_mean(word, WORDS)}those are {', '.join(WORDS)}"
+                f"--fail-unless {text}: {word!r} cannot be required; {did_you_mean(word, WORDS)}those are {', '.join(WORDS)}"
             )
     if text is not None and not words:
-        raise SettingsError(f"--require names nothing; give it as identified,checks or one of {', '.join(WORDS)}")
+        raise SettingsError(f"--fail-unless names nothing; give it as identified,checks or one of {', '.join(WORDS)}")
     return words
 
 

@@ -18,17 +18,17 @@ IDENTIFIED, WEAK = 0.1, 0.5
 """Standard deviation up to which a quantity counts as identified, and as weak; over what it is compared with."""
 
 
-def verdict_of(deviation: float, compared_with: float) -> str:
+def verdict_of(std: float, compared_with: float) -> str:
     """Return the verdict on a standard deviation: "identified", "weak" or "not identified".
 
     Args:
-        deviation: posterior standard deviation.
+        std: posterior standard deviation.
         compared_with: number that it is compared with, in the same unit: the one before the run, or the
             quantity's size.
     """
-    if deviation <= IDENTIFIED * compared_with:
+    if std <= IDENTIFIED * compared_with:
         return "identified"
-    return "weak" if deviation <= WEAK * compared_with else "not identified"
+    return "weak" if std <= WEAK * compared_with else "not identified"
 
 
 def ellipsoid_95(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -56,7 +56,7 @@ class Audit:
         return x, y, z
 
     @property
-    def ratio_sentence(self) -> str | None:
+    def ratio_message(self) -> str | None:
         """The factor that a base inertia is often multiplied by in the hope of a composite one, in words."""
         ratio = self.ratio_composite_over_base
         if ratio is None:

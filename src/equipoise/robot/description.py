@@ -38,7 +38,7 @@ class RobotDescription:
         kd: joint velocity gain [Nm s/rad]; default 3 x m g h / 38 Nm.
         joint_limits: position limits by joint name, where the model's are missing or too wide: lower upper [rad]; wider
             ones are refused.
-        held: positions of joints that do not belong to legs and are held still, by joint name [rad]; default the
+        locked_joints: positions of joints that do not belong to legs and are held still, by joint name [rad]; default the
             file's keyframe "home", else 0.
     """
 
@@ -54,7 +54,7 @@ class RobotDescription:
     kp: float | None = None
     kd: float | None = None
     joint_limits: dict[str, tuple[float, float]] = field(default_factory=dict[str, "tuple[float, float]"])
-    held: dict[str, float] = field(default_factory=dict[str, float])
+    locked_joints: dict[str, float] = field(default_factory=dict[str, float])
 
     def __post_init__(self) -> None:
         if self.forward not in (None, "+x", "+y", "-x", "-y"):
@@ -71,7 +71,9 @@ class RobotDescription:
                 f"stance_height is {self.stance_height}; it is a fraction of the leg length and must be below 1"
             )
         numbers = {"imu_position": self.imu_position, "imu_rpy": self.imu_rpy}
-        numbers |= {f"{name}.{joint}": (q,) for name in ("stance", "held") for joint, q in getattr(self, name).items()}
+        numbers |= {
+            f"{name}.{joint}": (q,) for name in ("stance", "locked_joints") for joint, q in getattr(self, name).items()
+        }
         for name, values in numbers.items():
             if values is not None and not all(map(math.isfinite, values)):
                 raise SettingsError(f"{name} must be finite, got {', '.join(map(str, values))}")

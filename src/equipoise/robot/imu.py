@@ -57,7 +57,7 @@ class ImuPose:
         return self.frame is None and "imu_position" not in self.described
 
     @property
-    def sentence(self) -> str:
+    def message(self) -> str:
         """Position of the IMU and its source."""
         if self.is_assumed:
             turned = ", turned as described" if "imu_rpy" in self.described else ""
@@ -92,7 +92,7 @@ class ImuPose:
             "proposed": list(self.proposed),
             "position_in_base": self.placement.translation.tolist(),
             "rpy_in_base": [float(angle) for angle in pin.rpy.matrixToRpy(self.placement.rotation)],
-            "sentence": self.sentence,
+            "message": self.message,
         }
 
 

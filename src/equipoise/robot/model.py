@@ -64,7 +64,7 @@ class RobotModel:
         description: description with which the user overrode what the file says.
         pinocchio: Pinocchio model, free-flyer first, then the leg joints.
         full_pinocchio: the user's own Pinocchio model, before other joints were locked.
-        held: positions of joints that do not belong to legs, by name [rad].
+        locked_joints: positions of joints that do not belong to legs, by name [rad].
         legs: legs by name, in the order FL FR RL RR.
         lower_limit, upper_limit: (nj,) position limits [rad].
         velocity_limit: (nj,) velocity limits [rad/s]; infinite where the model gives none.
@@ -76,7 +76,7 @@ class RobotModel:
     description: RobotDescription
     pinocchio: pin.Model
     full_pinocchio: pin.Model
-    held: Mapping[str, float]
+    locked_joints: Mapping[str, float]
     legs: Mapping[str, Leg]
     lower_limit: FloatArray
     upper_limit: FloatArray
@@ -84,7 +84,7 @@ class RobotModel:
     effort_limit: FloatArray
 
     def __post_init__(self) -> None:
-        for name in ("held", "legs"):
+        for name in ("locked_joints", "legs"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         for limit in (self.lower_limit, self.upper_limit, self.velocity_limit, self.effort_limit):
             limit.setflags(write=False)
@@ -94,7 +94,9 @@ class RobotModel:
     def __reduce__(self) -> tuple[type[RobotModel], tuple[Any, ...]]:
         """For pickle and copy, which know no read-only mappings."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return type(self), tuple({**values, "held": dict(self.held), "legs": dict(self.legs)}.values())
+        return type(self), tuple(
+            {**values, "locked_joints": dict(self.locked_joints), "legs": dict(self.legs)}.values()
+        )
 
     @classmethod
     def from_file(

@@ -241,7 +241,7 @@ def hold_other_joints(
     """
     leg_joints = {joint for chain in chains for joint in chain}
     others = [str(name) for name in model.names[2:] if str(name) not in leg_joints]
-    for joint in description.held:
+    for joint in description.locked_joints:
         if joint not in others:
             there = f"others are {', '.join(others)}" if others else "this robot has no others, so leave it out"
             raise SettingsError(f"held names {joint!r}, which is a leg joint or none; {there}")
@@ -252,7 +252,7 @@ def hold_other_joints(
         joint = model.joints[model.getJointId(name)]
         if joint.nq == 1:
             held[name] = configuration[joint.idx_q] = _held_at(model, name, joint.idx_q, description, home)
-        elif name in description.held:
+        elif name in description.locked_joints:
             raise SettingsError(f"held joint {name!r} has more than one axis")
     to_lock = [model.getJointId(name) for name in others]
     reduced, _ = pin.buildReducedModel(model, [pin.GeometryModel()], to_lock, configuration)
@@ -264,7 +264,7 @@ def _held_at(
 ) -> float:
     """Return the position at which a joint is held [rad]; `index` is its place in the model's positions."""
     lower, upper = float(model.lowerPositionLimit[index]), float(model.upperPositionLimit[index])
-    position = description.held.get(joint)
+    position = description.locked_joints.get(joint)
     if not lower < upper:
         return home.get(joint, 0.0) if position is None else position
     if position is None:

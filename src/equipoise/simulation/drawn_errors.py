@@ -1,6 +1,6 @@
 """Effects of one simulated robot, drawn from a seed, and the noise of its sensors.
 
-What is constant over a run (joint zeros, IMU tilt, gains) is drawn once from the seed. Noise is keyed by the seed and the
+What is constant over a run (joint offsets, IMU tilt, gains) is drawn once from the seed. Noise is keyed by the seed and the
 sample's index, so that it does not depend on the pieces in which a motion is simulated.
 """
 
@@ -23,7 +23,7 @@ _NOISE_BLOCK = 1024
 _STRIBECK_SPEED = 0.1
 # These share one stream, in this order. All others have one each, so that none changes what another draws.
 _ONE_STREAM = (
-    "floor_slope", "joint_zero", "torque_gain", "gyro_bias", "accelerometer_bias", "imu_tilt", "leg_mass",
+    "floor_slope", "joint_offset", "torque_gain", "gyro_bias", "accelerometer_bias", "imu_tilt", "leg_mass",
 )  # fmt: skip
 
 
@@ -56,9 +56,9 @@ class DrawnErrors:
         return cls(sizes, noise_seed, drawn)
 
     @cached_property
-    def joint_zero(self) -> FloatArray:
+    def joint_offset(self) -> FloatArray:
         """(nj,) encoder reading minus joint position, the same at all positions [rad]."""
-        return self.drawn["joint_zero"]
+        return self.drawn["joint_offset"]
 
     @cached_property
     def torque_gain(self) -> FloatArray:
@@ -172,7 +172,7 @@ class DrawnErrors:
     @cached_property
     def _noise_scale(self) -> FloatArray:
         """Standard deviation of each column of the noise."""
-        sizes, joints = self.sizes, self.joint_zero.size
+        sizes, joints = self.sizes, self.joint_offset.size
         columns = [sizes.encoder_noise, sizes.joint_velocity_noise, sizes.torque_noise, sizes.gyro_noise]
         return np.repeat([*columns, sizes.accelerometer_noise], [joints, joints, joints, 3, 3])
 

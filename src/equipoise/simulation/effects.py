@@ -23,7 +23,7 @@ from equipoise.robot.scale import Scale
 from equipoise.simulation.effect import MUJOCO, ROW, Effect, effect
 
 Noise = Literal["ideal", "realistic", "stress"]
-Contacts = Literal["own", "file"]
+Contacts = Literal["default", "file"]
 """Law of contacts between feet and floor: that of the effects, or that of the model file."""
 
 _JIG = "calibration jigs, by hand"
@@ -42,13 +42,13 @@ class SensorErrors:
     """Sizes of what a simulated robot has beyond its model file: errors of sensors, motors, legs, feet and floor, a cable.
 
     All as by default: a perfect robot, as its file says. Fields, units and meanings are the rows of the table of effects
-    (`SensorErrors.rows()`, docs/method/world.md); a size is an rms value, or exact, or what its row's law says.
+    (`SensorErrors.rows()`, docs/simulation-studies.md); a size is an rms value, or exact, or what its row's law says.
     """
 
     encoder_noise: float = effect(
         "noise of the encoders", "rad", "joint", "rms", _SHEET, realistic=0.3e-3,
     )  # fmt: skip
-    joint_zero: float = effect(
+    joint_offset: float = effect(
         "encoder reading less joint position", "rad", "joint", "rms", _JIG, realistic=5e-3, stress=10e-3,
     )  # fmt: skip
     joint_velocity_noise: float = effect(
@@ -340,7 +340,8 @@ class SensorErrors:
         lacking = [r.name for r in self.rows() if engine not in r.engines and getattr(self, r.name) != r.none]
         if lacking:
             raise SettingsError(
-                f"{engine} cannot simulate {', '.join(lacking)}; take out what it cannot (--without {','.join(lacking)}), or "
+                f"{engine} cannot simulate {', '.join(lacking)}; take out what it cannot (--disable-effect "
+                f"{','.join(lacking)}), or "
                 f"use {self.row(lacking[0]).engines[0]}"
             )
 
@@ -394,7 +395,7 @@ def sizes_of(
         SettingsError: the preset or the effect is not known, or it is both enabled and left out.
     """
     if isinstance(noise, str) and noise not in PRESETS:
-        raise SettingsError(f"noise {noise!r} is not known; it is one of {', '.join(PRESETS)}, or SensorErrors")
+        raise SettingsError(f"preset {noise!r} is not known; it is one of {', '.join(PRESETS)}, or SensorErrors")
     if both := set(effects) & set(without):
         raise SettingsError(f"{', '.join(sorted(both))}: with it and without it; say one of the two")
     sizes = PRESETS[noise].scaled_to(scale) if isinstance(noise, str) else noise

@@ -53,15 +53,15 @@ def add_contacts(
     """Add feet (balls, or of the shape that effects give them), belly (a box, for lying) and the floor; nothing else touches.
 
     Args:
-        contacts: contact parameters of feet and floor: "own", or "file", those that the model file gives its feet, on a floor
-            as MuJoCo makes it.
+        contacts: contact parameters of feet and floor: "default", or "file", those that the model file gives its feet, on a
+            floor as MuJoCo makes it.
 
     Raises:
         SettingsError: the file gives none, or feet would have two shapes.
     """
     of_the_file = _of_the_file(spec, robot) if contacts == "file" else {}
     hard = {"solref": [CONTACT_TIME, 1.0], "solimp": [*IMPEDANCE, 0.001, 0.5, 2.0], "friction": _friction(errors)}
-    floor = hard if contacts == "own" else {}
+    floor = hard if contacts == "default" else {}
     spec.worldbody.add_geom(
         name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=1, conaffinity=2, **floor
     )  # fmt: skip
@@ -203,6 +203,6 @@ def _of_the_file(spec: mujoco.MjSpec, robot: RobotModel) -> dict[str, dict[str, 
     if missing := sorted(robot.feet.keys() - found):
         raise SettingsError(
             f"the model file of {robot.name!r} says nothing of how its feet touch the floor (only the spheres of an MJCF do; "
-            f"there is none at {', '.join(missing)}); leave --contacts file out"
+            f"there is none at {', '.join(missing)}); leave --contact-model file out"
         )
     return found

@@ -74,7 +74,7 @@ def build_simulated_robot(
     errors: DrawnErrors,
     payload: Payload | None,
     timestep: float,
-    contacts: Contacts = "own",
+    contacts: Contacts = "default",
 ) -> SimulatedRobot:
     """Build the MuJoCo model of a robot, from the file that the robot model came from.
 
@@ -85,7 +85,7 @@ def build_simulated_robot(
         stance: stance whose hip height gains scale with.
         errors: errors of drives, legs, feet and floor are built in; sensor errors are the platform's.
         timestep: time step of the engine [s].
-        contacts: contact parameters of the feet, "own" or those of the "file".
+        contacts: contact parameters of the feet, "default" or those of the "file".
 
     Raises:
         ModelError: MuJoCo cannot make a model of the file.
@@ -129,7 +129,7 @@ def build_simulated_robot(
         simulated = dataclasses.replace(simulated, links=copy.copy(model))
         add_rotor_spin(model, joints, np.full(len(joints), spin))
     set_stops(model, robot, errors, stance.scale.torque)
-    if contacts == "own":
+    if contacts == "default":
         soften_feet(model, robot, errors)
     return simulated
 
@@ -241,7 +241,7 @@ def _strip(spec: mujoco.MjSpec) -> None:
 
 def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     """Remove joints that do not belong to a leg, with their links turned to where they are held."""
-    if not robot.held:
+    if not robot.locked_joints:
         return
     compiled = spec.compile()
     poses: dict[int, pin.SE3] = {}
@@ -253,7 +253,7 @@ def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
             index = int(compiled.jnt_bodyid[joint.id])
             xyzw = np.roll(compiled.body_quat[index], -1)
             pose = poses.get(index, pin.XYZQUATToSE3(np.concatenate([compiled.body_pos[index], xyzw])))
-            position = robot.held.get(spec_joint.name, 0.0)  # joints of several axes are held where they are
+            position = robot.locked_joints.get(spec_joint.name, 0.0)  # joints of several axes are held where they are
             poses[index] = pose = pose * _motion(joint, position)
             body.pos, body.quat = pose.translation, quat_wxyz(pose.rotation)
             body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT

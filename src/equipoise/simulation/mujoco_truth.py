@@ -10,7 +10,7 @@ from equipoise.conventions import FloatArray
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.links import link_names
 from equipoise.robot.model import RobotModel
-from equipoise.simulation.glimpse import Glimpse
+from equipoise.simulation.ground_truth_view import GroundTruth
 from equipoise.simulation.leg_errors import in_frame_of_hips
 from equipoise.simulation.mujoco_contacts import floors_of_feet, foot_name
 from equipoise.simulation.mujoco_loads import SWINGING_LOAD, WATER
@@ -95,7 +95,7 @@ class MujocoWitness:
         self._base = simulated.base_body
         self._up = -np.array(simulated.errors.gravity_direction)
 
-    def look(self) -> Glimpse:
+    def look(self) -> GroundTruth:
         """The present moment."""
         model, data = self._model, self._data
         data.qpos[:] = self._present.qpos
@@ -103,7 +103,7 @@ class MujocoWitness:
         mujoco.mj_comPos(model, data)
         feet = np.array(data.geom_xpos[self._feet])
         cosine = float(data.xmat[self._base].reshape(3, 3)[:, 2] @ self._up)
-        return Glimpse(
+        return GroundTruth(
             float(self._present.time),
             feet,
             feet[:, 2] - model.geom_size[self._feet, 0] - model.geom_pos[self._floors, 2],

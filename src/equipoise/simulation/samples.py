@@ -84,7 +84,7 @@ class Samples:
             position = samples[:, : self._joints].copy()
             samples[:, self._joints : 2 * self._joints] *= 1 + errors.encoder_error_slope(position)
             samples[:, : self._joints] += errors.encoder_error(position)
-        samples[:, : self._joints] += errors.joint_zero
+        samples[:, : self._joints] += errors.joint_offset
         if sizes.gyro_gain or sizes.gyro_misalignment or sizes.gyro_turn:
             samples[:, -6:-3] = samples[:, -6:-3] @ errors.gyro_matrix.T
         samples[:, -6:-3] += errors.drawn["gyro_bias"]

@@ -167,7 +167,7 @@ class SimulatedPlatform(SteppedPlatform):
 
     def _with_zeros(self, position: FloatArray) -> FloatArray:
         """The loop closes on the encoders: what they misread, the joint is off by."""
-        target = position - self._errors.joint_zero
+        target = position - self._errors.joint_offset
         return target - self._errors.encoder_error(target) if self._errors.sizes.encoder_eccentricity else target
 
     def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:

@@ -15,7 +15,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import Contacts, Noise, SensorErrors, sizes_of
-from equipoise.simulation.glimpse import Glimpse
+from equipoise.simulation.ground_truth_view import GroundTruth
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.simulated import SimulatedPlatform, Start
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class Witness(Protocol):
     """Ground truth of the simulated robot, besides its platform: for evaluation, never for control."""
 
-    def look(self) -> Glimpse:
+    def look(self) -> GroundTruth:
         """The present moment."""
         ...
 
@@ -85,7 +85,7 @@ class Simulation:
 
 def simulate(
     robot: RobotModel,
-    noise: Noise | SensorErrors = "realistic",
+    preset: Noise | SensorErrors = "realistic",
     payload: Payload | str | None = None,
     seed: int = 0,
     start: Start = "standing",
@@ -94,12 +94,12 @@ def simulate(
     noise_seed: int | None = None,
     effects: Mapping[str, float | None] | None = None,
     without: Sequence[str] = (),
-    contacts: Contacts = "own",
+    contact_model: Contacts = "default",
 ) -> Simulation:
     """A robot in a physics engine, with the effects of a preset or of one's own, perhaps a payload.
 
     Args:
-        noise: a preset, scaled to the robot, or effects of one's own, taken as they are; "ideal" has none.
+        preset: a preset, scaled to the robot, or effects of one's own, taken as they are; "ideal" has none.
         payload: payload on the base; as text it is MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ.
         seed: seed of everything drawn. Robots of the same seed have the same errors in all engines.
         start: posture with which the robot begins.
@@ -108,7 +108,8 @@ def simulate(
         noise_seed: seed of the noise alone, for several runs of one robot; default `seed`.
         effects: effects besides, or of other sizes: a size by name, or None for what it is tried with by itself.
         without: names of effects that are left out.
-        contacts: how feet touch the floor: "own", as the effects say, or as the model "file" (an MJCF) says for its feet, on a
+        contact_model: how feet touch the floor: "default", as the effects say, or as the model "file" (an MJCF) says for its
+            feet, on a
             floor as MuJoCo makes it; the effects on feet and floor then do nothing, except slope, heights, and shapes and
             positions of feet.
 
@@ -120,17 +121,19 @@ def simulate(
     if start not in ("standing", "lying"):
         raise SettingsError(f"a robot starts 'standing' or 'lying', not {start!r}")
     build_robot = ENGINES[engine]
-    if contacts not in ("own", "file"):
-        raise SettingsError(f"contacts {contacts!r} are not known; they are 'own' or those of the model 'file'")
+    if contact_model not in ("default", "file"):
+        raise SettingsError(
+            f"contacts {contact_model!r} are not known; they are 'default' or those of the model 'file'"
+        )
     if isinstance(payload, str):
         payload = Payload.parse(payload)
     if payload is not None:
         payload.check(robot)
     stance = nominal_stance(robot)
-    sizes = sizes_of(noise, stance.scale, effects or {}, without)
+    sizes = sizes_of(preset, stance.scale, effects or {}, without)
     sizes.refuse_what_lacks(engine)
     errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed, noise_seed)
-    return build_robot(robot, stance, errors, payload, start, timestep, contacts)
+    return build_robot(robot, stance, errors, payload, start, timestep, contact_model)
 
 
 def build(

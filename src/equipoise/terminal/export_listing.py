@@ -28,9 +28,9 @@ def print_formats(known: Mapping[str, Format | EquipoiseError]) -> None:
     linked = ", ".join(row.name for row in formats if row.payload)
     console.print(
         "base: the base link with all that is fixed to it or held; composite: the whole robot frozen at its stance;\n"
-        "sensors: joint zeros, IMU, clock; motors: friction, armature, gain, delay. --what says which of them.\n"
+        "sensors: joint offsets, IMU, clock; motors: friction, armature, gain, delay. --parameters says which of them.\n"
         f"--add-payload-link, which writes what was added as a link of its own, is for {linked}.\n"
-        "Next: equipoise export RUN --to FORMAT. What to check there: docs/controllers",
+        "Next: equipoise export RUN --to FORMAT. What to check there: docs/reference/exports.md",
         soft_wrap=True,
     )
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _COUNTED = {
     "lift": "lift",
     "move": "move over planted feet",
-    "sway": "sway over planted feet",
+    "excitation": "excitation over planted feet",
     "walk": "step of a walk",
     "crawl": "step of a crawl",
     "rest": "rest",
@@ -44,8 +44,8 @@ def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = Fa
     nudges = sum(segment.kind == "nudge" for segment in report.segments)
     if nudges and not verbose:
         console.print(f"Not shown: {nudges} motions over planted feet that are too small to tell anything.")
-    for sentence in report.not_told:
-        console.print(f"[yellow]cannot be told:[/] {escape(sentence)}")
+    for message in report.not_told:
+        console.print(f"[yellow]cannot be told:[/] {escape(message)}")
 
 
 def _print_joints(console: Console, report: LogReport, verbose: bool) -> None:

@@ -20,7 +20,7 @@ from equipoise.figures.parts import Parts, parts_of, parts_of_legs
 from equipoise.figures.uncertainty_budget import REMEDY, remedies, uncertainty_table
 from equipoise.method.rehearsal import Forecast
 from equipoise.result.calibration import Calibration
-from equipoise.result.legend import checks_sentence, doubt_sentence
+from equipoise.result.legend import checks_message, doubt_message
 from equipoise.result.shown import ROWS
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.audit import Audit
@@ -106,13 +106,13 @@ def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -
 
 
 def _print_numbers(console: Console, result: Calibration) -> None:
-    if doubt := doubt_sentence(result):
+    if doubt := doubt_message(result):
         console.print(f"[red]{escape(doubt)}[/red]")
     feet = f", {result.feet} feet" if result.feet else ""
     title = f"{result.robot}: method {result.method}{feet}; the whole robot at its stance"
     print_table(console, numbers_table(numbers(result), title), without=["|change"])
-    for sentence in (*legend(result), *_found(result)):
-        console.print(escape(sentence))
+    for message in (*legend(result), *_found(result)):
+        console.print(escape(message))
 
 
 def _found(result: Calibration) -> Iterator[str]:
@@ -125,13 +125,13 @@ def _found(result: Calibration) -> Iterator[str]:
             "its inertia, covariances and the paper's stance-effective body are in the JSON form."
         )
     if result.held_out is not None:
-        yield f"Held out: {result.held_out.sentence()}."
-    if notable := [finding.sentence for finding in result.sensors if finding.notable]:
-        yield "Worth fixing: " + "; ".join(notable) + "."
+        yield f"Held out: {result.held_out.message()}."
+    if significant := [finding.message for finding in result.sensors if finding.significant]:
+        yield "Worth fixing: " + "; ".join(significant) + "."
     lifts = sum(trial.kind == "lift" for trial in result.trials)
     time = sum(trial.duration for trial in result.trials)
     walked = not lifts and any(trial.kind in ("walk", "crawl") for trial in result.trials)
-    checks = f"; {checks_sentence(result)}" if result.has_intervals else ""
+    checks = f"; {checks_message(result)}" if result.has_intervals else ""
     yield f"{'Steps' if walked else f'{lifts} lifts'} in {len(result.trials)} motions, {time:.0f} s of robot time{checks}."
     if missing := not_estimated(result):
         yield f"Not estimated by this method: {', '.join(missing)}."
@@ -145,7 +145,7 @@ def _print_parts(console: Console, title: str, parts: Parts) -> None:
 def print_budget(result: Calibration) -> None:
     """Print the shares of each variance by source, and remedies."""
     console = Console()
-    if not result.budget:
+    if not result.uncertainty_budget:
         console.print(f"The method {result.method} does not say where its uncertainty comes from.")
         return
     print_table(console, uncertainty_table(result), without=[REMEDY])
@@ -161,10 +161,10 @@ def print_plan(robot: str, plan: Forecast) -> None:
     console = Console()
     trials = [[posture, *(lifts[diagonal] or "-" for diagonal in DIAGONALS)] for posture, lifts in plan.trials()]
     show_table(f"{robot}: {plan.robot_time:.0f} s of robot time", ["posture", *DIAGONALS], trials)
-    columns = [plan.deviation] if plan.without is None else [plan.deviation, plan.without]
+    columns = [plan.std] if plan.without is None else [plan.std, plan.without]
     rows = [
-        [label, *(number(value, factor, form) for value in (model, *(NORMAL_95 * one for one in deviations)))]
-        for (_, label, factor, form), model, *deviations in zip(ROWS, plan.body, *columns, strict=True)
+        [label, *(number(value, factor, form) for value in (model, *(NORMAL_95 * one for one in stds)))]
+        for (_, label, factor, form), model, *stds in zip(ROWS, plan.body, *columns, strict=True)
     ]
     heads = ("parameter", "|model", "|95 % +-", "|nothing known")[: 2 + len(columns)]
     show_table("Predicted, for ordinary sensors and a scale", heads, rows)
@@ -172,7 +172,7 @@ def print_plan(robot: str, plan: Forecast) -> None:
         _print_parts(console, f"{robot}: links, the model file's, predicted 95 % +-", parts_of_legs(plan.links))
     console.print(
         "Lifts: passive, or with the body turning to and fro about an axis, or with the two lifted feet swinging. Postures "
-        "without lifts are moves over planted feet, from which joint zeros follow."
+        "without lifts are moves over planted feet, from which joint offsets follow."
     )
     for reason in plan.left_out[:_REASONS]:
         console.print(f"left out: {escape(reason)}")
@@ -202,9 +202,9 @@ def print_audit(result: Audit) -> None:
             f"CoM {x:.1f} {y:.1f} {z:.1f} mm in base, "
             f"Ixx Iyy Izz {' '.join(f'{value:.4g}' for value in result.composite.inertia.diagonal())} kg m2."
         )
-    if result.ratio_sentence is not None:
-        console.print(escape(f"A single-rigid-body controller wants the composite: {result.ratio_sentence}."))
-    console.print(escape(f"{result.imu.sentence}."))
+    if result.ratio_message is not None:
+        console.print(escape(f"A single-rigid-body controller wants the composite: {result.ratio_message}."))
+    console.print(escape(f"{result.imu.message}."))
     colours = {"error": "red", "warning": "yellow", "note": "cyan"}
     for finding in result.findings:
         about = f"{finding.body}: " if finding.body else ""

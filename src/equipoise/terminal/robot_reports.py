@@ -41,7 +41,7 @@ def print_checkup(
     for finding in findings:
         if finding.advice:
             console.print(f"{finding.name}: {escape(finding.advice)}")
-    console.print(escape(f"{robot.imu.sentence}."))
+    console.print(escape(f"{robot.imu.message}."))
     for line in gain_lines(robot, platform):
         console.print(line)
     wrong = any(finding.fine is False for finding in findings)

@@ -11,12 +11,12 @@ from rich.markup import escape
 from equipoise.calibration.repeatability import Repeated
 from equipoise.figures.blocks import number
 from equipoise.figures.numbers import numbers_of, numbers_table
-from equipoise.result.legend import verdict_sentence
+from equipoise.result.legend import verdict_message
 from equipoise.result.shown import ROWS
 from equipoise.terminal.rich_tables import print_table, show_table
 
 if TYPE_CHECKING:
-    from equipoise.calibration.delta import Delta
+    from equipoise.calibration.payload_change import PayloadChange
 
 _NONE = "Nothing that matters was added or taken off. What changed in the whole robot:"
 _UNSURE = (
@@ -30,7 +30,7 @@ _CHANGES = {
 _TOO_MUCH = 2.0  # of spread over deviation, with a handful of repetitions
 
 
-def print_delta(delta: Delta) -> None:
+def print_payload_change(delta: PayloadChange) -> None:
     """The payload with intervals, and what it does to the whole robot."""
     console = Console()
     for warning in delta.warnings:
@@ -41,11 +41,11 @@ def print_delta(delta: Delta) -> None:
     if delta.payload.com_in_base.x.value is None:
         console.print(_NONE if delta.payload.mass.verdict == "no change" else _UNSURE)
     rows = [
-        [label, number(one.value, factor, "+" + form), number(one.half, factor, form), one.verdict or ""]
+        [label, number(one.value, factor, "+" + form), number(one.half_width, factor, form), one.verdict or ""]
         for one, (_, label, factor, form) in zip(delta.change, ROWS, strict=True)
     ]
     show_table("The whole robot at its stance, after less before", ["parameter", "|change", "|95 % +-", ""], rows)
-    said = verdict_sentence(delta.change, _CHANGES)
+    said = verdict_message(delta.change, _CHANGES)
     console.print(f"CoM from the origin of the base link, inertia about the CoM. {said}")
 
 
@@ -57,8 +57,8 @@ def print_repeatability(robot: str, repeated: Sequence[Repeated], count: int) ->
     for name, label, factor, form in ROWS:
         if (one := by_name.get(name)) is not None:
             finer = f".{int(form[1]) + 1}f"
-            mean, deviation = number(one.quantity.value, factor, form), number(one.quantity.deviation, factor, finer)
-            rows.append([label, mean, number(one.spread, factor, finer), deviation, number(one.ratio, 1, ".2f")])
+            mean, std = number(one.quantity.value, factor, form), number(one.quantity.std, factor, finer)
+            rows.append([label, mean, number(one.spread, factor, finer), std, number(one.ratio, 1, ".2f")])
     heads = ["parameter", "|mean", "|spread (sd)", "|reported sd", "|spread / sd"]
     show_table(f"{robot}: {count} calibrations", heads, rows)
     worst = [one for one in repeated if one.ratio is not None and one.ratio > _TOO_MUCH]
@@ -67,5 +67,6 @@ def print_repeatability(robot: str, repeated: Sequence[Repeated], count: int) ->
         console.print(f"{names}: they differ by more than they say that they may; something changes between the runs.")
     else:
         console.print(
-            "Intervals also cover what is the same in each run (joint zeros, a scale's error), which repeating does not show."
+            "Intervals also cover what is the same in each run (joint offsets, a scale's error), which repeating does "
+            "not show."
         )

@@ -48,7 +48,7 @@ _KINDS = {
     "lift": "The robot unloads and lifts two diagonal feet and stands on the other two. Their contact points span the "
     "**support line** (orange). The robot tips towards the side of the line on which its CoM is, until the feet are lowered.",
     "posture": "The body moves over four standing feet. The joint torques at rest determine mass and CoM.",
-    "sway": "The body oscillates over four standing feet. Its accelerations determine the inertia.",
+    "excitation": "The body oscillates over four standing feet. Its accelerations determine the inertia.",
     "motors": "The legs swing. Their torques determine friction, armature and delay of the motors.",
 }
 _LEGEND = """\
@@ -137,7 +137,7 @@ class Scene:
         rr, place = self._rr, "world/robot/com/estimate"
         self._set_time(self._ends[estimate.trials - 1])
         self._log_text("com", estimate_text(estimate))
-        self._stream.log("com_half_width", rr.Scalars(1000 * estimate.half))
+        self._stream.log("com_half_width", rr.Scalars(1000 * estimate.half_width))
         self._stream.log(place, rr.Transform3D(translation=estimate.com - self._nominal_com))
         if estimate.covariance is not None:
             axes, half = ellipsoid_95(estimate.covariance)
@@ -283,7 +283,7 @@ def estimate_text(estimate: ComEstimate) -> str:
     """Return an estimate of the CoM as a table in Markdown."""
     rows = [
         f"| {axis} | **{1000 * value:+.2f}** | {'not estimated' if np.isnan(half) else f'{1000 * half:.2f}'} |"
-        for axis, value, half in zip("xyz", estimate.com.tolist(), estimate.half.tolist(), strict=True)
+        for axis, value, half in zip("xyz", estimate.com.tolist(), estimate.half_width.tolist(), strict=True)
     ]
     interval = "half bracket" if estimate.brackets else "95 % interval"
     trials = f"In the base frame at the nominal stance, after {estimate.trials} trial{'s' * (estimate.trials > 1)}."

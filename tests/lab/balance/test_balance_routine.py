@@ -9,13 +9,13 @@ import pytest
 from equipoise import nominal_stance, simulate
 from equipoise.errors import FallError, MotionError, SettingsError
 from equipoise.lab.balance.balance_routine import BalanceSettings, balance
-from equipoise.lab.balance.belief import calibrated, displaced, error_along, model_file, with_composite
-from equipoise.lab.balance.judge import felt_traces, judge, seen_traces
-from equipoise.lab.balance.senses import Senses, SensorKnowledge, leveling
+from equipoise.lab.balance.evaluation import felt_traces, judge, seen_traces
+from equipoise.lab.balance.model_error import calibrated, displaced, error_along, model_file, with_composite
+from equipoise.lab.balance.observer import Senses, SensorKnowledge, leveling
 from equipoise.platform.platform import MotionInterrupted, RobotState
 from equipoise.result.body import Body
 from equipoise.robot.inertial import composite_parameters
-from equipoise.simulation.glimpse import Bystander
+from equipoise.simulation.ground_truth_view import Bystander
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
@@ -51,7 +51,9 @@ def stand(robot, error, diagonal="FL_RR", noise="ideal", seconds=3.0, seed=0):
             Meddled(simulation.platform), robot, belief.model, diagonal, BalanceSettings(seconds), watch=bystander.watch
         )
         last = simulation.witness.look()
-    return SimpleNamespace(run=run, glimpses=bystander.glimpses, verdict=judge(run, bystander.glimpses), last=last)
+    return SimpleNamespace(
+        run=run, ground_truths=bystander.ground_truths, verdict=judge(run, bystander.ground_truths), last=last
+    )
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +72,7 @@ def test_an_a1_with_the_true_model_balances(balanced):
     assert verdict.failure is None
     assert verdict.time_balanced == 3.0
     assert verdict.judged_by == "truth"
-    assert verdict.sway < 0.5e-3
+    assert verdict.excitation < 0.5e-3
     assert verdict.largest_tilt < np.radians(2)
     assert verdict.largest_torque < 15
     assert verdict.foot_travel < 1e-3
@@ -78,7 +80,7 @@ def test_an_a1_with_the_true_model_balances(balanced):
 
 
 def test_what_the_robot_feels_of_itself_is_what_a_bystander_sees(balanced):
-    felt, seen = felt_traces(balanced.run), seen_traces(balanced.run, balanced.glimpses)
+    felt, seen = felt_traces(balanced.run), seen_traces(balanced.run, balanced.ground_truths)
     at = np.searchsorted(felt.time, seen.time[:-1] - 1e-9)
     later = seen.time[:-1] > 0.2
     for name, tolerance in (("tilt", np.radians(0.3)), ("com_ahead", 0.5e-3), ("clearance", 3e-3)):
@@ -107,7 +109,7 @@ def test_an_a1_that_believes_its_centre_of_mass_20_mm_off_falls_and_its_joints_a
     assert not verdict.balanced
     assert verdict.failure is not None
     assert 0.1 < verdict.time_balanced < 1.5
-    assert verdict.sway is None
+    assert verdict.excitation is None
     assert not judge(fallen.run).balanced
     assert fallen.run.ending in ("touched", "tilted")
     recording = fallen.run.recording
@@ -174,14 +176,14 @@ def test_settings_that_make_no_sense_are_refused(name, value):
 
 def test_the_witness_sees_a_standing_robot_on_a_slope(a1):
     with simulate(a1, "realistic", seed=5) as simulation:
-        glimpse = simulation.witness.look()
+        ground_truth = simulation.witness.look()
         down = simulation.errors.gravity_direction
         state = simulation.platform.read()
-    assert np.allclose(glimpse.up, -down)
-    assert glimpse.time == state.time == 0
-    assert np.abs(glimpse.clearance).max() < 1e-3
-    assert glimpse.com[2] == pytest.approx(0.3, abs=0.03)
-    assert 0 < glimpse.tilt < 0.05
+    assert np.allclose(ground_truth.up, -down)
+    assert ground_truth.time == state.time == 0
+    assert np.abs(ground_truth.clearance).max() < 1e-3
+    assert ground_truth.com[2] == pytest.approx(0.3, abs=0.03)
+    assert 0 < ground_truth.tilt < 0.05
 
 
 def at_rest(robot, up_in_base, knowledge):
@@ -247,12 +249,12 @@ def test_a_precise_calibration_gives_mass_inertia_and_sensor_errors(a1, precise_
     whole = composite_parameters(belief.model, stance.joint_position)
     assert whole.mass == pytest.approx(found.mass)
     assert np.allclose(whole.com, found.com, atol=1e-9)
-    assert belief.source == "a calibration by the method precise"
+    assert belief.source == "a calibration by the method bayesian"
     with simulate(a1, "realistic", seed=precise_run.seed, timestep=1e-3) as simulation:
         drawn = simulation.errors
     assert belief.sensors.any
     # What is left is smaller than what was drawn: units, signs and order are right.
-    for name in ("joint_zero", "imu_tilt"):
+    for name in ("joint_offset", "imu_tilt"):
         left = getattr(belief.sensors, name) - getattr(drawn, name)
         assert np.linalg.norm(left) < 0.7 * np.linalg.norm(getattr(drawn, name)), name
 

@@ -26,7 +26,7 @@ def over_dds():
     pytest.importorskip("cyclonedds")
     open_dds = importlib.import_module("equipoise.drivers.unitree.dds").open_connection
     domain = unused_domain()
-    flags = "--domain", domain, "--noise", "ideal", "--start", "standing", "--no-sport-mode", "--trace"
+    flags = "--domain", domain, "--sim-preset", "ideal", "--start", "standing", "--no-sport-mode", "--trace"
     with running_peer("unitree_dds", *flags) as peer:
         settings = UnitreeDdsSettings(interface="lo", domain=domain, silence=5.0, release_sport_mode=False)
         yield peer, lambda robot: open_dds(robot, settings)
@@ -35,7 +35,7 @@ def over_dds():
 @contextmanager
 def over_udp():
     port = free_port()
-    flags = "--protocol", "go1", "--port", port, "--noise", "ideal", "--start", "standing", "--trace"
+    flags = "--protocol", "go1", "--port", port, "--sim-preset", "ideal", "--start", "standing", "--trace"
     with running_peer("unitree_udp", *flags) as peer:
         settings = UnitreeUdpSettings(
             protocol="go1", address="127.0.0.1", port=port, local_port=free_port(), silence=5.0
@@ -209,7 +209,7 @@ def test_a_line_that_is_not_a_fault_ends_the_emulator(a1):
     ],
 )
 def test_legs_are_exchanged_in_samples_and_commands(a1, wiring, exchanged):
-    robot = PeerRobot(a1, PeerSettings(noise="ideal", wiring=wiring), io.StringIO())
+    robot = PeerRobot(a1, PeerSettings(sim_preset="ideal", wiring=wiring), io.StringIO())
     target, calf = nominal_stance(a1).joint_position.copy(), a1.legs["FL"].joints[2]
     before = robot.step().joint_position[calf]
     target[calf] += 0.1
@@ -222,7 +222,7 @@ def test_legs_are_exchanged_in_samples_and_commands(a1, wiring, exchanged):
 
 
 def test_hip_signs_and_an_imu_that_is_turned(a1):
-    robot = PeerRobot(a1, PeerSettings(noise="ideal"), io.StringIO())
+    robot = PeerRobot(a1, PeerSettings(sim_preset="ideal"), io.StringIO())
     state, hips = robot.step(), [leg.joints[0] for leg in a1.legs.values()]
     signs = CrossedWiring(a1, "hip-signs", "both").sensed(state)
     assert np.array_equal(signs.joint_position[hips], -state.joint_position[hips])

@@ -16,7 +16,7 @@ class Log(list):
 def test_a_line_of_the_log_is_written_at_one_go(a1):
     """Ctrl-C came between a line and its end, where Python buffers nothing, and two objects stood on one line."""
     log = Log()
-    robot = PeerRobot(a1, PeerSettings(noise="ideal"), log)
+    robot = PeerRobot(a1, PeerSettings(sim_preset="ideal"), log)
     robot.say(ready=True)
     robot.step()
     assert all(piece.endswith("}\n") for piece in log)

@@ -19,7 +19,7 @@ COUNT = 40
 
 @pytest.fixture(scope="module")
 def rows():
-    """Calibrations with intervals whose planar error grows with the size of the joint zeros."""
+    """Calibrations with intervals whose planar error grows with the size of the joint offsets."""
     rng = np.random.default_rng(2)
     truths = {f"true_{name}": 1.0 for name in COMPONENTS}
     truths |= {f"true_stance_effective_{axis}": 0.1 for axis in ("roll", "pitch", "yaw")}
@@ -28,16 +28,16 @@ def rows():
     for trial in range(COUNT):
         size, (x, y) = rng.uniform(0, 1e-2), rng.normal(size=2)
         found.append({
-            "trial": trial, "method": "precise", "status": "ok", "message": "", **truths, **sizes, "payload_mass": 0.0,
-            "size_joint_zero": size, "estimated_com_x": 1.0 + 0.3 * size * x, "estimated_com_y": 1.0 + 0.3 * size * y,
-            "deviation_com_x": 1.5e-3, "deviation_com_y": 1.5e-3, "robot_time": 100.0, "cpu_time": 1.0,
+            "trial": trial, "method": "bayesian", "status": "ok", "message": "", **truths, **sizes, "payload_mass": 0.0,
+            "size_joint_offset": size, "estimated_com_x": 1.0 + 0.3 * size * x, "estimated_com_y": 1.0 + 0.3 * size * y,
+            "std_com_x": 1.5e-3, "std_com_y": 1.5e-3, "robot_time": 100.0, "cpu_time": 1.0,
         })  # fmt: skip
     return table_of(found)
 
 
 @pytest.fixture(scope="module")
 def pages(rows):
-    slopes = [Slope("precise", "size_joint_zero", 0.3, 0.02)]
+    slopes = [Slope("bayesian", "size_joint_offset", 0.3, 0.02)]
     errors = np.abs(np.random.default_rng(3).normal(2e-3, 1e-3, COUNT))
     proportion = Proportion(errors, 2 * errors, errors + 1e-3, 1.0, 0.5, 1e-3)
     halvings = np.outer(np.ones(COUNT), [0.03, 0.015, 0.008, 0.004])
@@ -47,7 +47,7 @@ def pages(rows):
     )
     done = Reproduction(table, tuple(summarize(rows)), halvings, errors, proportion)
     return {
-        "study": study_page(Study(vary_noise=True), rows, summarize(rows), slopes),
+        "study": study_page(Study(vary_effects=True), rows, summarize(rows), slopes),
         "reproduction": reproduction_page(done),
     }
 
@@ -70,5 +70,5 @@ def test_the_reproduction_as_markdown_has_its_tables_in_order(pages):
     heads = [line for line, below in zip(text.splitlines(), text.splitlines()[1:], strict=False) if below[:4] == "|---"]
     assert [head.split(" | ")[0].strip("| ") for head in heads] == ["", "iteration", "method"]
     assert "| paper | ideal | 0.1000 (+0%) | - | 0.4000 (+0%) | 2.00 (+1.00) | 2.00 (+0.00) |" in text
-    assert f"| precise | {COUNT} | " in text
+    assert f"| bayesian | {COUNT} | " in text
     assert "[Figure: Fig. 3: CoM error by iteration](report.html#iterations)" in text

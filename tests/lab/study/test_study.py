@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from robots import quadruped_urdf
 
-from equipoise import ComSearchSettings, Paper
+from equipoise import ComSearchSettings, PaperMethod
 from equipoise.errors import EquipoiseError, ModelError, SettingsError
 from equipoise.lab.static.method import Static
 from equipoise.lab.study.study import SOURCES, Study, draw
@@ -18,7 +18,7 @@ from equipoise.lab.study.trial import check_study
 from equipoise.robot.description import RobotDescription
 from equipoise.simulation.effects import REALISTIC, SensorErrors
 
-VARIED = Study(vary_noise=True, spread=0.1, scale_error=0.01, seed=5)
+VARIED = Study(vary_effects=True, spread=0.1, scale_error=0.01, seed=5)
 SHOWN = f"""
 import json, sys
 sys.path[:0] = {[str(Path(__file__).parents[above]) for above in (0, 2)]}
@@ -62,8 +62,8 @@ def test_other_numbers_and_other_seeds_are_other_robots():
         ({"payload": "none"}, ("robot", "sizes", "seed", "scale_reading")),
         ({"scale_error": None}, ("robot", "payload", "sizes", "seed")),
         ({"spread": 0.0}, ("sizes_but_torques", "seed", "scale_reading")),
-        ({"vary_noise": False}, ("robot", "payload", "seed", "scale_reading")),
-        ({"only": ("joint_zero",)}, ("robot", "payload", "seed", "scale_reading")),
+        ({"vary_effects": False}, ("robot", "payload", "seed", "scale_reading")),
+        ({"only": ("joint_offset",)}, ("robot", "payload", "seed", "scale_reading")),
         ({"methods": (Static(),)}, ("robot", "payload", "sizes", "seed", "scale_reading")),
     ],
 )
@@ -74,7 +74,7 @@ def test_what_is_switched_off_leaves_the_rest_as_it_was(change, kept):
             "robot": lambda drawn: drawn.robot.source.sha256,
             "payload": lambda drawn: drawn.payload.parameters.com.tolist(),
             "sizes": lambda drawn: drawn.sizes,
-            "sizes_but_torques": lambda drawn: (drawn.sizes.joint_zero, drawn.sizes.floor_slope),
+            "sizes_but_torques": lambda drawn: (drawn.sizes.joint_offset, drawn.sizes.floor_slope),
             "seed": lambda drawn: drawn.seed,
             "scale_reading": lambda drawn: drawn.scale_reading,
         }
@@ -84,8 +84,8 @@ def test_what_is_switched_off_leaves_the_rest_as_it_was(change, kept):
 
 @pytest.mark.parametrize("noise", ["realistic", "stress"])
 def test_varied_sizes_go_from_nothing_to_twice_the_usual(noise):
-    usual = draw(Study(noise=noise), 0).sizes
-    drawn = [draw(Study(noise=noise, vary_noise=True), trial).sizes for trial in range(60)]
+    usual = draw(Study(preset=noise), 0).sizes
+    drawn = [draw(Study(preset=noise, vary_effects=True), trial).sizes for trial in range(60)]
     for row in SensorErrors.rows():
         size = getattr(usual, row.name)
         if not row.varied or size == row.none:
@@ -100,26 +100,28 @@ def test_varied_sizes_go_from_nothing_to_twice_the_usual(noise):
 
 
 def test_what_was_varied_before_there_were_more_effects_is_drawn_as_ever():
-    drawn = draw(Study(vary_noise=True, spread=0.1, scale_error=0.01, seed=5), 3)
-    assert (drawn.sizes.joint_zero, drawn.sizes.floor_slope) == (0.00843092179016249, 0.00403770334773202)
+    drawn = draw(Study(vary_effects=True, spread=0.1, scale_error=0.01, seed=5), 3)
+    assert (drawn.sizes.joint_offset, drawn.sizes.floor_slope) == (0.00843092179016249, 0.00403770334773202)
     assert drawn.seed == 3447195048259697815
 
 
 def test_one_more_effect_changes_no_other_ones_factor():
-    more, less = (draw(Study(noise="stress", without=w, vary_noise=True, seed=2), 1).sizes for w in ((), ("backlash",)))
+    more, less = (
+        draw(Study(preset="stress", without=w, vary_effects=True, seed=2), 1).sizes for w in ((), ("backlash",))
+    )
     assert dataclasses.replace(more, backlash=0.0) == less
     assert more.backlash
 
 
 def test_a_study_has_effects_beside_a_preset(a1):
-    sizes = draw(Study(effects={"springs": 3000.0, "cable": None}, without=("joint_zero",)), 0).sizes
-    assert (sizes.springs, sizes.cable, sizes.joint_zero) == (3000.0, 0.15, 0.0)
+    sizes = draw(Study(effects={"springs": 3000.0, "cable": None}, without=("joint_offset",)), 0).sizes
+    assert (sizes.springs, sizes.cable, sizes.joint_offset) == (3000.0, 0.15, 0.0)
 
 
-@pytest.mark.parametrize("vary_noise", [False, True])
-def test_only_the_named_sources_are_kept(vary_noise):
-    sizes = draw(Study(only=("joint_zero", "imu_tilt"), vary_noise=vary_noise), 3).sizes
-    assert {name for name in SOURCES if getattr(sizes, name)} == {"joint_zero", "imu_tilt"}
+@pytest.mark.parametrize("vary_effects", [False, True])
+def test_only_the_named_sources_are_kept(vary_effects):
+    sizes = draw(Study(only=("joint_offset", "imu_tilt"), vary_effects=vary_effects), 3).sizes
+    assert {name for name in SOURCES if getattr(sizes, name)} == {"joint_offset", "imu_tilt"}
 
 
 def test_the_clock_of_the_imu_stays_within_the_delay():
@@ -156,12 +158,12 @@ def test_the_scale_errs_by_as_much_as_it_is_said_to():
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"methods": ()}, ["precise, paper, motors"]),
+        ({"methods": ()}, ["bayesian, paper, motors"]),
         ({"methods": (Static(), Static())}, ["static, static", "once"]),
-        ({"noise": "loud"}, ["'loud'", "ideal, realistic, stress"]),
-        ({"effects": {"wind": None}}, ["'wind'", "no effect", "joint_zero"]),
+        ({"preset": "loud"}, ["'loud'", "ideal, realistic, stress"]),
+        ({"effects": {"wind": None}}, ["'wind'", "no effect", "joint_offset"]),
         ({"without": ("sprngs",)}, ["'sprngs'", "did you mean 'springs'"]),
-        ({"only": ("gremlins",)}, ["'gremlins'", "joint_zero"]),
+        ({"only": ("gremlins",)}, ["'gremlins'", "joint_offset"]),
         ({"only": ("floor_friction",)}, ["'floor_friction'", "floor_slope"]),
         ({"payload": "heavy"}, ["'heavy'", "MASS,X,Y,Z"]),
         ({"payload": "-1,0,0,0"}, ["-1", "positive"]),
@@ -187,7 +189,11 @@ def test_settings_without_sense_are_refused_with_value_and_remedy(settings, word
     [
         ({"robot": "rex"}, ModelError, "no robot is called 'rex'"),
         ({"robot": "no/such.urdf"}, ModelError, "does not exist"),
-        ({"methods": (Paper(com_search=ComSearchSettings(tolerance=0.9)),)}, SettingsError, "leaves nothing to search"),
+        (
+            {"methods": (PaperMethod(com_search=ComSearchSettings(tolerance=0.9)),)},
+            SettingsError,
+            "leaves nothing to search",
+        ),
         ({"timestep": 0.0003}, SettingsError, "whole number of times"),
         ({"timestep": 0.002}, SettingsError, "feet on the floor would be softer"),
         ({"description": RobotDescription(stance_height=0.99)}, EquipoiseError, "stance"),
@@ -200,8 +206,8 @@ def test_what_every_trial_would_fail_with_is_refused_first(settings, error, word
 
 def test_studies_are_told_apart_and_a_model_file_counts_by_what_it_says(tmp_path):
     assert Study().fingerprint == Study().fingerprint
-    methods = ({"methods": (Static(),)}, {"methods": (Paper(feet="commanded"),)})
-    others = ({"effects": {"cable": 0.1}}, {"without": ("cable",)}, {"contacts": "file"})
+    methods = ({"methods": (Static(),)}, {"methods": (PaperMethod(feet="commanded"),)})
+    others = ({"effects": {"cable": 0.1}}, {"without": ("cable",)}, {"contact_model": "file"})
     for change in (*others, {"seed": 1}, {"robot": "go1"}, *methods, {"spread": 0.1}, {"timestep": 1e-3}):
         assert Study(**change).fingerprint != Study().fingerprint
     file = tmp_path / "robot.urdf"

@@ -139,14 +139,14 @@ def test_ctrl_c_and_a_scheduler_that_is_killed_end_a_study_with_one_sentence(clu
             "error: the workers are gone; what arrived is kept: start them again and repeat the command to go on",
         ),
     ]
-    for end, code, sentence in ends:
+    for end, code, message in ends:
         folder = tmp_path / str(code)
         process = start_study(folder, "--trials", 500, "--executor", "dask", "--scheduler", cluster.address)
         wait_for(process, "[3/")
         end(process)
         _, rest = process.communicate(timeout=60)
         assert process.returncode == code
-        assert said(rest) == [sentence]
+        assert said(rest) == [message]
         assert len(rows_in(folder)) >= 3
         until = time.monotonic() + 2.0  # no process is left behind for longer
         while alive(process.pid) and time.monotonic() < until:

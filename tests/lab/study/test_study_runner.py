@@ -26,7 +26,7 @@ from studies import (
     wait_for,
 )
 
-from equipoise import ComSearchSettings, Paper, RunFolder, errors
+from equipoise import ComSearchSettings, PaperMethod, RunFolder, errors
 from equipoise.errors import EquipoiseError, OutputError, SettingsError
 from equipoise.lab.study import runner, trial
 from equipoise.lab.study.executors import ended_after
@@ -103,7 +103,7 @@ def test_no_trials_and_no_workers_are_refused(trials, workers, tmp_path):
 def test_what_is_wrong_with_every_trial_leaves_no_folder(tmp_path):
     with pytest.raises(SettingsError, match="leaves nothing to search"):
         study_rows(
-            Study(methods=(Paper(com_search=ComSearchSettings(tolerance=0.9)),)), 1, tmp_path / "study", Inline()
+            Study(methods=(PaperMethod(com_search=ComSearchSettings(tolerance=0.9)),)), 1, tmp_path / "study", Inline()
         )
     assert not (tmp_path / "study").exists()
 
@@ -112,7 +112,7 @@ def test_what_is_wrong_with_every_trial_leaves_no_folder(tmp_path):
 
 
 def test_a_calibration_that_fails_is_a_row_and_keeps_its_recordings(tmp_path):
-    coarse = Paper(com_search=ComSearchSettings(tolerance=0.02))
+    coarse = PaperMethod(com_search=ComSearchSettings(tolerance=0.02))
     study = Study(methods=(coarse,), payload="3,0.8,0,0.08")  # the CoM lies far beyond the bounds of the search
     (row,) = study_rows(study, 1, tmp_path / "study", Inline())
     assert issubclass(getattr(errors, row["status"]), errors.MotionError)

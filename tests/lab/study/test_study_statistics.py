@@ -19,12 +19,12 @@ SIZES = dict.fromkeys([f"size_{name}" for name in SOURCES], 0.0)
 TRUTHS = {**TRUE, **{f"true_stance_effective_{axis}": 0.1 for axis in ("roll", "pitch", "yaw")}}
 
 
-def row(trial, x=0.0, y=0.0, method="paper", deviation=None, **others):
+def row(trial, x=0.0, y=0.0, method="paper", std=None, **others):
     """A calibration whose planar CoM is off by x and y [m]."""
     return {
         "trial": trial, "method": method, "status": "ok", "message": "", **TRUTHS, **SIZES, "payload_mass": 0.0,
         "estimated_com_x": TRUE["true_com_x"] + x, "estimated_com_y": TRUE["true_com_y"] + y,
-        "deviation_com_x": deviation, "robot_time": 10.0 + trial, "cpu_time": 1.0, **others,
+        "std_com_x": std, "robot_time": 10.0 + trial, "cpu_time": 1.0, **others,
     }  # fmt: skip
 
 
@@ -83,14 +83,14 @@ def test_mass_and_moments_are_in_percent():
 
 def test_coverage_is_how_often_the_interval_held_the_truth():
     off = [0.5, 0.6, 1.0, 1.8, 3.0]  # standard deviations
-    (summary,) = summarize([row(trial, 1e-3 * factor, deviation=1e-3) for trial, factor in enumerate(off)])
+    (summary,) = summarize([row(trial, 1e-3 * factor, std=1e-3) for trial, factor in enumerate(off)])
     assert summary.error("com_x").coverage == {50: Rate(2, 5), 90: Rate(3, 5), 95: Rate(4, 5)}
     assert summary.error("com_y").coverage == {}
 
 
 def test_honest_intervals_are_found_honest():
     generator = np.random.default_rng(0)
-    rows = [row(trial, 2e-3 * generator.standard_normal(), deviation=2e-3) for trial in range(2000)]
+    rows = [row(trial, 2e-3 * generator.standard_normal(), std=2e-3) for trial in range(2000)]
     (summary,) = summarize(rows)
     for level, rate in summary.error("com_x").coverage.items():
         assert rate.value == pytest.approx(level / 100, abs=0.035)
@@ -152,26 +152,27 @@ def varied(count, slope_by_source, constant=1e-3, seed=0):
 
 
 def test_slopes_are_found():
-    known = {"size_joint_zero": (0.5, 5e-3), "size_imu_tilt": (0.2, 5e-3), "size_torque_gain": (0.1, 0.03)}
+    known = {"size_joint_offset": (0.5, 5e-3), "size_imu_tilt": (0.2, 5e-3), "size_torque_gain": (0.1, 0.03)}
     rows = varied(2000, known)
     assert varied_sources(rows) == [f"size_{name}" for name in SOURCES if f"size_{name}" in known]
     found = {slope.source: slope for slope in slopes(rows, "paper")}
     assert set(found) == set(known)
     for source, (slope, unit) in known.items():
-        assert abs(found[source].slope - slope) < 3 * found[source].deviation, source
-        assert found[source].deviation * unit < 0.5e-3
+        assert abs(found[source].slope - slope) < 3 * found[source].std, source
+        assert found[source].std * unit < 0.5e-3
 
 
 def test_a_source_that_does_nothing_has_a_slope_of_about_nothing():
     found = {
-        s.source: s for s in slopes(varied(2000, {"size_joint_zero": (0.5, 5e-3), "size_leg_mass": (0, 0.03)}), "paper")
+        s.source: s
+        for s in slopes(varied(2000, {"size_joint_offset": (0.5, 5e-3), "size_leg_mass": (0, 0.03)}), "paper")
     }
     assert found["size_leg_mass"].slope * 0.03 < 0.5e-3
-    assert found["size_leg_mass"].slope < 3 * found["size_leg_mass"].deviation + 1e-12
+    assert found["size_leg_mass"].slope < 3 * found["size_leg_mass"].std + 1e-12
 
 
 def test_too_few_rows_and_sizes_that_stay_give_no_slopes():
-    known = {"size_joint_zero": (0.5, 5e-3), "size_imu_tilt": (0.2, 5e-3)}
+    known = {"size_joint_offset": (0.5, 5e-3), "size_imu_tilt": (0.2, 5e-3)}
     assert slopes(varied(19, known), "paper") == []
     assert len(slopes(varied(20, known), "paper")) == 2
     assert slopes(varied(200, known), "static") == []
@@ -180,7 +181,7 @@ def test_too_few_rows_and_sizes_that_stay_give_no_slopes():
 
 
 def test_the_payload_counts_as_a_source_beside_others_alone():
-    rows = varied(100, {"size_joint_zero": (0.5, 5e-3)})
+    rows = varied(100, {"size_joint_offset": (0.5, 5e-3)})
     masses = [entry | {"payload_mass": 0.1 * entry["trial"]} for entry in rows]
-    assert varied_sources(masses) == ["size_joint_zero", "payload_mass"]
+    assert varied_sources(masses) == ["size_joint_offset", "payload_mass"]
     assert varied_sources([row(t, payload_mass=0.1 * t) for t in range(9)]) == []

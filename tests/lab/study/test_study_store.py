@@ -10,7 +10,7 @@ import pytest
 from pyarrow import parquet
 from studies import STATIC
 
-from equipoise import Paper
+from equipoise import PaperMethod
 from equipoise.errors import OutputError, RecordingError, SettingsError
 from equipoise.lab.static.method import Static
 from equipoise.lab.study import store as store_module
@@ -18,7 +18,7 @@ from equipoise.lab.study.rows import COLUMNS, table_of
 from equipoise.lab.study.store import TrialStore, read_rows
 from equipoise.lab.study.trial import run_trial
 
-BOTH = dataclasses.replace(STATIC, methods=(Static(), Paper()))
+BOTH = dataclasses.replace(STATIC, methods=(Static(), PaperMethod()))
 NAMES = ("static", "paper")
 
 
@@ -79,8 +79,8 @@ def test_a_study_goes_on_where_it_was(tmp_path):
 
 def test_another_study_is_refused_and_told_apart(tmp_path):
     TrialStore(tmp_path / "study", STATIC)
-    with pytest.raises(SettingsError, match=r"another study \(it differs in noise, seed\).*another --out"):
-        TrialStore(tmp_path / "study", dataclasses.replace(STATIC, seed=1, noise="ideal"))
+    with pytest.raises(SettingsError, match=r"another study \(it differs in preset, seed\).*another --out"):
+        TrialStore(tmp_path / "study", dataclasses.replace(STATIC, seed=1, preset="ideal"))
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path):

@@ -1,4 +1,4 @@
-"""A robot that somebody wrote a class for; a simulated one stands in its place."""
+"""Platform of a home-built robot, here a simulated one."""
 
 from equipoise import JointCommand, RobotModel, RobotState, SteppedPlatform, simulate
 
@@ -6,9 +6,9 @@ from equipoise import JointCommand, RobotModel, RobotState, SteppedPlatform, sim
 class Robot(SteppedPlatform):
     """A robot that is moved step by step."""
 
-    def __init__(self, robot: RobotModel, *, noise: str = "ideal", seed: int = 0) -> None:
+    def __init__(self, robot: RobotModel, *, preset: str = "ideal", seed: int = 0) -> None:
         super().__init__(robot)
-        self._there = simulate(robot, noise, seed=seed).platform
+        self._there = simulate(robot, preset, seed=seed).platform
         self.control_period = self._there.control_period
 
     def read(self) -> RobotState:

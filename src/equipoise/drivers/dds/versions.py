@@ -130,7 +130,7 @@ def _proven() -> str:
     """Return instructions for the installation of a proven version, for this Python."""
     if sys.version_info < (3, 11):
         return "Use 0.10: pip install 'cyclonedds==0.10.5'"
-    return "Use 0.10: Python 3.10 and pip install 'cyclonedds==0.10.5', or build it (docs/unitree-go2.md)"
+    return "Use 0.10: Python 3.10 and pip install 'cyclonedds==0.10.5', or build it (docs/hardware/unitree-go2-b2.md)"
 
 
 def _named(name: str | None, pid: str | None, host: str) -> str:

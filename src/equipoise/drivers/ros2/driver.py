@@ -1,6 +1,6 @@
 """ROS 2 robots and Gazebo, without a ROS installation: JointState and Imu in, commands of joints out, over DDS.
 
-What the controllers on the other side must be is in docs/ros2.md.
+What the controllers on the other side must be is in docs/hardware/ros2.md.
 """
 
 from __future__ import annotations

@@ -36,7 +36,8 @@ class Ros2Settings:
     """Settings of the connection to a ROS 2 robot.
 
     Attributes:
-        interface: network interface of this computer; on "lo" ROS runs here too, and is told to stay here (docs/ros2.md).
+        interface: network interface of this computer; on "lo" ROS runs here too,
+        and is told to stay here (docs/hardware/ros2.md).
         domain: number of the robot's domain, its ROS_DOMAIN_ID.
         peers: addresses at which to look for the robot, besides what multicast finds.
         accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.

@@ -1,6 +1,6 @@
 """Unitree Go2 and B2 over DDS. Tried against a simulated robot that speaks their messages, never on a real one.
 
-The robot must lie (or hang) when the first command is sent: docs/unitree-go2.md.
+The robot must lie (or hang) when the first command is sent: docs/hardware/unitree-go2-b2.md.
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ class UnitreeDdsConnection:
             raise OtherCommanderError(
                 f"another program commands the motors of {self.name}: {self._others.name_of_writer(others[0][1])} sent "
                 f"{len(others)} commands on {COMMAND_TOPIC}. Both would move the robot: end that program, on this computer or "
-                "on the robot (its own sport mode, where that was not asked to let go: docs/unitree-go2.md)"
+                "on the robot (its own sport mode, where that was not asked to let go: docs/hardware/unitree-go2-b2.md)"
             )
 
     def _may_let_go(self) -> bool:

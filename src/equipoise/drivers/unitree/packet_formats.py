@@ -1,9 +1,8 @@
 """Layouts of the low-level packets of the Unitree A1 and Go1.
 
-Each robot may speak one of two forms; which one, its answers tell. The A1's compressed form and the Go1's plain one are held
-against packets that the makers' own SDKs sent and accepted (docs/unitree-udp.md says how); no packet of a real robot was
-seen. Not proven are the A1's structures as they are (its header, packed) and the Go1's scrambled checksum, which one public
-program sends.
+Each robot uses one of two forms; its answers show which. The A1's compressed form and the Go1's plain form are tested
+against packets that the makers' own SDKs sent and accepted (docs/hardware/unitree-a1-go1.md). No packet of a real robot was
+available. The A1's packed structures and the Go1's scrambled checksum, which one public program sends, are untested.
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ class MotionSwitcher:
         if not _wait_for(lambda: self._requests.readers and self._responses.writers, _FOUND):
             raise self._failure(
                 f"was not found within {_FOUND:g} s; a simulator that has none needs release_sport_mode=false; for a robot "
-                "whose firmware has none, docs/unitree-go2.md says what to do first"
+                "whose firmware has none, docs/hardware/unitree-go2-b2.md says what to do first"
             )
         if (robots := self._responses.writers) > 1:
             raise self._failure(

@@ -1,6 +1,6 @@
 """Unitree A1 and Go1 over UDP. Beta: held against packets of the makers' SDKs, never tried on a real robot.
 
-The robot must be in its low-level mode, lying or hanging: docs/unitree-udp.md.
+The robot must be in its low-level mode, lying or hanging: docs/hardware/unitree-a1-go1.md.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ def _sources(posterior: Posterior, instead: Mapping[str, str]) -> Iterator[tuple
     believed = _information(body_prior_rows(unknowns, x, None)[1])
     yield "what was believed of the base", believed, MORE_TIME
     if mass is not None:
-        yield "the scale", _information(body_prior_rows(unknowns, x, mass)[1]) - believed, "a better scale (--mass-sd)"
+        yield "the scale", _information(body_prior_rows(unknowns, x, mass)[1]) - believed, "a better scale (--mass-std)"
     if unknowns.belief is not None:
         information = np.zeros((unknowns.size, unknowns.size))
         information[unknowns.tabled, unknowns.tabled] = unknowns.belief.information

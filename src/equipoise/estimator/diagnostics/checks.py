@@ -10,8 +10,8 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.estimator.diagnostics.imu_position_check import ImuPositionCheck
 from equipoise.estimator.diagnostics.score import ScoreTest, score_tests
-from equipoise.estimator.equations.equation import Misfit, MotionSamples
-from equipoise.estimator.equations.planted_moves import PlantedMoves
+from equipoise.estimator.equations.equation import MotionResidual, MotionSamples
+from equipoise.estimator.equations.stance_motion import StanceMotions
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.equations.torque_balance import TorqueBalance
 from equipoise.estimator.measurements.lift_samples import StepSamples
@@ -46,14 +46,14 @@ _TORQUE_MISFIT = 1.4  # of the torque balance: 1.0 to 1.1 in fault-free runs
 _LEGS_DIFFER = 4.0
 # [m] on an A1, planar and height: the geometric reading knows no sensor biases; 1.4 and 4 mm rms in fault-free runs.
 _PLANES_AGREE = (7e-3, 25e-3)
-_NOT_THERE = 2.5  # standard deviations that a sway has the IMU elsewhere by
+_NOT_THERE = 2.5  # standard deviations that an excitation has the IMU elsewhere by
 _HELD_BACK = 3.0  # standard deviations: one clean run in 700 is called held
 _IMPOSSIBLE = 3.0  # standard deviations below zero: clean runs come to 1.1, feet with edges and liquids to 3.7
 # What an estimate without a word for it takes for something else.
 _OUTSIDE = "a safety sling, hose or cable carries load"
 _SHAPES = f"feet are wide or worn flat, a load swings or flows, or {_OUTSIDE}"
-HELD_OUT_CHECK = "held out"
-_SAYS_NOTHING = 0.02  # [m] on an A1: a sway about one axis does not tell the place along it
+HELD_OUT_CHECK = "held-out prediction"
+_SAYS_NOTHING = 0.02  # [m] on an A1: an excitation about one axis does not tell the place along it
 
 
 def judge(
@@ -93,8 +93,8 @@ def shift_without(posterior: Posterior, motions: Collection[int]) -> tuple[Float
     Returns:
         (10,) shifts in the order of COMPONENTS, and (10,) in standard deviations that such a shift has by chance.
     """
-    shifts, deviations = _shifts_without(posterior, [motions])
-    return shifts[0], deviations[0]
+    shifts, stds = _shifts_without(posterior, [motions])
+    return shifts[0], stds[0]
 
 
 def _shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> tuple[FloatArray, FloatArray]:
@@ -102,14 +102,14 @@ def _shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> 
     to_body = body_jacobian(posterior.unknowns, posterior.x, posterior.unknowns.robot_body)
     floor = _SMALL_SHIFT**2 * np.diag(posterior.robot_covariance)
     shifts: list[FloatArray] = []
-    deviations: list[FloatArray] = []
+    stds: list[FloatArray] = []
     for group in groups:
         step, covariance = posterior.without(group)
         shift = to_body @ step
         variance = np.diag(to_body @ (covariance - posterior.covariance) @ to_body.T)
         shifts.append(shift)
-        deviations.append(shift / np.sqrt(np.maximum(variance, floor)))
-    return np.array(shifts), np.array(deviations)
+        stds.append(shift / np.sqrt(np.maximum(variance, floor)))
+    return np.array(shifts), np.array(stds)
 
 
 def half_difference(posterior: Posterior) -> FloatArray:
@@ -121,53 +121,61 @@ def half_difference(posterior: Posterior) -> FloatArray:
 
 
 def _enough(posterior: Posterior) -> Check:
-    motions, on_two_feet = posterior.motions, posterior.misfits_of(TiltEquation)
-    steps = sum(misfit.used for misfit in on_two_feet if motions[misfit.motion].lift is None)
-    used = sum(misfit.used for misfit in on_two_feet)
-    moves = sum(misfit.used for misfit in posterior.misfits_of(PlantedMoves))
+    motions, on_two_feet = posterior.motions, posterior.residuals_of(TiltEquation)
+    steps = sum(
+        normalized_residual.used
+        for normalized_residual in on_two_feet
+        if motions[normalized_residual.motion].lift is None
+    )
+    used = sum(normalized_residual.used for normalized_residual in on_two_feet)
+    moves = sum(normalized_residual.used for normalized_residual in posterior.residuals_of(StanceMotions))
     left_out = [motion for motion in motions if motion.left_out]
     reasons = sorted({str(motion.left_out) for motion in left_out})
     told = [f"{used - steps} lifts", *([f"{steps} steps of a walk"] if steps else [])]
-    message = f"{', '.join(told)} and {moves} planted moves are used"
+    message = f"{', '.join(told)} and {moves} stance motions are used"
     if left_out:
         message += f"; {len(left_out)} motions could not be read: {'; '.join(reasons)}"
     lifts = used - steps
     tried = lifts + sum(isinstance(motion.trial, LiftTrial) for motion in left_out)
-    return Check("evidence", used >= _FEWEST_LIFTS and lifts >= 0.7 * tried, message)
+    return Check("sufficient data", used >= _FEWEST_LIFTS and lifts >= 0.7 * tried, message)
 
 
 def _lifts_fit(posterior: Posterior) -> Check:
-    lifts, motions = posterior.misfits_of(TiltEquation), posterior.motions
+    lifts, motions = posterior.residuals_of(TiltEquation), posterior.motions
     if not lifts:
-        return Check("lifts", False, "there is no lift of two feet: what is found is what joint torques say")
+        return Check("lift residuals", False, "there is no lift of two feet: what is found is what joint torques say")
     walked = all(motions[one.motion].lift is None for one in lifts)
-    message = _misfits(motions, lifts, "step" if walked else "lift")
+    message = _residual_summary(motions, lifts, "step" if walked else "lift")
     passed = _fit(lifts)
     if not passed:
         message += f". Feet slip, {_OUTSIDE}, a load shifts, samples are missing, or the model or a sensor is wrong"
-    return Check("lifts", passed, message)
+    return Check("lift residuals", passed, message)
 
 
 def _feet_stay(posterior: Posterior) -> Check:
-    moves, motions = posterior.misfits_of(PlantedMoves), posterior.motions
+    moves, motions = posterior.residuals_of(StanceMotions), posterior.motions
     if not moves:
         if any(motion.of(StepSamples) for motion in motions) and not any(motion.lift for motion in motions):
-            return Check("planted feet", True, "it walks: intervals are as wide as joint zeros are unknown")
+            return Check(
+                "stance motion residuals", True, "it walks: intervals are as wide as joint offsets are unknown"
+            )
         return Check(
-            "planted feet", False, "there is no move over planted feet: joint zeros cannot be told from the CoM"
+            "stance motion residuals",
+            False,
+            "there is no move over planted feet: joint offsets cannot be told from the CoM",
         )
-    message = _misfits(motions, moves, "move")
+    message = _residual_summary(motions, moves, "move")
     passed = _fit(moves)
     if not passed:
         message += (
             ". The feet do not keep their places: they slip, the legs are not the model's (lengths, foot frames), a joint's "
             f"encoder is wrong, or {_OUTSIDE}"
         )
-    return Check("planted feet", passed, message)
+    return Check("stance motion residuals", passed, message)
 
 
-def _fit(misfits: tuple[Misfit, ...]) -> bool:
-    residuals = np.array([misfit.normalised_residual for misfit in misfits])
+def _fit(normalized_residuals: tuple[MotionResidual, ...]) -> bool:
+    residuals = np.array([normalized_residual.normalized_residual for normalized_residual in normalized_residuals])
     return bool(np.mean(residuals > _LARGE_MISFIT) < _OUTLIERS and np.median(residuals) < _LARGE_MEDIAN)
 
 
@@ -181,18 +189,22 @@ def _converged(posterior: Posterior) -> Check:
     return Check("convergence", posterior.converged, message)
 
 
-def _misfits(motions: Sequence[MotionSamples], misfits: tuple[Misfit, ...], kind: str) -> str:
-    residuals = np.array([misfit.normalised_residual for misfit in misfits])
-    worst = misfits[int(np.argmax(residuals))]
+def _residual_summary(
+    motions: Sequence[MotionSamples], normalized_residuals: tuple[MotionResidual, ...], kind: str
+) -> str:
+    residuals = np.array([normalized_residual.normalized_residual for normalized_residual in normalized_residuals])
+    worst = normalized_residuals[int(np.argmax(residuals))]
     trial = motions[worst.motion].trial
     words = trial.diagonal if isinstance(trial, LiftTrial) else ""
     if isinstance(trial, DesignedLift) and trial.meanwhile != "passive":
         words += f", {trial.meanwhile}"
     message = (
         f"{kind}s fit with {np.median(residuals):.1f} times their noise (median); worst: motion {worst.motion}"
-        f"{f' ({words})' if words else ''} with {worst.normalised_residual:.1f}"
+        f"{f' ({words})' if words else ''} with {worst.normalized_residual:.1f}"
     )
-    out = [str(misfit.motion) for misfit in misfits if not misfit.used]
+    out = [
+        str(normalized_residual.motion) for normalized_residual in normalized_residuals if not normalized_residual.used
+    ]
     return message + (f"; left out: {', '.join(out)}" if out else "")
 
 
@@ -211,7 +223,7 @@ def _no_motion_outweighs(posterior: Posterior) -> Check:
         )
     else:
         message = f"without {kind} {culprit} {name} would move by {largest:.1f} times what chance explains"
-    return Check("leave one out", passed, message)
+    return Check("leave-one-out", passed, message)
 
 
 def _predicts(predicted: HeldOut) -> Check:
@@ -221,7 +233,7 @@ def _predicts(predicted: HeldOut) -> Check:
     limit = _rms_by_chance(predicted.folds)
     passed = size < limit
     message = (
-        f"{predicted.sentence()}; errors are {size:.1f} times their standard deviation, {limit:.1f} by chance at most"
+        f"{predicted.message()}; errors are {size:.1f} times their standard deviation, {limit:.1f} by chance at most"
     )
     if passed and predicted.error(FOUND) > predicted.error(MODEL):
         message += ". The model file predicts them as well: the run is too short to distinguish the robot from its file"
@@ -243,15 +255,15 @@ def _held_fits(posterior: Posterior) -> Check:
     """Whether something that the estimate takes for the model's is not so."""
     tests = [test for test in score_tests(posterior) if test.deviate > -np.inf]
     if not tests:
-        return Check("what is held", True, "nothing that the run could see is held at the model's value")
+        return Check("fixed-parameter score test", True, "nothing that the run could see is held at the model's value")
     limit = NormalDist().inv_cdf(1 - _UNLIKELY / len(tests))
     far = [test for test in tests if test.deviate > limit]
     if not far:
         message = (
             f"what is held fits; {tests[0].row.name} least, to {tests[0].deviate:.1f} of {limit:.1f} normal deviates"
         )
-        return Check("what is held", True, message)
-    return Check("what is held", False, "; or ".join(_cause(posterior, test) for test in far[:_CAUSES]))
+        return Check("fixed-parameter score test", True, message)
+    return Check("fixed-parameter score test", False, "; or ".join(_cause(posterior, test) for test in far[:_CAUSES]))
 
 
 def _cause(posterior: Posterior, test: ScoreTest) -> str:
@@ -277,23 +289,27 @@ def _file_is_of_this_robot(posterior: Posterior) -> Check:
 
 
 def _imu_is_there(posterior: Posterior) -> Check:
-    """Whether the IMU, by a sway over planted feet, sits where the estimate has it: no inertia goes into that."""
-    name, by_sway = "place of the IMU", ImuPositionCheck.of(posterior)
-    if by_sway is None:
-        return Check(name, True, "there is no sway about all axes, to see where the IMU sits by")
-    passed = by_sway.largest < _NOT_THERE
-    told = by_sway.deviation < _SAYS_NOTHING * posterior.unknowns.stance.scale.length
+    """Whether the IMU, by an excitation over planted feet, sits where the estimate has it: no inertia goes into that."""
+    name, by_excitation = "IMU position", ImuPositionCheck.of(posterior)
+    if by_excitation is None:
+        return Check(name, True, "there is no excitation about all axes, to see where the IMU sits by")
+    passed = by_excitation.largest < _NOT_THERE
+    told = by_excitation.std < _SAYS_NOTHING * posterior.unknowns.stance.scale.length
 
     def shown(vector: FloatArray) -> str:
         sizes = zip("xyz", 1000 * vector, told, strict=True)
         return ", ".join(f"{axis} {size:+.1f}" for axis, size, tells in sizes if tells) or "nothing is told"
 
-    difference = f"{shown(by_sway.difference)} mm (base axes), at most {by_sway.largest:.1f} standard deviations"
+    difference = (
+        f"{shown(by_excitation.difference)} mm (base axes), at most {by_excitation.largest:.1f} standard deviations"
+    )
     if passed:
-        return Check(name, True, f"the sway confirms the estimated position of the IMU; difference: {difference}")
+        return Check(name, True, f"the excitation confirms the estimated position of the IMU; difference: {difference}")
     message = (
-        f"by the sway the IMU is not at its estimated position; difference: {difference}. It is not where the model file has "
-        f"it, but {shown(by_sway.position)} mm from there, or legs are as much longer or shorter. Moments of inertia depend "
+        f"by the excitation the IMU is not at its estimated position; difference: {difference}. It is not where the "
+        f"model file has "
+        f"it, but {shown(by_excitation.position)} mm from there, or legs are as much longer or shorter. Moments of "
+        f"inertia depend "
         "on it: measure it, and correct the file, or imu_position in the robot's description"
     )
     return Check(name, False, message)
@@ -330,12 +346,12 @@ def _halves_agree(posterior: Posterior) -> Check:
             f"the robot is the same throughout: its largest change, {name} by {change:+.4f} {unit} from motion {start} on, is "
             f"{largest:.1f} of up to {_STEADY:g} standard deviations"
         )
-        return Check("halves", True, message)
+        return Check("split-half consistency", True, message)
     message = (
         f"from motion {start} on {name} seems to be {change:+.4f} {unit} other than before, {largest:.1f} times what chance "
         f"explains: a payload or something else on the robot moved, its sensors drift, or {_OUTSIDE}"
     )
-    return Check("halves", False, message)
+    return Check("split-half consistency", False, message)
 
 
 def _sensors_plausible(posterior: Posterior) -> Check:
@@ -359,10 +375,10 @@ def _sensors_plausible(posterior: Posterior) -> Check:
 def _physically_possible(posterior: Posterior) -> Check:
     """Test that compliance, backlash, rolling resistance and friction are not negative beyond their uncertainty."""
     lowest = sorted(
-        (value / deviation, row.label.format(each=label))
+        (value / std, row.label.format(each=label))
         for row in posterior.unknowns.rows
         if row.nonnegative and row.name in posterior.informed
-        for label, value, deviation in posterior.of_row(row)
+        for label, value, std in posterior.of_row(row)
     )
     if not lowest:
         return Check("physical parameters", True, "no compliance, backlash or friction is estimated")
@@ -378,14 +394,14 @@ def _physically_possible(posterior: Posterior) -> Check:
 
 def _nothing_holds_it(posterior: Posterior) -> Check:
     """Test that nothing holds the trunk back: where a tether is attached, and what else it does, is not known."""
-    if not posterior.unknowns.estimates("tether"):
+    if not posterior.unknowns.estimates("tether_stiffness"):
         return Check("tether", True, "no tether is allowed for")
-    ((_, stiffness, deviation),) = posterior.of_row(posterior.unknowns.priors.row("tether"))
-    if stiffness < _HELD_BACK * deviation:
+    ((_, stiffness, std),) = posterior.of_row(posterior.unknowns.priors.row("tether_stiffness"))
+    if stiffness < _HELD_BACK * std:
         limit = f"below {_HELD_BACK:g} standard deviations of its stiffness"
         return Check("tether", True, f"nothing is seen to hold the trunk back: {stiffness:+.1f} N/m, {limit}")
     message = (
-        f"a hose or a tether holds the trunk back with {stiffness:.1f} N/m (standard deviation {deviation:.1f}): take it off, "
+        f"a hose or a tether holds the trunk back with {stiffness:.1f} N/m (standard deviation {std:.1f}): take it off, "
         "or let it hang slack"
     )
     return Check("tether", False, message)
@@ -395,12 +411,12 @@ def _torques_carry_the_mass(posterior: Posterior, masses: MassComparison | None)
     """The joint torques must balance, with gains that do not all err to one side: that is how a wrong mass looks."""
     balance = posterior.problem.equation(TorqueBalance)
     if balance is None:
-        return Check("mass", True, "no joint torques to compare a scale with")
-    unknowns, misfit = posterior.unknowns, balance.normalised_residual
+        return Check("torque-mass consistency", True, "no joint torques to compare a scale with")
+    unknowns, normalized_residual = posterior.unknowns, balance.normalized_residual
     gains = unknowns["torque_gain"]
     if not unknowns.estimates("torque_gain"):
-        message = f"joint torques balance to {misfit:.1f} times their noise; the motors' gains are held"
-        return Check("mass", misfit < _TORQUE_MISFIT, message)
+        message = f"joint torques balance to {normalized_residual:.1f} times their noise; the motors' gains are held"
+        return Check("torque-mass consistency", normalized_residual < _TORQUE_MISFIT, message)
     # The best estimate of an error that all gains have in common. An estimated gain is drawn to zero as far as the run does
     # not tell it (most joints of a standing robot carry little), and by chance has the variance that the run took away.
     mean, before = unknowns.believed("torque_gain")
@@ -410,19 +426,22 @@ def _torques_carry_the_mass(posterior: Posterior, masses: MassComparison | None)
     common = float((posterior.x[gains] - mean).sum())
     size = abs(common) / float(np.sqrt(told))
     off = common / told * unknowns.priors.torque_gain
-    compared = "" if masses is None else f"{masses.sentence}; "
-    carried, balanced = f"the mass of {posterior.robot_body.mass:.2f} kg", f"balance to {misfit:.1f} times their noise"
+    compared = "" if masses is None else f"{masses.message}; "
+    carried, balanced = (
+        f"the mass of {posterior.robot_body.mass:.2f} kg",
+        f"balance to {normalized_residual:.1f} times their noise",
+    )
     agree = masses is None or not masses.disagrees
-    if agree and size < _IMPLAUSIBLE and misfit < _TORQUE_MISFIT:
+    if agree and size < _IMPLAUSIBLE and normalized_residual < _TORQUE_MISFIT:
         message = (
             f"joint torques carry {carried} with gains {off:+.1%} off ({size:.1f} standard deviations), and {balanced}"
         )
-        return Check("mass", True, compared + message)
+        return Check("torque-mass consistency", True, compared + message)
     message = (
         f"joint torques would have to be {off:+.1%} off to carry {carried} ({size:.1f} standard deviations), and {balanced}. "
         f"The given mass is wrong, the reported torques are not those of the joints in Nm, or {_OUTSIDE}"
     )
-    return Check("mass", False, compared + message)
+    return Check("torque-mass consistency", False, compared + message)
 
 
 def _left_and_right_agree(posterior: Posterior) -> Check:

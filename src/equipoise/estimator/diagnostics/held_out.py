@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 from equipoise.conventions import FloatArray
 from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.equations.tilt import TiltEquation
-from equipoise.estimator.known.known_run import KnownRun, shared_places
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.lift_samples import LiftSamples, StepSamples
 from equipoise.estimator.measurements.tilt_invariant import integral
 from equipoise.estimator.parameters import INERTIAL, Unknowns
+from equipoise.estimator.prior_runs.prior_run import PriorRun, shared_places
 from equipoise.estimator.problem import Posterior
 from equipoise.recording.trials import DesignedLift, PostureTrial
-from equipoise.result.held_out import EARLIER, FOUND, MODEL, HeldOut, HeldOutLift
+from equipoise.result.held_out import FOUND, MODEL, PRIOR_RUN, HeldOut, HeldOutLift
 from equipoise.result.statistics import NORMAL_95
 
 _LARGEST = 0.3  # of all lifts, in one posture: without more an estimate is another one, and not to first order
@@ -47,7 +47,7 @@ class LiftPrediction:
         time: (n,) time since the first sample with two feet up [s].
         tilt: (n,) rotation about the support line since then, as measured; positive forward [rad].
         errors: (n,) measured less predicted tilt, by whose body predicts [rad].
-        deviation: (n,) standard deviation of such an error, of the body found [rad].
+        std: (n,) standard deviation of such an error, of the body found [rad].
         kind: kind of motion, "lift" or "step".
     """
 
@@ -57,13 +57,13 @@ class LiftPrediction:
     time: FloatArray
     tilt: FloatArray
     errors: Mapping[str, FloatArray]
-    deviation: FloatArray
+    std: FloatArray
     kind: str
 
     def at_the_end(self) -> HeldOutLift:
         """What the result keeps of it."""
         ends = {body: float(error[-1]) for body, error in self.errors.items()}
-        half = NORMAL_95 * float(self.deviation[-1])
+        half = NORMAL_95 * float(self.std[-1])
         return HeldOutLift(
             self.motion, self.fold, float(self.tilt[-1]), {body: self.height * end for body, end in ends.items()},
             {body: abs(end) / half for body, end in ends.items()}, self.kind,
@@ -75,7 +75,7 @@ def held_out(predictions: Sequence[LiftPrediction]) -> HeldOut | None:
     return HeldOut(tuple(prediction.at_the_end() for prediction in predictions)) if predictions else None
 
 
-def predict_held_out(posterior: Posterior, known: KnownRun | None = None) -> tuple[LiftPrediction, ...]:
+def predict_held_out(posterior: Posterior, known: PriorRun | None = None) -> tuple[LiftPrediction, ...]:
     """Every lift that the estimate uses, predicted without the motions in its posture.
 
     Args:
@@ -92,17 +92,19 @@ def predict_held_out(posterior: Posterior, known: KnownRun | None = None) -> tup
     errors = {
         name: tilt_errors(tilts, unknowns, at) for name, at in _with_each_body(unknowns, estimates, known).items()
     }
-    deviations = _deviations(tilts, x, [without[fold][1] for fold in of_lifts])
+    stds = _stds(tilts, x, [without[fold][1] for fold in of_lifts])
     heights = tilts.equation.levers(unknowns.values(x), unknowns.inertial(x))[1] / posterior.robot_body.mass
-    legs, misfits = unknowns.legs, posterior.misfits_of(TiltEquation)
+    legs, normalized_residuals = unknowns.legs, posterior.residuals_of(TiltEquation)
     return tuple(
         LiftPrediction(
             motion, of_lifts[index], float(heights[index]), _times(lift), _tilt(unknowns, legs, lift),
-            {name: error[index] for name, error in errors.items()}, deviations[index],
+            {name: error[index] for name, error in errors.items()}, stds[index],
             "step" if isinstance(lift, StepSamples) else "lift",
         )
-        for index, (misfit, (motion, _), lift) in enumerate(zip(misfits, tilts.motions, tilts.samples, strict=True))
-        if misfit.used
+        for index, (residual, (motion, _), lift) in enumerate(
+            zip(normalized_residuals, tilts.motions, tilts.samples, strict=True)
+        )
+        if residual.used
     )  # fmt: skip
 
 
@@ -119,16 +121,16 @@ def folds_of(motions: Sequence[MotionSamples], posterior: Posterior) -> list[lis
     return [[motion.index for motion in fold] for fold in folds.values()]
 
 
-def _with_each_body(unknowns: Unknowns, estimates: FloatArray, known: KnownRun | None) -> dict[str, FloatArray]:
+def _with_each_body(unknowns: Unknowns, estimates: FloatArray, known: PriorRun | None) -> dict[str, FloatArray]:
     """(lifts, size) estimates with the body, legs included, of each that is compared."""
     bodies = {MODEL: unknowns.start()}
     if known is not None:
-        bodies[EARLIER] = _earlier(unknowns, known)
+        bodies[PRIOR_RUN] = _earlier(unknowns, known)
     columns = unknowns.columns(*INERTIAL)
     return {name: _replaced(estimates, columns, body[columns]) for name, body in bodies.items()} | {FOUND: estimates}
 
 
-def _earlier(unknowns: Unknowns, known: KnownRun) -> FloatArray:
+def _earlier(unknowns: Unknowns, known: PriorRun) -> FloatArray:
     """(size,) the model's values, but for what the earlier run found and kept."""
     x, (mean, _, layout) = unknowns.start(), known.earlier(unknowns)
     here, there = shared_places(unknowns, layout)
@@ -153,7 +155,7 @@ def tilt_errors(tilts: TiltEquation, unknowns: Unknowns, estimates: FloatArray) 
     ]
 
 
-def _deviations(tilts: TiltEquation, x: FloatArray, covariances: Sequence[FloatArray]) -> list[FloatArray]:
+def _stds(tilts: TiltEquation, x: FloatArray, covariances: Sequence[FloatArray]) -> list[FloatArray]:
     """(n,) standard deviation of each lift's error, by the lift's noise and by what the others leave open [rad]."""
     own = np.ix_(tilts.columns, tilts.columns)
     found: list[FloatArray] = []

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.estimator.equations.imu_position import SwaySamples, imu_by_sway
+from equipoise.estimator.equations.imu_position import ExcitationSamples, imu_by_excitation
 from equipoise.estimator.problem import Posterior
 
 # Standard deviations between the two. With an IMU where the file has it two of 58 development runs are beyond, and their Ixx
@@ -27,32 +27,32 @@ class ImuPositionCheck:
     Attributes:
         position: (3,) position in the base frame, less the model's [m].
         difference: (3,) the same, less the estimated one [m].
-        deviation: (3,) standard deviation of the difference [m].
+        std: (3,) standard deviation of the difference [m].
         fixed: whether the estimate holds the position at the model's.
     """
 
     position: FloatArray
     difference: FloatArray
-    deviation: FloatArray
+    std: FloatArray
     fixed: bool
 
     @classmethod
     def of(cls, posterior: Posterior) -> ImuPositionCheck | None:
         """Evaluate a run's first excitation; return None if there is none."""
-        sways = [sway for motion in posterior.motions for sway in motion.of(SwaySamples)]
-        if not sways:
+        excitations = [excitation for motion in posterior.motions for excitation in motion.of(ExcitationSamples)]
+        if not excitations:
             return None
         unknowns = posterior.unknowns
         values, scale = unknowns.values(posterior.x), unknowns.stance.scale
-        position, deviation = imu_by_sway(unknowns.robot, unknowns.legs, sways[0], values, scale)
+        position, std = imu_by_excitation(unknowns.robot, unknowns.legs, excitations[0], values, scale)
         fixed = not unknowns.estimates("imu_position")
-        both = deviation if fixed else np.hypot(deviation, posterior.deviation("imu_position"))
+        both = std if fixed else np.hypot(std, posterior.std("imu_position"))
         return cls(position, position - values["imu_position"], both, fixed)
 
     @property
     def largest(self) -> float:
         """Largest difference of any axis, in standard deviations."""
-        return float(np.abs(self.difference / self.deviation).max())
+        return float(np.abs(self.difference / self.std).max())
 
     @property
     def contradicts(self) -> bool:

@@ -28,11 +28,11 @@ def link_findings(unknowns: Unknowns, x: FloatArray, covariance: FloatArray) -> 
     robot, legs = unknowns.robot, unknowns.legs
     model, derivative = _at_the_model(unknowns, legs)
     values = model + derivative @ (x * unknowns.scale)
-    beliefs = np.eye(unknowns.size)
+    combined_priors = np.eye(unknowns.size)
     if unknowns.belief is not None:
-        beliefs[unknowns.tabled, unknowns.tabled] = unknowns.belief.covariance
+        combined_priors[unknowns.tabled, unknowns.tabled] = unknowns.belief.covariance
     rows = derivative * unknowns.scale
-    before, after = (np.einsum("ij,jk,ik->i", rows, spread, rows) for spread in (beliefs, covariance))
+    before, after = (np.einsum("ij,jk,ik->i", rows, spread, rows) for spread in (combined_priors, covariance))
     # What the CoMs of one kind of link have in common along their joints' axes is no unknown: as much of it is left as of a
     # link's own.
     along = _along_axes(unknowns, legs)
@@ -51,8 +51,8 @@ def _along_axes(unknowns: Unknowns, legs: LegChains) -> FloatArray:
     """(5 links,) variance of the moments by CoMs that all links of a kind have off along their joints' axes."""
     variance = np.zeros((legs.links, 5))
     if unknowns.estimates("link_com_common"):
-        deviation = legs.mass.reshape(-1, 1) * unknowns.scale[unknowns["link_com_common"]][0]
-        variance[:, 1:4] = (deviation * legs.axes.reshape(-1, 3, 3)[:, :, 2]) ** 2
+        std = legs.mass.reshape(-1, 1) * unknowns.scale[unknowns["link_com_common"]][0]
+        variance[:, 1:4] = (std * legs.axes.reshape(-1, 3, 3)[:, :, 2]) ** 2
     return variance.ravel()
 
 

@@ -63,7 +63,7 @@ def resolve_prior_conflicts(estimate: Callable[[Priors], Posterior], priors: Pri
 
 def _only_walks(posterior: Posterior) -> bool:
     """Return whether no motion on two feet is a lift."""
-    return all(posterior.motions[lift.motion].lift is None for lift in posterior.misfits_of(TiltEquation))
+    return all(posterior.motions[lift.motion].lift is None for lift in posterior.residuals_of(TiltEquation))
 
 
 def _error(posterior: Posterior) -> float:

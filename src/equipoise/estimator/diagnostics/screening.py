@@ -36,7 +36,7 @@ _VELOCITY_BLOCK = 0.04  # [s]: short against motions, and encoder noise over it 
 _VELOCITY_MOVE = 1e-3  # [rad] rms per block below which a joint did not move enough to tell
 _VELOCITY_RATIO = (0.6, 1.6)  # of reported velocity over the encoder's; delays and filters take off a tenth
 _NUDGE = 1e-6  # [rad]
-# Angles that are off by more are no sensor's noise: floors, joint zeros and IMUs are off by 5 to 10 mrad, all together.
+# Angles that are off by more are no sensor's noise: floors, joint offsets and IMUs are off by 5 to 10 mrad, all together.
 _DISAGREEMENT = 0.06  # [rad], rms
 _SUSPICIOUS = 0.025  # [rad], if undoing a usual mistake makes it go away: noise does not go away like that
 _CURED = 0.35  # of the disagreement that is left when a mistake is undone, at most

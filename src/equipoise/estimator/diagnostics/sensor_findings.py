@@ -15,16 +15,16 @@ def sensor_findings(posterior: Posterior) -> list[SensorFinding]:
         SensorFinding(
             row.finding.format(each=label),
             value,
-            deviation,
-            row.sentence(label, value, deviation),
-            _size(row, value) > max(_SURE * deviation, row.notable),
+            std,
+            row.message(label, value, std),
+            _size(row, value) > max(_SURE * std, row.significant),
             row.unit,
         )
         for row in posterior.unknowns.rows
         if row.finding and row.name in posterior.informed
-        for label, value, deviation in posterior.of_row(row)
+        for label, value, std in posterior.of_row(row)
     ]
-    return sorted(findings, key=lambda finding: -abs(finding.value) / finding.deviation)
+    return sorted(findings, key=lambda finding: -abs(finding.value) / finding.std)
 
 
 def _size(row: Unknown, value: float) -> float:

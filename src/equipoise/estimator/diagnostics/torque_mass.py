@@ -8,7 +8,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.estimator.equations.torque_balance import TorqueBalance
-from equipoise.estimator.known.known_run import KnownRun
+from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.estimator.problem import Posterior
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
@@ -28,7 +28,7 @@ Scale = tuple[float, float]
 
 
 def compare_at_rest(
-    robot: RobotModel, stance: Stance, scale: Scale, rests: Sequence[Recording], known: KnownRun | None
+    robot: RobotModel, stance: Stance, scale: Scale, rests: Sequence[Recording], known: PriorRun | None
 ) -> MassComparison | None:
     """Compare a given mass with the joint torques at rest; None: there are no joint torques.
 
@@ -47,7 +47,7 @@ def compare_at_rest(
     return _compared(scale, float(np.mean(carried)), limit, known)
 
 
-def compare_estimate(posterior: Posterior, scale: Scale | None, known: KnownRun | None) -> MassComparison | None:
+def compare_estimate(posterior: Posterior, scale: Scale | None, known: PriorRun | None) -> MassComparison | None:
     """Compare a given mass with the joint torques of a whole run; None: there is no given mass, or no joint torques.
 
     The estimated torque constants carry the estimated mass; those that are reported, or known, carry another one.
@@ -65,20 +65,22 @@ def assumed_mass(scale: Scale | None, masses: MassComparison | None) -> tuple[st
     """Return the assumption that a run with a given mass makes; none of a run without."""
     if scale is None:
         return ()
-    mass, deviation = scale
-    assumed = f"the given mass of {mass:g} kg is right (standard deviation {deviation:.2g} kg): mass and inertia scale with it"
+    mass, std = scale
+    assumed = (
+        f"the given mass of {mass:g} kg is right (standard deviation {std:.2g} kg): mass and inertia scale with it"
+    )
     return (assumed if masses is not None else f"{assumed}, and there are no joint torques to compare it with",)
 
 
-def _torque_constants(robot: RobotModel, stance: Stance, known: KnownRun | None) -> tuple[FloatArray, float]:
+def _torque_constants(robot: RobotModel, stance: Stance, known: PriorRun | None) -> tuple[FloatArray, float]:
     """Return (nj,) true over reported torques as far as they are known, and the largest difference of masses with them."""
     if known is None:
         return np.ones(len(robot.joint_names)), _DIFFERENCE
-    gains, deviation = known.torque_gains(robot, stance)
-    return gains, float(np.clip(_DEVIATIONS * deviation, _DIFFERENCE_KNOWN, _DIFFERENCE))
+    gains, std = known.torque_gains(robot, stance)
+    return gains, float(np.clip(_DEVIATIONS * std, _DIFFERENCE_KNOWN, _DIFFERENCE))
 
 
-def _compared(scale: Scale, carried: float, limit: float, known: KnownRun | None) -> MassComparison:
-    mass, deviation = scale
-    limit = max(limit, _DEVIATIONS * deviation / mass)
+def _compared(scale: Scale, carried: float, limit: float, known: PriorRun | None) -> MassComparison:
+    mass, std = scale
+    limit = max(limit, _DEVIATIONS * std / mass)
     return MassComparison(mass, carried, limit, None if known is None else known.name)

@@ -81,17 +81,17 @@ class MotionSamples:
 
 
 @dataclass(frozen=True, eq=False)
-class Misfit:
+class MotionResidual:
     """How one motion fits the estimate.
 
     Attributes:
         motion: index of the recording.
-        normalised_residual: root mean square of the residual over what its noise explains.
+        normalized_residual: root mean square of the residual over what its noise explains.
         used: False for an outlier that was left out.
     """
 
     motion: int
-    normalised_residual: float
+    normalized_residual: float
     used: bool
 
 
@@ -194,13 +194,13 @@ class Equation(ABC, Generic[Sample]):
         """
         return self
 
-    def expect_misfit(self, misfit: float) -> None:
+    def expect_residual(self, normalized_residual: float) -> None:
         """Take the noise to be so many times what sensors explain; nothing to do where noise is known."""
 
     def renew_noise(self, x: FloatArray) -> None:
         """Raise the noise of what does not fit; nothing to do where noise is known."""
 
-    def misfits(self, x: FloatArray) -> tuple[Misfit, ...]:
+    def normalized_residuals(self, x: FloatArray) -> tuple[MotionResidual, ...]:
         """How each motion fits; empty where that is not told motion by motion."""
         return ()
 
@@ -220,23 +220,25 @@ class MotionEquation(Equation[Sample]):
         self.scale = np.ones(len(samples))
 
     @abstractmethod
-    def normalised_residual(self, x: FloatArray) -> FloatArray:
+    def normalized_residual(self, x: FloatArray) -> FloatArray:
         """(motions,) misfit of each, over what its sensors' noise explains."""
 
-    def expect_misfit(self, misfit: float) -> None:
-        self.scale = np.full(len(self.motions), misfit)
+    def expect_residual(self, normalized_residual: float) -> None:
+        self.scale = np.full(len(self.motions), normalized_residual)
 
     def renew_noise(self, x: FloatArray) -> None:
-        misfit = self.normalised_residual(x)
-        median = float(np.median(misfit))
-        misfit_or_more = np.maximum(misfit, max(0.7 * median, 1.0))
-        raised = np.sqrt(1 + self.shared * (misfit_or_more**2 - 1))
-        self.scale = np.where(misfit > _OUTLIER * max(median, 1.0), LEFT_OUT, raised)
+        normalized_residual = self.normalized_residual(x)
+        median = float(np.median(normalized_residual))
+        residual_or_more = np.maximum(normalized_residual, max(0.7 * median, 1.0))
+        raised = np.sqrt(1 + self.shared * (residual_or_more**2 - 1))
+        self.scale = np.where(normalized_residual > _OUTLIER * max(median, 1.0), LEFT_OUT, raised)
 
-    def misfits(self, x: FloatArray) -> tuple[Misfit, ...]:
+    def normalized_residuals(self, x: FloatArray) -> tuple[MotionResidual, ...]:
         return tuple(
-            Misfit(index, float(misfit), bool(scale < LEFT_OUT))
-            for (index, _), misfit, scale in zip(self.motions, self.normalised_residual(x), self.scale, strict=True)
+            MotionResidual(index, float(normalized_residual), bool(scale < LEFT_OUT))
+            for (index, _), normalized_residual, scale in zip(
+                self.motions, self.normalized_residual(x), self.scale, strict=True
+            )
         )
 
 

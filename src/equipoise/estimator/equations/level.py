@@ -44,5 +44,5 @@ class LevelFloor(MotionEquation[StepSamples]):
         noise = _LEAN_NOISE * self.scale
         return lean / noise, self._by_unknowns(x, by) / noise[:, None]
 
-    def normalised_residual(self, x: FloatArray) -> FloatArray:
+    def normalized_residual(self, x: FloatArray) -> FloatArray:
         return self.scale * np.abs(self.residual(x))

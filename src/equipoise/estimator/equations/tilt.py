@@ -120,7 +120,7 @@ class TiltEquation(MotionEquation[LiftSamples]):
             derivative = np.linalg.solve(noise.whitening(gains), jacobian[rows])
             yield np.asarray(derivative, dtype=float), noise.covariance(gains)
 
-    def normalised_residual(self, x: FloatArray) -> FloatArray:
+    def normalized_residual(self, x: FloatArray) -> FloatArray:
         return np.array(
             [
                 np.sqrt(np.sum((sensors.whitening(gains) @ residual) ** 2) / sensors.explains(gains))

@@ -31,7 +31,7 @@ from equipoise.estimator.unknown import A_SCALE
 from equipoise.estimator.unknowns import Values, inputs_of
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import CrawlTrial, MotorTrial, PostureTrial, SwayTrial
+from equipoise.recording.trials import CrawlTrial, ExcitationTrial, MotorTrial, PostureTrial
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.inertial import moment_parameters
 from equipoise.robot.model import LEG_NAMES, RobotModel
@@ -268,10 +268,10 @@ class TorqueBalance(Equation[TorqueSamples]):
     """Rows of the torque balance, at the last round's values of all that it is not linear in. Whitened.
 
     Attributes:
-        normalised_residual: root mean square of all rows' residuals over what their noise explains.
+        normalized_residual: root mean square of all rows' residuals over what their noise explains.
     """
 
-    actuators = ("torque_gain_common", "torque_gain", "coulomb", "viscous", "armature")
+    actuators = ("torque_gain_common", "torque_gain", "coulomb_friction", "viscous_friction", "armature")
     gains = ("torque_gain_common", "torque_gain")
     depends_on = (*INERTIAL, *actuators)
     name = "torques"
@@ -281,7 +281,7 @@ class TorqueBalance(Equation[TorqueSamples]):
 
     @classmethod
     def read(cls, run: RunContext, recording: Recording) -> Sequence[TorqueSamples]:
-        """A rest; a move over planted feet or a sway; each step of a crawl, on three feet."""
+        """A rest; a move over planted feet or an excitation; each step of a crawl, on three feet."""
         clock, trial = run.stance.scale.time, recording.trial
         if isinstance(trial, MotorTrial):  # it rests on its belly, or on three feet
             return ()
@@ -289,8 +289,8 @@ class TorqueBalance(Equation[TorqueSamples]):
         moving: list[TorqueSamples | None] = []
         if recording.complete and isinstance(trial, PostureTrial):
             moving.append(TorqueSamples.of_motion(recording.phase(Phase.MOVE, until=Phase.REST), run.gyro_bias, clock))
-        elif recording.complete and isinstance(trial, SwayTrial):
-            moving.append(TorqueSamples.of_motion(recording.phase(Phase.SWAY), run.gyro_bias, clock))
+        elif recording.complete and isinstance(trial, ExcitationTrial):
+            moving.append(TorqueSamples.of_motion(recording.phase(Phase.EXCITATION), run.gyro_bias, clock))
         elif recording.complete and isinstance(trial, CrawlTrial):
             for step in trial.steps:
                 on_three = recording.between(step.start, step.end)
@@ -306,7 +306,7 @@ class TorqueBalance(Equation[TorqueSamples]):
         counts = [len(sample.joint_position) for sample in self.samples]
         self._correlation = np.repeat([1.0 if count == 1 else _TORQUE_CORRELATION for count in counts], counts)
         self._owner = np.repeat([index for index, _ in samples], counts)
-        self.normalised_residual = 1.0
+        self.normalized_residual = 1.0
         self._matrix, self._target = np.zeros((0, 0)), np.zeros(0)
         self._row_correlation, self._rows = np.zeros(0), 0
 
@@ -341,23 +341,23 @@ class TorqueBalance(Equation[TorqueSamples]):
         rows = torque_rows(unknowns.robot, samples, unknowns.values(x))
         scale = unknowns.torque_scale
         # Before anything is known of friction it is taken to be large: else what it does is taken for the motors' gains.
-        found = float(np.abs(unknowns.value(x, "coulomb")[0]))
-        coulomb = max(found, 0.02 * scale) if found else _FRICTION_AT_FIRST * scale
+        found = float(np.abs(unknowns.value(x, "coulomb_friction")[0]))
+        coulomb_friction = max(found, 0.02 * scale) if found else _FRICTION_AT_FIRST * scale
         direction = np.abs(rows.friction_direction)
-        unknown = coulomb**2 * ((1 - direction) ** 2 + _FRICTION_UNKNOWN**2) + (_TORQUE_FLOOR * scale) ** 2
+        unknown = coulomb_friction**2 * ((1 - direction) ** 2 + _FRICTION_UNKNOWN**2) + (_TORQUE_FLOOR * scale) ** 2
         noise: FloatArray = np.einsum("nrj,nj,nsj->nrs", rows.torque, unknown, rows.torque)
         stiffness, _ = unknowns.robot.gains(unknowns.stance.hip_height)
         noise += sawtooth(rows, samples.period, stiffness)[:, None, None] ** 2 * np.eye(noise.shape[1])
         # The accelerometer's noise acts through the mass: a hundredth of a metre per second squared on all of it.
         weight = (0.01 * unknowns.robot.mass) ** 2 * np.array([1, 1, 1, 0.01, 0.01, 0.01])
         noise += np.einsum("nrk,k,nsk->nrs", rows.acceleration_rows, weight, rows.acceleration_rows)
-        level = self.normalised_residual * np.sqrt(self._correlation[part])
+        level = self.normalized_residual * np.sqrt(self._correlation[part])
         whitening = whitening_of(noise) / level[:, None, None]
         terms = {
             "torque_gain_common": -_summed(rows.torque, rows.reported),
             "torque_gain": -rows.torque * rows.reported[:, None],
-            "coulomb": _summed(rows.torque, rows.friction_direction),
-            "viscous": _summed(rows.torque, rows.joint_velocity),
+            "coulomb_friction": _summed(rows.torque, rows.friction_direction),
+            "viscous_friction": _summed(rows.torque, rows.joint_velocity),
             "armature": _summed(rows.torque, rows.joint_acceleration),
         }
         target = np.einsum("nrj,nj->nr", rows.torque, rows.reported) - rows.links @ unknowns.model_links
@@ -385,8 +385,8 @@ class TorqueBalance(Equation[TorqueSamples]):
         return residual, jacobian / gain
 
     def renew_noise(self, x: FloatArray) -> None:
-        residual = self.residual(x) * self.normalised_residual * np.sqrt(self._row_correlation)
-        self.normalised_residual = max(1.0, float(np.sqrt(np.sum(residual**2) / self._rows)))
+        residual = self.residual(x) * self.normalized_residual * np.sqrt(self._row_correlation)
+        self.normalized_residual = max(1.0, float(np.sqrt(np.sum(residual**2) / self._rows)))
 
 
 def _alike(rows: FloatArray) -> list[slice]:

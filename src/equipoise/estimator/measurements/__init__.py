@@ -1,1 +1,1 @@
-"""What lifts, moves and torques say: the measurement equations of the precise method."""
+"""What lifts, moves and torques say: the measurement equations of the Bayesian method."""

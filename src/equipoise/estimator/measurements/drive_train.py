@@ -20,7 +20,7 @@ from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.traced import Traced, contract
 from equipoise.estimator.unknowns import TracedValues
 
-DRIVE_TRAIN = ("joint_zero", "compliance", "play", "eccentricity")
+DRIVE_TRAIN = ("joint_offset", "compliance", "backlash", "eccentricity")
 _TURNED_OVER = 0.01  # [m] times the legs' weight: torque at which play is all but on one side, 0.7 Nm on an A1
 
 
@@ -78,10 +78,10 @@ class JointReadings:
     def link_position(self, values: TracedValues) -> Traced:
         """(nj, n) joint positions of the links [rad]."""
         side = np.tanh(self.torque / self.small)
-        given = self._of_joints(values["compliance"]) * self.torque + 0.5 * self._of_joints(values["play"]) * side
+        given = self._of_joints(values["compliance"]) * self.torque + 0.5 * self._of_joints(values["backlash"]) * side
         sine, cosine = _eccentricity(values)
         turned = sine * np.sin(self.position) + cosine * np.cos(self.position)
-        return self.position - values["joint_zero"] - given - turned
+        return self.position - values["joint_offset"] - given - turned
 
     def link_velocity(self, values: TracedValues) -> Traced:
         """(nj, n) joint velocities of the links [rad/s]."""
@@ -89,7 +89,7 @@ class JointReadings:
         given = self._of_joints(values["compliance"]) * self.torque_rate
         sine, cosine = _eccentricity(values)
         turning = (sine * np.cos(self.position) - cosine * np.sin(self.position)) * self.velocity
-        return Traced(self.velocity) - given - 0.5 * self._of_joints(values["play"]) * side_rate - turning
+        return Traced(self.velocity) - given - 0.5 * self._of_joints(values["backlash"]) * side_rate - turning
 
     def _of_joints(self, of_kinds: Traced) -> Traced:
         return contract("jk,k...->j...", self.by_kind, of_kinds)

@@ -1,4 +1,4 @@
-"""A lift trial as the precise estimators read it: the time on two feet, smoothed, and the rest before it.
+"""A lift trial as the Bayesian estimators read it: the time on two feet, smoothed, and the rest before it.
 
 Without contact sensors: the encoders and the gyroscope tell when both lifted feet were off the floor.
 

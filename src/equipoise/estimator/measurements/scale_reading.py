@@ -15,7 +15,7 @@ _LIGHTEST = 0.05  # [kg]
 _OTHER_ROBOT = 10.0  # times the model file's mass, or a tenth of it: no load and no CAD file is so far off
 
 
-def check_mass(mass: float, deviation: float | None = None) -> None:
+def check_mass(mass: float, std: float | None = None) -> None:
     """Refuse a mass [kg] that no legged robot has, and a standard deviation [kg] as large as the mass.
 
     Raises:
@@ -26,9 +26,9 @@ def check_mass(mass: float, deviation: float | None = None) -> None:
         raise SettingsError(f"a scale's mass of {mass:g} kg is more than any legged robot's{grams}")
     if not mass >= _LIGHTEST:
         raise SettingsError(f"a scale's mass is {mass:g} kg; it must be {_LIGHTEST:g} kg or more")
-    if deviation is not None and deviation >= mass:
+    if std is not None and std >= mass:
         raise SettingsError(
-            f"the scale's mass is {mass:g} kg and its standard deviation {deviation:g} kg: a standard deviation as large as "
+            f"the scale's mass is {mass:g} kg and its standard deviation {std:g} kg: a standard deviation as large as "
             "the mass determines nothing; give that of the scale, or leave both out"
         )
 

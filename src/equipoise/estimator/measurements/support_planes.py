@@ -42,11 +42,11 @@ class PlaneReading:
 
     Attributes:
         com: (3,) CoM at the nominal stance, in the base frame [m].
-        deviation: (3,) standard deviations, from how well the planes meet [m].
+        std: (3,) standard deviations, from how well the planes meet [m].
     """
 
     com: FloatArray
-    deviation: FloatArray
+    std: FloatArray
 
 
 def com_by_planes(robot: RobotModel, com: FloatArray, lifts: Sequence[LiftSamples]) -> PlaneReading | None:

@@ -86,12 +86,12 @@ class TiltInvariant:
         "foot_radius",
         "foot_radius_each",
         "foot_width",
-        "sag",
-        "pull",
-        "hanging",
-        "tether",
+        "foot_compliance",
+        "external_force",
+        "hanging_load",
+        "tether_stiffness",
         "floor_slope",
-        "rolling",
+        "rolling_resistance",
         "rotor_spin",
     )
 

@@ -191,7 +191,7 @@ class TiltSamples:
     def _resistance_arm(self, values: TracedValues, rolling: RollingLine) -> Traced:
         """(n,) length behind its weight at which the floor carries the robot: half of it on each rolling foot [m]."""
         left, right = (tanh(turning * (1 / _ROLLING)) for turning in (rolling.left_turning, rolling.right_turning))
-        return 0.5 * values["rolling"][0] * (left + right)
+        return 0.5 * values["rolling_resistance"][0] * (left + right)
 
     def _sensed(self, values: TracedValues) -> _Sensed:
         """What the IMU says, in base axes."""
@@ -221,7 +221,7 @@ class TiltSamples:
     def _contacts(self, values: TracedValues, posture: TracedPosture, normal: Traced) -> list[FootContact]:
         """Contacts of the stance feet with a floor of (3, n) normals, in base axes."""
         radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"] + values["foot_radius_each"])
-        radius = radius - _GIVEN_BY_FEET * 0.5 * GRAVITY * self.legs.robot_mass * values["sag"]
+        radius = radius - _GIVEN_BY_FEET * 0.5 * GRAVITY * self.legs.robot_mass * values["foot_compliance"]
         directions, sample = foot_directions(self.legs, posture), np.arange(self.count)
         return [
             FootContact(radius[foot, sample], normal, values["foot_width"], directions[:, :, foot, sample])
@@ -230,18 +230,18 @@ class TiltSamples:
 
     def _moment(self, values: TracedValues, line: ContactLine, up: Traced) -> Traced:
         """(3, n) moment about the line's point of what pulls at the base's origin and hangs from the base [Nm]."""
-        hanging = contract("ij,j...->i...", np.eye(3)[:, :2], values["hanging"])
+        hanging = contract("ij,j...->i...", np.eye(3)[:, :2], values["hanging_load"])
         end, at_rest = self.legs.end_of_trunk, self.legs.end_of_trunk - self.legs.middle_of_feet
         middle = line.point + 0.5 * line.length * line.left
         at_rest = at_rest + cross(cross(_UP, up), at_rest)
-        held = cross(end - line.point, values["tether"] * (at_rest + middle - end))
+        held = cross(end - line.point, values["tether_stiffness"] * (at_rest + middle - end))
         return hanging + held - cross(line.point, self._pull(values, up))
 
     def _pull(self, values: TracedValues, up: Traced) -> Traced:
         """(3, n) constant horizontal force on the base's origin, in base axes [N]."""
         forward = cross(np.array([[0.0], [1.0], [0.0]]), up)
         forward = forward / length(forward)
-        pull = facing(values["pull"], self.heading)
+        pull = facing(values["external_force"], self.heading)
         return pull[0] * forward + pull[1] * cross(up, forward)
 
 

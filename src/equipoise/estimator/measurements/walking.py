@@ -1,4 +1,4 @@
-"""Walking as the precise estimators read it: every step's time on two feet, as that of a lift.
+"""Walking as the Bayesian estimators read it: every step's time on two feet, as that of a lift.
 
 The tilt equation needs no rest and no attitude: contact forces have no moment about the line of two standing feet, whatever
 the robot does, and the accelerometer feels gravity and motion in one. Up is needed only to say where on its sphere a foot

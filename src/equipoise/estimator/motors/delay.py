@@ -100,8 +100,8 @@ def _torque_scale(swings: Sequence[Recording], each: Sequence[Sequence[int]], ti
         each: indices of the joints that swing in each.
     """
     parts = [_fitted(recording, joints, time_scale, None) for recording, joints in zip(swings, each, strict=True)]
-    more, deviation = np.concatenate(parts)[:, 2:].T
-    weight = deviation**-2
+    more, std = np.concatenate(parts)[:, 2:].T
+    weight = std**-2
     mean = float((weight * more).sum() / weight.sum())
     return 1.0 + mean if mean**2 * weight.sum() > _SURELY**2 else 1.0
 
@@ -134,14 +134,14 @@ def _fitted(recording: Recording, of: Sequence[int], time_scale: float, scale: f
             stand_in = design if scale else known @ np.linalg.lstsq(known, design, rcond=None)[0]
             inverse = np.linalg.inv(stand_in.T @ design)
             found = inverse @ stand_in.T @ left
-            deviation = np.sqrt(np.diag(inverse @ stand_in.T @ stand_in @ inverse.T)) * np.std(left - design @ found)
-            row[:] = row[0] + found[0], deviation[0], found[-1], deviation[-1]
+            std = np.sqrt(np.diag(inverse @ stand_in.T @ stand_in @ inverse.T)) * np.std(left - design @ found)
+            row[:] = row[0] + found[0], std[0], found[-1], std[-1]
     return rows
 
 
-def _alike(delay: FloatArray, deviation: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _alike(delay: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Delays and deviations of boards of one kind, on one bus, that may differ by a little each."""
-    own, weight = _EACH**2, 1 / (deviation**2 + _EACH**2)
+    own, weight = _EACH**2, 1 / (std**2 + _EACH**2)
     mean = float((weight * delay).sum() / weight.sum())
-    left = deviation**2 / (deviation**2 + own)  # share of a board's own reading that is noise
-    return mean + (1 - left) * (delay - mean), np.sqrt((1 - left) * deviation**2 + left**2 / weight.sum())
+    left = std**2 / (std**2 + own)  # share of a board's own reading that is noise
+    return mean + (1 - left) * (delay - mean), np.sqrt((1 - left) * std**2 + left**2 / weight.sum())

@@ -1,8 +1,8 @@
 """What legs that swing in the air say of their motors.
 
 Each is a chain that hangs from a body whose specific force the accelerometer reads. That body rests if the robot lies; if it
-stands on its other feet it sways a little, and the gyroscope says how. With Y the inverse-dynamics regressor of a leg's links,
-whose parameters are pi, each joint obeys
+stands on its other feet it sways a little, and the gyroscope measures how. With Y the inverse-dynamics regressor of a leg's
+links, whose parameters are pi, each joint obeys
 
     tau = kappa (Y(q, v, a) pi + F_c sgn(v) + F_v v + A a + B s) + o + kp lag v_cmd,    kappa = 1 / g,
 
@@ -101,7 +101,7 @@ class MotorSamples:
         """(n, nj) torques of a joint whose friction, rotor inertia, ... is one, by name; with the friction that falls with
         one of `SPEEDS` [rad/s], or without.
         """
-        terms = {"coulomb": self.sign, "viscous": self.velocity, "armature": self.acceleration}
+        terms = {"coulomb_friction": self.sign, "viscous_friction": self.velocity, "armature": self.acceleration}
         return terms if stribeck_speed is None else terms | {"stribeck": self.stribeck[SPEEDS.index(stribeck_speed)]}
 
 
@@ -167,7 +167,9 @@ def _samples_of(
     if delays is not None and joints.velocity is not None:
         share = 151 / 315 * float(np.median(np.diff(at))) / spacing  # of a sample's variance in an average
         torque = _by_law(torque, law_torque(recording, joints, joints.velocity, delays[0]), average[~near], share)
-    base = _base_at_rest(robot, steady, spacing) if trial.leg is None else _base_that_sways(robot, steady, spacing)
+    base = (
+        _base_at_rest(robot, steady, spacing) if trial.leg is None else _base_that_excitations(robot, steady, spacing)
+    )
     regressor = _regressors(robot, position(at), velocity, acceleration, base)
     turning = np.tanh(velocity / _STICTION_SPEED)
     sign, stribeck = average @ turning, stribeck_terms(average, turning, velocity)
@@ -253,7 +255,7 @@ def _imu_knot(imu: ImuStream, spacing: float) -> float:
     return max(spacing, _PER_KNOT * float(np.median(np.diff(imu.time))))
 
 
-def _base_that_sways(robot: RobotModel, steady: Recording, spacing: float) -> _BaseMotion:
+def _base_that_excitations(robot: RobotModel, steady: Recording, spacing: float) -> _BaseMotion:
     """Of a robot that stands on three feet; the accelerometer is not where the base frame is."""
     rest, imu, pose = _base_at_rest(robot, steady, spacing), steady.imu, robot.imu_in_base
     at = np.clip(steady.joints.time, imu.time[0], imu.time[-1])

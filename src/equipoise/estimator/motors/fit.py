@@ -24,7 +24,7 @@ from equipoise.robot.scale import Scale
 from equipoise.robot.stance import Stance
 
 _ROUNDS = 6
-# Standard deviations before the run: legs may be off the file's as those of `precise` may.
+# Standard deviations before the run: legs may be off the file's as those of `bayesian` may.
 _MASS_COMMON, _MASS, _COM_COMMON, _COM = 0.10, 0.05, 4e-3, 2e-3  # of a link's mass; [m] on an A1
 _GAIN = 0.05
 _COULOMB, _VISCOUS, _ARMATURE, _OFFSET = 2.0, 1.0, 0.1, 0.3  # [Nm], [Nm s/rad], [kg m2], [Nm] on an A1
@@ -51,7 +51,8 @@ class MotorFit:
         delay: delay of the position loop and its standard deviation [s], where the motion alone tells it; else None.
         delay_and_friction: correlation of that delay with the mean viscous friction, or None.
         noise: (nj,) standard deviation of what is left of the averaged torques [Nm].
-        misfit: (nj,) how much of that repeats with a joint's speed or its load: the rms of its means in bins of either [Nm].
+        normalized_residual: (nj,) how much of that repeats with a joint's speed or its load: the rms of its means in bins of
+            either [Nm].
         unseen: (nj,) what may be of that kind and look like an unknown [Nm].
         repetition: number of averages that say what one says.
         gain: (nj,) true over reported torque by the fit, what all have in common with it, which nothing but legs tells.
@@ -64,7 +65,7 @@ class MotorFit:
     delay: tuple[float, float] | None
     delay_and_friction: float | None
     noise: FloatArray
-    misfit: FloatArray
+    normalized_residual: FloatArray
     unseen: FloatArray
     repetition: float
     gain: FloatArray
@@ -169,11 +170,11 @@ def _solve(table: _Table, samples: MotorSamples) -> _Solution:
 def _wants_stribeck(table: _Table, samples: MotorSamples, scale: Scale, without: _Solution) -> bool:
     """Whether a solution without friction that grows toward rest wants it."""
     repetition = _repetition(without.residual / positive_size(without.residual, samples.slides), samples.slides)
-    noise = np.hypot(positive_size(without.residual, samples.slides), _UNEVEN * without.x[table.of("coulomb")])
+    noise = np.hypot(positive_size(without.residual, samples.slides), _UNEVEN * without.x[table.of("coulomb_friction")])
     weight = samples.slides / noise / np.sqrt(repetition)
     _, design = _linearised(table, samples, without.x)
     terms = samples.stribeck * weight / (1 + without.x[table.of("gain")])
-    prior = prior_deviations(samples, scale)["stribeck"]
+    prior = prior_stds(samples, scale)["stribeck"]
     return is_wanted(
         terms, design * weight[..., None], without.residual * weight, repetition * without.covariance, prior
     )
@@ -206,7 +207,7 @@ def _table(robot: RobotModel, samples: MotorSamples, scale: Scale, stribeck_spee
                 of_kind[shared] = of_kind.get(shared, np.zeros_like(model)) + column
     columns += of_kind.values()
     prior += [_MASS_COMMON if axis == 0 else _COM_COMMON * scale.length for _, axis in of_kind]
-    sizes, joints = prior_deviations(samples, scale), samples.torque.shape[1]
+    sizes, joints = prior_stds(samples, scale), samples.torque.shape[1]
     terms = samples.terms(stribeck_speed)
     for name in ("gain", *terms, "offset"):
         prior += [sizes[name]] * joints
@@ -214,10 +215,11 @@ def _table(robot: RobotModel, samples: MotorSamples, scale: Scale, stribeck_spee
     return _Table(model, np.stack(columns, axis=-1), terms, np.array(prior), stribeck_speed)
 
 
-def prior_deviations(samples: MotorSamples, scale: Scale) -> dict[str, float]:
+def prior_stds(samples: MotorSamples, scale: Scale) -> dict[str, float]:
     """What is believed beforehand of each joint's gain, terms and offset, of the rotors' spin and of the lag."""
     sizes = {
-        "coulomb": _COULOMB, "viscous": _VISCOUS, "armature": _ARMATURE, "stribeck": _STRIBECK, "offset": _OFFSET,
+        "coulomb_friction": _COULOMB, "viscous_friction": _VISCOUS, "armature": _ARMATURE, "stribeck": _STRIBECK,
+        "offset": _OFFSET,
         "spin": _SPIN,
     }  # fmt: skip
     lag = _LAG_SHARE * samples.period if samples.reported else _DELAY
@@ -264,8 +266,8 @@ def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
     x, residual = solution.x, solution.residual
     sigma = positive_size(residual, samples.slides)
     repetition = _repetition(residual / sigma, samples.slides)
-    covariance, misfit = repetition * solution.covariance, _misfit(samples, residual, repetition)
-    unseen = _unseen(samples, misfit)
+    covariance, normalized_residual = repetition * solution.covariance, _residual_scale(samples, residual, repetition)
+    unseen = _unseen(samples, normalized_residual)
     gain = 1 + x[table.of("gain")]
     mean, joints = gain.mean(), table.joints
     values = np.array([gain / mean - 1, *(x[table.of(name)] / mean for name in table.terms)])
@@ -278,18 +280,28 @@ def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
     if not samples.reported:
         known = _LAG_SHARE * samples.period
         delay = THOUGHT_DELAY + x[-1] - samples.period / 2, float(np.sqrt(covariance[-1, -1] + known**2))
-        viscous = flat[2 * joints : 3 * joints].mean(axis=0)
-        shared = float(viscous @ covariance[:, -1])
-        correlation = shared / float(np.sqrt(viscous @ covariance @ viscous * covariance[-1, -1]))
+        viscous_friction = flat[2 * joints : 3 * joints].mean(axis=0)
+        shared = float(viscous_friction @ covariance[:, -1])
+        correlation = shared / float(np.sqrt(viscous_friction @ covariance @ viscous_friction * covariance[-1, -1]))
     found = flat @ covariance @ flat.T
     found[np.diag_indices_from(found)] += _unlike_law(table, samples, unseen, values).ravel()
     carried = gain * (samples.torque - residual - x[table.of("offset")] - samples.kp * samples.command_rate * x[-1])
     return MotorFit(
-        values, found, table.stribeck_speed, delay, correlation, sigma, misfit, unseen, repetition, gain, carried
+        values,
+        found,
+        table.stribeck_speed,
+        delay,
+        correlation,
+        sigma,
+        normalized_residual,
+        unseen,
+        repetition,
+        gain,
+        carried,
     )
 
 
-def _unseen(samples: MotorSamples, misfit: FloatArray) -> FloatArray:
+def _unseen(samples: MotorSamples, normalized_residual: FloatArray) -> FloatArray:
     """(nj,) what repeats and looks like an unknown, by what repeats and does not [Nm].
 
     A robot's gears are of one kind. What some joints show of theirs, as a share of what they carry, others have as well and
@@ -297,8 +309,8 @@ def _unseen(samples: MotorSamples, misfit: FloatArray) -> FloatArray:
     """
     carried = size(samples.torque, samples.slides)
     loaded = carried > 0
-    common = np.sqrt(np.mean((misfit[loaded] / carried[loaded]) ** 2)) if loaded.any() else 0.0
-    return _LIKE * np.sqrt((misfit**2 + (common * carried) ** 2) / 2)
+    common = np.sqrt(np.mean((normalized_residual[loaded] / carried[loaded]) ** 2)) if loaded.any() else 0.0
+    return _LIKE * np.sqrt((normalized_residual**2 + (common * carried) ** 2) / 2)
 
 
 def _unlike_law(table: _Table, samples: MotorSamples, unseen: FloatArray, values: FloatArray) -> FloatArray:
@@ -308,7 +320,7 @@ def _unlike_law(table: _Table, samples: MotorSamples, unseen: FloatArray, values
     viscous friction. What friction grows to at rest is beyond what is seen.
     """
     used = samples.slides
-    terms = samples.torque, *(table.terms | {"coulomb": np.ones_like(used)}).values()
+    terms = samples.torque, *(table.terms | {"coulomb_friction": np.ones_like(used)}).values()
     sizes = np.array([positive_size(term, used) for term in terms])
     variance = (unseen / sizes) ** 2
     variance[2] += (samples.kp * _INSTANT * samples.period) ** 2
@@ -318,7 +330,7 @@ def _unlike_law(table: _Table, samples: MotorSamples, unseen: FloatArray, values
     return variance
 
 
-def _misfit(samples: MotorSamples, residual: FloatArray, repetition: float, bins: int = 8) -> FloatArray:
+def _residual_scale(samples: MotorSamples, residual: FloatArray, repetition: float, bins: int = 8) -> FloatArray:
     """(nj,) rms of the residual's means in bins of speed or of load, whichever is more, beyond what noise makes them [Nm]."""
     found = np.zeros(residual.shape[1])
     slowing, load = residual * np.sign(samples.sign), np.abs(samples.torque)

@@ -22,7 +22,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.estimator.equations.torque_balance import columns_of_links
 from equipoise.estimator.motors.equations import MotorSamples
-from equipoise.estimator.motors.fit import MotorFit, positive_size, prior_deviations, size
+from equipoise.estimator.motors.fit import MotorFit, positive_size, prior_stds, size
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 
@@ -38,18 +38,18 @@ class _Nuisances:
 
     columns: list[FloatArray] = field(default_factory=list[FloatArray])
     mean: list[float] = field(default_factory=list[float])
-    deviation: list[float] = field(default_factory=list[float])
+    std: list[float] = field(default_factory=list[float])
 
-    def add(self, column: FloatArray, deviation: float, mean: float = 0.0) -> None:
+    def add(self, column: FloatArray, std: float, mean: float = 0.0) -> None:
         """One unknown's (n, nj) column; none that is known."""
-        if deviation > 0:
+        if std > 0:
             self.columns.append(column)
             self.mean.append(mean)
-            self.deviation.append(deviation)
+            self.std.append(std)
 
-    def add_each(self, columns: FloatArray, deviation: FloatArray | float) -> None:
+    def add_each(self, columns: FloatArray, std: FloatArray | float) -> None:
         """One unknown of each joint, (n, nj) columns of the torque of that joint alone."""
-        for joint, sd in enumerate(np.broadcast_to(deviation, columns.shape[1]).tolist()):
+        for joint, sd in enumerate(np.broadcast_to(std, columns.shape[1]).tolist()):
             self.add(_alone(columns, joint), sd)
 
 
@@ -67,7 +67,7 @@ def legs_in_swing(
     """
     if not samples.reported:
         raise RecordingError("joint torques are not reported, so that swings determine no masses of links")
-    per_gain, prior = 1 / fit.gain, prior_deviations(samples, scale)
+    per_gain, prior = 1 / fit.gain, prior_stds(samples, scale)
     links = per_gain[:, None] * columns_of_links(robot, samples.regressor)
     own = per_gain[:, None] * _own_inertias(robot, samples)
     by_gain = -(per_gain**2) * fit.carried
@@ -103,8 +103,8 @@ def _solved_for(beside: _Nuisances, system: FloatArray, samples: MotorSamples, f
     weight = samples.slides / fit.noise / np.sqrt(fit.repetition)
     count = len(beside.mean)
     believed = np.zeros((count, whole.shape[-1]))
-    believed[:, :count] = np.diag(1 / np.array(beside.deviation))
-    believed[:, -1] = np.array(beside.mean) / beside.deviation
+    believed[:, :count] = np.diag(1 / np.array(beside.std))
+    believed[:, -1] = np.array(beside.mean) / beside.std
     rows = np.concatenate([believed, (whole * weight[..., None]).reshape(-1, whole.shape[-1])])
     triangle = np.asarray(np.linalg.qr(rows, mode="r"), dtype=float)
     return triangle[count:-1, count:]  # the last row is what no unknown explains

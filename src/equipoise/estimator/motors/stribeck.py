@@ -50,8 +50,8 @@ def is_wanted(terms: FloatArray, design: FloatArray, left: FloatArray, covarianc
         amounts = inverse @ score
         told.append(float(score @ amounts))
         # Of what the fit could as well call something else nothing is left but rounding, below zero as well.
-        deviation = np.sqrt(np.maximum(np.diag(inverse), 0.0))
-        surest.append(float(np.divide(amounts, deviation, out=np.zeros_like(amounts), where=deviation > 0).max()))
+        std = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+        surest.append(float(np.divide(amounts, std, out=np.zeros_like(amounts), where=std > 0).max()))
     best = int(np.argmax(told))
     least = _UNLIKE_NOISE * NormalDist().inv_cdf(1 - _FALSE_ALARMS / (len(terms) * terms.shape[-1]))
     return surest[best] > least

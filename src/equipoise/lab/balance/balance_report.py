@@ -11,7 +11,7 @@ from typing import Any
 from equipoise.errors import OutputError
 from equipoise.json_form import fields_to_json, to_json
 from equipoise.lab.balance.balance_routine import BalanceSettings
-from equipoise.lab.balance.judge import BalanceTraces, Verdict
+from equipoise.lab.balance.evaluation import BalanceTraces, Verdict
 from equipoise.lab.balance.run import BalanceRun
 from equipoise.recording.run_log import save_recording
 from equipoise.user_file import write_file

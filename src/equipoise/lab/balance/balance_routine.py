@@ -13,8 +13,8 @@ from equipoise.errors import MotionError, SettingsError
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.lab.balance.balance_model import LinearModel, linear_model
 from equipoise.lab.balance.controller import BalanceLaw, BalanceWeights
+from equipoise.lab.balance.observer import Bearings, Senses, SensorKnowledge
 from equipoise.lab.balance.run import BalanceRun, Ending, TrialSamples
-from equipoise.lab.balance.senses import Bearings, Senses, SensorKnowledge
 from equipoise.lab.balance.two_foot_posture import Posture, posture_over_line
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState
 from equipoise.platform.ramp import smooth_step
@@ -105,9 +105,9 @@ def balance(
     if diagonal not in DIAGONALS:
         raise SettingsError(f"{diagonal!r} is no diagonal; they are {', '.join(DIAGONALS)}")
     settings = settings or BalanceSettings()
-    planted, feet_at_end = stand_up(platform, believed, nominal_stance(robot))
+    standing, feet_at_end = stand_up(platform, believed, nominal_stance(robot))
     trial = _Trial(
-        platform, robot, believed, diagonal, settings, planted.target.joint_position, planted.target.torque, watch
+        platform, robot, believed, diagonal, settings, standing.target.joint_position, standing.target.torque, watch
     )
     try:
         senses, bearings = trial.rest(knowledge or SensorKnowledge.none(robot))
@@ -127,7 +127,7 @@ def balance(
     else:
         trial.catch_fall()
         trial.put_feet_back(settings.recover_time)
-    move_to(planted, feet_at_end)
+    move_to(standing, feet_at_end)
     return BalanceRun(
         robot.name, diagonal, settings.duration, trial.swing_height, settings.observe_offset, lift_off, ending,
         trial.samples.recording(platform.joint_names), trial.samples.felt(lift_off), model.unstable_pole,
@@ -179,13 +179,13 @@ class _Trial:
             joints = postures[-1].joint_position
         return postures
 
-    def move_over_line(self, senses: Senses, planted: Posture) -> None:
+    def move_over_line(self, senses: Senses, standing: Posture) -> None:
         """Bring the body over the support line on four feet, then take the load off the two that will be lifted."""
-        on_four = static_torques(self.believed, planted.joint_position, LEG_NAMES)
+        on_four = static_torques(self.believed, standing.joint_position, LEG_NAMES)
         self._begin(Phase.MOVE)
-        self._glide(senses.command_for(planted.joint_position), on_four, self.settings.move_time, senses)
+        self._glide(senses.command_for(standing.joint_position), on_four, self.settings.move_time, senses)
         self._begin(Phase.UNLOAD)
-        self._glide(self._target, planted.torque, self.settings.unload_time, senses)
+        self._glide(self._target, standing.torque, self.settings.unload_time, senses)
 
     def lift_and_balance(
         self, senses: Senses, bearings: Bearings, postures: list[Posture]

@@ -16,12 +16,12 @@ from equipoise import _version
 from equipoise.cli import flags
 from equipoise.cli.setting_flags import seconds
 from equipoise.errors import FallError, MotionError, OutputError, SettingsError
-from equipoise.lab.balance import belief
+from equipoise.lab.balance import model_error
 from equipoise.lab.balance.balance_report import BalanceReport, BalanceTrial
 from equipoise.lab.balance.balance_routine import BalanceSettings
 from equipoise.lab.balance.balance_routine import balance as run
-from equipoise.lab.balance.belief import Plant, error_along
-from equipoise.lab.balance.judge import judge, seen_traces
+from equipoise.lab.balance.evaluation import judge, seen_traces
+from equipoise.lab.balance.model_error import Plant, error_along
 from equipoise.lab.terminal import print_balance
 from equipoise.platform.platform import MotionInterrupted
 from equipoise.recording.run_log import save_recording
@@ -30,7 +30,7 @@ from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 from equipoise.simulation.effects import read_effects, read_names
-from equipoise.simulation.glimpse import Bystander
+from equipoise.simulation.ground_truth_view import Bystander
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.simulation import Simulation, simulate
 
@@ -48,10 +48,10 @@ def balance(
     diagonal: Literal["FL_RR", "FR_RL", "both"] = "both",
     duration: Annotated[str, arg(metavar="TIME")] = "10s",
     observe_offset: flags.Flag = False,
-    noise: flags.NoiseName = "realistic",
-    effects: flags.WithEffects = (),
-    without: flags.WithoutEffects = (),
-    contacts: flags.ContactsName = "own",
+    sim_preset: flags.PresetName = "realistic",
+    enable_effect: flags.WithEffects = (),
+    disable_effect: flags.WithoutEffects = (),
+    contact_model: flags.ContactModelName = "default",
     payload: flags.PayloadGiven = None,
     seed: int = 0,
     out: flags.File = None,
@@ -100,7 +100,7 @@ def balance(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"the output folder {str(out)!r} is not empty; name a new one with --out")
     world: dict[str, Any] = {
-        "effects": read_effects(effects), "without": read_names(without), "contacts": contacts,
+        "effects": read_effects(enable_effect), "without": read_names(disable_effect), "contact_model": contact_model,
     }  # fmt: skip
     trials: list[BalanceTrial] = []
     sensors_known = False
@@ -108,13 +108,13 @@ def balance(
     for name in DIAGONALS if diagonal == "both" else (diagonal,):
         if not output.silent:
             print(f"balancing on {name} ...", file=sys.stderr, flush=True)
-        with simulate(model, noise, loaded, seed, **world) as simulation, _interruption_kept(out, name):
+        with simulate(model, sim_preset, loaded, seed, **world) as simulation, _interruption_kept(out, name):
             belief = _belief(model, stance, simulation, name, calibration, error)
             trials.append(_trial(simulation, model, stance, belief, name, settings))
             sensors_known, engine = belief.sensors.any, simulation.engine
     provenance = {
         "time": now.isoformat(timespec="seconds"), "equipoise": _version.__version__, "platform": "mujoco", "mujoco": engine,
-        "noise": noise, **world, "payload": payload, "seed": seed, "com": None if com is None else str(com),
+        "sim_preset": sim_preset, **world, "payload": payload, "seed": seed, "com": None if com is None else str(com),
         "com_error": error,
     }  # fmt: skip
     done = BalanceReport(model.name, sensors_known, settings, tuple(trials), provenance)
@@ -174,10 +174,10 @@ def _belief(
     robot: RobotModel, stance: Stance, simulation: Simulation, diagonal: str, calibration: Any, error: float | None
 ) -> Plant:
     if calibration is not None:
-        return belief.calibrated(robot, stance, calibration)
+        return model_error.calibrated(robot, stance, calibration)
     if error is not None:
-        return belief.displaced(robot, stance, simulation.truth, diagonal, error)
-    return belief.model_file(robot)
+        return model_error.displaced(robot, stance, simulation.truth, diagonal, error)
+    return model_error.model_file(robot)
 
 
 def _trial(
@@ -191,5 +191,5 @@ def _trial(
     bystander = Bystander(simulation.witness.look, _WATCHED_PERIODS)
     done = run(simulation.platform, robot, belief.model, diagonal, settings, belief.sensors, bystander.watch)
     off = error_along(stance, diagonal, belief.model, simulation.truth)
-    verdict = judge(done, bystander.glimpses)
-    return BalanceTrial(done, verdict, seen_traces(done, bystander.glimpses), off, belief.source)
+    verdict = judge(done, bystander.ground_truths)
+    return BalanceTrial(done, verdict, seen_traces(done, bystander.ground_truths), off, belief.source)

@@ -13,10 +13,10 @@ from tyro.conf import arg
 from tyro.constructors import StructConstructorSpec, StructFieldSpec
 
 from equipoise.cli import flags
+from equipoise.cli.arguments import chosen
 from equipoise.cli.methods import owners, refuse_flag_of
 from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.setting_flags import flags_of, seconds, settings_from, spec_of
-from equipoise.cli.words import chosen
 from equipoise.errors import SettingsError
 from equipoise.lab.study.study import Study
 from equipoise.method.method import Method
@@ -32,8 +32,8 @@ class DrawnFlags:
     """The simulated robots.
 
     Attributes:
-        only: Effects that are kept, as joint_zero,imu_tilt; default all.
-        vary_noise: Draw the size of each effect, from 0 to twice its usual one: shows what each one costs.
+        only_effects: Effects that are kept, as joint_offset,imu_tilt; default all.
+        vary_effects: Draw the size of each effect, from 0 to twice its usual one: shows what each one costs.
         payload: random: 5 to 30 % of the base's mass on its back; none; or MASS,X,Y,Z as in 'calibrate'.
         spread: Random robots: link lengths, masses and the base's centre of mass vary by this fraction.
         scale_error: Each robot is weighed, with this relative error, for the methods that use it; 0.005 is half a percent.
@@ -41,12 +41,12 @@ class DrawnFlags:
         seed: Of everything drawn.
     """
 
-    noise: flags.NoiseName = "realistic"
-    effects: flags.WithEffects = ()
-    without: flags.WithoutEffects = ()
-    contacts: flags.ContactsName = "own"
-    only: Names = ""
-    vary_noise: flags.Flag = False
+    sim_preset: flags.PresetName = "realistic"
+    enable_effect: flags.WithEffects = ()
+    disable_effect: flags.WithoutEffects = ()
+    contact_model: flags.ContactModelName = "default"
+    only_effects: Names = ""
+    vary_effects: flags.Flag = False
     payload: Annotated[str, arg(metavar="random|none|M,X,Y,Z")] = "random"
     spread: float = 0.0
     scale_error: Annotated[float | None, arg(metavar="FRACTION", help_behavior_hint="")] = None
@@ -76,7 +76,7 @@ def monte_carlo(
     when. Rows reach the disk as they come; run the same command again after an
     interruption, or with more trials, and it goes on.
 
-    Example: equipoise lab monte-carlo go2 --trials 200 --methods paper,precise
+    Example: equipoise lab monte-carlo go2 --trials 200 --methods paper,bayesian
 
     Args:
         trials: How many.
@@ -95,16 +95,20 @@ def monte_carlo(
     from equipoise.lab.terminal import StudyLine, print_study
     from equipoise.report.page import save_page
 
-    drawn: dict[str, Any] = {**vars(simulation), "only": read_names([simulation.only])}
-    drawn |= {"effects": read_effects(simulation.effects), "without": read_names(simulation.without)}
-    study = Study(robot, methods, **drawn, description=description)
+    study = Study(
+        robot, methods, preset=simulation.sim_preset, effects=read_effects(simulation.enable_effect),
+        without=read_names(simulation.disable_effect), contact_model=simulation.contact_model,
+        only=read_names([simulation.only_effects]), vary_effects=simulation.vary_effects, payload=simulation.payload,
+        spread=simulation.spread, scale_error=simulation.scale_error, timestep=simulation.timestep, seed=simulation.seed,
+        description=description,
+    )  # fmt: skip
     folder = out or Path("runs") / f"monte-carlo-{Path(robot).stem}"
     with _executor(executor, scheduler) as (pool, count), StudyLine(output.silent) as line:
         at_once = count if workers is None else workers
         rows = run_study(study, trials, folder, pool, at_once, line.update, seconds(trial_limit, "trial-limit") or 0.0)
     summaries = summarize(rows)
     # Sizes that vary with the robots alone vary together: nothing tells their shares apart.
-    costs = [slope for used in study.methods if study.vary_noise for slope in slopes(rows, used.name)]
+    costs = [slope for used in study.methods if study.vary_effects for slope in slopes(rows, used.name)]
     table = summary_table(study, summaries, costs)
     page = study_page(study, rows, summaries, costs)
     files = save_summary(folder, table, markdown(page, "summary.html"))

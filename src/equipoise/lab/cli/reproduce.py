@@ -15,7 +15,7 @@ def reproduce(
     *,
     out: Annotated[Path, arg(metavar="PATH")] = Path("reproduction"),
     trials: Annotated[int, arg(metavar="N")] = 200,
-    precise_trials: Annotated[int, arg(metavar="N")] = 40,
+    bayesian_trials: Annotated[int, arg(metavar="N")] = 40,
     workers: Count = None,
     output: Output,
 ) -> None:
@@ -29,17 +29,17 @@ def reproduce(
     Args:
         out: Folder for README.md and report.html.
         trials: Of the paper's method.
-        precise_trials: Of the precise method, which takes ten times as long.
+        bayesian_trials: Of the Bayesian method, which takes ten times as long.
         workers: Processes; default one for each core.
     """
     from equipoise.lab.pages.reproduction_page import reproduction_page, save_reproduction
     from equipoise.lab.study.reproduction import reproduce as run
     from equipoise.lab.terminal import StudyLine, print_study
 
-    if trials < 1 or precise_trials < 1:
-        raise SettingsError(f"{min(trials, precise_trials)} trials are none; ask for one at least")
+    if trials < 1 or bayesian_trials < 1:
+        raise SettingsError(f"{min(trials, bayesian_trials)} trials are none; ask for one at least")
     with StudyLine(output.silent) as line:
-        done = run(out / "studies", trials, precise_trials, workers, line.doing)
+        done = run(out / "studies", trials, bayesian_trials, workers, line.doing)
     page = reproduction_page(done)
     files = save_reproduction(page, out)
     table = {"schema": "equipoise.reproduction/1", "files": [str(file) for file in files]}

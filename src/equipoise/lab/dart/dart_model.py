@@ -121,7 +121,7 @@ def _skeleton(robot: RobotModel, links: list[KinematicLink], legs: LegErrors) ->
             places[link.name] = _add_body(skeleton, parent, pose, axis, link.name, robot), np.eye(4)
             continue
         for axis in link.axes:
-            pose = pose @ axis.moved(robot.held.get(axis.name, 0.0))
+            pose = pose @ axis.moved(robot.locked_joints.get(axis.name, 0.0))
         places[link.name] = parent, pose
     return skeleton, places
 

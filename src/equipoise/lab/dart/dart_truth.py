@@ -9,7 +9,7 @@ from equipoise.conventions import FloatArray
 from equipoise.lab.dart.dart_model import SimulatedDartRobot
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
-from equipoise.simulation.glimpse import Glimpse
+from equipoise.simulation.ground_truth_view import GroundTruth
 from equipoise.simulation.leg_errors import in_frame_of_hips
 
 
@@ -51,12 +51,12 @@ class DartWitness:
         self._up = -np.array(simulated.errors.gravity_direction)
         self._radii = np.array([foot.getShape().getRadius() for foot in simulated.feet])
 
-    def look(self) -> Glimpse:
+    def look(self) -> GroundTruth:
         """The present moment."""
         simulated = self._simulated
         feet = np.array([foot.getWorldTransform().translation() for foot in simulated.feet])
         cosine = float(simulated.base.getTransform().rotation()[:, 2] @ self._up)
-        return Glimpse(
+        return GroundTruth(
             float(simulated.world.getTime()),
             feet,
             feet[:, 2] - self._radii,

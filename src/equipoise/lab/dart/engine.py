@@ -27,8 +27,8 @@ def build(
         MissingDependencyError: DART is not installed.
         SettingsError: contacts are asked for that only MuJoCo has.
     """
-    if contacts != "own":
-        raise SettingsError("dart cannot take contacts from the model file; leave --contacts out, or use mujoco")
+    if contacts != "default":
+        raise SettingsError("dart cannot take contacts from the model file; leave --contact-model out, or use mujoco")
     try:
         import dartpy  # noqa: PLC0415
 

@@ -6,10 +6,9 @@ import json
 import sys
 import time
 from dataclasses import dataclass
-from typing import Annotated, Literal, Protocol, TextIO
+from typing import Literal, Protocol, TextIO
 
 import numpy as np
-from tyro.conf import arg
 
 from equipoise.conventions import FloatArray
 from equipoise.lab.emulators.faults import (
@@ -55,9 +54,9 @@ class PeerSettings:
     """What robot the peer simulates, as the flags of `calibrate` say it.
 
     Attributes:
-        noise: preset of effects.
-        effects: effects besides, or of another size, as springs=3000,cable.
-        without: effects that are left out, as springs,cable.
+        sim_preset: preset of effects.
+        enable_effect: effects besides, or of another size, as springs=3000,cable.
+        disable_effect: effects that are left out, as springs,cable.
         payload: payload as MASS,X,Y,Z, or None.
         seed: seed of everything drawn.
         start: state at the start, "standing" (it holds its own stance until the first command comes) or "lying" (it is
@@ -68,9 +67,9 @@ class PeerSettings:
         trace: whether to log the motion of the base and the largest joint torque every 0.1 s, not only with a mode.
     """
 
-    noise: Noise = "realistic"
-    effects: Annotated[tuple[str, ...], arg(name="with")] = ()
-    without: tuple[str, ...] = ()
+    sim_preset: Noise = "realistic"
+    enable_effect: tuple[str, ...] = ()
+    disable_effect: tuple[str, ...] = ()
     payload: str | None = None
     seed: int = 0
     start: Literal["standing", "lying"] = "standing"
@@ -92,8 +91,8 @@ class PeerRobot:
         self.robot, self.settings = robot, settings
         self._log = log
         self._simulation: Simulation = simulate(
-            robot, settings.noise, settings.payload, settings.seed, settings.start,
-            effects=read_effects(settings.effects), without=read_names(settings.without),
+            robot, settings.sim_preset, settings.payload, settings.seed, settings.start,
+            effects=read_effects(settings.enable_effect), without=read_names(settings.disable_effect),
         )  # fmt: skip
         self._platform = self._simulation.platform
         stance = nominal_stance(robot)

@@ -52,7 +52,7 @@ STACKS: dict[str, dict[str, Any]] = {
         "impedance_topic": "/{interface}_controller/commands", "imu_topic": "/imu_sensor_broadcaster/imu",
     },
 }  # fmt: skip
-"""What their simulations do, by their files; of the last the controllers are those of docs/ros2.md, which it has not."""
+"""Settings of their simulations, from their files. The last has no controllers; those of docs/hardware/ros2.md are used."""
 
 
 @dataclass(frozen=True)

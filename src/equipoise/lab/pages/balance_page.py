@@ -27,7 +27,7 @@ def balance_table(report: BalanceReport) -> DataTable:
     verdicts = [trial.verdict for trial in report.trials]
     rows = [
         ["time balanced [s]", *(f"{v.time_balanced:.2f}" for v in verdicts)],
-        ["sway of the CoM about its mean, rms [mm]", *(number(v.sway, 1000, ".2f") for v in verdicts)],
+        ["excitation of the CoM about its mean, rms [mm]", *(number(v.excitation, 1000, ".2f") for v in verdicts)],
         ["CoM in front of the line, mean [mm]", *(number(v.off_line, 1000, "+.2f") for v in verdicts)],
         ["tilt of the base, last second [deg]", *(number(np.degrees(v.tilt), 1, ".1f") for v in verdicts)],
         ["largest tilt [deg]", *(number(np.degrees(v.largest_tilt), 1, ".1f") for v in verdicts)],
@@ -48,7 +48,7 @@ def title(report: BalanceReport) -> str:
     return f"{report.robot}: balancing on two feet {mode}"
 
 
-def sentences(report: BalanceReport) -> tuple[str, ...]:
+def messages(report: BalanceReport) -> tuple[str, ...]:
     """Return the verdict of each diagonal, and what the control law used."""
     verdicts = [f"{trial.run.diagonal}: {_verdict(trial)}" for trial in report.trials]
     known = "taken off, as calibrated" if report.sensors_known else "not known to the law"
@@ -70,7 +70,7 @@ def balance_page(report: BalanceReport) -> PageContents:
         Section(trial.run.diagonal, f"On {trial.run.diagonal}", [_tilt(trial), _com(trial), _torque(trial)])
         for trial in report.trials
     ]
-    return PageContents(title(report), "", "", [balance_table(report), *sentences(report)], sections)
+    return PageContents(title(report), "", "", [balance_table(report), *messages(report)], sections)
 
 
 def _figure(trial: BalanceTrial, name: str, caption: str, data: list[Trace], label: str) -> Figure:

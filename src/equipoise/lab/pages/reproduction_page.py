@@ -54,7 +54,7 @@ def reproduction_page(done: Reproduction) -> PageContents:
         ]),
         Section("monte-carlo", "Monte Carlo: within 5 mm?", [_MONTE_CARLO, _methods(done)]),
         Section("proportional", "The error is proportional to joint and end-effector error", [
-            f"{len(proportion.com_error)} robots without a payload, wrong in nothing but their joint zeros, whose size is "
+            f"{len(proportion.com_error)} robots without a payload, wrong in nothing but their joint offsets, whose size is "
             "drawn from 0 to 10 mrad. "
             f"The RMS planar CoM error grows by {proportion.per_joint_error:.2f} mm per mrad of joint error (rms over "
             f"joints), which is {proportion.per_foot_error:.2f} mm per mm of planar foot error (rms over feet). Without "
@@ -70,7 +70,7 @@ def reproduction_page(done: Reproduction) -> PageContents:
 _TABLE = (
     "Moments of inertia of base, hips and thighs about their own CoM [kg m2], planar CoM of the whole robot in the base "
     "frame [mm]; in brackets the error against the truth above. The paper's robot stands in a stance that the "
-    "paper does not give, so that its truth differs from ours. `paper` is the paper's method as we read it; `precise` "
+    "paper does not give, so that its truth differs from ours. `paper` is the paper's method as we read it; `bayesian` "
     "estimates the same body with the rest."
 )
 _MONTE_CARLO = (
@@ -87,7 +87,7 @@ def _table(done: Reproduction) -> DataTable:
     truth: Sequence[float | None] | None = None
     for row in done.table:
         truth = row.values if row.method == TRUTH else truth
-        rows.append([row.method, row.noise, *_cells(row.values, None if row.method == TRUTH else truth)])
+        rows.append([row.method, row.preset, *_cells(row.values, None if row.method == TRUTH else truth)])
     return DataTable("", ["", "noise", "|I_x", "|I_y", "|I_z", "|p_x", "|p_y"], rows)
 
 
@@ -139,10 +139,10 @@ def _iterations(done: Reproduction) -> Figure:
                {"symbol": "diamond", "size": 10, "color": INK}),
     ]  # fmt: skip
     shapes = [level(1000 * WITHIN)]
-    found = done.precise_errors
+    found = done.bayesian_errors
     if np.isfinite(found).any():
         value = 1000 * float(np.nanmedian(found))
-        shapes.append(level(value, f"median of the precise method: {value:.1f} mm", SERIES[0], "solid"))
+        shapes.append(level(value, f"median of the Bayesian method: {value:.1f} mm", SERIES[0], "solid"))
     layout = axes("iteration of the bisection search", "norm of the planar CoM error [mm]", shapes=shapes)
     layout["xaxis"] |= {"dtick": 1, "range": [0.8, max(PAPER_ITERATIONS, len(median)) + 0.4]}
     caption = "In percent: the share of trials within 5 mm at each iteration."
@@ -151,13 +151,13 @@ def _iterations(done: Reproduction) -> Figure:
 
 def _joints(one: Proportion) -> Figure:
     data = line_in_squares(1000 * one.joint_error, 1000 * one.com_error, 1000 * one.floor, one.per_joint_error)
-    caption = f"{one.per_joint_error:.2f} mm per mrad. Method paper, joint zeros alone wrong."
+    caption = f"{one.per_joint_error:.2f} mm per mrad. Method paper, joint offsets alone wrong."
     layout = axes("joint error, rms over joints [mrad]", "planar CoM error [mm]")
     return Figure("Joint error", caption, data, layout)
 
 
 def _feet(one: Proportion) -> Figure:
     data = line_in_squares(1000 * one.foot_error, 1000 * one.com_error, 1000 * one.floor, one.per_foot_error)
-    caption = f"{one.per_foot_error:.2f} mm per mm. Method paper, joint zeros alone wrong."
+    caption = f"{one.per_foot_error:.2f} mm per mm. Method paper, joint offsets alone wrong."
     layout = axes("planar foot error, rms over feet [mm]", "planar CoM error [mm]")
     return Figure("Foot error", caption, data, layout)

@@ -83,8 +83,8 @@ def slope_table(slopes: Sequence[Slope], method: str) -> DataTable:
     rows: list[list[str]] = []
     for slope in slopes:
         if slope.method == method:
-            value, deviation, unit = slope_numbers(slope)
-            rows.append([source_label(slope.source), f"{value:.3g}", f"{deviation:.2g}", unit])
+            value, std, unit = slope_numbers(slope)
+            rows.append([source_label(slope.source), f"{value:.3g}", f"{std:.2g}", unit])
     title = "RMS planar error = slope x size of the source; independent sources add in squares."
     return DataTable(title, ["source", "|slope", "|standard error", "unit"], rows)
 
@@ -105,12 +105,12 @@ def study_page(study: Study, rows: Table, summaries: Sequence[MethodSummary], sl
 
 def _conditions(study: Study, summaries: Sequence[MethodSummary]) -> str:
     payload = study.payload if study.payload in ("random", "none") else f"`{study.payload}`"
-    noise = [study.noise]
+    noise = [study.preset]
     noise += [f"with {name}" if size is None else f"with {name} {size:g}" for name, size in study.effects.items()]
     noise += [f"without {name}" for name in study.without]
-    noise += ["contacts of the model file"] if study.contacts == "file" else []
+    noise += ["contacts of the model file"] if study.contact_model == "file" else []
     noise += [f"only {', '.join(study.only)}"] if study.only else []
-    noise += ["each source's size times a random factor from 0 to 2"] if study.vary_noise else []
+    noise += ["each source's size times a random factor from 0 to 2"] if study.vary_effects else []
     parts = [f"{max((s.trials for s in summaries), default=0)} trials", f"noise {', '.join(noise)}"]
     parts += [f"payload {payload}", f"seed {study.seed}"]
     parts += [f"random robots with a spread of {study.spread:g}"] if study.spread else []
@@ -161,10 +161,10 @@ def _slope(rows: Table, slope: Slope) -> Figure:
     chosen = having(having(rows, "method", slope.method), "status", SUCCEEDED)
     unit, factor = source_unit(slope.source)
     size, errors = factor * column(chosen, slope.source), 1000 * planar_errors(chosen)
-    steepness, deviation, per_unit = slope_numbers(slope)
+    steepness, std, per_unit = slope_numbers(slope)
     # What the others cost on average stays: the line is the root of its square and this source's.
     others = float(np.sqrt(max(0.0, float(np.mean(errors**2) - steepness**2 * np.mean(size**2)))))
-    caption = f"{slope.method}: {steepness:.2g} +- {deviation:.2g} {per_unit}."
+    caption = f"{slope.method}: {steepness:.2g} +- {std:.2g} {per_unit}."
     layout = axes(f"{source_label(slope.source)} [{unit}]", "planar CoM error [mm]")
     layout["yaxis"]["range"] = [0, float(np.quantile(errors, 0.995))]
     return Figure(source_label(slope.source), caption, line_in_squares(size, errors, others, steepness), layout)

@@ -24,4 +24,4 @@ def validation_page(found: Validation) -> PageContents:
     title = f"{found.robot}: {len(found.lifts)} lifts replayed"
     layout = axes("time on two feet [s]", "measured less simulated tilt, at the CoM [mm]")
     figure = Figure("Tilt errors", "A line for each lift and body.", data, layout, height=440)
-    return PageContents(title, "", f"{found.sentence}.", [validation_table(found), figure])
+    return PageContents(title, "", f"{found.message}.", [validation_table(found), figure])

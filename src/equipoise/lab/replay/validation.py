@@ -92,7 +92,7 @@ class Validation:
         return self.error(body) / self.error(FOUND)
 
     @property
-    def sentence(self) -> str:
+    def message(self) -> str:
         """The answer in one line."""
         ratio, found, model = self.ratio(MODEL), 1000 * self.error(FOUND), 1000 * self.error(MODEL)
         said = f"{self.robot}: {len(self.lifts)} lifts played again tip as measured to {found:.2f} mm with the body found, "
@@ -108,7 +108,7 @@ class Validation:
         return {
             "schema": SCHEMA,
             "robot": self.robot,
-            "sentence": self.sentence,
+            "message": self.message,
             "ratio": self.ratio(MODEL),
             "bodies": {
                 body: {
@@ -126,7 +126,7 @@ def validate(result: Calibration, against: Mapping[str, RobotModel | Calibration
     """Play the lifts of a run or a log again with the body found, with the model file's, and with others.
 
     Args:
-        result: result of the method `precise`, with its recordings, as `RunFolder.estimate` and `estimate_log` have it.
+        result: result of the method `bayesian`, with its recordings, as `RunFolder.estimate` and `estimate_log` have it.
         against: other models of the robot, or results of other runs of it, by the names to show.
 
     Raises:
@@ -140,7 +140,7 @@ def validate(result: Calibration, against: Mapping[str, RobotModel | Calibration
     if not isinstance(evidence, PosteriorEvidence) or not lifted or robot is None:
         raise NotEstimatedError(
             f"the result of {result.robot!r} by {result.method!r} has no lift to play again; validate takes runs and logs in "
-            "which the method 'precise' found lifts"
+            "which the method 'bayesian' found lifts"
         )
     players = _players(robot, {FOUND: result, MODEL: robot, **(against or {})})
     lifts: list[ReplayedLift] = []

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 from equipoise.method.method import Method
 
 if TYPE_CHECKING:
-    from equipoise.experiments.planted import PlantedRobot
     from equipoise.experiments.progress import Progress
+    from equipoise.experiments.standing_robot import StandingRobot
     from equipoise.method.rehearsal import Course
     from equipoise.recording.recording import Recording
     from equipoise.result.calibration import Calibration
@@ -31,14 +31,14 @@ class Static(Method):
 
     def run(
         self,
-        planted: PlantedRobot,
+        standing: StandingRobot,
         stance: Stance,
         recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
     ) -> None:
         from equipoise.lab.static.standing import stand_still  # noqa: PLC0415 - flags need no robot model
 
-        stand_still(planted, stance, report)
+        stand_still(standing, stance, report)
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
         from equipoise.method.rehearsal import Course  # noqa: PLC0415

@@ -9,8 +9,8 @@ import numpy as np
 
 from equipoise.errors import RecordingError
 from equipoise.experiments.lift import LiftSettings, come_to_rest
-from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import StandTrial
@@ -25,14 +25,14 @@ from equipoise.robot.statics import torques_of_legs
 _REST_TIME = 2.0  # [s]
 
 
-def stand_still(planted: PlantedRobot, stance: Stance, report: Callable[[Progress], None] | None) -> None:
+def stand_still(standing: StandingRobot, stance: Stance, report: Callable[[Progress], None] | None) -> None:
     """Stand still for a while; arguments are those of `Method.run`."""
     if report is not None:
         report(Progress("standing still", 0, 1))
-    motion = planted.motion().begin(StandTrial()).phase(Phase.MOVE)
+    motion = standing.motion().begin(StandTrial()).phase(Phase.MOVE)
     at_rest = LiftSettings(height=0.0, rest_time=_REST_TIME)
-    come_to_rest(planted, motion.move_feet(stance.feet_in_base, 0.2), at_rest, "standing")
-    planted.finish()
+    come_to_rest(standing, motion.move_feet(stance.feet_in_base, 0.2), at_rest, "standing")
+    standing.finish()
 
 
 def estimate_standing(
@@ -63,7 +63,7 @@ def estimate_standing(
         composite=Body.partly(nominal.composite, mass, (float(x), float(y), None)),
         base=Body.partly(nominal.base),
         stance_effective=Body.partly(nominal.stance_effective),
-        sways={},
+        excitations={},
         support_lines={},
         trials=tuple(Trial(StandTrial.kind, "four feet", None, None, None, None, r.duration) for r in standing),
         settings=settings,

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from equipoise.bayesian.method import BayesianMethod
 from equipoise.calibration.routine import calibrate
 from equipoise.conventions import AXES, FloatArray
 from equipoise.lab.study.rows import SUCCEEDED, Table, column, having
@@ -16,9 +17,8 @@ from equipoise.lab.study.runner import StudyProgress, run_study
 from equipoise.lab.study.study import Study
 from equipoise.lab.study.study_statistics import MethodSummary, lines_in_squares, planar_errors, summarize
 from equipoise.method.method import Method
-from equipoise.paper.method import Paper
+from equipoise.paper.method import PaperMethod
 from equipoise.paper.settings import ComSearchSettings
-from equipoise.precise.method import Precise
 from equipoise.robot.catalog import BUILT_IN_ROBOT, load_robot
 from equipoise.simulation.simulation import simulate
 
@@ -40,12 +40,12 @@ class TableRow:
 
     Attributes:
         method: name of the method that estimated, or "truth".
-        noise: noise preset of the simulated robot, whose legs weigh other than the model's where it is not "ideal".
+        preset: noise preset of the simulated robot, whose legs weigh other than the model's where it is not "ideal".
         values: estimates by QUANTITIES; None where the method has none.
     """
 
     method: str
-    noise: str
+    preset: str
     values: tuple[float | None, ...]
 
 
@@ -54,11 +54,11 @@ class Proportion:
     """The CoM error against what the joint errors do to the feet, nothing else being wrong.
 
     Attributes:
-        foot_error: (n,) rms planar displacement of the feet by the joint zeros [m].
-        joint_error: (n,) rms of the joint zeros [rad].
+        foot_error: (n,) rms planar displacement of the feet by the joint offsets [m].
+        joint_error: (n,) rms of the joint offsets [rad].
         com_error: (n,) planar error of the CoM [m].
         per_foot_error: slope of the CoM error over the feet's error [m/m].
-        per_joint_error: slope of the CoM error over the joint zeros [m/rad].
+        per_joint_error: slope of the CoM error over the joint offsets [m/rad].
         floor: CoM error that is left without any joint error [m].
     """
 
@@ -78,21 +78,21 @@ class Reproduction:
         table: rows of Table I; each truth, then the estimates of it.
         summaries: summaries of the methods.
         iterations: (n trials, k) norm of the planar CoM error after each halving [m]; nan for trials that failed.
-        precise_errors: planar CoM errors of the precise method [m]; nan for trials that failed.
+        bayesian_errors: planar CoM errors of the Bayesian method [m]; nan for trials that failed.
         proportion: proportion of the CoM error to joint and end-effector error.
     """
 
     table: tuple[TableRow, ...]
     summaries: tuple[MethodSummary, ...]
     iterations: FloatArray
-    precise_errors: FloatArray
+    bayesian_errors: FloatArray
     proportion: Proportion
 
 
 def reproduce(
     folder: Path,
     trials: int,
-    precise_trials: int,
+    bayesian_trials: int,
     workers: int | None = None,
     report: Callable[[str, StudyProgress | None], None] = lambda doing, progress: None,
 ) -> Reproduction:
@@ -101,7 +101,7 @@ def reproduce(
     Args:
         folder: folder for the rows.
         trials: number of trials of the paper's method, and of the proportionality.
-        precise_trials: number of the same robots, the first ones, that the precise method calibrates.
+        bayesian_trials: number of the same robots, the first ones, that the Bayesian method calibrates.
         workers: number of processes; default one for each core.
         report: function that is told what is being done.
     """
@@ -111,13 +111,13 @@ def reproduce(
     def run(study: Study, count: int, name: str, doing: str) -> Table:
         return run_study(study, count, folder / name, None, workers, lambda progress: report(doing, progress))
 
-    study = Study(BUILT_IN_ROBOT, (Paper(),), seed=SEED)
-    precise = Study(BUILT_IN_ROBOT, (Precise(),), seed=SEED)
-    exact = Paper(com_search=ComSearchSettings(tolerance=1e-3))
-    zeros = Study(BUILT_IN_ROBOT, (exact,), only=("joint_zero",), vary_noise=True, payload="none", seed=SEED)
+    study = Study(BUILT_IN_ROBOT, (PaperMethod(),), seed=SEED)
+    precise = Study(BUILT_IN_ROBOT, (BayesianMethod(),), seed=SEED)
+    exact = PaperMethod(com_search=ComSearchSettings(tolerance=1e-3))
+    zeros = Study(BUILT_IN_ROBOT, (exact,), only=("joint_offset",), vary_effects=True, payload="none", seed=SEED)
     rows = run(study, trials, "paper", "Monte Carlo of the paper's method")
     proportional = run(zeros, trials, "joint-zeros", "joint errors alone")
-    ours = run(precise, precise_trials, "precise", "Monte Carlo of the precise method")
+    ours = run(precise, bayesian_trials, "bayesian", "Monte Carlo of the Bayesian method")
     return Reproduction(
         table,
         (*summarize(rows), *summarize(ours)),
@@ -140,13 +140,13 @@ def _table() -> tuple[TableRow, ...]:
                 truth = (*(float(effective[i, i]) for i in range(3)), float(com[0]), float(com[1]))
                 rows.append(TableRow(TRUTH, noise, truth))
             found = [one.value for one in result.stance_effective.inertia.moments]
-            moments = [result.sways[axis].moment for axis in AXES] if None in found else found
+            moments = [result.excitations[axis].moment for axis in AXES] if None in found else found
             com = result.composite.com_in_base
             rows.append(TableRow(method.name, noise, (*moments, com.x.value, com.y.value)))
     return tuple(rows)
 
 
-_TABLE_METHODS: tuple[Method, ...] = (Paper(), Precise())
+_TABLE_METHODS: tuple[Method, ...] = (PaperMethod(), BayesianMethod())
 
 
 def _iterations(rows: Table) -> FloatArray:

@@ -37,7 +37,7 @@ _NUMBERS = (
     *("robot_mass", "leg_length", "hip_height", "payload_mass", "payload_x", "payload_y", "payload_z"),
     *(f"size_{name}" for name in SOURCES),
     *("joint_zero_rms", "foot_error_rms", "imu_tilt_size"),
-    *(f"{kind}_{name}" for kind in ("true", "estimated", "deviation") for name in COMPONENTS),
+    *(f"{kind}_{name}" for kind in ("true", "estimated", "std") for name in COMPONENTS),
     *(f"{kind}_{axis}" for kind in ("true_stance_effective", "moment") for axis in AXES),
     *("timestep", "simulated_time", "robot_time", "wall_time", "cpu_time", "estimation_time"),
 )
@@ -51,7 +51,7 @@ COLUMNS = arrow.schema(
         *((name, arrow.list_(arrow.float64())) for name in _LISTS),
     ]
 )
-"""SI units; angles in rad. `true_`, `estimated_`, `deviation_` (posterior standard deviation) are of the whole robot."""
+"""SI units; angles in rad. `true_`, `estimated_`, `std_` (posterior standard deviation) are of the whole robot."""
 
 
 def table_of(rows: Sequence[Row]) -> Table:

@@ -18,7 +18,7 @@ from equipoise.errors import SettingsError
 from equipoise.lab.study.variation import LARGEST_SPREAD, vary
 from equipoise.method.method import Method
 from equipoise.method.table import METHODS
-from equipoise.paper.method import Paper
+from equipoise.paper.method import PaperMethod
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.model import RobotModel
@@ -47,12 +47,12 @@ class Study:
         robot: name or model file of the robot.
         methods: methods that calibrate each drawn robot, with settings; each on a fresh simulation of it with the same
             noise.
-        noise: name of a preset of effects, scaled to the robot.
+        preset: name of a preset of effects, scaled to the robot.
         effects: effects besides, or of other sizes, as in `simulate`.
         without: names of effects that are left out.
-        contacts: how feet touch the floor, as in `simulate`.
+        contact_model: how feet touch the floor, as in `simulate`.
         only: effects that are kept, all others being left out; empty: all.
-        vary_noise: each effect's size is multiplied by its own random factor between 0 and 2, so that a study shows what
+        vary_effects: each effect's size is multiplied by its own random factor between 0 and 2, so that a study shows what
             each source does.
         payload: "random", "none", or MASS,X,Y,Z[,IXX,IYY,IZZ].
         spread: of random robots around the model (see `robot.variation`); 0: always the model itself.
@@ -63,13 +63,13 @@ class Study:
     """
 
     robot: str = "unitree_a1"
-    methods: tuple[Method, ...] = (Paper(),)
-    noise: Noise = "realistic"
+    methods: tuple[Method, ...] = (PaperMethod(),)
+    preset: Noise = "realistic"
     effects: Mapping[str, float | None] = field(default_factory=dict[str, "float | None"])
     without: tuple[str, ...] = ()
-    contacts: Contacts = "own"
+    contact_model: Contacts = "default"
     only: tuple[str, ...] = ()
-    vary_noise: bool = False
+    vary_effects: bool = False
     payload: str = "random"
     spread: float = 0.0
     scale_error: float | None = None
@@ -79,7 +79,7 @@ class Study:
 
     def __post_init__(self) -> None:
         self._check_methods()
-        sizes_of(self.noise, Scale(1.0, 1.0), self.effects, self.without)
+        sizes_of(self.preset, Scale(1.0, 1.0), self.effects, self.without)
         if unknown := [name for name in self.only if name not in SOURCES]:
             raise SettingsError(f"{unknown[0]!r} is no error source; those are {', '.join(SOURCES)}")
         if self.payload not in ("random", "none"):
@@ -110,10 +110,12 @@ class Study:
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
         methods = [method.to_dict() for method in self.methods]
-        other = {"effects": dict(self.effects), "without": list(self.without), "contacts": self.contacts}
-        usual: dict[str, Any] = {"effects": {}, "without": [], "contacts": "own"}
+        other = {
+            "effects": dict(self.effects), "disabled_effects": list(self.without), "contact_model": self.contact_model,
+        }  # fmt: skip
+        usual: dict[str, Any] = {"effects": {}, "disabled_effects": [], "contact_model": "default"}
         # What is as usual is left out: a study of before goes on.
-        table = {name: value for name, value in dataclasses.asdict(self).items() if name not in usual}
+        table = {name: value for name, value in dataclasses.asdict(self).items() if name not in (*usual, "without")}
         table |= {name: value for name, value in other.items() if value != usual[name]}
         return {**table, "methods": methods, "only": list(self.only)}
 
@@ -190,8 +192,8 @@ def _payload(wanted: str, robot: RobotModel, stance: Stance, generator: np.rando
 
 
 def _sizes(study: Study, robot: RobotModel, stance: Stance, generator: np.random.Generator) -> SensorErrors:
-    sizes = sizes_of(study.noise, stance.scale, study.effects, study.without)
-    factors = _factors(generator) if study.vary_noise else dict.fromkeys(SOURCES, 1.0)
+    sizes = sizes_of(study.preset, stance.scale, study.effects, study.without)
+    factors = _factors(generator) if study.vary_effects else dict.fromkeys(SOURCES, 1.0)
     kept = study.only or SOURCES
     rows = {name: sizes.row(name) for name in SOURCES}
     changed = {n: row.times(getattr(sizes, n), factors[n]) if n in kept else row.none for n, row in rows.items()}

@@ -60,7 +60,7 @@ class ErrorStatistics:
     """Errors of one quantity, estimate less truth.
 
     Attributes:
-        quantity: name of a component, "planar CoM", or a moment of the paper's sways.
+        quantity: name of a component, "planar CoM", or a moment of the paper's excitations.
         unit: unit of what follows.
         count: number of calibrations that gave an estimate.
         bias, rms: mean and root mean square of the error over those.
@@ -114,13 +114,13 @@ class Slope:
         method: name of the method that was used.
         source: name of the rows' column.
         slope: slope of the error over the source's size [m per unit of the source].
-        deviation: standard error of the slope, by bootstrap.
+        std: standard error of the slope, by bootstrap.
     """
 
     method: str
     source: str
     slope: float
-    deviation: float
+    std: float
 
 
 def summarize(rows: Table) -> list[MethodSummary]:
@@ -145,7 +145,7 @@ def _summary(method: str, rows: Table) -> MethodSummary:
         unit, factor = _unit_of(name, rows)
         error = column(rows, f"estimated_{name}") - column(rows, f"true_{name}")
         if np.isfinite(error).any():
-            relative = error / column(rows, f"deviation_{name}")
+            relative = error / column(rows, f"std_{name}")
             errors.append(_statistics(name, unit, error * factor, failures.total(), relative))
     for axis, name in zip(AXES, ("Ixx", "Iyy", "Izz"), strict=True):
         moment = column(rows, f"moment_{axis}")
@@ -229,8 +229,8 @@ def slopes(rows: Table, method: str, resamples: int = 200) -> list[Slope]:
     picks = (generator.choice(len(chosen), len(chosen)) for _ in range(resamples))
     drawn = np.array([lines_in_squares(sizes[picked], errors[picked])[1] for picked in picks])
     return [
-        Slope(method, source, float(slope), float(deviation))
-        for source, slope, deviation in zip(sources, lines_in_squares(sizes, errors)[1], drawn.std(axis=0), strict=True)
+        Slope(method, source, float(slope), float(std))
+        for source, slope, std in zip(sources, lines_in_squares(sizes, errors)[1], drawn.std(axis=0), strict=True)
     ]
 
 

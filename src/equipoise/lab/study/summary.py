@@ -40,7 +40,7 @@ def source_unit(source: str) -> tuple[str, float]:
 def slope_numbers(slope: Slope) -> tuple[float, float, str]:
     """A slope and its standard error for people, and their unit."""
     unit, factor = source_unit(slope.source)
-    return 1000 * slope.slope / factor, 1000 * slope.deviation / factor, f"mm per {unit}"
+    return 1000 * slope.slope / factor, 1000 * slope.std / factor, f"mm per {unit}"
 
 
 def failures_text(summary: MethodSummary) -> str:

@@ -43,7 +43,7 @@ def check_study(study: Study) -> None:
         robot, _ = nominal_robot(study)
         for method in study.methods:
             check(robot, method)
-        simulate(robot, timestep=study.timestep, contacts=study.contacts).platform.close()
+        simulate(robot, timestep=study.timestep, contact_model=study.contact_model).platform.close()
 
 
 def run_trial(study: Study, trial: int, logs: str | None = None) -> Table:
@@ -75,7 +75,7 @@ def _calibrated(study: Study, drawn: Draw, facts: Row, method: Method, logs: str
         timestep = method.timestep if study.timestep is None else study.timestep
         row["timestep"] = timestep
         with simulate(
-            drawn.robot, drawn.sizes, drawn.payload, drawn.seed, timestep=timestep, contacts=study.contacts
+            drawn.robot, drawn.sizes, drawn.payload, drawn.seed, timestep=timestep, contact_model=study.contact_model
         ) as simulation:
             row |= _truth(simulation)
             if drawn.scale_reading is not None and study.scale_error is not None:
@@ -127,7 +127,7 @@ def _facts(drawn: Draw) -> Row:
     """What was drawn, in numbers that errors can be held against."""
     robot, stance = drawn.robot, drawn.stance
     errors = DrawnErrors.draw(drawn.sizes, len(robot.joint_names), drawn.seed)
-    zeros = errors.joint_zero[robot.leg_joints]
+    zeros = errors.joint_offset[robot.leg_joints]
     feet = np.asarray(np.einsum("fij,fj->fi", foot_jacobians(robot, stance.joint_position), zeros), dtype=float)
     payload = None if drawn.payload is None else drawn.payload.parameters
     return {
@@ -137,7 +137,7 @@ def _facts(drawn: Draw) -> Row:
         "payload_mass": 0.0 if payload is None else payload.mass,
         **{f"payload_{axis}": None if payload is None else float(payload.com[i]) for i, axis in enumerate("xyz")},
         **{f"size_{row.name}": row.amount(getattr(drawn.sizes, row.name)) for row in drawn.sizes.rows() if row.varied},
-        "joint_zero_rms": float(np.sqrt(np.mean(errors.joint_zero**2))),
+        "joint_zero_rms": float(np.sqrt(np.mean(errors.joint_offset**2))),
         "foot_error_rms": float(np.linalg.norm(feet[:, :2]) / np.sqrt(feet[:, :2].size)),
         "imu_tilt_size": float(np.linalg.norm(errors.imu_tilt[:2])),
     }
@@ -153,10 +153,10 @@ def _truth(simulation: Simulation) -> Row:
 
 def _estimates(result: Calibration, drawn: Draw, method: Method) -> Row:
     """What a calibration found; where it does not estimate a parameter there is no value."""
-    moments = {axis: sway.moment for axis, sway in result.sways.items()}
+    moments = {axis: excitation.moment for axis, excitation in result.excitations.items()}
     row: Row = {f"moment_{axis}": moments.get(axis) for axis in AXES}
     row |= {f"estimated_{quantity.name}": quantity.value for quantity in result.composite}
-    row |= {f"deviation_{quantity.name}": quantity.deviation for quantity in result.composite}
+    row |= {f"std_{quantity.name}": quantity.std for quantity in result.composite}
     row |= method.study_columns(result, drawn.stance)
     row["estimation_time"] = sum(result.timings.values()) or None
     row["lifts"] = sum(trial.kind == "lift" for trial in result.trials)

@@ -1,1 +1,1 @@
-"""Motions in a long recording: rests, moves, sways, lifts and walks."""
+"""Motions in a long recording: rests, moves, excitations, lifts and walks."""

@@ -97,7 +97,7 @@ class FootPaths:
         duration = (self.height - lowest > least).sum(axis=0) * float(np.diff(self.time).mean())
         return [foot for foot, time in zip(LEG_NAMES, duration.tolist(), strict=True) if time > shortest]
 
-    def longest_planted(self, stance: Stance, shortest: float) -> tuple[float, float] | None:
+    def longest_standing(self, stance: Stance, shortest: float) -> tuple[float, float] | None:
         """The longest stretch in which no foot moves, though they moved before or after; None if it is shorter than that.
 
         Args:

@@ -187,10 +187,10 @@ def _moving_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Se
     steps: list[FloatArray] = []
     turning: list[FloatArray] = []
     for part in parts:
-        angular_velocity_in_base, planted = angular_velocity_by_legs(legs, stance, part)
-        middle = part.time[planted]
+        angular_velocity_in_base, standing = angular_velocity_by_legs(legs, stance, part)
+        middle = part.time[standing]
         steps.append(np.array([middle - part.step / 2, middle + part.step / 2]))
-        turning.append(angular_velocity_in_base[planted])
+        turning.append(angular_velocity_in_base[standing])
         if sum(map(len, turning)) > _PLENTY:
             break
     if sum(map(len, turning)) * STEP < _ENOUGH:

@@ -1,4 +1,4 @@
-"""Segments of a long recording without events: rests, moves and sways over planted feet, lifts of two feet, walks, crawls.
+"""Segments of a long recording without events: rests, stance motions, excitations, lift trials, walks, crawls.
 
 Every piece of it ends up in a `LogSegment`: what it is, and whether it can be used or why not. What can be used comes with a
 `Recording` that says what it is in the words that the estimators know, as if we had commanded it ourselves.
@@ -34,12 +34,12 @@ from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import (
     CrawlTrial,
+    ExcitationTrial,
     LiftTrial,
     PostureTrial,
     RecordedTrial,
     StandTrial,
     SteppingTrial,
-    SwayTrial,
     ThreeFeet,
     TwoFeet,
     WalkTrial,
@@ -48,21 +48,21 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import carried_mass
 
-Kind = Literal["rest", "move", "nudge", "sway", "lift", "walk", "crawl", "steps", "slip", "motion", "gap"]
+Kind = Literal["rest", "move", "nudge", "excitation", "lift", "walk", "crawl", "steps", "slip", "motion", "gap"]
 
 # On an A1; lengths and times are multiplied by those of the stance's scale.
 _OFF_FLOOR = 6e-3  # [m] above the feet that stand: plainly off the floor
 _SLID = 6e-3  # [m] that planted feet may seem to have moved by after a move: 1 to 4 mm with encoders off by 5 mrad
 _SLIDING = 12e-3  # [m] on the way
 _FALLING = 5.0  # [m/s2]: a robot whose accelerometer reads less has no foot on the floor
-_MOVED = 0.1  # [rad] of a joint: smaller moves tell no joint zeros, and add what feet creep by while they stand
+_MOVED = 0.1  # [rad] of a joint: smaller moves tell no joint offsets, and add what feet creep by while they stand
 _LONGEST_MOVE = 8.0  # [s]: the gyroscope's attitude is good for a milliradian so long
 _HELD = 1.0  # [s] of a rest that are used, at most: what is nearest to the motion
 # [s] at a rest's ends that are left out, if it is long enough: a fifth of a millimetre's creep there moves a CoM by as much.
 _SETTLING, _LEAVING = 0.3, 0.12
 _LANDED = 0.2  # [s] after a lift that are kept with it
 _UNTOLD = 0.5  # [s] around a walk that are not worth a word
-_SHORTEST_SWAY = 1.5  # [s] of planted motion that torques are worth reading of
+_SHORTEST_EXCITATION = 1.5  # [s] of planted motion that torques are worth reading of
 _OF_STEPS = ("steps", "slip", "motion")
 """Kinds of segments in which the robot may walk."""
 
@@ -285,7 +285,7 @@ class _PieceReader:
         if lift is not None:
             return [lift]
         if paths.slid().max() > _SLIDING * self.stance.scale.length:
-            return self._not_planted(rest, paths, until, after)
+            return self._not_standing(rest, paths, until, after)
         return [self._planted(index, paths, until, after)]
 
     # --- lifts
@@ -315,11 +315,11 @@ class _PieceReader:
     # --- planted feet
 
     def _planted(self, index: int, paths: FootPaths, until: float, after: LoggedRest | None) -> LogSegment:
-        """A move or a sway over planted feet."""
+        """A move or an excitation over planted feet."""
         rest = self.rests[index]
-        sway = self._sway(rest.end, until)
-        if sway is not None:
-            return sway
+        excitation = self._excitation(rest.end, until)
+        if excitation is not None:
+            return excitation
         why_not = self._why_no_move(rest, until, after)
         if why_not is None:
             return self._move(index, paths, until)
@@ -334,7 +334,7 @@ class _PieceReader:
             return f"{until - rest.end:.0f} s from rest to rest: the gyroscope's attitude drifts by then"
         moved = _moved(rest, after)
         if moved < _MOVED:
-            return f"it ends within {np.degrees(moved):.0f} deg of where it began: too little to tell joint zeros by"
+            return f"it ends within {np.degrees(moved):.0f} deg of where it began: too little to tell joint offsets by"
         return None
 
     def _move(self, index: int, paths: FootPaths, until: float) -> LogSegment:
@@ -348,7 +348,7 @@ class _PieceReader:
         self._weighed.add(index + 1)
         return LogSegment(start, until, "move", what, None, _marked(self.recording, phases, begin, end, trial))
 
-    def _sway(self, start: float, end: float) -> LogSegment | None:
+    def _excitation(self, start: float, end: float) -> LogSegment | None:
         """An oscillation over planted feet: torques tell of it, and the paper's I and C follow."""
         part = self.track.indices(start, end)
         found = find_oscillation(
@@ -356,37 +356,39 @@ class _PieceReader:
         )
         if found is None:
             return None
-        what = f"sway over planted feet, {found.words}"
+        what = f"excitation over planted feet, {found.words}"
         if self.recording.joints.torque is None:
-            return LogSegment(start, end, "sway", what, "no joint torques: a sway tells nothing without them")
-        return LogSegment(start, end, "sway", what, None, self._swaying(start, end, found))
+            return LogSegment(
+                start, end, "excitation", what, "no joint torques: an excitation tells nothing without them"
+            )
+        return LogSegment(start, end, "excitation", what, None, self._excitationing(start, end, found))
 
     def _weighable(self, start: float, end: float, after: LoggedRest | None) -> LogSegment | None:
         """Any other motion over planted feet that is long enough for its torques to tell something.
 
         After it the robot must stand: one that lies down touches the floor with more than its feet before it is still.
         """
-        short = end - start < _SHORTEST_SWAY * self.stance.scale.time
+        short = end - start < _SHORTEST_EXCITATION * self.stance.scale.time
         if self.recording.joints.torque is None or short or after is None or not after.standing:
             return None
-        recording = self._swaying(start, end, Oscillation(start, end, {}))
-        return LogSegment(start, end, "sway", f"motion over planted feet, {end - start:.1f} s", None, recording)
+        recording = self._excitationing(start, end, Oscillation(start, end, {}))
+        return LogSegment(start, end, "excitation", f"motion over planted feet, {end - start:.1f} s", None, recording)
 
-    def _swaying(self, start: float, end: float, steady: Oscillation) -> Recording:
-        phases = [(Phase.RAMP, start), (Phase.SWAY, steady.start), (Phase.END, steady.end)]
-        trial = SwayTrial(frequencies=steady.frequencies, found_at=start)
+    def _excitationing(self, start: float, end: float, steady: Oscillation) -> Recording:
+        phases = [(Phase.RAMP, start), (Phase.EXCITATION, steady.start), (Phase.END, steady.end)]
+        trial = ExcitationTrial(frequencies=steady.frequencies, found_at=start)
         return _marked(self.recording, phases, start, end, trial)
 
-    def _not_planted(
+    def _not_standing(
         self, rest: LoggedRest, paths: FootPaths, until: float, after: LoggedRest | None
     ) -> list[LogSegment]:
-        """Walking, or sliding; with a sway in it, if the feet stay for long enough somewhere."""
-        stretch = paths.longest_planted(self.stance, _SHORTEST_SWAY * self.stance.scale.time)
-        sway = None if stretch is None else self._sway(*stretch) or self._weighable(*stretch, after)
-        if stretch is not None and sway is not None:
+        """Walking, or sliding; with an excitation in it, if the feet stay for long enough somewhere."""
+        stretch = paths.longest_standing(self.stance, _SHORTEST_EXCITATION * self.stance.scale.time)
+        excitation = None if stretch is None else self._excitation(*stretch) or self._weighable(*stretch, after)
+        if stretch is not None and excitation is not None:
             parts = [(rest.end, stretch[0]), (stretch[1], until)]
             around = [self._moving_feet(paths, a, b) for a, b in parts if b - a > 2 * self.track.step]
-            return sorted([sway, *around], key=lambda segment: segment.start)
+            return sorted([excitation, *around], key=lambda segment: segment.start)
         return [self._moving_feet(paths, rest.end, until)]
 
     def _moving_feet(self, paths: FootPaths, start: float, end: float) -> LogSegment:

@@ -26,7 +26,7 @@ from equipoise.robot.model import LEG_NAMES, PAIRS
 from equipoise.robot.stance import Stance
 
 # On an A1; lengths and times are multiplied by those of the stance's scale.
-_CLEAR = 5e-3  # [m] above the standing feet: off the floor, though joint zeros and the attitude are not known
+_CLEAR = 5e-3  # [m] above the standing feet: off the floor, though joint offsets and the attitude are not known
 _SLIP = 0.25  # [m/s] of two standing feet against each other: soft feet that roll show 0.1
 _STAYS = 0.1  # [m/s] of a foot against standing ones, all the time: it stands too
 _UNEVEN = 0.03  # [m] of one standing foot above the other

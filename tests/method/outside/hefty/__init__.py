@@ -11,8 +11,8 @@ import numpy as np
 from equipoise import Calibration, InertialParameters, Method, Recording, RobotModel, Stance
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.experiments.lift import LiftSettings, come_to_rest
-from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
+from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.method.reading import ComEstimate, LiftPlane
 from equipoise.method.rehearsal import Course
 from equipoise.recording.phases import Phase
@@ -61,13 +61,13 @@ class Hefty(Method):
             raise SettingsError(f"pause_count is {self.pauses.count}; it must be 1 or more")
 
     def run(
-        self, planted: PlantedRobot, stance: Stance, recordings: Sequence[Recording],
+        self, standing: StandingRobot, stance: Stance, recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
     ) -> None:  # fmt: skip
         for number in range(self.pauses.count):
             if report is not None:
                 report(Progress("weighing itself", number, self.pauses.count))
-            stand(planted, stance, self.pauses.time or 1.5)
+            stand(standing, stance, self.pauses.time or 1.5)
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
         return Course(f"stands still {self.pauses.count} times", 2.0 * self.pauses.count)
@@ -96,7 +96,7 @@ class Hefty(Method):
             composite=Body.known(_heavier(nominal.composite, added), model=nominal.composite),
             base=Body.known(_heavier(nominal.base, added), model=nominal.base),
             stance_effective=Body.partly(nominal.stance_effective),
-            sways={},
+            excitations={},
             support_lines={},
             trials=tuple(Trial(StandTrial.kind, "four feet", None, None, None, None, r.duration) for r in stands),
             settings=self.to_dict(),
@@ -116,11 +116,11 @@ class ModelReading:
         return ComEstimate(trials, self.com, np.full(3, 0.01), 1e-5 * np.eye(3))
 
 
-def stand(planted: PlantedRobot, stance: Stance, time: float) -> None:
+def stand(standing: StandingRobot, stance: Stance, time: float) -> None:
     """A stand is a trial."""
-    motion = planted.motion().begin(StandTrial()).phase(Phase.MOVE).move_feet(stance.feet_in_base, 0.2)
-    come_to_rest(planted, motion, LiftSettings(height=0.0, rest_time=time), "standing")
-    planted.finish()
+    motion = standing.motion().begin(StandTrial()).phase(Phase.MOVE).move_feet(stance.feet_in_base, 0.2)
+    come_to_rest(standing, motion, LiftSettings(height=0.0, rest_time=time), "standing")
+    standing.finish()
 
 
 def _heavier(body: InertialParameters, added: float) -> InertialParameters:

@@ -1,0 +1,196 @@
+"""From a run's recordings to its result: read, estimate, check."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from equipoise.bayesian.settings import BayesianSettings
+from equipoise.bayesian.trial_rows import trial_row
+from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError
+from equipoise.estimator.diagnostics.budget import budget_of
+from equipoise.estimator.diagnostics.checks import HELD_OUT_CHECK, half_difference, judge
+from equipoise.estimator.diagnostics.held_out import held_out, predict_held_out
+from equipoise.estimator.diagnostics.imu_position_check import ImuPositionCheck
+from equipoise.estimator.diagnostics.link_findings import link_findings
+from equipoise.estimator.diagnostics.prior_conflict import (
+    assumed_imu_position,
+    conflicting_parameters,
+    resolve_prior_conflicts,
+)
+from equipoise.estimator.diagnostics.screening import screen
+from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
+from equipoise.estimator.diagnostics.torque_mass import assumed_mass, compare_estimate
+from equipoise.estimator.equations.equation import Equation, MotionSamples
+from equipoise.estimator.equations.table import EQUATIONS
+from equipoise.estimator.motions import read_motions
+from equipoise.estimator.posterior_evidence import PosteriorEvidence
+from equipoise.estimator.prior_runs.changes import Change, check_of_changes, estimate_after
+from equipoise.estimator.problem import Posterior, body_jacobian, estimate_posterior
+from equipoise.estimator.unknowns import Priors
+from equipoise.method.combined import of_the_base
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import MotorTrial
+from equipoise.result.body import Body
+from equipoise.result.calibration import Calibration, model_facts
+from equipoise.result.findings import Check
+from equipoise.result.held_out import FOUND, MODEL, HeldOut
+from equipoise.robot.inertial import InertialParameters, nominal_inertia
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+
+def estimate_run(
+    settings: BayesianSettings,
+    table: Mapping[str, Any],
+    robot: RobotModel,
+    recordings: Sequence[Recording],
+    stance: Stance,
+    lifts_needed: bool = True,
+) -> Calibration:
+    """Return what the recordings of a run of the Bayesian method say.
+
+    Args:
+        table: method and settings as JSON values, which the result states.
+        lifts_needed: whether recordings without a usable lift are refused; else joint torques tell what they can.
+
+    Raises:
+        RecordingError: they hold nothing that can be used, sensors contradict each other, or the estimate predicts
+            held-out motions worse than the model file does.
+    """
+    timings: dict[str, float] = {}
+    with _timed(timings, "screen the sensors"):
+        screen(robot, of_the_base(recordings))
+    with _timed(timings, "read the recordings"):
+        motions = read_motions(robot, stance, recordings)
+    with _timed(timings, "estimate"):
+        posterior, changes = _posterior(settings, robot, stance, motions, lifts_needed)
+    with _timed(timings, "check"):
+        predictions = predict_held_out(posterior, settings.prior_run)
+        predicted = held_out(predictions)
+        masses = compare_estimate(posterior, settings.scale, settings.prior_run)
+        looked_at = judge(posterior, predicted, masses)
+        looked_at += [] if settings.prior_run is None else [check_of_changes(changes, settings.prior_run)]
+        checks = tuple(sorted(looked_at, key=lambda check: check.passed))
+        _refuse_worse_than_file(predicted, checks)
+        findings = (*map(Change.finding, changes), *sensor_findings(posterior))
+    nominal = nominal_inertia(robot, stance.joint_position)
+    unknowns = posterior.unknowns
+    bodies = unknowns.robot_body, unknowns.base_body, unknowns.stance_effective_body
+    before, base_before, stance_effective_before = map(posterior.std_before, bodies)
+    well = all(check.passed for check in checks)
+
+    apart = None if well else half_difference(posterior)
+
+    def judged(body: Body, of: Callable[[FloatArray], InertialParameters]) -> Body:
+        return body if apart is None else body.doubted(np.abs(body_jacobian(unknowns, posterior.x, of) @ apart))
+
+    links = link_findings(unknowns, posterior.x, posterior.covariance) if settings.swings else {}
+
+    return Calibration(
+        **model_facts(robot, stance.joint_position),
+        method=table["method"],
+        composite=judged(
+            Body.known(
+                posterior.robot_body,
+                posterior.robot_covariance,
+                before,
+                nominal.composite,
+            ),
+            unknowns.robot_body,
+        ),
+        base=judged(
+            Body.known(
+                posterior.base_body,
+                posterior.base_covariance,
+                base_before,
+                nominal.base,
+            ),
+            unknowns.base_body,
+        ),
+        stance_effective=judged(
+            Body.known(
+                posterior.stance_effective_body,
+                posterior.stance_effective_covariance,
+                stance_effective_before,
+                nominal.stance_effective,
+            ),
+            unknowns.stance_effective_body,
+        ),
+        sensors=findings,
+        checks=checks,
+        excitations={},
+        support_lines={},
+        trials=tuple(trial_row(motion, posterior) for motion in motions if not isinstance(motion.trial, MotorTrial)),
+        settings=table,
+        warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
+        assumptions=(
+            *assumed_mass(settings.scale, masses),
+            *settings.assumptions,
+            *conflicting_parameters(posterior),
+            *assumed_imu_position(posterior),
+        ),
+        evidence=PosteriorEvidence(tuple(recordings), posterior, changes, predictions),
+        held_out=predicted,
+        mass_comparison=masses,
+        uncertainty_budget=budget_of(posterior),
+        links=links if well else {name: link.doubted() for name, link in links.items()},
+        timings=timings,
+    )
+
+
+def _posterior(
+    settings: BayesianSettings, robot: RobotModel, stance: Stance, motions: Sequence[MotionSamples], lifts_needed: bool
+) -> tuple[Posterior, tuple[Change, ...]]:
+    if settings.prior_run is None:
+
+        def estimate(priors: Priors, equations: Sequence[type[Equation[Any]]] | None = None) -> Posterior:
+            # Lengths of legs come from stance motions, which say how quiet feet are where legs are looked for.
+            return estimate_posterior(
+                robot, stance, motions, priors, settings.scale,
+                lifts_needed=lifts_needed, quiet_feet=settings.swings, equations=equations,
+            )  # fmt: skip
+
+        with_excitation = partial(estimate, equations=EQUATIONS)
+        # What looks like an IMU that sits elsewhere is lengths of legs that are off, unless they are trusted.
+        if settings.leg_prior == "narrow":
+            return resolve_prior_conflicts(with_excitation, settings.combined_priors), ()
+        posterior = resolve_prior_conflicts(estimate, settings.combined_priors)
+        by_excitation = ImuPositionCheck.of(posterior)
+        if by_excitation is not None and by_excitation.contradicts:
+            posterior = resolve_prior_conflicts(with_excitation, settings.combined_priors)
+        return posterior, ()
+    return estimate_after(
+        robot, stance, motions, settings.combined_priors, settings.scale, settings.prior_run, lifts_needed
+    )
+
+
+def _refuse_worse_than_file(predicted: HeldOut | None, checks: Sequence[Check]) -> None:
+    """Refuse an estimate that predicts unseen motions worse than the model file does, and worse than chance explains.
+
+    Of a short run of a robot that is nearly its file's the one that predicts worse is a matter of chance.
+    """
+    if predicted is None or all(check.passed for check in checks if check.name == HELD_OUT_CHECK):
+        return
+    found, file = (1000 * predicted.error(body) for body in (FOUND, MODEL))
+    if found > file:
+        failed = "; ".join(f"{check.name}: {check.message}" for check in checks if not check.passed)
+        raise RecordingError(
+            f"no estimate is shown: it predicts {predicted.counted} from {predicted.others} within {found:.2f} mm rms, the "
+            f"model file within {file:.2f} mm. Something acted on the robot that no equation has, or sensors, joint order or "
+            f"model file are wrong. Checks that failed: {failed}"
+        )
+
+
+@contextmanager
+def _timed(timings: dict[str, float], stage: str) -> Generator[None]:
+    """Measure a stage [s]."""
+    start = time.perf_counter()
+    yield
+    timings[stage] = time.perf_counter() - start

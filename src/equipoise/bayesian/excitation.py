@@ -1,0 +1,80 @@
+"""An excitation about all axes at once: what friction and the inertia about the vertical are told by."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from equipoise.conventions import AXES, Axis, FloatArray
+from equipoise.experiments.excitation import (
+    RAMP_PERIODS,
+    SETTLE_TIME,
+    amplitude_for,
+    axis_rotation,
+    why_unreachable,
+)
+from equipoise.experiments.excitation_settings import ExcitationSettings
+from equipoise.experiments.standing_robot import StandingRobot
+from equipoise.recording.phases import Phase
+from equipoise.recording.trials import ExcitationTrial
+from equipoise.robot.kinematics import feet_under_base
+from equipoise.robot.stance import Stance
+
+# Each axis has its own frequency, so that the dominant sinusoid of its angular velocity is its
+# own; friction's direction then changes at many moments of the motion.
+_ALL_AXES_FREQUENCIES = (2.3, 1.9, 1.5)  # [Hz] of roll, pitch and yaw on an A1
+_ALL_AXES_AMPLITUDE = 0.04  # [rad]
+_ALL_AXES_PERIODS = 8  # of the slowest
+_KNOTS_PER_PERIOD = 12
+
+
+def excitation_all_axes(standing: StandingRobot, stance: Stance, com: FloatArray) -> None:
+    """Oscillate the base about all axes that planted feet allow, at once, through the CoM.
+
+    The recording has the phases "settle", "ramp", "excitation" and "end".
+
+    Args:
+        com: (3,) CoM in the base frame, as far as it is known [m].
+    """
+    robot = standing.robot
+    settings = ExcitationSettings(amplitude=_ALL_AXES_AMPLITUDE)
+    axes: list[Axis] = [axis for axis in AXES if why_unreachable(robot, stance, axis, settings) is None]
+    if not axes:
+        return
+    frequencies: dict[Axis, float] = {
+        axis: f / stance.scale.time for axis, f in zip(AXES, _ALL_AXES_FREQUENCIES, strict=True) if axis in axes
+    }
+    amplitudes = {
+        axis: amplitude_for(robot, stance, axis, replace(settings, frequency=frequency)) / np.sqrt(len(axes))
+        for axis, frequency in frequencies.items()
+    }
+    slowest = min(frequencies.values())
+    ramp, duration = RAMP_PERIODS / slowest, _ALL_AXES_PERIODS / slowest
+    total = duration + 2 * ramp
+
+    def feet_at(time: float) -> FloatArray:
+        envelope = float(np.clip(min(time, total - time) / ramp, 0, 1))
+        rotation = np.eye(3)
+        for axis, frequency in frequencies.items():
+            angle = amplitudes[axis] * envelope * np.sin(2 * np.pi * frequency * time)
+            rotation = rotation @ axis_rotation(axis, float(angle))
+        return feet_under_base(stance.feet_in_base, com - rotation @ com, rotation)
+
+    period = standing.platform.control_period
+    time: FloatArray = np.arange(1.0, round(total / period) + 1) * period
+    motion = standing.motion().begin(ExcitationTrial(frequencies=frequencies))
+    motion.phase(Phase.SETTLE).move_feet(stance.feet_in_base, SETTLE_TIME).hold(SETTLE_TIME)
+    begin = motion.time
+    knots = math.ceil(_KNOTS_PER_PERIOD * total * max(frequencies.values()))
+    motion.phase(Phase.RAMP).follow(feet_at, knots, time)
+    motion.phase_at(Phase.EXCITATION, begin + ramp).phase_at(Phase.END, begin + ramp + duration)
+    standing.play(motion.move_feet(stance.feet_in_base, SETTLE_TIME))
+    standing.finish()
+
+
+def excitation_time(stance: Stance) -> float:
+    """Robot time of `excitation_all_axes` [s]."""
+    slowest = min(_ALL_AXES_FREQUENCIES) / stance.scale.time
+    return (_ALL_AXES_PERIODS + 2 * RAMP_PERIODS) / slowest + 3 * SETTLE_TIME

@@ -1,0 +1,107 @@
+"""The Bayesian method: 3-D CoM, mass and the whole inertia, with the sensors calibrated on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+from equipoise.bayesian.estimate import estimate_run
+from equipoise.bayesian.plan import Durations, Plan
+from equipoise.bayesian.rehearse import rehearse
+from equipoise.bayesian.routine import BayesianRoutine, plan_ahead
+from equipoise.bayesian.settings import BayesianSettings
+from equipoise.bayesian.short_plan import forecast_after
+from equipoise.bayesian.short_routine import ShortRoutine
+from equipoise.errors import ReachError
+from equipoise.estimator.diagnostics.torque_mass import compare_at_rest
+from equipoise.estimator.measurements.scale_reading import check_mass_of
+from equipoise.estimator.reading import PreciseReading
+from equipoise.experiments.dip import dip
+from equipoise.experiments.progress import Progress
+from equipoise.experiments.standing_robot import StandingRobot
+from equipoise.method.method import Method
+from equipoise.method.rehearsal import Course
+from equipoise.recording.recording import Recording
+from equipoise.result.calibration import Calibration
+from equipoise.result.mass_comparison import MassComparison
+from equipoise.robot.inertial import COMPONENTS
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance, lies, lying_posture
+
+
+@dataclass(frozen=True)
+class BayesianMethod(BayesianSettings, Method):
+    """3-D CoM, mass and the whole inertia, with the sensors calibrated on the way.
+
+    The robot lifts two diagonal feet in many postures, at rest and turning its body, and feels how it tips. Its settings are
+    those of `BayesianSettings`.
+    """
+
+    name: ClassVar[str] = "bayesian"
+    summary: ClassVar[str] = (
+        "the robot lifts two diagonal feet in many postures, at rest and turning its body, and feels how it tips; mass, 3-D "
+        "centre of mass and inertia with intervals, its sensors calibrated on the way"
+    )
+    estimates: ClassVar[tuple[str, ...]] = COMPONENTS
+
+    def weighed(self, mass: float, std: float) -> BayesianMethod:
+        return replace(self, mass=mass, mass_std=std, confirm_mass=True)  # there is no operator to ask
+
+    @property
+    def uses_swings(self) -> bool:
+        return self.swings
+
+    def to_dict(self) -> dict[str, Any]:
+        own = {name: value for name, value in super().to_dict().items() if name != "prior_run"}
+        return own if self.prior_run is None else {**own, "prior_run": self.prior_run.reference}
+
+    def attachments(self) -> Mapping[str, Mapping[str, Any]]:
+        return {} if self.prior_run is None else {"prior_run": self.prior_run.to_dict()}
+
+    def check(self, robot: RobotModel, stance: Stance) -> None:
+        """Refuse a budget that is too small, a mass that is no such robot's (SettingsError), and a robot that can do no
+        lift, or not lie (ReachError).
+        """
+        if self.rotate_halfway and not lies(robot, stance, lying_posture(robot, stance)[0]):
+            raise ReachError(f"{robot.name!r} cannot lie down over its feet to be turned; leave the turn out")
+        if self.mass is not None:
+            check_mass_of(robot, self.mass)
+        self.forecast(robot, stance)
+
+    def forecast(self, robot: RobotModel, stance: Stance, swings: Sequence[Recording] = ()) -> Plan:
+        if self.prior_run is not None:
+            return forecast_after(robot, stance, self, self.prior_run)
+        return plan_ahead(robot, stance, self, swings)
+
+    def expected_trials(self, stance: Stance) -> int:
+        return round(self.duration_for(stance) / Durations.of(stance).lift)
+
+    def mass_in_doubt(self, standing: StandingRobot, stance: Stance) -> MassComparison | None:
+        if self.scale is None or self.confirm_mass or standing.platform.read().joint_torque is None:
+            return None
+        compared = compare_at_rest(standing.robot, stance, self.scale, dip(standing, stance), self.prior_run)
+        return compared if compared is not None and compared.disagrees else None
+
+    def run(
+        self,
+        standing: StandingRobot,
+        stance: Stance,
+        recordings: Sequence[Recording],
+        report: Callable[[Progress], None] | None = None,
+    ) -> None:
+        """Search, planned trials, excitation."""
+        kind = BayesianRoutine if self.prior_run is None else ShortRoutine
+        kind(standing, standing.robot, stance, self, recordings, report).run()
+
+    def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
+        return rehearse(robot, stance, self, self.forecast(robot, stance))
+
+    def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> PreciseReading:
+        return PreciseReading(robot, stance, recordings, self.combined_priors, self.scale, self.prior_run)
+
+    def estimate(
+        self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance, lifts_needed: bool = True
+    ) -> Calibration:
+        """Return what the recordings of a run of this method say; see `estimate_run`."""
+        return estimate_run(self, self.to_dict(), robot, recordings, stance, lifts_needed)

@@ -1,0 +1,172 @@
+"""Candidates of a plan: postures, lifts in them, and what each would teach, as far as a robot can do them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from equipoise.bayesian.lift_design import AMPLITUDES, LiftChecks, LiftDesign
+from equipoise.bayesian.predict import Predictor
+from equipoise.conventions import SWINGS, FloatArray
+from equipoise.errors import ReachError
+from equipoise.estimator.equations.stance_motion import StanceMotions
+from equipoise.estimator.equations.tilt import TiltEquation
+from equipoise.estimator.parameters import Unknowns
+from equipoise.estimator.unknowns import Priors
+from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.posture import BodyPosture
+from equipoise.robot.stance import Stance
+
+# Asked for at full size first, then smaller, until the legs reach them.
+_SIZES = (1.0, 0.75, 0.5, 0.3)
+_LIFT_POSTURES = (
+    BodyPosture(),
+    BodyPosture(crouch=0.2),
+    BodyPosture(roll=0.22, crouch=0.06),
+    BodyPosture(roll=-0.22, crouch=0.06),
+    BodyPosture(pitch=0.27, crouch=0.08),
+    BodyPosture(pitch=-0.27, crouch=0.08),
+    BodyPosture(yaw=0.3, crouch=0.05),
+    BodyPosture(yaw=-0.3, crouch=0.05),
+    BodyPosture(roll=0.22, pitch=0.22, crouch=0.12),
+    BodyPosture(roll=-0.22, pitch=0.22, crouch=0.12),
+    BodyPosture(roll=0.22, pitch=-0.22, crouch=0.12),
+    BodyPosture(roll=-0.22, pitch=-0.22, crouch=0.12),
+)
+_PLANTED_POSTURES = (
+    BodyPosture(crouch=0.15, yaw=0.3, ahead=0.15, aside=0.1),
+    BodyPosture(crouch=0.15, yaw=-0.3, ahead=0.15, aside=-0.1),
+    BodyPosture(crouch=0.25, roll=0.25, ahead=-0.15),
+    BodyPosture(crouch=0.25, roll=-0.25, ahead=-0.15),
+    BodyPosture(crouch=0.1, yaw=0.3, aside=-0.15),
+    BodyPosture(crouch=0.1, yaw=-0.3, aside=0.15),
+    BodyPosture(crouch=0.25, pitch=0.25, yaw=0.2, aside=0.1),
+    BodyPosture(crouch=0.25, pitch=0.25, yaw=-0.2, aside=-0.1),
+    BodyPosture(crouch=0.3, roll=0.25, yaw=0.3),
+    BodyPosture(crouch=0.3, roll=-0.25, yaw=-0.3),
+    BodyPosture(crouch=0.05, pitch=-0.25, ahead=0.15),
+    BodyPosture(crouch=0.35),
+)
+
+
+@dataclass(eq=False)
+class Candidates:
+    """Everything that may be done, and what each would teach.
+
+    Attributes:
+        doubt: (3, 3) covariance of the CoM in the base frame, as `check_lift` takes it [m2].
+        swings: whether lifted feet may swing, which teaches what the legs weigh.
+        lifts: possible lifts.
+        postures: postures of stance motions, from the first posture.
+        rows: (m, size) rows of each lift, then of each posture's move: what they add to the information is rows^T rows.
+        left_out: reasons why others are not possible.
+    """
+
+    predictor: Predictor
+    unknowns: Unknowns
+    doubt: FloatArray | None = None
+    swings: bool = False
+    lifts: list[LiftDesign] = field(default_factory=list[LiftDesign])
+    postures: list[BodyPosture] = field(default_factory=list[BodyPosture])
+    rows: list[FloatArray] = field(default_factory=list[FloatArray])
+    left_out: list[str] = field(default_factory=list[str])
+
+    @classmethod
+    def of(
+        cls, robot: RobotModel, stance: Stance, com: FloatArray, priors: Priors, doubt: FloatArray | None = None,
+        swings: bool = False,
+    ) -> Candidates:  # fmt: skip
+        """Of a robot as it is thought to be."""
+        found = cls(Predictor(robot, stance, com), Unknowns(robot, stance, priors), doubt, swings)
+        for wanted in _LIFT_POSTURES:
+            posture = found._largest(wanted, found._check_lifts)
+            if posture is not None:
+                found._add_lifts(posture)
+        for wanted in _PLANTED_POSTURES:
+            posture = found._largest(wanted, found.predictor.rest)
+            if posture is not None:
+                found.postures.append(posture)
+        if not found.lifts:
+            raise ReachError(f"no lift of the Bayesian method is within reach: {found.left_out[0]}")
+        found.postures = list(dict.fromkeys([*(lift.posture for lift in found.lifts), *found.postures]))
+        found._inform()
+        return found
+
+    def turned(self) -> Candidates:
+        """The same after the robot was turned to face the other way: what is fixed in the room is the other way round."""
+        found = replace(self, predictor=replace(self.predictor, heading=math.pi), rows=[])
+        found._inform()
+        return found
+
+    def information(self, index: int) -> FloatArray:
+        """(size, size) information of a lift, or of a posture's move, by its number in `rows`."""
+        return self.rows[index].T @ self.rows[index]
+
+    def _check_lifts(self, posture: BodyPosture) -> None:
+        self.predictor.rest(posture)
+        for diagonal in DIAGONALS:
+            self._checks.check(LiftDesign(posture, diagonal, 1))
+
+    @cached_property
+    def _checks(self) -> LiftChecks:
+        return LiftChecks(self.predictor.robot, self.predictor.stance, self.predictor.com, self.doubt)
+
+    def _largest(self, wanted: BodyPosture, check: Callable[[BodyPosture], object]) -> BodyPosture | None:
+        """The posture, or a smaller one in its direction, that passes a check."""
+        reason = ""
+        for size in _SIZES:
+            posture = BodyPosture(*(size * value for value in vars(wanted).values()))
+            try:
+                check(posture)
+            except ReachError as error:
+                reason = reason or str(error)
+                continue
+            return posture
+        self.left_out.append(f"{describe(wanted)}: {reason}")
+        return None
+
+    def _add_lifts(self, posture: BodyPosture) -> None:
+        side = 1
+        passive = LiftDesign(posture, next(iter(DIAGONALS)), side)
+        stirred = [passive, *(replace(passive, turn=turn) for turn in AMPLITUDES)]
+        stirred += [replace(passive, swing=swing) for swing in SWINGS if self.swings]
+        for lift in stirred:
+            for diagonal in DIAGONALS:
+                side = -side
+                design = replace(lift, diagonal=diagonal, side=side)
+                try:
+                    self._checks.check(design)
+                except ReachError as error:
+                    self.left_out.append(f"{describe(posture)}, {design.meanwhile} on {diagonal}: {error}")
+                    continue
+                self.lifts.append(design)
+
+    def _inform(self) -> None:
+        unknowns, predictor = self.unknowns, self.predictor
+        x = unknowns.start()
+        lifts = TiltEquation(unknowns, [(k, predictor.lift(d)) for k, d in enumerate(self.lifts)])
+        home = self.lifts[0].posture
+        moves = [(k, predictor.move(home, posture)) for k, posture in enumerate(self.postures)]
+        standing = StanceMotions(unknowns, moves)
+        lifts.fit(x)
+        for equation in (lifts, standing):
+            equation.prepare(x)
+            _, jacobian = equation.linearise(x)
+            for _, motion in equation.motions:
+                rows = np.zeros((motion.stop - motion.start, unknowns.size))
+                rows[:, equation.columns] = jacobian[motion]
+                self.rows.append(rows)
+
+
+def describe(posture: BodyPosture) -> str:
+    """In words, short."""
+    parts = [
+        f"{name} {math.degrees(value):+.0f} deg" if name in AMPLITUDES else f"{name} {value:+.2f}"
+        for name, value in vars(posture).items()
+        if value
+    ]
+    return ", ".join(parts) or "nominal"

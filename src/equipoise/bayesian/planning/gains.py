@@ -1,0 +1,112 @@
+"""What each step of a plan would lower the variances by, all candidates at once."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping, Sequence
+
+import numpy as np
+
+from equipoise.bayesian.planning.candidates import Candidates
+from equipoise.conventions import FloatArray
+from equipoise.robot.posture import BodyPosture
+
+_TELLING = 1e-6  # of a row, in units of its noise, for a prior's standard deviation: less tells nothing
+
+
+class Steps:
+    """The next step of a plan: a lift, with the move to its posture where that was not taken before, or a move.
+
+    An addition J^T J to the information whose inverse is C lowers the weighted covariance W C W^T by
+
+        W C J^T (1 + J C J^T)^-1 J C W^T,
+
+    which takes systems of as many equations as J has rows instead of as there are unknowns. What is kept of each candidate,
+    J C J^T and J C W^T, follows C as steps are taken.
+
+    Args:
+        covariance: (size, size) covariance C of the unknowns before the first step.
+        weights: (10, size) weights W of these.
+    """
+
+    def __init__(self, candidates: Candidates, covariance: FloatArray, weights: FloatArray) -> None:
+        self._count = len(candidates.lifts)
+        self._move = [self._count + candidates.postures.index(lift.posture) for lift in candidates.lifts]
+        self._posture = [*(lift.posture for lift in candidates.lifts), *candidates.postures]
+        self._rows, self._weights = _as_few_rows(candidates.rows), weights
+        seen = self._times(covariance)
+        self._noise = np.eye(self._rows.shape[1]) + seen @ _transposed(self._rows)
+        self._shared = seen[: self._count] @ _transposed(self._rows[self._move])
+        self._effect = self._times(covariance @ weights.T)
+
+    def parts(self, index: int, visited: Container[BodyPosture]) -> tuple[int, ...]:
+        """What is done for a candidate: the lift, and before it the move to its posture; or a move."""
+        if index >= self._count or self._posture[index] in visited:
+            return (index,)
+        return (index, self._move[index])
+
+    def rows(self, parts: Sequence[int]) -> FloatArray:
+        """(m, size) J of what is done, as few rows as say the same."""
+        return np.concatenate([self._rows[part] for part in parts])
+
+    def learn(self, taken: FloatArray, covariance: FloatArray) -> None:
+        """Follow a step that is taken.
+
+        Args:
+            taken: (m, size) J of that step.
+            covariance: (size, size) covariance of the unknowns before it.
+        """
+        across = covariance @ taken.T
+        seen = self._times(across)
+        told = seen @ np.linalg.inv(np.eye(len(taken)) + taken @ across)
+        self._noise -= told @ _transposed(seen)
+        self._shared -= told[: self._count] @ _transposed(seen[self._move])
+        self._effect -= told @ (self._weights @ across).T
+
+    def best(self, costs: Mapping[int, float], visited: Container[BodyPosture]) -> tuple[float, int] | None:
+        """The candidate that lowers the sum of the weighted variances most per second; None if there is none.
+
+        Returns:
+            by how much per second, and its index.
+
+        Args:
+            costs: robot time of those that are possible, by their index [s].
+        """
+        noise, effect = self._noise, self._effect
+        alone = [index for index in costs if len(self.parts(index, visited)) == 1]
+        lowered = dict(zip(alone, _lowered(noise[alone], effect[alone]), strict=True))
+        lifts = [index for index in costs if len(self.parts(index, visited)) == 2]
+        if lifts:
+            moves = [self._move[index] for index in lifts]
+            shared = self._shared[lifts]
+            both = np.block([[noise[lifts], shared], [_transposed(shared), noise[moves]]])
+            lowered |= dict(
+                zip(lifts, _lowered(both, np.concatenate([effect[lifts], effect[moves]], axis=1)), strict=True)
+            )
+        gains = {index: lowered[index] / cost for index, cost in costs.items()}
+        best = max(gains, key=lambda index: gains[index], default=None)
+        return (gains[best], best) if best is not None and gains[best] > 0 else None
+
+    def _times(self, columns: FloatArray) -> FloatArray:
+        """(k, m, c) of all candidates' rows and (size, c) columns."""
+        flat = self._rows.reshape(-1, len(columns)) @ columns
+        return flat.reshape(*self._rows.shape[:2], -1)
+
+
+def _transposed(matrices: FloatArray) -> FloatArray:
+    return np.swapaxes(matrices, -1, -2)
+
+
+def _lowered(noise: FloatArray, effect: FloatArray) -> list[float]:
+    """The traces of what is lowered, of (k, m, m) matrices 1 + J C J^T and (k, m, 10) J C W^T."""
+    return np.sum(np.linalg.solve(noise, effect) * effect, axis=(1, 2)).tolist()
+
+
+def _as_few_rows(rows: Sequence[FloatArray]) -> FloatArray:
+    """(k, m, size) rows with the same squares and products, each as few as they tell something: zeros fill up the others."""
+    longest = max(map(len, rows))
+    padded = np.zeros((len(rows), longest, rows[0].shape[1]))
+    for index, each in enumerate(rows):
+        padded[index, : len(each)] = each
+    _, sizes, directions = np.linalg.svd(padded, full_matrices=False)
+    telling = int((sizes > _TELLING).sum(axis=1).max(initial=1))
+    return np.asarray(sizes[:, :telling, None] * directions[:, :telling], dtype=float)

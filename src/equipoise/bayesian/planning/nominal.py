@@ -1,0 +1,112 @@
+"""What may be done with a robot that is as its model says: computed once for a model, and kept in the user's cache.
+
+Half of the time of a plan goes into what depends on the model alone. The file's name is the hash of all that it depends on:
+the model, what the user said of it, the priors, and the code that made it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import io
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+import equipoise
+from equipoise._version import __version__
+from equipoise.bayesian.lift_design import LiftDesign
+from equipoise.bayesian.planning.candidates import Candidates
+from equipoise.bayesian.predict import Predictor
+from equipoise.estimator.parameters import Unknowns
+from equipoise.estimator.unknowns import Priors
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.model import RobotModel
+from equipoise.robot.posture import BodyPosture
+from equipoise.robot.stance import nominal_stance
+from equipoise.user_cache import keep_cached, read_cached
+
+_FORMAT = "equipoise.candidates/1"
+_ROOMS = ("robot", "experiments", "bayesian")  # whose code decides
+
+
+@lru_cache(maxsize=2)
+def nominal_candidates(robot: RobotModel, priors: Priors, swings: bool = False) -> Candidates:
+    """What may be done with a robot at its nominal stance, and what it would teach; raises ReachError if there is nothing."""
+    name = f"candidates-{_key(robot, priors, swings)}.npz"
+    empty = _empty(robot, priors, swings)
+    content = read_cached(name)
+    if content is not None and (found := _read(empty, content)) is not None:
+        return found
+    made = Candidates.of(robot, empty.predictor.stance, empty.predictor.com, priors, swings=swings)
+    keep_cached(name, _written(made))
+    return made
+
+
+def _empty(robot: RobotModel, priors: Priors, swings: bool) -> Candidates:
+    stance = nominal_stance(robot)
+    com = composite_parameters(robot, stance.joint_position).com
+    return Candidates(Predictor(robot, stance, com), Unknowns(robot, stance, priors), swings=swings)
+
+
+def _written(candidates: Candidates) -> bytes:
+    file = io.BytesIO()
+    told = {
+        "format": _FORMAT,
+        "lifts": [dataclasses.asdict(lift) for lift in candidates.lifts],
+        "postures": [dataclasses.asdict(posture) for posture in candidates.postures],
+        "left_out": candidates.left_out,
+    }
+    np.savez(
+        file,
+        told=np.array(json.dumps(told)),
+        counts=np.array([len(rows) for rows in candidates.rows]),
+        rows=np.concatenate(candidates.rows),
+    )
+    return file.getvalue()
+
+
+def _read(empty: Candidates, content: bytes) -> Candidates | None:
+    """Candidates as they were written; None if the file is damaged."""
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            told: dict[str, Any] = json.loads(str(file["told"]))
+            counts, rows = file["counts"], np.asarray(file["rows"], dtype=float)
+        lifts = [
+            LiftDesign(BodyPosture(**lift["posture"]), lift["diagonal"], lift["side"], lift["turn"], lift["swing"])
+            for lift in told["lifts"]
+        ]
+        postures = [BodyPosture(**posture) for posture in told["postures"]]
+        whole = rows.shape == (counts.sum(), empty.unknowns.size) and len(counts) == len(lifts) + len(postures)
+        if told["format"] != _FORMAT or not whole or not lifts or not np.isfinite(rows).all():
+            return None
+        parts = np.split(rows, np.cumsum(counts)[:-1])
+        return dataclasses.replace(empty, lifts=lifts, postures=postures, rows=parts, left_out=list(told["left_out"]))
+    except (OSError, EOFError, ValueError, KeyError, TypeError, AttributeError, BadZipFile):
+        return None
+
+
+def _key(robot: RobotModel, priors: Priors, swings: bool) -> str:
+    """Hash of all that the candidates depend on."""
+    model = (
+        robot.source.xml,
+        repr(robot.source.effort_limits),
+        repr(robot.description),
+        robot.pinocchio.saveToString(),
+    )
+    parts = (_FORMAT, __version__, _code(), *model, repr(priors), repr(swings))
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+
+
+@lru_cache(maxsize=1)
+def _code() -> str:
+    """Hash of the code that makes them, which changes between versions too."""
+    digest = hashlib.sha256()
+    for room in _ROOMS:
+        for path in sorted((Path(equipoise.__file__).parent / room).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()

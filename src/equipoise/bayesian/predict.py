@@ -1,0 +1,171 @@
+"""What a motion would feel like, near enough to tell what it would teach: evidence that has not been gathered yet.
+
+Rigid legs, a body that tips about its line as an inverted pendulum does and turns about its CoM as it is told, and the
+noise that an A1's sensors have. Only the derivatives of the residuals are used, never their values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from equipoise.bayesian.lift_design import (
+    LiftDesign,
+    Times,
+    lift_feet,
+    lift_settings,
+    offset_of,
+)
+from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.estimator.equations.stance_motion import RestReading, StanceMotion
+from equipoise.estimator.measurements.lift_samples import KNOT, REACH, LiftSamples, attitudes
+from equipoise.estimator.measurements.smoothing import fit_spline
+from equipoise.experiments.posture import check_posture, feet_in_posture, stance_line
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import foot_jacobians, inverse_kinematics
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.posture import BodyPosture
+from equipoise.robot.stance import Stance
+from equipoise.robot.statics import loads_on_feet
+
+RATE = 500.0  # [Hz]
+ENCODER_NOISE, VELOCITY_NOISE, GYRO_NOISE = 3e-4, 0.03, 3e-3  # [rad], [rad/s], [rad/s]
+ACCELEROMETER_NOISE = 0.05  # [m/s2]
+_IN_AIR_AFTER = 0.4  # of the lift time, the feet are off the floor
+_STEP = 0.020  # [s] on an A1; half as many samples as are read teach as much
+
+
+@dataclass(frozen=True, eq=False)
+class _OnTwoFeet:
+    """A robot with two feet up, before it tips or turns.
+
+    Attributes:
+        feet: (4, 3) feet in the base frame [m].
+        position: (nj,) joint positions [rad].
+        inverse_jacobians: (4, n, 3) joints of each leg by its foot [rad/m].
+        left: (3,) direction of the line, in base axes.
+        height: height of the CoM over the line [m].
+        about_com, about_line: moments of inertia about that direction, through the CoM and through the line [kg m2].
+    """
+
+    feet: FloatArray
+    position: FloatArray
+    inverse_jacobians: FloatArray
+    left: FloatArray
+    height: float
+    about_com: float
+    about_line: float
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """Predicts motions of a robot.
+
+    Attributes:
+        robot: robot as it is thought to be.
+        stance: nominal stance.
+        com: (3,) CoM in the base frame [m].
+        heading: angle by which the robot was turned in the room since the run began, to its left [rad].
+    """
+
+    robot: RobotModel
+    stance: Stance
+    com: FloatArray
+    heading: float = 0.0
+    _stood: dict[LiftDesign, _OnTwoFeet] = field(default_factory=dict[LiftDesign, "_OnTwoFeet"], init=False)
+    _rested: dict[BodyPosture, RestReading] = field(default_factory=dict[BodyPosture, RestReading], init=False)
+
+    @cached_property
+    def _noise(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Sample times of a lift; covariances of smoothed joint and angular velocities and specific forces there."""
+        times, clock = Times.of(self.stance), self.stance.scale.time
+        sensed = np.arange(-0.06 * clock, times.watch + 0.06 * clock, 1 / RATE)
+        time = np.arange(REACH, times.watch - REACH, _STEP * clock)
+        blank = np.zeros((len(sensed), 1))
+        joints = fit_spline(sensed, blank, KNOT, blank, ENCODER_NOISE / VELOCITY_NOISE, REACH)
+        of_imu = fit_spline(sensed, blank, KNOT, reach=REACH).noise(time)
+        joints_move = ENCODER_NOISE**2 * joints.noise(time, derivative=1)
+        return time, joints_move, GYRO_NOISE**2 * of_imu, ACCELEROMETER_NOISE**2 * of_imu
+
+    def lift(self, design: LiftDesign) -> LiftSamples:
+        """What the time on two feet would look like."""
+        robot, stance = self.robot, self.stance
+        settings = lift_settings(stance)
+        time, velocity_noise, angular_velocity_noise, acceleration_noise = self._noise
+        stands = self._stands(replace(design, turn=None, swing=None))
+        lifted, position, left = stands.feet, stands.position, stands.left
+        height, about_com, about_line = stands.height, stands.about_com, stands.about_line
+        rate = np.sqrt(robot.mass * GRAVITY * height / about_line)
+        distance = offset_of(stance, -design.side) / height + 0.004 * (design.side == 0)
+        tilt = distance * (np.cosh(rate * (time + _IN_AIR_AFTER * settings.lift_time)) - 1)
+        tilt_rate = np.gradient(tilt, time)
+        whole = design.amounts(stance, 1 / RATE)
+        amount = np.interp(time, np.arange(1, len(whole) + 1) / RATE, whole, right=0.0)
+        amount_rate = np.gradient(amount, time)
+        axis = np.zeros(3)
+        if design.turn is not None:
+            axis[("roll", "pitch", "yaw").index(design.turn)] = 1.0
+        turned_by = axis - (axis @ left) * left * about_com / about_line
+        angular_velocity_in_base = np.outer(tilt_rate, left) + np.outer(amount_rate, turned_by)
+        # The base's origin goes round the line with the robot, and round the CoM with the body's turn.
+        round_line = tilt_rate - amount_rate * (axis @ left) * about_com / about_line
+        origin = np.outer(round_line, np.cross(left, height * design.posture.rotation[2] - self.com))
+        origin -= np.outer(amount_rate, np.cross(axis, self.com))
+        # Small motions of the feet in the base frame, through each leg's Jacobian.
+        nearby = 1e-3
+        moved = (design.feet(lifted, self.com, nearby) - lifted) / nearby
+        per_amount = np.zeros(len(position))
+        per_amount[robot.leg_joints] = np.einsum("lji,li->lj", stands.inverse_jacobians, moved)
+        mounting = np.array(robot.imu_in_base.rotation)
+        in_imu = angular_velocity_in_base @ mounting
+        path = attitudes(time, in_imu)
+        up = path.inv().apply(design.posture.rotation[2] @ mounting)
+        return LiftSamples(
+            design.diagonal,
+            0.0,
+            _STEP * stance.scale.time,
+            position + np.outer(amount, per_amount),
+            np.outer(amount_rate, per_amount),
+            np.outer(np.gradient(amount_rate, time), per_amount),
+            in_imu,
+            np.gradient(in_imu, time, axis=0),
+            GRAVITY * up + np.gradient(origin, time, axis=0) @ mounting,
+            up,
+            velocity_noise,
+            angular_velocity_noise,
+            acceleration_noise,
+            heading=self.heading,
+        )
+
+    def _stands(self, design: LiftDesign) -> _OnTwoFeet:
+        """What lifts that differ in their turn alone share."""
+        if design not in self._stood:
+            robot, stance = self.robot, self.stance
+            _, feet = lift_feet(stance, self.com, design, lift_settings(stance).height)
+            position = inverse_kinematics(robot, feet, stance.joint_position)
+            left = design.posture.rotation.T @ stance_line(stance, design.diagonal)[0]
+            standing = [leg in DIAGONALS[design.diagonal] for leg in LEG_NAMES]
+            arm = self.com - feet[standing].mean(axis=0)
+            height = float(np.linalg.norm(arm - (arm @ left) * left))
+            about_com = float(left @ composite_parameters(robot, position).inertia @ left)
+            about_line = about_com + robot.mass * height**2
+            inverse = np.asarray(np.linalg.pinv(foot_jacobians(robot, position)), dtype=float)
+            self._stood[design] = _OnTwoFeet(feet, position, inverse, left, height, about_com, about_line)
+        return self._stood[design]
+
+    def move(self, before: BodyPosture, after: BodyPosture) -> StanceMotion:
+        """What a move over planted feet would look like; how the feet roll does not matter for what it teaches."""
+        mounting = np.array(self.robot.imu_in_base.rotation)
+        turned = mounting.T @ before.rotation.T @ after.rotation @ mounting
+        return StanceMotion(self.rest(before), self.rest(after), turned, np.zeros((4, 3)), heading=self.heading)
+
+    def rest(self, posture: BodyPosture) -> RestReading:
+        """What a rest over planted feet would look like; raises ReachError."""
+        if posture not in self._rested:
+            feet = feet_in_posture(self.stance, self.com, posture)
+            position = check_posture(self.robot, self.stance, feet)
+            felt = GRAVITY * posture.rotation[2] @ np.array(self.robot.imu_in_base.rotation)
+            self._rested[posture] = RestReading(position, felt, loads_on_feet(self.robot, position))
+        return self._rested[posture]

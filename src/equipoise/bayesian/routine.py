@@ -1,0 +1,220 @@
+"""The Bayesian method's experiment: search, then the planned trials, then an excitation about all axes, in one sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from equipoise.bayesian.excitation import excitation_all_axes, excitation_time
+from equipoise.bayesian.lift_design import LiftDesign
+from equipoise.bayesian.newton_search import find_com_fast, loaded_robot
+from equipoise.bayesian.plan import FEW_LIFTS, Durations, Plan, make_plan
+from equipoise.bayesian.planning.candidates import Candidates, describe
+from equipoise.bayesian.planning.nominal import nominal_candidates
+from equipoise.bayesian.safe_lift import found_doubt
+from equipoise.bayesian.settings import BayesianSettings
+from equipoise.bayesian.trials import BayesianTrials
+from equipoise.errors import EquipoiseError, MotionError, ReachError
+from equipoise.estimator.equations.equation import MotionSamples
+from equipoise.estimator.equations.leg_swing import LegSwings
+from equipoise.estimator.motions import read_motions
+from equipoise.estimator.problem import Posterior, estimate_posterior, prior_rows
+from equipoise.experiments.progress import Progress
+from equipoise.experiments.standing_robot import StandingRobot
+from equipoise.experiments.turn import check_turn
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
+from equipoise.robot.inertial import components, composite_parameters
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+_REPLAN_AT = 0.55  # of the visits
+_SURE = 2.0  # standard deviations
+_FEWEST_LIFTS = 4  # below, and if it was not for want of time, something is in the robot's way
+
+
+@lru_cache(maxsize=4)  # asked for before a robot is moved, and again by whoever shows it
+def plan_ahead(robot: RobotModel, stance: Stance, settings: BayesianSettings, swings: Sequence[Recording] = ()) -> Plan:
+    """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none.
+
+    Args:
+        swings: predicted recordings of legs that swing in the air after it.
+    """
+    return plan_for(nominal_candidates(robot, settings.combined_priors, settings.swings), stance, settings, swings)
+
+
+def plan_for(
+    candidates: Candidates, stance: Stance, settings: BayesianSettings, swings: Sequence[Recording] = ()
+) -> Plan:
+    """The plan for a robot of which nothing is measured yet; raises SettingsError if the budget allows none."""
+    aside, after = _excitation_time(stance, settings), None
+    swung = LegSwings.of(candidates.unknowns, [MotionSamples(0, samples=tuple(swings))])
+    if swung is not None:
+        ((_, after, _),) = swung.by_motion(candidates.unknowns.start())
+    return make_plan(
+        candidates,
+        settings.duration_for(stance),
+        settings.goals,
+        turn=settings.rotate_halfway,
+        aside=aside,
+        after=after,
+    )
+
+
+def _excitation_time(stance: Stance, settings: BayesianSettings) -> float:
+    return excitation_time(stance) if settings.excitation else 0.0
+
+
+class BayesianRoutine:
+    """Runs the experiment. Recordings go where `planted.keep` takes them; decisions depend on them alone."""
+
+    def __init__(
+        self,
+        standing: StandingRobot,
+        robot: RobotModel,
+        stance: Stance,
+        settings: BayesianSettings,
+        recordings: Sequence[Recording],
+        report: Callable[[Progress], None] | None = None,
+    ) -> None:
+        self.standing, self.robot, self.stance, self.settings = standing, robot, stance, settings
+        self._recordings = recordings
+        self._report = report
+        self.trials = BayesianTrials(standing, stance, composite_parameters(robot, stance.joint_position).com)
+        self._obstacles: list[str] = []
+        self._expected = 0
+
+    def run(self) -> None:
+        """All of it.
+
+        Raises:
+            MotionError: the robot could not do, or did not do, what was asked.
+        """
+        if self.settings.rotate_halfway:
+            check_turn(self.standing)
+        self._expected = round(self.settings.duration_for(self.stance) / Durations.of(self.stance).lift)
+        find_com_fast(self.trials, self._search_on)
+        self.trials.doubt = found_doubt(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
+        self._tell("planning the lifts that teach most")
+        candidates = self._candidates()
+        plan = plan_for(candidates, self.stance, self.settings)
+        self._expected = (
+            len(self._recordings)
+            + len(plan.visits)
+            + plan.lifts
+            + self.settings.rotate_halfway
+            + self.settings.excitation
+        )
+        done: list[LiftDesign] = []
+        # A robot of which too little is known for most lifts first learns more of itself.
+        turning_point = round(_REPLAN_AT * len(plan.visits)) if len(candidates.lifts) >= FEW_LIFTS else 1
+        if plan.turn_after is not None:
+            turning_point = plan.turn_after
+        self._visit(plan, 0, turning_point, done)
+        posterior = self._posterior()
+        if posterior is None or not self._good_enough(posterior):
+            self._follow(posterior)
+            if self.settings.rotate_halfway:
+                self._tell("turn it to face the other way")
+                self.trials.turn()
+            self._tell("planning what is left")
+            rest = self._replan(posterior, done)
+            if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # moves over planted feet alone are no result
+                rest = plan
+            self._visit(rest, 0 if rest is not plan else turning_point, len(rest.visits), done)
+        if len(done) < _FEWEST_LIFTS and self._obstacles:
+            raise MotionError(
+                f"only {len(done)} of the planned lifts could be done: {'; '.join(self._obstacles)}",
+                tuple(self._recordings),
+            )
+        if self.settings.excitation:
+            self._tell("excitation about all axes")
+            excitation_all_axes(self.standing, self.stance, self.trials.com)
+
+    def _search_on(self, diagonal: str) -> None:
+        """Report a lift of the search."""
+        self._tell(f"search on {diagonal}")
+
+    def _visit(self, plan: Plan, first: int, last: int, done: list[LiftDesign]) -> None:
+        durations = Durations.of(self.stance)
+        budget = self._budget - durations.end
+        for visit in plan.visits[first:last]:
+            if self._time() + durations.posture + bool(visit.lifts) * durations.lift > budget:
+                return
+            if not self._do(describe(visit.posture), lambda posture=visit.posture: self.trials.take_posture(posture)):
+                continue
+            for design in visit.lifts:
+                if self._time() + durations.lift > budget:
+                    return
+                what = f"lift on {design.diagonal}, {design.meanwhile}: {describe(design.posture)}"
+                if self._do(what, lambda design=design: self.trials.lift(design)):
+                    done.append(design)
+
+    def _do(self, what: str, motion: Callable[[], object]) -> bool:
+        """Do a motion; one that turns out to be out of reach is left out and noted."""
+        self._tell(what)
+        try:
+            motion()
+        except ReachError as error:
+            self.standing.take()
+            self._obstacles.append(f"{what}: {error}")
+            return False
+        return True
+
+    def _posterior(self) -> Posterior | None:
+        """What is known so far; None if that cannot be told."""
+        try:
+            motions = read_motions(self.robot, self.stance, self._recordings)
+            return estimate_posterior(
+                self.robot, self.stance, motions, self.settings.combined_priors, self.settings.scale, rounds=1
+            )
+        except (EquipoiseError, np.linalg.LinAlgError):
+            return None
+
+    def _good_enough(self, posterior: Posterior) -> bool:
+        goals = self.settings.goals.vector(components(posterior.robot_body), self.stance)
+        return bool((np.sqrt(np.diag(posterior.robot_covariance)) <= goals).all())
+
+    def _follow(self, posterior: Posterior | None) -> None:
+        """Lines under the CoM as it is known now, torques for the mass as it is known now."""
+        if posterior is None:
+            return
+        body = posterior.robot_body
+        if np.linalg.norm(body.com - self.trials.com) < 0.1 * self.stance.hip_height:
+            self.trials.com = body.com
+            self.trials.doubt = _SURE**2 * posterior.robot_covariance[1:4, 1:4] + found_doubt(self.stance)
+            self.standing.robot = loaded_robot(self.robot, self.trials, body.mass)
+
+    def _candidates(self) -> Candidates:
+        """What may be done with the robot as it is known now."""
+        trials, settings = self.trials, self.settings
+        return Candidates.of(
+            self.standing.robot, self.stance, trials.com, settings.combined_priors, trials.doubt, settings.swings
+        )
+
+    def _replan(self, posterior: Posterior | None, done: list[LiftDesign]) -> Plan | None:
+        """The best use of the time that is left, given what was really learnt."""
+        if posterior is None:
+            return None
+        _, rows = prior_rows(posterior.unknowns, posterior.x, self.settings.scale)
+        known = rows.T @ rows + sum(posterior.information.values())
+        left, candidates = self._budget - self._time(), self._candidates()
+        if self.settings.rotate_halfway:
+            return make_plan(candidates.turned(), left, self.settings.goals, known, searched=True)
+        return make_plan(candidates, left, self.settings.goals, known, done, searched=True)
+
+    @property
+    def _budget(self) -> float:
+        return self.settings.duration_for(self.stance) - _excitation_time(self.stance, self.settings)
+
+    def _time(self) -> float:
+        """Robot time so far, without that in which somebody turned the robot [s]."""
+        waited = [r.phase(Phase.TURN).duration for r in self._recordings if r.has_phase(Phase.TURN)]
+        return sum(recording.duration for recording in self._recordings) - sum(waited)
+
+    def _tell(self, doing: str) -> None:
+        if self._report is not None:
+            done = len(self._recordings)
+            self._report(Progress(doing, done, max(self._expected, done + 1)))

@@ -1,0 +1,97 @@
+"""The experiment of a run of which an earlier one is known: moves over planted feet, a short search, few lifts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from equipoise.bayesian.lift_design import LiftDesign
+from equipoise.bayesian.newton_search import find_com_fast
+from equipoise.bayesian.plan import Durations, Plan
+from equipoise.bayesian.planning.candidates import Candidates, describe
+from equipoise.bayesian.planning.nominal import nominal_candidates
+from equipoise.bayesian.routine import BayesianRoutine
+from equipoise.bayesian.safe_lift import found_doubt
+from equipoise.bayesian.short_plan import information_before, opening_moves, plan_after_search
+from equipoise.conventions import FloatArray
+from equipoise.errors import EquipoiseError, MotionError
+from equipoise.estimator.motions import read_motions
+from equipoise.estimator.prior_runs.changes import Change, estimate_after
+from equipoise.estimator.prior_runs.prior_run import PriorRun
+from equipoise.estimator.problem import Posterior
+from equipoise.robot.inertial import InertialParameters, composite_parameters
+
+_MORE_TIME = 15.0  # [s] on an A1, where something changed and no budget was given
+_FEWEST_LIFTS = 2
+_TOLD = 0.05  # of the hip height: standard deviation of a planar CoM that the search begins with
+
+
+class ShortRoutine(BayesianRoutine):
+    """Runs the experiment. The search begins where the CoM was in the earlier run; that is all that is taken of its base."""
+
+    _changes: tuple[Change, ...] = ()
+
+    @property
+    def _known(self) -> PriorRun:
+        assert self.settings.prior_run is not None
+        return self.settings.prior_run
+
+    def run(self) -> None:
+        """All of it.
+
+        Raises:
+            MotionError: the robot could not do, or did not do, what was asked.
+        """
+        self._expected = round(self._budget / Durations.of(self.stance).lift)
+        self._begin_with(self._known.base_body)
+        for posture in opening_moves(nominal_candidates(self.robot, self.settings.combined_priors), self._known):
+            self._do(describe(posture), lambda posture=posture: self.trials.take_posture(posture))
+        felt = self._posterior(lifts_needed=False)
+        if felt is not None and felt.robot_covariance[1:3, 1:3].trace() < (_TOLD * self.stance.hip_height) ** 2:
+            self._follow(felt)
+        find_com_fast(self.trials, self._search_on, sure=True)
+        self.trials.doubt = found_doubt(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
+        posterior = self._posterior()
+        self._follow(posterior)
+        plan, done = self._rest(posterior), list[LiftDesign]()
+        self._expected = len(self._recordings) + len(plan.visits) + plan.lifts
+        self._visit(plan, 0, len(plan.visits), done)
+        if len(done) < _FEWEST_LIFTS and self._obstacles:
+            raise MotionError(
+                f"only {len(done)} of the planned lifts could be done: {'; '.join(self._obstacles)}",
+                tuple(self._recordings),
+            )
+
+    def _begin_with(self, base: InertialParameters) -> None:
+        self.standing.robot = self.robot.with_base(base.to_pinocchio())
+        self.trials.com = composite_parameters(self.standing.robot, self.stance.joint_position).com
+
+    def _posterior(self, lifts_needed: bool = True) -> Posterior | None:
+        try:
+            motions = read_motions(self.robot, self.stance, self._recordings)
+            posterior, self._changes = estimate_after(
+                self.robot,
+                self.stance,
+                motions,
+                self.settings.combined_priors,
+                self.settings.scale,
+                self._known,
+                lifts_needed,
+            )
+        except (EquipoiseError, np.linalg.LinAlgError):
+            return None
+        return posterior
+
+    def _rest(self, posterior: Posterior | None) -> Plan:
+        """The best use of the time that is left."""
+        candidates = self._candidates()
+        known = np.linalg.inv(posterior.covariance) if posterior is not None else self._before(candidates)
+        left, goals = self._budget - self._time(), self.settings.goals
+        return plan_after_search(candidates, left, goals, np.asarray(known, dtype=float))
+
+    def _before(self, candidates: Candidates) -> FloatArray:
+        return information_before(candidates, self._known, {}, self.settings.scale)
+
+    @property
+    def _budget(self) -> float:
+        more = _MORE_TIME * self.stance.scale.time if self._changes and self.settings.duration is None else 0.0
+        return self.settings.duration_for(self.stance) + more

@@ -1,0 +1,210 @@
+"""The motions of the Bayesian method: a posture is taken up over planted feet, and two feet are lifted in it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from equipoise.bayesian.lift_design import (
+    LiftDesign,
+    Times,
+    lift_feet,
+    lift_settings,
+    offset_of,
+)
+from equipoise.bayesian.safe_lift import safe_stop, unknown_doubt
+from equipoise.conventions import FloatArray
+from equipoise.errors import MotionError, ReachError
+from equipoise.estimator.measurements.heading import angle_turned
+from equipoise.experiments.lift import (
+    LiftSettings,
+    come_to_rest,
+    in_time,
+    replant,
+    rest,
+    settle,
+    step_pair,
+    still_part,
+    tilt_limit,
+    tipping_from,
+)
+from equipoise.experiments.motion import Motion
+from equipoise.experiments.posture import check_posture, feet_in_posture, stance_line
+from equipoise.experiments.stand import lie_down, rise
+from equipoise.experiments.standing_robot import StandingRobot
+from equipoise.experiments.tipping import Pendulum
+from equipoise.experiments.turn import be_turned
+from equipoise.platform.tilt_limit import TiltLimit
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import DesignedLift, PostureTrial, RecordedTrial, TurnTrial
+from equipoise.robot.model import DIAGONALS, LEG_NAMES
+from equipoise.robot.posture import BodyPosture
+from equipoise.robot.stance import Stance
+
+# On an A1; lengths scale with the stance's size, times with its clock.
+_STEP_RATIO = 0.5  # height of a replanting step over that of a lift
+_AIMED, _AIMS = 0.003, 3  # [m] that the CoM may miss its place over the line; moves until it is there
+_RECOVERED, _LONGEST_RECOVERY, _RECOVERY_LOOK = 0.06, 8, 0.5  # [rad], times settling, of settling
+# Off half a turn [rad]: a force in the room is then told almost as well, and the angle is known.
+_TURNED_WELL = np.radians(30)
+_ACCELERATION = 1.2  # [m/s2] of the body over planted feet; turning it moves its CoM less than its feet
+
+
+class BayesianTrials:
+    """Does the Bayesian method's motions on a planted robot.
+
+    Attributes:
+        com: (3,) CoM in the base frame as far as it is known: lines are placed under it, bodies turn about it [m].
+        doubt: (3, 3) covariance of that CoM, as `safe_lift` has it [m2].
+    """
+
+    def __init__(self, standing: StandingRobot, stance: Stance, com: FloatArray) -> None:
+        self.standing, self.stance, self.com = standing, stance, com
+        self.settings, self.times = lift_settings(stance), Times.of(stance)
+        self.doubt = unknown_doubt(stance)
+        self._lifted = False
+        self._drift = np.zeros(2)  # of the CoM over the feet from where it was sent, in the stance's axes [m]
+
+    def take_posture(self, posture: BodyPosture) -> Recording:
+        """Rest, move over planted feet, rest again. Phases: ready, settle, before, move, settle, rest.
+
+        Feet that were lifted since the last posture do not stand quite where they should: legs that pull at each other
+        would make them slip on the move. They are put back first, at the nominal stance.
+
+        Raises:
+            ReachError: the posture is out of reach.
+            MotionError: the robot did not come to rest.
+        """
+        feet = feet_in_posture(self.stance, self.com, posture)
+        check_posture(self.standing.robot, self.stance, feet)
+        self._get_ready(PostureTrial(posture=posture), "before a move")
+        return self._move_over(feet, posture, "after a move")
+
+    def turn(self) -> Recording:
+        """Lie down, be turned to face the other way, stand up and rest.
+
+        Phases: ready, settle, before, lie, turn, fold, stand, move, settle, rest.
+
+        Raises:
+            MotionError: the robot was not turned, or not by about 180 deg, or did not come to rest.
+            FallError: it does not stand upright.
+        """
+        standing, level = self.standing, feet_in_posture(self.stance, self.com, BodyPosture())
+        self._lifted = True  # the angle counts from where the body does not yaw over its feet
+        rested = self._get_ready(TurnTrial(), "before a turn")
+        lain = lie_down(standing, self.stance)
+        whole = Recording.concatenate([rested, lain, be_turned(standing, self.stance)])
+        angle = abs(angle_turned(standing.robot, whole))
+        if angle < np.pi - _TURNED_WELL:
+            raise MotionError(
+                f"by its gyroscope the robot was turned by {np.degrees(angle):.0f} deg; it must be 150 to 210. Put it back as "
+                "it stood at the run's beginning, and resume the run",
+                (whole,),
+            )
+        rise(standing, self.stance)
+        return self._move_over(level, BodyPosture(), "after a turn")
+
+    def _get_ready(self, trial: RecordedTrial, when: str) -> Recording:
+        """Rest on feet that stand where they should; the rest, and what came before it."""
+        motion = self.standing.motion().begin(trial).phase(Phase.READY)
+        if self._lifted:
+            level = feet_in_posture(self.stance, self.com, BodyPosture())
+            motion.move_feet(level, self._move_time(level, self.times.move))
+            replant(motion, level, next(iter(DIAGONALS)), self.settings)
+            self._lifted = False
+        return come_to_rest(self.standing, motion, self.settings, when, rest_phase=Phase.BEFORE)
+
+    def _move_over(self, feet: FloatArray, posture: BodyPosture, when: str) -> Recording:
+        """Move to where the feet are planted in a posture, rest, and look where the CoM is; the whole trial."""
+        motion = self.standing.motion().phase(Phase.MOVE)
+        motion.move_feet(feet, self._move_time(feet, self.times.move))
+        rested = come_to_rest(self.standing, motion, self.settings, when)
+        diagonal = next(iter(DIAGONALS))
+        tipping = tipping_from(self.standing, rested.phase(Phase.REST), diagonal)
+        self._drift = self._drift_of(tipping, diagonal, posture)
+        return self.standing.finish()
+
+    def lift(self, design: LiftDesign) -> Recording:
+        """Move over the line, rest, lift two feet, perhaps turn the body, come down and replant.
+
+        Phases: move, settle, rest, unload, lift, watch, lower, replant.
+
+        Raises:
+            ReachError: the lift is out of reach.
+            MotionError: the robot did not come to rest.
+            FallError: it does not stand upright.
+        """
+        stance_legs, settings = DIAGONALS[design.diagonal], self.settings
+        trial = DesignedLift(
+            diagonal=design.diagonal, offset=0.0, lift_height=settings.height, tilt_threshold=settings.tilt_threshold,
+            posture=design.posture, side=design.side, turn=design.turn, swing=design.swing,
+        )  # fmt: skip
+        motion = self.standing.motion().begin(trial)
+        self._lifted = True
+        try:
+            feet, lifted = self._aim(motion, design)
+            limit = self._limit(design.diagonal, in_time(self.standing, feet, lifted, settings))
+        except ReachError:
+            if (done := self.standing.take()) is not None:
+                self.standing.keep(done)
+            raise
+        up = self.standing.motion().phase(Phase.UNLOAD).shift_load(stance_legs, settings.unload_time)
+        up.phase(Phase.LIFT).move_feet(lifted, settings.lift_time).phase(Phase.WATCH)
+        if design.passive:
+            up.hold(self.times.watch)
+        else:
+            amounts = design.amounts(self.stance, self.standing.platform.control_period)
+            up.follow(lambda amount: design.feet(lifted, self.com, amount), 9, amounts)
+        self.standing.play(up, limit)
+        down = self.standing.motion().phase(Phase.LOWER).move_feet(feet, settings.lower_time)
+        down.shift_load(LEG_NAMES, settings.unload_time)
+        landed = self.standing.play(down)
+        if self._stands_up_again(landed, design.posture):
+            # The robot has tipped onto its lifted feet: they stand where they landed, and the legs pull. Step once.
+            stepped = feet + _STEP_RATIO * (lifted - feet)
+            self.standing.play(step_pair(self.standing.motion().phase(Phase.REPLANT), stance_legs, stepped, settings))
+        return self.standing.finish()
+
+    def _aim(self, motion: Motion, design: LiftDesign) -> tuple[FloatArray, FloatArray]:
+        """Move over the line until the CoM is where the design wants it, by what the sensors say; feet as `lift_feet`."""
+        feet, lifted = self._feet(design)
+        for left in reversed(range(_AIMS)):
+            motion.phase(Phase.MOVE).move_feet(feet, self._move_time(feet, self.times.move * 2 / 3))
+            settled = settle(self.standing, motion, self.settings, f"before a lift on {design.diagonal}")
+            tipping = tipping_from(self.standing, still_part(settled, self.settings), design.diagonal)
+            self._drift = self._drift_of(tipping, design.diagonal, design.posture)
+            if not left or abs(tipping.ahead + offset_of(self.stance, design.side)) < _AIMED * self.stance.scale.length:
+                break
+            motion, (feet, lifted) = self.standing.motion(), self._feet(design)
+        return feet, lifted
+
+    def _limit(self, diagonal: str, settings: LiftSettings) -> TiltLimit:
+        """Rest, and say when the lift must end."""
+        tipping = tipping_from(self.standing, rest(self.standing, self.settings), diagonal)
+        return tilt_limit(self.standing, tipping, settings, safe_stop(tipping, settings, self.stance, self.doubt))
+
+    def _feet(self, design: LiftDesign) -> tuple[FloatArray, FloatArray]:
+        _, normal, _ = stance_line(self.stance, design.diagonal)
+        return lift_feet(self.stance, self.com, design, self.settings.height, float(normal[:2] @ self._drift))
+
+    def _drift_of(self, tipping: Pendulum, diagonal: str, posture: BodyPosture) -> FloatArray:
+        """(2,) of the CoM over the feet from where it was sent, as joints sag and feet creep, in the stance's axes [m]."""
+        left, normal, _ = stance_line(self.stance, diagonal)
+        found = tipping.ahead * normal + tipping.along * left
+        middle = self.standing.target.feet_in_base[[leg in DIAGONALS[diagonal] for leg in LEG_NAMES]].mean(axis=0)
+        return (found - posture.rotation @ (self.com - middle))[:2]
+
+    def _stands_up_again(self, landed: Recording, posture: BodyPosture) -> bool:
+        """Wait until the robot leans as it was sent, after it tipped; to step before would tip it over."""
+        rotation = np.array(self.standing.robot.imu_in_base.rotation)
+        for _ in range(_LONGEST_RECOVERY):
+            end = landed.imu.time[-1] - _RECOVERY_LOOK * self.times.settle
+            gravity = rotation @ landed.between(end, np.inf).imu.acceleration_in_imu.mean(axis=0)
+            lean = float(np.arccos(np.clip(gravity @ posture.rotation[2] / np.linalg.norm(gravity), -1, 1)))
+            if lean < _RECOVERED:
+                return True
+            landed = self.standing.play(self.standing.motion().hold(self.times.settle))
+        return False
+
+    def _move_time(self, feet: FloatArray, least: float) -> float:
+        return self.standing.move_time(feet, self.standing.target.feet_in_base, least, _ACCELERATION)

@@ -1,0 +1,172 @@
+"""Mass that was added to a robot or taken off between two calibrations: errors of sensors and of a scale cancel.
+
+Both runs are estimated together (estimator/known/two_runs.py). Of bodies that are rigidly joined, mass, first moment and
+inertia about the base's origin add up: those of the second run's base less those of the first one's are the payload's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.estimator.diagnostics.screening import screen
+from equipoise.estimator.motions import read_motions
+from equipoise.estimator.parameters import base_vector
+from equipoise.estimator.posterior_evidence import PosteriorEvidence
+from equipoise.estimator.prior_runs.both_runs import both_runs
+from equipoise.estimator.prior_runs.prior_run import PriorRun
+from equipoise.estimator.prior_runs.two_runs import ScaleReadings, TwoRuns, estimate_two_runs
+from equipoise.estimator.unknowns import Priors
+from equipoise.json_form import to_json
+from equipoise.recording.recording import Recording
+from equipoise.result.body import Body
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.inertial import InertialParameters, RobotInertia, components, composite_parameters
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance, nominal_stance
+
+SCHEMA = "equipoise.payload_change/1"
+# Of the robot's mass, of a metre on an A1, of the largest moment: a zero that is as sure as this is none to any controller.
+_UNFELT = np.array([0.01, 2e-3, 0.05])
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadChange:
+    """Difference between two runs of one robot.
+
+    Attributes:
+        robot: name of the robot.
+        payload: mass, CoM in the base frame and inertia about its own CoM of what was added. Of what was taken off, if
+            `removed`. CoM and inertia are not estimated if the mass may be zero. Verdicts compare the deviation of a mass
+            with the mass, of a CoM with the robot's size, of an inertia with the payload's largest moment.
+        change: differences of the whole robot's ten quantities at its stance, after less before. Verdicts say whether a
+            change can be told from none, or none from a change: "no change".
+        removed: whether the robot became lighter.
+        warnings: objections to the result.
+        provenance: version, time, runs, readings of a scale.
+    """
+
+    robot: str
+    payload: Body
+    change: Body
+    removed: bool
+    warnings: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+    def with_truth(self, before: RobotInertia, after: RobotInertia) -> PayloadChange:
+        """Return the difference with the ground truth of both simulated runs."""
+        added = after.base.vector - before.base.vector
+        truth = InertialParameters.from_vector(-added if self.removed else added) if added[0] else None
+        return replace(self, payload=self.payload.with_truth(truth))
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {
+            "schema": SCHEMA,
+            "robot": self.robot,
+            "removed": self.removed,
+            "payload": self.payload.numbers(),
+            "intervals": self.payload.intervals(),
+            "change": {quantity.name: quantity.value for quantity in self.change},
+            "change_intervals": self.change.intervals(),
+            "warnings": list(self.warnings),
+            "truth": to_json(self.payload.truth),
+            "provenance": dict(self.provenance),
+        }
+
+
+def find_payload_change(
+    robot: RobotModel,
+    before: Sequence[Recording],
+    after: Sequence[Recording],
+    scale: ScaleReadings | None = None,
+    priors: Priors | None = None,
+) -> PayloadChange:
+    """Estimate what was added between two runs of the method `bayesian`.
+
+    Args:
+        before, after: recordings of each run.
+        scale: readings of a scale in each run.
+        priors: standard deviations of the unknowns before anything is measured.
+
+    Raises:
+        RecordingError: a run has nothing that can be used.
+    """
+    stance = nominal_stance(robot)
+    for recordings in (before, after):
+        screen(robot, recordings)
+    motions = read_motions(robot, stance, before), read_motions(robot, stance, after)
+    runs = estimate_two_runs(robot, stance, motions, priors, scale)
+    warnings = () if runs.converged else ("the estimate did not settle: something does not fit at all",)
+    return _payload_change(robot, stance, runs, warnings)
+
+
+def find_payload_change_since(robot: RobotModel, known: PriorRun, evidence: PosteriorEvidence) -> PayloadChange:
+    """Estimate what was added since a prior run, from a run that uses it.
+
+    Args:
+        evidence: evidence of the result of such a run.
+
+    Raises:
+        SettingsError: the earlier run is of another robot.
+    """
+    known.check(robot)
+    runs = both_runs(known, evidence.posterior, evidence.changes)
+    return _payload_change(robot, nominal_stance(robot), runs, tuple(change.message for change in evidence.changes))
+
+
+def _payload_change(robot: RobotModel, stance: Stance, runs: TwoRuns, warnings: tuple[str, ...]) -> PayloadChange:
+    size, base = runs.unknowns.size, runs.unknowns["base"]
+    both = np.concatenate([runs.first, runs.second])
+
+    def added(x: FloatArray) -> FloatArray:
+        return base_vector(x[size:][base]) - base_vector(x[:size][base])
+
+    def changed(x: FloatArray) -> FloatArray:
+        body = runs.unknowns.robot_body
+        return components(body(x[size:])) - components(body(x[:size]))
+
+    change, change_covariance = _propagated(changed, both, runs.covariance)
+    vector, covariance = _propagated(added, both, runs.covariance)
+    removed = bool(vector[0] < 0)
+    vector = -vector if removed else vector
+    payload = _payload(vector, covariance, float(np.ptp(stance.feet_in_base[:, 0])) / 2)
+    whole = composite_parameters(robot, stance.joint_position)
+    unfelt = np.repeat(_UNFELT * [whole.mass, stance.scale.length, whole.principal_moments[-1]], [1, 3, 6])
+    if payload.com_in_base.x.value is None:
+        payload = payload.with_sure_zeros(unfelt)
+    difference = Body.of(change, change_covariance, np.abs(change)).with_sure_zeros(unfelt)
+    return PayloadChange(robot.name, payload, difference, removed, warnings)
+
+
+def _payload(vector: FloatArray, covariance: FloatArray, length: float) -> Body:
+    """A body from (10,) parameters about the base's origin; of nothing, only the mass.
+
+    Args:
+        length: length that a position is compared with [m].
+    """
+    if vector[0] <= NORMAL_95 * np.sqrt(covariance[0, 0]):
+        alone, variance = np.full(10, np.nan), np.full((10, 10), np.nan)
+        alone[0], variance[0, 0] = vector[0], covariance[0, 0]
+        return Body.of(alone, variance, np.abs(alone))
+    values, spread = _propagated(lambda at: components(InertialParameters.from_vector(at)), vector, covariance)
+    largest = float(np.abs(values[4:]).max())
+    typical = np.concatenate([values[:1], np.full(3, length), np.full(6, largest)])
+    return Body.of(values, spread, typical)
+
+
+def _propagated(
+    function: Callable[[FloatArray], FloatArray], at: FloatArray, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """A function's value and its covariance, to first order, from those of its argument."""
+    steps = 1e-3 * np.sqrt(np.diag(covariance))
+    columns = [
+        (function(at + step) - function(at - step)) / (2 * step[index]) if step[index] else np.zeros(10)
+        for index, step in enumerate(np.diag(steps))
+    ]
+    jacobian = np.stack(columns, axis=1)
+    return function(at), np.asarray(jacobian @ covariance @ jacobian.T, dtype=float)

@@ -1,0 +1,46 @@
+"""Words of a command line that count before it is parsed. Nothing here imports NumPy, a robot model or a verb."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import takewhile
+from pathlib import Path
+
+from equipoise.calibration.run_header import read_header
+from equipoise.robot.catalog import find_model, read_model_file
+
+_ROBOT_FIRST = ("audit", "calibrate", "doctor", "plan", "record", "payload", "lab balance", "lab monte-carlo")
+_RUN_FIRST = ("compare", "estimate", "export", "report", "view", "lab validate")
+
+
+def chosen(words: Sequence[str], flag: str, default: str) -> str:
+    """Return the value of a flag that other flags depend on."""
+    value = default
+    for index, word in enumerate(words):
+        if word == flag and index + 1 < len(words):
+            value = words[index + 1]
+        elif word.startswith(f"{flag}="):
+            value = word.partition("=")[2]
+    return value
+
+
+def refuse_missing(verb: str, words: Sequence[str]) -> None:
+    """Refuse a robot or a run that does not exist, before the verb is imported: that takes a second.
+
+    Args:
+        verb: verb, or group and verb as "lab balance".
+        words: words that follow it; robots and runs are recognised in front of the first flag, and a robot after --robot.
+
+    Raises:
+        ModelError: there is no such robot.
+        RecordingError: there is no such run.
+    """
+    if {"-h", "--help"} & {*words} or chosen(words, "--format", "") == "github":  # which annotates what is missing
+        return
+    first = [*takewhile(lambda word: not word.startswith("-"), words)]
+    robot = chosen(words, "--robot", "")
+    for name in first if verb in _ROBOT_FIRST else [robot] if robot and verb in _RUN_FIRST else ():
+        read_model_file(find_model(name)[0])
+    for path in map(Path, first if verb in _RUN_FIRST and not robot else ()):
+        if not path.exists():
+            read_header(path)

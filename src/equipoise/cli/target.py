@@ -1,0 +1,185 @@
+"""Platform that a run happens on, as flags name it: a simulated robot or a real one. Reading the flags loads neither."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+from tyro.conf import Suppress
+from tyro.constructors import StructConstructorSpec
+
+from equipoise.cli import flags
+from equipoise.cli.arguments import chosen
+from equipoise.cli.parsing import ChosenFlags
+from equipoise.cli.setting_flags import fields_of, spec_of
+from equipoise.drivers.platforms import find_platform, given_settings
+from equipoise.errors import RecordingError, SettingsError
+
+if TYPE_CHECKING:
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.robot.model import RobotModel
+    from equipoise.simulation.simulation import Simulation
+
+
+@dataclass(frozen=True)
+class RunTarget:
+    """Platform that a run happens on.
+
+    Attributes:
+        platform: name of a simulator or a robot's platform, or MODULE:CLASS.
+    """
+
+    platform: flags.PlatformName = flags.DEFAULT_PLATFORM
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the robot is simulated."""
+        return isinstance(self, SimulatedTarget)
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return provenance of a run, enough to resume it."""
+        raise NotImplementedError
+
+    def again(self, number: int) -> RunTarget:
+        """Return the place of a repetition: a simulated robot has the same errors and other noise."""
+        del number
+        return self
+
+    @staticmethod
+    def of(folder: RunFolder) -> RunTarget:
+        """Return the place of a run.
+
+        Raises:
+            RecordingError: its provenance is not enough to resume it.
+        """
+        facts = folder.provenance
+        if "platform_settings" in facts:
+            return HardwareTarget(str(facts["platform"]), given=dict(facts["platform_settings"]))
+        names = ("platform", "sim_preset", "payload", "seed", "start")
+        if missing := [name for name in names if name not in facts]:
+            raise RecordingError(
+                f"the run {str(folder.path)!r} does not say its {missing[0]}; runs of 'equipoise calibrate' can be resumed"
+            )
+        effects = facts.get("effects", {}).items()
+        return SimulatedTarget(
+            **{name: facts[name] for name in names}, noise_seed=facts.get("noise_seed"),
+            enable_effect=tuple(name if size is None else f"{name}={size!r}" for name, size in effects),
+            disable_effect=tuple(facts.get("disabled_effects", ())), contact_model=facts.get("contact_model", "default"),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SimulatedTarget(RunTarget):
+    """The simulated robot. 'equipoise calibrate --platform NAME --help' shows the flags of a real one.
+
+    Attributes:
+        start: How the simulated robot begins (and ends).
+        seed: Of everything drawn.
+        noise_seed: Of the noise alone, for several runs of one robot; default as --seed.
+    """
+
+    sim_preset: flags.PresetName = "realistic"
+    enable_effect: flags.WithEffects = ()
+    disable_effect: flags.WithoutEffects = ()
+    contact_model: flags.ContactModelName = "default"
+    payload: flags.PayloadGiven = None
+    start: Literal["standing", "lying"] = "standing"
+    seed: int = 0
+    noise_seed: flags.Count = None
+
+    def __post_init__(self) -> None:
+        from equipoise.robot.scale import Scale
+        from equipoise.simulation.effects import read_names, sizes_of
+
+        # Before anything takes long: what there is not, and what the engine cannot have.
+        without = read_names(self.disable_effect)
+        sizes_of(self.sim_preset, Scale(1.0, 1.0), self.sizes, without).refuse_what_lacks(self.platform)
+        object.__setattr__(self, "disable_effect", without)
+        if self.payload is not None:
+            from equipoise.simulation.payload import Payload
+
+            Payload.parse(self.payload)
+
+    @property
+    def sizes(self) -> dict[str, float | None]:
+        """Size of each effect that the preset has not, or has in another size."""
+        from equipoise.simulation.effects import read_effects
+
+        return read_effects(self.enable_effect)
+
+    @property
+    def world(self) -> str:
+        """The simulated robot's effects in words."""
+        others = [name if size is None else f"{name} {size:g}" for name, size in self.sizes.items()]
+        words = [f"preset {self.sim_preset}", *(f"with {other}" for other in others)]
+        words += [f"without {name}" for name in self.disable_effect]
+        return ", ".join(words + ["contact model of the file"] * (self.contact_model == "file"))
+
+    def facts(self) -> Mapping[str, Any]:
+        names = ("platform", "sim_preset", "payload", "seed", "start", "noise_seed")
+        facts = {name: getattr(self, name) for name in names}
+        other = {
+            "effects": self.sizes,
+            "disabled_effects": list(self.disable_effect),
+            "contact_model": self.contact_model,
+        }
+        usual: dict[str, Any] = {"effects": {}, "disabled_effects": [], "contact_model": "default"}
+        return facts | {name: value for name, value in other.items() if value != usual[name]}
+
+    def again(self, number: int) -> SimulatedTarget:
+        seed = self.seed if self.noise_seed is None else self.noise_seed
+        return dataclasses.replace(self, noise_seed=seed + number) if number else self
+
+    def simulate(self, robot: RobotModel) -> Simulation:
+        """Return the simulated robot."""
+        from equipoise.simulation.simulation import simulate
+
+        return simulate(
+            robot, self.sim_preset, self.payload, self.seed, self.start, engine=self.platform,  # pyright: ignore
+            noise_seed=self.noise_seed, effects=self.sizes, without=self.disable_effect, contact_model=self.contact_model,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class HardwareTarget(RunTarget):
+    """The real robot.
+
+    Attributes:
+        set: A setting of the platform, as interface=eth0; may be given again.
+        settings: TOML file with settings of the platform.
+        yes: Do not ask before the first motion.
+    """
+
+    set: flags.SettingsGiven = ()
+    settings: flags.SettingsFile = None
+    yes: flags.Flag = False
+    given: Suppress[Mapping[str, Any]] = field(default_factory=dict[str, Any])
+
+    def __post_init__(self) -> None:
+        find_platform(self.platform)  # before anything is made for it
+        object.__setattr__(self, "given", {**self.given, **given_settings(self.set, self.settings)})
+
+    def facts(self) -> Mapping[str, Any]:
+        return {"platform": self.platform, "platform_settings": dict(self.given)}
+
+
+def target_flags(arguments: Sequence[str]) -> StructConstructorSpec:
+    """Return the flags of a simulated robot or of a real one; raises SettingsError for an unknown platform."""
+    platform = chosen(arguments, "--platform", flags.DEFAULT_PLATFORM)
+    find_platform(platform)
+    kind = SimulatedTarget if flags.is_simulated(platform) else HardwareTarget
+    return spec_of(kind.__doc__ or "", fields_of(kind), lambda values: kind(**values))
+
+
+def refuse_other_place(flag: str, arguments: Sequence[str]) -> None:
+    """Raise SettingsError for a flag of simulators on a real robot, or the other way round."""
+    platform = chosen(arguments, "--platform", flags.DEFAULT_PLATFORM)
+    kind, other = ("real robots", HardwareTarget) if flags.is_simulated(platform) else ("simulators", SimulatedTarget)
+    if flag in {setting.name for setting in fields_of(other)}:
+        raise SettingsError(f"--{flag.replace('_', '-')} is for {kind}; {platform} is not")
+
+
+TARGET_FLAGS: ChosenFlags = (target_flags, refuse_other_place)
+"""Flags of a parameter of the type `RunTarget`, which `--platform` chooses."""

@@ -1,0 +1,323 @@
+"""Moves over planted feet: what does not change tells about joint offsets and about how the IMU is mounted.
+
+While no foot slips, the feet's positions relative to each other change only by how the feet roll; and their heights above
+each other, against gravity, by how they sag under what they carry. Both are read at rest, before and after the move. What each
+foot carries there is statics', by the model's mass and CoM: torques that motors report hide it behind their friction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from equipoise.conventions import FloatArray
+from equipoise.estimator.equations.equation import LEFT_OUT, MotionEquation, RunContext, whitening_of
+from equipoise.estimator.measurements.drive_train import DRIVE_TRAIN, JointReadings
+from equipoise.estimator.measurements.foot_contact import to_centre_by_width
+from equipoise.estimator.measurements.heading import facing
+from equipoise.estimator.measurements.imu_frame import (
+    ACCELEROMETER,
+    GYRO,
+    gyro_error,
+    mean_rotation,
+    specific_force,
+    traced_mounting,
+    turned_by,
+    turns_of,
+)
+from equipoise.estimator.measurements.leg_motion import LEG_SHAPE, LegChains, LegShape
+from equipoise.estimator.measurements.leg_motion import cross as cross_of_rows
+from equipoise.estimator.measurements.lift_samples import at_times, attitudes
+from equipoise.estimator.measurements.traced import Traced, contract, cross, length, stacked, turned
+from equipoise.estimator.parameters import Unknowns
+from equipoise.estimator.unknown import MORE_TIME
+from equipoise.estimator.unknowns import TracedValues, Values, inputs_of
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import PostureTrial
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+from equipoise.robot.statics import loads_on_feet
+
+_PER_MOVE = 20
+_CENTRED = np.eye(4) - 0.25  # takes the mean over the feet off
+_WARP = np.array([[1.0], [-1.0], [-1.0], [1.0]])
+# Feet at rest on an A1: how far they seem to move [m], and to rise [m]; and how the gyroscope's attitude drifts over a move
+# and the accelerometer's wanders from rest to rest [rad]. Twice what an ideal robot shows: each rest ends one move and begins
+# the next, and springs and feet that sag are the same in all.
+_FOOT_NOISE, _HEIGHT_NOISE, _TURN_NOISE, _UP_NOISE = 2.4e-4, 1.6e-4, 6e-4, 8e-4
+_QUIETEST = 0.3  # of these, what robots with ordinary sensors show
+_SAYING = 15  # rows of a move's twenty that say something: means are taken off
+_FEWEST_FREEDOMS = 20.0  # from which on the noise that residuals show is known to a fifth
+# Times what residuals show is what feet may do: they show less by chance, and what they do lasts over moves.
+_RESTLESS = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class RestReading:
+    """A planted robot at rest: means over that rest.
+
+    Attributes:
+        joint_position: (nj,) mean of the joint positions [rad].
+        acceleration_in_imu: (3,) mean of the accelerometer, in the IMU frame [m/s2].
+        load: (4,) weight on each foot, by the model [N].
+        joint_torque: (nj,) mean of the joint torques as reported [Nm]; None where none are.
+    """
+
+    joint_position: FloatArray
+    acceleration_in_imu: FloatArray
+    load: FloatArray
+    joint_torque: FloatArray | None = None
+
+    @classmethod
+    def of(cls, robot: RobotModel, still: Recording) -> RestReading:
+        """Of a recording in which nothing moves."""
+        joints, acceleration = still.joints, still.imu.acceleration_in_imu.mean(axis=0)
+        torque = None if joints.torque is None else joints.torque.mean(axis=0)
+        position = joints.position.mean(axis=0)
+        return cls(position, acceleration, loads_on_feet(robot, position), torque)
+
+
+@dataclass(frozen=True, eq=False)
+class StanceMotion:
+    """A move between two rests, all feet planted.
+
+    Attributes:
+        before, after: rests on either side of the move.
+        rotation_to_before: (3, 3) rotation from the IMU frame after the move to that before, by the gyroscope.
+        rolled: (4, 3) displacements of the feet's centres by rolling, in base axes before the move [m].
+        rolled_by_width: (2, 4, 3) the same beyond that of balls, over the half-widths of the feet.
+        duration: time between the rests [s].
+        when: time since the middle of the run over the run's duration.
+        heading: angle by which the robot was turned in the room since the run began, to its left [rad]; where it is not
+            zero, its feet were planted anew.
+    """
+
+    before: RestReading
+    after: RestReading
+    rotation_to_before: FloatArray
+    rolled: FloatArray
+    rolled_by_width: FloatArray = field(default_factory=lambda: np.zeros((2, 4, 3)))
+    duration: float = 0.0
+    when: float = 0.0
+    heading: float = 0.0
+
+
+def read_move(
+    robot: RobotModel, legs: LegChains, before: Recording, moving: Recording, after: Recording, gyro_bias: FloatArray
+) -> StanceMotion:
+    """A move and the rests on either side of it; the three recordings follow each other."""
+    rotation = np.array(robot.imu_in_base.rotation)
+    attitude = attitudes(moving.imu.time, moving.imu.angular_velocity_in_imu - gyro_bias)
+    first, last = RestReading.of(robot, before), RestReading.of(robot, after)
+    up = attitude.inv().apply(first.acceleration_in_imu / np.linalg.norm(first.acceleration_in_imu)) @ rotation.T
+    joints = moving.joints
+    up = at_times(joints.time, moving.imu.time, up)
+    angular_velocity_in_base = at_times(
+        joints.time, moving.imu.time, (moving.imu.angular_velocity_in_imu - gyro_bias) @ rotation.T
+    )
+    foot = legs.motion(joints.position, joints.rates, angular_velocity_in_base).foot_angular_velocity[:, None]
+    ball = legs.foot_radius[:, None] * up[:, None, None]
+    to_centre = np.concatenate(
+        [np.broadcast_to(ball, foot.shape), to_centre_by_width(legs, joints.position, up)], axis=1
+    )
+    rolling = cross_of_rows(foot, to_centre)
+    to_before = rotation @ attitude.as_matrix() @ rotation.T
+    to_before = to_before[np.clip(np.searchsorted(moving.imu.time, joints.time), 0, len(to_before) - 1)]
+    rolled = np.trapezoid(np.einsum("nij,nklj->nkli", to_before, rolling), joints.time, axis=0)
+    duration = float(moving.imu.time[-1] - moving.imu.time[0])
+    return StanceMotion(first, last, attitude.as_matrix()[-1], rolled[0], rolled[1:], duration)
+
+
+class StanceMotionRows:
+    """Residuals of stance motions and rests, at any values of the unknowns that they depend on.
+
+    Attributes:
+        DEPENDS_ON: names of the unknowns that the rows depend on.
+        footholds: (4, 3) places of the feet relative to their mean at the nominal stance, in base axes [m].
+    """
+
+    DEPENDS_ON = (
+        *DRIVE_TRAIN, "imu_tilt", *ACCELEROMETER, *GYRO, *LEG_SHAPE, "foot_radius", "foot_radius_each", "foot_width",
+        "foot_compliance", "floor_slope", "floor_warp", "foothold_change",
+    )  # fmt: skip
+
+    def __init__(
+        self, legs: LegChains, rotation_imu_to_base: FloatArray, stance: Stance, moves: Sequence[StanceMotion]
+    ) -> None:
+        self.legs, self._rotation = legs, rotation_imu_to_base
+        self.footholds = stance.feet_in_base - stance.feet_in_base.mean(axis=0)
+        rests = [[move.before for move in moves], [move.after for move in moves]]
+        self._joints = [_joints_at(legs, side) for side in rests]
+        self._acceleration = [np.array([rest.acceleration_in_imu for rest in side]).T for side in rests]
+        self._load = [np.array([rest.load for rest in side]).T for side in rests]
+        self._to_before = np.array([move.rotation_to_before for move in moves]).transpose(1, 2, 0)
+        # Moves go straight from posture to posture: a turn about one axis, near enough for errors of the gyroscope.
+        rotations = [Rotation.from_matrix(move.rotation_to_before) for move in moves]
+        self._turns = np.moveaxis(np.array([turns_of(rotation) for rotation in rotations]), 0, -1)
+        self._when = np.array([move.when for move in moves])
+        drifts = [
+            mean_rotation(rotation) * move.duration * move.when for rotation, move in zip(rotations, moves, strict=True)
+        ]
+        self._drifts = np.moveaxis(np.array(drifts), 0, -1)
+        self._rolled = np.array([move.rolled for move in moves]).T
+        self._rolled_by_width = np.array([move.rolled_by_width for move in moves]).T
+        self._higher_by_width = [_higher_by_width(legs, rotation_imu_to_base, side) for side in rests]
+        self._heading = np.array([move.heading for move in moves])
+
+    def residuals(self, values: Values) -> FloatArray:
+        """(moves, 5, 4) what should be zero at the right values, of every foot [m].
+
+        Three components of its displacement relative to the feet's mean, in base axes before the move; the height of its
+        centre above their mean, against gravity, less that of its foothold, before and after the move.
+        """
+        return np.moveaxis(self._rows(inputs_of(values, self.DEPENDS_ON, self._moves), 1).value, -1, 0)
+
+    def linearise(self, values: Values, names: Sequence[str] = DEPENDS_ON) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """`residuals`, and their (moves, 5, 4, size) derivatives by the unknowns named."""
+        # As many copies of the moves as there are rows in each: walking back once gives the derivatives of all.
+        inputs = inputs_of(values, self.DEPENDS_ON, _PER_MOVE * self._moves, names)
+        rows = self._rows(inputs, _PER_MOVE)
+        seed = np.repeat(np.eye(_PER_MOVE), self._moves, axis=1).reshape(rows.value.shape)
+        gradients = rows.gradients(seed, [inputs[name] for name in names])
+        shape = (-1, *rows.value.shape[:2], self._moves)
+        by = {
+            name: np.moveaxis(gradient.reshape(shape), (0, -1), (-1, 0))
+            for name, gradient in zip(names, gradients, strict=True)
+        }
+        return np.moveaxis(rows.value[..., : self._moves], -1, 0), by
+
+    @property
+    def _moves(self) -> int:
+        return self._rolled.shape[-1]
+
+    def _rows(self, values: TracedValues, copies: int) -> Traced:
+        """(5, 4, n) rows of the moves, one copy of all of them after the other."""
+        to_before, rolled = np.tile(self._to_before, copies), np.tile(self._rolled, copies)
+        heading = np.tile(self._heading, copies)
+        rotation = traced_mounting(self._rotation, values["imu_tilt"])
+        slope = facing(values["floor_slope"], heading)
+        floor = contract("li,i...->l...", -self.footholds[:, :2], slope) + _WARP * values["floor_warp"]
+        floor = floor + contract("lm,m...->l...", _CENTRED, values["foothold_change"] * (heading != 0.0))
+        feet: list[Traced] = []
+        heights: list[Traced] = []
+        for rest in (0, 1):
+            joints = self._joints[rest].at(np.tile(np.arange(self._moves), copies))
+            foot = self.legs.traced_posture(joints.link_position(values), LegShape.of(self.legs, values)).foot
+            felt = specific_force(values, np.tile(self._acceleration[rest], copies), np.tile(self._when, copies))
+            gravity = turned(rotation, felt)
+            up = gravity / length(gravity)
+            feet.append(
+                foot + up[:, None] * (values["foot_compliance"] * np.tile(self._load[rest], copies))
+            )  # as if none sagged
+            above = contract("il...,i...->l...", feet[rest], up)
+            wide = values["foot_width"][:, None] * np.tile(self._higher_by_width[rest], copies)
+            above = above - wide[0] - wide[1]
+            heights.append(contract("lm,m...->l...", _CENTRED, above) - floor)
+        turn = contract("ij...,kj...->ik...", contract("ij...,jk...->ik...", rotation, to_before), rotation)
+        drifted = turned(np.tile(self._drifts, copies), values["gyro_drift"])
+        off = turned(rotation, turned_by(gyro_error(values), np.tile(self._turns, copies)) + drifted)
+        after = contract("ij...,jl...->il...", turn, feet[1])
+        moved = (
+            after
+            - cross(off[:, None], after)
+            - feet[0]
+            - (1.0 + values["foot_radius"] + values["foot_radius_each"]) * rolled
+            - contract("k...,ilk...->il...", values["foot_width"], np.tile(self._rolled_by_width, copies))
+        )
+        moved = contract("lm,im...->il...", _CENTRED, moved)
+        return stacked([*(moved[axis] for axis in range(3)), *heights], axis=0)
+
+
+def _joints_at(legs: LegChains, rests: Sequence[RestReading]) -> JointReadings:
+    position = np.array([rest.joint_position for rest in rests])
+    none = np.zeros(position.shape[1])
+    return JointReadings.of(
+        legs, position, torque=np.array([none if rest.joint_torque is None else rest.joint_torque for rest in rests])
+    )
+
+
+def _higher_by_width(legs: LegChains, rotation_imu_to_base: FloatArray, rests: Sequence[RestReading]) -> FloatArray:
+    """(2, 4, rests) heights of the feet's centres beyond that of balls, over the half-widths of the feet."""
+    up = np.array([rest.acceleration_in_imu for rest in rests]) @ rotation_imu_to_base.T
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    position = np.array([rest.joint_position for rest in rests])
+    return np.einsum("nklj,nj->kln", to_centre_by_width(legs, position, up), up)
+
+
+class StanceMotions(MotionEquation[StanceMotion]):
+    """Rows of stance motions: feet that stay, footholds that keep their heights. Whitened."""
+
+    depends_on = StanceMotionRows.DEPENDS_ON
+    name = "moves"
+    kind = StanceMotion
+    source = "noise of moves over planted feet"
+    remedy = f"{MORE_TIME}; a hard floor"
+    _quiet = 1.0  # factor on the noise that is allowed for, which quiet feet have shown
+
+    @classmethod
+    def read(cls, run: RunContext, recording: Recording) -> Sequence[StanceMotion]:
+        """The move to a posture."""
+        if not isinstance(recording.trial, PostureTrial) or not recording.complete:
+            return ()
+        parts = (
+            recording.phase(Phase.BEFORE),
+            recording.phase(Phase.MOVE, until=Phase.REST),
+            recording.phase(Phase.REST),
+        )
+        return (replace(read_move(run.robot, run.legs, *parts, run.gyro_bias), when=run.when, heading=run.heading),)
+
+    def __init__(self, unknowns: Unknowns, samples: Sequence[tuple[int, StanceMotion]]) -> None:
+        super().__init__(unknowns, samples)
+        rotation = np.array(unknowns.robot.imu_in_base.rotation)
+        self.rows = StanceMotionRows(unknowns.legs, rotation, unknowns.stance, self.samples)
+        feet, size = self.rows.footholds, unknowns.stance.scale.length
+        turns = np.asarray([np.cross(axis, feet).T.ravel() for axis in np.eye(3)], dtype=float)
+        moved = (size * _FOOT_NOISE) ** 2 * np.eye(12) + _TURN_NOISE**2 * turns.T @ turns
+        leaning = feet[:, :2] @ feet[:, :2].T
+        heights = (size * _HEIGHT_NOISE) ** 2 * np.eye(4) + _UP_NOISE**2 * leaning
+        whitening = np.zeros((_PER_MOVE, _PER_MOVE))
+        whitening[:12, :12] = whitening_of(moved)
+        whitening[12:16, 12:16] = whitening[16:, 16:] = whitening_of(heights)
+        self._whitening = whitening
+
+    def _rows_in(self, sample: StanceMotion) -> int:
+        return _PER_MOVE
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        return self._whitened(self.rows.residuals(self.unknowns.values(x)).reshape(-1, _PER_MOVE, 1)).ravel()
+
+    def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        rows, by = self.rows.linearise(self.unknowns.values(x), self.open)
+        columns = self._by_unknowns(x, by).reshape(-1, _PER_MOVE, len(self.columns))
+        jacobian = self._whitened(columns).reshape(-1, len(self.columns))
+        return self._whitened(rows.reshape(-1, _PER_MOVE, 1)).ravel(), jacobian
+
+    def at_residual_noise(self, x: FloatArray, covariance: FloatArray | None = None) -> StanceMotions:
+        if covariance is None:
+            return self._as_quiet_as(float(np.median(self.normalized_residual(x))))
+        residual, jacobian = self.linearise(x)
+        taken = float(np.einsum("ij,jk,ik->", jacobian, covariance[np.ix_(self.columns, self.columns)], jacobian))
+        freedoms = _SAYING * float(np.sum(self.scale < LEFT_OUT)) - taken
+        if freedoms < _FEWEST_FREEDOMS:
+            return self
+        return self._as_quiet_as(self._quiet * _RESTLESS * float(np.sqrt(residual @ residual / freedoms)))
+
+    def _as_quiet_as(self, shown: float) -> StanceMotions:
+        """The same rows at a factor on the noise that is allowed for; what is left out stays so."""
+        found = copy(self)
+        found._quiet = max(_QUIETEST, min(1.0, shown))
+        found.scale = np.where(self.scale < LEFT_OUT, self.scale / self._quiet * found._quiet, LEFT_OUT)
+        return found
+
+    def _whitened(self, rows: FloatArray) -> FloatArray:
+        """(moves, 20, k) of such."""
+        return np.asarray(self._whitening @ rows / self.scale[:, None, None], dtype=float)
+
+    def normalized_residual(self, x: FloatArray) -> FloatArray:
+        residual = self.residual(x).reshape(-1, _PER_MOVE)
+        return self.scale * np.sqrt((residual**2).sum(axis=1) / _SAYING)

@@ -1,0 +1,73 @@
+"""Excitations over planted feet: how far and how fast the base may oscillate about an axis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise.conventions import AXES, GRAVITY, Axis, FloatArray
+from equipoise.errors import ReachError
+from equipoise.experiments.excitation_settings import ExcitationSettings
+from equipoise.experiments.posture import check_clear
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import feet_under_base, inverse_kinematics
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+RAMP_PERIODS = 1.5
+"""Of an excitation, in which it grows and in which it fades."""
+SETTLE_TIME = 0.3
+"""Before and after an excitation [s]."""
+_LOAD_MARGIN = 0.2  # of a foot's static load must remain at the peak of a planned excitation
+
+
+def why_unreachable(robot: RobotModel, stance: Stance, axis: Axis, settings: ExcitationSettings) -> str | None:
+    """Why planted feet do not allow an excitation about an axis, or None if they do."""
+    for feet in extreme_feet(robot, stance, axis, settings):
+        try:
+            check_clear(robot, inverse_kinematics(robot, feet, stance.joint_position))
+        except ReachError as error:
+            return str(error)
+    return None
+
+
+def extreme_feet(
+    robot: RobotModel, stance: Stance, axis: Axis, settings: ExcitationSettings
+) -> tuple[FloatArray, FloatArray]:
+    """(4, 3) planted feet in the base frame, at either end of an excitation [m]."""
+    amplitude, feet_at = amplitude_for(robot, stance, axis, settings), feet_during_excitation(robot, stance, axis)
+    return feet_at(amplitude), feet_at(-amplitude)
+
+
+def feet_during_excitation(robot: RobotModel, stance: Stance, axis: Axis) -> Callable[[float], FloatArray]:
+    """(4, 3) planted feet in the base frame, with the base turned by an angle about the model's CoM."""
+    pivot = composite_parameters(robot, stance.joint_position).com
+
+    def feet_at(angle: float) -> FloatArray:
+        rotation = axis_rotation(axis, angle)
+        return feet_under_base(stance.feet_in_base, pivot - rotation @ pivot, rotation)
+
+    return feet_at
+
+
+def axis_rotation(axis: Axis, angle: float) -> FloatArray:
+    """(3, 3) rotation about a base axis."""
+    vector = np.zeros(3)
+    vector[AXES.index(axis)] = angle
+    return np.array(pin.exp3(vector))
+
+
+def amplitude_for(robot: RobotModel, stance: Stance, axis: Axis, settings: ExcitationSettings) -> float:
+    """The amplitude asked for, or the largest at which every foot keeps a margin of its static load, by the model."""
+    composite = composite_parameters(robot, stance.joint_position)
+    feet = stance.feet_in_base[:, :2] - composite.com[:2]
+    index = AXES.index(axis)
+    if axis == "yaw":  # friction carries it: half the load's friction at the feet's distance from the CoM
+        torque = 0.5 * 0.5 * composite.mass * GRAVITY * float(np.linalg.norm(feet, axis=1).mean())
+    else:  # a torque T about an axis takes T / (4 arm) from each foot on one side
+        arm = float(np.abs(feet[:, 1 - index]).mean())
+        torque = (1 - _LOAD_MARGIN) * composite.mass * GRAVITY * arm
+    largest = torque / (composite.inertia[index, index] * (2 * np.pi * settings.frequency_for(stance)) ** 2)
+    return min(settings.amplitude, largest)

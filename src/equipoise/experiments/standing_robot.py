@@ -1,0 +1,107 @@
+"""A robot that stands on its feet and is moved: what was sent last, and what was recorded since."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from equipoise.clearance.clearance import Clearance
+from equipoise.conventions import FloatArray
+from equipoise.errors import MotionError, ReachError
+from equipoise.experiments.motion import Motion, Target
+from equipoise.platform.platform import MotionInterrupted, Platform, TiltLimit, Trajectory
+from equipoise.recording.event import TRIAL
+from equipoise.recording.recording import Recording
+from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.model import RobotModel
+
+_PLANTED_ACCELERATION = 0.6  # [m/s2]; shifts an A1's load by 2 cm of the 18 between its CoM and its front feet
+_PEAK_OF_SMOOTH_STEP = 5.77  # peak acceleration of a minimum-jerk move of unit length and duration
+
+
+class StandingRobot:
+    """A robot on four feet under command: the platform, where it was last sent, and its feet in the nominal stance.
+
+    What was recorded since the last `take` is held, so that an interruption loses none of it.
+
+    Attributes:
+        keep: function called with every recording as soon as its motion is complete, before anybody judges it.
+        told: function that says whether somebody at the robot has said that what was asked is done; None: nobody is there.
+    """
+
+    def __init__(self, platform: Platform, robot: RobotModel, target: Target, home: FloatArray) -> None:
+        self.platform, self.robot, self.target, self.home = platform, robot, target, home
+        self.keep: Callable[[Recording], None] = lambda recording: None
+        self.told: Callable[[], bool] | None = None
+        self._recorded: list[Recording] = []
+        self._trials = 0  # begun so far; the number of each is its id
+        self._trial: int | None = None  # the present one, from its beginning until its recording is made
+        self._clearance = Clearance(robot, target.joint_position)
+
+    def start_from(self, target: Target) -> None:
+        """The robot was moved by somebody else meanwhile."""
+        self.target = target
+        self._clearance.begin(target.joint_position)
+
+    def motion(self) -> Motion:
+        """A new motion from where the robot was last sent."""
+        return Motion(self.robot, self.platform.control_period, self.target)
+
+    @staticmethod
+    def move_time(
+        feet_in_base: FloatArray, start: FloatArray, least: float, acceleration: float = _PLANTED_ACCELERATION
+    ) -> float:
+        """How long to take for a move over planted feet, so that it does not tip the robot over [s]."""
+        distance = float(np.linalg.norm(feet_in_base - start, axis=1).max())
+        return max(least, float(np.sqrt(_PEAK_OF_SMOOTH_STEP * distance / acceleration)))
+
+    def play(self, motion: Motion, stop: TiltLimit | None = None) -> Recording:
+        """Play a motion; the next one starts where this one ended or was stopped.
+
+        Raises:
+            ReachError: links would touch; nothing is moved.
+        """
+        trajectory = motion.build()
+        self._check_clear(trajectory)
+        if self._trial is None and any(event.name == TRIAL for event in trajectory.events):
+            self._trials += 1
+            self._trial = self._trials
+        try:
+            recording = self.platform.play(replace(trajectory, trial=self._trial), stop)
+        except MotionInterrupted as interruption:
+            if interruption.recording is not None:
+                self._recorded.append(interruption.recording)
+            raise
+        except MotionError as error:  # the guard stopped the robot
+            self._recorded += error.recordings
+            raise
+        self._recorded.append(recording)
+        self.target = motion.target
+        played = len(trajectory.position) if recording.commands is None else len(recording.commands.time)
+        if played < len(trajectory.position) and trajectory.torque is not None:
+            position = trajectory.position[played - 1]
+            feet = foot_positions(self.robot, position)
+            self.target = Target(position, feet, trajectory.torque[played - 1], motion.target.legs)
+        return recording
+
+    def _check_clear(self, trajectory: Trajectory) -> None:
+        if (contact := self._clearance.first_contact(trajectory.position)) is not None:
+            raise ReachError(f"{contact}: the motion is not made")
+
+    def finish(self) -> Recording:
+        """Keep what was recorded since the last call as one recording, and return it."""
+        recording = self._whole()
+        self.keep(recording)
+        self._recorded, self._trial = [], None
+        return recording
+
+    def take(self) -> Recording | None:
+        """Return what was recorded since the last call as one recording; None if that is nothing."""
+        whole = self._whole() if self._recorded else None
+        self._recorded, self._trial = [], None
+        return whole
+
+    def _whole(self) -> Recording:
+        return replace(Recording.concatenate(self._recorded), trial_id=self._trial)

@@ -1,0 +1,178 @@
+"""Objections to a result, and the parts of it that are only written if forced."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise.clearance.shapes import Spheres, robot_shapes
+from equipoise.conventions import FloatArray
+from equipoise.errors import NotEstimatedError
+from equipoise.exports.parameters import LEGS, MOTORS, SENSORS, Column, columns_of
+from equipoise.exports.subject import Subject
+from equipoise.result.calibration import Calibration
+from equipoise.result.quantity import Quantity
+from equipoise.robot.model import RobotModel
+
+_HOW = {
+    SENSORS: "calibrate with --method bayesian",
+    MOTORS: "calibrate with --parameters base,motors",
+    LEGS: "calibrate with --parameters base,legs",
+}
+_AROUND = 0.1  # of the leg length: how far beyond links and feet a CoM may lie, to the sides and below
+_ABOVE = 1.0  # of the leg length: payloads are carried on the back, in stacks
+_GYRATIONS = 3.0  # radii of gyration of the model's robot: the same where the model file is not at hand
+
+
+def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str, ...]:
+    """Return the objections to a result's bodies, a sentence each, worst first.
+
+    Raises:
+        NotEstimatedError: its method does not estimate one of them; or a parameter is not identified, and that is not
+            overridden.
+    """
+    for body in bodies:
+        try:
+            getattr(result, body).parameters()
+        except NotEstimatedError as error:
+            raise NotEstimatedError(f"{body}: {error}; calibrate with --method bayesian") from None
+    missing = _with_verdict(result, bodies, "not identified")
+    if missing and not force:
+        raise NotEstimatedError(
+            f"not identified by this run: {', '.join(missing)}; calibrate longer (--duration) or with a scale (--mass), or "
+            "write them all the same with --force"
+        )
+    notes = [f"FORCED: not identified, hardly more than the model file's word: {', '.join(missing)}"] if missing else []
+    if _with_verdict(result, bodies, "doubtful"):
+        _refuse_doubtful(result, force)
+    notes += _failed(result)
+    weak = _with_verdict(result, bodies, "weak")
+    notes += [f"assumed: {assumption}" for assumption in result.assumptions]
+    return (*notes, *([f"weakly identified: {', '.join(weak)}"] if weak else []))
+
+
+def judge_columns(result: Calibration, parts: Sequence[str], force: bool) -> tuple[tuple[Column, ...], tuple[str, ...]]:
+    """Return the columns of sensors, motors and legs to write, and the objections, a sentence each, worst first.
+
+    Of a table with a row for every joint, what is not identified is left out, or, by force, written. A part of which nothing
+    remains is refused.
+
+    Args:
+        parts: those of "sensors", "motors" and "legs" that are wanted.
+
+    Raises:
+        NotEstimatedError: the run did not measure a part; or it identified nothing of a part, or a check of it failed, and
+            that is not overridden.
+    """
+    found = [column for part in parts for column in _columns(result, part, force)]
+    if not found:
+        return (), ()
+    _refuse_doubtful(result, force)
+    missing, weak = _names(found, _missing), _names(found, lambda quantity: quantity.verdict == "weak")
+    how = "FORCED: not identified" if force else "not identified, so left out (in lists: 0)"
+    notes = [f"{how}: {missing}"] if missing else []
+    notes += _failed(result)
+    notes += [f"weakly identified: {weak}"] if weak else []
+    written = found if force else [column.only(_told) for column in found]
+    return tuple(column for column in written if column.values), tuple(notes)
+
+
+def require_within_robot(subject: Subject, bodies: Sequence[str]) -> tuple[str, ...]:
+    """Refuse a body whose CoM lies outside the robot.
+
+    Returns:
+        what is to be said of the body, where it is written all the same.
+
+    Raises:
+        NotEstimatedError: a CoM lies outside the robot, and that is not overridden.
+    """
+    if not bodies:
+        return ()
+    low, high, where = _bounds(subject)
+    coms = ((name, getattr(subject, name).com) for name in bodies)
+    name, com = next(((name, com) for name, com in coms if ((com < low) | (com > high)).any()), ("", low))
+    if not name:
+        return ()
+    sides = ", ".join(f"{axis} {a:.2f} to {b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))
+    place = ", ".join(f"{value:.4g}" for value in com)
+    message = f"the {name}'s CoM ({place}) m lies outside {subject.result.robot!r}: {sides} m {where}"
+    if subject.forced:
+        return (f"FORCED: {message}",)
+    raise NotEstimatedError(
+        f"{message}. Was the result edited, or is it in millimetres? Estimate it again from the run's recordings "
+        "(equipoise estimate RUN), or write it with --force"
+    )
+
+
+def _columns(result: Calibration, part: str, force: bool) -> tuple[Column, ...]:
+    columns = columns_of(result, part)
+    if not columns:
+        raise NotEstimatedError(f"this run did not look at {part}; {_HOW[part]}")
+    if not force and not any(column.only(_told).values for column in columns):
+        raise NotEstimatedError(
+            f"not identified by this run: {_names(columns, _missing)}; calibrate longer (--duration), or write them "
+            "all the same with --force"
+        )
+    return columns
+
+
+def _failed(result: Calibration) -> list[str]:
+    return [f"check failed: {check.name}: {check.message}" for check in result.checks if not check.passed]
+
+
+def _refuse_doubtful(result: Calibration, force: bool) -> None:
+    if (failed := _failed(result)) and not force:
+        raise NotEstimatedError(
+            f"the result is doubtful: {'; '.join(failed)}; mend that and calibrate again, or write it with --force"
+        )
+
+
+def _with_verdict(result: Calibration, bodies: Iterable[str], verdict: str) -> list[str]:
+    return [
+        f"{body} {quantity.name}"
+        for body in bodies
+        for quantity in getattr(result, body)
+        if quantity.verdict == verdict
+    ]
+
+
+def _missing(quantity: Quantity) -> bool:
+    return quantity.verdict == "not identified"
+
+
+def _told(quantity: Quantity) -> bool:
+    return not _missing(quantity)
+
+
+def _names(columns: Iterable[Column], wanted: Callable[[Quantity], bool]) -> str:
+    """Which values, column by column."""
+    chosen = ((column, column.only(wanted).values) for column in columns)
+    return ", ".join(
+        f"{column.name} ({'all' if len(some) == len(column.values) else ' '.join(some)})"
+        for column, some in chosen
+        if some
+    )
+
+
+def _bounds(subject: Subject) -> tuple[FloatArray, FloatArray, str]:
+    """Return lower and upper bounds (3,) of a CoM in the base frame [m], and words for what they are made of."""
+    result = subject.result
+    if (robot := result.robot_model) is not None:
+        stance = robot.joint_vector(dict(result.joint_position), "the run's stance")
+        low, high = _box(robot, stance)
+        around, up = _AROUND * robot.leg_length, np.array([0.0, 0.0, _ABOVE - _AROUND]) * robot.leg_length
+        return low - around, high + around + up, "at its stance, with room for a payload"
+    model = result.nominal.composite
+    reach = _GYRATIONS * float(np.sqrt(np.trace(model.inertia) / (2 * model.mass)))
+    return model.com - reach, model.com + reach, f"within {_GYRATIONS:g} radii of gyration of its model"
+
+
+def _box(robot: RobotModel, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return lower and upper bounds (3,) of links and feet in the base frame [m]."""
+    data = robot.create_data()
+    pin.forwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
+    spheres = Spheres.around(robot_shapes(robot).geometryObjects)
+    centres, radii = spheres.placed([*data.oMi]), spheres.radius[:, None]
+    return (centres - radii).min(axis=0), (centres + radii).max(axis=0)

@@ -1,0 +1,117 @@
+"""A method and the motors in one run: the base first, then the robot swings its legs."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.linalg import LinAlgError
+
+from equipoise.errors import RecordingError
+from equipoise.experiments.progress import Progress
+from equipoise.experiments.standing_robot import StandingRobot
+from equipoise.method.method import Method
+from equipoise.method.reading import Reading
+from equipoise.method.rehearsal import Course, Forecast
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import MotorTrial
+from equipoise.result.calibration import Calibration
+from equipoise.result.mass_comparison import MassComparison
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+AND_MOTORS = "and_motors"
+"""Key of the motors' settings, which a run estimates after its method."""
+
+
+def of_the_base(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return the recordings that depend on the base: those of a robot that lies and swings its legs do not."""
+    return [recording for recording in recordings if not isinstance(recording.trial, MotorTrial)]
+
+
+@dataclass(frozen=True)
+class CombinedMethod(Method):
+    """A method, and the motors after it.
+
+    What it says of the base is the method's own, to the last bit, unless legs are looked for: of these the swing says more.
+
+    Attributes:
+        base: method for the base.
+        motors: method for the motors.
+    """
+
+    base: Method
+    motors: Method
+
+    def __post_init__(self) -> None:
+        for name in ("name", "summary", "estimates", "judging", "timestep"):  # of the class, elsewhere
+            object.__setattr__(self, name, getattr(self.base, name))
+
+    def check(self, robot: RobotModel, stance: Stance) -> None:
+        self.base.check(robot, stance)
+        self.motors.check(robot, stance)
+
+    def mass_in_doubt(self, standing: StandingRobot, stance: Stance) -> MassComparison | None:
+        return self.base.mass_in_doubt(standing, stance)
+
+    def run(
+        self,
+        standing: StandingRobot,
+        stance: Stance,
+        recordings: Sequence[Recording],
+        report: Callable[[Progress], None] | None = None,
+    ) -> None:
+        self.base.run(standing, stance, recordings, report)
+        self.motors.run(standing, stance, recordings, report)
+
+    def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
+        try:
+            beside = self.motors.estimate(robot, recordings, stance)
+        except (RecordingError, LinAlgError) as error:  # what was measured of the base is not lost with it
+            found = self.base.estimate(robot, of_the_base(recordings), stance)
+            return dataclasses.replace(found, warnings=(*found.warnings, f"motors: {error}"), settings=self.to_dict())
+        found = self.base.estimate(robot, self._for_the_base(recordings), stance)
+        return dataclasses.replace(
+            found,
+            motors=beside.motors,
+            trials=(*found.trials, *beside.trials),
+            warnings=(*found.warnings, *beside.warnings),
+            settings=self.to_dict(),
+        )
+
+    def _for_the_base(self, recordings: Sequence[Recording]) -> Sequence[Recording]:
+        """Return the recordings that the method uses: those of the base, and swings if it uses them."""
+        return recordings if self.base.uses_swings else of_the_base(recordings)
+
+    def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
+        first, second = self.base.rehearse(robot, stance), self.motors.rehearse(robot, stance)
+        doing, duration = f"{first.doing}, {second.doing}", first.duration + second.duration
+        return Course(doing, duration, (*first.postures, *second.postures))
+
+    def forecast(self, robot: RobotModel, stance: Stance, swings: Sequence[Recording] = ()) -> Forecast | None:
+        """Return the method's forecast, with the predicted swing where it uses that."""
+        predicted = self.motors.predicted_recordings(robot, stance) if self.base.uses_swings else ()
+        return self.base.forecast(robot, stance, (*swings, *predicted))
+
+    def expected_trials(self, stance: Stance) -> int | None:
+        return self.base.expected_trials(stance)
+
+    def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> Reading | None:
+        return self.base.reading(robot, stance, self._for_the_base(recordings))
+
+    def weighed(self, mass: float, std: float) -> CombinedMethod:
+        return dataclasses.replace(self, base=self.base.weighed(mass, std))
+
+    def having(self, settings: Mapping[str, Any]) -> CombinedMethod:
+        return dataclasses.replace(self, base=self.base.having(settings))
+
+    def study_columns(self, result: Calibration, stance: Stance) -> Mapping[str, Any]:
+        return self.base.study_columns(result, stance)
+
+    def attachments(self) -> Mapping[str, Mapping[str, Any]]:
+        return self.base.attachments()
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**self.base.to_dict(), AND_MOTORS: self.motors.to_dict()}

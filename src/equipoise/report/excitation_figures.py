@@ -1,0 +1,43 @@
+"""The paper's sinusoidal excitations: gyroscope and joint torques, with their fits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from equipoise.conventions import AXES
+from equipoise.figures.blocks import Block, Figure, axes, line
+from equipoise.paper.equations import AxisFit
+from equipoise.paper.evidence import ExcitationEvidence
+from equipoise.result.calibration import Calibration
+
+
+def excitation_blocks(result: Calibration) -> list[Block]:
+    """Return two figures for each axis, and the reasons for axes without an estimate."""
+    fits: Mapping[str, AxisFit] = result.evidence.fits if isinstance(result.evidence, ExcitationEvidence) else {}
+    figures = [one for axis in AXES if axis in fits for one in _figures(fits[axis])]
+    notes = [f"{axis}: {excitation.note}" for axis, excitation in result.excitations.items() if excitation.note]
+    same = {excitation.note for excitation in result.excitations.values()}
+    if len(notes) > 1 and len(same) == 1:
+        notes = [str(same.pop())]
+    return [*figures, *([tuple(notes)] if notes else [])]
+
+
+def _figures(fit: AxisFit) -> list[Figure]:
+    parts = (
+        ("angular velocity [rad/s]", "gyroscope", fit.angular_velocity, fit.sinusoid.value(fit.time)),
+        ("torque about the CoM [Nm]", "joint torques", fit.torque, fit.fitted_torque),
+    )
+    captions = (
+        f"{fit.sinusoid.frequency:.2f} Hz by the dominant sinusoid of the gyroscope (equation 3).",
+        f"I = {fit.inertia:.4f} kg m2, C = {fit.damping:.3f} Nm s/rad, by least squares (equation 5).",
+    )
+    return [
+        Figure(
+            f"Excitation about {fit.axis}: {name}",
+            caption,
+            [line(fit.time, measured, "measured", 0), line(fit.time, fitted, "fit", 1)],
+            axes("time [s]", label),
+            height=260,
+        )
+        for (label, name, measured, fitted), caption in zip(parts, captions, strict=True)
+    ]

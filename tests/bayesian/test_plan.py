@@ -1,0 +1,382 @@
+"""Plans of the Bayesian method, and the motions they expect."""
+
+import dataclasses
+import itertools
+import json
+import warnings
+
+import cases
+import numpy as np
+import pytest
+from robots import load_text, quadruped_urdf
+from tilting import rolling_feet
+
+from equipoise import BayesianMethod, nominal_stance
+from equipoise.bayesian.goals import Goals
+from equipoise.bayesian.lift_design import LiftDesign
+from equipoise.bayesian.plan import Durations, make_plan, name_components
+from equipoise.bayesian.planning.candidates import Candidates, describe
+from equipoise.bayesian.planning.gains import Steps
+from equipoise.bayesian.predict import Predictor
+from equipoise.errors import ReachError, SettingsError
+from equipoise.estimator.equations.equation import MotionSamples
+from equipoise.estimator.equations.table import USUAL
+from equipoise.estimator.equations.tilt import TiltEquation
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.lift_samples import attitudes
+from equipoise.estimator.problem import estimate_posterior
+from equipoise.estimator.unknowns import Priors
+from equipoise.recording.trials import DesignedLift, PostureTrial
+from equipoise.robot.inertial import COMPONENTS, components, composite_parameters
+from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.model import DIAGONALS, LEG_NAMES
+from equipoise.robot.posture import BodyPosture
+
+BUDGETS = (30.0, 45.0, 60.0, 90.0, 120.0)
+
+
+def candidates_of(robot, aside=0.0, combined_priors=None):
+    """With the CoM that far to the left of the model's [m]."""
+    stance = nominal_stance(robot)
+    com = composite_parameters(robot, stance.joint_position).com + [0, aside, 0]
+    return Candidates.of(robot, stance, com, combined_priors or Priors())
+
+
+@pytest.fixture(scope="module")
+def candidates(a1):
+    return candidates_of(a1)
+
+
+@pytest.fixture(scope="module")
+def trusted(a1):
+    """Of an A1 whose legs and IMU are as its file says, without a cable."""
+    return candidates_of(
+        a1, combined_priors=BayesianMethod(leg_prior="narrow", cable="none").combined_priors.holding("imu_position")
+    )
+
+
+@pytest.fixture(scope="module")
+def plans(candidates):
+    return {budget: make_plan(candidates, budget) for budget in BUDGETS}
+
+
+@pytest.fixture(scope="module")
+def solo_like(tmp_path_factory):
+    """Legs of two joints and a CoM in the middle."""
+    text = quadruped_urdf(joints_per_leg=2)
+    assert 'xyz="0.01 0.002 0.005"' in text
+    return load_text(tmp_path_factory.mktemp("solo"), text.replace('xyz="0.01 0.002 0.005"', 'xyz="0.01 0 0.005"'))
+
+
+def worth(plan, stance):
+    """Sum of variances over goals: what plans make small."""
+    return float(np.sum((plan.std / Goals().vector(plan.body, stance)) ** 2))
+
+
+# --- what a plan promises
+
+
+def test_a_larger_budget_never_predicts_worse(plans, candidates):
+    worths = [worth(plans[budget], candidates.predictor.stance) for budget in BUDGETS]
+    assert all(more < 0.99 * less for less, more in itertools.pairwise(worths))
+    for less, more in itertools.pairwise(BUDGETS[1:]):
+        assert (plans[more].std <= 1.05 * plans[less].std).all()
+
+
+def test_a_plan_fits_its_budget_and_uses_it(plans, candidates):
+    durations = Durations.of(candidates.predictor.stance)
+    for budget, plan in plans.items():
+        assert budget - durations.lift - durations.posture - durations.replant < plan.robot_time <= budget
+        doing = len(plan.visits) * durations.posture + plan.lifts * durations.lift + durations.search + durations.end
+        replanting = durations.replant * sum(bool(visit.lifts) for visit in plan.visits)
+        assert doing - 1e-9 < plan.robot_time < doing + replanting + 1e-9
+
+
+@pytest.mark.parametrize("budget", [5.0, 12.0])
+def test_too_small_a_budget_is_refused_with_what_it_takes(candidates, budget):
+    with pytest.raises(SettingsError, match=rf"{budget:.0f} s allows no lift after the search; give \d+ s or more"):
+        make_plan(candidates, budget)
+
+
+def test_the_least_budget_that_is_named_is_enough(candidates):
+    with pytest.raises(SettingsError) as error:
+        make_plan(candidates, 10.0, aside=3.3)
+    least = float(str(error.value).split("give ")[1].split(" s")[0])
+    assert make_plan(candidates, least, aside=3.3).lifts >= 1
+    with pytest.raises(SettingsError):
+        make_plan(candidates, least - 1, aside=3.3)
+
+
+def test_steps_that_were_taken_count_as_if_all_were_looked_at_anew(candidates):
+    size = candidates.unknowns.size
+    random = np.random.default_rng(4)
+    weights, covariance = random.normal(size=(10, size)), np.eye(size)
+    steps, costs = Steps(candidates, covariance, weights), dict.fromkeys(range(len(candidates.rows)), 1.0)
+    visited = set()
+    for _ in range(3):
+        gain, best = steps.best(costs, visited)
+        taken = steps.rows(steps.parts(best, visited))
+        visited.add(steps._posture[best])
+        steps.learn(taken, covariance)
+        covariance = np.linalg.inv(np.linalg.inv(covariance) + taken.T @ taken)
+        anew, same = Steps(candidates, covariance, weights).best(costs, visited)
+        gain, best = steps.best(costs, visited)
+        assert (best, gain) == (same, pytest.approx(anew, rel=1e-7))
+
+
+def test_lifts_are_sure_to_tell_what_the_model_cannot(plans, trusted):
+    for plan, most in ((plans[120.0], 0.22), (make_plan(trusted, 120.0), 0.1)):
+        assert (plan.std < plan.prior_std).all()
+        told = dict(zip(COMPONENTS, plan.std / plan.prior_std, strict=True))
+        assert max(told[name] for name in ("com_x", "com_y", "com_z")) < 0.1
+        assert max(told[name] for name in ("Ixx", "Iyy", "Izz")) < most
+        # Mass shows in no lift: it is taken from a scale.
+        assert plan.std[0] == pytest.approx(0.005 * plan.body[0], rel=0.2)
+
+
+def test_trusted_legs_and_no_cable_promise_more(plans, trusted):
+    surer = make_plan(trusted, 120.0).std / plans[120.0].std
+    assert (surer < 1).all()
+    assert (surer[1:7] < 0.9).all()
+    assert surer[3] < 0.5  # the height of the CoM
+
+
+def test_no_lift_is_planned_twice_and_done_ones_never_again(candidates, plans):
+    lifts = [lift for visit in plans[120.0].visits for lift in visit.lifts]
+    assert len(lifts) == len(set(lifts)) == plans[120.0].lifts
+    assert all(lift.posture == visit.posture for visit in plans[120.0].visits for lift in visit.lifts)
+    again = make_plan(candidates, 60.0, used=lifts)
+    assert not {lift for visit in again.visits for lift in visit.lifts} & set(lifts)
+
+
+def test_few_possible_lifts_are_done_more_than_once(candidates):
+    few = dataclasses.replace(
+        candidates,
+        lifts=candidates.lifts[:2],
+        rows=[*candidates.rows[:2], *candidates.rows[len(candidates.lifts) :]],
+    )
+    lifts = [lift for visit in make_plan(few, 60.0).visits for lift in visit.lifts]
+    assert [lifts.count(lift) for lift in few.lifts] == [5, 5]
+    left = [lift for visit in make_plan(few, 60.0, used=lifts[:8]).visits for lift in visit.lifts]
+    assert sorted(map(repr, left + lifts[:8])) == sorted(map(repr, lifts))
+
+
+def test_visits_with_lifts_come_first(plans):
+    has_lifts = [bool(visit.lifts) for visit in plans[120.0].visits]
+    assert has_lifts == sorted(has_lifts, reverse=True)
+    assert not all(has_lifts)  # moves over planted feet are worth their time too
+
+
+def test_plans_seek_what_their_goals_are_about(trusted):
+    """The CoM alone, or the moments of inertia alone: each plan is the better one for its own."""
+    centre = make_plan(trusted, 60.0, Goals(com_planar=1e-4, com_height=1e-4, mass=1e3, inertia=1e3, products=1e3))
+    moments = make_plan(trusted, 60.0, Goals(com_planar=1.0, com_height=1.0, mass=1e3, inertia=1e-3, products=1e3))
+    assert np.linalg.norm(centre.std[1:4]) < 0.95 * np.linalg.norm(moments.std[1:4])
+    whole = centre.body[4:7]
+    assert np.linalg.norm(moments.std[4:7] / whole) < 0.95 * np.linalg.norm(centre.std[4:7] / whole)
+
+
+def test_what_is_known_already_counts(candidates, plans):
+    after = make_plan(candidates, 30.0, known=1e12 * np.eye(candidates.unknowns.size), searched=True)
+    assert (after.std < 1e-3 * plans[30.0].std).all()
+
+
+def test_a_replan_without_time_is_empty_and_no_error(candidates):
+    known = np.eye(candidates.unknowns.size)
+    assert make_plan(candidates, 1.0, known=known, searched=True).visits == ()
+
+
+def test_the_plan_is_json(plans):
+    table = json.loads(json.dumps(plans[60.0].to_dict()))
+    assert table["lifts"] == plans[60.0].lifts == sum(len(visit["lifts"]) for visit in table["visits"])
+    assert list(table["predicted_deviation"]) == list(COMPONENTS)
+    assert table["predicted_deviation"] == name_components(plans[60.0].std)
+
+
+class FittedTiltEquation(TiltEquation):
+    """Of predicted lifts, as plans look at them."""
+
+    def __init__(self, unknowns, samples):
+        super().__init__(unknowns, samples)
+        self.fit(unknowns.start())
+
+
+def test_predicted_lifts_tell_no_scale_of_all_masses(candidates):
+    """Twice the masses make twice the momentum over twice the inertia."""
+    unknowns, predictor = candidates.unknowns, candidates.predictor
+    x, lifts = unknowns.start(), [(k, predictor.lift(lift)) for k, lift in enumerate(candidates.lifts[:20])]
+    equation = FittedTiltEquation(unknowns, lifts)
+    equation.prepare(x)
+    residual, jacobian = equation.linearise(x)
+    np.testing.assert_allclose(residual, 0, atol=1e-9)
+    np.testing.assert_allclose(equation.residual(x), 0, atol=1e-9)
+    by_x, inertial = unknowns.inertial_jacobian(x), unknowns.inertial(x)
+    scaled = np.linalg.lstsq(by_x, inertial)[0]
+    np.testing.assert_allclose(by_x @ scaled, inertial, atol=1e-9)
+    assert np.abs(jacobian @ scaled[equation.columns]).max() < 1e-6 * np.abs(jacobian).max()
+
+
+def test_a_plan_says_about_what_a_run_then_finds(a1, precise_run, candidates):
+    """The run's own lifts and moves, predicted: within a factor of two for what lifts tell."""
+    lifts = [
+        LiftDesign(trial.posture, trial.diagonal, trial.side, trial.turn)
+        for trial in (recording.trial for recording in precise_run.recordings)
+        if isinstance(trial, DesignedLift)
+    ]
+    postures = [
+        trial.posture
+        for trial in (recording.trial for recording in precise_run.recordings)
+        if isinstance(trial, PostureTrial)
+    ]
+    moves = itertools.pairwise([BodyPosture(), *postures])
+    predictor, equations = candidates.predictor, (FittedTiltEquation, *USUAL[1:])
+    samples = [*map(predictor.lift, lifts), *itertools.starmap(predictor.move, moves)]
+    motions = [MotionSamples(index, samples=(one,)) for index, one in enumerate(samples)]
+    weighed = a1.mass, precise_run.result.composite.stds[0]
+    predicted = estimate_posterior(a1, precise_run.stance, motions, mass=weighed, rounds=0, equations=equations)
+    expected = predicted.robot_covariance
+    ratio = precise_run.result.composite.stds / np.sqrt(np.diag(expected))
+    assert (ratio[1:7] > 0.4).all()
+    assert (ratio[1:7] < 2.5).all()
+
+
+# --- goals, durations and words
+
+
+def test_goals_scale_with_the_robot(a1, candidates, tmp_path):
+    body = components(composite_parameters(a1, candidates.predictor.stance.joint_position))
+    vector = Goals().vector(body, candidates.predictor.stance)
+    large = load_text(
+        tmp_path, quadruped_urdf().replace('0 0 -0.2"', '0 0 -0.4"').replace("0.0 0.0 -0.2", "0.0 0.0 -0.4")
+    )
+    tall = nominal_stance(large)
+    ratio = tall.hip_height / candidates.predictor.stance.hip_height
+    assert ratio > 1.9
+    assert Goals().vector(body, tall)[1:4] == pytest.approx(ratio * vector[1:4])
+    assert np.delete(Goals().vector(body, tall), [1, 2, 3]) == pytest.approx(np.delete(vector, [1, 2, 3]))
+    doubled = Goals().vector(2 * body, candidates.predictor.stance)
+    assert doubled[[0, 4, 5, 6, 7]] == pytest.approx(2 * vector[[0, 4, 5, 6, 7]])
+    assert doubled[1:4] == pytest.approx(vector[1:4])
+    assert vector[4:7] == pytest.approx(0.01 * body[4:7])
+    assert vector[7:] == pytest.approx([0.01 * body[4]] * 3)
+    slower = Durations.of(tall).lift / Durations.of(candidates.predictor.stance).lift
+    assert slower == pytest.approx(np.sqrt(ratio), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("posture", "words"),
+    [
+        (BodyPosture(), "nominal"),
+        (BodyPosture(roll=0.2, crouch=0.1), "roll +11 deg, crouch +0.10"),
+        (BodyPosture(yaw=-0.3, aside=-0.1), "yaw -17 deg, aside -0.10"),
+    ],
+)
+def test_postures_in_words(posture, words):
+    assert describe(posture) == words
+
+
+# --- robots that cannot do everything
+
+
+def test_legs_of_two_joints_get_a_plan_without_roll_and_yaw(solo_like):
+    candidates = candidates_of(solo_like)
+    plan = make_plan(candidates, 60.0)
+    assert plan.lifts > 4
+    for visit in plan.visits:
+        assert (visit.posture.roll, visit.posture.yaw, visit.posture.aside) == (0, 0, 0)
+        assert all(lift.turn in (None, "pitch") for lift in visit.lifts)
+    assert any(visit.posture.pitch for visit in plan.visits)
+    assert any(text.startswith("roll +13 deg") and "foot misses its place" in text for text in plan.left_out)
+    told = dict(zip(COMPONENTS, plan.std / plan.prior_std, strict=True))
+    assert max(told[name] for name in ("com_x", "com_y", "com_z", "Iyy")) < 0.3
+
+
+def test_legs_of_two_joints_get_a_plan_with_the_com_aside_too(solo_like):
+    assert make_plan(candidates_of(solo_like, aside=3e-3), 60.0).lifts > 4
+
+
+def test_a_robot_that_can_lift_nothing_is_told_why(tmp_path):
+    heavy = load_text(tmp_path, quadruped_urdf(trunk_mass=90.0))
+    with pytest.raises(
+        ReachError, match=r"no lift of the Bayesian method is within reach: nominal: joint .* torque limit"
+    ):
+        candidates_of(heavy)
+
+
+def test_postures_beyond_reach_are_tried_smaller(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        robot = load_text(tmp_path, quadruped_urdf().replace('lower="-0.9" upper="0.9"', 'lower="-0.2" upper="0.2"'))
+    rolls = {abs(lift.posture.roll) for lift in candidates_of(robot).lifts}
+    assert 0 < max(rolls) < 0.22
+
+
+# --- predicted motions
+
+
+def predictor_of(robot):
+    """Of a robot as its file has it."""
+    stance = nominal_stance(robot)
+    return Predictor(robot, stance, composite_parameters(robot, stance.joint_position).com)
+
+
+@pytest.mark.parametrize("turn", [None, "roll", "pitch", "yaw"])
+@pytest.mark.parametrize("name", ["a1", "skewed"])
+def test_a_predicted_lift_keeps_its_stance_feet_where_they_are(request, name, turn):
+    """In the world, by the attitude that the gyroscope would tell; feet roll by a few millimetres at most."""
+    robot = request.getfixturevalue(name)
+    predictor = predictor_of(robot)
+    posture = BodyPosture(roll=0.1, yaw=0.1, crouch=0.1)
+    lift = predictor.lift(LiftDesign(posture, "FL_RR", 1, turn))
+    mounting = np.array(robot.imu_in_base.rotation)
+    time = lift.step * np.arange(len(lift.joint_position))
+    to_rest = mounting @ attitudes(time, lift.angular_velocity_in_imu).as_matrix() @ mounting.T
+    feet = np.einsum("nij,nlj->nli", to_rest, LegChains(robot).feet(lift.joint_position))
+    left, right = lift.stance_feet
+    line = feet[:, left] - feet[:, right]
+    assert np.abs(line - line[0]).max() < 4e-3
+    in_air = [leg not in DIAGONALS["FL_RR"] for leg in LEG_NAMES]
+    first = foot_positions(robot, lift.joint_position[0])
+    above = (first[in_air] @ posture.rotation[2]).min() - (first[~np.array(in_air)] @ posture.rotation[2]).max()
+    assert above > 0.015
+    np.testing.assert_allclose(lift.joint_velocity, np.gradient(lift.joint_position, lift.step, axis=0), atol=1e-9)
+    up = np.einsum("nij,nj->ni", to_rest, lift.up_in_imu @ mounting.T)
+    np.testing.assert_allclose(up, np.tile(posture.rotation[2], (len(up), 1)), atol=1e-9)
+    assert (np.abs(lift.joint_velocity).max() > 0.3) == (turn is not None)
+
+
+@pytest.mark.parametrize("turn", [None, "roll", "pitch", "yaw"])
+@pytest.mark.parametrize("name", ["a1", "skewed"])
+def test_the_accelerometer_of_a_predicted_lift_feels_how_its_feet_roll(request, name, turn):
+    """Within 0.4 m/s2 of up to 1.8: feet of 2 cm that turn at 20 rad/s2 roll, and are predicted as points."""
+    robot = request.getfixturevalue(name)
+    predictor = predictor_of(robot)
+    lift = predictor.lift(LiftDesign(BodyPosture(roll=0.1, yaw=0.1, crouch=0.1), "FL_RR", 1, turn))
+    mounting, time = np.array(robot.imu_in_base.rotation), lift.step * np.arange(len(lift.joint_position))
+    to_rest = mounting @ attitudes(time, lift.angular_velocity_in_imu).as_matrix() @ mounting.T
+    turning, up, felt = (
+        part @ mounting.T for part in (lift.angular_velocity_in_imu, lift.up_in_imu, lift.acceleration_in_imu)
+    )
+    velocities = [
+        rolling_feet(robot, lift.pair, *sample)[2]
+        for sample in zip(lift.joint_position, lift.joint_velocity, turning, up, strict=True)
+    ]
+    of_base = np.gradient(np.einsum("nij,nj->ni", to_rest, velocities), time, axis=0)
+    felt = np.einsum("nij,nj->ni", to_rest, felt - 9.81 * up)
+    np.testing.assert_allclose(felt[2:-2], of_base[2:-2], atol=0.4)  # less where differences are of one side
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_predicted_robot_tips_to_where_its_com_is(a1, side):
+    """Side 1: the line is ahead, so the robot tips backward; an A1 leans away by Mgh over I."""
+    predictor = predictor_of(a1)
+    lift = predictor.lift(LiftDesign(BodyPosture(), "FL_RR", side))
+    assert np.sign(lift.angular_velocity_in_imu[-1, 1]) == -side  # pitch
+    assert np.abs(lift.angular_velocity_in_imu[-1]).max() > 0.05
+
+
+def test_a_robot_whose_hip_axes_meet_has_a_plan(tmp_path):
+    robot = load_text(tmp_path, cases.urdf("0 0 0"))
+    plan = make_plan(candidates_of(robot), 60.0)
+    assert plan.lifts
+    assert np.isfinite(plan.std).all()

@@ -1,0 +1,232 @@
+"""The Bayesian method as users meet it: the result, the terminal, the picture, the plan."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from equipoise import BayesianMethod, Calibration, calibrate, estimate, simulate
+from equipoise.bayesian import routine as precise_routine
+from equipoise.bayesian.plan import make_plan
+from equipoise.bayesian.routine import BayesianRoutine
+from equipoise.cli import main
+from equipoise.cli.setting_flags import seconds
+from equipoise.errors import RecordingError, SettingsError
+from equipoise.estimator.unknowns import Priors
+from equipoise.recording.trials import LiftTrial, PostureTrial
+from equipoise.result.statistics import verdict_of
+from equipoise.robot.inertial import COMPONENTS
+from equipoise.terminal.results import print_calibration
+
+
+def test_every_parameter_has_an_interval_a_covariance_and_a_verdict(precise_run):
+    result = precise_run.result
+    for body in ("composite", "base", "stance_effective"):
+        found = getattr(result, body)
+        assert tuple(quantity.name for quantity in found) == COMPONENTS
+        assert np.linalg.eigvalsh(found.covariance).min() > -1e-12
+        for variance, quantity in zip(np.diag(found.covariance), found, strict=True):
+            assert quantity.std == pytest.approx(np.sqrt(variance))
+            assert quantity.upper - quantity.lower == pytest.approx(2 * 1.96 * quantity.std)
+            assert quantity.verdict in ("identified", "weak", "not identified")
+
+
+def test_the_json_form_comes_back_whole(precise_run, tmp_path):
+    precise_run.result.save(tmp_path / "a1.json")
+    assert Calibration.load(tmp_path / "a1.json").to_dict() == precise_run.result.to_dict()
+
+
+def test_the_result_gives_a_pinocchio_model_with_the_base_found(precise_run):
+    model = precise_run.result.to_pinocchio()
+    assert model.inertias[1].mass == pytest.approx(precise_run.result.base.mass.value)
+
+
+@pytest.mark.usefixtures("coarse_engine")
+def test_a_new_plan_without_lifts_is_not_followed_while_there_are_too_few(a1, monkeypatch):
+    """Moves over planted feet may teach more per second, and are no result."""
+    recordings, replanned = [], []
+
+    def replan(routine, posterior, done):
+        replanned.append(len(done))
+        candidates = routine._candidates()
+        return make_plan(candidates, 1.0, known=np.eye(candidates.unknowns.size), searched=True)
+
+    monkeypatch.setattr(BayesianRoutine, "_replan", replan)
+    monkeypatch.setattr(precise_routine, "_REPLAN_AT", 0.1)
+    settings = BayesianMethod(duration=35, excitation=False)
+    with simulate(a1, "realistic", timestep=1e-3) as simulation:
+        assert calibrate(simulation.platform, a1, settings, keep=recordings.append).trustworthy
+    assert replanned[0] < 4
+    searched = 4
+    assert sum(isinstance(recording.trial, LiftTrial) for recording in recordings) >= searched + 4
+
+
+def test_estimating_again_gives_the_same_numbers(a1, precise_run):
+    again = estimate(a1, precise_run.recordings, precise_run.settings)
+    assert again.composite.to_dict() == precise_run.result.composite.to_dict()
+
+
+def test_recordings_of_another_method_are_refused(a1, precise_run):
+    moves = [recording for recording in precise_run.recordings if isinstance(recording.trial, PostureTrial)]
+    with pytest.raises(RecordingError, match="no lift trial can be used"):
+        estimate(a1, moves)
+
+
+def test_a_failed_check_is_told_before_any_number(precise_run, a1, capsys):
+    # Twice its mass: motors that give 1.3 times what they report are nothing unheard of.
+    heavy = BayesianMethod(duration=40, mass=2 * a1.mass, mass_std=0.01, excitation=False)
+    result = estimate(a1, precise_run.recordings, heavy)
+    assert not result.trustworthy
+    print_calibration(result, [])
+    shown = capsys.readouterr().out
+    assert shown.index("check failed") < shown.index("CoM x")
+    for name in ("composite", "base", "stance_effective"):
+        found, well = (getattr(of, name) for of in (result, precise_run.result))
+        assert "doubtful" in {quantity.verdict for quantity in found} <= {"doubtful", "not identified"}
+        assert not any(quantity.verdict == "doubtful" for quantity in well)
+
+
+# --- what somebody says who knows more
+
+
+@pytest.mark.parametrize(("cable", "factor"), [("none", 0.0), ("light", 1.0), ("heavy", 5.0)])
+def test_a_cable_pulls_as_hard_as_is_said(cable, factor):
+    usual = Priors()
+    hanging, tether = {"none": (0.0, 0.0), "light": (1.0, 1.0), "heavy": (10.0, 2.0)}[cable]
+    believed = Priors(
+        external_force=factor * usual.external_force,
+        hanging_load=hanging * usual.hanging_load,
+        tether_stiffness=tether * usual.tether_stiffness,
+    )
+    assert BayesianMethod(cable=cable, rotate_halfway=True).combined_priors == believed
+    told = BayesianMethod(
+        cable=cable, rotate_halfway=True, priors=Priors(external_force=0.3, backlash=0.1)
+    ).combined_priors
+    assert told == replace(believed, external_force=factor * 0.3, backlash=0.1)
+
+
+def test_a_carpet_may_be_uneven_and_hold_feet_back():
+    usual, soft = (
+        BayesianMethod(rotate_halfway=True).combined_priors,
+        BayesianMethod(rotate_halfway=True, surface="carpet").combined_priors,
+    )
+    wider = ("rolling_resistance", "foot_compliance", "floor_warp", "foothold_change")
+    assert [getattr(soft, name) / getattr(usual, name) for name in wider] == pytest.approx([3.0] * 4)
+    assert replace(soft, **{name: getattr(usual, name) for name in wider}) == usual
+
+
+def test_legs_that_are_trusted_are_the_files_but_for_a_little_mass():
+    held = ("leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position",
+            "foot_radius_each", "foothold_change")  # fmt: skip
+    assert BayesianMethod(leg_prior="narrow").combined_priors == Priors(leg_mass=0.03).holding(*held)
+    for surer in (0.01, 0.0):
+        assert BayesianMethod(leg_prior="narrow", priors=Priors(leg_mass=surer)).combined_priors.leg_mass == surer
+    assert BayesianMethod(priors=Priors(leg_mass=0.2), rotate_halfway=True).combined_priors == Priors(leg_mass=0.2)
+
+
+def test_what_was_said_is_told_in_words():
+    assert "a cable may pull with 0.2 N to a side and 0.2 N down" in BayesianMethod().assumptions[0]
+    assert "a cable may pull with 1 N to a side and 2 N down" in BayesianMethod(cable="heavy").assumptions[0]
+    assert (
+        "with 0 N to a side and 0.4 N down"
+        in BayesianMethod(priors=Priors(external_force=0.0, hanging_load=0.16)).assumptions[0]
+    )
+    cable, legs = BayesianMethod(cable="none").assumptions, BayesianMethod(leg_prior="narrow").assumptions
+    assert (len(cable), len(legs)) == (1, 2)
+    assert "no cable" in cable[0]
+    assert "legs" in legs[1]
+    assert "3%" in legs[1]
+    assert BayesianMethod(cable="none", leg_prior="narrow").assumptions == (*cable, legs[1])
+
+
+@pytest.mark.parametrize(
+    ("field", "choices"),
+    [("cable", "none or light or heavy"), ("leg_prior", "wide or narrow"), ("surface", "hard or carpet")],
+)
+def test_nothing_else_can_be_said(field, choices):
+    with pytest.raises(SettingsError, match=f"{field} is 'wooden'; it must be {choices}"):
+        BayesianMethod(**{field: "wooden"})
+
+
+def test_assumptions_make_a_result_surer_and_stand_beside_it(a1, precise_run, tmp_path, capsys):
+    plain = precise_run.result
+    said = replace(precise_run.settings, cable="none", leg_prior="narrow")
+    result = estimate(a1, precise_run.recordings, said)
+    assert (result.composite.com_in_base.stds < plain.composite.com_in_base.stds).all()
+    assert not result.evidence.posterior.unknowns.estimates("external_force")
+    assert plain.evidence.posterior.unknowns.estimates("external_force")
+    assert plain.assumptions == precise_run.settings.assumptions
+    assert result.assumptions == said.assumptions
+    result.save(tmp_path / "a1.json")
+    assert Calibration.load(tmp_path / "a1.json").assumptions == said.assumptions
+    print_calibration(result, [])
+    shown = " ".join(capsys.readouterr().out.split())
+    assert all(f"assumed: {assumption}" in shown for assumption in said.assumptions)
+
+
+def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):
+    print_calibration(precise_run.result.with_truth(precise_run.truth), [], verbose=True)
+    shown = capsys.readouterr().out
+    for words in (
+        "95 % +-",
+        "truth",
+        "identified",
+        "estimate: ",
+        "with all that is fixed to it",
+        "weak: less than ten times surer",
+    ):
+        assert words in shown
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"), [("60", 60), ("60s", 60), ("1.5min", 90), ("2m", 120), ("1h", 3600), (None, None)]
+)
+def test_times_are_read(text, expected):
+    assert seconds(text, "budget") == expected
+
+
+@pytest.mark.parametrize("text", ["", "soon", "-5s", "1d"])
+def test_what_is_no_time_is_refused(text):
+    with pytest.raises(SettingsError, match="is not a time"):
+        seconds(text, "budget")
+
+
+def test_the_plan_is_printed_without_moving_anything(capsys):
+    assert main(["plan", "unitree_a1", "--duration", "60s"]) == 0
+    assert "Predicted" in capsys.readouterr().out
+    assert main(["plan", "unitree_a1", "--duration", "60s", "--json"]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert table["robot_time"] <= 60
+    assert set(table["predicted_deviation"]) == set(COMPONENTS)
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--method", "paper", "--duration", "60s"], "--duration belongs to --method bayesian"),
+        (["--tolerance", "0.001"], "--tolerance belongs to --method paper"),
+        (["--motor-stance", "belly"], "--motor-stance belongs to --parameters motors"),
+        (["--method", "motors", "--parameters", "base,motors"], "--method motors finds motors alone"),
+        (["--duration", "25s"], "a duration of 25 s allows no lift after the search; give"),
+        (
+            ["--mass-std", "0.1"],
+            "a standard deviation is given for the scale's mass, and no mass; give both, or neither",
+        ),
+    ],
+)
+def test_flags_that_do_not_belong_are_refused(flags, message, capsys, tmp_path):
+    assert main(["calibrate", *flags, "--out", str(tmp_path / "run")]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_verdicts_compare_each_body_with_its_own_prior(precise_run):
+    result, posterior = precise_run.result, precise_run.result.evidence.posterior
+    for name, parameters in (
+        ("composite", posterior.unknowns.robot_body),
+        ("base", posterior.unknowns.base_body),
+        ("stance_effective", posterior.unknowns.stance_effective_body),
+    ):
+        body, before = getattr(result, name), posterior.std_before(parameters)
+        assert [one.verdict for one in body] == [*map(verdict_of, body.stds, before)], name

@@ -1,0 +1,247 @@
+"""A run in which the robot is turned to face the other way: what is fixed in the room is told from what is not."""
+
+import os
+import shutil
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_plan import candidates_of
+
+from equipoise import BayesianMethod, RunFolder, calibrate, estimate, nominal_stance, simulate
+from equipoise.bayesian import method as precise_method
+from equipoise.bayesian.plan import make_plan
+from equipoise.bayesian.trials import BayesianTrials
+from equipoise.cli import main
+from equipoise.errors import ReachError, SettingsError
+from equipoise.estimator.equations.stance_motion import StanceMotion, StanceMotionRows
+from equipoise.estimator.measurements.heading import angle_turned, facing
+from equipoise.estimator.measurements.leg_motion import LegChains
+from equipoise.estimator.measurements.momenta import model_parameters
+from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
+from equipoise.estimator.measurements.traced import Traced
+from equipoise.estimator.motions import read_motions
+from equipoise.estimator.unknowns import Priors, by_the_model
+from equipoise.experiments.stand import stand_up
+from equipoise.platform.logged_platform import Logged
+from equipoise.platform.platform import TURNS
+from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
+from equipoise.platform.wrapper import PlatformWrapper
+from equipoise.recording.trials import DesignedLift, TurnTrial, read_trial
+from equipoise.robot.inertial import composite_parameters
+from equipoise.simulation.drawn_errors import DrawnErrors
+from equipoise.simulation.effects import SensorErrors
+from equipoise.simulation.mujoco_contacts import foothold_heights
+
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
+LOG = "recording_0.mcap"
+SETTINGS = BayesianMethod(duration=65, mass=14.0, excitation=False, rotate_halfway=True)
+WORLD = {
+    "preset": "realistic",
+    "payload": "1.5,0.05,-0.02,0.06",
+    "seed": 4,
+    "timestep": 1e-3,
+    "effects": {"cable": 0.3},
+}
+
+
+@pytest.fixture(scope="module")
+def run(a1, tmp_path_factory):
+    """A turned run on a robot with a cable: its folder, its result and what the cable really does."""
+    path, sizes = tmp_path_factory.mktemp("turned") / "run", []
+
+    class Sized(PlatformWrapper):
+        def play(self, trajectory, stop=None):
+            sizes.append(((path / LOG).stat().st_size, {event.data.get("name") for event in trajectory.events}))
+            return super().play(trajectory, stop)
+
+    with RunFolder.create(path, a1, SETTINGS, {}) as folder, simulate(a1, **WORLD) as simulation:
+        platform = Sized(Logged(simulation.platform, folder.log))
+        result = calibrate(platform, a1, SETTINGS, folder.keep).with_truth(simulation.truth)
+        cable = simulation.errors.cable_in_world
+    turn = next(number for number, (_, phases) in enumerate(sizes) if "turn" in phases)
+    recordings = RunFolder.open(path).recordings()
+    return SimpleNamespace(path=path, result=result, cable=cable, recordings=recordings, turned=sizes[turn + 1][0])
+
+
+def test_a_force_in_the_room_is_told_from_the_com(run):
+    posterior = run.result.evidence.posterior
+    pull, std = posterior.unknowns.value(posterior.x, "external_force"), posterior.std("external_force")
+    assert (std < 0.12).all()
+    assert np.abs(pull - run.cable[:2]).max() < 3 * std.max()
+    assert np.abs(run.result.composite.com_in_base.errors[:2]).max() < 1e-3
+    assert run.result.trustworthy
+
+
+def test_recordings_alone_say_which_way_the_robot_faced(a1, run):
+    evidence = read_motions(a1, nominal_stance(a1), run.recordings)
+    headings = [abs(motion.lift.heading) for motion in evidence if motion.lift is not None]
+    assert headings[0] == 0.0
+    assert headings[-1] == pytest.approx(np.pi, abs=np.radians(2))
+    assert sorted(headings) == headings
+
+
+def test_estimating_again_gives_the_same_numbers(a1, run):
+    again = estimate(a1, run.recordings, SETTINGS)
+    assert [one.value for one in again.composite] == [one.value for one in run.result.composite]
+    assert np.array_equal(again.composite.covariance, run.result.composite.covariance)
+
+
+def test_both_halves_have_lifts_and_one_turn_is_between(run):
+    kinds = [type(recording.trial) for recording in run.recordings]
+    turned = kinds.index(TurnTrial)
+    assert kinds.count(TurnTrial) == 1
+    assert DesignedLift in kinds[:turned]
+    assert DesignedLift in kinds[turned + 1 :]
+    assert [trial.kind for trial in run.result.trials].count("turn") == 1
+    assert read_trial(TurnTrial().to_data()) == TurnTrial()
+
+
+def test_a_turned_run_is_gone_on_with(a1, run, tmp_path):
+    """As a kill leaves it that comes after it was turned, when it is about to stand up."""
+    path = shutil.copytree(run.path, tmp_path / "run")
+    os.truncate(path / LOG, run.turned)
+    folder, content = RunFolder.resume(path, repeats=True)
+    assert content.plays[-1].recording.has_phase("turn")
+    assert not content.closed
+    with folder, simulate(a1, **WORLD) as simulation:
+        platform = RepeatedSimulation(Logged(simulation.platform, folder.log), simulation.platform, content)
+        result = calibrate(platform, a1, SETTINGS, folder.keep)
+    assert [one.value for one in result.composite] == [one.value for one in run.result.composite]
+
+
+def test_a_real_robot_that_was_turned_is_spared_the_turn(a1, run):
+    """All is recorded: nobody has to turn it again, and it moves no more than to stand up and to end."""
+    content, asked = RunFolder.open(run.path).read(), []
+    with simulate(a1, **WORLD) as simulation:
+        robot = ResumedRobot(simulation.platform, content)
+        result = calibrate(robot, a1, SETTINGS, told=lambda: asked.append(1))
+    assert not asked
+    assert [one.value for one in result.composite] == [one.value for one in run.result.composite]
+
+
+def test_the_room_turns_the_other_way_round():
+    room, headings = Traced(np.array([[3.0], [1.0]])), np.array([0.0, np.pi / 2, np.pi])
+    seen = facing(Traced(np.repeat(room.value, 3, axis=1)), headings)
+    assert np.allclose(seen.value, [[3, 1, -3], [1, -3, -1]])
+
+
+def test_what_is_fixed_in_the_room_enters_the_equations_the_other_way_round(a1, ideal_motions):
+    stance, legs = ideal_motions.stance, LegChains(a1)
+    motions = read_motions(a1, stance, [ideal_motions.move, ideal_motions.lift])
+    there, back = by_the_model(a1), by_the_model(a1)
+    for name in ("external_force", "floor_slope"):
+        there[name], back[name] = np.array([0.3, -0.2]), np.array([-0.3, 0.2])
+    lift, move = motions[1].lift, motions[0].of(StanceMotion)[0]
+
+    def y(lift, values):
+        return TiltInvariant(a1, legs, [lift]).evaluate(values, model_parameters(a1))[0]
+
+    def rows(move, values):
+        return StanceMotionRows(legs, np.array(a1.imu_in_base.rotation), stance, [move]).residuals(values)
+
+    assert np.allclose(y(replace(lift, heading=np.pi), there), y(lift, back), rtol=0, atol=1e-12)
+    assert not np.allclose(y(lift, there), y(lift, back), rtol=0, atol=1e-6)
+    assert np.allclose(rows(replace(move, heading=np.pi), there), rows(move, back), rtol=0, atol=1e-12)
+
+
+def test_new_footholds_have_heights_of_their_own(a1, ideal_motions):
+    stance, values = ideal_motions.stance, by_the_model(a1)
+    move = read_motions(a1, stance, [ideal_motions.move, ideal_motions.lift])[0].of(StanceMotion)[0]
+    values["foothold_change"] = np.array([1e-3, 0.0, 0.0, 0.0])
+
+    def heights(heading):
+        rows = StanceMotionRows(
+            LegChains(a1), np.array(a1.imu_in_base.rotation), stance, [replace(move, heading=heading)]
+        )
+        return rows.residuals(values)[0, 3:] - rows.residuals(by_the_model(a1))[0, 3:]
+
+    assert np.allclose(heights(0.0), 0)
+    assert np.allclose(heights(np.pi), 1e-3 * np.array([-0.75, 0.25, 0.25, 0.25]))
+
+
+def test_the_planner_knows_what_a_turn_buys(a1):
+    candidates = candidates_of(a1, combined_priors=BayesianMethod(rotate_halfway=True).combined_priors)
+    turned, unknowns = candidates.turned(), candidates.unknowns
+    there, back = candidates.rows[3], turned.rows[3]
+    assert np.allclose(there[:, unknowns["external_force"]], -back[:, unknowns["external_force"]], atol=1e-9)
+    assert np.allclose(there[:, unknowns["accelerometer_bias"]], back[:, unknowns["accelerometer_bias"]], atol=1e-9)
+    once, both = make_plan(candidates, 110.0), make_plan(candidates, 110.0, turn=True)
+    assert both.std[2] < 0.85 * once.std[2]
+    assert both.std[1] < once.std[1]
+    assert both.robot_time < 110.0
+    half = both.visits[: both.turn_after]
+    assert 0 < len(half) < len(both.visits)
+    assert once.turn_after is None
+    assert [what for what, _ in both.trials()].index("turned by 180 deg") == 1 + len(half)
+    assert both.to_dict()["turn_after"] == len(half)
+    with pytest.raises(SettingsError, match=r"30 s allows no lift after the search; give (3[5-9]|40) s or more"):
+        make_plan(candidates, 30.0, turn=True)
+
+
+def test_only_a_turned_robot_has_new_footholds():
+    assert BayesianMethod().combined_priors.foothold_change == 0.0
+    assert BayesianMethod(rotate_halfway=True).combined_priors == Priors()
+
+
+def test_a_robot_that_cannot_lie_is_not_turned(a1, monkeypatch):
+    monkeypatch.setattr(precise_method, "lies", lambda *_: False)
+    with pytest.raises(ReachError, match="'unitree_a1' cannot lie down over its feet to be turned; leave the turn out"):
+        SETTINGS.check(a1, nominal_stance(a1))
+
+
+class Someone(PlatformWrapper):
+    """A robot that nobody turns but somebody."""
+
+    def __init__(self, inner):
+        super().__init__(inner)
+        self.accepts = inner.accepts - {TURNS}
+
+
+def test_a_robot_without_anybody_is_not_turned(a1):
+    with simulate(a1, "ideal") as simulation, pytest.raises(SettingsError) as caught:
+        calibrate(Someone(simulation.platform), a1, SETTINGS)
+    assert str(caught.value) == (
+        "somebody has to turn the robot and say when it is done, and nobody is asked: give `told` to calibrate(), or leave "
+        "the turn out"
+    )
+
+
+def test_the_angle_is_what_the_gyroscope_says(a1, run):
+    turned = next(recording for recording in run.recordings if isinstance(recording.trial, TurnTrial))
+    assert abs(angle_turned(a1, turned)) == pytest.approx(np.pi, abs=np.radians(2))
+
+
+def test_another_engine_turns_the_robot_in_its_room_too(a1):
+    """And its gyroscope feels it; what it stands on stays where it is."""
+    pytest.importorskip("dartpy")
+    stance = nominal_stance(a1)
+    with simulate(a1, "realistic", engine="dart", timestep=1e-3) as simulation:
+        standing, _ = stand_up(simulation.platform, a1, stance)
+        recording = BayesianTrials(standing, stance, composite_parameters(a1, stance.joint_position).com).turn()
+        feet = simulation.witness.look().feet
+    ahead = (feet[:2] - feet[2:]).sum(axis=0)
+    heading = np.arctan2(ahead[1], ahead[0])
+    off = (angle_turned(a1, recording) - heading + np.pi) % (2 * np.pi) - np.pi
+    assert abs(heading) > np.radians(175)
+    assert abs(off) < np.radians(2)
+
+
+def test_footholds_stay_in_the_room(a1):
+    errors = DrawnErrors.draw(SensorErrors(foothold_height=1e-3), 12, 3)
+    fl, fr, rl, rr = foothold_heights(errors, 0.0)
+    assert np.allclose(foothold_heights(errors, np.pi), [rr, rl, fr, fl])
+
+
+@pytest.mark.parametrize("method", ["paper", "static"])
+def test_other_methods_do_not_know_the_turn(capsys, method):
+    assert main(["calibrate", "--method", method, "--rotate-halfway"]) == 2
+    assert f"--rotate-halfway belongs to --method bayesian; this is --method {method}" in capsys.readouterr().err
+
+
+def test_the_plan_and_the_rehearsal_say_that_it_is_turned(a1, capsys):
+    assert main(["plan", "--rotate-halfway", "--duration", "60s"]) == 0
+    assert "turned by 180 deg" in capsys.readouterr().out
+    assert "is turned by hand half-way, lying limp" in SETTINGS.rehearse(a1, nominal_stance(a1)).doing
