@@ -118,7 +118,7 @@ def test_an_interrupted_run_is_estimated_from_what_is_complete(ideal, a1):
     partial = estimate(a1, [*recordings[:-1], broken], PAPER)
     assert partial.composite.to_dict() == result.composite.to_dict()
     assert partial.excitations["yaw"].moment is None
-    assert partial.excitations["yaw"].note == "there is no recording of it"
+    assert partial.excitations["yaw"].note == "not recorded"
 
 
 def test_a_run_without_a_complete_search_is_refused(ideal, a1):
@@ -160,7 +160,7 @@ def test_feet_that_do_not_rise_are_no_balance(a1):
 def test_a_payload_that_the_torques_betray_is_warned_of(a1, realistic):
     with simulate(a1, "ideal", payload="4,0.05,0,0.05") as simulation:
         heavy = calibrate(simulation.platform, a1, QUICK)
-    assert heavy.warnings[0].startswith("by its joint torques the robot weighs about 16.")
+    assert heavy.warnings[0].startswith("the joint torques give a mass of about 16.")
     assert not realistic.warnings
 
 
@@ -232,5 +232,5 @@ def test_axes_that_two_joint_legs_cannot_excitation_about_are_skipped_with_the_r
     recwarn.clear()
     for axis in ("roll", "yaw"):
         assert result.excitations[axis].moment is None
-        assert "planted feet do not allow it" in result.excitations[axis].note
+        assert "not possible with all feet on the floor" in result.excitations[axis].note
     assert result.excitations["pitch"].moment > 0

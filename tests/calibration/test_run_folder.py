@@ -232,7 +232,7 @@ def test_settings_come_back(new, method):
         ({"method": "paper", "com_search": {"steps": 3}}, "unknown key 'com_search.steps'; known are lower"),
         ({"method": "paper", "com_search": {"tolerance": [1]}}, r"com_search.tolerance is \[1\]; it must be a number"),
         ({"method": "paper", "com_search": {"tolerance": -1}}, "tolerance is -1.0; it must be"),
-        ({"method": "paper", "feet": "guessed"}, "feet are 'measured' or 'commanded'"),
+        ({"method": "paper", "feet": "guessed"}, "feet is 'guessed'; it must be 'measured'"),
     ],
 )
 def test_settings_that_are_damaged_are_refused_by_name(new, settings, words):

@@ -1,4 +1,4 @@
-"""The planar CoM after each halving of the paper's brackets (its Fig. 3)."""
+"""Planar CoM after each halving of the paper's brackets (its Fig. 3)."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ SETTINGS = PaperMethod(com_search=ComSearchSettings(tolerance=0.004), excitation
 
 
 def calibrated(robot, payload, tolerance=SETTINGS.com_search.tolerance):
-    """A realistic run: its result, the bracket that it began with, and the true CoM."""
+    """Return the result of a `realistic` run, its first bracket and the true CoM."""
     settings = replace(SETTINGS, com_search=replace(SETTINGS.com_search, tolerance=tolerance))
     with simulate(robot, "realistic", payload=payload, seed=3, timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, robot, settings)
@@ -28,7 +28,7 @@ def usual(a1):
 
 @pytest.fixture(scope="module")
 def widened(a1):
-    """The CoM lies beyond the first bounds: the search widens them."""
+    """Run with the CoM beyond the first bounds, so that the search widens them."""
     return calibrated(a1, "3,0.4,0,0.08")
 
 
@@ -55,7 +55,7 @@ def test_there_is_a_point_for_each_offset_tried(run):
 
 
 def test_the_bracket_halves_at_every_step(usual):
-    """So the point moves by a quarter, an eighth ... of the bounds, until feet and noise decide."""
+    """The point moves by a quarter, an eighth ... of the bounds, within the errors of feet and sensors."""
     result, start, truth = usual
     path = com_by_iteration(result, start)
     width = start.width
@@ -79,7 +79,7 @@ def test_a_widened_bracket_ends_beyond_the_first_bounds(widened):
     assert path[0, 0] < start.upper < max(path[:, 0])
 
 
-def test_without_the_planes_it_is_said_where_they_are(usual):
+def test_a_result_without_planes_raises_an_error_that_names_the_run_folder(usual):
     result, start, _ = usual
     with pytest.raises(NotEstimatedError, match="open the run folder"):
         com_by_iteration(replace(result, evidence=None), start)

@@ -1,4 +1,4 @@
-"""The paper's estimates on signals whose answer is known."""
+"""Estimates of the paper on synthetic signals."""
 
 import numpy as np
 import pytest
@@ -9,11 +9,11 @@ from equipoise import nominal_stance
 from equipoise.errors import RecordingError
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.paper.equations import (
-    between,
     commanded_plane,
     dominant_sinusoid,
     find_intersection,
     fit_axis,
+    mean_plane,
     torque_about_com,
 )
 from equipoise.recording.recording import PHASE, Event, ImuStream, JointStream, Recording
@@ -29,7 +29,7 @@ from equipoise.robot.statics import foot_forces, static_torques
     amplitude=st.floats(0.05, 5),
     mean=st.floats(-0.05, 0.05),
 )
-def test_a_sinusoid_is_found_far_better_than_a_bin(frequency, phase, amplitude, mean):
+def test_the_frequency_error_of_a_sinusoid_is_far_below_a_bin(frequency, phase, amplitude, mean):
     time = np.arange(1500) * 2e-3
     found = dominant_sinusoid(time, mean + amplitude * np.sin(2 * np.pi * frequency * time + phase))
     assert found.frequency == pytest.approx(frequency, abs=1e-4)  # a bin is 0.33 Hz
@@ -43,14 +43,14 @@ def test_the_dominant_of_two_sinusoids_is_found():
     assert found.frequency == pytest.approx(2, abs=0.01)
 
 
-def test_the_derivative_of_a_sinusoid_is_its_derivative():
+def test_the_analytic_derivative_of_a_sinusoid_equals_the_numeric_one():
     time = np.linspace(0, 1, 2001)
     sinusoid = dominant_sinusoid(np.arange(1000) * 2e-3, np.sin(2 * np.pi * 3 * np.arange(1000) * 2e-3 + 0.4))
     numeric = np.gradient(sinusoid.value(time), time)
     assert np.allclose(sinusoid.derivative(time)[1:-1], numeric[1:-1], atol=1e-3 * np.abs(numeric).max())
 
 
-def test_a_base_that_does_not_move_gives_an_error_and_no_number():
+def test_a_base_that_does_not_oscillate_raises_an_error():
     with pytest.raises(RecordingError, match="the base did not oscillate"):
         dominant_sinusoid(np.arange(100) * 2e-3, np.ones(100))
 
@@ -75,14 +75,14 @@ def test_commanded_planes_point_forward_on_both_diagonals(a1):
         assert plane.distance_to(plane.point + [0.01, 0, 0]) > 0
 
 
-def test_the_middle_of_two_planes_is_as_far_from_both():
+def test_the_mean_of_two_planes_lies_halfway_between_them():
     one = SupportPlane(np.array([0.0, 0, 0]), np.array([1.0, 0, 0]))
     other = SupportPlane(np.array([0.01, 0, 0]), np.array([1.0, 0, 0]))
-    assert between([one, other]).distance_to(np.array([0.005, 3, 1])) == pytest.approx(0)
+    assert mean_plane([one, other]).distance_to(np.array([0.005, 3, 1])) == pytest.approx(0)
 
 
-def made_excitation(a1, inertia, damping, frequency=2.0, amplitude=0.6, rate=500, duration=4.0):
-    """A recording of massless-legged feet whose forces about the CoM are I d(omega)/dt + C omega about pitch."""
+def synthetic_excitation(a1, inertia, damping, frequency=2.0, amplitude=0.6, rate=500, duration=4.0):
+    """Return a recording with massless legs whose ground torque about the pitch axis is I d(omega)/dt + C omega."""
     stance = nominal_stance(a1)
     time = np.arange(int(duration * rate)) / rate
     omega = amplitude * np.sin(2 * np.pi * frequency * time + 0.3)
@@ -111,8 +111,8 @@ def made_excitation(a1, inertia, damping, frequency=2.0, amplitude=0.6, rate=500
     )  # fmt: skip
 
 
-def test_inertia_and_damping_are_recovered_from_forces_made_of_them(a1):
-    stance, com, recording = made_excitation(a1, inertia=0.4, damping=0.7)
+def test_inertia_and_damping_are_recovered_from_synthetic_forces(a1):
+    stance, com, recording = synthetic_excitation(a1, inertia=0.4, damping=0.7)
     fit = fit_axis(a1, recording, "pitch", com, stance.joint_position)
     assert fit.inertia == pytest.approx(0.4, rel=1e-3)
     assert fit.damping == pytest.approx(0.7, rel=0.02)
@@ -120,7 +120,7 @@ def test_inertia_and_damping_are_recovered_from_forces_made_of_them(a1):
 
 
 def test_a_standing_robot_has_no_torque_about_its_com(a1):
-    stance, com, recording = made_excitation(a1, inertia=0.0, damping=0.0)
+    stance, com, recording = synthetic_excitation(a1, inertia=0.0, damping=0.0)
     _, torque = torque_about_com(a1, recording, com, stance.joint_position)
     assert np.abs(torque).max() < 1e-9
 
@@ -128,13 +128,13 @@ def test_a_standing_robot_has_no_torque_about_its_com(a1):
 def test_torques_of_massless_legs_are_the_static_ones_without_leg_gravity(a1):
     stance = nominal_stance(a1)
     difference = static_torques(a1, stance.joint_position, ("FL", "FR", "RL", "RR"))
-    _, _, recording = made_excitation(a1, 0, 0)
+    _, _, recording = synthetic_excitation(a1, 0, 0)
     leg_gravity = difference - recording.joints.torque[0]
     assert 0 < np.abs(leg_gravity).max() < 2.5  # Nm: about a kilogramme's leg at a tenth of a metre
 
 
-def test_a_recording_without_torques_says_so(a1):
-    stance, com, recording = made_excitation(a1, 0.1, 0)
+def test_a_recording_without_torques_raises_an_error(a1):
+    stance, com, recording = synthetic_excitation(a1, 0.1, 0)
     joints = JointStream(recording.joints.time, recording.joints.position)
     bare = Recording(recording.joint_names, joints, recording.imu, None, recording.events)
     with pytest.raises(RecordingError, match="no joint torques"):

@@ -27,7 +27,7 @@ def runner_on(simulation, robot, **settings):
 
 @pytest.fixture(scope="module")
 def trials(a1):
-    """Lift trials on both diagonals with the line clearly behind, clearly ahead of, the CoM; ideal preset."""
+    """Lift trials on both diagonals with the line clearly behind or ahead of the CoM; ideal preset."""
     stance = nominal_stance(a1)
     found = {}
     with simulate(a1, "ideal") as simulation:
@@ -53,7 +53,7 @@ def test_the_tilt_is_about_the_line_and_hardly_across_it(trials):
         assert trial.tilt.across_line < 0.3 * abs(trial.tilt.about_line)
 
 
-def test_the_measured_plane_says_which_way_the_robot_tips(trials):
+def test_the_measured_plane_is_on_the_side_of_the_com_to_which_the_robot_tips(trials):
     found, truth = trials
     for trial in found.values():
         distance = trial.plane.distance_to(truth.composite.com)
@@ -83,7 +83,7 @@ def test_the_last_bounds_are_within_the_tolerance_and_hold_the_balance(a1, toler
         assert max(forward) == lower
         assert min(backward) == upper
         assert lower <= found.offset <= upper
-    # Without the head start the line is 0.9 mm off; in the bracket's middle it would be by a quarter of its width.
+    # The line is 0.9 mm off without the correction of the tipping onset, a quarter of the width in the bracket's middle.
     assert abs(found.bracket.plane.distance_to(simulation.truth.composite.com)) < 0.4e-3
 
 
@@ -114,15 +114,15 @@ def test_a_com_beyond_the_widened_bracket_is_an_error_that_carries_the_trials(a1
     assert caught.value.exit_code == 4
 
 
-def test_an_imu_mounted_turned_is_told_from_tilts_at_both_ends(a1):
+def test_a_wrong_imu_yaw_is_detected_from_tilts_at_both_ends(a1):
     turned = load_robot("unitree_a1", RobotDescription(imu_rpy=(0.0, 0.0, np.pi)))
     with simulate(turned, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1, tolerance=0.02)
-        with pytest.raises(MotionError, match="the IMU seems mounted turned"):
+        with pytest.raises(MotionError, match="the orientation of the IMU is wrong"):
             find_com(runner)
 
 
-def test_an_imu_mounted_upside_down_is_told_before_a_foot_lifts(a1):
+def test_an_imu_mounted_upside_down_is_detected_before_a_foot_lifts(a1):
     turned = load_robot("unitree_a1", RobotDescription(imu_rpy=(np.pi, 0.0, 0.0)))
     with simulate(turned, "ideal") as simulation:
         runner, recordings = runner_on(simulation, a1)
@@ -132,19 +132,19 @@ def test_an_imu_mounted_upside_down_is_told_before_a_foot_lifts(a1):
     assert not recordings
 
 
-def test_bounds_the_wrong_way_round_are_refused():
+def test_bounds_the_wrong_way_round_raise_an_error():
     with pytest.raises(SettingsError, match="wrong way round"):
         ComSearchSettings(lower=0.01, upper=-0.01)
 
 
-def test_a_tolerance_wider_than_the_bracket_is_refused(a1):
+def test_a_tolerance_wider_than_the_bracket_raises_an_error(a1):
     with simulate(a1, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1, tolerance=0.5)
         with pytest.raises(SettingsError, match="tolerance"):
             find_com(runner)
 
 
-def test_bounds_out_of_reach_are_refused_before_the_robot_moves(a1):
+def test_bounds_out_of_reach_raise_an_error_before_the_robot_moves(a1):
     with simulate(a1, "ideal") as simulation:
         runner, recordings = runner_on(simulation, a1, lower=-0.5, upper=0.5)
         with pytest.raises(ReachError, match="foot misses its place"):
@@ -152,7 +152,7 @@ def test_bounds_out_of_reach_are_refused_before_the_robot_moves(a1):
     assert not recordings
 
 
-def test_a_lift_grows_only_when_no_tilt_is_seen(a1):
+def test_a_lift_grows_only_when_no_tilt_is_measured(a1):
     grown, offsets = 0, np.linspace(-0.012, -0.002, 6)
     with simulate(a1, "ideal") as simulation:
         # A quarter of a second is too short to tip far near the balance (at -7 to -6 mm), and long enough beyond.

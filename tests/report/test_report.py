@@ -296,7 +296,7 @@ def test_excitations_are_shown_as_measured_and_as_fitted(paper):
 
 def test_a_excitation_without_an_estimate_says_why_and_a_doubt_is_told(paper):
     fits = {axis: fit for axis, fit in paper.evidence.fits.items() if axis != "roll"}
-    skipped, doubt = "skipped, planted feet do not allow it", "a foot carries only 0.3 N of 30.5 N at the lightest"
+    skipped, doubt = "skipped, not possible with all feet on the floor", "the smallest foot load is 0.3 N"
     excitations = {
         **paper.excitations,
         "roll": ExcitationEstimate(None, None, note=skipped),

@@ -1,6 +1,6 @@
-"""The bracket of Algorithm 1: a state, a step and when it is done.
+"""Bracket of Algorithm 1: state, step and stop rule.
 
-The search, the estimate from its recordings, Fig. 3 and the viewer fold this one over the lifts that were tried.
+The search, the estimate from its recordings, Fig. 3 and the viewer apply `step` to one lift after the other.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ _SAME_HEIGHT = 0.999  # heights are products of floats
 
 @dataclass(frozen=True, eq=False)
 class TriedOffset:
-    """What one lift of a search showed.
+    """Result of one lift of a search.
 
     Attributes:
         offset: offset x_m of the support line along the base's x axis [m].
         lift_height: commanded height of the lifted feet [m].
         verdict: direction in which the robot tipped.
-        plane: support plane at the nominal stance in the base frame, or None if it is not at hand.
-        ahead: distance of the CoM from that plane, by how fast the robot tipped; positive: forward [m].
+        plane: support plane at the nominal stance in the base frame, or None if it is not available.
+        ahead: distance of the CoM from that plane, from the rate of tipping; positive: forward [m].
     """
 
     offset: float
@@ -38,10 +38,10 @@ class Bracket:
     Attributes:
         lower, upper: offsets x_l and x_u of the support line along the base's x axis [m].
         tolerance: width of the bracket at which the search ends [m].
-        highest_lift: height from which on a robot that does not tip counts as balanced [m]; below, it is lifted higher.
-        at_lower, at_upper: lift tried at each end, tipping forward and backward; None where an end is only assumed.
-            The same lift, if the robot stayed balanced in it.
-        widened: whether an end was moved outward because the robot tipped the wrong way there.
+        highest_lift: lift height at which a robot that does not tip is balanced [m]; below it, the lift is repeated higher.
+        at_lower, at_upper: lift tried at each end, tipping forward and backward; None if the end was not tried.
+            Both are the same lift if the robot stayed balanced in it.
+        widened: true if an end was moved outward because the robot tipped the wrong way there.
     """
 
     lower: float
@@ -54,24 +54,24 @@ class Bracket:
 
     @property
     def middle(self) -> float:
-        """(x_l + x_u) / 2 [m]."""
+        """Middle of the bracket, (x_l + x_u) / 2 [m]."""
         return (self.lower + self.upper) / 2
 
     @property
     def width(self) -> float:
-        """x_u - x_l [m]; not positive once an end is refuted."""
+        """Width x_u - x_l [m]; not positive if an end is refuted."""
         return self.upper - self.lower
 
     @property
     def balanced(self) -> bool:
-        """Whether the robot stayed balanced at an offset."""
+        """True if the robot stayed balanced at an offset."""
         return self.at_lower is not None and self.at_lower is self.at_upper
 
     @property
     def plane(self) -> SupportPlane | None:
-        """The plane within the bracket: nearer to the end at which the robot tipped more slowly.
+        """Support plane within the bracket, nearer to the end at which the robot tipped more slowly.
 
-        None where the planes of both ends are not at hand.
+        None if the plane of an end is not available.
         """
         if self.at_lower is None or self.at_upper is None or self.at_lower.plane is None or self.at_upper.plane is None:
             return None
@@ -81,12 +81,12 @@ class Bracket:
 
     @property
     def refuted(self) -> bool:
-        """Whether the robot tipped the wrong way at an end: the balance is beyond it."""
+        """True if the robot tipped the wrong way at an end: the balancing offset is beyond it."""
         return self.width <= 0 and not self.balanced
 
 
 def step(bracket: Bracket, tried: TriedOffset) -> Bracket:
-    """The bracket after one more lift (Algorithm 1, lines 13 to 16)."""
+    """Return the bracket after one more lift (Algorithm 1, lines 13 to 16)."""
     if tried.verdict == "forward":  # line 13: the CoM is ahead of the line
         return replace(bracket, lower=tried.offset, at_lower=tried)  # line 14
     if tried.verdict == "backward":
@@ -97,13 +97,13 @@ def step(bracket: Bracket, tried: TriedOffset) -> Bracket:
 
 
 def done(bracket: Bracket) -> bool:
-    """Whether the search is over (line 1), both its ends having been tried."""
+    """Return true if the search is over (line 1) and both ends were tried."""
     tried = bracket.at_lower is not None and bracket.at_upper is not None
     return bracket.balanced or (tried and 0 < bracket.width <= bracket.tolerance)
 
 
 def next_offset(bracket: Bracket) -> float:
-    """x_m, the offset to try next [m]: the middle (line 2), or an end that is left over or new and was never tried."""
+    """Return the offset x_m to try next [m]: the middle (line 2), or an end that must be tried before the search is over."""
     if bracket.widened or bracket.width <= bracket.tolerance:
         if bracket.at_lower is None:
             return bracket.lower

@@ -1,10 +1,9 @@
-"""Step 1 of the paper: the planar centre of mass by bisection (Algorithms 1 and 2).
+"""Step 1 of the paper: planar CoM by bisection. `find_support_vector` is Algorithm 1, `find_com` is Algorithm 2.
 
-The support line is moved by moving the body over planted feet: that puts the feet where the algorithm wants them in the
-base frame without dragging them over the floor.
+The body moves over fixed feet. In the base frame this shifts the feet as the algorithm requires, without dragging them.
 
-What the paper leaves open is what to do where the robot balances beyond the bounds: a search that converges to an end of
-its bracket tries that end, and if the robot tips the wrong way there widens the bracket, once.
+The paper does not treat a robot that balances outside the bounds. Here, a search that converges to an end tries that end.
+If the robot tips the wrong way there, the bracket is widened once.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from equipoise.robot.model import DIAGONALS
 
 @dataclass(frozen=True, eq=False)
 class SupportVector:
-    """Where one diagonal's search ended.
+    """Result of Algorithm 1 on one diagonal.
 
     Attributes:
         diagonal: diagonal that the robot stood on, "FL_RR" or "FR_RL".
@@ -35,12 +34,12 @@ class SupportVector:
 
     @property
     def offset(self) -> float:
-        """x_m: the offset at which the robot balances [m]."""
+        """Offset x_m at which the robot balances [m]."""
         return self.bracket.middle
 
 
 def find_com(runner: TrialRunner) -> tuple[SupportVector, SupportVector]:
-    """Algorithm 2, FindCOM: one support line per diagonal. Where they cross is `find_intersection` (line 5)."""
+    """Run Algorithm 2, FindCOM: find one support line per diagonal. `find_intersection` computes their crossing (line 5)."""
     x_l, x_u = runner.settings.bounds(runner.stance)  # Algorithm 2, line 1
     check_search(runner.standing.robot, runner.stance, runner.settings)
     first = find_support_vector(runner, "FL_RR", x_u, x_l)  # line 3
@@ -49,18 +48,18 @@ def find_com(runner: TrialRunner) -> tuple[SupportVector, SupportVector]:
 
 
 def find_support_vector(runner: TrialRunner, diagonal: str, x_u: float, x_l: float) -> SupportVector:
-    """Algorithm 1, FindSupportVector: the offset of one diagonal's support line that balances the robot.
+    """Run Algorithm 1, FindSupportVector: find the offset of one diagonal's support line that balances the robot.
 
-    Line numbers are the paper's. Lines 3 to 12 are one call here: `TrialRunner.tilt_at` shifts the feet (3, 4), and
-    `lift_trial` solves the inverse kinematics (5), moves until q is close to q_d (6-8), lifts the other diagonal's feet and
-    waits for t_thres (9-12).
+    Line numbers are the paper's. Lines 3 to 12 are one call: `TrialRunner.tilt_at` shifts the feet (3, 4).
+    `lift_trial` then solves the inverse kinematics (5), moves until q is close to q_d (6-8), lifts the other diagonal's feet
+    and waits for t_thres (9-12).
 
     Raises:
-        MotionError: the robot tips the same way at both ends, also after widening once; it tips at both ends away from where
-            its CoM must be; or it did not come to rest where it was sent.
+        MotionError: the robot tips the same way at both ends, even after the bracket is widened; it tips away from its CoM
+            at both ends; or it did not come to rest at its target.
     """
     if diagonal not in DIAGONALS:
-        raise SettingsError(f"no diagonal is called {diagonal!r}; they are {', '.join(DIAGONALS)}")
+        raise SettingsError(f"diagonal is {diagonal!r}; it must be {' or '.join(DIAGONALS)}")
     if not x_u > x_l:
         raise SettingsError(f"the search bounds are the wrong way round: upper {x_u} m is not above lower {x_l} m")
     lifts: list[LiftReading] = []
@@ -70,53 +69,53 @@ def find_support_vector(runner: TrialRunner, diagonal: str, x_u: float, x_l: flo
         tried = runner.tilt_at(diagonal, x_m, bracket, lifts)  # lines 3 to 12
         bracket = step(bracket, tried)  # lines 13 to 16
         if bracket.refuted:
-            bracket = _widened(runner, diagonal, bracket, first, lifts)
+            bracket = _widen(runner, diagonal, bracket, first, lifts)
     return SupportVector(diagonal, bracket, tuple(lifts))  # line 19
 
 
-def _widened(runner: TrialRunner, diagonal: str, bracket: Bracket, first: Bracket, lifts: list[LiftReading]) -> Bracket:
-    """A bracket with the refuted end farther out, by half the first one's width or as far as the legs reach.
+def _widen(runner: TrialRunner, diagonal: str, bracket: Bracket, first: Bracket, lifts: list[LiftReading]) -> Bracket:
+    """Return a bracket with the refuted end moved out by half the first bracket's width, or as far as the legs reach.
 
     Raises:
-        MotionError: it was widened before, or cannot be. The message names the IMU if the other end shows that its tilts have
+        MotionError: the bracket was widened before or cannot be. The message names the IMU if the tilt at the other end has
             the wrong sign.
     """
     at_upper = bracket.at_upper is None
     end = bracket.upper if at_upper else bracket.lower
     if bracket.widened:
-        _refuse(runner, diagonal, first, end, at_upper, lifts)
+        _raise_unbalanced(runner, diagonal, first, end, at_upper, lifts)
     wider = _reachable_end(runner, end, end + first.width / 2 if at_upper else end - first.width / 2)
     if abs(wider - end) <= bracket.tolerance:
-        _refuse(runner, diagonal, first, wider, at_upper, lifts)
+        _raise_unbalanced(runner, diagonal, first, wider, at_upper, lifts)
     moved = replace(bracket, upper=wider) if at_upper else replace(bracket, lower=wider)
     return replace(moved, widened=True)
 
 
-def _refuse(
+def _raise_unbalanced(
     runner: TrialRunner, diagonal: str, first: Bracket, farthest: float, at_upper: bool, lifts: list[LiftReading]
 ) -> NoReturn:
-    """Say why no support line balances the robot: the CoM is elsewhere, or the IMU tells tilts the wrong way round."""
+    """Raise MotionError with the reason for an unsuccessful search: CoM outside the bounds, or IMU tilts of the wrong sign."""
     other_end = first.lower if at_upper else first.upper
     lower, upper = sorted((other_end, farthest))
     tried = runner.tilt_at(diagonal, other_end, replace(first, lower=lower, upper=upper), lifts)
     recordings = tuple(lift.recording for lift in lifts)
     if tried.verdict == ("backward" if at_upper else "forward"):
         raise MotionError(
-            f"on {diagonal} the robot tips away from its centre of mass at both ends of the search: the IMU seems mounted "
-            "turned; give its pose under imu_rpy in a robot description",
+            f"on {diagonal} the robot tips away from its centre of mass at both ends of the search: the orientation of the "
+            "IMU is wrong; set imu_rpy in the robot configuration",
             recordings,
         )
     side = "ahead of" if at_upper else "behind"
     raise MotionError(
         f"on {diagonal} the robot tips the same way at every support line from {lower * 1000:.0f} mm to "
         f"{upper * 1000:.0f} mm: its centre of mass is {side} all of them. Move the payload towards the "
-        "middle, or give wider bounds if the legs reach them",
+        "middle, or set wider bounds if the legs reach them",
         recordings,
     )
 
 
 def _reachable_end(runner: TrialRunner, near: float, far: float) -> float:
-    """The farthest offset towards `far` that is safe to try [m]."""
+    """Return the safe offset that is farthest from `near` towards `far` [m]."""
     for fraction in (1.0, 0.75, 0.5, 0.25):
         candidate = near + fraction * (far - near)
         try:

@@ -1,4 +1,4 @@
-"""The paper's estimates: the planar CoM from two support lines (Algorithm 2), I and C from excitations (equations 2 to 5)."""
+"""Estimates of the paper: planar CoM from two support lines (Algorithm 2), I and C from excitations (equations 2 to 5)."""
 
 from __future__ import annotations
 
@@ -15,15 +15,12 @@ from equipoise.recording.recording import Recording
 from equipoise.robot.kinematics import Kinematics, feet_and_forces
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
-"""Rotation axes x, y, z of the base, in this order."""
-
-# Torques are needed at the excitation's frequency of a few Hz: this many samples a second are plenty.
-_TORQUE_RATE = 40.0
+_TORQUE_RATE = 40.0  # [Hz], well above the few Hz of an excitation
 
 
 @dataclass(frozen=True)
 class Sinusoid:
-    """omega_j(t) = a sin(2 pi F t + phi) (equation 3).
+    """Angular velocity omega_j(t) = a sin(2 pi F t + phi) (equation 3).
 
     Attributes:
         frequency: frequency F [Hz].
@@ -36,18 +33,18 @@ class Sinusoid:
     phase: float
 
     def value(self, time: FloatArray) -> FloatArray:
-        """Equation 3 [rad/s]."""
+        """Evaluate equation 3 [rad/s]."""
         return self.amplitude * np.sin(2 * np.pi * self.frequency * time + self.phase)
 
     def derivative(self, time: FloatArray) -> FloatArray:
-        """Equation 4, the analytic derivative [rad/s2]."""
+        """Evaluate equation 4, the analytic derivative [rad/s2]."""
         rate = 2 * np.pi * self.frequency
         return self.amplitude * rate * np.cos(rate * time + self.phase)
 
 
 @dataclass(frozen=True, eq=False)
 class AxisFit:
-    """What one excitation gave.
+    """Inertia and damping fitted to one excitation.
 
     Attributes:
         axis: base axis of the excitation: "roll", "pitch" or "yaw".
@@ -56,7 +53,7 @@ class AxisFit:
         sinusoid: dominant sinusoid of the angular velocity about the axis.
         time: (n,) times of the samples below [s].
         angular_velocity: (n,) measured angular velocity of the base about the axis [rad/s].
-        torque: (n,) torque about the axis through the CoM, less its mean [Nm].
+        torque: (n,) torque about the axis through the CoM, mean subtracted [Nm].
         fitted_torque: (n,) fitted torque I d(omega)/dt + C omega [Nm].
     """
 
@@ -71,28 +68,28 @@ class AxisFit:
 
 
 def find_intersection(planes: Sequence[SupportPlane], com_height: float) -> FloatArray:
-    """Algorithm 2, line 5: (x_c, y_c) where two support planes meet at a height in the base frame [m].
+    """Return the crossing (x_c, y_c) of two support planes at a height in the base frame [m] (Algorithm 2, line 5).
 
-    With feet as commanded and gravity along the base's z axis, these are the paper's two lines in the plane, and the
-    height does not matter. With measured gravity the planes lean by a fraction of a degree, and it matters little.
+    With commanded feet and gravity along the base's z axis, these are the paper's two lines and the height has no effect.
+    With measured gravity the planes lean by a fraction of a degree, and the effect is small.
 
     Args:
         planes: support planes in the base frame, one per diagonal.
-        com_height: height z of the CoM in the base frame, by the nominal model [m].
+        com_height: height z of the nominal model's CoM in the base frame [m].
     """
     normals = np.array([plane.normal for plane in planes])
     levels = np.array([plane.normal @ plane.point for plane in planes]) - normals[:, 2] * com_height
     return np.asarray(np.linalg.solve(normals[:, :2], levels), dtype=float)
 
 
-def between(planes: Sequence[SupportPlane]) -> SupportPlane:
-    """The plane in the middle of others that nearly coincide: of the last to tip forward and the last backward."""
+def mean_plane(planes: Sequence[SupportPlane]) -> SupportPlane:
+    """Return the mean of planes that nearly coincide, such as those of the last forward and the last backward tip."""
     normal = np.mean([plane.normal for plane in planes], axis=0)
     return SupportPlane(np.mean([plane.point for plane in planes], axis=0), normal / np.linalg.norm(normal))
 
 
 def commanded_plane(feet_in_base: FloatArray, diagonal: str) -> SupportPlane:
-    """The support plane through feet where they were sent (r_hat of Algorithm 1), under a level base.
+    """Return the support plane through commanded feet (r_hat of Algorithm 1) under a level base.
 
     Args:
         feet_in_base: (4, 3) commanded centres of the feet in the base frame [m].
@@ -104,11 +101,10 @@ def commanded_plane(feet_in_base: FloatArray, diagonal: str) -> SupportPlane:
 
 
 def dominant_sinusoid(time: FloatArray, signal: FloatArray) -> Sinusoid:
-    """Frequency, amplitude and phase of a signal's dominant sinusoid, by Fast Fourier Transform.
+    """Compute frequency, amplitude and phase of a signal's dominant sinusoid.
 
-    The bin with the most power says where to look. Within one bin to either side the frequency is then refined by least
-    squares: the one at which a sine and a cosine (and a mean) leave the smallest residual. That is far better than a bin,
-    which is 1/T wide: an error of half a bin turns the phase by a quarter of a period over the record.
+    The start is the strongest bin of the Fast Fourier Transform. A bin is 1/T wide, which is too coarse for the phase.
+    Least squares (sine, cosine and mean) refine the frequency within one bin of the start.
 
     Args:
         time: (n,) evenly spaced times [s].
@@ -118,7 +114,7 @@ def dominant_sinusoid(time: FloatArray, signal: FloatArray) -> Sinusoid:
         RecordingError: fewer than eight samples, or no oscillation.
     """
     if len(time) < 8:
-        raise RecordingError(f"an excitation of {len(time)} samples is too short for a frequency")
+        raise RecordingError(f"the excitation has {len(time)} samples; its frequency needs at least 8")
     step = float(np.mean(np.diff(time)))
     spectrum = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(len(signal))))
     bins = np.fft.rfftfreq(len(signal), step)
@@ -149,11 +145,11 @@ def _sine_fit(time: FloatArray, signal: FloatArray, frequency: float) -> tuple[F
 def fit_axis(
     robot: RobotModel, recording: Recording, axis: Axis, com_at_stance: FloatArray, stance: FloatArray
 ) -> AxisFit:
-    """I_j and C_j of one excitation (equations 2 to 5).
+    """Fit I_j and C_j to one excitation (equations 2 to 5).
 
     Args:
         recording: recording with a phase "excitation" in which the base oscillates steadily.
-        com_at_stance: (3,) CoM in the base frame at the nominal stance [m]: x and y as found, z by the model.
+        com_at_stance: (3,) CoM in the base frame at the nominal stance [m]: x and y estimated, z from the model.
         stance: (nj,) joint positions of the nominal stance [rad].
 
     Raises:
@@ -168,7 +164,7 @@ def fit_axis(
     time, torque = torque_about_com(robot, steady, com_at_stance, stance)
     time, torque = _whole_periods(time - start, torque[:, index], sinusoid.frequency)
     torque = torque - torque.mean()
-    # Torques are means over the time between them; the mean of a sinusoid over a time d is sinc(F d) of its middle.
+    # Torques are means over a sample interval d, which scales a sinusoid by sinc(F d).
     smoothing = np.sinc(sinusoid.frequency * float(np.mean(np.diff(time))))
     regressor = smoothing * np.column_stack([sinusoid.derivative(time), sinusoid.value(time)])  # equation 5
     solution = np.asarray(np.linalg.lstsq(regressor, torque, rcond=None)[0], dtype=float)
@@ -180,21 +176,21 @@ def fit_axis(
 def torque_about_com(
     robot: RobotModel, recording: Recording, com_at_stance: FloatArray, stance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Torque of the ground's forces about the CoM, in base axes: the sum of (r_i - c) x f_i in equation 1.
+    """Compute the torque of the ground forces about the CoM in base axes: the sum of (r_i - c) x f_i in equation 1.
 
-    Forces as of legs without mass, from joint torques through foot Jacobians. The CoM follows the legs by the model.
+    Foot Jacobians turn joint torques into forces, as for massless legs. The model determines how the CoM moves with the legs.
 
     Returns:
         (n,) times [s] and (n, 3) torques [Nm].
     """
     joints = recording.joints
     if joints.torque is None:
-        raise RecordingError("the recording has no joint torques, which the moments of inertia need")
+        raise RecordingError("the recording has no joint torques; moments of inertia need them")
     rate = 1 / float(np.mean(np.diff(joints.time)))
     stride = max(1, round(rate / _TORQUE_RATE))
     kinematics = Kinematics(robot)
     offset = com_at_stance - kinematics.com(stance)
-    # Averaged over a stride: the torques' noise falls, and all that is kept of a sample belongs to one time.
+    # Means over a stride: less torque noise, and positions and torques of the same time.
     count = len(joints.time) // stride * stride
     time, positions, torques = (
         array[:count].reshape(-1, stride, *array.shape[1:]).mean(axis=1)
@@ -206,9 +202,9 @@ def torque_about_com(
 
 
 def _whole_periods(time: FloatArray, signal: FloatArray, frequency: float) -> tuple[FloatArray, FloatArray]:
-    """The first whole number of periods, over which a mean is a mean and a sine is free of it."""
+    """Return the longest part from the start with a whole number of periods: a sinusoid's mean over it is zero."""
     step = float(np.mean(np.diff(time)))
-    periods = int((time[-1] - time[0] + step) * frequency + 0.1)  # a stride may be cut off the last one
+    periods = int((time[-1] - time[0] + step) * frequency + 0.1)  # the last period may lack a stride
     if periods < 1:
         raise RecordingError(f"the excitation lasts less than one period of {frequency:.2f} Hz")
     count = min(len(time), round(periods / frequency / step))

@@ -1,4 +1,4 @@
-"""What the paper's search and excitations leave beside their result."""
+"""Intermediate results of the paper's search and excitations, for figures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from equipoise.result.calibration import Evidence
 
 @dataclass(frozen=True, eq=False)
 class ExcitationEvidence(Evidence):
-    """Of a run with excitations.
+    """Evidence of a run with excitations.
 
     Attributes:
         fits: fits of equations 2 to 5, by axis.
@@ -23,10 +23,10 @@ class ExcitationEvidence(Evidence):
 
 @dataclass(frozen=True, eq=False)
 class SearchEvidence(ExcitationEvidence):
-    """Of a run with the paper's search.
+    """Evidence of a run with the paper's search.
 
     Attributes:
-        lifts: every lift trial as the bracket takes it, in order.
+        lifts: results of all lift trials, in order.
     """
 
     lifts: tuple[TriedOffset, ...]

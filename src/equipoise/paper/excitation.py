@@ -1,4 +1,4 @@
-"""Step 2 of the paper: the sinusoidal excitation. Feet planted, the base oscillates about one axis at a time."""
+"""Step 2 of the paper: sinusoidal excitation of the base about one axis at a time, all four feet on the floor."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from equipoise.robot.stance import Stance
 
 _KNOTS = 9
 _LAG_PERIODS = 0.5  # after the ramp, until the base follows steadily
-_PLANTED_STRIDE = 40  # samples between two looks at whether feet are planted
-_SLIP_RATIO = 0.02  # of the stance's length: feet whose distance changes by more have slipped or lifted
+_CHECK_STRIDE = 40  # samples from one check of the feet to the next
+_SLIP_RATIO = 0.02  # of the stance's length: a larger change of the distance between feet is a slip or a lift
 
 
 def excitation_axis(standing: StandingRobot, stance: Stance, axis: Axis, settings: ExcitationSettings) -> None:
-    """Oscillate the base about one axis through the model's CoM, feet planted.
+    """Oscillate the base about one axis through the model's CoM, all four feet on the floor.
 
-    If the feet move it is done again with half the amplitude. An axis that planted feet do not allow is skipped:
-    `why_unreachable` tells why. The recordings have the phases "settle", "ramp", "excitation" and "end".
+    If the feet move, the excitation is repeated with half the amplitude. An axis is skipped if `why_unreachable` returns a
+    reason. The recordings have the phases "settle", "ramp", "excitation" and "end".
     """
     if why_unreachable(standing.robot, stance, axis, settings) is not None:
         return
@@ -61,13 +61,10 @@ def _play_excitation(
 
 
 def why_not_standing(robot: RobotModel, recording: Recording) -> str | None:
-    """What the sensors say against the feet having stayed where they were, or None.
-
-    Feet that stay planted keep their distances from each other, and their loads, from the joint torques, stay positive.
-    """
+    """Return how the feet moved or lost their load, according to encoders and joint torques, or None if they did not."""
     steady = recording.phase(Phase.EXCITATION).joints
     torques = np.zeros_like(steady.position) if steady.torque is None else steady.torque
-    feet, forces = feet_and_forces(robot, steady.position[::_PLANTED_STRIDE], torques[::_PLANTED_STRIDE])
+    feet, forces = feet_and_forces(robot, steady.position[::_CHECK_STRIDE], torques[::_CHECK_STRIDE])
     pairs = feet[:, :, None] - feet[:, None]
     spread = np.linalg.norm(pairs, axis=-1).std(axis=0).max()
     length = float(np.ptp(feet[0, :, 0]))
@@ -76,5 +73,5 @@ def why_not_standing(robot: RobotModel, recording: Recording) -> str | None:
     if steady.torque is not None:
         loads = forces[:, :, 2]
         if loads.min() < 0.05 * loads.mean():
-            return f"a foot carries only {loads.min():.1f} N of {loads.mean():.1f} N at the lightest"
+            return f"the smallest foot load is {loads.min():.1f} N, the mean {loads.mean():.1f} N"
     return None

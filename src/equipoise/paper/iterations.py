@@ -1,4 +1,4 @@
-"""A search as it closed in: the bracket after every lift, and the planar CoM after every halving (Fig. 3)."""
+"""Convergence of a search: results of its lifts, and the planar CoM after every halving (Fig. 3)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from equipoise.robot.model import DIAGONALS
 
 
 def tried_offsets(calibration: Calibration, diagonal: str) -> list[TriedOffset]:
-    """What the lifts on a diagonal showed, in order; with their planes, if the calibration has its evidence."""
+    """Return the results of the lifts on a diagonal in order, with their planes if the calibration has its evidence."""
     lifts = [trial for trial in calibration.trials if trial.kind == "lift"]
     evidence = calibration.evidence
     if isinstance(evidence, SearchEvidence):
@@ -32,19 +32,19 @@ def tried_offsets(calibration: Calibration, diagonal: str) -> list[TriedOffset]:
 
 
 def com_by_iteration(calibration: Calibration, start: Bracket) -> FloatArray:
-    """(n, 2) the planar CoM [m] as it would have been found after each halving of both brackets (Fig. 3).
+    """Compute the (n, 2) planar CoM [m] after each halving of both brackets (Fig. 3).
 
-    While a bracket's end has not been tried, the plane in its middle is the nearest one tried, shifted along x.
+    If an end of a bracket was not tried, the plane of the other end is shifted along x to the bracket's middle.
 
     Args:
         calibration: result of this method, with its evidence.
         start: bracket that the search began with.
 
     Raises:
-        NotEstimatedError: the calibration came from a JSON file, which holds no planes.
+        NotEstimatedError: the calibration came from a JSON file, which does not contain planes.
     """
     if not isinstance(calibration.evidence, SearchEvidence):
-        raise NotEstimatedError("the support planes are not at hand: open the run folder instead of its JSON file")
+        raise NotEstimatedError("the JSON file does not contain the support planes; open the run folder instead")
     by_diagonal = [_planes_by_iteration(tried_offsets(calibration, diagonal), start) for diagonal in DIAGONALS]
     count = max(len(planes) for planes in by_diagonal)
     height = float(calibration.nominal.composite.com[2])
@@ -57,7 +57,7 @@ def com_by_iteration(calibration: Calibration, start: Bracket) -> FloatArray:
 
 
 def _planes_by_iteration(tried: Sequence[TriedOffset], start: Bracket) -> list[SupportPlane]:
-    """The plane within a diagonal's bracket after each offset; lifts that were repeated higher make no step."""
+    """Return the plane within a diagonal's bracket after each offset. Repeated lifts at one offset count once."""
     brackets = list(accumulate(tried, step, initial=start))
     return [_plane_within(after) for before, after in pairwise(brackets) if after is not before]
 

@@ -1,4 +1,4 @@
-"""One lift trial of a search, and what its recording says."""
+"""Lift trial of a search: commands, and analysis of its recording."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from equipoise.experiments.lift import LiftSettings, come_to_rest, in_time, repl
 from equipoise.experiments.standing_robot import StandingRobot
 from equipoise.experiments.tilt import SupportPlane, Tilt, support_plane_of, tilt_of
 from equipoise.paper.bracket import TriedOffset
-from equipoise.paper.head_start import head_start
+from equipoise.paper.tipping_onset import tipping_onset
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import CommandedLift
@@ -30,8 +30,8 @@ def lift_trial(
     Args:
         standing: robot on four feet.
         diagonal: diagonal to stand on.
-        offset: shift of the support line from where it is at the nominal stance, along the base's x axis [m].
-        feet_in_base: (4, 3) centres that all four feet are to have in the base frame, still planted [m].
+        offset: shift of the support line from the nominal stance along the base's x axis [m].
+        feet_in_base: (4, 3) target centres of the feet in the base frame, all on the floor [m].
         settings: height, times and limits of the lift.
 
     Raises:
@@ -42,7 +42,7 @@ def lift_trial(
     )
     before = _move_over(standing, trial, feet_in_base, settings)
     tipping = tipping_from(standing, before.phase(Phase.REST), diagonal)
-    # The CoM is what is searched: what the model says of it must not end a lift before it shows.
+    # The CoM is searched, so a limit from the model's CoM must not end a lift before the tilt is measured.
     plain = tipping.from_rest(2 * settings.tilt_threshold)
     stance_legs = DIAGONALS[diagonal]
     lifted = np.array(feet_in_base)
@@ -61,7 +61,7 @@ def lift_trial(
 def _move_over(
     standing: StandingRobot, trial: CommandedLift, feet_in_base: FloatArray, settings: LiftSettings
 ) -> Recording:
-    """Replant the feet, move, settle until the joints are near their targets and still, and rest."""
+    """Replant the feet, move, settle until the joints are at rest near their targets, and rest."""
     motion, home = standing.motion().begin(trial), standing.home
     motion.phase(Phase.REPLANT).move_feet(
         home, standing.move_time(home, motion.target.feet_in_base, settings.move_time)
@@ -73,14 +73,14 @@ def _move_over(
 
 @dataclass(frozen=True, eq=False)
 class LiftReading:
-    """What the recording of a lift trial says.
+    """Lift trial with the results from its recording.
 
     Attributes:
-        trial: lift as it was commanded.
+        trial: lift that was commanded.
         recording: samples of the whole trial.
         tilt: rotation by which the robot tipped, and its direction.
-        plane: support plane at the nominal stance in the base frame, less the robot's head start.
-        ahead: distance of the CoM from that plane, by how fast the robot tipped; positive: forward [m].
+        plane: support plane at the nominal stance in the base frame, corrected by the tipping onset.
+        ahead: distance of the CoM from that plane, from the rate of tipping; positive: forward [m].
     """
 
     trial: CommandedLift
@@ -91,12 +91,12 @@ class LiftReading:
 
     @property
     def tried(self) -> TriedOffset:
-        """What it means for the bracket."""
+        """Result of the trial for the bracket."""
         return TriedOffset(self.trial.offset, self.trial.lift_height, self.tilt.verdict, self.plane, self.ahead)
 
 
 def read_lift_trial(robot: RobotModel, recording: Recording, stance: FloatArray) -> LiftReading:
-    """Read a complete lift trial.
+    """Compute tilt and support plane of a complete lift trial.
 
     Args:
         robot: model of the robot.
@@ -104,21 +104,21 @@ def read_lift_trial(robot: RobotModel, recording: Recording, stance: FloatArray)
         stance: (nj,) joint positions of the nominal stance [rad].
 
     Raises:
-        RecordingError: it holds no complete lift trial that we commanded.
+        RecordingError: the recording does not contain a complete lift trial commanded by equipoise.
     """
     trial = recording.trial
     if not isinstance(trial, CommandedLift) or not recording.complete:
-        raise RecordingError("the recording holds no complete lift trial; was it interrupted?")
+        raise RecordingError("the recording does not contain a complete lift trial; repeat an interrupted run")
     at_rest = support_plane_of(robot, recording, trial.diagonal, stance)
-    start = head_start(robot, recording, trial)
-    return LiftReading(trial, recording, tilt_of(robot, recording, trial), at_rest.moved(-start.moved), start.ahead)
+    onset = tipping_onset(robot, recording, trial)
+    return LiftReading(trial, recording, tilt_of(robot, recording, trial), at_rest.moved(-onset.moved), onset.ahead)
 
 
 def read_lift_trials(robot: RobotModel, recordings: Sequence[Recording], stance: FloatArray) -> list[LiftReading]:
-    """Read the recordings that hold a complete lift trial, in order; arguments as of `read_lift_trial`."""
+    """Apply `read_lift_trial` to the recordings with a complete lift trial, in order."""
     return [read_lift_trial(robot, recording, stance) for recording in recordings if holds_lift_trial(recording)]
 
 
 def holds_lift_trial(recording: Recording) -> bool:
-    """Whether a recording holds a complete lift trial that we commanded."""
+    """Return true for a recording of a complete lift trial commanded by equipoise."""
     return isinstance(recording.trial, CommandedLift) and recording.complete

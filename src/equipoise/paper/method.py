@@ -1,4 +1,4 @@
-"""The paper's method: CoM by bisection, I and C by sinusoidal excitation."""
+"""`PaperMethod`: CoM by bisection, I and C by sinusoidal excitation."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import carried_mass
 
-# Payloads of more than this fraction of the robot's mass were seen to cost several millimetres; joint friction alone makes
-# the torques of a `realistic` robot lie by up to half as much.
+# Heavier payloads, as a fraction of the robot's mass, cause errors of several millimetres. Joint friction alone causes
+# mismatches of up to half as much on a `realistic` robot.
 _MASS_MISMATCH = 0.15
 _LIFT_TIME = 4.6  # [s] of one trial of the search, on an A1
 _EXCITATIONS_TIME = 17.0  # [s] of the three excitations, on an A1
@@ -54,12 +54,12 @@ class PaperMethod(PaperSettings, Method):
 
     name: ClassVar[str] = "paper"
     summary: ClassVar[str] = (
-        "a bisection finds the planar centre of mass (Algorithms 1 and 2), excitations give moments of inertia "
+        "bisection determines the planar centre of mass (Algorithms 1 and 2), excitations determine moments of inertia "
         "(equations 2 to 5)"
     )
     estimates: ClassVar[tuple[str, ...]] = ("com_x", "com_y")
-    # At twice the usual step the estimates stay the same to a tenth of their errors: `make bench-monte-carlo`. No step is
-    # longer: contacts would be softer.
+    # Twice the default step changes the estimates by less than a tenth of their errors (`make bench-monte-carlo`). A longer
+    # step would make contacts softer.
     timestep: ClassVar[float] = 1e-3
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
@@ -73,19 +73,19 @@ class PaperMethod(PaperSettings, Method):
         recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
     ) -> None:
-        """Step 1, the search, and step 2, the excitations."""
+        """Do step 1, the search, and step 2, the excitations."""
 
-        def tell(doing: str, left: int) -> None:
+        def report_progress(doing: str, left: int) -> None:
             if report is not None:
                 report(Progress(doing, len(recordings), len(recordings) + left))
 
-        def searching(diagonal: str, doing: str, halvings: int) -> None:
+        def report_search(diagonal: str, doing: str, halvings: int) -> None:
             other = self.com_search.halvings(stance) if diagonal == next(iter(DIAGONALS)) else 0
-            tell(doing, halvings + other + len(AXES))
+            report_progress(doing, halvings + other + len(AXES))
 
-        find_com(TrialRunner(standing, stance, self.com_search, searching))  # step 1
+        find_com(TrialRunner(standing, stance, self.com_search, report_search))  # step 1
         for index, axis in enumerate(AXES):  # step 2
-            tell(f"excitation about {axis}", len(AXES) - index)
+            report_progress(f"excitation about {axis}", len(AXES) - index)
             excitation_axis(standing, stance, axis, self.excitation)
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
@@ -98,7 +98,7 @@ class PaperMethod(PaperSettings, Method):
             *_searched_postures(robot, stance, self.com_search),
             *excitation_postures(robot, stance, self.excitation),
         ]
-        return Course("lifts two diagonal feet again and again, excitations about three axes", time, tuple(postures))
+        return Course("lifts two diagonal feet repeatedly, then oscillates about three axes", time, tuple(postures))
 
     def expected_trials(self, stance: Stance) -> int:
         return 2 * self.com_search.halvings(stance) + len(AXES)
@@ -107,15 +107,15 @@ class PaperMethod(PaperSettings, Method):
         return SearchReading(robot, stance, recordings, self.com_search)
 
     def study_columns(self, result: Calibration, stance: Stance) -> Mapping[str, Any]:
-        """The CoM after each halving [m]."""
+        """Return the planar CoM after each halving [m]."""
         path = com_by_iteration(result, self.com_search.bracket(stance))
         return {"iteration_x": path[:, 0].tolist(), "iteration_y": path[:, 1].tolist()}
 
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
-        """What the recordings of a run of this method say.
+        """Compute the result from the recordings of a run of this method.
 
         Raises:
-            RecordingError: they do not hold a complete search on both diagonals.
+            RecordingError: they do not contain a complete search on both diagonals.
         """
         lifts = read_lift_trials(robot, recordings, stance.joint_position)
         lines: dict[str, SupportLine] = {}
@@ -153,20 +153,20 @@ class PaperMethod(PaperSettings, Method):
 
 
 def _searched_postures(robot: RobotModel, stance: Stance, settings: ComSearchSettings) -> list[RehearsedPosture]:
-    """Both ends of the search, as high as it may lift."""
+    """Return the postures at both ends of the search with the highest lift."""
     height = lift_heights(settings.lift(stance))[-1]
-    found: list[RehearsedPosture] = []
+    postures: list[RehearsedPosture] = []
     for diagonal, legs in DIAGONALS.items():
         for offset in settings.bounds(stance):
             feet = shifted_feet(stance, offset)
             feet[[leg not in legs for leg in LEG_NAMES], 2] += height
-            what = f"lines at {offset * 1000:+.0f} mm: two feet up by up to {height * 1000:.0f} mm, on {diagonal}"
-            found.append(held_posture(robot, what, feet, stance.joint_position, legs, settings.halvings(stance)))
-    return found
+            name = f"lines at {offset * 1000:+.0f} mm: two feet up by up to {height * 1000:.0f} mm, on {diagonal}"
+            postures.append(held_posture(robot, name, feet, stance.joint_position, legs, settings.halvings(stance)))
+    return postures
 
 
 def _weight_warning(robot: RobotModel, recordings: Sequence[Recording]) -> list[str]:
-    """What to say if the joint torques at rest carry another mass than the model's."""
+    """Return a warning if the mass from the joint torques at rest differs from the model's."""
     masses: list[float] = []
     for recording in recordings:
         if isinstance(recording.trial, LiftTrial) and not recording.refused:
@@ -176,22 +176,22 @@ def _weight_warning(robot: RobotModel, recordings: Sequence[Recording]) -> list[
     if not masses or abs(float(np.median(masses)) / robot.mass - 1) < _MASS_MISMATCH:
         return []
     return [
-        f"by its joint torques the robot weighs about {np.median(masses):.1f} kg, by the model {robot.mass:.1f} kg: legs sag "
-        "under what the model does not know, and the centre of mass may be off by several millimetres"
+        f"the joint torques give a mass of about {np.median(masses):.1f} kg, the model {robot.mass:.1f} kg: the legs sag "
+        "under the unmodelled load, and the centre of mass may be wrong by several millimetres"
     ]
 
 
 def _support_line(
     lifts: list[LiftReading], diagonal: str, stance: Stance, settings: PaperMethod
 ) -> tuple[SupportLine, SupportPlane]:
-    """Where a diagonal's search ended: between the last trial to tip forward and the last to tip backward."""
+    """Return a diagonal's support line, between the last trial that tipped forward and the last that tipped backward."""
     bracket = reduce(step, [lift.tried for lift in lifts], settings.com_search.bracket(stance))
     if not done(bracket):
         tips = [sum(lift.tilt.verdict == verdict for lift in lifts) for verdict in ("forward", "backward", "balanced")]
         raise RecordingError(
-            f"the recordings hold no complete search on {diagonal} with a tolerance of "
+            f"the recordings contain no complete search on {diagonal} with a tolerance of "
             f"{settings.com_search.tolerance * 1000:g} mm: of {len(lifts)} lifts {tips[0]} tip forward, {tips[1]} backward "
-            f"and {tips[2]} not; was the run interrupted, is a recording missing?"
+            f"and {tips[2]} stay balanced; check for missing recordings, or resume an interrupted run"
         )
     measured = bracket.plane if settings.feet == "measured" else None
     plane = measured or commanded_plane(shifted_feet(stance, bracket.middle), diagonal)
@@ -214,7 +214,7 @@ def estimate_excitations(
     stance: Stance,
     settings: ExcitationSettings,
 ) -> tuple[dict[str, ExcitationEstimate], dict[str, AxisFit], list[Trial]]:
-    """I and C by axis; of an axis that excitationed twice, the second, gentler one."""
+    """Fit I and C of each axis. If an axis was excited twice, the second, smaller excitation counts."""
     estimates: dict[str, ExcitationEstimate] = {}
     fits: dict[str, AxisFit] = {}
     trials: list[Trial] = []
@@ -228,7 +228,7 @@ def estimate_excitations(
         recording = by_axis.get(axis)
         if recording is None:
             reason = why_unreachable(robot, stance, axis, settings)
-            note = f"skipped, planted feet do not allow it: {reason}" if reason else "there is no recording of it"
+            note = f"skipped, not possible with all feet on the floor: {reason}" if reason else "not recorded"
             estimates[axis] = ExcitationEstimate(None, None, note=note)
             continue
         trials.append(Trial(ExcitationTrial.kind, axis, None, None, None, None, recording.duration))
@@ -243,6 +243,6 @@ def estimate_excitations(
         rotation = fit.sinusoid.amplitude / (2 * np.pi * fit.sinusoid.frequency)
         note = why_not_standing(robot, recording)
         if fit.inertia <= 0:
-            note = f"no body has a moment of inertia of {fit.inertia:.3g} kg m2; are the joint torques plausible?"
+            note = f"the fitted moment of inertia, {fit.inertia:.3g} kg m2, is not positive; check the joint torques"
         estimates[axis] = ExcitationEstimate(fit.inertia, fit.damping, fit.sinusoid.frequency, rotation, note)
     return estimates, fits, trials

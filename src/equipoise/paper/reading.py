@@ -1,4 +1,4 @@
-"""The paper's reading of trials while they come: two brackets, and where the planes within them cross."""
+"""Estimate of the planar CoM during a search: two brackets, and the crossing of the planes within them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.method.reading import ComEstimate, LiftPlane
 from equipoise.paper.bracket import Bracket, step
-from equipoise.paper.equations import between, commanded_plane, find_intersection
+from equipoise.paper.equations import commanded_plane, find_intersection, mean_plane
 from equipoise.paper.lift_trial import holds_lift_trial, read_lift_trial
 from equipoise.paper.settings import ComSearchSettings
 from equipoise.paper.trial_runner import shifted_feet
@@ -22,7 +22,7 @@ from equipoise.robot.stance import Stance
 
 
 class SearchReading:
-    """See `equipoise.method.reading.Reading`: a lift says on which side of the support line the CoM is."""
+    """Implementation of `equipoise.method.reading.Reading`: each lift determines the side of its support line with the CoM."""
 
     def __init__(
         self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording], settings: ComSearchSettings
@@ -35,30 +35,30 @@ class SearchReading:
         }
 
     def planes(self) -> list[LiftPlane]:
-        """As the robot's own sensors place them."""
+        """Return the planes measured by the robot's sensors."""
         return [
             LiftPlane(index, lift.trial.diagonal, lift.plane, lift.tilt.verdict) for index, lift in self._lifts.items()
         ]
 
     def estimate(self, trials: int) -> ComEstimate:
-        """The crossing of the planes within the brackets, and how far the crossings of their ends are from it."""
+        """Return the crossing of the planes within the brackets, with its distance to the crossings of their ends."""
         brackets = {diagonal: self._bracket(diagonal, trials) for diagonal in DIAGONALS}
         height = float(composite_parameters(self._robot, self._stance.joint_position).com[2])
         planes = [self._end_planes(diagonal, bracket) for diagonal, bracket in brackets.items()]
-        within = [bracket.plane or between(pair) for bracket, pair in zip(brackets.values(), planes, strict=True)]
+        within = [bracket.plane or mean_plane(pair) for bracket, pair in zip(brackets.values(), planes, strict=True)]
         com = find_intersection(within, height)
         corners = [find_intersection(corner, height) for corner in itertools.product(*planes)]
-        half = np.abs(np.array(corners) - com).max(axis=0)
+        half_width = np.abs(np.array(corners) - com).max(axis=0)
         bounds = {diagonal: (bracket.lower, bracket.upper) for diagonal, bracket in brackets.items()}
-        return ComEstimate(trials, np.append(com, height), np.append(half, np.nan), None, bounds)
+        return ComEstimate(trials, np.append(com, height), np.append(half_width, np.nan), None, bounds)
 
     def _bracket(self, diagonal: str, trials: int) -> Bracket:
-        """After the first trials."""
+        """Return the bracket after the first trials."""
         lifts = [lift for index, lift in self._lifts.items() if index < trials and lift.trial.diagonal == diagonal]
         return reduce(step, [lift.tried for lift in lifts], self._settings.bracket(self._stance))
 
     def _end_planes(self, diagonal: str, bracket: Bracket) -> list[SupportPlane]:
-        """The planes at both ends; as commanded where an end has not been tried."""
+        """Return the planes at both ends, from the commanded feet if an end was not tried."""
         ends = ((bracket.lower, bracket.at_lower), (bracket.upper, bracket.at_upper))
         return [
             commanded_plane(shifted_feet(self._stance, offset), diagonal)

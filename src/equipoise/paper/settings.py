@@ -1,4 +1,4 @@
-"""Settings of the paper's method. Flags are read from them without a robot model."""
+"""Settings of the paper's method, also read as command-line flags."""
 
 from __future__ import annotations
 
@@ -17,28 +17,27 @@ if TYPE_CHECKING:
 _BOUND = 0.06  # [m] on an A1
 _LIFT_RATIO = 0.05
 _SMALLEST_LIFT_RATIO, _LARGEST_LIFT_RATIO = 0.01, 0.3
-# What settings may be: less or more than this is a slip of the finger.
 _ALLOWED = (
     ("lower", -2.0, 2.0),
     ("upper", -2.0, 2.0),
     ("tolerance", 1e-4, 1.0),
     ("lift_height", 1e-3, 1.0),
-    ("t_thres", 0.2, 10.0),  # shorter, no robot tips far enough to be seen
+    ("t_thres", 0.2, 10.0),  # a robot needs at least the lower limit to tip measurably
     ("speed", 0.1, 3.0),
 )
 
 
 @dataclass(frozen=True)
 class ComSearchSettings:
-    """How the CoM is searched. None stands for a value that fits the robot's size.
+    """Settings of the CoM search. None stands for a default that scales with the robot.
 
     Attributes:
         lower: lower search bound x_l of the offset along the base's x axis [m]; default -6 cm on an A1.
-        upper: upper search bound x_u of that [m]; default 6 cm on an A1.
-        tolerance: distance of the bounds at which the search ends [m].
+        upper: upper search bound x_u of the offset [m]; default 6 cm on an A1.
+        tolerance: width of the bracket at which the search ends [m].
         lift_height: height of the first lift [m]; default 5 % of the hip height.
-        t_thres: time for which the robot is watched with two feet up [s]; default 0.8 s on an A1.
-        speed: factor on how fast the robot moves between trials.
+        t_thres: observation time with two feet up [s]; default 0.8 s on an A1.
+        speed: factor on the robot's speed between trials.
     """
 
     lower: float | None = None
@@ -57,7 +56,7 @@ class ComSearchSettings:
             _check_order(self.lower, self.upper)
 
     def bounds(self, stance: Stance) -> tuple[float, float]:
-        """x_l and x_u for a robot of this size [m]; raises SettingsError if there is nothing to search between them."""
+        """Return x_l and x_u for a robot of this size [m]; raises SettingsError if there is nothing to search between them."""
         default = _BOUND * stance.scale.length
         lower = -default if self.lower is None else self.lower
         upper = default if self.upper is None else self.upper
@@ -69,7 +68,7 @@ class ComSearchSettings:
         return lower, upper
 
     def halvings(self, stance: Stance) -> int:
-        """How often the bracket is halved until it is as small as the tolerance: at least once, as `bounds` sees to."""
+        """Return the number of halvings until the bracket is as narrow as the tolerance: at least one."""
         lower, upper = self.bounds(stance)
         return math.ceil(math.log2((upper - lower) / self.tolerance))
 
@@ -105,8 +104,8 @@ class PaperSettings:
     """Settings of the paper's method.
 
     Attributes:
-        feet: where support lines are taken to be: "measured" by the encoders and the accelerometer at rest, or "commanded", as
-            printed in the paper.
+        feet: foot positions for the support lines: "measured" by encoders and accelerometer at rest, or "commanded", as in
+            the paper.
         com_search: step 1.
         excitation: step 2.
     """
@@ -119,7 +118,7 @@ class PaperSettings:
 
     def __post_init__(self) -> None:
         if self.feet not in ("measured", "commanded"):
-            raise SettingsError(f"feet are 'measured' or 'commanded', not {self.feet!r}")
+            raise SettingsError(f"feet is {self.feet!r}; it must be 'measured' or 'commanded'")
 
 
 def _check_order(lower: float, upper: float) -> None:

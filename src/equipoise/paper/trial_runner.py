@@ -1,4 +1,4 @@
-"""Lift trials as a search asks for them: where, how high, whether they are safe, and who is told."""
+"""Lift trials of a search: offsets, lift heights, safety checks and progress reports."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
 
-# Of the room to the edge of its feet, that a robot at a bound may be on its way to when it lands on its lifted feet. More than
-# in a lift that is planned: a search goes to its bounds only where the CoM is near them.
+# Capture point of a robot at a bound when it lands on its lifted feet, as a fraction of the distance to the edge of its feet.
+# Larger than in a planned lift, because a search reaches its bounds only if the CoM is near them.
 _LANDING = 0.8
 
 Report = Callable[[str, str, int], None]
-"""Function of the diagonal of the next trial, of the trial in words, and of the number of halvings that are left."""
+"""Function of the next trial's diagonal, the trial's description and the number of halvings left."""
 
 
 class TrialRunner:
-    """Does lift trials for a search: inverse kinematics, motion, and higher lifts where no tilt is seen."""
+    """Runner of the lift trials of a search, with higher lifts if no tilt is measured."""
 
     def __init__(
         self, standing: StandingRobot, stance: Stance, settings: ComSearchSettings, report: Report | None = None
@@ -40,10 +40,10 @@ class TrialRunner:
         self._report = report
 
     def tilt_at(self, diagonal: str, x_m: float, bracket: Bracket, lifts: list[LiftReading]) -> TriedOffset:
-        """Stand on a diagonal whose line is offset by x_m, lift the other feet, and tell which way the robot tips.
+        """Stand on a diagonal whose line is offset by x_m, lift the other feet, and return which way the robot tips.
 
-        Where no tilt is seen the lift is repeated higher, and later trials lift as high as it took to see one. If the
-        highest shows none either, the robot is balanced.
+        If no tilt is measured, the lift is repeated higher, and later trials start at the height that gave a tilt. If the
+        highest lift gives none, the robot is balanced.
 
         Args:
             diagonal: diagonal to stand on.
@@ -52,13 +52,13 @@ class TrialRunner:
             lifts: list to append the lifts to.
 
         Raises:
-            MotionError: no tilt was seen because the feet hardly left the floor.
+            MotionError: no tilt was measured because the feet hardly left the floor.
         """
         if self._report is not None:
             left = max(1, int(np.ceil(np.log2(max(1.0, bracket.width / bracket.tolerance)))))
-            words = f"lift on {diagonal}: offset {x_m * 1000:+.1f} mm"
+            lift = f"lift on {diagonal}: offset {x_m * 1000:+.1f} mm"
             self._report(
-                diagonal, f"{words}, bracket {bracket.lower * 1000:+.1f} to {bracket.upper * 1000:+.1f} mm", left
+                diagonal, f"{lift}, bracket {bracket.lower * 1000:+.1f} to {bracket.upper * 1000:+.1f} mm", left
             )
         r_hat = shifted_feet(self.stance, x_m)  # Algorithm 1, lines 3 and 4
         for rung in range(self._rung, len(self.heights)):
@@ -72,19 +72,19 @@ class TrialRunner:
         tilt = lifts[-1].tilt
         if not tilt.lifted:
             raise MotionError(
-                f"no tilt was seen on {diagonal}, but the feet rose by only {tilt.rise * 1000:.1f} mm of the "
-                f"{lifts[-1].trial.lift_height * 1000:.1f} mm that they were lifted: are they held, are the gains plausible?",
+                f"no tilt was measured on {diagonal}: the feet rose by only {tilt.rise * 1000:.1f} mm of the commanded "
+                f"{lifts[-1].trial.lift_height * 1000:.1f} mm; check that the feet are free and the gains are plausible",
                 tuple(lift.recording for lift in lifts),
             )
         return lifts[-1].tried
 
 
 def check_search(robot: RobotModel, stance: Stance, settings: ComSearchSettings) -> None:
-    """Refuse a search that cannot be done or is not safe, before anything moves.
+    """Raise an error if a search is not possible or not safe, before the robot moves.
 
     Raises:
         SettingsError: bounds, tolerance or lift height do not fit the robot.
-        ReachError: a bound is out of reach, or the robot could tip over its own feet there.
+        ReachError: a bound is out of reach, or the robot could fall over its own feet there.
     """
     height = settings.lift(stance).height
     for x in settings.bounds(stance):
@@ -92,9 +92,9 @@ def check_search(robot: RobotModel, stance: Stance, settings: ComSearchSettings)
 
 
 def check_offset(robot: RobotModel, stance: Stance, x_m: float, lift_height: float) -> None:
-    """Raise ReachError if the legs do not reach an offset, or touch there, or the robot could tip over its own feet.
+    """Raise ReachError if the legs do not reach an offset, or touch there, or the robot could fall over its own feet.
 
-    By the model, and the pendulum of `tipping`: it must come to rest well inside them when it lands on its lifted feet.
+    According to the pendulum of `tipping`, the robot must come to rest well inside its feet when it lands on the lifted ones.
 
     Args:
         robot: model of the robot.
@@ -112,27 +112,27 @@ def check_offset(robot: RobotModel, stance: Stance, x_m: float, lift_height: flo
         if reach > _LANDING * room:
             raise ReachError(
                 f"with the support lines at {x_m * 1000:.0f} mm and a lift of {lift_height * 1000:.0f} mm the robot could "
-                f"tip over its own feet: by the model they catch it {reach * 1000:.0f} mm beside the line on {diagonal}, "
-                f"and {_LANDING * room * 1000:.0f} mm are safe; ask for narrower bounds or a lower lift"
+                f"fall over its own feet: it would land {reach * 1000:.0f} mm from the line on {diagonal}, more than the safe "
+                f"{_LANDING * room * 1000:.0f} mm; set narrower bounds or a lower lift"
             )
 
 
 def lift_heights(settings: LiftSettings) -> list[float]:
-    """Heights tried one after the other until a tilt is seen [m]; the robot that stands the last is balanced."""
+    """Return the heights that are tried in order until a tilt is measured [m]."""
     return [settings.height * settings.growth**rung for rung in range(settings.max_lifts)]
 
 
 def shifted_feet(stance: Stance, offset: float) -> FloatArray:
-    """(4, 3) feet in the base frame with the support lines shifted along x (Algorithm 1, lines 3 and 4) [m]."""
+    """Return the (4, 3) feet in the base frame with the support lines shifted along x (Algorithm 1, lines 3 and 4) [m]."""
     return stance.feet_in_base + np.array([offset, 0, 0])
 
 
 def _check_direction(lift: LiftReading) -> None:
-    """A robot on a line can only turn about that line; an IMU that says otherwise is mounted turned."""
+    """Raise MotionError if the robot rotated across its support line, which means that the IMU's orientation is wrong."""
     tilt = lift.tilt
     if tilt.across_line > 2 * abs(tilt.about_line) and tilt.across_line > 0.04:
         raise MotionError(
-            f"the robot stood on {lift.trial.diagonal} and turned across that line by {np.degrees(tilt.across_line):.1f} deg: "
-            "the IMU seems mounted turned; give its pose under imu_rpy in a robot description",
+            f"on {lift.trial.diagonal} the robot rotated across the support line by {np.degrees(tilt.across_line):.1f} deg: "
+            "the orientation of the IMU is wrong; set imu_rpy in the robot configuration",
             (lift.recording,),
         )

@@ -1,16 +1,15 @@
-"""How the robot began to tip: where it was on its way to when its feet left the floor.
+"""Motion of the capture point at the start of a lift trial.
 
-On four feet the floor holds the legs away from where their motors want them, by friction. When two feet lose their load, legs
-and body spring back: by a fraction of a millimetre, but by centimetres a second, in the direction in which the robot was
-dragged last. On two feet it is a pendulum, and tips to the side on which its capture point is, not its CoM
-(`experiments.tipping`):
+On four feet, floor friction keeps the legs away from their commanded positions. When two feet lose their load, legs and body
+spring back by a fraction of a millimetre, at centimetres per second. On two feet the robot is a pendulum. It tips to the side
+of its capture point x, not of its CoM (`experiments.tipping`), with a the lean of the CoM and w the pendulum's rate:
 
     x = a + a' / w,     x grows as e^(w t).
 
-Between the rest, at which the feet are measured, and the moment t_0 at which they leave the floor, x moves by the head start
-h x(t_0). From then on it grows by x(t) - x(t_0) = (e^(w (t - t_0)) - 1) x_true(t_0), which tells how far from the line the
-capture point truly was. Gyroscope and encoders tell both. Without the head start an A1's support lines are half a millimetre
-off, and a HyQ's up to seven.
+The feet are measured at rest. From the rest until the feet leave the floor at t_0, x moves by `TippingOnset.moved`.
+After t_0 it grows by x(t) - x(t_0) = (e^(w (t - t_0)) - 1) x(t_0), which determines its distance from the line at t_0,
+`TippingOnset.ahead`. Gyroscope and encoders measure both. Without this correction, support lines are wrong by half a
+millimetre on an A1 and up to 7 mm on a HyQ.
 """
 
 from __future__ import annotations
@@ -30,25 +29,25 @@ from equipoise.recording.trials import CommandedLift
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
-_OFF_THE_FLOOR = 0.12  # of the lift's height: feet that are so high bear nothing, and the robot has hardly tipped since
-_WINDOW = 0.035  # [s] to either side, over which the lean is differentiated
+_OFF_THE_FLOOR = 0.12  # of the lift height: feet this high carry no load, and the robot has hardly tipped
+_WINDOW = 0.035  # [s], half the interval of the difference that gives the rate of the lean
 
 
 @dataclass(frozen=True)
-class HeadStart:
-    """How a lift's tipping began, across the support line; positive: forward.
+class TippingOnset:
+    """Capture point at the start of a lift, across the support line; positive: forward.
 
     Attributes:
-        moved: distance by which the capture point moved from the rest until the feet left the floor [m].
-        ahead: distance of the capture point from the line at that moment, by how fast the robot tipped then [m].
+        moved: displacement of the capture point from the rest until the feet left the floor [m].
+        ahead: distance of the capture point from the line at that moment, from the rate of tipping [m].
     """
 
     moved: float
     ahead: float
 
 
-def head_start(robot: RobotModel, recording: Recording, trial: CommandedLift) -> HeadStart:
-    """How the robot began to tip in a lift.
+def tipping_onset(robot: RobotModel, recording: Recording, trial: CommandedLift) -> TippingOnset:
+    """Compute the motion of the capture point at the start of a lift.
 
     Args:
         robot: model of the robot.
@@ -62,13 +61,13 @@ def head_start(robot: RobotModel, recording: Recording, trial: CommandedLift) ->
     off, end = _off_the_floor(robot, lifted, rest, trial), float(time[-1]) - _WINDOW
     moved, tipped = np.interp([off, end], time, capture).tolist()
     growth = math.expm1(tipping.rate * max(end - off, _WINDOW))
-    return HeadStart(moved, (tipped - moved) / growth)
+    return TippingOnset(moved, (tipped - moved) / growth)
 
 
 def _capture_point(
     robot: RobotModel, lifted: Recording, rest: RestMeans, tipping: Pendulum
 ) -> tuple[FloatArray, FloatArray]:
-    """(n,) times [s], and (n,) how far the capture point has moved forward across the line since the rest [m]."""
+    """Return (n,) times [s] and (n,) displacements of the capture point since the rest, forward across the line [m]."""
     imu, joints = lifted.imu, lifted.joints
     turning = (imu.angular_velocity_in_imu - rest.gyro_bias) @ (
         np.array(robot.imu_in_base.rotation).T @ tipping.axis_in_base
@@ -84,7 +83,7 @@ def _capture_point(
 
 
 def _off_the_floor(robot: RobotModel, lifted: Recording, rest: RestMeans, trial: CommandedLift) -> float:
-    """When the feet have left the floor, by the encoders; the end, if they never do [s]."""
+    """Return the time at which the feet leave the floor according to the encoders, or the last time if they never do [s]."""
     kinematics = Kinematics(robot)
     standing = np.array([leg in DIAGONALS[trial.diagonal] for leg in LEG_NAMES])
     side = np.where(standing, -0.5, 0.5)
