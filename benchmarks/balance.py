@@ -1,12 +1,12 @@
-"""Does a right centre of mass balance a robot on two feet, and does a wrong one let it fall? `make bench-balance`.
+"""Balance on two feet against the error of the controller's CoM: `make bench-balance`.
 
-Simulated robots with the preset `realistic` stand on a diagonal for 10 s by a balance law with a fixed model. Every run
-appends a row to benchmarks/results/balance.jsonl, so that an interrupted benchmark goes on where it was;
-benchmarks/results/balance.md and balance.png are made from the rows. All is seeded.
+Simulated robots with the preset `realistic` stand on a diagonal for 10 s with a fixed controller. Every run appends a row to
+benchmarks/results/balance.jsonl, so that an interrupted benchmark can be resumed. The tables and the figure,
+benchmarks/results/balance.md and balance.png, are written from the rows. Everything is seeded.
 
-    python benchmarks/balance.py             # what is missing, then the tables and the figure
-    python benchmarks/balance.py --seeds 3   # the first seeds of everything only
-    python benchmarks/balance.py --tables    # the tables and the figure only
+    python benchmarks/balance.py             # missing runs, then tables and figure
+    python benchmarks/balance.py --seeds 3   # the first seeds only
+    python benchmarks/balance.py --tables    # tables and figure only
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ import equipoise
 from equipoise import calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
 from equipoise.lab.balance.balance_routine import BalanceSettings, balance
-from equipoise.lab.balance.evaluation import Verdict, judge
-from equipoise.lab.balance.model_error import Plant, calibrated, displaced, error_along, model_file
-from equipoise.lab.balance.observer import SensorKnowledge
+from equipoise.lab.balance.evaluation import Verdict, evaluate
+from equipoise.lab.balance.model_error import DesignModel, calibrated, displaced, error_along, model_file
+from equipoise.lab.balance.observer import SensorCorrections
 from equipoise.method.table import method_named
 from equipoise.robot.model import DIAGONALS
 from equipoise.simulation.ground_truth_view import Bystander
@@ -50,10 +50,10 @@ ROBOTS = ("unitree_a1", "go2", "solo12")
 SIZES = (0, 2, 3, 4, 5, 6, 8, 10, 15, 20)  # [mm]
 ERRORS = tuple(sorted({sign * size for size in SIZES for sign in (-1, 1)}))
 OBSERVED = (-5, -2, 0, 2, 5)  # [mm]
-PAPER = 5.0  # [mm] that the paper's balance controller is said to bear
+PAPER = 5.0  # [mm], error that the paper's balance controller tolerates
 SEEDS = {"known": 6, "unknown": 3, "observe": 3, "payload": 3}
 FIRST = 10_000  # seeds below are for development
-# Off the centre of the back; go2 and solo12 carry about the A1's 2 kg in proportion to mass and size.
+# Off the centre of the back; payloads of go2 and solo12 are the A1's 2 kg in proportion to mass and size.
 PAYLOADS = {
     "unitree_a1": ("1,0.08,0.03,0.1", "2,0.08,0.03,0.1", "3,0.08,0.03,0.1"),
     "go2": ("2.6,0.085,0.032,0.105",),
@@ -64,7 +64,7 @@ MODELS = ("model file", "planar CoM (paper)", "everything (precise)")
 
 @dataclass(frozen=True)
 class Case:
-    """One job: a sweep's run (error in mm), or all that is done with one payload."""
+    """Job: one run of a sweep (error in mm), or all runs with one payload."""
 
     kind: str
     robot: str
@@ -79,7 +79,7 @@ class Case:
 
 
 def cases(seeds: int) -> list[Case]:
-    """All of them, the first seeds of everything first."""
+    """Return all cases, ordered by seed."""
     found: list[Case] = []
     for kind, count in SEEDS.items():
         for robot in ROBOTS:
@@ -98,13 +98,13 @@ def robot_called(name: str) -> equipoise.RobotModel:
 
 
 def stand(
-    robot: equipoise.RobotModel, simulation: Simulation, belief: Plant, diagonal: str, settings: BalanceSettings
+    robot: equipoise.RobotModel, simulation: Simulation, design: DesignModel, diagonal: str, settings: BalanceSettings
 ) -> dict[str, object]:
-    """One balance trial as numbers: lengths in mm, angles in degrees."""
+    """Do one balance trial; return its numbers, lengths in mm, angles in degrees."""
     bystander = Bystander(simulation.witness.look, 5)
-    run = balance(simulation.platform, robot, belief.model, diagonal, settings, belief.sensors, bystander.watch)
-    verdict: Verdict = judge(run, bystander.ground_truths)
-    error = error_along(nominal_stance(robot), diagonal, belief.model, simulation.truth)
+    run = balance(simulation.platform, robot, design.model, diagonal, settings, design.sensors, bystander.watch)
+    verdict: Verdict = evaluate(run, bystander.ground_truths)
+    error = error_along(nominal_stance(robot), diagonal, design.model, simulation.truth)
     return {
         "balanced": verdict.balanced,
         "time": round(verdict.time_balanced, 2),
@@ -118,7 +118,7 @@ def stand(
 
 
 def run(case: Case) -> dict[str, object]:
-    """One row."""
+    """Return the row of a case."""
     warnings.simplefilter("ignore")
     row: dict[str, object] = {"key": case.key, **dataclasses.asdict(case), "commit": commit()}
     try:
@@ -128,34 +128,32 @@ def run(case: Case) -> dict[str, object]:
 
 
 def sweep(case: Case) -> dict[str, object]:
-    """The truth displaced; known sensor errors are taken off, unknown ones are not."""
+    """Balance with the truth displaced, with or without correction of the sensor errors."""
     robot = robot_called(case.robot)
     with simulate(robot, "realistic", seed=case.seed) as simulation:
-        belief = displaced(robot, nominal_stance(robot), simulation.truth, case.diagonal, case.error / 1000)
+        design = displaced(robot, nominal_stance(robot), simulation.truth, case.diagonal, case.error / 1000)
         if case.kind != "unknown":
             drawn = simulation.errors
-            known = SensorKnowledge(drawn.joint_offset, drawn.imu_tilt, drawn.accelerometer_bias)
-            belief = dataclasses.replace(belief, sensors=known)
+            corrections = SensorCorrections(drawn.joint_offset, drawn.imu_tilt, drawn.accelerometer_bias)
+            design = dataclasses.replace(design, sensors=corrections)
         settings = BalanceSettings(observe_offset=case.kind == "observe")
-        return stand(robot, simulation, belief, case.diagonal, settings)
+        return stand(robot, simulation, design, case.diagonal, settings)
 
 
 def payload_study(case: Case) -> dict[str, object]:
-    """Before and after calibrations of the same robot with the same payload; what was calibrated is what balances."""
+    """Balance before and after calibrations of the same robot with the same payload."""
     robot = robot_called(case.robot)
     stance = nominal_stance(robot)
-    combined_priors = [model_file(robot)]
+    designs = [model_file(robot)]
     for method in ("paper", "bayesian"):
         with simulate(robot, "realistic", case.payload, case.seed) as simulation:
-            combined_priors.append(
-                calibrated(robot, stance, calibrate(simulation.platform, robot, method_named(method)()))
-            )
+            designs.append(calibrated(robot, stance, calibrate(simulation.platform, robot, method_named(method)())))
     trials: dict[str, dict[str, object]] = {}
-    for name, belief in zip(MODELS, combined_priors, strict=True):
+    for name, design in zip(MODELS, designs, strict=True):
         trials[name] = {}
         for diagonal in DIAGONALS:
             with simulate(robot, "realistic", case.payload, case.seed) as simulation:
-                trials[name][diagonal] = stand(robot, simulation, belief, diagonal, BalanceSettings())
+                trials[name][diagonal] = stand(robot, simulation, design, diagonal, BalanceSettings())
     return {"trials": trials}
 
 
@@ -167,7 +165,7 @@ def load_rows() -> dict[str, dict]:
 
 
 def interval(successes: int, count: int) -> tuple[float, float]:
-    """95 % of a binomial probability (Jeffreys)."""
+    """Return the 95 % interval of a binomial probability (Jeffreys)."""
     low = 0.0 if successes == 0 else beta.ppf(0.025, successes + 0.5, count - successes + 0.5)
     high = 1.0 if successes == count else beta.ppf(0.975, successes + 0.5, count - successes + 0.5)
     return float(low), float(high)
@@ -203,8 +201,7 @@ def sweep_table(rows: list[dict], kind: str) -> list[str]:
 
 def lean_table(rows: list[dict]) -> list[str]:
     lines = [
-        "| robot | excitation at 0 mm, rms [mm] | tilt in the last second at 0, +-2, +-4, +-6 mm [deg] | largest "
-        "torque [Nm] |",
+        "| robot | std of the CoM at 0 mm [mm] | tilt in the last second at 0, +-2, +-4, +-6 mm [deg] | largest torque [Nm] |",
         "|---|---|---|---|",
     ]
     for robot in ROBOTS:
@@ -262,10 +259,10 @@ def observer_table(rows: list[dict]) -> list[str]:
 
 
 def draw(rows: list[dict]) -> None:
-    """Probability of balancing 10 s against the error, a panel a robot."""
+    """Draw the probability of balancing for 10 s against the error, a panel per robot."""
     figure = Figure(figsize=(15.0, 5.2), layout="constrained", facecolor="white")
     figure.suptitle(
-        "Balancing on two feet for 10 s with a fixed model, against the error of its centre of mass", fontsize=13
+        "Share of runs that balance on two feet for 10 s against the error of the controller's CoM", fontsize=13
     )
     panels = figure.subplots(1, len(ROBOTS), sharey=True)
     for axes, robot in zip(panels, ROBOTS, strict=True):
@@ -275,9 +272,9 @@ def draw(rows: list[dict]) -> None:
         styles = (("known", "FL_RR", "C0", "o", -0.15), ("known", "FR_RL", "C1", "s", 0.15))
         for kind, diagonal, colour, marker, shift in styles:
             _curve(axes, rows, kind, robot, diagonal, (colour, marker, "-", shift), diagonal)
-        _curve(axes, rows, "unknown", robot, None, ("dimgrey", "^", ":", 0.0), "both, sensor errors not known")
+        _curve(axes, rows, "unknown", robot, None, ("dimgrey", "^", ":", 0.0), "both, sensor errors not corrected")
         axes.set_title(robot, fontsize=12)
-        axes.set_xlabel("believed CoM in front of the true one [mm]", fontsize=10)
+        axes.set_xlabel("controller's CoM in front of the true one [mm]", fontsize=10)
         axes.set_ylim(-0.04, 1.04)
         axes.grid(color="lightgrey")
         axes.set_axisbelow(True)
@@ -308,43 +305,42 @@ def write_tables() -> str:
         "# Balancing on two feet",
         "",
         f"`make bench-balance`; equipoise {equipoise.__version__}, Pinocchio {pin.__version__}, MuJoCo {mujoco.__version__}, "
-        f"Python {machine.python_version()}. Preset `realistic`, 10 s, a balance law with a fixed model, fed by encoders "
-        "and IMU alone. Success by the simulator's truth: lifted feet clear of the floor, standing feet on it and in place, "
-        "tilt below 20 deg (there the routine gives up and catches the robot).",
+        f"Python {machine.python_version()}. Preset `realistic`, 10 s, a controller with a fixed model that uses encoders "
+        "and IMU only. Success according to the simulated truth: lifted feet clear of the floor, standing feet on it and in "
+        "place, tilt below 20 deg (at this limit the routine catches the robot).",
         "",
-        "## How wrong may the centre of mass be?",
+        "## Tolerated error of the centre of mass",
         "",
-        "Runs that balanced, of all; in brackets the median time to the fall. The law believes the simulated truth with the "
-        "centre of mass displaced by so many mm along the horizontal normal of the support line; positive: believed too far "
-        "forward. The sensors' constant errors (joint offsets, IMU mounting, accelerometer bias) are known to the "
-        "law, so that "
-        "the centre of mass alone is studied; leg masses, torque gains, friction and the floor's slope are not.",
+        "Runs that balanced, of all runs; in brackets the median time to the fall. The controller is designed on the truth "
+        "with the CoM displaced [mm] along the horizontal normal of the support line; positive: too far forward. "
+        "Constant sensor errors (joint offsets, IMU mounting, accelerometer bias) are corrected, to study the CoM alone. "
+        "Errors of leg masses, torque gains, friction and the floor's slope are not.",
         "",
         *sweep_table(rows, "known"),
         "",
-        "The same with the sensors taken at their word (joint offsets 5 mrad, IMU tilt 5 mrad rms):",
+        "The same without correction of sensor errors (joint offsets 5 mrad, IMU tilt 5 mrad rms):",
         "",
         *sweep_table(rows, "unknown"),
         "",
         "![probability of balancing against the error](balance.png)",
         "",
-        "A robot that does not fall still shows the error: it leans.",
+        "A robot that does not fall leans in proportion to the error.",
         "",
         *lean_table(rows),
         "",
         "## Before and after calibration, with a payload off centre",
         "",
-        "Runs that balanced, median time, and rms error of the believed centre of mass across the support line. Each robot is "
-        "calibrated with its payload and its own sensor errors, without a scale, and balances afterwards; with `bayesian` the "
-        "joint offsets and the IMU mounting that it found are taken off, with the others sensors are taken at their word.",
+        "Runs that balanced, median time, and rms error of the controller's CoM across the support line. Each robot is "
+        "calibrated with its payload and its own sensor errors, without a scale, and balances afterwards. With `bayesian`, "
+        "the estimated joint offsets and IMU mounting are corrected; with the others, sensor errors are not corrected.",
         "",
         *payload_table(rows),
         "",
-        "## The observer: a measurement, no proof",
+        "## Observed error of the centre of mass",
         "",
-        "With `--observe-offset` the law also estimates how far the believed centre of mass is in front of the true one, and "
-        "makes up for it. What it observed (mean +- sd over runs that balanced, how many did), for the true errors in the "
-        "head. Sensor errors are known to it.",
+        "With `--observe-offset` the controller also estimates the distance of its CoM in front of the true one, and "
+        "compensates it. Estimates (mean +- std over runs that balanced, number of these) for the true errors in the head. "
+        "Sensor errors are corrected.",
         "",
         *observer_table(rows),
     ]
@@ -358,8 +354,8 @@ def write_tables() -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tables", action="store_true", help="make the tables from the rows there are")
-    parser.add_argument("--seeds", type=int, default=max(SEEDS.values()), help="the first seeds of everything only")
+    parser.add_argument("--tables", action="store_true", help="write the tables from the existing rows")
+    parser.add_argument("--seeds", type=int, default=max(SEEDS.values()), help="number of seeds")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     arguments = parser.parse_args()
     if not arguments.tables:

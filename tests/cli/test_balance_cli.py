@@ -48,7 +48,7 @@ def test_a_fall_is_a_verdict_and_with_check_an_exit_code(tmp_path, capsys):
     assert main(["lab", "balance", *arguments, "--out", str(tmp_path / "a")]) == 0
     captured = capsys.readouterr()
     assert "FR_RL: fell after 0." in captured.out
-    assert "The law believes the model file; sensor errors are not known" in " ".join(captured.out.split())
+    assert "designed on the model file; sensor errors are not corrected" in " ".join(captured.out.split())
     assert not (tmp_path / "a" / "balance.html").exists()
     assert main(["lab", "balance", *arguments, "--check", "--json", "--out", str(tmp_path / "b")]) == 4
     captured = capsys.readouterr()
@@ -73,7 +73,7 @@ def test_a_calibration_is_read_from_its_file_or_its_folder(tmp_path, capsys, pre
     assert main(["lab", "balance", *arguments, "--out", str(tmp_path / "run"), "--quiet"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "FL_RR: balanced for 2.0 s" in out
-    assert "The law believes a calibration by the method bayesian; sensor errors are taken off, as calibrated." in out
+    assert "designed on a calibration by the method bayesian; sensor errors are corrected as calibrated." in out
 
 
 def test_ctrl_c_keeps_what_was_recorded(tmp_path, capsys, monkeypatch):
@@ -89,15 +89,15 @@ def test_ctrl_c_keeps_what_was_recorded(tmp_path, capsys, monkeypatch):
     stopped = []
     monkeypatch.setattr(MujocoPlatform, "step", interrupted)
     assert main(["lab", "balance", *SHORT, "--out", str(tmp_path / "run")]) == 130
-    assert f"what was recorded so far is kept in {tmp_path / 'run'}" in capsys.readouterr().err
+    assert f"the recording until the interruption is in {tmp_path / 'run'}" in capsys.readouterr().err
     recording = read_log(tmp_path / "run" / "balance-FL_RR-broken-off.mcap").unfinished
     assert recording.has_phase("lower")
     assert recording.joints.time[-1] > stopped[0]
 
 
 def test_wrong_flags_say_what_is_right(tmp_path, capsys):
-    assert "give one of them" in fails(capsys, 2, "--com", "x.json", "--com-error", "5mm")
-    assert "'5 apples' is no length" in fails(capsys, 2, "--com-error", "5 apples")
+    assert "pass one of them" in fails(capsys, 2, "--com", "x.json", "--com-error", "5mm")
+    assert "'5 apples' is not a length" in fails(capsys, 2, "--com-error", "5 apples")
     assert "--duration 'soon' is not a time" in fails(capsys, 2, "--duration", "soon")
     assert "--duration is '0s'" in fails(capsys, 2, "--duration", "0s")
     assert "MASS,X,Y,Z" in fails(capsys, 2, "--payload", "heavy")
@@ -113,6 +113,6 @@ def test_lengths_have_units(text, value):
 
 
 @pytest.mark.parametrize("text", ["", "mm", "5", "1e9mm", "nan", "5 km"])
-def test_what_is_no_length_of_a_robot_is_refused(text):
-    with pytest.raises(SettingsError, match="is no length of at most 100 mm"):
+def test_invalid_lengths_raise_an_error(text):
+    with pytest.raises(SettingsError, match="is not a length of at most 100 mm"):
         metres(text)

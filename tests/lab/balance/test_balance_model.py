@@ -1,4 +1,4 @@
-"""The linear model of a robot on two rolling feet, and the law that is designed on it."""
+"""Linear model of a robot on two rolling feet, and the controller designed on it."""
 
 from types import SimpleNamespace
 
@@ -76,7 +76,7 @@ def test_a_rolling_foot_shortens_the_pendulum_by_its_radius(case):
     assert case.model.stiffness[0, 0] == pytest.approx(-case.robot.mass * 9.81 * (height - radius), rel=1e-9)
 
 
-def test_the_robot_tips_over_by_itself(case):
+def test_the_robot_has_one_unstable_pole(case):
     assert 4.5 < case.model.unstable_pole < 5.5
     poles = np.linalg.eigvals(case.model.continuous()[0])
     assert poles.real.max() > 4
@@ -110,7 +110,7 @@ def test_a_line_through_feet_at_different_heights_has_a_level_normal():
 
 
 def closed_loop(model, law, delay, offset, seconds):
-    """The linear robot under the law: (n, states)."""
+    """Return the (n, states) of the linear robot with the controller."""
     a, b, e = model.discrete(PERIOD)
     sense = np.vstack(
         [
@@ -131,7 +131,7 @@ def closed_loop(model, law, delay, offset, seconds):
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2])
-def test_the_law_balances_the_linear_robot_leaning_by_so_much_per_millimetre(case, delay):
+def test_the_controller_balances_the_linear_robot_with_a_lean_per_millimetre_of_offset(case, delay):
     law = BalanceLaw(case.model, PERIOD, delay, BalanceWeights(), 1.0)
     shape = closed_loop(case.model, law, delay, 1e-3, 6.0)[:, : len(case.model.mass)]
     assert np.abs(shape[-1] - shape[-500]).max() < 1e-4  # at rest

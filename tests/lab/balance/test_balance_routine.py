@@ -1,4 +1,4 @@
-"""A simulated robot stands on two feet, or falls, and is judged."""
+"""Balance trials of simulated robots, and their evaluation."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -9,9 +9,9 @@ import pytest
 from equipoise import nominal_stance, simulate
 from equipoise.errors import FallError, MotionError, SettingsError
 from equipoise.lab.balance.balance_routine import BalanceSettings, balance
-from equipoise.lab.balance.evaluation import felt_traces, judge, seen_traces
+from equipoise.lab.balance.evaluation import estimated_traces, evaluate, true_traces
 from equipoise.lab.balance.model_error import calibrated, displaced, error_along, model_file, with_composite
-from equipoise.lab.balance.observer import Senses, SensorKnowledge, leveling
+from equipoise.lab.balance.observer import SensorCorrections, StateEstimator, leveling
 from equipoise.platform.platform import MotionInterrupted, RobotState
 from equipoise.result.body import Body
 from equipoise.robot.inertial import composite_parameters
@@ -20,11 +20,11 @@ from equipoise.simulation.ground_truth_view import Bystander
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 
-class Meddled:
-    """A platform that shows nothing but the seam, with something done to every state that `step` returns."""
+class Wrapped:
+    """Platform with only the required interface, which applies a function to every state that `step` returns."""
 
-    def __init__(self, platform, meddle=lambda state: state):
-        self._platform, self._meddle = platform, meddle
+    def __init__(self, platform, modify=lambda state: state):
+        self._platform, self._modify = platform, modify
         self.control_period, self.joint_names = platform.control_period, platform.joint_names
         self.commands = []
 
@@ -36,7 +36,7 @@ class Meddled:
 
     def step(self, command):
         self.commands.append(command)
-        return self._meddle(self._platform.step(command))
+        return self._modify(self._platform.step(command))
 
     def close(self):
         self._platform.close()
@@ -45,14 +45,14 @@ class Meddled:
 def stand(robot, error, diagonal="FL_RR", noise="ideal", seconds=3.0, seed=0):
     stance = nominal_stance(robot)
     with simulate(robot, noise, seed=seed) as simulation:
-        belief = displaced(robot, stance, simulation.truth, diagonal, error)
+        model = displaced(robot, stance, simulation.truth, diagonal, error).model
         bystander = Bystander(simulation.witness.look, 5)
         run = balance(
-            Meddled(simulation.platform), robot, belief.model, diagonal, BalanceSettings(seconds), watch=bystander.watch
+            Wrapped(simulation.platform), robot, model, diagonal, BalanceSettings(seconds), watch=bystander.watch
         )
         last = simulation.witness.look()
     return SimpleNamespace(
-        run=run, ground_truths=bystander.ground_truths, verdict=judge(run, bystander.ground_truths), last=last
+        run=run, ground_truths=bystander.ground_truths, verdict=evaluate(run, bystander.ground_truths), last=last
     )
 
 
@@ -79,15 +79,15 @@ def test_an_a1_with_the_true_model_balances(balanced):
     assert verdict.observed_error is None
 
 
-def test_what_the_robot_feels_of_itself_is_what_a_bystander_sees(balanced):
-    felt, seen = felt_traces(balanced.run), seen_traces(balanced.run, balanced.ground_truths)
-    at = np.searchsorted(felt.time, seen.time[:-1] - 1e-9)
-    later = seen.time[:-1] > 0.2
+def test_the_estimated_states_agree_with_the_simulated_truth(balanced):
+    estimated, true = estimated_traces(balanced.run), true_traces(balanced.run, balanced.ground_truths)
+    at = np.searchsorted(estimated.time, true.time[:-1] - 1e-9)
+    later = true.time[:-1] > 0.2
     for name, tolerance in (("tilt", np.radians(0.3)), ("com_ahead", 0.5e-3), ("clearance", 3e-3)):
-        difference = getattr(felt, name)[at] - getattr(seen, name)[:-1]
+        difference = getattr(estimated, name)[at] - getattr(true, name)[:-1]
         assert np.abs(difference[later]).max() < tolerance, name
-    assert judge(balanced.run).balanced
-    assert judge(balanced.run).judged_by == "senses"
+    assert evaluate(balanced.run).balanced
+    assert evaluate(balanced.run).judged_by == "senses"
 
 
 def test_the_recording_holds_the_phases_and_every_sample(balanced):
@@ -104,13 +104,13 @@ def test_the_feet_are_put_back(balanced):
     assert balanced.last.tilt < 0.02
 
 
-def test_an_a1_that_believes_its_centre_of_mass_20_mm_off_falls_and_its_joints_are_held(a1, fallen):
+def test_an_a1_with_a_com_error_of_20_mm_falls_and_its_joints_are_held(a1, fallen):
     verdict = fallen.verdict
     assert not verdict.balanced
     assert verdict.failure is not None
     assert 0.1 < verdict.time_balanced < 1.5
     assert verdict.excitation is None
-    assert not judge(fallen.run).balanced
+    assert not evaluate(fallen.run).balanced
     assert fallen.run.ending in ("touched", "tilted")
     recording = fallen.run.recording
     assert recording.has_phase("catch")
@@ -122,7 +122,7 @@ def test_a_robot_leans_to_where_its_true_centre_of_mass_is_over_the_line(a1):
     assert leaning.verdict.balanced
     assert leaning.verdict.off_line == pytest.approx(0, abs=1e-3)
     assert np.radians(2) < leaning.verdict.tilt < np.radians(9)
-    assert leaning.run.felt.com_ahead[-500:].mean() == pytest.approx(-0.004, abs=2e-3)
+    assert leaning.run.estimates.com_ahead[-500:].mean() == pytest.approx(-0.004, abs=2e-3)
 
 
 def test_ctrl_c_puts_the_feet_down_and_keeps_the_recording(a1):
@@ -134,7 +134,7 @@ def test_ctrl_c_puts_the_feet_down_and_keeps_the_recording(a1):
 
     seen = []
     with simulate(a1, "ideal") as simulation:
-        platform = Meddled(simulation.platform, interrupt)
+        platform = Wrapped(simulation.platform, interrupt)
         with pytest.raises(MotionInterrupted) as caught:
             balance(platform, a1, a1, "FL_RR")
         last = simulation.witness.look()
@@ -147,15 +147,15 @@ def test_ctrl_c_puts_the_feet_down_and_keeps_the_recording(a1):
 
 
 @pytest.mark.parametrize("sensor", ["joint_position", "angular_velocity_in_imu", "acceleration_in_imu"])
-def test_a_sensor_that_says_no_number_ends_it_with_the_feet_down(a1, sensor):
+def test_a_measurement_that_is_not_finite_ends_the_trial_with_the_feet_down(a1, sensor):
     def spoil(state):
         if 3.4 < state.time < 3.41:
             return dataclasses.replace(state, **{sensor: np.full_like(getattr(state, sensor), np.nan)})
         return state
 
     with simulate(a1, "ideal") as simulation:
-        platform = Meddled(simulation.platform, spoil)
-        with pytest.raises(MotionError, match="no number; the feet were put down") as caught:
+        platform = Wrapped(simulation.platform, spoil)
+        with pytest.raises(MotionError, match="is not finite; the feet were lowered") as caught:
             balance(platform, a1, a1, "FR_RL")
         last = simulation.witness.look()
     assert all(np.isfinite(command.position).all() for command in platform.commands)
@@ -163,18 +163,18 @@ def test_a_sensor_that_says_no_number_ends_it_with_the_feet_down(a1, sensor):
     assert np.abs(last.clearance).max() < 2e-3
 
 
-def test_an_unknown_diagonal_is_refused(a1):
-    with simulate(a1, "ideal") as simulation, pytest.raises(SettingsError, match="'FL_RL' is no diagonal"):
+def test_an_unknown_diagonal_raises_an_error(a1):
+    with simulate(a1, "ideal") as simulation, pytest.raises(SettingsError, match="diagonal is 'FL_RL'"):
         balance(simulation.platform, a1, a1, "FL_RL")
 
 
 @pytest.mark.parametrize(("name", "value"), [("duration", 0.0), ("duration", np.inf), ("delay", -1.0), ("delay", 1.0)])
-def test_settings_that_make_no_sense_are_refused(name, value):
+def test_settings_out_of_range_raise_an_error(name, value):
     with pytest.raises(SettingsError, match=f"the {name} is"):
         BalanceSettings(**{name: value})
 
 
-def test_the_witness_sees_a_standing_robot_on_a_slope(a1):
+def test_the_ground_truth_describes_a_standing_robot_on_a_slope(a1):
     with simulate(a1, "realistic", seed=5) as simulation:
         ground_truth = simulation.witness.look()
         down = simulation.errors.gravity_direction
@@ -186,36 +186,36 @@ def test_the_witness_sees_a_standing_robot_on_a_slope(a1):
     assert 0 < ground_truth.tilt < 0.05
 
 
-def at_rest(robot, up_in_base, knowledge):
+def at_rest(robot, up_in_base, corrections):
     mounting = np.array(robot.imu_in_base.rotation)
     reading = mounting.T @ (9.81 * np.array(up_in_base))
     state = RobotState(0.0, np.zeros(len(robot.joint_names)), None, None, np.full(3, 0.01), reading)
-    return Senses(robot, knowledge, [state] * 10, 2e-3), state
+    return StateEstimator(robot, corrections, [state] * 10, 2e-3), state
 
 
-def test_senses_follow_the_gyroscope_and_forget_its_bias(a1):
-    senses, state = at_rest(a1, [0, 0, 1], SensorKnowledge.none(a1))
+def test_the_estimator_follows_the_gyroscope_without_its_bias(a1):
+    estimator, state = at_rest(a1, [0, 0, 1], SensorCorrections.none(a1))
     rate = np.array([0.2, -0.1, 0.0])
     for _ in range(50):
-        senses.feel(dataclasses.replace(state, angular_velocity_in_imu=state.angular_velocity_in_imu + rate))
-    assert np.allclose(senses.lean, 0.1 * rate[:2], atol=1e-3)
-    assert np.allclose(senses.angular_velocity_in_base, rate)
+        estimator.update(dataclasses.replace(state, angular_velocity_in_imu=state.angular_velocity_in_imu + rate))
+    assert np.allclose(estimator.lean, 0.1 * rate[:2], atol=1e-3)
+    assert np.allclose(estimator.angular_velocity_in_base, rate)
 
 
-def test_known_sensor_errors_are_taken_off(a1):
-    knowledge = SensorKnowledge(np.full(12, 0.01), np.array([0.02, 0, 0]), np.zeros(3))
-    senses, _ = at_rest(a1, [0, 0, 1], knowledge)
-    assert np.allclose(senses.joint_position, -0.01)
-    assert np.allclose(senses.command_for(senses.joint_position), 0)
-    assert senses.lean[0] == pytest.approx(-0.02, abs=1e-4)
+def test_sensor_errors_are_subtracted(a1):
+    corrections = SensorCorrections(np.full(12, 0.01), np.array([0.02, 0, 0]), np.zeros(3))
+    estimator, _ = at_rest(a1, [0, 0, 1], corrections)
+    assert np.allclose(estimator.joint_position, -0.01)
+    assert np.allclose(estimator.command_for(estimator.joint_position), 0)
+    assert estimator.lean[0] == pytest.approx(-0.02, abs=1e-4)
 
 
-def test_a_robot_that_lies_on_its_side_is_not_lifted(a1):
+def test_a_robot_that_lies_on_its_side_raises_an_error(a1):
     with pytest.raises(FallError, match="leans by 90 deg"):
-        at_rest(a1, [0, 1, 0], SensorKnowledge.none(a1))
+        at_rest(a1, [0, 1, 0], SensorCorrections.none(a1))
 
 
-def test_leveling_turns_up_upward():
+def test_leveling_turns_a_vector_to_the_vertical():
     rng = np.random.default_rng(1)
     for _ in range(5):
         up = rng.normal(size=3) * [0.2, 0.2, 1] + [0, 0, 2]
@@ -225,41 +225,41 @@ def test_leveling_turns_up_upward():
         assert np.allclose(turn @ turn.T, np.eye(3))
 
 
-def test_a_displaced_belief_is_the_truth_but_for_the_displacement(a1):
+def test_a_displaced_design_model_differs_from_the_truth_only_by_the_displacement(a1):
     stance = nominal_stance(a1)
     with simulate(a1, "realistic", payload="2,0.1,0.03,0.05", seed=1, timestep=1e-3) as simulation:
         truth = simulation.truth
     for diagonal in ("FL_RR", "FR_RL"):
-        belief = displaced(a1, stance, truth, diagonal, 0.007)
-        assert error_along(stance, diagonal, belief.model, truth) == pytest.approx(0.007, abs=1e-9)
-        whole = composite_parameters(belief.model, stance.joint_position)
+        design = displaced(a1, stance, truth, diagonal, 0.007)
+        assert error_along(stance, diagonal, design.model, truth) == pytest.approx(0.007, abs=1e-9)
+        whole = composite_parameters(design.model, stance.joint_position)
         assert whole.mass == pytest.approx(truth.composite.mass)
         assert np.linalg.norm(whole.com - truth.composite.com) == pytest.approx(0.007, abs=1e-9)
 
 
-def test_a_whole_robot_lighter_than_its_legs_is_refused(a1):
-    with pytest.raises(SettingsError, match=r"would weigh 5.00 kg, and the legs of 'unitree_a1' weigh"):
+def test_a_whole_robot_lighter_than_its_legs_raises_an_error(a1):
+    with pytest.raises(SettingsError, match=r"whole robot is 5.00 kg, but the legs of 'unitree_a1' have"):
         with_composite(a1, nominal_stance(a1), 5.0, np.zeros(3))
 
 
 def test_a_precise_calibration_gives_mass_inertia_and_sensor_errors(a1, precise_run):
     stance = precise_run.stance
-    belief = calibrated(a1, stance, precise_run.result)
-    found = precise_run.result.composite.parameters()
-    whole = composite_parameters(belief.model, stance.joint_position)
-    assert whole.mass == pytest.approx(found.mass)
-    assert np.allclose(whole.com, found.com, atol=1e-9)
-    assert belief.source == "a calibration by the method bayesian"
+    design = calibrated(a1, stance, precise_run.result)
+    estimate = precise_run.result.composite.parameters()
+    whole = composite_parameters(design.model, stance.joint_position)
+    assert whole.mass == pytest.approx(estimate.mass)
+    assert np.allclose(whole.com, estimate.com, atol=1e-9)
+    assert design.source == "a calibration by the method bayesian"
     with simulate(a1, "realistic", seed=precise_run.seed, timestep=1e-3) as simulation:
         drawn = simulation.errors
-    assert belief.sensors.any
-    # What is left is smaller than what was drawn: units, signs and order are right.
+    assert design.sensors.any
+    # Remaining errors are smaller than the drawn ones: units, signs and order are right.
     for name in ("joint_offset", "imu_tilt"):
-        left = getattr(belief.sensors, name) - getattr(drawn, name)
+        left = getattr(design.sensors, name) - getattr(drawn, name)
         assert np.linalg.norm(left) < 0.7 * np.linalg.norm(getattr(drawn, name)), name
 
 
-def test_a_calibration_of_the_plane_alone_moves_the_centre_of_mass_in_the_plane(a1, precise_run):
+def test_a_planar_calibration_moves_the_com_in_the_plane_only(a1, precise_run):
     stance, result = precise_run.stance, precise_run.result
     x, y, _ = result.composite.com_in_base.values
     planar = dataclasses.replace(
@@ -268,22 +268,22 @@ def test_a_calibration_of_the_plane_alone_moves_the_centre_of_mass_in_the_plane(
         base=Body.partly(),
         sensors=(),
     )
-    belief = calibrated(a1, stance, planar)
-    nominal, whole = (composite_parameters(robot, stance.joint_position) for robot in (a1, belief.model))
+    design = calibrated(a1, stance, planar)
+    nominal, whole = (composite_parameters(robot, stance.joint_position) for robot in (a1, design.model))
     assert np.allclose(whole.com, [x, y, nominal.com[2]], atol=1e-9)
     assert whole.mass == pytest.approx(nominal.mass)
-    assert not belief.sensors.any
+    assert not design.sensors.any
     unknown = dataclasses.replace(planar, composite=Body.partly())
-    with pytest.raises(SettingsError, match="knows no planar centre of mass"):
+    with pytest.raises(SettingsError, match="has no planar centre of mass"):
         calibrated(a1, stance, unknown)
 
 
-def test_a_calibration_of_another_model_is_refused(two_jointed, precise_run):
+def test_a_calibration_of_another_model_raises_an_error(two_jointed, precise_run):
     with pytest.raises(SettingsError, match="with another model file than"):
         calibrated(two_jointed, nominal_stance(two_jointed), precise_run.result)
 
 
-def test_the_model_file_is_believed_as_it_is(a1):
-    belief = model_file(a1)
-    assert belief.model is a1
-    assert not belief.sensors.any
+def test_the_model_file_is_the_unchanged_design_model(a1):
+    design = model_file(a1)
+    assert design.model is a1
+    assert not design.sensors.any

@@ -1,1 +1,1 @@
-"""Standing on two diagonal feet by feedback: what a right centre of mass is good for."""
+"""Feedback control of a robot that stands on two diagonal feet, as a test of its CoM."""

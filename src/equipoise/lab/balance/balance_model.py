@@ -1,12 +1,12 @@
-"""The linear model of a robot that balances on two rolling feet.
+"""Linear model of a robot that balances on two rolling feet.
 
 With J the Jacobian of the two contact points, all motions without slip are v = N zd, N a basis of the null space of J:
 its first column turns the rigid robot about the support line, the others change its shape. About a posture at rest,
 
     M zdd + K z = H^T dtau + G d,     dtau = kp (u - H z) - kd H zd,
 
-with H = N's joint rows, u an offset of the joint targets, and d how far the true centre of mass is in front of the
-believed one. The first row of H^T is zero: nothing but gravity and inertia turns the robot about the line.
+with H = N's joint rows, u an offset of the joint targets, and d the distance of the true CoM in front of the model's.
+The first row of H^T is zero: only gravity and inertia turn the robot about the line.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ _STEP = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
-    """Motions near a posture on two feet, z (1 + shape modes): the first is the rotation about +left [rad].
+    """Linear dynamics near a posture on two feet. The first of the coordinates z is the rotation about +left [rad].
 
     Attributes:
         mass: (nz, nz) mass matrix M.
         stiffness: (nz, nz) stiffness matrix K, of gravity alone.
         of_joints: (nj, nz) matrix H from z to joint positions.
         of_base: (3, nz) matrix from z to the rotation of the base, in its own axes.
-        of_offset: (nz,) generalised force G of a centre of mass that is 1 m in front of the believed one [N].
+        of_offset: (nz,) generalised force G per metre of the true CoM in front of the model's [N].
         kp, kd: joint gains [Nm/rad], [Nm s/rad].
     """
 
@@ -48,11 +48,11 @@ class LinearModel:
 
     @property
     def unstable_pole(self) -> float:
-        """At which the robot with locked joints tips over [1/s]."""
+        """Rate at which the robot with locked joints tips over [1/s]."""
         return float(np.sqrt(-self.stiffness[0, 0] / self.mass[0, 0]))
 
     def continuous(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """A, B, E of the state (z, zd): xd = A x + B u + E d."""
+        """Return A, B, E of the state x = (z, zd): xd = A x + B u + E d."""
         size = len(self.mass)
         joints = self.of_joints.T @ self.of_joints
         inverse = np.linalg.inv(self.mass)
@@ -65,7 +65,7 @@ class LinearModel:
         return a, b, e
 
     def discrete(self, period: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The same from one control period to the next, inputs held in between."""
+        """Return A, B, E from one control period to the next, with zero-order hold of the inputs."""
         a, b, e = self.continuous()
         states, inputs = b.shape
         whole = np.zeros((states + inputs + 1, states + inputs + 1))
@@ -80,7 +80,7 @@ def linear_model(
     """Linearise about a posture.
 
     Args:
-        robot: model of the robot as it is believed to be.
+        robot: design model of the robot.
         gains: stiffness kp [Nm/rad] and damping kd [Nm s/rad] of the joints' position control.
         armature: rotor inertia seen at each joint [kg m2].
     """
@@ -103,14 +103,14 @@ def linear_model(
 
 
 def residual(robot: RobotModel, posture: Posture, diagonal: str, configuration: FloatArray) -> FloatArray:
-    """(nv,) generalised force that is missing for rest, with the posture's torques and foot forces held."""
+    """Compute the (nv,) generalised force that is missing for rest, with the posture's torques and foot forces."""
     gravity = generalized_gravity(robot, configuration)
     force = contact_jacobian(robot, configuration, stance_legs(diagonal)).T @ posture.foot_force
     return gravity - force - np.concatenate([np.zeros(6), posture.torque])
 
 
 def _motions(posture: Posture, jacobian: FloatArray) -> FloatArray:
-    """(nv, nz) basis of the motions without slip: the rotation about the line, then orthonormal changes of shape."""
+    """Compute the (nv, nz) basis of the motions without slip: rotation about the line, orthonormal changes of shape."""
     rotation = np.zeros(jacobian.shape[1])
     rotation[:3] = np.cross(posture.left, -posture.middle)  # of the base frame, which is at the origin
     rotation[3:6] = posture.left
@@ -119,7 +119,7 @@ def _motions(posture: Posture, jacobian: FloatArray) -> FloatArray:
 
 
 def _gravity_stiffness(robot: RobotModel, posture: Posture, diagonal: str, basis: FloatArray) -> FloatArray:
-    """(nv, nz) derivative of the residual by z."""
+    """Compute the (nv, nz) derivative of the residual by z."""
     start = robot.configuration(posture.joint_position)
 
     def at(direction: FloatArray) -> FloatArray:
@@ -135,7 +135,7 @@ def _gravity_stiffness(robot: RobotModel, posture: Posture, diagonal: str, basis
 
 
 def _gravity_of_offset(robot: RobotModel, configuration: FloatArray, forward: FloatArray) -> FloatArray:
-    """(nv,) change of the generalised gravity if the whole robot's centre of mass were 1 m farther forward."""
+    """Compute the (nv,) change of the generalised gravity per metre that the robot's CoM moves forward."""
     base = robot.pinocchio.inertias[1]
     moved = robot.with_base(
         pin.Inertia(base.mass, base.lever + robot.mass / base.mass * forward, np.array(base.inertia))

@@ -1,4 +1,4 @@
-"""The result of balancing: one trial a diagonal, its verdict, and what the law believed. JSON on disk."""
+"""Result of balancing: a trial per diagonal, its verdict and the design model, saved as JSON."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ SCHEMA = "equipoise.balance/1"
 
 @dataclass(frozen=True, eq=False)
 class BalanceTrial:
-    """One diagonal.
+    """Trial on one diagonal.
 
     Attributes:
-        run: run that was judged.
+        run: run that was evaluated.
         verdict: verdict on the run.
-        traces: time series that it was judged by.
-        believed_error: distance of the believed centre of mass in front of the true one, along the horizontal normal of
-            the support line at the stance [m]; None where the truth is not known.
-        source: source of the law's model, in words.
+        traces: time series that were evaluated.
+        model_error: distance of the design model's CoM in front of the true one, along the horizontal normal of the
+            support line at the stance [m]; None without the truth.
+        source: description of the design model's source.
     """
 
     run: BalanceRun
     verdict: Verdict
     traces: BalanceTraces
-    believed_error: float | None
+    model_error: float | None
     source: str
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         return {
             "model": self.source,
-            "believed_error": self.believed_error,
+            "believed_error": self.model_error,
             "unstable_pole": self.run.unstable_pole,
             **fields_to_json(self.verdict),
         }
@@ -50,49 +50,49 @@ class BalanceTrial:
 
 @dataclass(frozen=True, eq=False)
 class BalanceReport:
-    """All trials.
+    """Result of all trials.
 
     Attributes:
         robot: name of the robot.
-        sensors_known: whether known sensor errors were taken off.
+        sensors_corrected: true if sensor errors were corrected.
         settings: settings of the trials.
         trials: trials in order.
         provenance: version, and in simulation seed, noise and payload.
     """
 
     robot: str
-    sensors_known: bool
+    sensors_corrected: bool
     settings: BalanceSettings
     trials: tuple[BalanceTrial, ...]
     provenance: Mapping[str, Any]
 
     @property
     def balanced(self) -> bool:
-        """Whether it balanced on every diagonal that was tried."""
+        """True if the robot balanced on every diagonal that was tried."""
         return all(trial.verdict.balanced for trial in self.trials)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form. Lengths in m, angles in rad, torques in Nm, times in s."""
+        """Return the JSON form. Lengths in m, angles in rad, torques in Nm, times in s."""
         return {
             "schema": SCHEMA,
             "robot": self.robot,
             "mode": "observing" if self.settings.observe_offset else "fixed model",
             "balanced": self.balanced,
-            "sensor_errors_taken_off": self.sensors_known,
+            "sensor_errors_taken_off": self.sensors_corrected,
             "diagonals": {trial.run.diagonal: trial.to_dict() for trial in self.trials},
             "settings": to_json(self.settings),
             "provenance": dict(self.provenance),
         }
 
     def to_json(self) -> str:
-        """The JSON form as text."""
+        """Return the JSON form as text."""
         return json.dumps(self.to_dict(), indent=2) + "\n"
 
     def save(self, folder: Path) -> list[Path]:
         """Write balance.json and a recording of every trial; returns their paths.
 
         Raises:
-            OutputError: the folder holds something already, or cannot be written.
+            OutputError: the folder is not empty or cannot be written.
         """
         files = [folder / "balance.json"]
         try:

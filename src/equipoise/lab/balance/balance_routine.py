@@ -1,4 +1,4 @@
-"""Stand on a diagonal and stay there: shift the body over the line, lift two feet, balance, and put them back."""
+"""Balance trial: shift the body over the support line, lift two feet, balance, and lower them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from equipoise.errors import MotionError, SettingsError
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.lab.balance.balance_model import LinearModel, linear_model
 from equipoise.lab.balance.controller import BalanceLaw, BalanceWeights
-from equipoise.lab.balance.observer import Bearings, Senses, SensorKnowledge
+from equipoise.lab.balance.observer import FootholdGeometry, SensorCorrections, StateEstimator
 from equipoise.lab.balance.run import BalanceRun, Ending, TrialSamples
 from equipoise.lab.balance.two_foot_posture import Posture, posture_over_line
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState
@@ -27,29 +27,28 @@ from equipoise.robot.stance import nominal_stance
 from equipoise.robot.statics import static_torques
 
 _HEIGHTS = 7  # of the lifted feet, at which the posture over the line is computed
-_TOUCHING = 0.1  # of its lift's height: a foot that the encoders say is lower than that touches the floor, or soon will
+_TOUCHING = 0.1  # of the lift height: a foot below it, according to the encoders, touches the floor or soon will
 _CROUCH = 0.5  # of the hip height
-_TOUCHED_TIME = 0.04  # [s]; an estimate of a foot's height that is wrong for a moment ends nothing
+_TOUCHED_TIME = 0.04  # [s]: shorter contacts may be errors of the estimated height
 
 
 @dataclass(frozen=True)
 class BalanceSettings:
-    """How a robot is put on two feet and kept there.
+    """Settings of a balance trial.
 
     Attributes:
-        duration: time for which it is to balance [s].
-        observe_offset: observe how far the true centre of mass is from the believed one, and stand accordingly. The robot
-            then balances although its model is wrong: a measurement, no proof of the model.
-        swing_height: height of the lifted feet, over the hip height.
-        delay: time from a sample's moment until a command that follows from it acts [s].
-        armature: rotor inertia seen at each joint, on an A1 [kg m2].
+        duration: time on two feet [s].
+        observe_offset: observe the distance of the true CoM from the design model's, and stand accordingly. The robot then
+            balances even with a wrong model: this measures the error and does not validate the model.
+        swing_height: height of the lifted feet as a fraction of the hip height.
+        delay: time from a sample to the effect of its command [s].
+        armature: rotor inertia at each joint of an A1, seen at the output [kg m2].
         tilt_limit: tilt at which the robot counts as falling and its feet come down [rad].
         rest_time, move_time, unload_time, lift_time, lower_time: durations of the phases [s].
-        catch_time, recover_time: times of a fall: until it rests on a third foot, and for the way back to four [s].
-        engage_time: time from the lift's start until the law acts [s]; while feet still touch it would act on another
-            robot.
+        catch_time, recover_time: times after a fall: until the robot rests on a third foot, and back to four feet [s].
+        engage_time: time from the lift's start until the controller acts [s]; its model is wrong while feet touch.
         observe_time: time from the lift's start until the offset is observed [s].
-        weights: weights of the law.
+        weights: weights of the controller.
     """
 
     duration: float = 10.0
@@ -71,7 +70,7 @@ class BalanceSettings:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.duration) and self.duration > 0):
-            raise SettingsError(f"the duration is {self.duration:g} s; it must be a positive time, as 10s")
+            raise SettingsError(f"the duration is {self.duration:g} s; it must be positive, for example 10s")
         if not (np.isfinite(self.delay) and 0 <= self.delay <= 0.05):
             raise SettingsError(f"the delay is {self.delay:g} s; it must be between 0 and 0.05 s")
 
@@ -79,46 +78,46 @@ class BalanceSettings:
 def balance(
     platform: Platform,
     robot: RobotModel,
-    believed: RobotModel,
+    design_model: RobotModel,
     diagonal: str,
     settings: BalanceSettings | None = None,
-    knowledge: SensorKnowledge | None = None,
+    corrections: SensorCorrections | None = None,
     watch: Callable[[], object] | None = None,
 ) -> BalanceRun:
-    """Balance on a diagonal by joint encoders and IMU alone. A robot that falls is data: its feet are put down.
+    """Balance on a diagonal with joint encoders and IMU only. A fall is a result: the feet are lowered.
 
     Args:
         platform: robot, real or simulated.
-        robot: model of the robot by its file; the joint gains follow from it.
-        believed: model of the same robot with the inertia that the law is designed on.
+        robot: model of the robot from its file, which determines the joint gains.
+        design_model: model of the same robot that the controller is designed on.
         diagonal: diagonal to stand on, "FL_RR" or "FR_RL".
-        knowledge: sensor errors that are known; default: none.
-        watch: function that is called after every control period; what it returns is not used.
+        corrections: sensor errors to subtract; default: none.
+        watch: function that is called after every control period; its result is not used.
 
     Raises:
         SettingsError: the diagonal is unknown, or the platform's joints are not the robot's.
         ReachError: a posture is out of reach.
-        FallError: the robot does not stand on four feet to begin with.
-        MotionError: a sensor says what is no number.
-        MotionInterrupted: Ctrl-C; the feet have been put down, and what was recorded is in it.
+        FallError: the robot does not stand on four feet at the beginning.
+        MotionError: a measurement is not finite.
+        MotionInterrupted: Ctrl-C; the feet are lowered, and the error contains the recording.
     """
     if diagonal not in DIAGONALS:
-        raise SettingsError(f"{diagonal!r} is no diagonal; they are {', '.join(DIAGONALS)}")
+        raise SettingsError(f"diagonal is {diagonal!r}; it must be {' or '.join(DIAGONALS)}")
     settings = settings or BalanceSettings()
-    standing, feet_at_end = stand_up(platform, believed, nominal_stance(robot))
+    standing, feet_at_end = stand_up(platform, design_model, nominal_stance(robot))
     trial = _Trial(
-        platform, robot, believed, diagonal, settings, standing.target.joint_position, standing.target.torque, watch
+        platform, robot, design_model, diagonal, settings, standing.target.joint_position, standing.target.torque, watch
     )
     try:
-        senses, bearings = trial.rest(knowledge or SensorKnowledge.none(robot))
-        postures = trial.plan(bearings)
-        trial.move_over_line(senses, postures[0])
-        lift_off, ending, model = trial.lift_and_balance(senses, bearings, postures)
+        estimator, geometry = trial.rest(corrections or SensorCorrections.none(robot))
+        postures = trial.plan(geometry)
+        trial.move_over_line(estimator, postures[0])
+        lift_off, ending, model = trial.lift_and_balance(estimator, geometry, postures)
     except KeyboardInterrupt:
         trial.put_feet_back()
         raise MotionInterrupted(trial.samples.recording(platform.joint_names)) from None
     except MotionError as error:
-        with suppress(MotionError):  # of a platform that no longer moves; the first error says why
+        with suppress(MotionError):  # the first error has the reason
             trial.put_feet_back()
         error.recordings = error.recordings or (trial.samples.recording(platform.joint_names),)
         raise
@@ -130,78 +129,78 @@ def balance(
     move_to(standing, feet_at_end)
     return BalanceRun(
         robot.name, diagonal, settings.duration, trial.swing_height, settings.observe_offset, lift_off, ending,
-        trial.samples.recording(platform.joint_names), trial.samples.felt(lift_off), model.unstable_pole,
+        trial.samples.recording(platform.joint_names), trial.samples.estimates(lift_off), model.unstable_pole,
     )  # fmt: skip
 
 
 class _Trial:
-    """One trial under way. What is sent is in the encoders' own coordinates; postures are of the true joints."""
+    """Trial in progress. Commands are encoder positions, postures are true joint positions."""
 
     def __init__(
         self,
         platform: Platform,
         robot: RobotModel,
-        believed: RobotModel,
+        design_model: RobotModel,
         diagonal: str,
         settings: BalanceSettings,
         home: FloatArray,
         home_torque: FloatArray,
         watch: Callable[[], object] | None,
     ) -> None:
-        self.platform, self.robot, self.believed = platform, robot, believed
+        self.platform, self.robot, self.design_model = platform, robot, design_model
         self.diagonal, self.settings = diagonal, settings
         self.home, self.home_torque = home, home_torque
         self.samples = TrialSamples()
         self._watch = watch
         hip_height = self._hip_height = nominal_stance(robot).hip_height
         self.swing_height = settings.swing_height * hip_height
-        self._scale = Scale.of(believed.mass, hip_height).torque
+        self._scale = Scale.of(design_model.mass, hip_height).torque
         kp, kd = robot.gains(hip_height)
         self._gains = (kp, kd)
         self._kp, self._kd = (np.full(len(robot.joint_names), gain) for gain in (kp, kd))
         self._target, self._torque = home, home_torque
         self._state: RobotState = platform.read()
 
-    def rest(self, knowledge: SensorKnowledge) -> tuple[Senses, Bearings]:
-        """Stand still, and learn where up is and where the feet are."""
+    def rest(self, corrections: SensorCorrections) -> tuple[StateEstimator, FootholdGeometry]:
+        """Stand still, and measure the vertical and the footholds."""
         self._begin(Phase.REST)
         states = [self._send(self.home, self.home_torque) for _ in range(self._periods(self.settings.rest_time))]
-        senses = Senses(self.robot, knowledge, states, self.platform.control_period)
-        return senses, Bearings(self.believed, self.diagonal, senses)
+        estimator = StateEstimator(self.robot, corrections, states, self.platform.control_period)
+        return estimator, FootholdGeometry(self.design_model, self.diagonal, estimator)
 
-    def plan(self, bearings: Bearings) -> list[Posture]:
-        """The postures over the support line, the lifted feet at several heights."""
+    def plan(self, geometry: FootholdGeometry) -> list[Posture]:
+        """Compute postures over the support line with the lifted feet at several heights."""
         heights = np.linspace(0, self.swing_height, _HEIGHTS)
         joints = self.home
         postures: list[Posture] = []
         for height in heights:
-            postures.append(posture_over_line(self.believed, bearings.footholds, self.diagonal, height, joints))
+            postures.append(posture_over_line(self.design_model, geometry.footholds, self.diagonal, height, joints))
             joints = postures[-1].joint_position
         return postures
 
-    def move_over_line(self, senses: Senses, standing: Posture) -> None:
-        """Bring the body over the support line on four feet, then take the load off the two that will be lifted."""
-        on_four = static_torques(self.believed, standing.joint_position, LEG_NAMES)
+    def move_over_line(self, estimator: StateEstimator, standing: Posture) -> None:
+        """Move the body over the support line on four feet, then unload the two feet that will be lifted."""
+        on_four = static_torques(self.design_model, standing.joint_position, LEG_NAMES)
         self._begin(Phase.MOVE)
-        self._glide(senses.command_for(standing.joint_position), on_four, self.settings.move_time, senses)
+        self._glide(estimator.command_for(standing.joint_position), on_four, self.settings.move_time, estimator)
         self._begin(Phase.UNLOAD)
-        self._glide(self._target, standing.torque, self.settings.unload_time, senses)
+        self._glide(self._target, standing.torque, self.settings.unload_time, estimator)
 
     def lift_and_balance(
-        self, senses: Senses, bearings: Bearings, postures: list[Posture]
+        self, estimator: StateEstimator, geometry: FootholdGeometry, postures: list[Posture]
     ) -> tuple[float, Ending, LinearModel]:
-        """Lift two feet quickly, and let the law act as soon as they are off the ground.
+        """Lift two feet quickly, and balance as soon as they are off the ground.
 
         Returns:
-            time at which the lift began [s], reason why it ended, and model that the law was designed on.
+            start of the lift [s], reason of its end, and linear model of the controller.
         """
         settings, period = self.settings, self.platform.control_period
         armature = settings.armature * self._scale
-        model = linear_model(self.believed, postures[-1], self.diagonal, self._gains, armature)
+        model = linear_model(self.design_model, postures[-1], self.diagonal, self._gains, armature)
         delay = round(settings.delay / period)
         law = BalanceLaw(model, period, delay, settings.weights, self._scale, settings.observe_offset)
         path = _lift_path(postures, self._periods(settings.lift_time))
-        law.begin(senses.joint_position - path[0][0], senses.lean)
+        law.begin(estimator.joint_position - path[0][0], estimator.lean)
         lift_off, touched = self._state.time, 0.0
         self._begin(Phase.LIFT)
         for step in range(self._periods(settings.lift_time + settings.duration)):
@@ -210,33 +209,33 @@ class _Trial:
             time = step * period
             position, torque = path[min(step, len(path) - 1)]
             offset = law.update(
-                senses.joint_position - position,
-                senses.lean,
-                senses.angular_velocity_in_base,
+                estimator.joint_position - position,
+                estimator.lean,
+                estimator.angular_velocity_in_base,
                 active=time >= settings.engage_time,
                 observe=time >= settings.observe_time,
             )
-            com_ahead, clearance = bearings.of(senses)
-            self.samples.feel(self._state.time, senses.up, com_ahead, clearance, law.offset)
+            com_ahead, clearance = geometry.com_and_clearance(estimator)
+            self.samples.add_estimate(self._state.time, estimator.up, com_ahead, clearance, law.offset)
             down = time > settings.lift_time and clearance < _TOUCHING * self.swing_height
             touched = touched + period if down else 0.0
-            if senses.up[2] < np.cos(settings.tilt_limit):
+            if estimator.up[2] < np.cos(settings.tilt_limit):
                 return lift_off, "tilted", model
             if touched > _TOUCHED_TIME:
                 return lift_off, "touched", model
-            wanted = np.clip(position + offset, self.robot.lower_limit, self.robot.upper_limit)
-            senses.feel(self._send(senses.command_for(wanted), torque))
+            target = np.clip(position + offset, self.robot.lower_limit, self.robot.upper_limit)
+            estimator.update(self._send(estimator.command_for(target), torque))
         return lift_off, "balanced", model
 
     def put_feet_back(self, duration: float | None = None) -> None:
-        """To four feet from wherever the robot is: the joints go to the stance and stay there."""
+        """Move the joints to the stance on four feet and hold them."""
         self._state = self.platform.read()
         self._begin(Phase.LOWER)
         self._glide(self.home, self.home_torque, duration or self.settings.lower_time)
         self._glide(self.home, self.home_torque, self.settings.rest_time)
 
     def catch_fall(self) -> None:
-        """Drop the body between the feet: all legs are drawn up at once, and the belly is what it lands on."""
+        """Retract all legs at once, so that the robot lands on its belly between the feet."""
         self._state = self.platform.read()
         self._begin(Phase.CATCH)
         feet = foot_positions(self.robot, self.home) + np.array([0.0, 0.0, _CROUCH * self._hip_height])
@@ -247,19 +246,20 @@ class _Trial:
     def _begin(self, phase: str) -> None:
         self.samples.phase(phase, self._state.time)
 
-    def _glide(self, target: FloatArray, torque: FloatArray, duration: float, senses: Senses | None = None) -> None:
-        """Bring what is sent smoothly to other targets and torques."""
+    def _glide(
+        self, target: FloatArray, torque: FloatArray, duration: float, estimator: StateEstimator | None = None
+    ) -> None:
+        """Move the commands smoothly to other targets and torques."""
         start, start_torque = self._target, self._torque
         for share in smooth_step(self._periods(duration)):
             state = self._send(start + share * (target - start), start_torque + share * (torque - start_torque))
-            if senses is not None:
-                senses.feel(state)
+            if estimator is not None:
+                estimator.update(state)
 
     def _send(self, target: FloatArray, torque: FloatArray) -> RobotState:
         if not np.isfinite(target).all():
             raise MotionError(
-                f"at {self._state.time:.3f} s a sensor said what is no number; the feet were put down. Check the encoders "
-                "and the IMU",
+                f"at {self._state.time:.3f} s a measurement is not finite; the feet were lowered. Check encoders and IMU"
             )
         self.samples.add(self._state, target)
         self._target, self._torque = target, torque
@@ -273,7 +273,7 @@ class _Trial:
 
 
 def _lift_path(postures: list[Posture], count: int) -> list[tuple[FloatArray, FloatArray]]:
-    """Joint positions and torques of a lift, one pair a period: quick at first, so that the feet are off at once."""
+    """Return joint positions and torques of a lift, one pair per period: fast at first, to lift the feet at once."""
     share = np.arange(count + 1) / count
     heights = share * (2 - share) * (len(postures) - 1)
     path = np.array([np.concatenate([posture.joint_position, posture.torque]) for posture in postures])

@@ -1,8 +1,8 @@
-"""The balance law: a linear quadratic regulator on the state that a Kalman filter estimates.
+"""Balance controller: a linear quadratic regulator on the state estimated by a Kalman filter.
 
-Its output is an offset of the joint position targets. Nothing in it knows where the true centre of mass is: the law is
-designed on a believed model and does not adapt. With `observe_offset` the filter also estimates how far the true centre
-of mass is from the believed one, and the robot stands where that would be balanced: another mode, which measures.
+Its output is an offset of the joint position targets. The controller is designed on a fixed model, without the true CoM.
+With `observe_offset`, the filter also estimates the distance of the true CoM from the model's. The robot then stands where
+that CoM is balanced.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from equipoise.lab.balance.balance_model import LinearModel
 
 @dataclass(frozen=True)
 class BalanceWeights:
-    """What the law weighs, for a robot with the A1's m g h; torques of others scale with theirs.
+    """Costs and noise for a robot with the A1's m g h; torques of other robots scale with theirs.
 
     Attributes:
-        joint: cost of a joint's deviation [1/rad2].
-        tilt: cost of the base's rotation [1/rad2]; with more of it the robot leans less and bends its legs more.
-        speed: cost of speeds over that of positions, the base's rotation weighed as a joint [s2].
+        joint: cost of a joint's distance from the reference [1/rad2].
+        tilt: cost of the base's rotation [1/rad2]; a larger value makes the robot lean less and bend its legs more.
+        speed: cost of speeds relative to positions, the base's rotation weighted as a joint [s2].
         effort: cost of an offset of a joint target [1/rad2].
-        encoder, lean, gyro: noise of the measurements, as the filter takes it to be [rad], [rad], [rad/s].
-        joint_torque, line_torque: what pushes the robot in each period, at a joint and about the line [Nm].
-        offset_drift: how fast the observed offset may wander [m/sqrt(s)].
+        encoder, lean, gyro: standard deviation of measurement noise [rad], [rad], [rad/s].
+        joint_torque, line_torque: standard deviation of disturbances per period, at a joint and about the line [Nm].
+        offset_drift: random walk of the observed offset [m/sqrt(s)].
     """
 
     joint: float = 30.0
@@ -43,17 +43,17 @@ class BalanceWeights:
 
 
 class BalanceLaw:
-    """The regulator and its filter at work: one call of `update` per control period.
+    """Regulator and filter, with one call of `update` per control period.
 
     Attributes:
-        offset: distance of the true centre of mass in front of the believed one, as observed; zero if it is not [m].
+        offset: observed distance of the true CoM in front of the design model's [m]; zero if it is not observed.
 
     Args:
         model: model of the robot to balance.
         period: control period [s].
-        delay: number of control periods from a sample's moment until a command that follows from it acts.
+        delay: number of control periods from a sample to the effect of its command.
         scale: torque scale: the robot's m g h over an A1's.
-        observe_offset: whether to observe the offset, and stand accordingly.
+        observe_offset: true to observe the offset and stand accordingly.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class BalanceLaw:
         self.offset = 0.0
 
     def begin(self, joint_deviation: FloatArray, lean: FloatArray) -> None:
-        """Start from a robot that is nearly at rest."""
+        """Initialize the state from a robot that is nearly at rest."""
         size = len(self._a) // 2
         measured = np.concatenate([joint_deviation, lean])
         shape, *_ = np.linalg.lstsq(self._sense[: len(measured), :size], measured, rcond=None)
@@ -92,14 +92,14 @@ class BalanceLaw:
         active: bool = True,
         observe: bool = True,
     ) -> FloatArray:
-        """The offset of the joint targets for the coming period.
+        """Compute the offset of the joint targets for the next period.
 
         Args:
-            joint_deviation: (nj,) deviation of the joints from the reference posture [rad].
+            joint_deviation: (nj,) joint positions relative to the reference posture [rad].
             lean: (2,) rotation of the base about x and y [rad].
             angular_velocity_in_base: (3,) angular velocity of the base, in its own axes [rad/s].
-            active: whether to act; else the offset of the targets is zero.
-            observe: whether the offset of the centre of mass may change.
+            active: false for zero offset of the targets.
+            observe: true if the offset of the CoM may change.
 
         Returns:
             (nj,) offsets of the joint targets [rad].
@@ -119,7 +119,7 @@ class BalanceLaw:
 
 
 def _costs(model: LinearModel, weights: BalanceWeights) -> tuple[FloatArray, FloatArray]:
-    """Of the state (z, zd) and of the input."""
+    """Return the cost matrices of the state (z, zd) and of the input."""
     joints = model.of_joints.T @ model.of_joints
     base = model.of_base.T @ model.of_base
     position = weights.joint * joints + weights.tilt * base
@@ -128,7 +128,7 @@ def _costs(model: LinearModel, weights: BalanceWeights) -> tuple[FloatArray, Flo
 
 
 def _regulator(a: FloatArray, b: FloatArray, state_cost: FloatArray, effort: FloatArray, delay: int) -> FloatArray:
-    """(inputs, states + delay inputs) feedback on the state and the inputs on their way, the last one sent first."""
+    """Return the (inputs, states + delay inputs) feedback on the state and the delayed inputs, the last one sent first."""
     states, inputs = b.shape
     late = delay * inputs
     whole = np.zeros((states + late, states + late))
@@ -148,7 +148,7 @@ def _regulator(a: FloatArray, b: FloatArray, state_cost: FloatArray, effort: Flo
 def _at_rest_with_offset(
     model: LinearModel, state_cost: FloatArray, effort: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """State and input, per metre of offset, at which the offset robot is at rest, of the least cost of all such.
+    """Compute state and input of least cost, per metre of offset, at which the robot is at rest.
 
     (K + kp H^T H) z - kp H^T u = G d, with the cost's stationarity (Lagrange).
     """
@@ -164,7 +164,7 @@ def _at_rest_with_offset(
 
 
 def _measurements(model: LinearModel) -> FloatArray:
-    """(nj + 5, states) joint positions, lean about x and y, angular velocity by the state."""
+    """Return the (nj + 5, states) measurement matrix of joint positions, lean about x and y, and angular velocity."""
     joints, base = model.of_joints, model.of_base
     return np.vstack(
         [
@@ -178,10 +178,10 @@ def _measurements(model: LinearModel) -> FloatArray:
 def _filter_gains(
     model: LinearModel, sense: FloatArray, period: float, weights: BalanceWeights, scale: float, observe_offset: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Steady gains of the Kalman filter for the state and for the offset, which are zero if it is not observed."""
+    """Compute the steady Kalman gains of the state and of the offset, zero if it is not observed."""
     a, b, e = model.discrete(period)
     size = len(model.mass)
-    # A joint's torque acts as an offset of its target by tau / kp does; a torque about the line by the first motion.
+    # A joint torque tau acts like a target offset tau / kp; a torque about the line acts on the first motion.
     inverse = np.linalg.inv(model.mass)
     line = np.concatenate([0.5 * period**2 * inverse[:, 0], period * inverse[:, 0]])
     pushes = np.column_stack([b * (weights.joint_torque * scale / model.kp), line * (weights.line_torque * scale)])

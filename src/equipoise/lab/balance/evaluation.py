@@ -1,4 +1,4 @@
-"""Did it balance? By what a bystander saw, where there was one, else by what the robot felt of itself."""
+"""Evaluation of a balance trial, from the simulated truth if available, else from the robot's own estimates."""
 
 from __future__ import annotations
 
@@ -13,34 +13,33 @@ from equipoise.lab.balance.two_foot_posture import stance_legs
 from equipoise.robot.description import LEG_NAMES
 from equipoise.simulation.ground_truth_view import GroundTruth
 
-LIFT_GRACE = 0.2  # [s] from the lift's start, before which nothing is judged
-_SETTLING = 2.0  # [s] after the lift, before which sway is not counted
-# What balancing means. A foot's centre also travels as its sphere rolls: 8 mm for 0.4 rad of an A1's shank.
-_CLEAR = 0.5e-3  # [m] that lifted feet must be above the floor, as a bystander sees it
-_FELT_CLEAR = 0.1  # of the lift's height: the same, as joint encoders and IMU feel it
-_PLANTED = 10e-3  # [m] that a standing foot may leave the floor
-_TRAVEL = 20e-3  # [m] that the centre of a standing foot may move
+LIFT_GRACE = 0.2  # [s] from the lift's start without evaluation
+_SETTLING = 2.0  # [s] after the lift, not part of the statistics of the CoM
+# Limits of a balanced robot. A foot's centre also travels as its sphere rolls: 8 mm for 0.4 rad of an A1's shank.
+_CLEAR = 0.5e-3  # [m], least true height of lifted feet above the floor
+_ESTIMATED_CLEAR = 0.1  # of the lift's height: the same, estimated from joint encoders and IMU
+_STANDING_RISE = 10e-3  # [m], largest height of a standing foot above the floor
+_TRAVEL = 20e-3  # [m], largest displacement of a standing foot's centre
 _TILT = 0.6  # [rad]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a trial went.
+    """Result of a trial.
 
     Attributes:
-        balanced: whether it stood on two feet for all of the time that was asked for.
-        time_balanced: time for which it did [s].
-        failure: event that ended it, in words; None if nothing did.
-        judged_by: source of the verdict: "truth" or "senses".
-        excitation: rms of the centre of mass about its mean, across the support line [m]; None if it fell too soon.
-        off_line: mean of the distance of the centre of mass in front of the line [m]; likewise.
+        balanced: true if the robot stood on two feet for the whole requested time.
+        time_balanced: time on two feet [s].
+        failure: description of the event that ended the trial, or None.
+        judged_by: source of the verdict: "truth" or "senses" (the robot's own estimates).
+        excitation: standard deviation of the CoM across the support line [m]; None if the robot fell too soon.
+        off_line: mean distance of the CoM in front of the line [m]; None if the robot fell too soon.
         tilt: tilt of the base, mean of the last second [rad].
         largest_tilt: largest tilt of the base [rad].
-        largest_torque: largest torque of any joint, as reported [Nm]; None where torques are not.
-        rms_torque: root mean square of the torques of all joints [Nm]; likewise.
-        foot_travel: largest distance that the centre of a standing foot moved [m]; None without a bystander.
-        observed_error: distance of the believed centre of mass in front of the true one, as observed [m]; None if it
-            was not.
+        largest_torque: largest reported torque of any joint [Nm]; None if torques are not reported.
+        rms_torque: root mean square of the torques of all joints [Nm]; None if torques are not reported.
+        foot_travel: largest displacement of a standing foot's centre [m]; None without the simulated truth.
+        observed_error: observed distance of the design model's CoM in front of the true one [m], or None.
     """
 
     balanced: bool
@@ -59,7 +58,7 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class BalanceTraces:
-    """What is judged: from the lift on, by whichever eyes.
+    """Time series that are evaluated, from the lift on.
 
     Attributes:
         time: (n,) times from the lift's start [s].
@@ -78,40 +77,40 @@ class BalanceTraces:
     travel: FloatArray | None = None
 
 
-def felt_traces(run: BalanceRun) -> BalanceTraces:
-    """As the robot felt it."""
-    felt = run.felt
-    return BalanceTraces(felt.time, felt.clearance, felt.com_ahead, felt.tilt)
+def estimated_traces(run: BalanceRun) -> BalanceTraces:
+    """Return the time series that the robot estimated."""
+    estimates = run.estimates
+    return BalanceTraces(estimates.time, estimates.clearance, estimates.com_ahead, estimates.tilt)
 
 
-def seen_traces(run: BalanceRun, ground_truths: Sequence[GroundTruth]) -> BalanceTraces:
-    """As a bystander saw it."""
-    end = run.lift_off + float(run.felt.time[-1])
-    seen = [ground_truth for ground_truth in ground_truths if run.lift_off - 1e-9 <= ground_truth.time <= end + 1e-9]
+def true_traces(run: BalanceRun, ground_truths: Sequence[GroundTruth]) -> BalanceTraces:
+    """Return the true time series of a simulated robot."""
+    end = run.lift_off + float(run.estimates.time[-1])
+    states = [truth for truth in ground_truths if run.lift_off - 1e-9 <= truth.time <= end + 1e-9]
     right, left = (LEG_NAMES.index(leg) for leg in stance_legs(run.diagonal))
     lifted = [row for row in range(4) if row not in (right, left)]
-    clearance = np.array([ground_truth.clearance for ground_truth in seen])
-    feet = np.array([ground_truth.feet for ground_truth in seen])[:, [right, left], :2]
+    clearance = np.array([state.clearance for state in states])
+    feet = np.array([state.feet for state in states])[:, [right, left], :2]
     return BalanceTraces(
-        np.array([ground_truth.time - run.lift_off for ground_truth in seen]),
+        np.array([state.time - run.lift_off for state in states]),
         clearance[:, lifted].min(axis=1),
-        np.array([_ahead(ground_truth, right, left) for ground_truth in seen]),
-        np.array([ground_truth.tilt for ground_truth in seen]),
+        np.array([_ahead(state, right, left) for state in states]),
+        np.array([state.tilt for state in states]),
         clearance[:, [right, left]].max(axis=1),
         np.linalg.norm(feet - feet[0], axis=2).max(axis=1),
     )
 
 
-def judge(run: BalanceRun, ground_truths: Sequence[GroundTruth] = ()) -> Verdict:
-    """Judge a trial; with glimpses, which begin before the lift, by them."""
-    traces = seen_traces(run, ground_truths) if ground_truths else felt_traces(run)
+def evaluate(run: BalanceRun, ground_truths: Sequence[GroundTruth] = ()) -> Verdict:
+    """Evaluate a trial, from the simulated truth if given, which begins before the lift."""
+    traces = true_traces(run, ground_truths) if ground_truths else estimated_traces(run)
     failures = {
         "a lifted foot touched the floor": traces.clearance
-        < (_CLEAR if ground_truths else _FELT_CLEAR * run.swing_height),
+        < (_CLEAR if ground_truths else _ESTIMATED_CLEAR * run.swing_height),
         "the base tilted over": traces.tilt > _TILT,
     }
     if traces.standing is not None and traces.travel is not None:
-        failures["a standing foot left the floor"] = traces.standing > _PLANTED
+        failures["a standing foot left the floor"] = traces.standing > _STANDING_RISE
         failures["a standing foot slipped away"] = traces.travel > _TRAVEL
     counted = traces.time >= LIFT_GRACE
     first, failure = float(traces.time[-1]), None if run.ending == "balanced" else ENDINGS[run.ending]
@@ -120,15 +119,15 @@ def judge(run: BalanceRun, ground_truths: Sequence[GroundTruth] = ()) -> Verdict
             moment = float(traces.time[np.argmax(failed & counted)])
             if moment < first or failure is None:
                 first, failure = moment, message
-    stood = run.duration if failure is None else min(first, run.duration)
+    time_balanced = run.duration if failure is None else min(first, run.duration)
     return Verdict(
-        failure is None, stood, failure, "truth" if ground_truths else "senses", *_excitation(traces, first), *_tilts(traces,
-        first), *_torques(run), None if traces.travel is None else float(traces.travel[traces.time <= first].max()),
-        _observed_error(run),
+        failure is None, time_balanced, failure, "truth" if ground_truths else "senses", *_com_std_and_mean(traces, first),
+        *_tilts(traces, first), *_torques(run),
+        None if traces.travel is None else float(traces.travel[traces.time <= first].max()), _observed_error(run),
     )  # fmt: skip
 
 
-def _excitation(traces: BalanceTraces, end: float) -> tuple[float | None, float | None]:
+def _com_std_and_mean(traces: BalanceTraces, end: float) -> tuple[float | None, float | None]:
     settled = traces.com_ahead[(traces.time > _SETTLING) & (traces.time <= end)]
     return (float(settled.std()), float(settled.mean())) if settled.size else (None, None)
 
@@ -139,21 +138,21 @@ def _tilts(traces: BalanceTraces, end: float) -> tuple[float, float]:
 
 
 def _torques(run: BalanceRun) -> tuple[float | None, float | None]:
-    joints = run.recording.between(run.lift_off, run.lift_off + float(run.felt.time[-1])).joints
+    joints = run.recording.between(run.lift_off, run.lift_off + float(run.estimates.time[-1])).joints
     if joints.torque is None:
         return None, None
     return float(np.abs(joints.torque).max()), float(np.sqrt(np.mean(joints.torque**2)))
 
 
 def _observed_error(run: BalanceRun) -> float | None:
-    """Mean over the later half: less noise than the last value, and the observer has settled."""
+    """Return the mean over the later half, when the observer has settled: it has less noise than the last value."""
     if not run.observing:
         return None
-    return -float(run.felt.offset[run.felt.time >= run.felt.time[-1] / 2].mean())
+    return -float(run.estimates.offset[run.estimates.time >= run.estimates.time[-1] / 2].mean())
 
 
 def _ahead(ground_truth: GroundTruth, right: int, left: int) -> float:
-    """Of the true centre of mass in front of the plane through the feet that holds gravity [m]."""
+    """Return the distance of the true CoM in front of the support plane [m]."""
     along = ground_truth.feet[left] - ground_truth.feet[right]
     forward = np.cross(along, ground_truth.up)
     return float(forward @ (ground_truth.com - ground_truth.feet[right]) / np.linalg.norm(forward))

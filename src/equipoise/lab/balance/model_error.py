@@ -1,4 +1,4 @@
-"""What a balance law believes of its robot: the model file's inertia, a calibration's, or the truth a little wrong."""
+"""Design models of the balance controller: the model file, a calibration, or the truth with a displaced CoM."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
-from equipoise.lab.balance.observer import SensorKnowledge
+from equipoise.lab.balance.observer import SensorCorrections
 from equipoise.lab.balance.two_foot_posture import line_through, stance_legs
 from equipoise.result.calibration import Calibration
 from equipoise.robot.description import LEG_NAMES
@@ -19,89 +19,88 @@ from equipoise.robot.stance import Stance
 
 
 @dataclass(frozen=True, eq=False)
-class Plant:
-    """The model that the control law is designed for.
+class DesignModel:
+    """Model that the controller is designed on.
 
     Attributes:
-        model: model of the robot with the base as it is assumed; its legs are the model file's.
-        sensors: sensor errors that are taken off.
-        source: source of the belief, in words.
+        model: model of the robot, with the legs of the model file.
+        sensors: sensor errors that are subtracted.
+        source: description of the model's source.
     """
 
     model: RobotModel
-    sensors: SensorKnowledge
+    sensors: SensorCorrections
     source: str
 
 
-def model_file(robot: RobotModel) -> Plant:
-    """The robot as its model file has it."""
-    return Plant(robot, SensorKnowledge.none(robot), "the model file")
+def model_file(robot: RobotModel) -> DesignModel:
+    """Return the robot's model file."""
+    return DesignModel(robot, SensorCorrections.none(robot), "the model file")
 
 
-def calibrated(robot: RobotModel, stance: Stance, calibration: Calibration) -> Plant:
-    """The robot as a calibration found it; what its method does not estimate is the model file's.
+def calibrated(robot: RobotModel, stance: Stance, calibration: Calibration) -> DesignModel:
+    """Return the model with the result of a calibration, and the model file's values of all that it does not estimate.
 
-    Mass and centre of mass of the whole robot are made the calibration's by the base: the legs stay the file's.
+    The base is changed so that the whole robot has the calibrated mass and CoM. The legs stay the file's.
 
     Raises:
-        SettingsError: the calibration is of another robot model, knows no planar centre of mass, or no body can have what
-            it found.
+        SettingsError: the calibration is of another robot model, has no planar CoM, or is not physically possible.
     """
     if calibration.model["sha256"] != robot.source.sha256:
         raise SettingsError(
             f"the calibration is of {calibration.robot!r} with another model file than {robot.name!r}'s (their hashes "
-            "differ): give the robot that was calibrated"
+            "differ); select the robot that was calibrated"
         )
     nominal = composite_parameters(robot, stance.joint_position)
-    found = calibration.composite
-    com = found.com_in_base.values
+    composite = calibration.composite
+    com = composite.com_in_base.values
     if not np.isfinite(com[:2]).all():
-        raise SettingsError("the calibration knows no planar centre of mass; calibrate with --method bayesian or paper")
+        raise SettingsError("the calibration has no planar centre of mass; calibrate with --method bayesian or paper")
     com = np.where(np.isnan(com), nominal.com, com)
     inertia = calibration.base.inertia.values
-    mass = nominal.mass if found.mass.value is None else found.mass.value
+    mass = nominal.mass if composite.mass.value is None else composite.mass.value
     model = with_composite(robot, stance, mass, com, inertia if np.isfinite(inertia).all() else None)
-    return Plant(model, SensorKnowledge.of(calibration, robot), f"a calibration by the method {calibration.method}")
+    return DesignModel(
+        model, SensorCorrections.of(calibration, robot), f"a calibration by the method {calibration.method}"
+    )
 
 
-def displaced(robot: RobotModel, stance: Stance, truth: RobotInertia, diagonal: str, error: float) -> Plant:
-    """The simulated truth with the centre of mass displaced.
+def displaced(robot: RobotModel, stance: Stance, truth: RobotInertia, diagonal: str, error: float) -> DesignModel:
+    """Return the simulated truth with the CoM displaced.
 
     Args:
-        error: displacement along the horizontal normal of the diagonal's support line; positive: believed too far
-            forward [m].
+        error: displacement along the horizontal normal of the diagonal's support line; positive: forward [m].
     """
     com = truth.composite.com + error * forward_of(stance, diagonal)
     model = with_composite(robot, stance, truth.composite.mass, com, truth.base.inertia)
     source = f"the simulated truth, centre of mass {1000 * error:+g} mm off"
-    return Plant(model, SensorKnowledge.none(robot), source)
+    return DesignModel(model, SensorCorrections.none(robot), source)
 
 
 def forward_of(stance: Stance, diagonal: str) -> FloatArray:
-    """(3,) the horizontal normal of a support line at the nominal stance, which points forward, in base axes."""
+    """Return the (3,) horizontal normal of a support line at the nominal stance, which points forward, in base axes."""
     right, left = (stance.feet_in_base[LEG_NAMES.index(leg)] for leg in stance_legs(diagonal))
     return line_through(right, left)[1]
 
 
-def error_along(stance: Stance, diagonal: str, believed: RobotModel, truth: RobotInertia) -> float:
-    """How far the believed centre of mass is in front of the true one, along the normal of a support line [m]."""
-    com = composite_parameters(believed, stance.joint_position).com
+def error_along(stance: Stance, diagonal: str, design_model: RobotModel, truth: RobotInertia) -> float:
+    """Return the distance of a model's CoM in front of the true one, along the normal of a support line [m]."""
+    com = composite_parameters(design_model, stance.joint_position).com
     return float(forward_of(stance, diagonal) @ (com - truth.composite.com))
 
 
 def with_composite(
     robot: RobotModel, stance: Stance, mass: float, com: FloatArray, base_inertia: FloatArray | None = None
 ) -> RobotModel:
-    """The robot with such a base that the whole of it has a mass and a centre of mass at its stance.
+    """Return the robot with a base that gives the whole robot a mass and a CoM at its stance.
 
     Args:
         mass: mass of the whole robot [kg].
         com: (3,) centre of mass of the whole robot, in the base frame [m].
-        base_inertia: (3, 3) inertia of the base about its own centre of mass, in base axes [kg m2]; default: the
-            model's.
+        base_inertia: (3, 3) inertia of the base about its own CoM, in base axes [kg m2]; default: the model's.
 
     Raises:
-        SettingsError: no base can do that.
+        SettingsError: no physically possible base does that.
     """
     nominal = composite_parameters(robot, stance.joint_position)
     base = robot.pinocchio.inertias[1]
@@ -109,11 +108,11 @@ def with_composite(
     legs_moment = nominal.mass * nominal.com - base.mass * np.array(base.lever)
     if not mass > legs:
         raise SettingsError(
-            f"the whole robot would weigh {mass:.2f} kg, and the legs of {robot.name!r} weigh {legs:.2f} kg by its model "
-            "file: check the calibration's mass"
+            f"the mass of the whole robot is {mass:.2f} kg, but the legs of {robot.name!r} have {legs:.2f} kg in its model "
+            "file; check the calibration's mass"
         )
     inertia = np.array(base.inertia) if base_inertia is None else base_inertia
     if not np.linalg.eigvalsh(inertia).min() > 0:
-        raise SettingsError("the base would have a principal moment of inertia that is not positive: calibrate longer")
+        raise SettingsError("a principal moment of inertia of the base is not positive; calibrate longer (--duration)")
     lever = (mass * com - legs_moment) / (mass - legs)
     return robot.with_base(pin.Inertia(mass - legs, lever, inertia))

@@ -1,4 +1,4 @@
-"""What a balancing robot feels: joint positions, which way is up, and how fast it turns, known sensor errors taken off."""
+"""State estimation of a balancing robot from joint encoders and IMU, with corrected sensor errors."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 
-# [s] over which the accelerometer corrects the gyroscope: long against a fall, short against a gyroscope's drift.
+# [s], time constant of the accelerometer's correction: longer than a fall, shorter than a gyroscope's drift.
 _CORRECTION_TIME = 3.0
 _UPRIGHT = float(np.cos(np.radians(25)))
 
 
 @dataclass(frozen=True, eq=False)
-class SensorKnowledge:
-    """Sensor errors that are known and taken off.
+class SensorCorrections:
+    """Sensor errors that are subtracted from the measurements.
 
     Attributes:
-        joint_offset: (nj,) encoder reading less joint position [rad].
-        imu_tilt: (3,) rotation vector of the IMU in the frame where it should be [rad].
+        joint_offset: (nj,) encoder reading minus joint position [rad].
+        imu_tilt: (3,) rotation vector of the IMU relative to its nominal frame [rad].
         accelerometer_bias: (3,) bias of the accelerometer, in the IMU frame [m/s2].
     """
 
@@ -39,33 +39,33 @@ class SensorKnowledge:
     accelerometer_bias: FloatArray
 
     @classmethod
-    def none(cls, robot: RobotModel) -> SensorKnowledge:
-        """Sensors are taken at their word."""
+    def none(cls, robot: RobotModel) -> SensorCorrections:
+        """Return zero sensor errors."""
         return cls(np.zeros(len(robot.joint_names)), np.zeros(3), np.zeros(3))
 
     @classmethod
-    def of(cls, calibration: Calibration, robot: RobotModel) -> SensorKnowledge:
-        """What a calibration found; methods other than `bayesian` find nothing."""
-        found = {finding.name: finding.value for finding in calibration.sensors}
+    def of(cls, calibration: Calibration, robot: RobotModel) -> SensorCorrections:
+        """Return the sensor errors that a calibration estimated: zero for methods other than `bayesian`."""
+        estimates = {finding.name: finding.value for finding in calibration.sensors}
 
-        def values(unknown: str) -> FloatArray:
-            return np.array([found.get(name, 0.0) for name in finding_names(robot, unknown)])
+        def values(parameter: str) -> FloatArray:
+            return np.array([estimates.get(name, 0.0) for name in finding_names(robot, parameter)])
 
         return cls(values("joint_offset"), values("imu_tilt"), values("accelerometer_bias"))
 
     @property
     def any(self) -> bool:
-        """Whether anything is known."""
+        """True if a sensor error is not zero."""
         return bool(self.joint_offset.any() or self.imu_tilt.any() or self.accelerometer_bias.any())
 
 
-class Senses:
-    """Turns sensor samples into joint positions, the direction of up and the angular velocity, in base axes.
+class StateEstimator:
+    """Estimator of joint positions, vertical direction and angular velocity in base axes.
 
     Args:
-        robot: model of the robot, which says where the IMU is mounted.
-        knowledge: sensor errors to take off.
-        rest: samples of the robot at rest on four feet: they tell where up is and the gyroscope's bias.
+        robot: model of the robot, with the IMU's mounting.
+        corrections: sensor errors to subtract.
+        rest: samples of the robot at rest on four feet; they determine the vertical and the gyroscope's bias.
         period: time between samples [s].
 
     Raises:
@@ -73,12 +73,12 @@ class Senses:
     """
 
     def __init__(
-        self, robot: RobotModel, knowledge: SensorKnowledge, rest: Sequence[RobotState], period: float
+        self, robot: RobotModel, corrections: SensorCorrections, rest: Sequence[RobotState], period: float
     ) -> None:
-        self._zero, self._period = knowledge.joint_offset, period
-        turned = Rotation.from_rotvec(knowledge.imu_tilt).as_matrix()
+        self._zero, self._period = corrections.joint_offset, period
+        turned = Rotation.from_rotvec(corrections.imu_tilt).as_matrix()
         self._to_base = np.array(robot.imu_in_base.rotation) @ turned
-        self._accelerometer_bias = knowledge.accelerometer_bias
+        self._accelerometer_bias = corrections.accelerometer_bias
         self._gyro_bias = np.mean([state.angular_velocity_in_imu for state in rest], axis=0)
         up = np.mean([self._specific_force(state) for state in rest], axis=0)
         self.up: FloatArray = up / np.linalg.norm(up)
@@ -87,11 +87,11 @@ class Senses:
         if self.up[2] < _UPRIGHT:
             raise FallError(
                 f"the robot leans by {np.degrees(np.arccos(self.up[2])):.0f} deg when it should stand on four feet: it has "
-                "fallen, or the IMU is mounted turned (give its pose under imu_rpy in a robot description)"
+                "fallen, or the orientation of the IMU is wrong (set imu_rpy in the robot configuration)"
             )
 
-    def feel(self, state: RobotState) -> None:
-        """Take in the next sample: up turns against the base, and slowly goes to where the accelerometer points."""
+    def update(self, state: RobotState) -> None:
+        """Integrate the gyroscope of the next sample, and correct the vertical slowly towards the accelerometer's."""
         self.joint_position = state.joint_position - self._zero
         self.angular_velocity_in_base = self._to_base @ (state.angular_velocity_in_imu - self._gyro_bias)
         up = self.up - self._period * np.array(pin.skew(self.angular_velocity_in_base)) @ self.up
@@ -101,53 +101,53 @@ class Senses:
 
     @property
     def lean(self) -> FloatArray:
-        """(2,) small rotation of the base about its x and y axes from level [rad]."""
+        """Rotation (2,) of the base from level about its x and y axes, small angles [rad]."""
         return np.array([self.up[1], -self.up[0]])
 
     def command_for(self, joint_position: FloatArray) -> FloatArray:
-        """What to send so that the joints go there: their loops close on the encoders."""
+        """Return the encoder positions to command so that the joints reach these positions."""
         return joint_position + self._zero
 
     def _specific_force(self, state: RobotState) -> FloatArray:
         return self._to_base @ (state.acceleration_in_imu - self._accelerometer_bias)
 
 
-class Bearings:
-    """Where the feet were planted, and from that where the body is over its support line.
+class FootholdGeometry:
+    """Footholds, and the position of the body relative to its support line.
 
     Attributes:
-        footholds: (4, 3) centres of the planted feet, from the base frame's origin, the third axis vertical [m].
+        footholds: (4, 3) centres of the feet on the floor, from the base frame's origin, the third axis vertical [m].
 
     Args:
-        believed: model of the robot, whose centre of mass is over the line.
-        diagonal: diagonal that it will stand on.
-        senses: senses of the robot at rest on four feet.
+        design_model: design model of the robot.
+        diagonal: diagonal that the robot will stand on.
+        estimator: state of the robot at rest on four feet.
     """
 
-    def __init__(self, believed: RobotModel, diagonal: str, senses: Senses) -> None:
-        self._kinematics = Kinematics(believed)
+    def __init__(self, design_model: RobotModel, diagonal: str, estimator: StateEstimator) -> None:
+        self._kinematics = Kinematics(design_model)
         self._right, self._left = (LEG_NAMES.index(leg) for leg in stance_legs(diagonal))
         self._lifted = [row for row in range(4) if row not in (self._right, self._left)]
-        self.footholds = self._feet(senses)[0]
+        self.footholds = self._feet(estimator)[0]
 
-    def of(self, senses: Senses) -> tuple[float, float]:
-        """How far the centre of mass is in front of the line, and the clearance of the lower lifted foot [m]."""
-        feet, com = self._feet(senses)
+    def com_and_clearance(self, estimator: StateEstimator) -> tuple[float, float]:
+        """Compute the distance of the CoM in front of the line, and the clearance of the lower lifted foot [m]."""
+        feet, com = self._feet(estimator)
         right, left = feet[self._right], feet[self._left]
         _, forward = line_through(right, left)
         rise = feet[:, 2] - self.footholds[:, 2]
         rise = rise - (rise[self._right] + rise[self._left]) / 2
         return float(forward @ (com - right)), float(rise[self._lifted].min())
 
-    def _feet(self, senses: Senses) -> tuple[FloatArray, FloatArray]:
-        """Feet and centre of mass from the base frame's origin, in axes of which the third is vertical."""
-        upright = leveling(senses.up)
-        feet = self._kinematics.foot_positions(senses.joint_position) @ upright.T
-        return feet, upright @ self._kinematics.com(senses.joint_position)
+    def _feet(self, estimator: StateEstimator) -> tuple[FloatArray, FloatArray]:
+        """Compute feet and CoM from the base frame's origin, the third axis vertical."""
+        upright = leveling(estimator.up)
+        feet = self._kinematics.foot_positions(estimator.joint_position) @ upright.T
+        return feet, upright @ self._kinematics.com(estimator.joint_position)
 
 
 def leveling(up: FloatArray) -> FloatArray:
-    """(3, 3) the smallest rotation that turns a unit vector up."""
+    """Return the (3, 3) smallest rotation that turns a unit vector to the vertical."""
     x, y, z = up
     cross = np.array(pin.skew(np.array([y, -x, 0.0])))
     return np.eye(3) + cross + cross @ cross / (1 + z)

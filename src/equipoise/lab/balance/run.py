@@ -1,4 +1,4 @@
-"""What a balance trial leaves behind: its recording, and what the robot felt of itself while two feet were up."""
+"""Data of a balance trial: its recording, and the states that the robot estimated with two feet up."""
 
 from __future__ import annotations
 
@@ -21,16 +21,15 @@ ENDINGS: dict[Ending, str] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
-    """What the robot felt of itself, by joint encoders, IMU and the believed model, once a control period.
+class StateEstimates:
+    """States estimated from joint encoders, IMU and the design model, once a control period.
 
     Attributes:
         time: (n,) times from the moment at which two feet began to lift [s].
         up_in_base: (n, 3) unit vector against gravity, in base axes.
-        com_ahead: (n,) distance of the believed centre of mass in front of the support line [m].
-        clearance: (n,) height of the lower one of the lifted feet, over where it stood [m].
-        offset: (n,) distance of the true centre of mass in front of the believed one, as observed; zero if it was not
-            [m].
+        com_ahead: (n,) distance of the design model's CoM in front of the support line [m].
+        clearance: (n,) height of the lower lifted foot over its foothold [m].
+        offset: (n,) observed distance of the true CoM in front of the design model's [m]; zero if it is not observed.
     """
 
     time: FloatArray
@@ -41,25 +40,25 @@ class Felt:
 
     @property
     def tilt(self) -> FloatArray:
-        """(n,) of the base's z axis from up [rad]."""
+        """Angles (n,) of the base's z axis from the vertical [rad]."""
         return np.arccos(np.clip(self.up_in_base[:, 2], -1, 1))
 
 
 @dataclass(frozen=True, eq=False)
 class BalanceRun:
-    """One trial on one diagonal.
+    """Trial on one diagonal.
 
     Attributes:
         robot: name of the robot.
-        diagonal: diagonal that it stood on.
-        duration: time for which it was to balance, once its feet were up [s].
-        swing_height: height of the lifted feet, as commanded [m].
-        observing: whether the offset of the centre of mass was observed.
+        diagonal: diagonal that the robot stood on.
+        duration: requested time on two feet [s].
+        swing_height: commanded height of the lifted feet [m].
+        observing: true if the offset of the CoM was observed.
         lift_off: time at which two feet began to lift [s].
-        ending: reason why the law was switched off.
-        recording: recording of all of it, with phases rest, move, unload, lift, balance, lower.
-        felt: samples from the lift to the end.
-        unstable_pole: rate at which the believed robot with locked joints tips over [1/s].
+        ending: reason why the controller was switched off.
+        recording: recording of the trial, with phases rest, move, unload, lift, balance, lower.
+        estimates: estimated states from the lift to the end.
+        unstable_pole: rate at which the design model with locked joints tips over [1/s].
     """
 
     robot: str
@@ -70,41 +69,41 @@ class BalanceRun:
     lift_off: float
     ending: Ending
     recording: Recording
-    felt: Felt
+    estimates: StateEstimates
     unstable_pole: float
 
 
 class TrialSamples:
-    """Collects what is sensed, sent and felt while a trial runs."""
+    """Samples, commands and estimates of a trial in progress."""
 
     def __init__(self) -> None:
         self._samples: list[tuple[RobotState, FloatArray]] = []
         self._events: list[Event] = []
-        self._felt: list[tuple[float, FloatArray, float, float, float]] = []
+        self._estimates: list[tuple[float, FloatArray, float, float, float]] = []
 
     def phase(self, name: str, time: float) -> None:
-        """A phase begins."""
+        """Record the beginning of a phase."""
         self._events.append(Event(time, PHASE, {"name": name}))
 
     def add(self, state: RobotState, target: FloatArray) -> None:
-        """A sample, and the joint targets that are sent on it; a moment that is there already stays as it is."""
+        """Add a sample and the joint targets that follow from it, unless it is not newer than the last one."""
         if not self._samples or state.time > self._samples[-1][0].time:
             self._samples.append((state, target))
 
-    def feel(self, time: float, up_in_base: FloatArray, com_ahead: float, clearance: float, offset: float) -> None:
-        """What the robot feels of itself, as in `Felt`; the time is the platform's [s]."""
-        self._felt.append((time, up_in_base, com_ahead, clearance, offset))
+    def add_estimate(self, time: float, up: FloatArray, com_ahead: float, clearance: float, offset: float) -> None:
+        """Add an estimate as in `StateEstimates`, with the platform's time [s]."""
+        self._estimates.append((time, up, com_ahead, clearance, offset))
 
-    def felt(self, lift_off: float) -> Felt:
-        """All that was felt."""
-        time, up, ahead, clearance, offset = (np.array(column) for column in zip(*self._felt, strict=True))
-        return Felt(time - lift_off, up, ahead, clearance, offset)
+    def estimates(self, lift_off: float) -> StateEstimates:
+        """Return all estimates."""
+        time, up, ahead, clearance, offset = (np.array(column) for column in zip(*self._estimates, strict=True))
+        return StateEstimates(time - lift_off, up, ahead, clearance, offset)
 
     def recording(self, joint_names: tuple[str, ...]) -> Recording:
-        """All that was sensed and sent, without samples that hold no numbers."""
-        good = [(state, target) for state, target in self._samples if _finite(state)]
-        targets = np.array([target for _, target in good])
-        return recording_of(joint_names, [state for state, _ in good], targets, tuple(self._events))
+        """Return all samples and commands, without samples that are not finite."""
+        finite = [(state, target) for state, target in self._samples if _finite(state)]
+        targets = np.array([target for _, target in finite])
+        return recording_of(joint_names, [state for state, _ in finite], targets, tuple(self._events))
 
 
 def _finite(state: RobotState) -> bool:

@@ -1,4 +1,4 @@
-"""Postures in which a robot's centre of mass is over its support line, and the torques that hold them."""
+"""Postures with the CoM over the support line, and the torques that hold them."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ _OVER_LINE = 1e-9  # [m]
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """A level robot at rest whose centre of mass is over its support line. The base frame is at the origin.
+    """Level posture at rest with the CoM over the support line and the base frame at the origin.
 
     Attributes:
         joint_position: (nj,) joint positions [rad].
         torque: (nj,) joint torques that hold the robot on the two feet [Nm].
-        foot_force: (6,) forces of the ground on the right foot and on the left one, least along the line between them
-            [N].
+        foot_force: (6,) ground forces on the right and left foot, with the least force along the line between them [N].
         com: (3,) centre of mass [m].
         middle: (3,) middle of the line between the two contact points [m].
         left: (3,) unit vector along the support line, to the robot's left.
@@ -44,20 +43,20 @@ class Posture:
 
 
 def stance_legs(diagonal: str) -> tuple[str, str]:
-    """The right foot and the left one of a diagonal: `DIAGONALS` names the front foot first."""
+    """Return the right and the left leg of a diagonal. `DIAGONALS` names the front leg first."""
     front, rear = DIAGONALS[diagonal]
     return (rear, front) if front == "FL" else (front, rear)
 
 
 def line_through(right: FloatArray, left: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit vector along a support line to the left, and its horizontal normal, which points forward."""
+    """Return the unit vector along a support line to the left, and its horizontal normal, which points forward."""
     along = (left - right) / np.linalg.norm(left - right)
     x, y, _ = along
     return along, np.array([y, -x, 0.0]) / np.hypot(x, y)
 
 
 def contact_jacobian(robot: RobotModel, configuration: FloatArray, legs: Sequence[str]) -> FloatArray:
-    """(3 feet, nv) velocity of the material points that touch a level floor, in world axes, by the robot's velocity.
+    """Compute the (3 feet, nv) Jacobian of the contact points on a level floor, in world axes.
 
     Feet are spheres: v_contact = v + w x (-r e_z), so J = J_linear + [r e_z]x J_angular. A foot that rolls without
     slipping has J v = 0.
@@ -73,19 +72,18 @@ def contact_jacobian(robot: RobotModel, configuration: FloatArray, legs: Sequenc
 
 
 def generalized_gravity(robot: RobotModel, configuration: FloatArray) -> FloatArray:
-    """(nv,) generalised force that gravity takes to hold [N, Nm]."""
+    """Compute the (nv,) generalised force that compensates gravity [N, Nm]."""
     return np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.create_data(), configuration))
 
 
 def posture_over_line(
     robot: RobotModel, feet: FloatArray, diagonal: str, swing_height: float, guess: FloatArray
 ) -> Posture:
-    """The level posture over given footholds in which the centre of mass is over the middle of the support line.
+    """Compute the level posture over given footholds with the CoM over the middle of the support line.
 
     Args:
-        robot: model of the robot as it is believed to be.
-        feet: (4, 3) centres of the planted feet, in axes of which the third is vertical; where their origin is does not
-            matter [m].
+        robot: design model of the robot.
+        feet: (4, 3) centres of the feet on the floor, the third axis vertical, from any origin [m].
         swing_height: height of the other two feet above their footholds [m].
         guess: (nj,) joint positions to start from [rad].
 
@@ -109,7 +107,7 @@ def posture_over_line(
     else:
         raise ReachError(
             f"no posture brings the centre of mass of {robot.name!r} over the line {diagonal}: it stays "
-            f"{1000 * float(np.linalg.norm(miss)):.1f} mm off; is the model's centre of mass plausible?"
+            f"{1000 * float(np.linalg.norm(miss)):.1f} mm off; check the model's centre of mass"
         )
     middle = kinematics.foot_positions(joints)[[index[right], index[left]]].mean(axis=0)
     middle = middle - np.mean([robot.legs[leg].foot_radius for leg in (right, left)]) * _UP
@@ -118,7 +116,7 @@ def posture_over_line(
 
 
 def _holding(robot: RobotModel, joints: FloatArray, legs: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-    """Joint torques and foot forces at rest: J_base^T f = g_base, tau = g_joints - J_joints^T f."""
+    """Compute joint torques and foot forces at rest: J_base^T f = g_base, tau = g_joints - J_joints^T f."""
     configuration = robot.configuration(joints)
     gravity = generalized_gravity(robot, configuration)
     jacobian = contact_jacobian(robot, configuration, legs)

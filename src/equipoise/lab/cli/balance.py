@@ -20,8 +20,8 @@ from equipoise.lab.balance import model_error
 from equipoise.lab.balance.balance_report import BalanceReport, BalanceTrial
 from equipoise.lab.balance.balance_routine import BalanceSettings
 from equipoise.lab.balance.balance_routine import balance as run
-from equipoise.lab.balance.evaluation import judge, seen_traces
-from equipoise.lab.balance.model_error import Plant, error_along
+from equipoise.lab.balance.evaluation import evaluate, true_traces
+from equipoise.lab.balance.model_error import DesignModel, error_along
 from equipoise.lab.terminal import print_balance
 from equipoise.platform.platform import MotionInterrupted
 from equipoise.recording.run_log import save_recording
@@ -34,7 +34,7 @@ from equipoise.simulation.ground_truth_view import Bystander
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.simulation import Simulation, simulate
 
-_WATCHED_PERIODS = 5  # the bystander looks every so many control periods
+_WATCHED_PERIODS = 5  # control periods from one sample of the true state to the next
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 
 Length = Annotated[str | None, arg(metavar="LENGTH", help_behavior_hint="")]
@@ -60,35 +60,34 @@ def balance(
     description: flags.Described,
     output: flags.Output,
 ) -> int:
-    """Stand up on two diagonal feet and stay there, in simulation: a test of its
-    centre of mass.
+    """Balance a simulated robot on two diagonal feet, as a test of its centre of
+    mass.
 
-    The balance law feels joint encoders and IMU only. It is designed on what is
-    believed of the robot: the model file, a calibration (--com), or the simulated
-    truth with its centre of mass displaced (--com-error). The model stays fixed:
-    with a wrong one the robot leans, and falls from some millimetres on. A robot
-    that falls is a result like another: the verdict is printed and the exit code is
-    0, or 4 with --check.
+    The controller uses joint encoders and IMU only. It is designed on a fixed
+    model: the model file, a calibration (--com), or the simulated truth with a
+    displaced centre of mass (--com-error). With a small error the robot leans; it
+    falls with errors of several millimetres. The exit code after a fall is 0, or
+    4 with --check.
 
     Examples: equipoise lab balance --payload 2,0.08,0.03,0.1 --com runs/a1
               equipoise lab balance go2 --com-error=-5mm --diagonal FL_RR
 
     Args:
-        com: Result of 'calibrate' (calibration.json); the law uses its mass, centre of mass and inertia, and takes the joint
-            zeros and the IMU mounting that it found off the sensors.
-        com_error: The law believes the simulated truth, with the centre of mass displaced by this much along the horizontal
-            normal of each support line, forward if positive (5mm, or --com-error=-5mm).
-        diagonal: Which feet to stand on.
-        duration: How long to balance on each diagonal, as 10s.
-        observe_offset: Also observe how far the true centre of mass is from the believed one, and stand accordingly. This
-            measures the error; that the robot then balances proves nothing.
-        seed: Of everything drawn.
+        com: Result of 'calibrate' (calibration.json). The controller uses its mass, centre of mass and inertia, and corrects
+            the estimated joint offsets and IMU mounting.
+        com_error: Design the controller on the simulated truth with the centre of mass displaced along the horizontal normal
+            of each support line, forward if positive (5mm, or --com-error=-5mm).
+        diagonal: Feet to stand on.
+        duration: Time to balance on each diagonal, for example 10s.
+        observe_offset: Also observe the distance of the true centre of mass from the model's, and stand accordingly. This
+            measures the error; a robot that then balances does not validate the model.
+        seed: Seed of everything drawn.
         out: Folder; default runs/ROBOT-balance-TIME.
-        report: Leave out the page balance.html.
-        check: Exit with 4 if the robot did not balance for all of the time.
+        report: Write no page balance.html.
+        check: Exit with 4 if the robot did not balance for the whole time.
     """
     if com is not None and com_error is not None:
-        raise SettingsError("--com and --com-error both say what the law believes; give one of them")
+        raise SettingsError("--com and --com-error both set the controller's model; pass one of them")
     settings = BalanceSettings(_duration(duration), observe_offset)
     error = None if com_error is None else metres(com_error)
     model = load_robot(robot, description)
@@ -103,21 +102,21 @@ def balance(
         "effects": read_effects(enable_effect), "without": read_names(disable_effect), "contact_model": contact_model,
     }  # fmt: skip
     trials: list[BalanceTrial] = []
-    sensors_known = False
+    sensors_corrected = False
     engine = ""
     for name in DIAGONALS if diagonal == "both" else (diagonal,):
         if not output.silent:
             print(f"balancing on {name} ...", file=sys.stderr, flush=True)
         with simulate(model, sim_preset, loaded, seed, **world) as simulation, _interruption_kept(out, name):
-            belief = _belief(model, stance, simulation, name, calibration, error)
-            trials.append(_trial(simulation, model, stance, belief, name, settings))
-            sensors_known, engine = belief.sensors.any, simulation.engine
+            design = _design_model(model, stance, simulation, name, calibration, error)
+            trials.append(_trial(simulation, model, stance, design, name, settings))
+            sensors_corrected, engine = design.sensors.any, simulation.engine
     provenance = {
         "time": now.isoformat(timespec="seconds"), "equipoise": _version.__version__, "platform": "mujoco", "mujoco": engine,
         "sim_preset": sim_preset, **world, "payload": payload, "seed": seed, "com": None if com is None else str(com),
         "com_error": error,
     }  # fmt: skip
-    done = BalanceReport(model.name, sensors_known, settings, tuple(trials), provenance)
+    done = BalanceReport(model.name, sensors_corrected, settings, tuple(trials), provenance)
     files = done.save(out)
     if report:
         from equipoise.lab.pages.balance_page import balance_page
@@ -137,7 +136,7 @@ def balance(
 
 @contextmanager
 def _interruption_kept(out: Path, diagonal: str) -> Generator[None]:
-    """Save what was recorded, and say where, if a trial does not come to its end."""
+    """Save the recording of an interrupted trial, and print its folder."""
     try:
         yield
     except (MotionInterrupted, MotionError) as stop:
@@ -146,23 +145,23 @@ def _interruption_kept(out: Path, diagonal: str) -> Generator[None]:
             if recording is not None:
                 out.mkdir(parents=True, exist_ok=True)
                 save_recording(recording.broken_off(), out / f"balance-{diagonal}-broken-off.mcap")
-                print(f"what was recorded so far is kept in {out}", file=sys.stderr)
+                print(f"the recording until the interruption is in {out}", file=sys.stderr)
         raise
 
 
 def metres(text: str) -> float:
-    """[m] from 5mm, -0.5cm, 0.005m or 0.005; raises SettingsError for anything else."""
+    """Return a length [m] from 5mm, -0.5cm, 0.005m or 0.005; raises SettingsError for anything else."""
     match = re.fullmatch(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*(mm|cm|m)?\s*", text)
     value = float(match[1]) * _UNITS[match[2] or "m"] if match else float("inf")
     if not abs(value) <= 0.1:
-        raise SettingsError(f"{text!r} is no length of at most 100 mm; give it as 5mm, -5mm or 0.005m")
+        raise SettingsError(f"{text!r} is not a length of at most 100 mm; pass for example 5mm, -5mm or 0.005m")
     return value
 
 
 def _duration(text: str) -> float:
     value = seconds(text, "duration") or 0.0
     if not 0 < value <= 3600:
-        raise SettingsError(f"--duration is {text!r}; give it as 10s, an hour at most")
+        raise SettingsError(f"--duration is {text!r}; pass for example 10s, at most one hour")
     return value
 
 
@@ -170,9 +169,9 @@ def _calibration(path: Path) -> Any:
     return Calibration.load(path / "calibration.json" if path.is_dir() else path)
 
 
-def _belief(
+def _design_model(
     robot: RobotModel, stance: Stance, simulation: Simulation, diagonal: str, calibration: Any, error: float | None
-) -> Plant:
+) -> DesignModel:
     if calibration is not None:
         return model_error.calibrated(robot, stance, calibration)
     if error is not None:
@@ -184,12 +183,12 @@ def _trial(
     simulation: Simulation,
     robot: RobotModel,
     stance: Stance,
-    belief: Plant,
+    design: DesignModel,
     diagonal: str,
     settings: BalanceSettings,
 ) -> BalanceTrial:
     bystander = Bystander(simulation.witness.look, _WATCHED_PERIODS)
-    done = run(simulation.platform, robot, belief.model, diagonal, settings, belief.sensors, bystander.watch)
-    off = error_along(stance, diagonal, belief.model, simulation.truth)
-    verdict = judge(done, bystander.ground_truths)
-    return BalanceTrial(done, verdict, seen_traces(done, bystander.ground_truths), off, belief.source)
+    done = run(simulation.platform, robot, design.model, diagonal, settings, design.sensors, bystander.watch)
+    off = error_along(stance, diagonal, design.model, simulation.truth)
+    verdict = evaluate(done, bystander.ground_truths)
+    return BalanceTrial(done, verdict, true_traces(done, bystander.ground_truths), off, design.source)

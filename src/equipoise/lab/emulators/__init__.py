@@ -1,1 +1,1 @@
-"""Simulated robots that speak a real robot's protocol, each in a process of its own: to try a driver without the robot."""
+"""Emulators: simulated robots with the protocol of a real robot, in their own process, to test drivers."""

@@ -1,4 +1,4 @@
-"""A simulated robot in real time, with what a real one has between its wire and its joints: motor boards with a watchdog."""
+"""Simulated robot in real time, with motor boards and their watchdog between its wire and its joints."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from equipoise.robot.stance import nominal_stance
 from equipoise.simulation.effects import Noise, read_effects, read_names
 from equipoise.simulation.simulation import Simulation, simulate
 
-_SILENCE = 0.1  # [s] without a command after which the motor boards damp
-_DAMPING = 1.0  # of the model's own kd, when they do
-_LOST = 10  # control periods behind after which real time starts again
+_SILENCE = 0.1  # [s] without a command until the motor boards damp
+_DAMPING = 1.0  # of the model's kd
+_LOST = 10  # control periods of delay until real time is reset
 _TRACE = 0.1  # [s] between lines of the trace
 
 Mode = Literal["own stance", "commanded", "damped", "released", "silence"]
 
 
 class Wire(Protocol):
-    """The robot's side of a protocol."""
+    """Robot side of a protocol."""
 
     def commands(self) -> list[JointCommand]:
-        """Commands that arrived since the last call, in order, joint vectors in the model's order; never waits."""
+        """Return the commands since the last call without waiting, in order, joint vectors in the model's order."""
         ...
 
     def publish(self, state: RobotState, faults: ActiveFaults) -> None:
@@ -50,21 +50,20 @@ class Wire(Protocol):
 
 
 @dataclass(frozen=True)
-class PeerSettings:
-    """What robot the peer simulates, as the flags of `calibrate` say it.
+class EmulatedRobotSettings:
+    """Simulated robot of an emulator, with the flags of `calibrate`.
 
     Attributes:
         sim_preset: preset of effects.
-        enable_effect: effects besides, or of another size, as springs=3000,cable.
-        disable_effect: effects that are left out, as springs,cable.
+        enable_effect: additional effects or other sizes, for example springs=3000,cable.
+        disable_effect: effects to disable, for example springs,cable.
         payload: payload as MASS,X,Y,Z, or None.
         seed: seed of everything drawn.
-        start: state at the start, "standing" (it holds its own stance until the first command comes) or "lying" (it is
-            limp until then).
-        duration: time after which it ends [s].
-        wiring: wiring error, which acts from the start.
-        wiring_of: part that the wiring error is in.
-        trace: whether to log the motion of the base and the largest joint torque every 0.1 s, not only with a mode.
+        start: state until the first command: "standing" in its own stance, or "lying" without torques.
+        duration: time until the emulator ends [s].
+        wiring: wiring error from the start.
+        wiring_of: part with the wiring error.
+        trace: true to log the motion of the base and the largest joint torque every 0.1 s, not only with a mode.
     """
 
     sim_preset: Noise = "realistic"
@@ -79,17 +78,17 @@ class PeerSettings:
     trace: bool = False
 
 
-class PeerRobot:
-    """The simulated robot and its log: one JSON object a line, as {"time": 1.204, "mode": "damped"}.
+class EmulatedRobot:
+    """Simulated robot and its log of one JSON object per line, for example {"time": 1.204, "mode": "damped"}.
 
-    A mode comes with the number of stiff and of limp commands until then and the true motion: "tilt" of the base [deg],
-    "height" of the CoM above the floor [m], and since the last such line its fastest vertical "speed", upward [m/s], and the
-    largest joint "torque" [Nm] with its "joint".
+    A line with a mode also has the numbers of stiff and limp commands so far, the "tilt" of the base [deg] and the
+    "height" of the CoM above the floor [m]. Its largest vertical "speed", upward [m/s], and the largest joint "torque" [Nm]
+    with its "joint" are those since the last such line.
     """
 
-    def __init__(self, robot: RobotModel, settings: PeerSettings, log: TextIO = sys.stdout) -> None:
+    def __init__(self, robot: RobotModel, settings: EmulatedRobotSettings, log_file: TextIO = sys.stdout) -> None:
         self.robot, self.settings = robot, settings
-        self._log = log
+        self._log_file = log_file
         self._simulation: Simulation = simulate(
             robot, settings.sim_preset, settings.payload, settings.seed, settings.start,
             effects=read_effects(settings.enable_effect), without=read_names(settings.disable_effect),
@@ -99,16 +98,16 @@ class PeerRobot:
         gains = robot.gains(stance.hip_height)
         self._kd = np.full(len(robot.joint_names), gains[1])
         self._state = self._platform.read()
-        self._hold = stance.joint_position  # not where its legs have sagged to: they would sag again
+        self._hold = stance.joint_position  # not the sagged position, which would sag again
         self._command: JointCommand | None = None
         self._commanded_since: float | None = None
-        self._heard = -np.inf
+        self._last_received = -np.inf
         self._mode: Mode | None = None
         self._stiff = self._limp = 0
-        self._lines, self._body = FaultLines(robot, self.say), FaultyBody(robot, gains)
+        self._lines, self._body = FaultLines(robot, self.log), FaultyBody(robot, gains)
         self._wiring = CrossedWiring(robot, settings.wiring, settings.wiring_of)
-        seen = self._simulation.witness.look()
-        self._com_height, self._speed, self._tilt = float(seen.com[2]), 0.0, float(np.degrees(seen.tilt))
+        truth = self._simulation.witness.look()
+        self._com_height, self._speed, self._tilt = float(truth.com[2]), 0.0, float(np.degrees(truth.tilt))
         self._largest: FloatArray = np.zeros(len(robot.joint_names))
         self._traced = -np.inf
 
@@ -116,34 +115,34 @@ class PeerRobot:
     def control_period(self) -> float:
         return self._platform.control_period
 
-    def hear(self, command: JointCommand) -> None:
-        """Take a command that arrived."""
+    def receive(self, command: JointCommand) -> None:
+        """Process a command from the wire."""
         limp = command.kp is not None and not command.kp.any()
         self._stiff, self._limp = self._stiff + (not limp), self._limp + limp
-        self._command, self._heard = self._wiring.commanded(command), self._state.time
+        self._command, self._last_received = self._wiring.commanded(command), self._state.time
         if self._commanded_since is None:
             self._commanded_since = self._state.time
 
     def step(self) -> RobotState:
-        """Let one control period pass; return the sample that leaves the robot."""
+        """Simulate one control period and return the sample for the wire."""
         faults = self._lines.active
         if self._simulation.disturbance is not None:
             self._simulation.disturbance.push(np.array(faults.push))
-        self._state = self._platform.step(self._body.moved(self._in_force(), faults, self._state))
+        self._state = self._platform.step(self._body.moved(self._active_command(), faults, self._state))
         sensed = self._body.sensed(self._state, faults)
-        self._look(sensed)
+        self._record_motion(sensed)
         return self._wiring.sensed(sensed)
 
     def serve(self, wire: Wire) -> None:
-        """Run in real time until the settings' duration is over or Ctrl-C; log {"ready": true} when it listens."""
-        claim_priority()  # a robot keeps its time, whatever else this computer does
-        self.say(ready=True)
+        """Run in real time until the settings' duration is over or Ctrl-C, and log {"ready": true} at the start."""
+        claim_priority()  # a robot keeps its timing under any load of this computer
+        self.log(ready=True)
         begin = deadline = time.monotonic()
         try:
             while time.monotonic() - begin < self.settings.duration:
                 commands, cut = wire.commands(), self._lines.active.cut
                 for command in [] if cut else commands:
-                    self.hear(command)
+                    self.receive(command)
                 state = self.step()
                 if not cut:
                     wire.publish(state, self._lines.active)
@@ -152,33 +151,33 @@ class PeerRobot:
                 if left > 0:
                     time.sleep(left)
                 elif -left > _LOST * self.control_period:
-                    self.say(behind=round(-left, 4))
+                    self.log(behind=round(-left, 4))
                     deadline = time.monotonic()
         except KeyboardInterrupt:
             pass
         finally:
-            self.say(ended=True, stiff=self._stiff, limp=self._limp)
+            self.log(ended=True, stiff=self._stiff, limp=self._limp)
             wire.close()
             self._platform.close()
 
-    def say(self, **what: object) -> None:
-        """Append a line to the log in one write: Ctrl-C must not separate a line from its end."""
-        self._log.write(json.dumps({"time": round(self._state.time, 4), **what}) + "\n")
-        self._log.flush()
+    def log(self, **entry: object) -> None:
+        """Append a line to the log in one write, so that Ctrl-C cannot split it."""
+        self._log_file.write(json.dumps({"time": round(self._state.time, 4), **entry}) + "\n")
+        self._log_file.flush()
 
-    def _look(self, sensed: RobotState) -> None:
-        """Note how the robot really moves, and begin the faults that are due."""
-        seen, before = self._simulation.witness.look(), self._com_height
-        self._com_height, self._tilt = float(seen.com[2]), float(np.degrees(seen.tilt))
+    def _record_motion(self, sensed: RobotState) -> None:
+        """Record the true motion, and begin the faults that are due."""
+        truth, before = self._simulation.witness.look(), self._com_height
+        self._com_height, self._tilt = float(truth.com[2]), float(np.degrees(truth.tilt))
         self._speed = max(self._speed, (self._com_height - before) / self.control_period, key=abs)
         if sensed.joint_torque is not None:
             self._largest = np.maximum(self._largest, np.abs(sensed.joint_torque))
         now = self._state.time
         if self.settings.trace and now - self._traced >= _TRACE:
             self._traced = now
-            self.say(**self._motion())
+            self.log(**self._motion())
         since = -np.inf if self._commanded_since is None else now - self._commanded_since
-        self._lines.update(now, since, lifted(seen.clearance))
+        self._lines.update(now, since, lifted(truth.clearance))
 
     def _motion(self) -> dict[str, object]:
         """Return the motion since the last call."""
@@ -192,14 +191,14 @@ class PeerRobot:
             "joint": self.robot.joint_names[joint],
         }
 
-    def _in_force(self) -> JointCommand:
-        """Return what the motor boards do now."""
+    def _active_command(self) -> JointCommand:
+        """Return the command that the motor boards execute."""
         limp = JointCommand.damping(self._hold, _DAMPING * self._kd)
         command, mode = self._command, "commanded"
         if command is None:
             lying = self.settings.start == "lying"
             command, mode = (limp if lying else JointCommand(self._hold)), "own stance"
-        elif self._state.time - self._heard > _SILENCE:
+        elif self._state.time - self._last_received > _SILENCE:
             command, mode = limp, "silence"
         elif command.kp is not None and not command.kp.any():
             mode = "damped" if command.kd is not None and command.kd.any() else "released"
@@ -209,4 +208,4 @@ class PeerRobot:
     def _enter(self, mode: Mode) -> None:
         if mode != self._mode:
             self._mode = mode
-            self.say(mode=mode, stiff=self._stiff, limp=self._limp, **self._motion())
+            self.log(mode=mode, stiff=self._stiff, limp=self._limp, **self._motion())

@@ -1,13 +1,12 @@
-"""Faults of a simulated robot: pushes, sensors that fail, samples damaged on the wire, a cable that comes off, crossed wiring.
+"""Faults of a simulated robot: pushes, sensor failures, damaged samples, a disconnected cable, crossed wiring.
 
-A fault is a line of JSON on the emulator's standard input, as in
+A fault is a line of JSON on the emulator's standard input, for example
 
     {"push": [0, 100, 0], "for": 0.3, "when": "lift"}
     {"press": "L2+B", "after": 12}
 
-"after" is the robot time since the first command at which it begins [s], "when": "lift" the next moment in which two feet are
-off the floor; without either it begins at once. "for" is how long it lasts [s]; without it, it lasts until its value is given
-again.
+"after" delays the fault by a robot time since the first command [s]. "when": "lift" delays it until two feet are off the
+floor. Without either, it begins at once. "for" is its duration [s]; without it, the fault lasts until the value is set again.
 """
 
 from __future__ import annotations
@@ -33,28 +32,28 @@ WiringOf = Literal["both", "commands", "samples"]
 
 _LEG_ORDERS = {"left-right": ("FR", "FL", "RR", "RL"), "front-rear": ("RL", "RR", "FL", "FR"),
                "legs-reversed": ("RR", "RL", "FR", "FL")}  # fmt: skip
-_CLAMP = 30.0  # times a joint's own stiffness, and 10 times its damping, with which a blocked joint is held
-_REPLAYED = 250  # samples between a sample and its repetition
-_OFF_THE_FLOOR = 5e-3  # [m] of clearance with which a foot counts as lifted
+_CLAMP = 30.0  # stiffness of a blocked joint over its own; damping a third of that
+_REPLAYED = 250  # samples from a sample to its repetition
+_OFF_THE_FLOOR = 5e-3  # [m], least clearance of a lifted foot
 _CHECKSUM_SIZE = 4  # [bytes] at the end of every sample
 
 
 @dataclass
 class ActiveFaults:
-    """Faults that act now; the defaults are a sound robot. A joint is its name.
+    """Active faults; the defaults are a robot without faults. A joint is its name.
 
     Attributes:
         push: force on the base at its CoM, in world axes [N].
-        press: keys of the remote control that are held down, as "L2+B".
+        press: pressed keys of the remote control, for example "L2+B".
         temperature: temperature of the motors [deg C].
         charge: charge of the battery, from 0 to 1.
-        cut: whether the cable is out: nothing arrives in either direction.
-        freeze: "imu", "encoders" or a joint whose values stay.
-        lose: "imu", "encoders" or a joint whose values are zero.
-        block: joint that is clamped where it is.
-        damage: share of the samples with a wrong checksum.
-        zero_crc: whether the checksum of every sample is zero.
-        replay: share of the samples that are followed by one of half a second before.
+        cut: true for a disconnected cable, in both directions.
+        freeze: "imu", "encoders" or a joint with constant values.
+        lose: "imu", "encoders" or a joint with zero values.
+        block: joint that is clamped at its position.
+        damage: share of samples with a wrong checksum.
+        zero_crc: true for zero checksums in all samples.
+        replay: share of samples followed by a repeated one from half a second before.
         garbage: rate of additional samples with a wrong checksum [Hz].
     """
 
@@ -72,25 +71,25 @@ class ActiveFaults:
     garbage: float = 0.0
 
 
-_SOUND = ActiveFaults()
+_NO_FAULTS = ActiveFaults()
 _NAMES = tuple(field.name for field in fields(ActiveFaults))
 
 
 class FaultLines:
-    """Faults as they come on standard input, each begun and ended at its moment.
+    """Faults from standard input, with their beginnings and ends.
 
-    Standard input is not read where it is a terminal: a job in the background would be stopped.
+    Standard input is not read if it is a terminal, because that would stop a background job.
 
     Args:
         robot: model of the simulated robot.
-        say: function that logs what begins and ends.
+        log: function that logs beginnings and ends.
 
     Attributes:
-        active: faults that act now.
+        active: faults that are active.
     """
 
-    def __init__(self, robot: RobotModel, say: Callable[..., None]) -> None:
-        self._robot, self._say = robot, say
+    def __init__(self, robot: RobotModel, log: Callable[..., None]) -> None:
+        self._robot, self._log = robot, log
         self.active = ActiveFaults()
         self._input: int | None = None if sys.stdin is None or sys.stdin.closed or _terminal() else 0
         self._text = b""
@@ -98,16 +97,16 @@ class FaultLines:
         self._ends: list[tuple[float, str]] = []
 
     def update(self, now: float, since_command: float, lifted: bool) -> None:
-        """Begin and end what is due.
+        """Begin and end the faults that are due.
 
         Args:
             now: robot time [s].
-            since_command: robot time since the first command [s]; negative before.
-            lifted: whether feet are off the floor.
+            since_command: robot time since the first command [s]; negative before it.
+            lifted: true if feet are off the floor.
         """
         self._waiting += self._lines()
         for name in [name for end, name in self._ends if now >= end]:
-            self._begin(name, getattr(_SOUND, name))
+            self._begin(name, getattr(_NO_FAULTS, name))
         self._ends = [(end, name) for end, name in self._ends if now < end]
         for line in list(self._waiting):
             if since_command < line.get("after", -np.inf) or (line.get("when") == "lift" and not lifted):
@@ -120,10 +119,10 @@ class FaultLines:
 
     def _begin(self, name: str, value: Any) -> None:
         setattr(self.active, name, value)
-        self._say(fault=name, value=value)
+        self._log(fault=name, value=value)
 
     def _lines(self) -> list[dict[str, Any]]:
-        """New lines; one that cannot be used ends the emulator, so that no test passes without its fault."""
+        """Return new lines. An invalid line ends the emulator, so that no test passes without its fault."""
         if self._input is None or not select.select([self._input], [], [], 0)[0]:
             return []
         data = os.read(self._input, 1 << 16)
@@ -134,36 +133,36 @@ class FaultLines:
 
     def _checked(self, line: dict[str, Any]) -> dict[str, Any]:
         if unknown := set(line) - {*_NAMES, "for", "after", "when"}:
-            raise ValueError(f"{sorted(unknown)} in {line}: faults are {', '.join(_NAMES)}")
+            raise ValueError(f"unknown {sorted(unknown)} in {line}; faults are {', '.join(_NAMES)}")
         for name in ("freeze", "lose", "block"):
             if line.get(name, "") not in ("", "imu", "encoders", *self._robot.joint_names):
-                raise ValueError(f"{name} is {line[name]!r}; it is imu, encoders or a joint")
+                raise ValueError(f"{name} is {line[name]!r}; it must be imu, encoders or a joint")
         if wrong := {key for key in line.get("press", "").split("+") if key} - set(KEYS):
-            raise ValueError(f"press: {sorted(wrong)} are not keys; keys are {', '.join(KEYS)}")
+            raise ValueError(f"press has unknown keys {sorted(wrong)}; keys are {', '.join(KEYS)}")
         return line
 
 
 class FaultyBody:
-    """What faults make of the motors and the sensors.
+    """Motors and sensors with faults.
 
     Args:
         robot: model of the simulated robot.
-        gains: kp [Nm/rad] and kd [Nm s/rad] of commands that have none.
+        gains: kp [Nm/rad] and kd [Nm s/rad] of commands without gains.
     """
 
     def __init__(self, robot: RobotModel, gains: tuple[float, float]) -> None:
         self._robot = robot
         self._kp, self._kd = (np.full(len(robot.joint_names), gain) for gain in gains)
         self._held: RobotState | None = None
-        self._meant: JointCommand | None = None
+        self._commanded: JointCommand | None = None
 
     def moved(self, command: JointCommand, faults: ActiveFaults, state: RobotState) -> JointCommand:
-        """Return the command that the joints follow: a blocked joint stays."""
+        """Return the command that the joints follow, with a blocked joint at its position."""
         if not (faults.block or faults.freeze):
             self._held = None
         elif self._held is None:
             self._held = state
-        self._meant = command
+        self._commanded = command
         if not faults.block or self._held is None:
             return command
         joint = self._robot.joint_names.index(faults.block)
@@ -177,11 +176,11 @@ class FaultyBody:
         return replace(command, position=position, torque=torque, kp=kp, kd=kd)
 
     def sensed(self, state: RobotState, faults: ActiveFaults) -> RobotState:
-        """Return what the sensors report of a state, with temperatures and the battery."""
+        """Return the measured state, with temperatures and battery."""
         health = Health(np.full(len(self._kp), faults.temperature), battery_charge=faults.charge)
         state = replace(state, health=health)
-        if faults.block and self._meant is not None:
-            state = self._straining(state, self._robot.joint_names.index(faults.block), self._meant)
+        if faults.block and self._commanded is not None:
+            state = self._with_blocked_torque(state, self._robot.joint_names.index(faults.block), self._commanded)
         if faults.freeze and self._held is not None:
             state = self._replaced(state, faults.freeze, self._held)
         if faults.lose:
@@ -189,15 +188,15 @@ class FaultyBody:
             state = self._replaced(state, faults.lose, RobotState(0.0, joints, joints, joints, axes, axes))
         return state
 
-    def _straining(self, state: RobotState, joint: int, meant: JointCommand) -> RobotState:
-        """The motor of a blocked joint gives the torque that it is commanded, up to its limit."""
+    def _with_blocked_torque(self, state: RobotState, joint: int, commanded: JointCommand) -> RobotState:
+        """Return the state with the commanded torque of a blocked joint, up to its limit."""
         if state.joint_torque is None:
             return state
-        kp = self._kp if meant.kp is None else meant.kp
+        kp = self._kp if commanded.kp is None else commanded.kp
         torque = state.joint_torque.copy()
-        wanted = kp[joint] * (meant.position[joint] - state.joint_position[joint])
-        wanted += 0.0 if meant.torque is None else meant.torque[joint]
-        torque[joint] = np.clip(wanted, -self._robot.effort_limit[joint], self._robot.effort_limit[joint])
+        effort = kp[joint] * (commanded.position[joint] - state.joint_position[joint])
+        effort += 0.0 if commanded.torque is None else commanded.torque[joint]
+        torque[joint] = np.clip(effort, -self._robot.effort_limit[joint], self._robot.effort_limit[joint])
         return replace(state, joint_torque=torque)
 
     def _replaced(self, state: RobotState, what: str, source: RobotState) -> RobotState:
@@ -217,12 +216,12 @@ class FaultyBody:
 
 
 class CrossedWiring:
-    """Wiring errors: joints under the wrong names or signs, in commands, samples or both; an IMU turned by 90 deg about z.
+    """Wiring errors: wrong names or signs of joints in commands, samples or both; an IMU rotated by 90 deg about z.
 
     Args:
         robot: model of the simulated robot.
-        wiring: error.
-        of: "commands", "samples" or "both".
+        wiring: wiring error.
+        of: part with the error, "commands", "samples" or "both".
     """
 
     def __init__(self, robot: RobotModel, wiring: Wiring, of: WiringOf) -> None:
@@ -266,7 +265,7 @@ class CrossedWiring:
 
 
 class FaultySamples:
-    """What faults make of encoded samples, whose last four bytes are their checksum.
+    """Encoded samples with faults; the last four bytes of a sample are its checksum.
 
     Args:
         control_period: time between samples [s].
@@ -277,7 +276,7 @@ class FaultySamples:
         self._past: deque[bytes] = deque(maxlen=_REPLAYED)
 
     def sent(self, data: bytes, faults: ActiveFaults) -> list[bytes]:
-        """Return what is sent in place of a sample."""
+        """Return the samples to send in place of one."""
         damaged = data[:-1] + bytes([data[-1] ^ 1])
         if faults.zero_crc:
             data = data[:-_CHECKSUM_SIZE] + bytes(_CHECKSUM_SIZE)
@@ -290,12 +289,12 @@ class FaultySamples:
         return samples
 
     def _due(self, share: float) -> bool:
-        """Whether it is the turn of one of so large a share of all samples."""
+        """Return true for evenly spaced samples with the given share of all."""
         return int((self._count + 1) * share) > int(self._count * share)
 
 
 def lifted(clearance: np.ndarray) -> bool:
-    """Whether two feet or more are off the floor."""
+    """Return true if at least two feet are off the floor."""
     return int((clearance > _OFF_THE_FLOOR).sum()) >= 2
 
 

@@ -1,10 +1,10 @@
-"""A simulated robot with ROS 2's topics: a joint state broadcaster, an IMU broadcaster and controllers that take commands.
+"""Emulator of a robot with ROS 2 topics: joint state broadcaster, IMU broadcaster and controllers.
 
     python -m equipoise.lab.emulators.ros2 --robot unitree_a1 --domain 1 --stiffness 100 --imu-rate 200 --permute 3
     python -m equipoise.lab.emulators.ros2 --domain 1 --stack quadruped_ros2_control --start lying
 
-No ROS is needed, and nothing of it runs: the process publishes and listens as those controllers do. Like them it holds the
-last command for ever: they have no watchdog.
+ROS is not needed: the process publishes and subscribes as the controllers do. Like them it has no watchdog and holds the last
+command.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from equipoise.drivers.ros2.ros_messages import (
     dds_topic,
 )
 from equipoise.errors import SettingsError
-from equipoise.lab.emulators.emulated_robot import PeerRobot, PeerSettings
+from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatedRobotSettings
 from equipoise.lab.emulators.faults import ActiveFaults
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.stance import nominal_stance
 
-_STIFF = 10.0  # times the gain of the robot's own soft legs
+_STIFF = 10.0  # default stiffness over the model's kp
 _INTERFACES = ("position", "velocity", "effort", "kp", "kd")
 _TRAJECTORIES_TO_TORQUES: dict[str, Any] = {
     "trajectory_topic": "/joint_group_effort_controller/joint_trajectory",
@@ -52,36 +52,36 @@ STACKS: dict[str, dict[str, Any]] = {
         "impedance_topic": "/{interface}_controller/commands", "imu_topic": "/imu_sensor_broadcaster/imu",
     },
 }  # fmt: skip
-"""Settings of their simulations, from their files. The last has no controllers; those of docs/hardware/ros2.md are used."""
+"""Settings of public simulations, from their files; the last one uses the controllers of docs/hardware/ros2.md instead."""
 
 
 @dataclass(frozen=True)
 class ControllerFlags:
-    """What the robot publishes and listens to.
+    """Topics and controllers of the robot.
 
     Attributes:
-        stack: software whose simulation it does as: "champ", "unitree-go2-ros2" or "quadruped_ros2_control"; settings that
-            are left as they are, are then that's.
+        stack: software to emulate: "champ", "unitree-go2-ros2" or "quadruped_ros2_control"; sets the defaults of the other
+            settings.
         interface: network interface.
         domain: number of the domain, its ROS_DOMAIN_ID.
-        joint_state_topic: topic on which the joints are published.
-        imu_topic: topic on which the IMU is published.
-        array_topic: topic on which the forwarding controller listens.
-        trajectory_topic: topic on which the joint trajectory controller listens.
-        impedance_topic: topics on which impedance controllers listen: "{interface}" or "{joint}" in it stands for what each
-            is for; with it the joints are limp until gains come, and nothing else is heard. Empty: positions are taken.
-        idle: command interfaces whose controllers listen and do nothing, as inactive ones.
+        joint_state_topic: topic of the joint states.
+        imu_topic: topic of the IMU.
+        array_topic: topic of the forwarding controller.
+        trajectory_topic: topic of the joint trajectory controller.
+        impedance_topic: topics of impedance controllers, with "{interface}" or "{joint}" as a placeholder. Joints are then
+            limp until gains arrive, and other topics are ignored. Empty: position control.
+        idle: command interfaces with inactive controllers.
         unloaded: command interfaces without a controller.
-        stiffness: stiffness of the joints' position control [Nm/rad]; 0: ten times the robot's own soft legs.
-        damping: damping of the joints' position control [Nm s/rad]; 0: in proportion to the robot's own.
+        stiffness: stiffness of the joints' position control [Nm/rad]; 0: ten times the model's kp.
+        damping: damping of the joints' position control [Nm s/rad]; 0: the model's damping ratio.
         integral: integral gain of the joint trajectory controller [Nm/(rad s)].
-        most_integral: largest torque that it makes [Nm].
+        most_integral: largest torque of the integral gain [Nm].
         joint_rate: rate of JointState messages [Hz]; at most the simulation's 500.
         imu_rate: rate of Imu messages [Hz]; at most the simulation's 500.
-        permute: seed of the orders of joints in messages and controllers; 0: as the model lists them.
-        extra_joints: names of joints that are published with them, at zero.
+        permute: seed of the orders of joints in messages and controllers; 0: the model's order.
+        extra_joints: names of additional published joints, at zero.
         unreported: quantities that the joints do not report: "velocity", "effort", or both.
-        clock: clock of the stamps: from the start of the simulation, or this computer's time of day.
+        clock: clock of the stamps: time since the start of the simulation, or this computer's time of day.
         interpolate_from_desired_state: the joint trajectory controller's parameter of this name.
     """
 
@@ -113,18 +113,18 @@ class ControllerFlags:
                 raise SettingsError(f"{name} is {getattr(self, name)}; it must be zero or more")
 
     def as_stack(self) -> ControllerFlags:
-        """With what the stack has where nothing was said."""
-        plain, known = ControllerFlags(), STACKS.get(self.stack, {})
-        return replace(self, **{name: v for name, v in known.items() if getattr(self, name) == getattr(plain, name)})
+        """Return the settings with the stack's values in place of defaults."""
+        plain, stack = ControllerFlags(), STACKS.get(self.stack, {})
+        return replace(self, **{name: v for name, v in stack.items() if getattr(self, name) == getattr(plain, name)})
 
 
 class Interpolation:
-    """What a joint trajectory controller makes of a trajectory: straight lines from where it begins, through its points.
+    """Linear interpolation of a trajectory, as in the joint trajectory controller.
 
     Args:
-        begin: robot time at which it arrived [s].
-        start: (nj,) joint positions that it begins at [rad].
-        times: (n,) increasing times of its points, from then on [s].
+        begin: robot time of its arrival [s].
+        start: (nj,) joint positions at the beginning [rad].
+        times: (n,) increasing times of its points since its arrival [s].
         positions: (n, nj) joint positions at its points [rad].
     """
 
@@ -133,7 +133,7 @@ class Interpolation:
         self._positions = np.vstack([start, positions])
 
     def at(self, now: float) -> FloatArray:
-        """(nj,) targets [rad]; the last point's after the last, at once if its time is zero."""
+        """Return the (nj,) targets at a robot time [rad]: after the last point, those of the last point."""
         after = int(np.searchsorted(self._times, now, side="right"))
         if after >= len(self._times):
             return self._positions[-1]
@@ -143,14 +143,14 @@ class Interpolation:
 
 
 class Impedance:
-    """Command interfaces of hardware that takes gains: each keeps what a controller wrote last, zero before.
+    """Command interfaces of hardware with gains: each keeps the last value, initially zero.
 
     Args:
-        domain: domain to listen in.
-        controllers: topics, and what is the matter with some.
-        controlled: names of joints, as the controllers list them.
-        order: (nj,) place of each of the model's joints among them.
-        hold: values by interface that another controller left; empty: none.
+        domain: domain of the topics.
+        controllers: topics and states of the controllers.
+        controlled: names of joints in the controllers' order.
+        order: (nj,) index of each of the model's joints in `controlled`.
+        hold: initial values by interface; empty: none.
     """
 
     def __init__(
@@ -174,7 +174,7 @@ class Impedance:
         self._controlled = controlled
 
     def take(self, accept: Callable[[bool], bool]) -> None:
-        """What has arrived; `accept` is told whether each message is of the right size, and returns it."""
+        """Process the messages that arrived. `accept` is called with true for messages of the right size."""
         size = len(self._controlled) if self._by_interface else len(_INTERFACES)
         for name, inbox in self._inboxes.items():
             for _, message in inbox.take():
@@ -194,20 +194,20 @@ class Impedance:
 
     def _set(self, interface: str, joints: int | slice, value: Any) -> None:
         if interface not in self._idle:
-            values = self._values[interface].copy()  # a command may still hold them
+            values = self._values[interface].copy()  # a command may still use the array
             values[joints] = value
             self._values[interface] = values
 
 
 class Ros2Wire:
-    """The robot's side: broadcasters and controllers of a controller manager.
+    """Robot side: broadcasters and controllers of a controller manager.
 
     Args:
         joint_names: names of the joints, in the model's order.
-        controllers: topics that are published and heard.
+        controllers: topics and controllers.
         gains: kp and kd of the position control, the same for all joints.
-        hold: (nj,) joint positions that are held before the first command [rad]; None: they are limp.
-        say: function that takes what is worth noting.
+        hold: (nj,) joint positions that are held before the first command [rad]; None: limp joints.
+        log: function that logs an entry.
     """
 
     def __init__(
@@ -216,9 +216,9 @@ class Ros2Wire:
         controllers: ControllerFlags,
         gains: tuple[float, float],
         hold: FloatArray | None,
-        say: Callable[..., None],
+        log: Callable[..., None],
     ) -> None:
-        self._names, self._controllers, self._say = joint_names, controllers, say
+        self._names, self._controllers, self._log = joint_names, controllers, log
         self._kp, self._kd = (np.full(len(joint_names), gain) for gain in gains)
         published = list(joint_names + controllers.extra_joints)
         controlled = list(joint_names)
@@ -233,7 +233,7 @@ class Ros2Wire:
         self._interpolation: Interpolation | None = None
         self.received = self.refused = 0
         domain = self._domain = DdsDomain(controllers.domain, controllers.interface)
-        self._pull, self._pulled_at = np.zeros(len(joint_names)), 0.0
+        self._integral_torque, self._integrated_at = np.zeros(len(joint_names)), 0.0
         self._impedance: Impedance | None = None
         if controllers.impedance_topic:
             held = {} if hold is None else {"position": hold, "kp": self._kp, "kd": self._kd}
@@ -244,10 +244,10 @@ class Ros2Wire:
             self._trajectories = domain.inbox(dds_topic(controllers.trajectory_topic), JointTrajectory)
         self._joint_box = domain.outbox(dds_topic(controllers.joint_state_topic), JointState)
         self._imu_box = domain.outbox(dds_topic(controllers.imu_topic), Imu)
-        say(published=published, controlled=controlled, kp=gains[0], kd=gains[1])
+        log(published=published, controlled=controlled, kp=gains[0], kd=gains[1])
 
     def commands(self) -> list[JointCommand]:
-        """What the controllers want now: hardware gets it in every period, until another command comes."""
+        """Return the command of the controllers, which they repeat in every period."""
         if self._impedance is not None:
             self._impedance.take(self._accept)
             return [self._impedance.command()]
@@ -268,24 +268,24 @@ class Ros2Wire:
             self._imu_box.send(self._imu(state))
 
     def close(self) -> None:
-        self._say(received=self.received, refused=self.refused)
+        self._log(received=self.received, refused=self.refused)
         self._domain.close()
 
     def _accept(self, whether: bool) -> bool:
-        """Count a command, and tell of the first."""
+        """Count a command, and log the first."""
         self.refused += not whether
         self.received += whether
         if whether and self.received == 1:
-            self._say(commanded=True)
+            self._log(commanded=True)
         return whether
 
     def _towards(self, target: FloatArray) -> JointCommand:
         if self._controllers.integral and self._state is not None:
-            since, self._pulled_at = self._state.time - self._pulled_at, self._state.time
-            grown = self._pull + self._controllers.integral * since * (target - self._state.joint_position)
-            most = self._controllers.most_integral
-            self._pull = np.clip(grown, -most, most)
-        return JointCommand(target, torque=self._pull, kp=self._kp, kd=self._kd)
+            step, self._integrated_at = self._state.time - self._integrated_at, self._state.time
+            torque = self._integral_torque + self._controllers.integral * step * (target - self._state.joint_position)
+            limit = self._controllers.most_integral
+            self._integral_torque = np.clip(torque, -limit, limit)
+        return JointCommand(target, torque=self._integral_torque, kp=self._kp, kd=self._kd)
 
     def _take_array(self, message: Any) -> None:
         if not self._accept(len(message.data) == len(self._controlled)):
@@ -294,7 +294,7 @@ class Ros2Wire:
         self._target = self._in_model_order(self._controlled, message.data)
 
     def _take_trajectory(self, message: Any) -> None:
-        """A trajectory of all joints, as it begins at once; a controller has more to say to other ones."""
+        """Process a trajectory of all joints that begins at once. Other trajectories are not emulated."""
         all_joints = set(message.joint_names) == set(self._names)
         if not self._accept(all_joints and bool(message.points)) or self._state is None:
             return
@@ -320,15 +320,15 @@ class Ros2Wire:
         )
 
     def _as_published(self, values: FloatArray) -> list[float]:
-        known = dict(zip(self._names, values.tolist(), strict=True))
-        return [known.get(name, 0.0) for name in self._published]
+        by_name = dict(zip(self._names, values.tolist(), strict=True))
+        return [by_name.get(name, 0.0) for name in self._published]
 
     def _imu(self, state: RobotState) -> Any:
-        unknown = [-1.0] + 8 * [0.0]  # there is no orientation filter
+        unavailable = [-1.0] + 8 * [0.0]  # there is no orientation filter
         return Imu(
             self._header(state, "imu_link"),
             Quaternion(w=1.0),
-            unknown,
+            unavailable,
             Vector3(*state.angular_velocity_in_imu.tolist()),
             linear_acceleration=Vector3(*state.acceleration_in_imu.tolist()),
         )
@@ -338,35 +338,35 @@ class Ros2Wire:
 
 
 def _due(before: float, now: float, rate: float) -> bool:
-    """Whether something that happens so often [Hz] happens after one moment and up to another [s]."""
+    """Return true if an event of a given rate [Hz] is due between two times [s]."""
     return np.floor(now * rate + 1e-6) > np.floor(before * rate + 1e-6)
 
 
 @dataclass(frozen=True)
 class Ros2Options:
-    """A simulated robot on ROS 2's topics; logs JSON, one object a line.
+    """Emulate a robot with ROS 2 topics; log one JSON object per line.
 
     Attributes:
-        robot: quadruped that it is: a name, or a URDF or MJCF file.
-        peer: settings of the simulated robot.
-        controllers: topics that are published and heard.
+        robot: quadruped to emulate: a name, or a URDF or MJCF file.
+        emulated: settings of the simulated robot.
+        controllers: topics and controllers.
     """
 
     robot: str = "unitree_a1"
-    peer: OmitArgPrefixes[PeerSettings] = field(default_factory=PeerSettings)
+    emulated: OmitArgPrefixes[EmulatedRobotSettings] = field(default_factory=EmulatedRobotSettings)
     controllers: OmitArgPrefixes[ControllerFlags] = field(default_factory=ControllerFlags)
 
 
 def serve(options: Ros2Options) -> None:
-    """Run until it is ended."""
+    """Run until the end of the emulator's duration or Ctrl-C."""
     robot = load_robot(options.robot)
-    peer = PeerRobot(robot, options.peer)
+    emulated = EmulatedRobot(robot, options.emulated)
     stance, controllers = nominal_stance(robot), options.controllers.as_stack()
     kp, kd = robot.gains(stance.hip_height)
     stiffness = controllers.stiffness or (kp if controllers.impedance_topic else _STIFF * kp)
     gains = stiffness, controllers.damping or kd * float(np.sqrt(stiffness / kp))  # the same damping ratio
-    hold = stance.joint_position if options.peer.start == "standing" else None
-    peer.serve(Ros2Wire(robot.joint_names, controllers, gains, hold, peer.say))
+    hold = stance.joint_position if options.emulated.start == "standing" else None
+    emulated.serve(Ros2Wire(robot.joint_names, controllers, gains, hold, emulated.log))
 
 
 def main() -> None:

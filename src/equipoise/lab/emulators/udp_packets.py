@@ -1,4 +1,4 @@
-"""The low-level packets of the Unitree A1 and Go1, as the robot writes and reads them."""
+"""Robot side of the low-level packets of the Unitree A1 and Go1."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from equipoise.platform.platform import JointCommand
 
 
 class StatePacket:
-    """A state's bytes, as the robot writes them; how it rounds is not known."""
+    """Encoder of states. The rounding of the real robot is not documented."""
 
     def __init__(self, packets: PacketFormat) -> None:
         self._format = packets
@@ -32,7 +32,7 @@ class StatePacket:
         self._imu = FieldWriter(self._record["imu"], ("gyroscope", "accelerometer"), packets.counts, np.rint)
 
     def write(self, state: SensorReadings) -> bytearray:
-        """The packet; the next call writes over it. Raises SettingsError if something is no number."""
+        """Return the packet, valid until the next call; raises SettingsError if a value is not finite."""
         self._motors.write(np.array((state.position, state.velocity, state.torque, state.temperature)))
         self._imu.write(np.array((state.gyroscope, state.accelerometer)))
         self._record["tick"] = state.tick % 2**32
@@ -46,7 +46,7 @@ class StatePacket:
 
 
 def read_command(packets: PacketFormat, data: bytes) -> JointCommand | Damage:
-    """What a command packet says, as the robot reads it."""
+    """Decode a command packet, or return the damage that the robot detects."""
     if len(data) != packets.command.itemsize:
         return "wrong length"
     if not data.startswith(packets.begins):

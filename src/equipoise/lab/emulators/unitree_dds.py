@@ -1,10 +1,10 @@
-"""A simulated Go2 or B2 that speaks their messages over DDS, on this computer alone.
+"""Emulator of a Go2 or B2 with their DDS messages, on this computer only.
 
     python -m equipoise.lab.emulators.unitree_dds --robot unitree_a1 --domain 1
 
-Any quadruped with three joints a leg can. It lies, unless it is told to stand. As on the robots a controller of its own
-holds the motors ("normal") until the motion_switcher service has it let go; what is commanded before that is ignored, where a
-real robot would fight it.
+It works with any quadruped with three joints per leg, and lies by default. As on the real robots, its own controller
+("normal") holds the motors until the motion_switcher service releases them. Earlier commands are ignored; a real robot's
+controller would act against them.
 """
 
 from __future__ import annotations
@@ -27,30 +27,29 @@ from equipoise.drivers.unitree.low_level import COMMAND, STATE, STOP_POSITION, S
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, keys_of
 from equipoise.drivers.unitree.sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
-from equipoise.lab.emulators.emulated_robot import PeerRobot, PeerSettings
+from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatedRobotSettings
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
 
 _SPORT_MODE = "normal"
-_LETS_GO = 0.3  # [s] after which the robot's own controller has ended
+_RELEASE_DELAY = 0.3  # [s] from a release request to the end of the robot's own controller
 _NO_SUCH_FUNCTION = 3203  # status code
-_ANOTHER_GAIN = 0.1  # change that is worth a line
+_ANOTHER_GAIN = 0.1  # relative change of gains that is logged
 _IMU_TEMPERATURE = 60  # [deg C]
 _VOLTAGE, _CURRENT = 29.4, 2.1  # [V], [A]
 
 
 @dataclass(frozen=True)
 class WireSettings:
-    """How the simulated robot speaks.
+    """Protocol settings of the simulated robot.
 
     Attributes:
         domain: number of the DDS domain, on "lo".
-        sport_mode: whether a controller of its own holds the motors at the beginning.
-        first_tick: first count of its clock [ms]; it begins anew at 2^32.
-        bare: whether tick and checksum stay zero, as in the public simulator; there is no motion_switcher service
-            either.
+        sport_mode: true if the robot's own controller holds the motors at the beginning.
+        first_tick: first count of its clock [ms], which wraps at 2^32.
+        bare: true for zero ticks and checksums and no motion_switcher service, as in the public simulator.
     """
 
     domain: int = 1
@@ -60,21 +59,21 @@ class WireSettings:
 
 
 class UnitreeDdsWire:
-    """The robot's side.
+    """Robot side of the protocol.
 
     Args:
         robot: model of the simulated robot.
-        settings: settings of the wire.
-        say: function that takes what is worth noting.
+        settings: settings of the protocol.
+        log: function that logs an entry.
     """
 
-    def __init__(self, robot: RobotModel, settings: WireSettings, say: Callable[..., None]) -> None:
-        self._settings, self._say = settings, say
+    def __init__(self, robot: RobotModel, settings: WireSettings, log: Callable[..., None]) -> None:
+        self._settings, self._log = settings, log
         self._joint_of_motor = joints_of_motors(robot, "the protocol")
         self._motor_of_joint = np.argsort(self._joint_of_motor)
         self._message, self._faulty = Message(STATE), FaultySamples(CONTROL_PERIOD)
         self._mode = _SPORT_MODE if settings.sport_mode and not settings.bare else ""
-        self._lets_go: float | None = None
+        self._release_time: float | None = None
         self._now = 0.0
         self._position = np.zeros(MOTORS)
         self._gains = np.nan, np.nan
@@ -88,7 +87,7 @@ class UnitreeDdsWire:
             self._responses = self._domain.outbox(RESPONSES, Response)
 
     def commands(self) -> list[JointCommand]:
-        """As a wire's; a limp command when the robot's own controller has let go."""
+        """Return the commands as in `Wire`, and a limp command when the robot's own controller ends."""
         commands = [] if self._settings.bare else self._serve()
         for _, sample in self._commands.take():
             record = read_message(COMMAND, sample.data, check=not self._settings.bare)
@@ -111,29 +110,29 @@ class UnitreeDdsWire:
             self._states.send(self._state_type(sample))
 
     def close(self) -> None:
-        self._say(received=self.received, damaged=self.damaged, fought=self.fought)
+        self._log(received=self.received, damaged=self.damaged, fought=self.fought)
         self._domain.close()
 
     def _serve(self) -> list[JointCommand]:
         """Answer requests to the motion_switcher service."""
         for _, request in self._requests.take():
             function, code = request.header.identity.api_id, 0
-            self._say(request=function)
+            self._log(request=function)
             if function == RELEASE_MODE:
-                self._say(asked="release")
-                self._lets_go = self._now + _LETS_GO if self._lets_go is None else self._lets_go
+                self._log(asked="release")
+                self._release_time = self._now + _RELEASE_DELAY if self._release_time is None else self._release_time
             elif function != CHECK_MODE:
                 code = _NO_SUCH_FUNCTION
             data = json.dumps({"form": "0", "name": self._mode})
             self._responses.send(Response(ResponseHeader(request.header.identity, ResponseStatus(code)), data))
-        if self._mode and self._lets_go is not None and self._now >= self._lets_go:
+        if self._mode and self._release_time is not None and self._now >= self._release_time:
             self._mode = ""
-            self._say(sport_mode="ended")
+            self._log(sport_mode="ended")
             return [JointCommand(self._position, kp=np.zeros(MOTORS), kd=np.zeros(MOTORS))]
         return []
 
     def _for_joints(self, motors: NDArray[Any]) -> JointCommand:
-        """Return the command as motor boards take it: a value that means stop is not controlled, a motor off is limp."""
+        """Return the command of the motor boards: no control of stop values, and no torque of motors that are off."""
         order = self._motor_of_joint
         on = motors["mode"][order] != 0
         position, velocity, torque, kp, kd = (
@@ -143,7 +142,7 @@ class UnitreeDdsWire:
         gains = float(kp.mean()), float(kd.mean())
         if not np.allclose(gains, self._gains, rtol=_ANOTHER_GAIN, atol=0):
             self._gains = gains
-            self._say(kp=round(gains[0], 3), kd=round(gains[1], 3), motor_mode=int(motors["mode"][0]))
+            self._log(kp=round(gains[0], 3), kd=round(gains[1], 3), motor_mode=int(motors["mode"][0]))
         return JointCommand(
             np.where(holds, position, self._position),
             np.where(brakes, velocity, 0.0),
@@ -160,7 +159,7 @@ class UnitreeDdsWire:
             if values is not None:
                 motors[name][:MOTORS] = values[order]
         motors["temperature"][:MOTORS] = round(faults.temperature)
-        imu["quaternion"] = (1.0, 0.0, 0.0, 0.0)  # a real robot's filter knows better
+        imu["quaternion"] = (1.0, 0.0, 0.0, 0.0)  # there is no orientation filter
         imu["gyroscope"], imu["accelerometer"] = state.angular_velocity_in_imu, state.acceleration_in_imu
         imu["temperature"] = _IMU_TEMPERATURE
         record["power_v"], record["power_a"], record["bms_state"]["soc"] = (
@@ -173,34 +172,36 @@ class UnitreeDdsWire:
             record["tick"] = (self._settings.first_tick + round(state.time * 1000)) % 2**32
 
     def _note(self, what: str) -> None:
-        """Count what is ignored; say so the first time."""
+        """Count an ignored message, and log the first."""
         count = getattr(self, what) + 1
         setattr(self, what, count)
         if count == 1:
-            self._say(ignored=what)
+            self._log(ignored=what)
 
 
 @dataclass(frozen=True)
 class UnitreeDdsOptions:
-    """A simulated Go2 or B2 on DDS; logs JSON, one object a line.
+    """Emulate a Go2 or B2 on DDS; log one JSON object per line.
 
     Attributes:
-        robot: quadruped that it is: a name, or a URDF or MJCF file.
-        peer: settings of the simulated robot.
-        wire: settings of the wire.
+        robot: quadruped to emulate: a name, or a URDF or MJCF file.
+        emulated: settings of the simulated robot.
+        wire: settings of the protocol.
     """
 
     robot: str = "unitree_a1"
-    peer: OmitArgPrefixes[PeerSettings] = field(default_factory=lambda: PeerSettings(start="lying"))
+    emulated: OmitArgPrefixes[EmulatedRobotSettings] = field(
+        default_factory=lambda: EmulatedRobotSettings(start="lying")
+    )
     wire: OmitArgPrefixes[WireSettings] = field(default_factory=WireSettings)
 
 
 def serve(options: UnitreeDdsOptions) -> None:
     """Run until Ctrl-C or SIGTERM."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a process in the background may be deaf to Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a background process may ignore Ctrl-C
     robot = load_robot(options.robot)
-    peer = PeerRobot(robot, options.peer)
-    peer.serve(UnitreeDdsWire(robot, options.wire, peer.say))
+    emulated = EmulatedRobot(robot, options.emulated)
+    emulated.serve(UnitreeDdsWire(robot, options.wire, emulated.log))
 
 
 def main() -> None:

@@ -1,9 +1,9 @@
-"""A simulated A1 or Go1 that speaks its packets over UDP, through a network that loses, repeats and mixes them up.
+"""Emulator of an A1 or Go1 with their UDP packets, over a network that loses, repeats and reorders them.
 
     python -m equipoise.lab.emulators.unitree_udp --protocol go1 --robot unitree_a1 --loss 0.02 --reorder 0.02
 
-Any quadruped with three joints a leg can speak either protocol. It speaks one form of its packets, and answers the first
-address from which a good command in that form comes, as the robots do; it sends nothing before, and heeds no other packets.
+It works with any quadruped with three joints per leg, with one packet format. As the real robots do, it answers the first
+address that sends a valid command in that format. It sends nothing before, and ignores other packets.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from equipoise.drivers.unitree.udp import CONTROL_PERIOD
 from equipoise.drivers.unitree.udp_settings import Protocol
 from equipoise.drivers.unitree.udp_socket import Address
 from equipoise.errors import SettingsError
-from equipoise.lab.emulators.emulated_robot import PeerRobot, PeerSettings
+from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatedRobotSettings
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
 from equipoise.lab.emulators.udp_packets import StatePacket, read_command
 from equipoise.platform.platform import JointCommand, RobotState
@@ -39,19 +39,19 @@ from equipoise.robot.model import RobotModel
 
 _VOLTAGE = 24.96  # [V] of a Go1's battery
 _LARGEST = 2048  # [bytes] of a datagram
-_LATEST = 4  # packets that may overtake another
-_RAMP_STEP = 0.25  # [s] between lines about gains
+_MOST_OVERTAKING = 4  # largest number of packets that overtake another
+_RAMP_STEP = 0.25  # [s] between log lines of gains
 
 
 @dataclass(frozen=True)
 class NetworkFaults:
-    """What happens to packets on their way, in both directions.
+    """Faults of the network, in both directions.
 
     Attributes:
-        loss: share of the packets that are lost.
-        duplicate: share of the packets that arrive twice.
-        reorder: share of the packets that others overtake.
-        network_seed: seed of what is drawn.
+        loss: share of lost packets.
+        duplicate: share of packets that arrive twice.
+        reorder: share of packets that others overtake.
+        network_seed: seed of the faults.
     """
 
     loss: float = 0.0
@@ -62,11 +62,11 @@ class NetworkFaults:
     def __post_init__(self) -> None:
         for name in ("loss", "duplicate", "reorder"):
             if not 0 <= getattr(self, name) <= 1:
-                raise SettingsError(f"{name} is {getattr(self, name)}; it is a share, from 0 to 1")
+                raise SettingsError(f"{name} is {getattr(self, name)}; it must be from 0 to 1")
 
 
 class FaultyNetwork:
-    """One direction of it."""
+    """Network in one direction."""
 
     def __init__(self, faults: NetworkFaults, direction: int) -> None:
         self._faults = faults
@@ -75,7 +75,7 @@ class FaultyNetwork:
         self._passed = 0
 
     def carry(self, packet: bytes) -> list[bytes]:
-        """What arrives as a packet is sent: none, one or several, some of them sent before."""
+        """Return the packets that arrive when one is sent: none, one or several, some of them sent before."""
         lost, doubled, overtaken = self._draw.random(3) < (
             self._faults.loss,
             self._faults.duplicate,
@@ -88,20 +88,20 @@ class FaultyNetwork:
             return due
         copies = [packet] * (2 if doubled else 1)
         if overtaken:
-            self._late.append((self._passed + int(self._draw.integers(1, _LATEST + 1)), copies.pop()))
+            self._late.append((self._passed + int(self._draw.integers(1, _MOST_OVERTAKING + 1)), copies.pop()))
         return copies + due
 
 
 class UnitreeUdpWire:
-    """The robot's side.
+    """Robot side of the protocol.
 
     Args:
         robot: model of the simulated robot.
-        packets: packet format in which it writes.
-        local: address and port on which it listens.
+        packets: packet format.
+        local: address and port of its socket.
         faults: faults of the network.
-        clock: first count and step [s] of its clock, which begins anew at 2^32; a step of 0: it stands still.
-        say: function that takes what is worth noting.
+        clock: first count and step [s] of its clock, which wraps at 2^32; a step of 0 stops the clock.
+        log: function that logs an entry.
     """
 
     def __init__(
@@ -111,16 +111,16 @@ class UnitreeUdpWire:
         local: Address,
         faults: NetworkFaults,
         clock: tuple[int, float],
-        say: Callable[..., None],
+        log: Callable[..., None],
     ) -> None:
         self._joint_of_motor = joints_of_motors(robot, "the protocol")
         self._motor_of_joint = np.argsort(self._joint_of_motor)
         self._packets, self._packet, self._faulty = packets, StatePacket(packets), FaultySamples(CONTROL_PERIOD)
         self._inward, self._outward = FaultyNetwork(faults, 0), FaultyNetwork(faults, 1)
-        (self._first_tick, self._tick), self._say = clock, say
+        (self._first_tick, self._tick), self._log = clock, log
         self._client: Address | None = None
         self._gains: tuple[float, float] | None = None
-        self._gains_said = -np.inf
+        self._gains_logged = -np.inf
         self._position: np.ndarray | None = None
         self.received = self.damaged = self.sent = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -128,7 +128,7 @@ class UnitreeUdpWire:
         self._socket.bind(local)
 
     def commands(self) -> list[JointCommand]:
-        """As a wire's. Packets without torque ask for samples; before the first other one they command nothing."""
+        """Return the commands as in `Wire`. Packets without torque before the first other packet only request samples."""
         commands: list[JointCommand] = []
         for data in self._arrived():
             read = read_command(self._packets, data)
@@ -136,7 +136,7 @@ class UnitreeUdpWire:
                 self.damaged += 1
                 continue
             self.received += 1
-            if self._gains is not None or not _asks(read):
+            if self._gains is not None or not _requests_samples(read):
                 commands.append(self._for_joints(read))
         return commands
 
@@ -151,7 +151,7 @@ class UnitreeUdpWire:
                 self.sent += 1
 
     def close(self) -> None:
-        self._say(received=self.received, damaged=self.damaged, sent=self.sent)
+        self._log(received=self.received, damaged=self.damaged, sent=self.sent)
         self._socket.close()
 
     def _arrived(self) -> list[bytes]:
@@ -163,11 +163,11 @@ class UnitreeUdpWire:
                 return arrived
             if self._client is None and not isinstance(read_command(self._packets, data), str):
                 self._client = sender
-                self._say(client=sender)
+                self._log(client=sender)
             arrived += self._inward.carry(data) if sender == self._client else []
 
     def _for_joints(self, motors: JointCommand) -> JointCommand:
-        """What the motor boards make of it: a stopped position or velocity is not controlled."""
+        """Return the command of the motor boards, without control of stop values."""
         order = self._motor_of_joint
         position, velocity, torque, kp, kd = (
             getattr(motors, name)[order] for name in ("position", "velocity", "torque", "kp", "kd")
@@ -184,17 +184,17 @@ class UnitreeUdpWire:
         )
 
     def _note_gains(self, gains: tuple[float, float]) -> None:
-        """Say new gains, those of a ramp now and then."""
-        if gains != self._gains and time.monotonic() - self._gains_said > _RAMP_STEP:
-            self._gains_said = time.monotonic()
-            self._say(kp=gains[0], kd=gains[1])
+        """Log new gains, at most once per ramp step."""
+        if gains != self._gains and time.monotonic() - self._gains_logged > _RAMP_STEP:
+            self._gains_logged = time.monotonic()
+            self._log(kp=gains[0], kd=gains[1])
             self._gains = gains
 
     def _from_joints(self, state: RobotState, faults: ActiveFaults) -> SensorReadings:
         order = self._joint_of_motor
         velocity, torque = state.joint_velocity, state.joint_torque
         if velocity is None or torque is None:
-            raise SettingsError("the simulated robot must sense joint velocities and torques")
+            raise SettingsError("the simulated robot must measure joint velocities and torques")
         return SensorReadings(
             state.joint_position[order],
             velocity[order],
@@ -209,23 +209,23 @@ class UnitreeUdpWire:
         )
 
 
-def _asks(motors: JointCommand) -> bool:
+def _requests_samples(motors: JointCommand) -> bool:
     return not any(getattr(motors, name).any() for name in ("kp", "kd", "torque"))
 
 
 @dataclass(frozen=True)
 class UnitreeUdpOptions:
-    """A simulated A1 or Go1 on UDP; logs JSON, one object a line.
+    """Emulate an A1 or Go1 on UDP; log one JSON object per line.
 
     Attributes:
-        protocol: name of the robot whose packets it speaks.
-        robot: quadruped that it is: a name, or a URDF or MJCF file.
-        address: address that it listens on.
-        port: port that it listens on.
-        form: format of its packets; default: the likeliest.
+        protocol: robot of the protocol.
+        robot: quadruped to emulate: a name, or a URDF or MJCF file.
+        address: address of its socket.
+        port: port of its socket.
+        form: packet format; default: the most likely one.
         first_tick: first count of its clock.
         tick: time step of its clock [s].
-        peer: settings of the simulated robot.
+        emulated: settings of the simulated robot.
         faults: faults of the network.
     """
 
@@ -236,20 +236,20 @@ class UnitreeUdpOptions:
     form: str | None = None
     first_tick: int = 0
     tick: float = 1e-3
-    peer: OmitArgPrefixes[PeerSettings] = field(default_factory=PeerSettings)
+    emulated: OmitArgPrefixes[EmulatedRobotSettings] = field(default_factory=EmulatedRobotSettings)
     faults: OmitArgPrefixes[NetworkFaults] = field(default_factory=NetworkFaults)
 
 
 def serve(options: UnitreeUdpOptions) -> None:
     """Run until Ctrl-C or SIGTERM."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a process in the background may be deaf to Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a background process may ignore Ctrl-C
     packets = next(iter(forms_of(options.protocol, options.form).values()))
     robot = load_robot(options.robot)
-    peer = PeerRobot(robot, options.peer)
+    emulated = EmulatedRobot(robot, options.emulated)
     local = (options.address, options.port)
     clock = (options.first_tick, options.tick)
-    wire = UnitreeUdpWire(robot, packets, local, options.faults, clock, peer.say)
-    peer.serve(wire)
+    wire = UnitreeUdpWire(robot, packets, local, options.faults, clock, emulated.log)
+    emulated.serve(wire)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""A balancing robot over time: tilt, distance of its centre of mass from the support line, joint torques."""
+"""Page of a balance report: tilt, distance of the CoM from the support line and joint torques over time."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ def balance_table(report: BalanceReport) -> DataTable:
     verdicts = [trial.verdict for trial in report.trials]
     rows = [
         ["time balanced [s]", *(f"{v.time_balanced:.2f}" for v in verdicts)],
-        ["excitation of the CoM about its mean, rms [mm]", *(number(v.excitation, 1000, ".2f") for v in verdicts)],
+        ["CoM across the line, std [mm]", *(number(v.excitation, 1000, ".2f") for v in verdicts)],
         ["CoM in front of the line, mean [mm]", *(number(v.off_line, 1000, "+.2f") for v in verdicts)],
         ["tilt of the base, last second [deg]", *(number(np.degrees(v.tilt), 1, ".1f") for v in verdicts)],
         ["largest tilt [deg]", *(number(np.degrees(v.largest_tilt), 1, ".1f") for v in verdicts)],
         ["largest joint torque [Nm]", *(number(v.largest_torque, 1, ".1f") for v in verdicts)],
         ["joint torque, rms [Nm]", *(number(v.rms_torque, 1, ".2f") for v in verdicts)],
     ]
-    if any(trial.believed_error is not None for trial in report.trials):
-        errors = [number(trial.believed_error, 1000, "+.2f") for trial in report.trials]
-        rows.append(["believed CoM in front of the true one [mm]", *errors])
+    if any(trial.model_error is not None for trial in report.trials):
+        errors = [number(trial.model_error, 1000, "+.2f") for trial in report.trials]
+        rows.append(["model's CoM in front of the true one [mm]", *errors])
     if report.settings.observe_offset:
         rows.append(["the same, as observed [mm]", *(number(v.observed_error, 1000, "+.2f") for v in verdicts)])
     return DataTable("", ["", *(f"|{trial.run.diagonal}" for trial in report.trials)], rows)
@@ -51,9 +51,9 @@ def title(report: BalanceReport) -> str:
 def messages(report: BalanceReport) -> tuple[str, ...]:
     """Return the verdict of each diagonal, and what the control law used."""
     verdicts = [f"{trial.run.diagonal}: {_verdict(trial)}" for trial in report.trials]
-    known = "taken off, as calibrated" if report.sensors_known else "not known to the law"
-    used = f"The law believes {report.trials[0].source}; sensor errors are {known}."
-    observed = "The offset of the centre of mass was observed and made up for: a measurement, no proof of the model."
+    correction = "corrected as calibrated" if report.sensors_corrected else "not corrected"
+    used = f"The controller is designed on {report.trials[0].source}; sensor errors are {correction}."
+    observed = "The offset of the CoM was observed and compensated, so this does not validate the model."
     return (*verdicts, used, *([observed] if report.settings.observe_offset else []))
 
 
@@ -79,13 +79,13 @@ def _figure(trial: BalanceTrial, name: str, caption: str, data: list[Trace], lab
     if not trial.verdict.balanced:
         marks.append(upright(trial.verdict.time_balanced, "fall", SERIES[1]))
     layout = axes("time from lift-off [s]", label, shapes=marks)
-    layout["xaxis"]["range"] = [-_BEFORE, float(trial.run.felt.time[-1]) + _AFTER]
+    layout["xaxis"]["range"] = [-_BEFORE, float(trial.run.estimates.time[-1]) + _AFTER]
     return Figure(name, caption, data, layout)
 
 
 def _tilt(trial: BalanceTrial) -> Figure:
-    felt, traces = trial.run.felt, trial.traces
-    data = [line(felt.time, np.degrees(felt.tilt), "measured", 0)]
+    estimates, traces = trial.run.estimates, trial.traces
+    data = [line(estimates.time, np.degrees(estimates.tilt), "measured", 0)]
     if trial.verdict.judged_by == "truth":
         data.append(line(traces.time, np.degrees(traces.tilt), "true", 1))
     figure = _figure(trial, "Tilt of the base", _verdict(trial), data, "tilt [deg]")
@@ -94,24 +94,24 @@ def _tilt(trial: BalanceTrial) -> Figure:
 
 
 def _com(trial: BalanceTrial) -> Figure:
-    felt, traces = trial.run.felt, trial.traces
-    data = [line(felt.time, 1000 * felt.com_ahead, "measured, with the believed CoM", 0)]
+    estimates, traces = trial.run.estimates, trial.traces
+    data = [line(estimates.time, 1000 * estimates.com_ahead, "measured, with the model's CoM", 0)]
     if trial.verdict.judged_by == "truth":
         data.append(line(traces.time, 1000 * traces.com_ahead, "true", 1))
     if trial.run.observing:
-        data.append(line(felt.time, -1000 * felt.offset, "observed error of the believed CoM", 3))
-    half = 1.15 * _largest_distance(trial)
+        data.append(line(estimates.time, -1000 * estimates.offset, "observed error of the model's CoM", 3))
+    limit = 1.15 * _largest_distance(trial)
     caption = "Distance of the centre of mass from the support line, forward positive."
     figure = _figure(trial, "Centre of mass", caption, data, "CoM ahead of the line [mm]")
-    figure.layout["yaxis"]["range"] = [-half, half]
+    figure.layout["yaxis"]["range"] = [-limit, limit]
     return figure
 
 
 def _largest_distance(trial: BalanceTrial) -> float:
-    """Return the largest distance of the CoM from the line until it fell [mm]; the fall itself is no scale."""
+    """Return the largest distance of the CoM from the line before the fall [mm]."""
     until = max(trial.verdict.time_balanced, 0.3)
-    felt, traces = trial.run.felt, trial.traces
-    distances = [felt.com_ahead[felt.time <= until], traces.com_ahead[traces.time <= until]]
+    estimates, traces = trial.run.estimates, trial.traces
+    distances = [estimates.com_ahead[estimates.time <= until], traces.com_ahead[traces.time <= until]]
     return max(5.0, 1000 * float(np.abs(np.concatenate(distances)).max()))
 
 
@@ -119,7 +119,7 @@ def _torque(trial: BalanceTrial) -> Figure:
     joints, data = trial.run.recording.joints, list[Trace]()
     if joints.torque is not None:
         time = joints.time - trial.run.lift_off
-        shown = (time >= -_BEFORE) & (time <= float(trial.run.felt.time[-1]) + _AFTER)
+        shown = (time >= -_BEFORE) & (time <= float(trial.run.estimates.time[-1]) + _AFTER)
         style = {"color": MUTED, "width": 0.5, "dash": "solid"}
         data = [line(time[shown], one, "joint", 0, line=style, showlegend=False) for one in joints.torque[shown].T]
     caption = "A line for each joint." if data else "This robot reports no torques."

@@ -1,4 +1,4 @@
-"""Faults of the emulators: those of body, sensors and wire over both protocols, wiring errors without a wire."""
+"""Faults of the emulators: body, sensors and wire over both protocols, wiring errors without a wire."""
 
 import importlib
 import io
@@ -13,7 +13,7 @@ from equipoise import nominal_stance
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
 from equipoise.drivers.unitree.udp import open_connection as open_udp
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
-from equipoise.lab.emulators.emulated_robot import PeerRobot, PeerSettings
+from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatedRobotSettings
 from equipoise.lab.emulators.faults import CrossedWiring
 from equipoise.platform.platform import JointCommand
 
@@ -27,31 +27,31 @@ def over_dds():
     open_dds = importlib.import_module("equipoise.drivers.unitree.dds").open_connection
     domain = unused_domain()
     flags = "--domain", domain, "--sim-preset", "ideal", "--start", "standing", "--no-sport-mode", "--trace"
-    with running_peer("unitree_dds", *flags) as peer:
+    with running_peer("unitree_dds", *flags) as emulator:
         settings = UnitreeDdsSettings(interface="lo", domain=domain, silence=5.0, release_sport_mode=False)
-        yield peer, lambda robot: open_dds(robot, settings)
+        yield emulator, lambda robot: open_dds(robot, settings)
 
 
 @contextmanager
 def over_udp():
     port = free_port()
     flags = "--protocol", "go1", "--port", port, "--sim-preset", "ideal", "--start", "standing", "--trace"
-    with running_peer("unitree_udp", *flags) as peer:
+    with running_peer("unitree_udp", *flags) as emulator:
         settings = UnitreeUdpSettings(
             protocol="go1", address="127.0.0.1", port=port, local_port=free_port(), silence=5.0
         )
-        yield peer, lambda robot: open_udp(robot, settings)
+        yield emulator, lambda robot: open_udp(robot, settings)
 
 
 class Standing:
-    """An emulator that stands, held by us."""
+    """Standing emulator with a commanded stance."""
 
-    def __init__(self, peer, link, robot):
-        self.peer, self.link = peer, link
+    def __init__(self, emulator, link, robot):
+        self.emulator, self.link = emulator, link
         self._command = JointCommand(nominal_stance(robot).joint_position)
 
     def states(self, duration=0.1):
-        """Samples of a while, in which the stance is commanded."""
+        """Return the samples of a duration in which the stance is commanded."""
         states, until = [], time.monotonic() + duration
         while time.monotonic() < until:
             self.link.send(self._command)
@@ -59,23 +59,23 @@ class Standing:
             time.sleep(2e-3)
         return states
 
-    def until(self, seen):
-        """The first sample that has something."""
+    def until(self, condition):
+        """Return the first sample that meets a condition."""
         until = time.monotonic() + PATIENCE
         while time.monotonic() < until:
             for state in self.states(0.02):
-                if seen(state):
+                if condition(state):
                     return state
-        raise AssertionError(f"not seen: {self.peer.log[-5:]}")
+        raise AssertionError(f"condition not met: {self.emulator.log[-5:]}")
 
 
 @pytest.fixture(scope="module", params=[over_dds, over_udp], ids=["dds", "udp"])
 def standing(request, a1):
-    with request.param() as (peer, opened), closing(opened(a1)) as link:
+    with request.param() as (emulator, opened), closing(opened(a1)) as link:
         until = time.monotonic() + PATIENCE
         while not link.receive():
             assert time.monotonic() < until
-        yield Standing(peer, link, a1)
+        yield Standing(emulator, link, a1)
         link.release()
 
 
@@ -84,42 +84,42 @@ def standing(request, a1):
 )
 def test_keys_of_the_remote_control_are_requests(standing, keys, request_):
     standing.until(lambda state: state.request == "")
-    standing.peer.fault(press=keys, **{"for": 0.1})
+    standing.emulator.fault(press=keys, **{"for": 0.1})
     assert standing.until(lambda state: state.request).request == request_
     standing.until(lambda state: state.request == "")
 
 
-def test_health_is_what_it_is_set_to(standing):
-    standing.peer.fault(temperature=81, charge=0.05)
+def test_temperature_and_charge_are_reported_as_set(standing):
+    standing.emulator.fault(temperature=81, charge=0.05)
     hot = standing.until(lambda state: state.health.motor_temperature[0] == 81)
     assert hot.health.battery_charge == pytest.approx(0.05)
-    standing.peer.fault(temperature=40, charge=0.8)
+    standing.emulator.fault(temperature=40, charge=0.8)
     standing.until(lambda state: state.health.motor_temperature[0] == 40)
 
 
 @pytest.mark.parametrize("what", ["imu", "encoders"])
 def test_sensors_freeze_and_are_lost(standing, what):
-    standing.peer.fault(freeze=what, push=[0, 15, 0], **{"for": 0.4})
-    standing.peer.wait_for("fault", "freeze")
+    standing.emulator.fault(freeze=what, push=[0, 15, 0], **{"for": 0.4})
+    standing.emulator.wait_for("fault", "freeze")
     standing.states(0.05)
     frozen = standing.states(0.1)
     fields = {"imu": "angular_velocity_in_imu", "encoders": "joint_position"}
     assert np.ptp([getattr(state, fields[what]) for state in frozen], axis=0).max() == 0
     assert np.ptp([getattr(state, fields[{"imu": "encoders", "encoders": "imu"}[what]]) for state in frozen]) > 0
     standing.states(0.6)
-    standing.peer.fault(lose=what, **{"for": 0.1})
+    standing.emulator.fault(lose=what, **{"for": 0.1})
     standing.until(lambda state: not getattr(state, fields[what]).any())
     standing.until(lambda state: getattr(state, fields[what]).any())
 
 
 def test_one_encoder_is_lost(standing, a1):
-    standing.peer.fault(lose="RL_calf_joint", **{"for": 0.1})
+    standing.emulator.fault(lose="RL_calf_joint", **{"for": 0.1})
     state = standing.until(lambda state: not state.joint_position.all())
     assert a1.joint_names[int(np.flatnonzero(state.joint_position == 0)[-1])] == "RL_calf_joint"
 
 
 def test_samples_are_replayed(standing):
-    standing.peer.fault(replay=0.1, **{"for": 1.5})
+    standing.emulator.fault(replay=0.1, **{"for": 1.5})
     assert standing.until(lambda state: True)
     times = np.array([state.time for state in standing.states(2.0)])
     late = np.diff(times)[np.diff(times) < -0.3]
@@ -129,19 +129,19 @@ def test_samples_are_replayed(standing):
 
 def test_a_push_tilts_the_robot_and_is_traced(standing):
     standing.states(0.3)
-    before = len(standing.peer.log)
-    standing.peer.fault(push=[0, 15, 0], **{"for": 0.3})
+    before = len(standing.emulator.log)
+    standing.emulator.fault(push=[0, 15, 0], **{"for": 0.3})
     standing.states(0.8)
-    traced = [entry for entry in standing.peer.log[before:] if "tilt" in entry]
+    traced = [entry for entry in standing.emulator.log[before:] if "tilt" in entry]
     assert max(entry["tilt"] for entry in traced) > 0.4
     assert traced[-1]["tilt"] < 0.3
     assert np.ptp([entry["height"] for entry in traced]) < 0.1
     assert np.diff([entry["time"] for entry in traced]).min() < 0.11
 
 
-def test_a_blocked_joint_stays_and_strains(standing, a1):
+def test_a_blocked_joint_stays_and_reports_its_commanded_torque(standing, a1):
     joint = a1.joint_names.index("FL_calf_joint")
-    standing.peer.fault(block="FL_calf_joint")
+    standing.emulator.fault(block="FL_calf_joint")
     standing.states(0.1)
     command, moved = standing._command, standing._command.position.copy()
     moved[joint] += 0.1
@@ -151,22 +151,22 @@ def test_a_blocked_joint_stays_and_strains(standing, a1):
     kp = a1.gains(nominal_stance(a1).hip_height)[0]
     strain = kp * (moved[joint] - states[-1].joint_position[joint])
     assert states[-1].joint_torque[joint] == pytest.approx(strain, rel=0.1)
-    standing.peer.fault(block="")
+    standing.emulator.fault(block="")
     standing._command = command
     standing.states(0.4)
 
 
-def test_a_fault_waits_for_its_moment(standing):
-    standing.peer.fault(press="X", after=1e9)
-    standing.peer.fault(press="Y", when="lift")
+def test_a_fault_waits_for_its_time_or_for_a_lift(standing):
+    standing.emulator.fault(press="X", after=1e9)
+    standing.emulator.fault(press="Y", when="lift")
     assert not any(state.request for state in standing.states(0.3))
 
 
-def test_a_flood_of_garbage_does_not_keep_a_control_loop_waiting(standing):
-    """20,000 samples a second with a wrong checksum: calls of `receive` are short, and the good samples are found."""
+def test_many_damaged_samples_do_not_delay_a_control_loop(standing):
+    """With 20,000 damaged samples per second, calls of `receive` are short and valid samples are found."""
     standing.states(0.1)
     rejected = standing.link.rejected
-    standing.peer.fault(garbage=20_000)
+    standing.emulator.fault(garbage=20_000)
     time.sleep(0.2)
     took, good = [], 0
     for _ in range(500):
@@ -175,29 +175,29 @@ def test_a_flood_of_garbage_does_not_keep_a_control_loop_waiting(standing):
         good += len(standing.link.receive())
         took.append(time.thread_time() - begun)
         time.sleep(1e-3)
-    standing.peer.fault(garbage=0)
+    standing.emulator.fault(garbage=0)
     standing.states(0.3)
     assert standing.link.rejected - rejected > 2_000
     assert good > 100
     assert np.quantile(took, 0.9) < 2e-3
 
 
-def test_nothing_passes_a_cable_that_is_out(standing):
+def test_a_disconnected_cable_stops_samples_and_commands(standing):
     standing.states(0.1)
-    before = len(standing.peer.log)
-    standing.peer.fault(cut=True, **{"for": 0.5})
-    standing.peer.wait_for("mode", "silence")  # so that commands do not arrive either
+    before = len(standing.emulator.log)
+    standing.emulator.fault(cut=True, **{"for": 0.5})
+    standing.emulator.wait_for("mode", "silence")  # commands do not arrive either
     standing.states(0.05)
     assert not standing.states(0.1)
     assert standing.until(lambda state: True)
-    assert min(entry["speed"] for entry in standing.peer.log[before:] if "speed" in entry) < -0.05  # it sank
+    assert min(entry["speed"] for entry in standing.emulator.log[before:] if "speed" in entry) < -0.05  # it sank
 
 
-def test_a_line_that_is_not_a_fault_ends_the_emulator(a1):
-    with over_udp() as (peer, _):
-        peer.fault(pres="A")
-        peer._process.wait(timeout=PATIENCE)
-    assert peer._process.returncode == 1
+def test_an_invalid_fault_line_ends_the_emulator(a1):
+    with over_udp() as (emulator, _):
+        emulator.fault(pres="A")
+        emulator._process.wait(timeout=PATIENCE)
+    assert emulator._process.returncode == 1
 
 
 @pytest.mark.parametrize(
@@ -209,20 +209,20 @@ def test_a_line_that_is_not_a_fault_ends_the_emulator(a1):
     ],
 )
 def test_legs_are_exchanged_in_samples_and_commands(a1, wiring, exchanged):
-    robot = PeerRobot(a1, PeerSettings(sim_preset="ideal", wiring=wiring), io.StringIO())
+    robot = EmulatedRobot(a1, EmulatedRobotSettings(sim_preset="ideal", wiring=wiring), io.StringIO())
     target, calf = nominal_stance(a1).joint_position.copy(), a1.legs["FL"].joints[2]
     before = robot.step().joint_position[calf]
     target[calf] += 0.1
     for _ in range(200):
-        robot.hear(JointCommand(target))
+        robot.receive(JointCommand(target))
         state = robot.step()
-    assert state.joint_position[calf] - before > 0.06  # its own encoder answers, as it seems
+    assert state.joint_position[calf] - before > 0.06  # the sample and the command are exchanged alike
     there = list(a1.legs[exchanged["FL"]].joints)
     assert np.array_equal(state.joint_position[list(a1.legs["FL"].joints)], robot._state.joint_position[there])
 
 
-def test_hip_signs_and_an_imu_that_is_turned(a1):
-    robot = PeerRobot(a1, PeerSettings(sim_preset="ideal"), io.StringIO())
+def test_hip_signs_and_a_rotated_imu(a1):
+    robot = EmulatedRobot(a1, EmulatedRobotSettings(sim_preset="ideal"), io.StringIO())
     state, hips = robot.step(), [leg.joints[0] for leg in a1.legs.values()]
     signs = CrossedWiring(a1, "hip-signs", "both").sensed(state)
     assert np.array_equal(signs.joint_position[hips], -state.joint_position[hips])
