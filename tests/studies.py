@@ -1,4 +1,4 @@
-"""What tests of Monte Carlo studies share: cheap trials, an executor that is none, and processes that are killed."""
+"""Helpers for tests of Monte Carlo studies: fast trials, an inline executor, and processes to kill."""
 
 import os
 import signal
@@ -21,27 +21,27 @@ HERE = Path(__file__).parent
 
 
 def facts(rows):
-    """Rows without what depends on the machine."""
+    """Return rows without columns that depend on the machine."""
     return [{name: value for name, value in row.items() if name not in TIMES} for row in rows]
 
 
 def trial_rows(study, trial, logs=None):
-    """`run_trial`, its rows as dictionaries."""
+    """Return the rows of `run_trial` as dictionaries."""
     return run_trial(study, trial, logs).to_pylist()
 
 
 def study_rows(*arguments, **options):
-    """`run_study`, its rows as dictionaries."""
+    """Return the rows of `run_study` as dictionaries."""
     return run_study(*arguments, **options).to_pylist()
 
 
 def rows_in(folder):
-    """`read_rows`, as dictionaries."""
+    """Return the rows of a folder as dictionaries."""
     return read_rows(folder).to_pylist()
 
 
 class Inline(Executor):
-    """Runs what it is given at once, in this process."""
+    """Executor that runs calls immediately in this process."""
 
     def submit(self, function, /, *arguments, **others):
         future = Future()
@@ -53,7 +53,7 @@ class Inline(Executor):
 
 
 def cheap_trial(study, trial, logs=None):
-    """A trial without a robot. It kills its process where the environment tells it to: always, or the first time; or hangs."""
+    """Run a trial without a robot. Environment variables make it hang or kill its process, always or the first time."""
     if str(trial) == os.environ.get("HANGING_TRIAL"):
         time.sleep(60)
     if str(trial) == os.environ.get("LETHAL_TRIAL"):
@@ -67,7 +67,7 @@ def cheap_trial(study, trial, logs=None):
 
 
 def start_study(folder, *flags, setup="pass"):
-    """`equipoise lab monte-carlo` in a session of its own, its progress on stderr after every trial."""
+    """Start `equipoise lab monte-carlo` in its own session, with progress on stderr after every trial."""
     code = (
         "import sys; from equipoise.__main__ import run; import equipoise.lab.study.store as store; "
         f"import equipoise.lab.terminal as terminal; terminal._PLAIN_INTERVAL = 0; {setup}; sys.exit(run())"
@@ -79,31 +79,31 @@ def start_study(folder, *flags, setup="pass"):
     )  # fmt: skip
 
 
-def wait_for(process, words):
-    """Read a process's stderr until a line begins so; what was read."""
-    seen = []
+def wait_for(process, start):
+    """Read a process's stderr until a line begins with a text; return the lines."""
+    lines = []
     for line in process.stderr:
-        seen.append(line)
-        if line.startswith(words):
-            return seen
-    raise AssertionError(f"{words!r} was never said: {''.join(seen)}")
+        lines.append(line)
+        if line.startswith(start):
+            return lines
+    raise AssertionError(f"no line begins with {start!r}: {''.join(lines)}")
 
 
 def alive(session):
-    """Processes of a session that run (a zombie does not)."""
-    found = []
+    """Return the running processes of a session, without zombies."""
+    running = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
             state, _, _, owner = path.read_text(encoding="utf-8").rpartition(")")[2].split()[:4]
         except (OSError, ValueError):
             continue
         if int(owner) == session and state not in "ZX":
-            found.append(int(path.parent.name))
-    return found
+            running.append(int(path.parent.name))
+    return running
 
 
 def eventually(condition, seconds=20):
-    """Whether something becomes so."""
+    """Return true if a condition becomes true in time."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if condition():

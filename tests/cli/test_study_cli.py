@@ -40,13 +40,13 @@ def test_the_help_shows_an_example(capsys):
 def test_page_and_tables_are_written(study):
     folder, _ = study
     page = (folder / "summary.html").read_text(encoding="utf-8")
-    for words in ("Distribution of the CoM error", "What costs static its planar accuracy", "joint offset [mrad]"):
+    for words in ("Distribution of the CoM error", "static: planar error by source", "joint offset [mrad]"):
         assert words in page
     page = (folder / "summary.md").read_text(encoding="utf-8")
     for words in (
         "# Monte Carlo study of unitree_a1", "30 trials; noise realistic, only joint_offset, torque_gain",
         "\nstatic: 30 trials, within 5 mm ",
-        "| planar CoM | mm | 30 |", "| mass | % | 30 |", "## What costs static its planar accuracy", "| joint offset | ",
+        "| planar CoM | mm | 30 |", "| mass | % | 30 |", "## static: planar error by source", "| joint offset | ",
         "| torque gain |", "| payload mass |",
     ):  # fmt: skip
         assert words in page
@@ -79,7 +79,7 @@ def test_the_terminal_shows_what_the_page_says(study, capsys):
     folder, only = study
     assert main([*QUICK, *only, "--trials", "30", "--out", str(folder), "--no-report"]) == 0
     printed = capsys.readouterr().out
-    for words in ("static: 30 trials, within 5 mm", "planar CoM", "What costs static its planar accuracy", "saved: "):
+    for words in ("static: 30 trials, within 5 mm", "planar CoM", "static: planar error by source", "saved: "):
         assert words in printed
 
 
@@ -92,7 +92,7 @@ def test_fewer_trials_than_there_are_is_a_summary_of_those(study, capsys):
 def test_a_folder_of_another_study(study, capsys):
     folder, only = study
     message = fails(capsys, 2, "--methods", "static", *only[:-1], "3", "--trials", "30", "--out", str(folder))
-    assert "holds another study (it differs in seed)" in message
+    assert "contains another study (it differs in seed)" in message
 
 
 def test_a_study_that_fails_throughout_says_why(tmp_path, capsys):
@@ -116,7 +116,7 @@ def test_a_study_that_fails_throughout_says_why(tmp_path, capsys):
 
 
 def test_random_robots_alone_have_no_slopes(tmp_path, capsys, monkeypatch):
-    """Sizes that grow with the robots grow together: nothing tells what each one costs."""
+    """Sizes that vary with the robots are correlated and have no separate slopes."""
 
     def asked(*_):
         raise AssertionError("slopes of sizes that vary together")
@@ -133,16 +133,16 @@ def test_random_robots_alone_have_no_slopes(tmp_path, capsys, monkeypatch):
     ("code", "flags", "words"),
     [
         (2, ["--methods", "magic"], "method 'magic' is not known; there are bayesian, paper, motors"),
-        (2, ["--methods", ","], "name a method at least"),
-        (2, ["--only-effects", "gremlins"], "'gremlins' is no error source; those are encoder_noise"),
-        (2, ["--executor", "dask"], "go together"),
-        (2, ["--scheduler", "tcp://127.0.0.1:1"], "go together"),
-        (2, ["--executor", "dask", "--scheduler", "127.0.0.1:8786"], "looks like tcp://"),
+        (2, ["--methods", ","], "a study needs at least one method"),
+        (2, ["--only-effects", "gremlins"], "'gremlins' is not an error source; use encoder_noise"),
+        (2, ["--executor", "dask"], "--executor dask needs --scheduler"),
+        (2, ["--scheduler", "tcp://127.0.0.1:1"], "--scheduler needs --executor dask"),
+        (2, ["--executor", "dask", "--scheduler", "127.0.0.1:8786"], "must be like tcp://"),
         (3, ["rex"], "no robot is called 'rex'"),
         (3, ["no/such.urdf"], "does not exist"),
-        (2, ["--trials", "0"], "0 trials are none"),
-        (2, ["--trials", "-5"], "-5 trials are none"),
-        (2, ["--workers", "0"], "0 workers do nothing"),
+        (2, ["--trials", "0"], "the number of trials is 0"),
+        (2, ["--trials", "-5"], "the number of trials is -5"),
+        (2, ["--workers", "0"], "the number of workers is 0"),
         (2, ["--timestep", "0"], "the time step is 0 s"),
         (2, ["--timestep", "0.0003"], "whole number of times"),
         (2, ["--timestep", "0.002"], "feet on the floor would be softer"),

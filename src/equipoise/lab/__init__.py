@@ -1,1 +1,1 @@
-"""Experiments on equipoise itself: studies, the paper's results made again, DART, emulators. The core does not import it."""
+"""Experiments with equipoise: studies, reproduction of the paper, DART, emulators. The core does not import this package."""

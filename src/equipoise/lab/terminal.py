@@ -23,16 +23,16 @@ from equipoise.terminal.rich_tables import print_block, print_saved, print_table
 if TYPE_CHECKING:  # it needs pyarrow
     from equipoise.lab.study.runner import StudyProgress
 
-_PLAIN_INTERVAL = 10.0  # [s] between lines where nothing can be overwritten
+_PLAIN_INTERVAL = 10.0  # [s] between lines without a terminal
 
 
 class StudyLine:
-    """Trials done, rate, time left and failures: a live line in a terminal, a plain one now and then elsewhere."""
+    """Progress of a study: a live line in a terminal, else a plain line at intervals."""
 
     def __init__(self, quiet: bool) -> None:
         self._console = Console(stderr=True)
         self._quiet = quiet
-        self._told, self._what = time.monotonic(), ""
+        self._printed, self._study = time.monotonic(), ""
         self._live = Progress(
             TextColumn("trials"),
             BarColumn(bar_width=30),
@@ -45,22 +45,22 @@ class StudyLine:
         self._task = self._live.add_task("starting workers", total=None)
 
     def update(self, progress: StudyProgress) -> None:
-        """Show how far it is."""
+        """Show the progress."""
         failed = f", {progress.failed} failed" if progress.failed else ""
         text = f"{progress.rate:.2f} a second, about {_duration(progress.remaining)} left{failed}"
         self._live.update(self._task, description=text, completed=progress.done, total=progress.total)
-        due = time.monotonic() - self._told > _PLAIN_INTERVAL or progress.done == progress.total
+        due = time.monotonic() - self._printed > _PLAIN_INTERVAL or progress.done == progress.total
         if due and not self._quiet and not self._console.is_terminal:
-            self._told = time.monotonic()
+            self._printed = time.monotonic()
             print(f"[{progress.done}/{progress.total}] {text}", file=sys.stderr, flush=True)
 
-    def doing(self, what: str, progress: StudyProgress | None) -> None:
-        """Show how far one of several studies is."""
-        if what != self._what:
-            self._what = what
+    def update_study(self, study: str, progress: StudyProgress | None) -> None:
+        """Show the progress of one of several studies."""
+        if study != self._study:
+            self._study = study
             self._live.reset(self._task, total=None, description="starting")
             if not self._quiet:
-                self._console.print(what, highlight=False)
+                self._console.print(study, highlight=False)
         if progress is not None:
             self.update(progress)
 
@@ -73,7 +73,7 @@ class StudyLine:
 
 
 def print_study(page: PageContents, files: Sequence[Path]) -> None:
-    """Print rates, errors and the cost of each error source."""
+    """Print rates, errors and the effect of each error source."""
     console = Console()
     for section in page.sections:
         console.print(f"[bold]{escape(section.title)}[/bold]")
@@ -91,15 +91,15 @@ def print_balance(report: BalanceReport, files: Sequence[Path]) -> None:
     print_saved(console, files)
 
 
-def print_validation(found: Validation, files: Sequence[Path]) -> None:
-    """Print a row for each body that was replayed, and the answer.
+def print_validation(validation: Validation, files: Sequence[Path]) -> None:
+    """Print a row for each replayed body, and the conclusion.
 
     Args:
         files: paths of the files that were written.
     """
     console = Console()
-    print_table(console, validation_table(found))
-    console.print(escape(f"{found.message}."))
+    print_table(console, validation_table(validation))
+    console.print(escape(f"{validation.message}."))
     print_saved(console, files)
 
 

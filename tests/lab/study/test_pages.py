@@ -1,4 +1,4 @@
-"""Pages of studies: drawn in a browser, and as Markdown."""
+"""Pages of studies, in a browser and as Markdown."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ COUNT = 40
 
 @pytest.fixture(scope="module")
 def rows():
-    """Calibrations with intervals whose planar error grows with the size of the joint offsets."""
+    """Rows of calibrations with intervals, with a planar error proportional to the size of the joint offsets."""
     rng = np.random.default_rng(2)
     truths = {f"true_{name}": 1.0 for name in COMPONENTS}
     truths |= {f"true_stance_effective_{axis}": 0.1 for axis in ("roll", "pitch", "yaw")}

@@ -1,4 +1,4 @@
-"""Processes that work, answer, err and die."""
+"""Executor of processes: results, errors and dying processes."""
 
 import multiprocessing
 import os
@@ -21,7 +21,7 @@ def processes():
 
 
 class LockedError(Exception):
-    """Does not go through a pipe."""
+    """Error that cannot be pickled."""
 
     def __init__(self):
         super().__init__("locked")
@@ -29,18 +29,18 @@ class LockedError(Exception):
 
 
 class PeculiarError(Exception):
-    """Goes into a pipe, and does not come out of it."""
+    """Error that can be pickled but not unpickled."""
 
     def __init__(self, first, second):
         super().__init__(f"{first} {second}")
 
 
-def erring(kind, *arguments):
+def raising(kind, *arguments):
     raise kind(*arguments)
 
 
 def half_an_answer():
-    """The process is killed while it writes."""
+    """Kill the process while it writes."""
 
     def half(connection, data):
         os.write(connection.fileno(), bytes(data)[: len(data) // 2])
@@ -51,14 +51,14 @@ def half_an_answer():
 
 
 def dying_once(folder):
-    """The process dies, but not the second one."""
+    """Kill the process at the first call only."""
     (folder / str(os.getpid())).touch()
     if len(list(folder.iterdir())) == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     return os.getpid()
 
 
-def test_they_answer(processes):
+def test_calls_return_their_results(processes):
     assert sorted(processes.map(divmod, range(30, 40), [7] * 10)) == sorted(divmod(n, 7) for n in range(30, 40))
     assert os.getpid() not in {processes.submit(os.getpid).result() for _ in range(4)}
     assert len(processes.submit(bytes, 10_000_000).result()) == 10_000_000
@@ -66,7 +66,7 @@ def test_they_answer(processes):
 
 
 @pytest.mark.parametrize(
-    ("kind", "arguments", "told", "words"),
+    ("kind", "arguments", "raised", "message"),
     [
         (KeyError, ("a",), KeyError, "a"),
         (EOFError, ("the call's own",), EOFError, "the call's own"),
@@ -74,23 +74,23 @@ def test_they_answer(processes):
         (PeculiarError, (1, 2), TypeError, "second"),
     ],
 )
-def test_an_error_comes_to_its_caller_and_the_process_goes_on(kind, arguments, told, words):
+def test_an_error_reaches_its_caller_and_the_process_lives_on(kind, arguments, raised, message):
     with Processes(1) as processes:
         before = processes.submit(os.getpid).result()
-        with pytest.raises(told, match=words):
-            processes.submit(erring, kind, *arguments).result()
+        with pytest.raises(raised, match=message):
+            processes.submit(raising, kind, *arguments).result()
         assert processes.submit(os.getpid).result() == before
 
 
 @pytest.mark.parametrize("dying", [(os._exit, 1), (os.abort,), (half_an_answer,)])
-def test_a_call_whose_process_dies_twice_fails_alone_whatever_it_was_doing(processes, dying):
+def test_only_the_call_whose_process_dies_twice_fails(processes, dying):
     futures = [processes.submit(*dying), *(processes.submit(abs, -n) for n in range(300))]
-    with pytest.raises(ChildProcessError, match="the process that ran it died twice"):
+    with pytest.raises(ChildProcessError, match="its worker process died twice"):
         futures[0].result(timeout=30)
     assert [future.result(timeout=30) for future in futures[1:]] == list(range(300))
 
 
-def test_a_call_whose_process_dies_once_is_answered_by_another(tmp_path):
+def test_a_call_whose_process_dies_once_is_repeated_in_another(tmp_path):
     with Processes(1) as processes:
         answer = processes.submit(dying_once, tmp_path).result(timeout=30)
         assert len(os.listdir(tmp_path)) == 2
@@ -105,7 +105,7 @@ def test_a_process_that_dies_between_two_calls_is_replaced_before_the_next(proce
     assert processes.submit(dying_once, tmp_path).result(timeout=30), "its first try was lost"
 
 
-def test_what_has_not_begun_can_be_cancelled_and_what_runs_is_ended():
+def test_shutdown_cancels_waiting_calls_and_ends_running_ones():
     processes = Processes(1)
     assert processes.submit(abs, -1).result() == 1
     begin = time.monotonic()
@@ -120,13 +120,13 @@ def test_what_has_not_begun_can_be_cancelled_and_what_runs_is_ended():
     assert not multiprocessing.active_children()
 
 
-def test_what_waits_is_done_before_they_end():
+def test_waiting_calls_finish_before_the_processes_end():
     with Processes(1) as processes:
         futures = [processes.submit(abs, -n) for n in range(20)]
     assert [future.result() for future in futures] == list(range(20))
 
 
-def test_ctrl_c_reaches_the_caller_alone(processes):
+def test_ctrl_c_reaches_only_the_caller(processes):
     workers = {processes.submit(os.getpid).result() for _ in range(8)}
     for worker in workers:
         os.kill(worker, signal.SIGINT)

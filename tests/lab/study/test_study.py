@@ -1,4 +1,4 @@
-"""What a Monte Carlo study draws: the same for a number, whoever asks, and each thing from a stream of its own."""
+"""Draws of a Monte Carlo study: reproducible by trial number, with independent random streams."""
 
 import dataclasses
 import json
@@ -28,7 +28,7 @@ from test_study import VARIED, shown
 
 
 def shown(drawn):
-    """A draw in numbers that compare exactly."""
+    """Return a draw as numbers for exact comparison."""
     payload = drawn.payload.parameters
     return [
         drawn.robot.source.sha256, drawn.stance.joint_position.tolist(), drawn.stance.hip_height, payload.mass,
@@ -40,7 +40,7 @@ def json_form(value):
     return json.loads(json.dumps(value))
 
 
-def test_a_number_is_the_same_robot_in_any_order_and_in_another_process():
+def test_a_trial_number_gives_the_same_robot_in_any_order_and_in_another_process():
     forward = {trial: shown(draw(VARIED, trial)) for trial in range(4)}
     backward = {trial: shown(draw(VARIED, trial)) for trial in reversed(range(4))}
     assert forward == backward
@@ -49,7 +49,7 @@ def test_a_number_is_the_same_robot_in_any_order_and_in_another_process():
     assert json.loads(other.stdout) == json_form([forward[2], forward[0]])
 
 
-def test_other_numbers_and_other_seeds_are_other_robots():
+def test_other_numbers_and_other_seeds_give_other_robots():
     draws = [shown(draw(VARIED, trial)) for trial in range(5)]
     draws += [shown(draw(dataclasses.replace(VARIED, seed=6), trial)) for trial in range(5)]
     for place in range(len(draws[0])):
@@ -67,7 +67,7 @@ def test_other_numbers_and_other_seeds_are_other_robots():
         ({"methods": (Static(),)}, ("robot", "payload", "sizes", "seed", "scale_reading")),
     ],
 )
-def test_what_is_switched_off_leaves_the_rest_as_it_was(change, kept):
+def test_disabling_one_draw_does_not_change_the_others(change, kept):
     for trial in range(3):
         one, other = draw(VARIED, trial), draw(dataclasses.replace(VARIED, **change), trial)
         views = {
@@ -83,7 +83,7 @@ def test_what_is_switched_off_leaves_the_rest_as_it_was(change, kept):
 
 
 @pytest.mark.parametrize("noise", ["realistic", "stress"])
-def test_varied_sizes_go_from_nothing_to_twice_the_usual(noise):
+def test_varied_sizes_range_from_zero_to_twice_the_default(noise):
     usual = draw(Study(preset=noise), 0).sizes
     drawn = [draw(Study(preset=noise, vary_effects=True), trial).sizes for trial in range(60)]
     for row in SensorErrors.rows():
@@ -99,13 +99,13 @@ def test_varied_sizes_go_from_nothing_to_twice_the_usual(noise):
         assert np.unique(ratios).size == len(drawn)
 
 
-def test_what_was_varied_before_there_were_more_effects_is_drawn_as_ever():
+def test_draws_of_the_first_sources_do_not_change_with_new_effects():
     drawn = draw(Study(vary_effects=True, spread=0.1, scale_error=0.01, seed=5), 3)
     assert (drawn.sizes.joint_offset, drawn.sizes.floor_slope) == (0.00843092179016249, 0.00403770334773202)
     assert drawn.seed == 3447195048259697815
 
 
-def test_one_more_effect_changes_no_other_ones_factor():
+def test_an_additional_effect_does_not_change_other_factors():
     more, less = (
         draw(Study(preset="stress", without=w, vary_effects=True, seed=2), 1).sizes for w in ((), ("backlash",))
     )
@@ -113,7 +113,7 @@ def test_one_more_effect_changes_no_other_ones_factor():
     assert more.backlash
 
 
-def test_a_study_has_effects_beside_a_preset(a1):
+def test_a_study_has_effects_in_addition_to_a_preset(a1):
     sizes = draw(Study(effects={"springs": 3000.0, "cable": None}, without=("joint_offset",)), 0).sizes
     assert (sizes.springs, sizes.cable, sizes.joint_offset) == (3000.0, 0.15, 0.0)
 
@@ -127,7 +127,7 @@ def test_only_the_named_sources_are_kept(vary_effects):
 def test_the_clock_of_the_imu_stays_within_the_delay():
     alone = draw(Study(only=("imu_clock_offset", "sensor_delay")), 0).sizes
     assert (alone.imu_clock_offset, alone.sensor_delay) == (REALISTIC.imu_clock_offset, REALISTIC.sensor_delay)
-    with pytest.raises(SettingsError, match="keep sensor_delay too"):
+    with pytest.raises(SettingsError, match="add sensor_delay to"):
         Study(only=("imu_clock_offset",))
 
 
@@ -143,13 +143,13 @@ def test_random_payloads_weigh_5_to_30_percent_of_the_base(a1):
     assert (places[:, 2] > 0.02).all()
 
 
-def test_a_given_payload_is_carried_and_none_is_none():
+def test_payload_is_as_given_or_none():
     payload = draw(Study(payload="1.5,0.1,0,0.08"), 7).payload.parameters
     assert (payload.mass, payload.com.tolist()) == (1.5, [0.1, 0.0, 0.08])
     assert draw(Study(payload="none"), 7).payload is None
 
 
-def test_the_scale_errs_by_as_much_as_it_is_said_to():
+def test_the_scale_has_the_given_error():
     readings = np.array([draw(Study(scale_error=0.02), trial).scale_reading for trial in range(200)])
     assert readings.std() == pytest.approx(0.02, rel=0.2)
     assert abs(readings.mean()) < 0.005
@@ -177,7 +177,7 @@ def test_the_scale_errs_by_as_much_as_it_is_said_to():
         ({"timestep": float("nan")}, ["nan", "positive"]),
     ],
 )
-def test_settings_without_sense_are_refused_with_value_and_remedy(settings, words):
+def test_errors_of_settings_name_value_and_fix(settings, words):
     with pytest.raises(SettingsError) as caught:
         Study(**settings)
     for word in words:
@@ -199,12 +199,12 @@ def test_settings_without_sense_are_refused_with_value_and_remedy(settings, word
         ({"description": RobotDescription(stance_height=0.99)}, EquipoiseError, "stance"),
     ],
 )
-def test_what_every_trial_would_fail_with_is_refused_first(settings, error, words):
+def test_an_error_of_every_trial_is_raised_first(settings, error, words):
     with pytest.raises(error, match=words):
         check_study(Study(**settings))
 
 
-def test_studies_are_told_apart_and_a_model_file_counts_by_what_it_says(tmp_path):
+def test_fingerprints_distinguish_studies_and_contents_of_model_files(tmp_path):
     assert Study().fingerprint == Study().fingerprint
     methods = ({"methods": (Static(),)}, {"methods": (PaperMethod(feet="commanded"),)})
     others = ({"effects": {"cable": 0.1}}, {"without": ("cable",)}, {"contact_model": "file"})

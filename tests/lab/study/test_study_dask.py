@@ -1,4 +1,4 @@
-"""A study on a Dask cluster: a scheduler and two workers over TCP, one of which is killed."""
+"""Study on a Dask cluster with a scheduler and two workers over TCP, one of them killed."""
 
 import os
 import signal
@@ -29,7 +29,7 @@ def free_port():
 
 
 class Cluster:
-    """A scheduler without workers; `add` starts one."""
+    """Scheduler without workers; `add` starts one."""
 
     def __init__(self, folder):
         self.folder, self.processes = folder, []
@@ -68,21 +68,21 @@ class Cluster:
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
-    """One for all tests: it takes seconds to start."""
+    """Cluster shared by all tests, because it takes seconds to start."""
     running = Cluster(tmp_path_factory.mktemp("cluster"))
     yield running
     running.stop()
 
 
 def at_once_when_ready(scheduler):
-    """How many trials run at once, asked when a worker has imported what they need."""
+    """Return the number of simultaneous trials after a worker has imported the trial module."""
     with dask_cluster(scheduler) as (executor, at_once):
         executor.submit(import_module, "equipoise.lab.study.trial").result()
         return at_once()
 
 
-def said(stderr):
-    """Lines of stderr that are no progress."""
+def messages(stderr):
+    """Return the lines of stderr without progress."""
     return [line for line in stderr.splitlines() if not line.startswith("[")]
 
 
@@ -104,22 +104,22 @@ def test_a_scheduler_without_workers_a_worker_with_threads_and_a_worker_that_is_
         == 9
     )
     assert time.monotonic() - begin < 20
-    assert f"has no workers: dask worker {cluster.address} --nthreads 1" in capsys.readouterr().err
+    assert f"no workers; start one: dask worker {cluster.address} --nthreads 1" in capsys.readouterr().err
     assert not (tmp_path / "none").exists()
 
     victim = cluster.add(threads=2)
-    with pytest.warns(UserWarning, match="1 workers with 2 threads run 1 trials at once"):
+    with pytest.warns(UserWarning, match="1 workers with 2 threads run only 1 trials at once"):
         assert at_once_when_ready(cluster.address) == 1  # of the two workers the victim begins first
 
     cluster.add()
     process = start_study(tmp_path / "study", "--trials", TRIALS, "--executor", "dask", "--scheduler", cluster.address)
-    seen = wait_for(process, "[4/")
+    lines = wait_for(process, "[4/")
     victim.send_signal(signal.SIGKILL)
     output, rest = process.communicate(timeout=120)
     assert process.returncode == 0, rest
     assert f"static: {TRIALS} trials" in output
     assert [
-        line for line in said("".join(seen) + rest) if not line.startswith("warning: 2 workers with 3 threads")
+        line for line in messages("".join(lines) + rest) if not line.startswith("warning: 2 workers with 3 threads")
     ] == []
     rows = rows_in(tmp_path / "study")
     assert [row["trial"] for row in rows] == list(range(TRIALS))
@@ -128,7 +128,7 @@ def test_a_scheduler_without_workers_a_worker_with_threads_and_a_worker_that_is_
     assert all(path.suffix != ".json" for path in cluster.folder.rglob("*")), "workers write into their own folders"
 
 
-def test_ctrl_c_and_a_scheduler_that_is_killed_end_a_study_with_one_sentence(cluster, tmp_path):
+def test_ctrl_c_and_a_killed_scheduler_end_a_study_with_one_message(cluster, tmp_path):
     if not any(process.poll() is None for process in cluster.processes[1:]):
         cluster.add()
     ends = [
@@ -136,7 +136,7 @@ def test_ctrl_c_and_a_scheduler_that_is_killed_end_a_study_with_one_sentence(clu
         (
             lambda _: cluster.processes[0].kill(),
             9,
-            "error: the workers are gone; what arrived is kept: start them again and repeat the command to go on",
+            "error: the workers are gone; finished trials are kept. Start the workers and repeat the command to resume",
         ),
     ]
     for end, code, message in ends:
@@ -146,7 +146,7 @@ def test_ctrl_c_and_a_scheduler_that_is_killed_end_a_study_with_one_sentence(clu
         end(process)
         _, rest = process.communicate(timeout=60)
         assert process.returncode == code
-        assert said(rest) == [message]
+        assert messages(rest) == [message]
         assert len(rows_in(folder)) >= 3
         until = time.monotonic() + 2.0  # no process is left behind for longer
         while alive(process.pid) and time.monotonic() < until:
@@ -154,7 +154,7 @@ def test_ctrl_c_and_a_scheduler_that_is_killed_end_a_study_with_one_sentence(clu
         assert not alive(process.pid)
 
 
-def test_an_address_where_nobody_answers(monkeypatch):
+def test_a_scheduler_that_does_not_answer(monkeypatch):
     monkeypatch.setattr(executors, "_PATIENCE", 1)
     address = f"tcp://127.0.0.1:{free_port()}"
     begin = time.monotonic()
@@ -170,12 +170,12 @@ def test_an_address_where_nobody_answers(monkeypatch):
 
 
 @pytest.mark.parametrize("address", ["192.168.1.2:8786", "scheduler", ""])
-def test_what_is_no_address(address):
-    with pytest.raises(SettingsError, match=r"looks like tcp://192\.168\.1\.2:8786"), dask_cluster(address):
+def test_an_invalid_address_raises_an_error(address):
+    with pytest.raises(SettingsError, match=r"must be like tcp://192\.168\.1\.2:8786"), dask_cluster(address):
         pass
 
 
-def test_without_dask_it_is_said_what_to_install(monkeypatch):
+def test_without_dask_the_error_names_the_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingDependencyError, match=r"pip install 'equipoise\[dask\]'"), dask_cluster("tcp://a:1"):
         pass

@@ -1,4 +1,4 @@
-"""Trials spread over processes: the same rows wherever they ran, each exactly once, whatever dies in between."""
+"""Trials in processes: equal rows on any worker, each exactly once, also if workers die."""
 
 import dataclasses
 import multiprocessing
@@ -39,13 +39,13 @@ POSIX = pytest.mark.skipif(os.name != "posix", reason="signals")
 
 @pytest.fixture(scope="module")
 def reference():
-    """Rows of the first six trials, made here in reversed order."""
+    """Rows of the first six trials, computed in this process in reversed order."""
     return [row for number in reversed(range(6)) for row in trial_rows(STATIC, number)][::-1]
 
 
 @pytest.fixture
 def cheap(monkeypatch):
-    """Trials without a robot; `run_study` and its processes run these."""
+    """Replace the trials of `run_study` and its processes by trials without a robot."""
     monkeypatch.setattr(runner, "run_trial", cheap_trial)
 
 
@@ -62,7 +62,7 @@ def test_one_worker_many_workers_and_none_give_the_same_rows(reference, tmp_path
 
 
 def test_trials_in_threads_of_one_process_do_not_disturb_each_other(reference):
-    """They share the robot's model and its scratch memory; a Dask worker has a thread for each core by default."""
+    """Threads share the robot's model and its scratch memory; a Dask worker has a thread per core by default."""
     with ThreadPoolExecutor(4) as threads:
         rows = [row for rows in threads.map(lambda number: trial_rows(STATIC, number), range(6)) for row in rows]
     assert facts(rows) == facts(reference)
@@ -79,28 +79,28 @@ def test_more_trials_extend_a_study(reference, tmp_path, monkeypatch):
     assert ran == [3, 4, 5]
 
 
-def test_progress_counts_what_was_there(cheap, tmp_path):
+def test_progress_counts_finished_trials(cheap, tmp_path):
     study_rows(STATIC, 2, tmp_path / "study", Inline())
-    told = []
-    study_rows(STATIC, 5, tmp_path / "study", Inline(), report=told.append)
-    assert [(progress.done, progress.total) for progress in told] == [(3, 5), (4, 5), (5, 5)]
-    assert all(progress.rate > 0 for progress in told)
-    assert told[-1].remaining == 0
+    reports = []
+    study_rows(STATIC, 5, tmp_path / "study", Inline(), report=reports.append)
+    assert [(progress.done, progress.total) for progress in reports] == [(3, 5), (4, 5), (5, 5)]
+    assert all(progress.rate > 0 for progress in reports)
+    assert reports[-1].remaining == 0
 
 
-def test_a_limit_that_leaves_no_time_is_refused(tmp_path):
-    with pytest.raises(SettingsError, match="a limit of 0 s leaves a trial no time; give it minutes"):
+def test_a_limit_of_zero_raises_an_error(tmp_path):
+    with pytest.raises(SettingsError, match="the time limit of a trial is 0 s; it must be positive"):
         study_rows(STATIC, 1, tmp_path / "study", Inline(), limit=0.0)
 
 
 @pytest.mark.parametrize(("trials", "workers"), [(0, 1), (-3, 1), (1, 0), (1, -2)])
-def test_no_trials_and_no_workers_are_refused(trials, workers, tmp_path):
-    with pytest.raises(SettingsError, match="one"):
+def test_no_trials_and_no_workers_raise_an_error(trials, workers, tmp_path):
+    with pytest.raises(SettingsError, match="it must be at least 1"):
         study_rows(STATIC, trials, tmp_path / "study", workers=workers)
     assert not (tmp_path / "study").exists()
 
 
-def test_what_is_wrong_with_every_trial_leaves_no_folder(tmp_path):
+def test_an_error_of_every_trial_leaves_no_folder(tmp_path):
     with pytest.raises(SettingsError, match="leaves nothing to search"):
         study_rows(
             Study(methods=(PaperMethod(com_search=ComSearchSettings(tolerance=0.9)),)), 1, tmp_path / "study", Inline()
@@ -122,7 +122,7 @@ def test_a_calibration_that_fails_is_a_row_and_keeps_its_recordings(tmp_path):
     log = RunFolder.open(row["log"]).read()
     assert log.closed
     assert log.recordings or log.unfinished
-    assert os.path.isabs(row["log"]), "a worker may be at home in another folder"
+    assert os.path.isabs(row["log"]), "a worker may run in another folder"
 
 
 def test_the_log_of_a_trial_that_was_killed_before_its_row_was_written_is_replaced(tmp_path):
@@ -132,7 +132,7 @@ def test_the_log_of_a_trial_that_was_killed_before_its_row_was_written_is_replac
     assert second[0]["log"] == first[0]["log"] is not None
 
 
-def test_a_worker_that_does_not_see_the_folder_makes_none(tmp_path):
+def test_a_worker_without_the_study_folder_does_not_create_it(tmp_path):
     study = dataclasses.replace(STATIC, payload="20,0.5,0,0.3")
     (row,) = trial_rows(study, 0, str(tmp_path / "elsewhere" / "failures"))
     assert (row["status"], row["log"]) == ("FallError", None)
@@ -140,22 +140,22 @@ def test_a_worker_that_does_not_see_the_folder_makes_none(tmp_path):
 
 
 @pytest.mark.parametrize("place", ["draw", "calibrate"])
-def test_our_own_mistakes_are_rows_with_a_traceback(place, monkeypatch, tmp_path):
-    def mistaken(*_):
-        raise ZeroDivisionError("our mistake")
+def test_bugs_are_rows_with_a_traceback(place, monkeypatch, tmp_path):
+    def faulty(*_):
+        raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(trial, place, mistaken)
+    monkeypatch.setattr(trial, place, faulty)
     rows = study_rows(STATIC, 2, tmp_path / "study", Inline())
     assert [row["status"] for row in rows] == ["ZeroDivisionError"] * 2
     assert "Traceback" in rows[0]["message"]
-    assert "our mistake" in rows[0]["message"]
+    assert "a bug" in rows[0]["message"]
 
 
 # --- workers that die
 
 
 @POSIX
-def test_a_worker_that_is_killed_costs_no_trial(cheap, tmp_path):
+def test_a_killed_worker_loses_no_trial(cheap, tmp_path):
     killed = []
 
     def kill_one(progress):
@@ -170,13 +170,13 @@ def test_a_worker_that_is_killed_costs_no_trial(cheap, tmp_path):
 
 
 @POSIX
-def test_a_trial_that_always_kills_its_worker_is_lost_alone(cheap, tmp_path, monkeypatch):
+def test_only_the_trial_that_always_kills_its_worker_is_lost(cheap, tmp_path, monkeypatch):
     monkeypatch.setenv("LETHAL_TRIAL", "2")
-    told = []
-    rows = study_rows(STATIC, 7, tmp_path / "study", workers=2, report=told.append)
+    reports = []
+    rows = study_rows(STATIC, 7, tmp_path / "study", workers=2, report=reports.append)
     assert {row["trial"]: row["status"] for row in rows} == {n: LOST if n == 2 else "ok" for n in range(7)}
     assert "died twice" in rows[2]["message"]
-    assert (told[-1].done, told[-1].failed) == (7, 1)
+    assert (reports[-1].done, reports[-1].failed) == (7, 1)
 
 
 @POSIX
@@ -188,14 +188,14 @@ def test_a_trial_whose_worker_dies_once_runs_again(cheap, tmp_path, monkeypatch)
 
 
 @POSIX
-def test_a_trial_that_hangs_is_ended_and_lost_alone(cheap, tmp_path, monkeypatch):
+def test_only_a_trial_that_hangs_is_ended_and_lost(cheap, tmp_path, monkeypatch):
     monkeypatch.setenv("HANGING_TRIAL", "1")
     rows = study_rows(STATIC, 3, tmp_path / "study", workers=1, limit=1.0)
     assert [row["status"] for row in rows] == ["ok", LOST, "ok"]
-    assert rows[1]["message"] == "the process that ran it died twice: out of memory? Or it took longer than 1 s"
+    assert rows[1]["message"] == "its worker process died twice: out of memory, or time limit of 1 s exceeded"
 
 
-def test_a_process_that_is_nobodys_worker_is_not_ended():
+def test_a_process_that_is_not_a_worker_is_not_ended():
     assert ended_after(1e-3, time.sleep, 0.05) is None
 
 
@@ -204,7 +204,7 @@ def test_workers_that_come_while_a_study_runs_are_used(tmp_path, monkeypatch):
 
     def together(study, trial, logs):
         if trial >= 3:
-            meeting.wait(timeout=10)  # so many run at once, or it breaks
+            meeting.wait(timeout=10)  # breaks unless 12 trials run at once
         return cheap_trial(study, trial, logs)
 
     monkeypatch.setattr(runner, "run_trial", together)
@@ -214,7 +214,7 @@ def test_workers_that_come_while_a_study_runs_are_used(tmp_path, monkeypatch):
 
 
 class Breaking(Inline):
-    """Breaks when it is given a certain trial, as a pool does whose worker died a moment ago."""
+    """Executor that breaks at a trial, like a pool whose worker has just died."""
 
     def submit(self, function, /, limit, run, study, trial, logs):
         if trial == 8:
@@ -223,7 +223,7 @@ class Breaking(Inline):
 
 
 class Cancelling(Inline):
-    """Cancels from a certain trial on, as Dask's client does when the scheduler is gone."""
+    """Executor that cancels trials from a given one on, like Dask's client without its scheduler."""
 
     def submit(self, function, /, limit, run, study, trial, logs):
         if trial < 2:
@@ -235,8 +235,8 @@ class Cancelling(Inline):
 
 
 @pytest.mark.parametrize(("gone", "kept"), [(Breaking, 6), (Cancelling, 2)])
-def test_a_given_executor_that_is_gone_ends_the_study_and_keeps_what_arrived(gone, kept, cheap, tmp_path):
-    with pytest.raises(EquipoiseError, match="what arrived is kept: start them again and repeat"):
+def test_a_broken_executor_ends_the_study_and_keeps_finished_trials(gone, kept, cheap, tmp_path):
+    with pytest.raises(EquipoiseError, match="finished trials are kept"):
         study_rows(STATIC, 9, tmp_path / "study", gone(), workers=2)
     assert numbers(rows_in(tmp_path / "study")) == list(range(kept))
     assert numbers(study_rows(STATIC, 9, tmp_path / "study", Inline())) == list(range(9))
@@ -252,7 +252,7 @@ def test_workers_that_lack_the_package_end_the_study(tmp_path, monkeypatch):
     assert rows_in(tmp_path / "study") == []
 
 
-def test_what_the_executor_alone_says_of_a_trial_is_its_row(tmp_path, monkeypatch):
+def test_an_error_of_the_executor_is_a_row(tmp_path, monkeypatch):
     def killed(*_):
         raise RuntimeError("KilledWorker")
 
@@ -261,7 +261,7 @@ def test_what_the_executor_alone_says_of_a_trial_is_its_row(tmp_path, monkeypatc
     assert [(row["status"], row["message"]) for row in rows] == [(LOST, "RuntimeError('KilledWorker')")]
 
 
-def test_a_script_without_a_main_guard_is_told_so(tmp_path):
+def test_a_script_without_a_main_guard_raises_an_error_that_names_it(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "from equipoise.lab.static.method import Static\n"
@@ -271,12 +271,12 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     )
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert "EquipoiseError: worker processes die as they begin" in done.stderr
+    assert "EquipoiseError: worker processes die at their start" in done.stderr
     assert 'if __name__ == "__main__"' in done.stderr.splitlines()[-1]
     assert rows_in(tmp_path / "study") == []
 
 
-def test_a_disk_that_is_full_ends_the_study(cheap, tmp_path, monkeypatch):
+def test_a_full_disk_ends_the_study(cheap, tmp_path, monkeypatch):
     def full(self):
         raise OutputError("cannot write: no space left")
 
@@ -290,7 +290,7 @@ def test_a_disk_that_is_full_ends_the_study(cheap, tmp_path, monkeypatch):
 
 
 @POSIX
-def test_a_study_that_is_killed_loses_seconds_and_goes_on(reference, tmp_path):
+def test_a_killed_study_loses_seconds_and_can_be_resumed(reference, tmp_path):
     folder = tmp_path / "study"
     process = start_study(folder, "--trials", 1000, "--workers", 1, setup="store._FLUSH_INTERVAL = 0.3")
     wait_for(process, "[3/")
@@ -309,7 +309,7 @@ def test_a_study_that_is_killed_loses_seconds_and_goes_on(reference, tmp_path):
 @POSIX
 @pytest.mark.parametrize(
     ("times", "kill", "kept"),
-    [(1, os.killpg, 4), (2, os.killpg, 0), (1, os.kill, 4)],  # the second one may cut the writing of rows short
+    [(1, os.killpg, 4), (2, os.killpg, 0), (1, os.kill, 4)],  # the second one may interrupt the writing of rows
     ids=["once", "twice", "parent alone"],
 )
 def test_ctrl_c_ends_a_study_at_once_and_keeps_its_rows(times, kill, kept, tmp_path):
@@ -328,7 +328,7 @@ def test_ctrl_c_ends_a_study_at_once_and_keeps_its_rows(times, kill, kept, tmp_p
 
 
 @POSIX
-def test_ctrl_c_while_workers_begin_prints_no_traceback(tmp_path):
+def test_ctrl_c_while_workers_start_prints_no_traceback(tmp_path):
     process = start_study(tmp_path / "study", "--trials", 1000, "--workers", 2)
     assert eventually(lambda: len(alive(process.pid)) >= 3)  # the command, Python's resource tracker, a worker
     time.sleep(0.1)  # now the worker imports

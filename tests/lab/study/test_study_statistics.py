@@ -1,4 +1,4 @@
-"""What rows of a study show, on rows whose errors are known."""
+"""Statistics of a study, on rows with given errors."""
 
 import json
 import math
@@ -20,7 +20,7 @@ TRUTHS = {**TRUE, **{f"true_stance_effective_{axis}": 0.1 for axis in ("roll", "
 
 
 def row(trial, x=0.0, y=0.0, method="paper", std=None, **others):
-    """A calibration whose planar CoM is off by x and y [m]."""
+    """Return the row of a calibration with planar CoM errors x and y [m]."""
     return {
         "trial": trial, "method": method, "status": "ok", "message": "", **TRUTHS, **SIZES, "payload_mass": 0.0,
         "estimated_com_x": TRUE["true_com_x"] + x, "estimated_com_y": TRUE["true_com_y"] + y,
@@ -81,14 +81,14 @@ def test_mass_and_moments_are_in_percent():
     assert summary.error("I yaw, whole") is None
 
 
-def test_coverage_is_how_often_the_interval_held_the_truth():
+def test_coverage_is_the_share_of_intervals_that_contain_the_truth():
     off = [0.5, 0.6, 1.0, 1.8, 3.0]  # standard deviations
     (summary,) = summarize([row(trial, 1e-3 * factor, std=1e-3) for trial, factor in enumerate(off)])
     assert summary.error("com_x").coverage == {50: Rate(2, 5), 90: Rate(3, 5), 95: Rate(4, 5)}
     assert summary.error("com_y").coverage == {}
 
 
-def test_honest_intervals_are_found_honest():
+def test_calibrated_intervals_have_nominal_coverage():
     generator = np.random.default_rng(0)
     rows = [row(trial, 2e-3 * generator.standard_normal(), std=2e-3) for trial in range(2000)]
     (summary,) = summarize(rows)
@@ -116,7 +116,7 @@ def test_failures_are_not_within_5_mm_and_are_the_largest_errors():
     assert worse.error("com_x").count == 95
 
 
-def test_nothing_but_failures_is_a_summary_too():
+def test_a_summary_of_failures_only():
     (summary,) = summarize([failed(0), failed(1, "ValueError", message="Traceback\n  line\nValueError: no")])
     assert (summary.within, summary.errors) == (Rate(0, 2), ())
     assert summary.reasons == {"MotionError": "trial 0: tipped", "ValueError": "trial 1: ValueError: no"}
@@ -125,7 +125,7 @@ def test_nothing_but_failures_is_a_summary_too():
     assert "ValueError, the first in trial 1: ValueError: no" in page
 
 
-def test_methods_are_apart_and_json_has_no_infinities():
+def test_methods_have_separate_summaries_and_json_has_no_infinities():
     rows = [row(0), row(1), failed(0, method="static"), row(1, 0.02, method="static")]
     summaries = summarize(rows)
     assert [(summary.method, summary.within) for summary in summaries] == [
@@ -140,7 +140,7 @@ def test_methods_are_apart_and_json_has_no_infinities():
 
 
 def varied(count, slope_by_source, constant=1e-3, seed=0):
-    """Rows whose planar error is what independent sources of random size make it, in squares."""
+    """Return rows whose planar error is the root sum of squares of sources of random size."""
     generator = np.random.default_rng(seed)
     rows = []
     for trial in range(count):
@@ -151,7 +151,7 @@ def varied(count, slope_by_source, constant=1e-3, seed=0):
     return rows
 
 
-def test_slopes_are_found():
+def test_slopes_are_recovered():
     known = {"size_joint_offset": (0.5, 5e-3), "size_imu_tilt": (0.2, 5e-3), "size_torque_gain": (0.1, 0.03)}
     rows = varied(2000, known)
     assert varied_sources(rows) == [f"size_{name}" for name in SOURCES if f"size_{name}" in known]
@@ -162,7 +162,7 @@ def test_slopes_are_found():
         assert found[source].std * unit < 0.5e-3
 
 
-def test_a_source_that_does_nothing_has_a_slope_of_about_nothing():
+def test_a_source_without_effect_has_a_slope_near_zero():
     found = {
         s.source: s
         for s in slopes(varied(2000, {"size_joint_offset": (0.5, 5e-3), "size_leg_mass": (0, 0.03)}), "paper")
@@ -171,7 +171,7 @@ def test_a_source_that_does_nothing_has_a_slope_of_about_nothing():
     assert found["size_leg_mass"].slope < 3 * found["size_leg_mass"].std + 1e-12
 
 
-def test_too_few_rows_and_sizes_that_stay_give_no_slopes():
+def test_too_few_rows_and_constant_sizes_give_no_slopes():
     known = {"size_joint_offset": (0.5, 5e-3), "size_imu_tilt": (0.2, 5e-3)}
     assert slopes(varied(19, known), "paper") == []
     assert len(slopes(varied(20, known), "paper")) == 2
@@ -180,7 +180,7 @@ def test_too_few_rows_and_sizes_that_stay_give_no_slopes():
     assert slopes([failed(trial) for trial in range(100)], "paper") == []
 
 
-def test_the_payload_counts_as_a_source_beside_others_alone():
+def test_the_payload_is_a_source_only_with_others():
     rows = varied(100, {"size_joint_offset": (0.5, 5e-3)})
     masses = [entry | {"payload_mass": 0.1 * entry["trial"]} for entry in rows]
     assert varied_sources(masses) == ["size_joint_offset", "payload_mass"]

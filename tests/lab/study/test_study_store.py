@@ -1,4 +1,4 @@
-"""Rows of a study on disk: what comes back, what is refused, and what a kill leaves."""
+"""Rows of a study on disk: reading, errors and interruptions."""
 
 import dataclasses
 import errno
@@ -34,7 +34,7 @@ def numbers(folder):
     return read_rows(folder)["trial"].to_pylist()
 
 
-def test_rows_come_back_as_they_were(tmp_path):
+def test_rows_are_read_back_unchanged(tmp_path):
     store = TrialStore(tmp_path / "study", STATIC)
     made = run_trial(STATIC, 0)
     store.add(made)
@@ -44,7 +44,7 @@ def test_rows_come_back_as_they_were(tmp_path):
     assert parquet.read_table(store.folder / "trials").num_rows == 1  # as other programs read it
 
 
-def test_lists_texts_and_what_is_missing_come_back(tmp_path):
+def test_lists_texts_and_missing_values_are_read_back(tmp_path):
     store = TrialStore(tmp_path / "study", STATIC)
     store.add(rows(3, iteration_x=[0.1, 0.2], message="tipped\n«over»", trustworthy=False, lifts=7))
     store.flush()
@@ -66,7 +66,7 @@ def test_rows_are_in_order_each_once(tmp_path):
     assert found == [(trial, method) for trial in (2, 5, 9) for method in ("paper", "static")]
 
 
-def test_a_study_goes_on_where_it_was(tmp_path):
+def test_a_study_is_resumed(tmp_path):
     store = TrialStore(tmp_path / "study", STATIC)
     store.add(rows(0, 4))
     assert store.done == {0, 4}
@@ -74,18 +74,18 @@ def test_a_study_goes_on_where_it_was(tmp_path):
     again = TrialStore(tmp_path / "study", STATIC)
     assert again.done == {0, 4}
     again.flush()
-    assert len(parts(again)) == 1  # nothing waits, nothing is written
+    assert len(parts(again)) == 1  # no rows were waiting
 
 
-def test_another_study_is_refused_and_told_apart(tmp_path):
+def test_another_study_raises_an_error_that_names_the_difference(tmp_path):
     TrialStore(tmp_path / "study", STATIC)
     with pytest.raises(SettingsError, match=r"another study \(it differs in preset, seed\).*another --out"):
         TrialStore(tmp_path / "study", dataclasses.replace(STATIC, seed=1, preset="ideal"))
 
 
-def test_a_folder_with_other_files_is_refused(tmp_path):
+def test_a_folder_with_other_files_raises_an_error(tmp_path):
     (tmp_path / "thesis.tex").touch()
-    with pytest.raises(OutputError, match="holds other files; name a new one with --out"):
+    with pytest.raises(OutputError, match="contains other files; name a new one with --out"):
         TrialStore(tmp_path, STATIC)
     assert os.listdir(tmp_path) == ["thesis.tex"]
 
@@ -97,14 +97,14 @@ def test_a_folder_that_cannot_be_made(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"schema": "equipoise.run/1"}'])
-def test_a_header_that_is_none(tmp_path, text):
+def test_an_invalid_header_raises_an_error(tmp_path, text):
     (tmp_path / "study.json").write_text(text, encoding="utf-8")
     with pytest.raises(RecordingError, match=r"study\.json"):
         read_rows(tmp_path)
 
 
-def test_a_folder_that_is_no_study(tmp_path):
-    with pytest.raises(RecordingError, match="is no Monte Carlo study"):
+def test_a_folder_without_a_study_raises_an_error(tmp_path):
+    with pytest.raises(RecordingError, match="is not a Monte Carlo study"):
         read_rows(tmp_path)
 
 
@@ -119,12 +119,12 @@ def test_a_damaged_part_is_named(tmp_path, length):
     with pytest.raises(RecordingError) as caught:
         TrialStore(tmp_path / "study", STATIC)
     assert damaged.name in str(caught.value)
-    assert "remove it and its trials run again" in str(caught.value)
+    assert "remove it to repeat its trials" in str(caught.value)
     damaged.unlink()
     assert TrialStore(tmp_path / "study", STATIC).done == {0}
 
 
-def test_tables_of_something_else_are_passed_over(tmp_path):
+def test_other_tables_are_ignored(tmp_path):
     store = TrialStore(tmp_path / "study", STATIC)
     store.add(rows(0))
     store.flush()
@@ -132,7 +132,7 @@ def test_tables_of_something_else_are_passed_over(tmp_path):
     assert TrialStore(tmp_path / "study", STATIC).done == {0}
 
 
-def test_a_part_that_was_being_written_is_passed_over(tmp_path):
+def test_an_unfinished_part_is_ignored(tmp_path):
     store = TrialStore(tmp_path / "study", STATIC)
     store.add(rows(0))
     store.flush()
@@ -171,7 +171,7 @@ def test_a_folder_that_turned_read_only(tmp_path):
     assert numbers(store.folder) == [0]
 
 
-def test_rows_wait_no_longer_than_some_seconds(tmp_path, monkeypatch):
+def test_rows_are_written_after_some_seconds(tmp_path, monkeypatch):
     now = [100.0]
     monkeypatch.setattr(store_module.time, "monotonic", lambda: now[0])
     store = TrialStore(tmp_path / "study", STATIC)
@@ -183,7 +183,7 @@ def test_rows_wait_no_longer_than_some_seconds(tmp_path, monkeypatch):
     assert numbers(store.folder) == [0]
 
 
-def test_two_studies_side_by_side_in_one_folder_do_no_harm(tmp_path):
+def test_two_processes_can_write_into_one_folder(tmp_path):
     one, other = (TrialStore(tmp_path / "study", STATIC) for _ in range(2))
     for store in (one, other):
         store.add(rows(0, 1))
@@ -192,7 +192,7 @@ def test_two_studies_side_by_side_in_one_folder_do_no_harm(tmp_path):
     assert numbers(one.folder) == [0, 1]
 
 
-def test_the_header_says_what_the_study_is(tmp_path):
+def test_the_header_contains_the_study(tmp_path):
     TrialStore(tmp_path / "study", STATIC)
     header = json.loads((tmp_path / "study" / "study.json").read_text(encoding="utf-8"))
     assert header["study"] == STATIC.to_dict()

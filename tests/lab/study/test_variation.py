@@ -1,4 +1,4 @@
-"""Random robots: other lengths and masses, the same ones in both engines, and still quadrupeds."""
+"""Random robots: varied lengths and masses, equal in both engines."""
 
 import mujoco
 import numpy as np
@@ -39,7 +39,7 @@ def simulated(robot, payload=None):
     return build_simulated_robot(robot, stance, errors, payload, 1e-3), stance
 
 
-def test_no_spread_is_the_same_robot(robot):
+def test_a_spread_of_zero_gives_the_same_robot(robot):
     same = vary(robot, 0.0, np.random.default_rng(1))
     assert same.mass == pytest.approx(robot.mass, rel=1e-12)
     assert same.leg_length == pytest.approx(robot.leg_length, rel=1e-12)
@@ -55,7 +55,7 @@ def test_a_spread_changes_lengths_and_masses(robot):
     for name in ("mass", "leg_length"):
         ratios = np.array([getattr(other, name) for other in others]) / getattr(robot, name)
         assert np.unique(ratios).size == len(others)
-        assert (np.abs(np.log(ratios)) <= 0.2 + 1e-9).all()  # cut off at two standard deviations
+        assert (np.abs(np.log(ratios)) <= 0.2 + 1e-9).all()  # truncated at two standard deviations
     assert others[0].joint_names == robot.joint_names
     assert len({other.source.sha256 for other in others} | {robot.source.sha256}) == 9
 
@@ -89,7 +89,7 @@ def test_the_truth_of_a_random_robot_is_its_model_and_the_payload(a1):
     assert np.allclose(truth.com, together, atol=1e-9)
 
 
-def test_random_robots_still_stand(robot):
+def test_random_robots_can_stand(robot):
     for seed in range(10):
         for spread in (0.1, LARGEST_SPREAD):
             other = vary(robot, spread, np.random.default_rng(seed))
@@ -99,7 +99,7 @@ def test_random_robots_still_stand(robot):
 
 
 @pytest.mark.parametrize("name", ["urdf", "mjcf"])
-def test_segments_change_what_they_say(name, request):
+def test_segments_scale_lengths_and_masses(name, request):
     robot = request.getfixturevalue(name)
     hips, thighs, shanks = (0.7, 1.0, 0.2)  # [kg], of each leg
     segments = [SegmentVariation(1.0, 2.0), SegmentVariation(1.5, 3.0), SegmentVariation(0.5, 4.0)]
@@ -125,6 +125,6 @@ def test_the_trunks_com_is_shifted(name, request):
 
 
 @pytest.mark.parametrize("spread", [-0.01, 0.31, float("nan")])
-def test_spreads_beyond_sense_are_refused(a1, spread):
-    with pytest.raises(SettingsError, match=f"{spread:g}; it must be between 0 and 0.3"):
+def test_spreads_out_of_range_raise_an_error(a1, spread):
+    with pytest.raises(SettingsError, match=f"{spread:g}; it must be from 0 to 0.3"):
         vary(a1, spread, np.random.default_rng(0))

@@ -1,10 +1,10 @@
 """Verbs of the lab: `equipoise lab VERB`."""
 
 VERBS = {
-    "balance": ("equipoise.lab.cli.balance", "stand on two feet in simulation, to test a centre of mass"),
-    "emulate": ("equipoise.lab.cli.emulate", "a simulated robot that speaks a real robot's protocol"),
-    "monte-carlo": ("equipoise.lab.cli.monte_carlo", "calibrate many simulated robots, and count how near they come"),
-    "reproduce": ("equipoise.lab.cli.reproduce", "the paper's table, figures and rates, made again"),
-    "validate": ("equipoise.lab.cli.validate", "play a run's lifts again in simulation: which body tips so"),
+    "balance": ("equipoise.lab.cli.balance", "balance a simulated robot on two feet with the result"),
+    "emulate": ("equipoise.lab.cli.emulate", "start an emulator that uses the protocol of a real robot"),
+    "monte-carlo": ("equipoise.lab.cli.monte_carlo", "calibrate many simulated robots and compute error statistics"),
+    "reproduce": ("equipoise.lab.cli.reproduce", "reproduce the paper's table, figures and rates"),
+    "validate": ("equipoise.lab.cli.validate", "replay a run's lifts in simulation with the result and the model"),
 }
-"""Verbs: the module of each and its purpose, as in `equipoise.cli`."""
+"""Module and purpose of each verb, as in `equipoise.cli`."""

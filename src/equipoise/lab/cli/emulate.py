@@ -20,12 +20,12 @@ EMULATORS = {
 }
 Protocol = Annotated[
     Positional[Literal["unitree-dds", "unitree-udp", "ros2"]],
-    arg(metavar="PROTOCOL", help="unitree-dds (Go2, B2), unitree-udp (A1, Go1) or ros2; each has its own flags."),
+    arg(metavar="PROTOCOL", help="unitree-dds (Go2, B2), unitree-udp (A1, Go1) or ros2, each with its own flags."),
 ]
 
 
 def emulate(protocol: Protocol, *, options: object) -> None:
-    """Run a simulated robot that speaks a real robot's protocol, until Ctrl-C.
+    """Run an emulator with the protocol of a real robot until Ctrl-C.
 
     Example: equipoise lab emulate unitree-dds --robot go2 --domain 5
     """
@@ -38,7 +38,7 @@ def _module(protocol: str) -> ModuleType:
 
 def _options_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     """Return the flags of the emulator that the arguments name."""
-    protocol = next((word for word in arguments if word in EMULATORS), "unitree-dds")
+    protocol = next((argument for argument in arguments if argument in EMULATORS), "unitree-dds")
     kind: Any = getattr(_module(protocol), EMULATORS[protocol][1])
     return spec_of(kind.__doc__ or "", fields_of(kind), lambda values: kind(**values))
 

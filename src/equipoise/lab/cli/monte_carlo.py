@@ -29,16 +29,16 @@ Names = Annotated[str, arg(metavar="NAME,NAME", help_behavior_hint="")]
 
 @dataclass(frozen=True)
 class DrawnFlags:
-    """The simulated robots.
+    """Simulated robots.
 
     Attributes:
-        only_effects: Effects that are kept, as joint_offset,imu_tilt; default all.
-        vary_effects: Draw the size of each effect, from 0 to twice its usual one: shows what each one costs.
+        only_effects: Effects to enable, for example joint_offset,imu_tilt; default all.
+        vary_effects: Draw the size of each effect, from 0 to twice its default, to measure its share of the error.
         payload: random: 5 to 30 % of the base's mass on its back; none; or MASS,X,Y,Z as in 'calibrate'.
-        spread: Random robots: link lengths, masses and the base's centre of mass vary by this fraction.
-        scale_error: Each robot is weighed, with this relative error, for the methods that use it; 0.005 is half a percent.
-        timestep: Of the simulation [s]; default what each method takes: 1 ms for paper and static, 0.5 ms for precise.
-        seed: Of everything drawn.
+        spread: Relative spread of link lengths, masses and the base's centre of mass of random robots.
+        scale_error: Relative error of a scale that weighs each robot, for methods that use its mass; 0.005 is 0.5 %.
+        timestep: Time step of the simulation [s]; default 1 ms for paper and static, 0.5 ms for bayesian.
+        seed: Seed of everything drawn.
     """
 
     sim_preset: flags.PresetName = "realistic"
@@ -70,22 +70,22 @@ def monte_carlo(
     output: flags.Output,
 ) -> None:
     """Calibrate many simulated robots, each with its own payload and sensor errors,
-    and count how near the truth they come.
+    and compute error statistics.
 
-    A trial's number and the seed decide everything about it, whatever runs it and
-    when. Rows reach the disk as they come; run the same command again after an
-    interruption, or with more trials, and it goes on.
+    The seed and a trial's number determine the trial on any machine. Rows are saved
+    as they arrive: to resume an interrupted study, or to extend it with more
+    trials, repeat the command.
 
     Example: equipoise lab monte-carlo go2 --trials 200 --methods paper,bayesian
 
     Args:
-        trials: How many.
-        workers: Processes; default one for each core.
+        trials: Number of trials.
+        workers: Number of processes; default one per core.
         executor: process: on this machine; dask: on the cluster of --scheduler.
         scheduler: Address of a Dask scheduler.
-        trial_limit: Longest time that a trial may take; then its process is ended, and the trial is lost if that was twice.
+        trial_limit: Time limit of a trial, after which its process is ended; a trial that is ended twice is lost.
         out: Folder of the study; default runs/monte-carlo-ROBOT.
-        report: Leave out the page summary.html.
+        report: Write no page summary.html.
     """
     from equipoise.lab.pages.markdown import markdown
     from equipoise.lab.pages.study_page import study_page
@@ -107,7 +107,7 @@ def monte_carlo(
         at_once = count if workers is None else workers
         rows = run_study(study, trials, folder, pool, at_once, line.update, seconds(trial_limit, "trial-limit") or 0.0)
     summaries = summarize(rows)
-    # Sizes that vary with the robots alone vary together: nothing tells their shares apart.
+    # Without varied effects, sizes vary with the robots only: they are correlated and have no separate slopes.
     costs = [slope for used in study.methods if study.vary_effects for slope in slopes(rows, used.name)]
     table = summary_table(study, summaries, costs)
     page = study_page(study, rows, summaries, costs)
@@ -119,15 +119,15 @@ def monte_carlo(
 
 def _study_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     """Return `--methods` and the flags of the methods that it names; raises SettingsError."""
-    words = f"Each calibrates every drawn robot, of {', '.join(METHODS)}. Flags of a method: --methods NAME --help."
-    names = Annotated[str, arg(metavar="NAME,NAME", help=words)]
+    text = f"Methods that calibrate every robot: {', '.join(METHODS)}. Flags of a method: --methods NAME --help."
+    names = Annotated[str, arg(metavar="NAME,NAME", help=text)]
     kinds = [method_named(name) for name in read_names([chosen(arguments, "--methods", DEFAULT_METHODS)])]
     flags = [StructFieldSpec("methods", cast("Any", names), DEFAULT_METHODS)]
 
     def methods(values: Mapping[str, Any]) -> tuple[Method, ...]:
         return tuple(settings_from(kind, values) for kind in kinds)
 
-    return spec_of("What calibrates.", [*flags, *(flag for kind in kinds for flag in flags_of(kind))], methods)
+    return spec_of("Methods.", [*flags, *(flag for kind in kinds for flag in flags_of(kind))], methods)
 
 
 def _refuse_other(flag: str, arguments: Sequence[str]) -> None:
@@ -140,7 +140,7 @@ CHOSEN: dict[Any, ChosenFlags] = {tuple[Method, ...]: (_study_flags, _refuse_oth
 @contextmanager
 def _executor(kind: str, scheduler: str | None) -> Generator[tuple[Executor | None, Callable[[], int] | None]]:
     if (kind == "dask") != (scheduler is not None):
-        raise SettingsError("--executor dask and --scheduler tcp://HOST:PORT go together")
+        raise SettingsError("--executor dask needs --scheduler tcp://HOST:PORT, and --scheduler needs --executor dask")
     if scheduler is None:
         yield None, None
         return

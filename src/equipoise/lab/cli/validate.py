@@ -12,7 +12,7 @@ from equipoise.calibration.run_folder import RunFolder
 from equipoise.calibration.run_header import HEADER
 from equipoise.cli.flags import Described, File, LogFlags, Output, Run, open_run
 from equipoise.cli.inspect import estimated_log
-from equipoise.lab.replay.validation import validate as played
+from equipoise.lab.replay.validation import validate as replay_lifts
 from equipoise.lab.terminal import print_validation
 from equipoise.result.calibration import Calibration
 from equipoise.robot.catalog import load_robot
@@ -32,19 +32,19 @@ def validate(
     description: Described,
     output: Output,
 ) -> None:
-    """Play a run's lifts again in simulation, with the body found and the model
-    file's: which tips as the robot did?
+    """Replay a run's lifts in simulation with the estimated body and with the model
+    file's, and compare how they tip.
 
-    The joints do what was measured, the base is free from when both feet were off
-    the floor. One ratio says how much farther from what was measured the model
-    file's body tips than the one found; a page shows each lift.
+    Joints follow their measured positions; the base is free once two feet are off
+    the floor. The printed ratio is the tilt error of the model file's body over that
+    of the estimated body. A page shows each lift.
 
     Example: equipoise lab validate runs/go2
              equipoise lab validate runs/second --against runs/first go2_payload.urdf
 
     Args:
-        against: Other bodies to play: robots by name, model files, or run folders of the same robot.
-        out: JSON file to save all of it in, and the page beside it; default validation.json in the run's folder.
+        against: Other bodies to replay: robots by name, model files, or run folders of the same robot.
+        out: JSON file for the result, with the page next to it; default validation.json in the run's folder.
     """
     from equipoise.lab.pages.validation_page import validation_page
     from equipoise.report.page import save_page
@@ -53,17 +53,17 @@ def validate(
         result = open_run(run, source, description).estimate()
     else:
         result = estimated_log(run, source, description, {}, output).result
-    found = played(result, {name: _body(name, description) for name in against})
-    text = json_module.dumps(found.to_dict(), indent=2) + "\n"
+    validation = replay_lifts(result, {name: _body(name, description) for name in against})
+    text = json_module.dumps(validation.to_dict(), indent=2) + "\n"
     file = out or (run / VALIDATION if (run / HEADER).is_file() else None)
     files: list[Path] = []
     if file is not None:
         write_file(file, text)
-        files = [file, save_page(validation_page(found), file.with_suffix(".html"))]
+        files = [file, save_page(validation_page(validation), file.with_suffix(".html"))]
     if output.json:
         print(text, end="")
     else:
-        print_validation(found, files)
+        print_validation(validation, files)
 
 
 def _body(name: str, description: RobotDescription) -> RobotModel | Calibration:

@@ -1,4 +1,4 @@
-"""The links of a robot model file for DART: of a URDF by DART's own reader, of an MJCF by a reader of the cleaned file."""
+"""Links of a robot model file for DART: DART's own reader for URDF, and a reader of cleaned MJCF."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TENSOR_ORDER = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # of MJCF's fulline
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """What moves a link in its parent: a hinge or a slide.
+    """Joint axis of a link, hinge or slide.
 
     Attributes:
         name: name of the joint.
@@ -38,7 +38,7 @@ class Axis:
     anchor: FloatArray
 
     def moved(self, position: float) -> FloatArray:
-        """(4, 4) pose of the moved link in itself unmoved."""
+        """Return the (4, 4) pose of the moved link relative to its pose at zero."""
         if self.kind == "slide":
             return pose_of(np.eye(3), position * self.direction)
         rotation = np.array(dartpy.math.expMapRot(position * self.direction))
@@ -47,14 +47,14 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class KinematicLink:
-    """A link as the file has it.
+    """Link of a model file.
 
     Attributes:
         name: name of the link.
-        parent: name of its parent; None: it is the base.
+        parent: name of its parent; None for the base.
         placement: (4, 4) pose of its frame in its parent's, joints at zero.
-        axes: axes of the joints that move it, the first one first.
-        parts: inertial parameters of its parts, in its frame; nothing: it has no mass.
+        axes: axes of its joints, in order from the parent.
+        parts: inertial parameters of its parts in its frame; empty: no mass.
     """
 
     name: str
@@ -65,7 +65,7 @@ class KinematicLink:
 
 
 def read_links(source: ModelSource) -> list[KinematicLink]:
-    """Every link of the cleaned file, parents before children.
+    """Return every link of the cleaned file, parents before children.
 
     Raises:
         ModelError: DART cannot read the file.
@@ -74,14 +74,14 @@ def read_links(source: ModelSource) -> list[KinematicLink]:
 
 
 def pose_of(rotation: FloatArray, translation: FloatArray) -> FloatArray:
-    """(4, 4) of a rotation and a translation."""
+    """Return the (4, 4) pose of a rotation and a translation."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, translation
     return pose
 
 
 def moved_by(pose: FloatArray, body: InertialParameters) -> InertialParameters:
-    """A body in the frame in which its own has that pose (4, 4)."""
+    """Transform a body from a frame with a (4, 4) pose."""
     rotation = pose[:3, :3]
     return InertialParameters(body.mass, pose[:3, 3] + rotation @ body.com, rotation @ body.inertia @ rotation.T)
 
@@ -92,15 +92,15 @@ def _urdf_links(source: ModelSource) -> Iterator[KinematicLink]:
     )
     if skeleton is None:
         raise ModelError(f"DART cannot make a model of {str(source.path)!r}")
-    # DART gives a link without an inertial one of its own.
-    heavy = {
+    # DART adds a default inertial to links without one.
+    with_inertial = {
         link.get("name") for link in ET.fromstring(source.xml).findall("link") if link.find("inertial") is not None
     }
     for node in skeleton.getBodyNodes():
         joint, parent, name = node.getParentJoint(), node.getParentBodyNode(), node.getName()
         inertia = node.getInertia()
         own = InertialParameters(inertia.getMass(), inertia.getLocalCOM(), inertia.getMoment())
-        parts = (own,) if name in heavy else ()
+        parts = (own,) if name in with_inertial else ()
         if parent is None:
             yield KinematicLink(name, None, np.eye(4), (), parts)
             continue
@@ -109,7 +109,7 @@ def _urdf_links(source: ModelSource) -> Iterator[KinematicLink]:
 
 
 def _urdf_axes(joint: dynamics.Joint) -> Iterator[Axis]:
-    """DART's URDF joints sit in their links' origins."""
+    """Yield the axis of a joint, which DART's URDF reader puts in the link's origin."""
     if isinstance(joint, dynamics.RevoluteJoint):
         yield Axis(joint.getName(), "hinge", np.array(joint.getAxis()), np.zeros(3))
     elif isinstance(joint, dynamics.PrismaticJoint):
@@ -142,7 +142,7 @@ def _mjcf_axes(body: ET.Element) -> Iterator[Axis]:
 
 
 def _mjcf_parts(body: ET.Element, convention: AngleConvention) -> Iterator[InertialParameters]:
-    """The inertial, or where there is none the shapes."""
+    """Yield the inertial, or the shapes if there is none."""
     inertial = body.find("inertial")
     if inertial is None:
         yield from (_shape(geom, convention) for geom in body.findall("geom"))
@@ -156,16 +156,16 @@ def _mjcf_parts(body: ET.Element, convention: AngleConvention) -> Iterator[Inert
 
 
 def _shape(geom: ET.Element, convention: AngleConvention) -> InertialParameters:
-    """Of a primitive shape full of its density, or of its mass."""
+    """Return the inertial parameters of a primitive shape from its mass or density."""
     kind, size, pose = geom.get("type", "sphere"), np.resize(_numbers(geom, "size", "0"), 3), _pose(geom, convention)
     if "fromto" in geom.attrib:
         begin, end = _numbers(geom, "fromto").reshape(2, 3)
         turned = ET.Element("geom", {"zaxis": " ".join(repr(float(number)) for number in end - begin)})
         pose = pose_of(orientation(turned, convention), (begin + end) / 2)
-        half = float(np.linalg.norm(end - begin)) / 2
-        size = np.array([size[0], size[0] if kind in ("box", "ellipsoid") else half, half])
+        half_length = float(np.linalg.norm(end - begin)) / 2
+        size = np.array([size[0], size[0] if kind in ("box", "ellipsoid") else half_length, half_length])
     if kind not in _SHAPES:
-        raise ValueError(f"a geom of type {kind!r} has no mass that is known; give its body an <inertial>")
+        raise ValueError(f"the mass of a geom of type {kind!r} cannot be computed; add an <inertial> to its body")
     shape = _SHAPES[kind](size)
     mass = float(geom.get("mass", float(geom.get("density", _WATER)) * shape.getVolume()))
     return moved_by(pose, InertialParameters(mass, np.zeros(3), shape.computeInertia(mass)))

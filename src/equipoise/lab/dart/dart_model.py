@@ -1,4 +1,4 @@
-"""The simulated robot in DART: a skeleton made from the robot's own file, its feet, the floor, and the errors in it."""
+"""Model of a simulated robot in DART: skeleton from the model file, feet, floor and errors."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.payload import Payload
 
 _FLOOR_SIZE = (200.0, 200.0, 1.0)  # [m]
-# Of the friction solver, which starts where it ended. Feet take it four sweeps; a belly that lies on the floor is held by more
-# forces than it needs, and never converges. At the default tolerance of 1e-5 feet creep ten times as fast.
+# Friction solver with warm start. Feet need four sweeps. A lying belly is statically indeterminate and does not converge. With
+# the default tolerance of 1e-5, feet creep ten times as fast.
 _TOLERANCE, _MOST_SWEEPS = 1e-12, 100
 _TIMESTEPS = (0.5e-3, 0.25e-3, 0.125e-3)  # [s]
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedDartRobot:
-    """A DART world and where the robot's joints are in it.
+    """DART world with a robot, and the indices of its joints.
 
     Attributes:
         world: world with the robot and the floor.
-        skeleton: skeleton of the robot; its base is at the root, and nothing but leg joints moves.
-        errors: drawn sensor and actuator errors that it was made with.
+        skeleton: skeleton of the robot, with the base at the root and only the leg joints movable.
+        errors: drawn sensor and actuator errors.
         dofs: (nj,) indices of the leg joints in the skeleton's vectors, in the robot's joint order.
-        kp, kd: (nj,) gains that the joint PD is commanded with [Nm/rad], [Nm s/rad].
-        torque_limit: (nj,) torque limits of the motors, as they count it [Nm].
+        kp, kd: (nj,) gains of the joint PD control [Nm/rad], [Nm s/rad].
+        torque_limit: (nj,) torque limits of the motors, before the torque gain error [Nm].
         feet: shapes of the feet FL FR RL RR.
     """
 
@@ -58,15 +58,14 @@ class SimulatedDartRobot:
 def build_dart_robot(
     robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None, timestep: float | None = None
 ) -> SimulatedDartRobot:
-    """Build the DART world of a robot, from the file that the robot model came from.
+    """Build the DART world of a robot from its model file.
 
-    Links that do not move in each other are one body. Only the feet (spheres) and the belly (a box, for lying) touch the
-    floor.
+    Rigidly connected links become one body. Only the feet (spheres) and the belly (a box, for lying) touch the floor.
 
     Args:
-        stance: stance whose hip height gains scale with.
-        errors: actuator errors, floor and leg masses are built in; sensor errors are the platform's.
-        timestep: time step of the engine [s]; default: 0.5 ms, less where damping would not be stable.
+        stance: stance whose hip height scales the gains.
+        errors: actuator errors, floor and leg masses of the model; the platform adds sensor errors.
+        timestep: time step of the engine [s]; default: 0.5 ms, or less if damping requires it for stability.
 
     Raises:
         ModelError: DART cannot make a model of the file.
@@ -86,7 +85,7 @@ def build_dart_robot(
         )
     for name in robot.joint_names:
         joint = skeleton.getJoint(name)
-        joint.setDampingCoefficient(0, errors.sizes.armature / 2 / timestep)  # DartPlatform says why
+        joint.setDampingCoefficient(0, errors.sizes.armature / 2 / timestep)  # see DartPlatform
     feet = _add_contacts(robot, stance, skeleton, places, legs, errors.floor_friction)
     world = _world(skeleton, errors, timestep)
     count = len(robot.joint_names)
@@ -96,11 +95,11 @@ def build_dart_robot(
 
 
 Places = dict[str, tuple[dynamics.BodyNode, FloatArray]]
-"""For each link the body that it is part of, and its pose (4, 4) in that body."""
+"""Body of each link, and the link's pose (4, 4) in that body."""
 
 
 def _skeleton(robot: RobotModel, links: list[KinematicLink], legs: LegErrors) -> tuple[dynamics.Skeleton, Places]:
-    """Bodies without mass, joined by the leg joints; all else is welded where it is held."""
+    """Build massless bodies connected by the leg joints, with all other joints locked."""
     skeleton = dynamics.Skeleton(robot.name)
     shifts, turns = _joint_shifts(robot, legs), dict(zip(robot.joint_names, legs.axis_turn, strict=True))
     places: Places = {}
@@ -127,7 +126,7 @@ def _skeleton(robot: RobotModel, links: list[KinematicLink], legs: LegErrors) ->
 
 
 def _joint_shifts(robot: RobotModel, legs: LegErrors) -> dict[str, FloatArray]:
-    """Shift of each leg joint in the axes of the link that it hangs on, by name [m]."""
+    """Return the shift of each leg joint in the axes of its parent link, by name [m]."""
     shifts: dict[str, FloatArray] = {}
     for leg, hip in zip(robot.legs.values(), legs.hip_shift, strict=True):
         above = [hip, *(legs.end_shift[joint] for joint in leg.joints[:-1])]
@@ -163,7 +162,7 @@ def _set_inertias(
     legs: LegErrors,
     payload: Payload | None,
 ) -> None:
-    """What the links of a body weigh together, and leg errors make of it."""
+    """Set the inertial parameters of all bodies from their links, with payload and leg errors."""
     parts: dict[str, list[InertialParameters]] = {body.getName(): [] for body in skeleton.getBodyNodes()}
     for link in links:
         body, pose = places[link.name]
@@ -185,7 +184,7 @@ def _set_inertias(
 def _joined(
     bodies: list[InertialParameters], mass_scale: float, inertia_scale: float, shift: FloatArray
 ) -> dynamics.Inertia:
-    """The bodies as one, by the parallel axis theorem, with so many times their mass and inertia, their CoM shifted."""
+    """Return the bodies as one (parallel axis theorem), with scaled mass and inertia and shifted CoM."""
     masses = np.array([body.mass for body in bodies])
     coms = np.array([body.com for body in bodies])
     com = masses @ coms / masses.sum()
@@ -228,13 +227,13 @@ def _add_shape(body: dynamics.BodyNode, shape: dynamics.Shape, at: FloatArray, f
 
 
 def _world(skeleton: dynamics.Skeleton, errors: DrawnErrors, timestep: float) -> simulation.World:
-    """The robot on the floor.
+    """Build the world with the robot on the floor.
 
-    Contacts have a cone of friction, by DART's Gauss-Seidel solver for it, told to converge; error reduction and constraint
-    mixing are DART's own. The feet of a standing A1 creep by 0.2 um/s (by 30 um/s in MuJoCo) and are pressed in by 30 nm.
-    DART's default, Dantzig's solver, bounds friction by what the normal forces would be without it: a foot of a Go2 slid at
-    0.7 of its load where 0.8 should have held it.
-    Bodies may not be put to sleep: a resting robot would not feel small commands.
+    DART's Gauss-Seidel solver with a tight tolerance gives contacts with a friction cone. Error reduction and constraint
+    mixing are DART's defaults. The feet of a standing A1 creep by 0.2 um/s (30 um/s in MuJoCo) and penetrate by 30 nm.
+    Dantzig's solver, the default, bounds friction by the normal forces without friction: a foot of a Go2 slid at 0.7 of its
+    load with a friction coefficient of 0.8.
+    Sleeping is disabled, because sleeping bodies ignore small commands.
     """
     world = simulation.World()
     world.setTimeStep(timestep)
@@ -248,8 +247,8 @@ def _world(skeleton: dynamics.Skeleton, errors: DrawnErrors, timestep: float) ->
     world.getConstraintSolver().setBoxedLcpSolver(constraint.NsgsFrictionSolver(friction))
     floor = dynamics.Skeleton("equipoise_floor")
     ground = floor.createWeldJointAndBodyNodePair()[1]
-    half = np.array([0.0, 0.0, _FLOOR_SIZE[2] / 2])
-    _add_shape(ground, dynamics.BoxShape(np.array(_FLOOR_SIZE)), -half, errors.floor_friction)
+    depth = np.array([0.0, 0.0, _FLOOR_SIZE[2] / 2])
+    _add_shape(ground, dynamics.BoxShape(np.array(_FLOOR_SIZE)), -depth, errors.floor_friction)
     world.addSkeleton(skeleton)
     world.addSkeleton(floor)
     return world
@@ -258,7 +257,7 @@ def _world(skeleton: dynamics.Skeleton, errors: DrawnErrors, timestep: float) ->
 def _stable_timestep(
     skeleton: dynamics.Skeleton, dofs: NDArray[np.intp], stance: Stance, damping: float, armature: float
 ) -> float:
-    """The longest in which explicit damping takes no more than all of a joint's speed; the shortest if none is [s]."""
+    """Return the longest time step in which explicit damping does not reverse a joint's speed, or the shortest one [s]."""
     positions = np.zeros(skeleton.getNumDofs())
     positions[dofs] = stance.joint_position
     skeleton.setPositions(positions)

@@ -1,4 +1,4 @@
-"""The simulated robot in DART, the physics engine of Gazebo: joint PD at every engine step."""
+"""Simulated robot in DART, a physics engine of Gazebo, with joint PD control at every engine step."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.simulation.simulated import SimulatedPlatform, Start
 
-# A planted foot that is off the floor by no more than this has not been lifted, but was lost.
+# A standing foot above the floor within these limits lost its contact numerically and was not lifted.
 _LOST_GAP, _LOST_SPEED = 1e-6, 1e-3  # [m], [m/s]
-_PRESSED = 1e-6  # [m], into the floor
-_STICTION = 10.0  # stiffness of a joint that its friction holds, over its position gain
-_FASTEST = 1e6  # generalised velocity, squared and summed, beyond which a simulation is none
+_PRESSED = 1e-6  # [m], penetration
+_STICTION = 10.0  # stiffness of a sticking joint over its position gain
+_FASTEST = 1e6  # limit of the squared norm of the generalised velocity
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """All that what follows depends on."""
+    """State of engine and friction, complete for the next steps."""
 
     positions: FloatArray
     velocities: FloatArray
@@ -34,29 +34,29 @@ class _State:
 
 
 class DartPlatform(SimulatedPlatform):
-    """A quadruped in DART.
+    """Quadruped in DART.
 
     DART has no rotor inertia A. Its joint damping D is implicit, which adds D h to a joint's inertia in a step h. So half a
-    rotor, as far as torques and gravity go, is D = A / 2h, with D v added to the torque. Impulses of contacts do not feel it:
-    they change the joints' speed by dp = M^-1 J^T p. The torque of the other half, and of what impulses miss of the first, is
-    -A (dv + dp) / 2h, dv being the whole change of speed. It hardly changes from step to step: the last step's is applied.
-    What is wrong in it becomes A/2 (2P - 1) (M + A/2)^-1 of itself in the next step, P = M^-1 J^T (J M^-1 J^T)^-1 J; as 2P - 1
-    is a reflection, that is less. The momentum of the whole robot is exact at each step.
+    rotor is D = A / 2h, with D v added to the torque. Contact impulses p ignore this: they change the joints' speed by
+    dp = M^-1 J^T p. The torque of the other half, with the part of the first that impulses ignore, is -A (dv + dp) / 2h, with
+    dv the whole change of speed. The last step's value is applied, because it hardly changes from step to step.
+    Each step multiplies its error by A/2 (2P - 1) (M + A/2)^-1, with P = M^-1 J^T (J M^-1 J^T)^-1 J. It decays because 2P - 1
+    is a reflection. The momentum of the whole robot is exact at each step.
 
-    Joint friction is Coulomb's, with a spring that strains until it slips, by 0.3 mrad. Above some thirty times the position
-    gain the spring and the late torque of the rotors make each other ring. DART has a joint friction of its own, a constraint:
-    twelve of them beside twelve of contacts are more than a robot has freedoms, and the solver no longer converges.
+    Joint friction is Coulomb's, with a spring that strains by 0.3 mrad before it slips. Above about thirty times the position
+    gain, the spring oscillates with the late torque of the rotors. DART's own joint friction is a constraint: twelve of them
+    with twelve of contacts exceed the robot's degrees of freedom, and the solver does not converge.
 
-    DART's contacts are 30 nm deep, and in a step a moving leg's foot strays by as much, for joints move along their tangents.
-    A foot that has strayed off the floor is free for a step, and planted again 20 um away. That happened nine times a second
-    to a Go2 that moved its body. Such a step is done again with the foot pressed in.
+    DART's contacts are 30 nm deep. In a step a moving leg's foot strays as far, because joints move along their tangents.
+    A foot that strays off the floor is free for a step and lands 20 um away. This happened nine times per second to a Go2
+    that moved its body. Such a step is repeated with the foot pressed into the floor.
 
     Args:
-        robot: model that the estimator has; the simulated robot may differ from it by its errors and payload.
+        robot: model for the estimator; the simulated robot differs from it by its errors and payload.
         simulated: world of the engine.
-        stance: nominal stance, in which (or lying under which) the robot starts.
+        stance: nominal stance of the start; a lying robot starts under it.
         start: posture at the start, "standing" or "lying".
-        control_period: time between commands [s]; a multiple of the engine's time step.
+        control_period: control period [s]; a multiple of the engine's time step.
     """
 
     def __init__(
@@ -75,13 +75,13 @@ class DartPlatform(SimulatedPlatform):
         self._rotor = sizes.armature / 2 / timestep  # [Nm s/rad]
         self._late_rotor_torque = np.zeros(len(self.joint_names))
         self._stiction = _STICTION * simulated.kp  # [Nm/rad]
-        self._strain = np.zeros(len(self.joint_names))  # [rad], of joints that friction holds
+        self._strain = np.zeros(len(self.joint_names))  # [rad], of sticking joints
         self._contacts = 0
         mounted = robot.imu_in_base
         tilt = np.array(dartpy.math.expMapRot(simulated.errors.imu_tilt))
         self._imu_rotation = np.array(mounted.rotation) @ tilt
         self._imu_position = mounted.translation + simulated.errors.drawn["imu_position"]
-        self._held = np.zeros(len(self.joint_names))  # the targets that act
+        self._held = np.zeros(len(self.joint_names))  # present targets
         self._settle(stance, start)
 
     def _place(self, joint_position: FloatArray, base_height: float) -> None:
@@ -94,7 +94,7 @@ class DartPlatform(SimulatedPlatform):
         lowest = min(
             foot.getWorldTransform().translation()[2] - foot.getShape().getRadius() for foot in self._simulated.feet
         )
-        if lowest < -_PRESSED:  # feet that the model does not know of
+        if lowest < -_PRESSED:  # the simulated feet differ from the model's
             self._set_base_height(base_height - lowest)
 
     def _set_base_height(self, height: float) -> None:
@@ -143,7 +143,7 @@ class DartPlatform(SimulatedPlatform):
         self._world.setTime(state.time)
 
     def _step(self, control: FloatArray, raw: FloatArray) -> None:
-        """The engine's steps, and what the sensors say of the states that they start at."""
+        """Run engine steps, and fill in the sensor values of their initial states."""
         skeleton, base = self._skeleton, self._simulated.base
         dofs, limit, gain = self._simulated.dofs, self._simulated.torque_limit, self._errors.torque_gain
         kp, kd, joints = self._kp, self._kd, len(dofs)
@@ -167,12 +167,12 @@ class DartPlatform(SimulatedPlatform):
             self._late_rotor_torque = -self._rotor * changed
         speeds[-1] = skeleton.getVelocities()[dofs]
         twists[-1] = base.getAngularVelocity(), base.getLinearVelocity()
-        # The engine's velocity belongs to the middle of the step before a state: the mean of two belongs to the state.
+        # The engine's velocities are those of the middle of a step; the mean of two is the velocity at a state.
         raw[:, joints : 2 * joints] = (speeds[:-1] + speeds[1:]) / 2
         raw[:, -6:-3], raw[:, -3:] = self._imu(rotations, (twists[:-1] + twists[1:]) / 2, np.diff(twists, axis=0))
 
     def _friction_after(self, speed: FloatArray, torque: FloatArray) -> FloatArray:
-        """(nj,) friction of the joints, viscous friction included, after a step at that speed and motor torque [Nm]."""
+        """Return the (nj,) friction of the joints, including viscous friction, after a step at a speed and torque [Nm]."""
         strained = self._stiction * (self._strain + self._timestep * speed)
         largest = self._errors.sliding_friction(speed, torque)
         friction = np.minimum(np.maximum(strained, -largest), largest)
@@ -180,29 +180,29 @@ class DartPlatform(SimulatedPlatform):
         return friction + self._errors.viscous_friction * speed
 
     def _step_once(self, positions: FloatArray, velocities: FloatArray, forces: FloatArray) -> None:
-        """One engine step from a state; a foot that it lost is pressed in and the step done again."""
+        """Run one engine step from a state; repeat it with lost feet pressed into the floor."""
         skeleton, world = self._skeleton, self._world
         skeleton.setForces(forces)
-        self._pull()
+        self._apply_cable_force()
         world.step(True)
         contacts = world.getLastCollisionResult().getNumContacts()
         if contacts < self._contacts and (pressed := self._with_lost_feet_pressed(positions, velocities)) is not None:
             skeleton.setPositions(pressed)
             skeleton.setVelocities(velocities)
             skeleton.setForces(forces)
-            self._pull()
+            self._apply_cable_force()
             world.setTime(world.getTime() - self._timestep)
             world.step(True)
             contacts = world.getLastCollisionResult().getNumContacts()
         self._contacts = contacts
 
-    def _pull(self) -> None:
-        """The cable, at the base's CoM; the engine forgets it after a step."""
+    def _apply_cable_force(self) -> None:
+        """Apply the cable's force at the base's CoM for one step."""
         if self._errors.sizes.cable:
             self._simulated.base.addExtForce(self._errors.cable_in_world, self._simulated.base.getLocalCOM(), False)
 
     def _with_lost_feet_pressed(self, positions: FloatArray, velocities: FloatArray) -> FloatArray | None:
-        """Positions with every lost foot in the floor again, by its own leg's joints; None: no foot was lost."""
+        """Return positions with every lost foot pressed into the floor by its leg, or None if no foot was lost."""
         simulated, skeleton = self._simulated, self._skeleton
         present, pressed = skeleton.getPositions(), positions.copy()
         skeleton.setPositions(positions)
@@ -217,7 +217,7 @@ class DartPlatform(SimulatedPlatform):
         return None if np.array_equal(pressed, positions) else pressed
 
     def _imu(self, rotations: FloatArray, twists: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n, 3) angular velocity and specific force in the IMU's axes.
+        """Return (n, 3) angular velocity and specific force in the IMU's axes.
 
         Args:
             rotations: (n, 3, 3) rotations of the base, base axes to the world's.
@@ -226,7 +226,7 @@ class DartPlatform(SimulatedPlatform):
         """
         turning, acceleration = twists[:, 0], changes / self._timestep
         arm = rotations @ self._imu_position
-        felt = acceleration[:, 1] + np.cross(acceleration[:, 0], arm) + np.cross(turning, np.cross(turning, arm))
-        felt -= self._world.getGravity()
+        force = acceleration[:, 1] + np.cross(acceleration[:, 0], arm) + np.cross(turning, np.cross(turning, arm))
+        force -= self._world.getGravity()
         axes = rotations @ self._imu_rotation
-        return np.einsum("nji,nj->ni", axes, turning), np.einsum("nji,nj->ni", axes, felt)
+        return np.einsum("nji,nj->ni", axes, turning), np.einsum("nji,nj->ni", axes, force)

@@ -1,4 +1,4 @@
-"""What the robot in DART really weighs and does: computed by DART, by no code that an estimator uses."""
+"""Ground truth of a robot in DART, computed by DART without code of the estimators."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from equipoise.simulation.leg_errors import in_frame_of_hips
 
 
 def dart_truth(robot: RobotModel, simulated: SimulatedDartRobot, joint_position: FloatArray) -> RobotInertia:
-    """The truth at a stance, payload and leg errors included; `robot` only tells which joints are knees.
+    """Compute the true inertial parameters at a stance, including payload and leg errors, in the frame of the hips.
 
-    The base's frame is the one that the hips define.
+    `robot` is only used for the names of the knee joints.
 
     Args:
         joint_position: (nj,) true joint positions of the stance [rad].
@@ -37,14 +37,14 @@ def dart_truth(robot: RobotModel, simulated: SimulatedDartRobot, joint_position:
 
 
 def _frozen(skeleton: dynamics.Skeleton) -> InertialParameters:
-    """All bodies as one, in the base frame, which is in the world's: the mass matrix has their inertia about its origin."""
+    """Return all bodies as one, in the base frame at the world's origin, where the mass matrix contains their inertia."""
     mass, com = skeleton.getMass(), np.array(skeleton.getCOM())
     about_origin = np.array(skeleton.getMassMatrix())[:3, :3]
     return InertialParameters(mass, com, about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com)))
 
 
 class DartWitness:
-    """Sees what the simulated robot really does, beside the platform: for judging, never for control."""
+    """View of the simulated robot's true state, for evaluation and not for control."""
 
     def __init__(self, simulated: SimulatedDartRobot) -> None:
         self._simulated = simulated
@@ -52,7 +52,7 @@ class DartWitness:
         self._radii = np.array([foot.getShape().getRadius() for foot in simulated.feet])
 
     def look(self) -> GroundTruth:
-        """The present moment."""
+        """Return the present true state."""
         simulated = self._simulated
         feet = np.array([foot.getWorldTransform().translation() for foot in simulated.feet])
         cosine = float(simulated.base.getTransform().rotation()[:, 2] @ self._up)

@@ -1,4 +1,4 @@
-"""DART, the engine of Gazebo, as `simulate(robot, engine="dart")` finds it by its entry point."""
+"""Entry point of `simulate(robot, engine="dart")` for DART, a physics engine of Gazebo."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def build(
 
     Raises:
         MissingDependencyError: DART is not installed.
-        SettingsError: contacts are asked for that only MuJoCo has.
+        SettingsError: the contact model is only available in MuJoCo.
     """
     if contacts != "default":
-        raise SettingsError("dart cannot take contacts from the model file; leave --contact-model out, or use mujoco")
+        raise SettingsError("dart cannot take contacts from the model file; omit --contact-model, or use mujoco")
     try:
         import dartpy  # noqa: PLC0415
 

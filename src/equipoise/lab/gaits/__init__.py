@@ -1,1 +1,1 @@
-"""How simulated robots walk: for logs to try things on."""
+"""Gaits of simulated robots, to make logs of walking robots."""

@@ -1,7 +1,7 @@
-"""A crawl of a simulated robot: one foot after the other, the body over the three that stand. For logs, as the trot is.
+"""Crawl of a simulated robot for logs: one foot after the other, with the body over the other three.
 
-The classic creeping gait (McGhee and Frank 1968, On the stability properties of quadruped creeping gaits): rear left, front
-left, rear right, front right. All is planned; nothing is felt. Speed, sidestep and turn change slowly.
+The foot order is that of the creeping gait (McGhee and Frank 1968, On the stability properties of quadruped creeping gaits).
+The motion is open-loop. Forward speed, sidestep and turning rate vary slowly.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from equipoise.simulation.simulated import SimulatedPlatform
 # On an A1; lengths and times are multiplied by those of the stance's scale.
 STANDING = 1.0  # [s] before the first step
 ORDER = ("RL", "FL", "RR", "FR")
-SHIFT, SWING, HEIGHT = 0.9, 0.7, 0.05  # [s] in which the body moves, in which a foot does, [m]
-SPEED, SIDESTEP, TURN = 0.03, 0.01, 0.06  # [m/s], [m/s], [rad/s], at most
-_CHANGES = (17.0, 11.0, 23.0)  # [s] in which these come and go
-_OVER = 0.9  # of the way from the middle of four feet to that of the three that will stand
+SHIFT, SWING, HEIGHT = 0.9, 0.7, 0.05  # durations of body shift and foot swing [s], swing height [m]
+SPEED, SIDESTEP, TURN = 0.03, 0.01, 0.06  # [m/s], [m/s], [rad/s], largest
+_CHANGES = (17.0, 11.0, 23.0)  # [s], periods of these
+_OVER = 0.9  # of the way from the middle of four feet to that of the three standing feet
 
 
 class Crawl:
-    """The command of each control period."""
+    """Command of each control period."""
 
     def __init__(self, robot: RobotModel, phase: float = 0.0) -> None:
         self._robot, self._stance, self._phase = robot, nominal_stance(robot), phase
         self._joint_position = np.array(self._stance.joint_position)
         self._com = composite_parameters(robot, self._stance.joint_position).com[:2]
-        # In the room: footholds, the place and the heading that the feet are put around, and the body's place over them.
+        # In the world: footholds, centre and heading of the next footholds, and position of the body.
         self._footholds = self._stance.feet_in_base[:, :2].copy()
         self._place, self._heading = np.zeros(2), 0.0
         self._body = self._from = self._to = np.zeros(2)
@@ -43,7 +43,7 @@ class Crawl:
         self._begun, self._landing = -1, np.zeros(2)
 
     def command(self, time: float, state: RobotState) -> JointCommand:
-        """At a time since the beginning [s]."""
+        """Return the command at a time since the beginning [s]."""
         since = time / self._stance.scale.time - STANDING
         raised = np.zeros(4)
         footholds = self._footholds.copy()
@@ -66,7 +66,7 @@ class Crawl:
         return JointCommand(position=self._joint_position)
 
     def _begin(self, number: int, leg: int) -> None:
-        """The next step: where the foot lands, and where the body is while it is up."""
+        """Plan the next step: foothold, and position of the body during the swing."""
         scale, step = self._stance.scale, (SHIFT + SWING) * self._stance.scale.time
         if number > 0:
             self._footholds[LEG_NAMES.index(ORDER[(number - 1) % 4])] = self._landing
@@ -78,7 +78,7 @@ class Crawl:
         turning = TURN / scale.time * waves[2]
         self._heading += turning * step
         self._place = self._place + _turn(self._heading) @ (forward, left) * step
-        # A foot stands for three steps of four: it lands where it will be in the middle of them.
+        # A foot stands for three of four steps: it lands at its position in the middle of them.
         ahead = self._heading + 1.5 * step * turning
         place = self._place + 1.5 * step * (_turn(ahead) @ (forward, left))
         self._landing = place + _turn(ahead) @ self._stance.feet_in_base[leg, :2]
@@ -86,23 +86,23 @@ class Crawl:
 
 
 def _smooth(part: float) -> float:
-    """From zero to one, without a jerk at either end."""
+    """Return a smooth transition from zero to one."""
     return float(0.5 - 0.5 * np.cos(np.pi * np.clip(part, 0.0, 1.0)))
 
 
 def _turn(angle: float) -> FloatArray:
-    """(2, 2) rotation to the left."""
+    """Return the (2, 2) rotation to the left."""
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def crawl(platform: SimulatedPlatform, robot: RobotModel, duration: float, phase: float = 0.0) -> Recording:
-    """What a robot that stands for a second, and crawls from then on, would log; without events.
+    """Return the log of a robot that stands for a second and then crawls, without events.
 
     Args:
-        duration: time of all [s].
-        phase: where in their waves speed, sidestep and turn begin [rad].
+        duration: total time [s].
+        phase: initial phase of the variation of speed, sidestep and turn [rad].
 
     Raises:
-        FallError: the simulation is no longer one.
+        FallError: the simulation became unstable.
     """
     return logged(platform, robot, Crawl(robot, phase), duration)

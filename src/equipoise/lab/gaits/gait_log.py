@@ -1,4 +1,4 @@
-"""What a simulated robot would log of a gait."""
+"""Log of a simulated gait."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from equipoise.simulation.simulated import SimulatedPlatform
 
 
 class Gait(Protocol):
-    """The commands of a robot that walks."""
+    """Commands of a walking robot."""
 
     def command(self, time: float, state: RobotState) -> JointCommand:
-        """Of a control period.
+        """Return the command of a control period.
 
         Args:
             time: time since the beginning [s].
-            state: what the sensors say.
+            state: last measured state.
         """
         ...
 
 
 def logged(platform: SimulatedPlatform, robot: RobotModel, gait: Gait, duration: float) -> Recording:
-    """What a robot that walks would log; without events.
+    """Return the log of a walking robot, without events.
 
     Args:
-        duration: time of all [s].
+        duration: total time [s].
 
     Raises:
-        FallError: the simulation is no longer one.
+        FallError: the simulation became unstable.
     """
     states, commands = [platform.read()], list[JointCommand]()
     for period in range(round(duration / platform.control_period)):

@@ -1,4 +1,4 @@
-"""Documents as Markdown."""
+"""Markdown form of pages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reproduced paper: tables and figures."""
+"""Page of the reproduced paper's results: tables and figures."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def save_reproduction(page: PageContents, folder: Path) -> list[Path]:
 
 
 def _iteration_statistics(done: Reproduction) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Median, band [m] and share within 5 mm after each halving. A trial that failed counts as infinitely far off."""
+    """Return median, band [m] and share within 5 mm after each halving. A failed trial has an infinite error."""
     norms = np.where(np.isnan(done.iterations), np.inf, done.iterations)
     lower, median, upper = (np.quantile(norms, q / 100, axis=0, method="nearest") for q in (_BAND[0], 50, _BAND[1]))
     return median, lower, upper, np.mean(norms <= WITHIN, axis=0)
@@ -52,30 +52,30 @@ def reproduction_page(done: Reproduction) -> PageContents:
             _iterations(done),
             _iteration_table(done),
         ]),
-        Section("monte-carlo", "Monte Carlo: within 5 mm?", [_MONTE_CARLO, _methods(done)]),
-        Section("proportional", "The error is proportional to joint and end-effector error", [
-            f"{len(proportion.com_error)} robots without a payload, wrong in nothing but their joint offsets, whose size is "
+        Section("monte-carlo", "Monte Carlo: calibrations within 5 mm", [_MONTE_CARLO, _methods(done)]),
+        Section("proportional", "Error against joint and end-effector error", [
+            f"{len(proportion.com_error)} robots without a payload, with joint offsets as the only error, whose size is "
             "drawn from 0 to 10 mrad. "
             f"The RMS planar CoM error grows by {proportion.per_joint_error:.2f} mm per mrad of joint error (rms over "
             f"joints), which is {proportion.per_foot_error:.2f} mm per mm of planar foot error (rms over feet). Without "
-            f"joint errors {1000 * proportion.floor:.2f} mm are left; they add in squares. Tolerance of the search: 1 mm.",
+            f"joint errors it is {1000 * proportion.floor:.2f} mm; the two add in squares. Tolerance of the search: 1 mm.",
             _joints(proportion),
             _feet(proportion),
         ]),
     ]  # fmt: skip
     lead = "`equipoise lab reproduce`, in simulation, on the built-in Unitree A1. Everything is seeded."
-    return PageContents("The paper's results, made again", "", lead, [], sections)
+    return PageContents("Reproduction of the paper's results", "", lead, [], sections)
 
 
 _TABLE = (
     "Moments of inertia of base, hips and thighs about their own CoM [kg m2], planar CoM of the whole robot in the base "
-    "frame [mm]; in brackets the error against the truth above. The paper's robot stands in a stance that the "
-    "paper does not give, so that its truth differs from ours. `paper` is the paper's method as we read it; `bayesian` "
-    "estimates the same body with the rest."
+    "frame [mm]; in brackets the error against the truth above. The paper does not give its robot's stance, so "
+    "the truths differ. `paper` is our implementation of the paper's method; `bayesian` estimates the same body with "
+    "all other parameters."
 )
 _MONTE_CARLO = (
-    "The paper's simulation does so consistently. Joint zeros of 5 mrad and an IMU tilted by 5 mrad, which two level "
-    "support lines cannot tell from a CoM that is elsewhere, are in ours."
+    "The paper's simulated calibrations are consistently within 5 mm. Our simulation also has joint offsets of 5 mrad and an "
+    "IMU tilt of 5 mrad. Two level support lines cannot distinguish these from a different CoM."
 )
 
 
@@ -128,36 +128,36 @@ def _iterations(done: Reproduction) -> Figure:
     median, lower, upper, share = _iteration_statistics(done)
     count = range(1, len(median) + 1)
     low, middle, high = (1000 * curve for curve in (lower, median, upper))
-    words = [f"{part:.0%}" for part in share]
+    labels = [f"{part:.0%}" for part in share]
     data = [
         line(count, low, "", 1, showlegend=False, line={"width": 0}),
         line(count, high, f"{_BAND[0]} to {_BAND[1]} % of {len(done.iterations)} trials", 1, fill="tonexty",
              fillcolor=f"{SERIES[1]}30", line={"width": 0}),
-        line(count, middle, "median of the paper's method", 1, mode="lines+markers+text", text=words,
+        line(count, middle, "median of the paper's method", 1, mode="lines+markers+text", text=labels,
              textposition="top right", line={"dash": "solid"}),
         points([PAPER_ITERATIONS], [1000 * WITHIN], "the paper: 5 mm in about six iterations",
                {"symbol": "diamond", "size": 10, "color": INK}),
     ]  # fmt: skip
     shapes = [level(1000 * WITHIN)]
-    found = done.bayesian_errors
-    if np.isfinite(found).any():
-        value = 1000 * float(np.nanmedian(found))
+    errors = done.bayesian_errors
+    if np.isfinite(errors).any():
+        value = 1000 * float(np.nanmedian(errors))
         shapes.append(level(value, f"median of the Bayesian method: {value:.1f} mm", SERIES[0], "solid"))
     layout = axes("iteration of the bisection search", "norm of the planar CoM error [mm]", shapes=shapes)
     layout["xaxis"] |= {"dtick": 1, "range": [0.8, max(PAPER_ITERATIONS, len(median)) + 0.4]}
-    caption = "In percent: the share of trials within 5 mm at each iteration."
+    caption = "Labels: share of trials within 5 mm at each iteration."
     return Figure("Fig. 3: CoM error by iteration", caption, data, layout, height=440)
 
 
 def _joints(one: Proportion) -> Figure:
     data = line_in_squares(1000 * one.joint_error, 1000 * one.com_error, 1000 * one.floor, one.per_joint_error)
-    caption = f"{one.per_joint_error:.2f} mm per mrad. Method paper, joint offsets alone wrong."
+    caption = f"{one.per_joint_error:.2f} mm per mrad. Method paper, joint offsets only."
     layout = axes("joint error, rms over joints [mrad]", "planar CoM error [mm]")
     return Figure("Joint error", caption, data, layout)
 
 
 def _feet(one: Proportion) -> Figure:
     data = line_in_squares(1000 * one.foot_error, 1000 * one.com_error, 1000 * one.floor, one.per_foot_error)
-    caption = f"{one.per_foot_error:.2f} mm per mm. Method paper, joint offsets alone wrong."
+    caption = f"{one.per_foot_error:.2f} mm per mm. Method paper, joint offsets only."
     layout = axes("planar foot error, rms over feet [mm]", "planar CoM error [mm]")
     return Figure("Foot error", caption, data, layout)

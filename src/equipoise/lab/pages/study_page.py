@@ -1,4 +1,4 @@
-"""A Monte Carlo study: distribution of the CoM error, coverage of the intervals, and cost of each error source."""
+"""Page of a Monte Carlo study: distribution of the CoM error, coverage of intervals, effect of each error source."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ from equipoise.lab.study.summary import (
     source_unit,
 )
 
-_BINS = 6  # of size, with as many trials each
+_BINS = 6  # of source size, with equal numbers of trials
 
 
 def method_blocks(summary: MethodSummary) -> list[Block]:
-    """Return what a study showed of a method: rate, failures, and a table of its errors."""
+    """Return rate, failures and a table of errors of a method."""
     times = {"robot time": f"{summary.robot_time:.0f} s", "CPU time": f"{summary.cpu_time:.2f} s"}
     medians = ", ".join(f"{name} {time}" for name, time in times.items() if "nan" not in time)
-    words = (
+    text = (
         f"{summary.method}: {summary.trials} trials, within 5 mm {rate_text(summary.within)}, "
         f"failed: {failures_text(summary)}{f'; medians: {medians}' if medians else ''}"
     )
     reasons = tuple(f"{kind}, the first in {reason}" for kind, reason in summary.reasons.items())
-    blocks: list[Block] = [words, *([reasons] if reasons else [])]
+    blocks: list[Block] = [text, *([reasons] if reasons else [])]
     if not summary.errors:
         return blocks
     levels = [level for level in LEVELS if any(error.coverage for error in summary.errors)]
@@ -74,12 +74,12 @@ def method_blocks(summary: MethodSummary) -> list[Block]:
         *(f"in the {one} % interval" for one in levels),
     ]
     failed = sum(summary.failures.values())
-    note = f"Bias and RMS are of those that succeeded; in the 95th percentile the {failed} failed ones count as worse."
+    note = f"Bias and RMS exclude failed calibrations; the 95th percentile counts the {failed} failed ones as larger."
     return [*blocks, DataTable("", heads, rows), *([note] if failed else [])]
 
 
 def slope_table(slopes: Sequence[Slope], method: str) -> DataTable:
-    """Return the RMS error that each source causes."""
+    """Return the slope of the RMS error for each source."""
     rows: list[list[str]] = []
     for slope in slopes:
         if slope.method == method:
@@ -97,7 +97,7 @@ def study_page(study: Study, rows: Table, summaries: Sequence[MethodSummary], sl
         sections.append(Section(summary.method, summary.method, [*method_blocks(summary), *covered]))
     for method in dict.fromkeys(slope.method for slope in slopes):
         figures = [_slope(rows, slope) for slope in slopes if slope.method == method]
-        title = f"What costs {method} its planar accuracy"
+        title = f"{method}: planar error by source"
         sections.append(Section(f"sources-{method}", title, [slope_table(slopes, method), *figures]))
     title = f"Monte Carlo study of {study.robot}"
     return PageContents(title, "", _conditions(study, summaries), [_distribution(rows, summaries)], sections)
@@ -114,28 +114,28 @@ def _conditions(study: Study, summaries: Sequence[MethodSummary]) -> str:
     parts = [f"{max((s.trials for s in summaries), default=0)} trials", f"noise {', '.join(noise)}"]
     parts += [f"payload {payload}", f"seed {study.seed}"]
     parts += [f"random robots with a spread of {study.spread:g}"] if study.spread else []
-    parts += [f"weighed to {study.scale_error:.1%}"] if study.scale_error else []
-    return f"{'; '.join(parts)}. Errors are estimate less truth, of the whole robot at its nominal stance."
+    parts += [f"mass from a scale with an error of {study.scale_error:.1%}"] if study.scale_error else []
+    return f"{'; '.join(parts)}. Errors are estimate minus truth, of the whole robot at its nominal stance."
 
 
 def _distribution(rows: Table, summaries: Sequence[MethodSummary]) -> Figure:
-    """Return the share of calibrations within each error; failures never are."""
+    """Return the share of calibrations within each error, with failures outside."""
     largest, data = 1000 * WITHIN * 1.4, list[Trace]()
     methods = list(dict.fromkeys(texts(rows, "method")))
     for summary in summaries:
         errors = 1000 * planar_errors(having(rows, "method", summary.method))
-        found = np.sort(errors[np.isfinite(errors)])
-        if found.size:
-            largest = max(largest, float(np.quantile(found, 0.98)))
-            share = 100 * np.arange(len(found) + 1) / summary.trials
+        finite = np.sort(errors[np.isfinite(errors)])
+        if finite.size:
+            largest = max(largest, float(np.quantile(finite, 0.98)))
+            share = 100 * np.arange(len(finite) + 1) / summary.trials
             label = f"{summary.method}: {rate_text(summary.within)} within 5 mm"
             series = methods.index(summary.method)
-            data.append(line([0, *found], share, plain(label), series, line={"shape": "hv"}))
+            data.append(line([0, *finite], share, plain(label), series, line={"shape": "hv"}))
     layout = axes(
         "planar CoM error [mm]", "calibrations within it [%]", shapes=[upright(1000 * WITHIN, "the paper's 5 mm")]
     )
     layout["xaxis"]["range"], layout["yaxis"]["range"], layout["showlegend"] = [0, largest], [0, 101], True
-    caption = "Calibrations whose planar CoM error is at most so large; failed ones are not counted as within."
+    caption = "Cumulative share of calibrations by planar CoM error; failed ones count as outside."
     return Figure("Distribution of the CoM error", caption, data, layout, height=400)
 
 
@@ -162,7 +162,7 @@ def _slope(rows: Table, slope: Slope) -> Figure:
     unit, factor = source_unit(slope.source)
     size, errors = factor * column(chosen, slope.source), 1000 * planar_errors(chosen)
     steepness, std, per_unit = slope_numbers(slope)
-    # What the others cost on average stays: the line is the root of its square and this source's.
+    # The line is the root sum of squares of this source's share and the mean share of the others.
     others = float(np.sqrt(max(0.0, float(np.mean(errors**2) - steepness**2 * np.mean(size**2)))))
     caption = f"{slope.method}: {steepness:.2g} +- {std:.2g} {per_unit}."
     layout = axes(f"{source_label(slope.source)} [{unit}]", "planar CoM error [mm]")

@@ -1,1 +1,1 @@
-"""Recorded motions played again in an engine."""
+"""Replay of recorded motions in a physics engine."""

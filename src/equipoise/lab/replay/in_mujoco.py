@@ -1,8 +1,8 @@
-"""Motions on two feet played again in MuJoCo: the joints do what was measured, the base is free.
+"""Replay of motions on two feet in MuJoCo with measured joint positions and a free base.
 
-So what tips the robot is where its mass is, and nothing else: no motor's torque, friction or gain. Joints are held to what was
-measured by a control a thousand times as stiff as the robot's own. The floor runs through both standing feet, and gravity is
-as the accelerometer had it, wherever the floor slopes.
+The tipping motion then depends on the mass distribution only, without motor torques, friction or gains. The joint control is
+a thousand times as stiff as the robot's own. The floor passes through both standing feet, and gravity has the direction
+measured by the accelerometer.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from equipoise.simulation.mujoco_contacts import foot_name
 from equipoise.simulation.mujoco_legs import set_inertia
 from equipoise.simulation.mujoco_model import TIMESTEP, SimulatedRobot, build_simulated_robot
 
-# Of the control, over the robot's own: joints then follow to 0.2 mrad, and it is damped as much.
+# Gains over the robot's own: joints then follow within 0.2 mrad, with about the same damping ratio.
 _STIFFER, _DAMPED_MORE = 1000.0, 30.0
-_PRESSED = 3e-6  # [m] that feet which carry the robot are pressed into the floor
+_PRESSED = 3e-6  # [m], penetration of standing feet
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """What the simulated robot did.
+    """Motion of the simulated robot.
 
     Attributes:
-        angular_velocity_base_in_base: (n, 3) at the motion's samples [rad/s].
-        joint_error: largest difference of any joint's position from the motion's [rad].
+        angular_velocity_base_in_base: (n, 3) angular velocity of the base at the motion's samples [rad/s].
+        joint_error: largest joint position error [rad].
     """
 
     angular_velocity_base_in_base: FloatArray
@@ -45,10 +45,10 @@ class Replayed:
 
 
 class MujocoReplay:
-    """A robot without errors in MuJoCo, as its file says or with another base.
+    """Robot in MuJoCo without sensor or actuator errors, with its file's base or another one.
 
     Args:
-        base: mass, CoM and inertia of the base link with all that is fixed to it, in the base frame; None: the file's.
+        base: mass, CoM and inertia of the base link and the links fixed to it, in the base frame; None: the file's.
     """
 
     def __init__(self, robot: RobotModel, base: InertialParameters | None = None) -> None:
@@ -62,7 +62,7 @@ class MujocoReplay:
         self._model.actuator_forcelimited[:] = 0
         if base is not None:
             _replace_base(self._simulated, base)
-        mujoco.mj_setConst(self._model, mujoco.MjData(self._model))  # how hard contacts are hangs on masses and gains
+        mujoco.mj_setConst(self._model, mujoco.MjData(self._model))  # contact stiffness depends on masses and gains
         self._data, self._rollout = mujoco.MjData(self._model), rollout.Rollout(nthread=0)
         self._feet = [self._model.geom(foot_name(leg)).id for leg in LEG_NAMES]
 
@@ -77,7 +77,7 @@ class MujocoReplay:
         steps = int(np.ceil(motion.time[-1] / TIMESTEP))
         time: FloatArray = np.asarray(TIMESTEP * np.arange(steps + 1), dtype=float)
         position, velocity = motion.joints_at(time)
-        # A step's damping acts on the speed that it ends with.
+        # MuJoCo's damping acts on the velocity at the end of a step.
         control = position[:-1] + velocity[1:] * self._kd / self._kp
         initial = np.zeros(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, data, initial, _STATE)
@@ -86,14 +86,14 @@ class MujocoReplay:
         )
         path: FloatArray = np.concatenate([initial[None], np.asarray(states[0], dtype=float)])
         if not (np.diff(path[:, 0]) > 0).all():  # the engine restarts at time zero when it diverges
-            raise FallError(f"the replay of {self._robot.name!r} became unstable; are its inertias plausible?")
+            raise FallError(f"the replay of {self._robot.name!r} became unstable; check its inertias")
         speeds = path[:, 1 + int(model.nq) :][:, 3:6]
         turning = np.column_stack([np.interp(motion.time, time, speeds[:, axis]) for axis in range(3)])
         missed = np.abs(path[:, 1 + self._simulated.qpos] - position).max()
         return Replayed(turning, float(missed))
 
     def _begin(self, motion: TwoFootMotion) -> None:
-        """Put the robot on its two feet, which roll."""
+        """Set the initial state, with two rolling feet on the floor."""
         model, data, feet = self._model, self._data, [self._feet[foot] for foot in motion.stance_feet]
         mujoco.mj_resetData(model, data)
         data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
@@ -113,7 +113,7 @@ class MujocoReplay:
         mujoco.mj_forward(model, data)
 
     def _velocity(self, foot: int) -> FloatArray:
-        """(3,) velocity of the point of a foot that touches the floor [m/s]."""
+        """Return the (3,) velocity of a foot's contact point [m/s]."""
         model, data, jacobian = self._model, self._data, np.zeros((3, self._model.nv))
         point = data.geom_xpos[foot] - [0, 0, model.geom_size[foot, 0]]
         mujoco.mj_jac(model, data, jacobian, None, point, model.geom_bodyid[foot])
@@ -121,18 +121,18 @@ class MujocoReplay:
 
 
 def _onto_the_floor(line: FloatArray, up: FloatArray) -> FloatArray:
-    """(3, 3) rotation from base axes to those of a floor that holds a line and is else as level as it can be."""
+    """Return the (3, 3) rotation from base axes to those of the most level floor that contains a line."""
     normal = up - (up @ line) * line
     normal /= np.linalg.norm(normal)
     return np.array([np.cross(line, normal), line, normal])
 
 
 def _replace_base(simulated: SimulatedRobot, base: InertialParameters) -> None:
-    """Give the base body all that the base weighs, and nothing to what is fixed to it."""
+    """Set the inertial parameters of the base body, and zero those of the bodies fixed to it."""
     model, body = simulated.model, simulated.base_body
     fixed = model.body_weldid == model.body_weldid[body]
     model.body_mass[fixed] = 0.0
     model.body_inertia[fixed] = 0.0
     model.body_mass[body], model.body_ipos[body] = base.mass, base.com
     set_inertia(model, body, base.inertia)
-    model.body_sameframe[:] = 0  # the compiler notes which frames are the same, and never looks again
+    model.body_sameframe[:] = 0  # flags of equal frames, which the compiler sets once

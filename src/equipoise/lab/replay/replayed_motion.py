@@ -1,4 +1,4 @@
-"""A motion on two feet, as it is played again."""
+"""Motion on two feet to replay."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from equipoise.conventions import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class TwoFootMotion:
-    """Joints over time, and how the base is when it begins.
+    """Joint motion over time, and initial state of the base.
 
     Attributes:
         stance_feet: indices of the left and the right standing foot among FL FR RL RR.
@@ -30,11 +30,11 @@ class TwoFootMotion:
 
     @property
     def time(self) -> FloatArray:
-        """(n,) times of the samples [s]."""
+        """Times (n,) of the samples [s]."""
         return np.asarray(self.step * np.arange(len(self.joint_position)), dtype=float)
 
     def joints_at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(k, nj) positions [rad] and velocities [rad/s] at (k,) times, by cubic Hermite interpolation."""
+        """Return (k, nj) positions [rad] and velocities [rad/s] at (k,) times by cubic Hermite interpolation."""
         before = np.minimum((time / self.step).astype(int), len(self.joint_position) - 2)
         s = np.minimum(time / self.step - before, 1.0)[:, None]
         (a, b), (u, v) = ((of[before], of[before + 1]) for of in (self.joint_position, self.step * self.joint_velocity))

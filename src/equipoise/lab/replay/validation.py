@@ -1,11 +1,10 @@
-"""Recorded lifts played again in the simulator, with one body and with another: which tips as the robot did?
+"""Validation of a result by simulated replay of recorded lifts, with the estimated body and with others.
 
-The joints do what the encoders measured, less the errors that the run found of them; the base begins as the sensors had it
-when both feet were off the floor, and is free. Sensors and start are the same whichever body is played, and legs are a model
-file's own: a result is the base with which the file's robot has the composite that was found, as an export writes it.
+The joints follow the encoders, corrected by the estimated joint offsets. The base starts in the measured state when both
+feet are off the floor, and is free. Only the body differs between replays. A result keeps the model file's legs and has the
+base that gives the estimated composite, as in exports.
 
-Only the time on two feet is played: a robot on four stands however its mass is distributed, and one on two topples, so that
-what differs by a little soon differs by much.
+Only the time on two feet is replayed: the unstable motion on two feet amplifies small differences of the body.
 """
 
 from __future__ import annotations
@@ -31,47 +30,47 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
 SCHEMA = "equipoise.validation/1"
-_ALIKE = 2.0  # times the other's error: legs that are not the file's, and the start, which has noise, make as much
+_ALIKE = 2.0  # ratio of errors that errors of the legs and noise of the start can cause
 
 
 @dataclass(frozen=True, eq=False)
 class ReplayedLift:
-    """One lift over time.
+    """Replayed lift over time.
 
     Attributes:
-        seen: the lift as it was measured: `motion`, `height`, `time` and `tilt`.
-        about: diagonal, turn and posture, in words.
-        errors: (n,) measured less simulated tilt, by whose body was played [rad].
+        measured: measured lift: `motion`, `height`, `time` and `tilt`.
+        about: description of diagonal, turn and posture.
+        errors: (n,) measured minus simulated tilt, by body [rad].
     """
 
-    seen: LiftPrediction
+    measured: LiftPrediction
     about: str
     errors: Mapping[str, FloatArray]
 
     def error(self, body: str) -> float:
-        """Error at the end, as a way of the CoM about the line [m]."""
-        return self.seen.height * float(self.errors[body][-1])
+        """Return the tilt error at the end, as a displacement of the CoM about the line [m]."""
+        return self.measured.height * float(self.errors[body][-1])
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         return {
-            "motion": self.seen.motion,
+            "motion": self.measured.motion,
             "about": self.about,
-            "height": self.seen.height,
-            "time": np.round(self.seen.time, 4).tolist(),
-            "tilt": np.round(self.seen.tilt, 6).tolist(),
+            "height": self.measured.height,
+            "time": np.round(self.measured.time, 4).tolist(),
+            "tilt": np.round(self.measured.tilt, 6).tolist(),
             "errors": {body: np.round(error, 6).tolist() for body, error in self.errors.items()},
         }
 
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """All lifts of a run, played again.
+    """Replay of all lifts of a run.
 
     Attributes:
         robot: name of the robot.
         lifts: lifts in order.
-        joint_errors: largest difference of any joint from what was measured, by whose body was played [rad].
+        joint_errors: largest joint position error, by body [rad].
     """
 
     robot: str
@@ -80,31 +79,31 @@ class Validation:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Whose bodies were played: FOUND, MODEL and the others."""
+        """Names of the bodies: FOUND, MODEL and the others."""
         return tuple(self.lifts[0].errors)
 
     def error(self, body: str) -> float:
-        """Root mean square over lifts of the error at the end [m]."""
+        """Return the root mean square over lifts of the error at the end [m]."""
         return float(np.sqrt(np.mean([lift.error(body) ** 2 for lift in self.lifts])))
 
     def ratio(self, body: str) -> float:
-        """Error with a body over that with the one found."""
+        """Return the error with a body over the error with the estimated one."""
         return self.error(body) / self.error(FOUND)
 
     @property
     def message(self) -> str:
-        """The answer in one line."""
-        ratio, found, model = self.ratio(MODEL), 1000 * self.error(FOUND), 1000 * self.error(MODEL)
-        said = f"{self.robot}: {len(self.lifts)} lifts played again tip as measured to {found:.2f} mm with the body found, "
-        said += f"and to {model:.2f} mm with the model file's, {ratio:.1f} times as much"
+        """Conclusion in one line."""
+        ratio, estimated, model = self.ratio(MODEL), 1000 * self.error(FOUND), 1000 * self.error(MODEL)
+        text = f"{self.robot}: the tilt error of {len(self.lifts)} replayed lifts is {estimated:.2f} mm with the estimated "
+        text += f"body and {model:.2f} mm with the model file's, {ratio:.1f} times as much"
         if ratio > _ALIKE:
-            return f"{said}: the body found is nearer the robot's"
+            return f"{text}: the estimated body is closer to the robot's"
         if ratio < 1 / _ALIKE:
-            return f"{said}: the model file's is nearer the robot's"
-        return f"{said}: the lifts hardly tell the two apart"
+            return f"{text}: the model file's body is closer to the robot's"
+        return f"{text}: the lifts do not distinguish the two"
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         return {
             "schema": SCHEMA,
             "robot": self.robot,
@@ -123,14 +122,14 @@ class Validation:
 
 
 def validate(result: Calibration, against: Mapping[str, RobotModel | Calibration] | None = None) -> Validation:
-    """Play the lifts of a run or a log again with the body found, with the model file's, and with others.
+    """Replay the lifts of a run or a log with the estimated body, the model file's, and others.
 
     Args:
-        result: result of the method `bayesian`, with its recordings, as `RunFolder.estimate` and `estimate_log` have it.
-        against: other models of the robot, or results of other runs of it, by the names to show.
+        result: result of the method `bayesian` with its recordings, from `RunFolder.estimate` or `estimate_log`.
+        against: other models of the robot, or results of its other runs, by display name.
 
     Raises:
-        NotEstimatedError: the result has no lift that was used, or comes from a JSON file.
+        NotEstimatedError: the result has no lift, or comes from a JSON file.
         SettingsError: another model or result is not of this robot.
         FallError: the simulation became unstable.
         MissingDependencyError: MuJoCo is not installed.
@@ -139,8 +138,8 @@ def validate(result: Calibration, against: Mapping[str, RobotModel | Calibration
     lifted = isinstance(evidence, PosteriorEvidence) and any(one.kind == "lift" for one in evidence.predictions)
     if not isinstance(evidence, PosteriorEvidence) or not lifted or robot is None:
         raise NotEstimatedError(
-            f"the result of {result.robot!r} by {result.method!r} has no lift to play again; validate takes runs and logs in "
-            "which the method 'bayesian' found lifts"
+            f"the result of {result.robot!r} with the method {result.method!r} has no lift to replay; validate needs a run or "
+            "log with lifts, estimated with the method 'bayesian'"
         )
     players = _players(robot, {FOUND: result, MODEL: robot, **(against or {})})
     lifts: list[ReplayedLift] = []
@@ -155,26 +154,26 @@ def validate(result: Calibration, against: Mapping[str, RobotModel | Calibration
 
 
 class _Player:
-    """A body that lifts are played with.
+    """Replay of lifts with one body.
 
     Args:
         joint_names: names of the recorded joint columns.
-        robot: model that is simulated.
-        base: base that it has instead of its own.
+        robot: model to simulate.
+        base: base that replaces the model's.
     """
 
     def __init__(self, joint_names: Sequence[str], robot: RobotModel, base: InertialParameters | None) -> None:
         try:
-            from equipoise.lab.replay.in_mujoco import MujocoReplay  # noqa: PLC0415 - what estimates needs no engine
+            from equipoise.lab.replay.in_mujoco import MujocoReplay  # noqa: PLC0415 - estimation does not need an engine
         except ModuleNotFoundError as error:
             raise MissingDependencyError(
-                "to play lifts again needs MuJoCo: pip install 'equipoise[simulation]'"
+                "the replay of lifts needs MuJoCo: pip install 'equipoise[simulation]'"
             ) from error
         self._replay = MujocoReplay(robot, base)
         self._columns = [joint_names.index(name) for name in robot.joint_names]
 
     def play(self, lift: LiftSamples, sensed: SensedLift) -> tuple[FloatArray, float]:
-        """(n,) measured less simulated tilt [rad], and the largest error of a joint [rad]."""
+        """Return (n,) measured minus simulated tilt [rad], and the largest joint error [rad]."""
         done = self._replay.play(
             TwoFootMotion(
                 lift.stance_feet, lift.step, sensed.joint_position[:, self._columns],
@@ -192,9 +191,9 @@ def _players(robot: RobotModel, bodies: Mapping[str, RobotModel | Calibration]) 
         if isinstance(body, Calibration):
             players[name] = _Player(robot.joint_names, robot, _base_of(name, robot, body))
         elif set(body.joint_names) != set(robot.joint_names):
-            strange = sorted(set(body.joint_names) ^ set(robot.joint_names))
+            different = sorted(set(body.joint_names) ^ set(robot.joint_names))
             raise SettingsError(
-                f"--against {name}: its leg joints are not those of {robot.name!r}: {', '.join(strange[:4])}; give another "
+                f"--against {name}: its leg joints differ from those of {robot.name!r}: {', '.join(different[:4])}; pass a "
                 "model of the same robot"
             )
         else:
@@ -203,24 +202,24 @@ def _players(robot: RobotModel, bodies: Mapping[str, RobotModel | Calibration]) 
 
 
 def _base_of(name: str, robot: RobotModel, result: Calibration) -> InertialParameters:
-    """The base with which the model file's robot has the composite of a result."""
+    """Return the base that gives the model file's robot the composite of a result."""
     stance = nominal_stance(robot).joint_position
     same_stance = [result.joint_position.get(joint, np.inf) for joint in robot.joint_names]
     if result.model["sha256"] != robot.source.sha256 or not np.allclose(same_stance, stance):
         raise SettingsError(
-            f"--against {name}: it is of {result.robot!r}, by another model file or at another stance than {robot.name!r} "
-            "here; give the model file that it was exported to"
+            f"--against {name}: it is a result of {result.robot!r} with another model file or stance than {robot.name!r} "
+            "here; pass its exported model file"
         )
     return InertialParameters.from_vector(result.base_for_model_legs)
 
 
 def _sensed(evidence: PosteriorEvidence) -> Iterator[tuple[LiftPrediction, LiftSamples, SensedLift]]:
-    """Every lift that the estimate uses; not the steps of a walk, of which each is too short to tell."""
+    """Yield every lift that the estimate uses, without the steps of a walk, which are too short."""
     posterior = evidence.posterior
     tilts = posterior.problem.equation(TiltEquation)
     assert tilts is not None
     used = {prediction.motion: prediction for prediction in evidence.predictions if prediction.kind == "lift"}
-    sensed = tilts.equation.sensed(posterior.unknowns.values(posterior.x))
-    for (motion, _), lift, seen in zip(tilts.motions, tilts.samples, sensed, strict=True):
+    measured = tilts.equation.sensed(posterior.unknowns.values(posterior.x))
+    for (motion, _), lift, sensed in zip(tilts.motions, tilts.samples, measured, strict=True):
         if motion in used:
-            yield used[motion], lift, seen
+            yield used[motion], lift, sensed

@@ -1,1 +1,1 @@
-"""The naive method: CoM and mass from the foot forces of the standing robot."""
+"""Static baseline: CoM and mass from the foot forces of the standing robot."""

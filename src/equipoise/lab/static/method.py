@@ -1,4 +1,4 @@
-"""The naive thing that people try: the CoM from the foot forces of the standing robot, by its joint torques."""
+"""Static baseline method: planar CoM and mass from the joint torques of the standing robot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from equipoise.robot.model import RobotModel
     from equipoise.robot.stance import Stance
 
-_DURATION = 3.0  # [s] with the way there
+_DURATION = 3.0  # [s] with the motion to the stance
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Static(Method):
     """Planar CoM and mass from the foot forces of the standing robot."""
 
     name: ClassVar[str] = "static"
-    summary: ClassVar[str] = "what the joint torques of the standing robot say: mass and planar centre of mass"
+    summary: ClassVar[str] = "mass and planar centre of mass from the joint torques of the standing robot"
     estimates: ClassVar[tuple[str, ...]] = ("mass", "com_x", "com_y")
     timestep: ClassVar[float] = 1e-3
 

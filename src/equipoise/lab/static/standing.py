@@ -38,17 +38,17 @@ def stand_still(standing: StandingRobot, stance: Stance, report: Callable[[Progr
 def estimate_standing(
     robot: RobotModel, recordings: Sequence[Recording], stance: Stance, settings: Mapping[str, Any]
 ) -> Calibration:
-    """Return the point of the floor that the foot forces act through, and their sum.
+    """Estimate the planar CoM from the centre of pressure and the mass from the sum of foot forces.
 
     Raises:
-        RecordingError: no recording of a robot that stands still, or no joint torques in it.
+        RecordingError: no recording of a standing robot, or no joint torques in it.
     """
     standing = [r for r in recordings if isinstance(r.trial, StandTrial) and r.complete]
     if not standing:
-        raise RecordingError("the recordings hold no robot that stands still")
+        raise RecordingError("the recordings contain no standing robot")
     rest = standing[-1].phase(Phase.REST).joints
     if rest.torque is None:
-        raise RecordingError("the recording has no joint torques, which the method 'static' needs")
+        raise RecordingError("the recording has no joint torques; the method 'static' needs them")
     position, torque = rest.position.mean(axis=0), rest.torque.mean(axis=0)
     lift = foot_forces_from_torques(robot, position, torque - torques_of_legs(robot, position))[:, 2]
     feet = foot_positions(robot, position)

@@ -1,1 +1,1 @@
-"""Monte Carlo studies, and the paper's results made again."""
+"""Monte Carlo studies, and the reproduction of the paper's results."""

@@ -1,4 +1,4 @@
-"""The workers of a Dask cluster as an executor, and the limit of a trial in any worker process."""
+"""Executor on the workers of a Dask cluster, and the time limit of a trial in a worker process."""
 
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportAttributeAccessIssue=false
 # pyright: reportMissingTypeStubs=false
@@ -19,16 +19,16 @@ from typing import TypeVar
 from equipoise.errors import EquipoiseError, MissingDependencyError, SettingsError
 
 Result = TypeVar("Result")
-_PATIENCE = 10  # [s] for a scheduler to answer
+_PATIENCE = 10  # [s] until a scheduler must answer
 
 
 def ended_after(limit: float, function: Callable[..., Result], *arguments: object) -> Result:
-    """What a function returns. A worker process that takes longer for it ends at once, as one that crashes does.
+    """Call a function in a worker process, and end the process after a time limit.
 
-    Nothing milder stops what hangs in an engine. A caller's own process is never ended.
+    Only the end of the process stops an engine that hangs. A main process is never ended.
 
     Args:
-        limit: longest time that the function may take [s].
+        limit: time limit of the call [s].
     """
     if multiprocessing.parent_process() is None:
         return function(*arguments)
@@ -43,47 +43,47 @@ def ended_after(limit: float, function: Callable[..., Result], *arguments: objec
 
 @contextmanager
 def dask_cluster(scheduler: str) -> Generator[tuple[Executor, Callable[[], int]]]:
-    """The workers of a Dask cluster as an executor, and what says how many trials they run at once now: one each.
+    """Yield an executor on the workers of a Dask cluster, and a function that returns their present number.
 
-    Trials of a worker that dies run again on another one.
+    A worker runs one trial at a time. Trials of a worker that dies are repeated on another one.
 
     Args:
-        scheduler: address of the scheduler, as tcp://192.168.1.2:8786.
+        scheduler: address of the scheduler, for example tcp://192.168.1.2:8786.
 
     Raises:
         MissingDependencyError: `dask.distributed` is not installed.
-        EquipoiseError: nobody answers there, or the scheduler has no workers.
-        SettingsError: it is no address.
+        EquipoiseError: the scheduler does not answer or has no workers.
+        SettingsError: the address is invalid.
     """
     try:
         from distributed import Client  # noqa: PLC0415 - heavy, and an extra
     except ModuleNotFoundError as error:
         raise MissingDependencyError("a Dask cluster needs its client: pip install 'equipoise[dask]'") from error
     if "://" not in scheduler:
-        raise SettingsError(f"{scheduler!r} is no scheduler's address; it looks like tcp://192.168.1.2:8786")
-    with _untold("distributed", "distributed.client"):
+        raise SettingsError(f"the scheduler's address is {scheduler!r}; it must be like tcp://192.168.1.2:8786")
+    with _silenced("distributed", "distributed.client"):
         try:
             client = Client(scheduler, timeout=_PATIENCE)
         except (OSError, ValueError) as error:  # TimeoutError is an OSError
             raise EquipoiseError(f"no Dask scheduler answers at {scheduler!r}: {error}", exit_code=9) from error
 
         def workers_now() -> int:
-            with suppress(OSError):  # a scheduler that is gone is noticed by its trials
-                now: list[int] = list(client.nthreads().values())
-                return len(now)
+            with suppress(OSError):  # trials fail if the scheduler is gone
+                present: list[int] = list(client.nthreads().values())
+                return len(present)
             return 1
 
         try:
             threads: list[int] = list(client.nthreads().values())
             if not threads:
                 raise EquipoiseError(
-                    f"the scheduler at {scheduler!r} has no workers: dask worker {scheduler} --nthreads 1",
+                    f"the scheduler at {scheduler!r} has no workers; start one: dask worker {scheduler} --nthreads 1",
                     exit_code=9,
                 )
             if sum(threads) > len(threads):
                 warnings.warn(
-                    f"{len(threads)} workers with {sum(threads)} threads run {len(threads)} trials at once, one in each "
-                    f"process: dask worker {scheduler} --nworkers {sum(threads)} --nthreads 1",
+                    f"{len(threads)} workers with {sum(threads)} threads run only {len(threads)} trials at once, one per "
+                    f"process; start more: dask worker {scheduler} --nworkers {sum(threads)} --nthreads 1",
                     stacklevel=3,
                 )
             yield client.get_executor(pure=False), workers_now
@@ -92,8 +92,8 @@ def dask_cluster(scheduler: str) -> Generator[tuple[Executor, Callable[[], int]]
 
 
 @contextmanager
-def _untold(*loggers: str) -> Generator[None]:
-    """Errors of loggers are ours to tell: they come as tracebacks."""
+def _silenced(*loggers: str) -> Generator[None]:
+    """Suppress loggers' messages about errors that are also raised."""
     levels = {log: log.level for log in map(logging.getLogger, loggers)}
     for log in levels:
         log.setLevel(logging.CRITICAL)

@@ -1,4 +1,4 @@
-"""An executor of processes on this machine that replaces each one that dies."""
+"""Executor with processes on this machine, which replaces processes that die."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _SPAWN = multiprocessing.get_context("spawn")  # forked processes have BLAS's an
 
 
 class Processes(ThreadPoolExecutor):
-    """Threads, each with a process of its own that runs its calls. The processes end when this one does.
+    """Executor with threads that run their calls in a process each. The processes end with this one.
 
-    If a process dies, its call runs once more in a new process, and raises ChildProcessError if that one dies too.
-    Other calls are not affected. `ProcessPoolExecutor` fails all calls instead, and it waits forever if a process is
-    killed while it writes an answer into the pipe that all of them share.
+    If a process dies, its call is repeated once in a new process, and raises ChildProcessError if that one dies too.
+    Other calls are not affected. `ProcessPoolExecutor` fails all calls instead, and waits forever if a process is killed
+    while it writes into their shared pipe.
 
     Args:
         count: number of processes.
@@ -42,11 +42,11 @@ class Processes(ThreadPoolExecutor):
     def submit(
         self, fn: Callable[Arguments, Result], /, *args: Arguments.args, **kwargs: Arguments.kwargs
     ) -> Future[Result]:
-        """As `Executor.submit`."""
+        """Submit a call as in `Executor.submit`."""
         return super().submit(self._answer, pickle.dumps((fn, args, kwargs)))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As `Executor.shutdown`; `cancel_futures` also ends the calls that are running."""
+        """Shut down as in `Executor.shutdown`; `cancel_futures` also ends running calls."""
         if cancel_futures:
             self._end_processes()
         super().shutdown(wait, cancel_futures=cancel_futures)
@@ -55,23 +55,23 @@ class Processes(ThreadPoolExecutor):
 
     def _end_processes(self) -> None:
         self._ended = True
-        for process in self._processes:  # all of them before a second Ctrl-C can interrupt this
+        for process in self._processes:  # kill all before a second Ctrl-C can interrupt this
             process.kill()
         for process in self._processes:
             process.join()
 
     def _begin_thread(self) -> None:
-        """Block Ctrl-C in a thread and in the processes that it starts: the main thread ends them."""
+        """Block Ctrl-C in a thread and its processes, which the main thread ends."""
         self._thread.pipe = None
-        resource_tracker.ensure_running()  # the first process would start it, and starting it unblocks Ctrl-C
+        resource_tracker.ensure_running()  # its start by the first process would unblock Ctrl-C
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
     def _answer(self, call: bytes) -> Any:
-        """Return or raise what a call does in the process of this thread."""
+        """Run a call in the process of this thread; return its result or raise its error."""
         for _ in range(2):
             if self._ended:
                 raise CancelledError
-            if self._thread.pipe is None or self._thread.pipe.poll():  # nothing but its end can be read before a call
+            if self._thread.pipe is None or self._thread.pipe.poll():  # only its end is readable before a call
                 self._thread.pipe = self._begin_process()
             try:
                 self._thread.pipe.send_bytes(call)
@@ -83,32 +83,32 @@ class Processes(ThreadPoolExecutor):
             if error is not None:
                 raise error
             return result
-        raise ChildProcessError("the process that ran it died twice")
+        raise ChildProcessError("its worker process died twice")
 
     def _begin_process(self) -> Connection[Any, Any]:
-        """Return the pipe to a new process that has begun; raises EquipoiseError if none begins."""
+        """Return the pipe to a new process; raises EquipoiseError if it does not start."""
         for _ in range(2):
             pipe, its_end = _SPAWN.Pipe()
             with suppress(EOFError, OSError, RuntimeError):
                 process = _SPAWN.Process(target=_serve, args=(its_end,), daemon=True)
-                process.start()  # RuntimeError if this process is itself one that begins, by a script without the guard
-                its_end.close()  # now the process alone holds it, and its death ends the pipe
+                process.start()  # RuntimeError in a starting process of a script without the __main__ guard
+                its_end.close()  # only the process has it now, so that its death ends the pipe
                 self._processes.append(process)
                 if self._ended:
                     process.kill()
                 pipe.recv_bytes()
                 return pipe
         raise EquipoiseError(
-            "worker processes die as they begin; is there memory for them? A script that runs a study does so below "
+            "worker processes die at their start; check the free memory. A script must run a study below "
             'if __name__ == "__main__":',
             exit_code=9,
         )
 
 
 def _serve(pipe: Connection[Any, Any]) -> None:
-    """Answer the calls that a pipe brings, with a result or an error, until it ends."""
+    """Answer the calls from a pipe with results or errors until it ends."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(EOFError, OSError):  # EOFError where it is read, OSError where it is written
+    with suppress(EOFError, OSError):  # EOFError of reading, OSError of writing
         pipe.send_bytes(b"")
         while True:
             call = pipe.recv_bytes()

@@ -1,4 +1,4 @@
-"""The paper's claims, made again: Table I, Fig. 3, the Monte Carlo rate, and the proportionality to joint errors."""
+"""Reproduction of the paper's claims: Table I, Fig. 3, Monte Carlo rate, and proportionality to joint errors."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from equipoise.robot.catalog import BUILT_IN_ROBOT, load_robot
 from equipoise.simulation.simulation import simulate
 
 QUANTITIES = ("I_x", "I_y", "I_z", "p_x", "p_y")
-"""Table I's columns: moments of base, hips and thighs about their own CoM [kg m2], planar CoM of the robot [m]."""
+"""Columns of Table I: moments of base, hips and thighs about their own CoM [kg m2], planar CoM of the robot [m]."""
 
 PAPER_TRUTH = (0.116, 0.349, 0.399, -0.0093, 0.00085)
 PAPER_ESTIMATE = (0.0856, 0.306, 0.363, -0.0073, 0.00089)
 PAPER_ITERATIONS = 6
-"""After which the paper's search is within 5 mm."""
+"""Number of iterations until the paper's search is within 5 mm."""
 
 TRUTH = "truth"
 SEED = 4
@@ -36,12 +36,12 @@ SEED = 4
 
 @dataclass(frozen=True)
 class TableRow:
-    """A row of Table I, ours.
+    """Row of the reproduced Table I.
 
     Attributes:
-        method: name of the method that estimated, or "truth".
-        preset: noise preset of the simulated robot, whose legs weigh other than the model's where it is not "ideal".
-        values: estimates by QUANTITIES; None where the method has none.
+        method: name of the method, or "truth".
+        preset: preset of the simulated robot; its leg masses differ from the model's unless it is "ideal".
+        values: values of QUANTITIES; None if the method does not estimate them.
     """
 
     method: str
@@ -51,15 +51,15 @@ class TableRow:
 
 @dataclass(frozen=True, eq=False)
 class Proportion:
-    """The CoM error against what the joint errors do to the feet, nothing else being wrong.
+    """CoM error against foot errors from joint offsets, without other errors.
 
     Attributes:
-        foot_error: (n,) rms planar displacement of the feet by the joint offsets [m].
+        foot_error: (n,) rms planar displacement of the feet due to the joint offsets [m].
         joint_error: (n,) rms of the joint offsets [rad].
         com_error: (n,) planar error of the CoM [m].
         per_foot_error: slope of the CoM error over the feet's error [m/m].
         per_joint_error: slope of the CoM error over the joint offsets [m/rad].
-        floor: CoM error that is left without any joint error [m].
+        floor: CoM error without joint errors [m].
     """
 
     foot_error: FloatArray
@@ -72,10 +72,10 @@ class Proportion:
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """All that is reproduced.
+    """Reproduced results.
 
     Attributes:
-        table: rows of Table I; each truth, then the estimates of it.
+        table: rows of Table I; each truth is followed by its estimates.
         summaries: summaries of the methods.
         iterations: (n trials, k) norm of the planar CoM error after each halving [m]; nan for trials that failed.
         bayesian_errors: planar CoM errors of the Bayesian method [m]; nan for trials that failed.
@@ -96,14 +96,14 @@ def reproduce(
     workers: int | None = None,
     report: Callable[[str, StudyProgress | None], None] = lambda doing, progress: None,
 ) -> Reproduction:
-    """Do it all; the studies' rows are kept in a folder, and gone on with after an interruption.
+    """Reproduce all results, or resume from a folder after an interruption.
 
     Args:
-        folder: folder for the rows.
+        folder: folder for the studies' rows.
         trials: number of trials of the paper's method, and of the proportionality.
-        bayesian_trials: number of the same robots, the first ones, that the Bayesian method calibrates.
-        workers: number of processes; default one for each core.
-        report: function that is told what is being done.
+        bayesian_trials: number of trials of the Bayesian method, with the first of the same robots.
+        workers: number of processes; default one per core.
+        report: function of the name and progress of the present study.
     """
     report("Table I", None)
     table = _table()
@@ -112,17 +112,17 @@ def reproduce(
         return run_study(study, count, folder / name, None, workers, lambda progress: report(doing, progress))
 
     study = Study(BUILT_IN_ROBOT, (PaperMethod(),), seed=SEED)
-    precise = Study(BUILT_IN_ROBOT, (BayesianMethod(),), seed=SEED)
+    bayesian = Study(BUILT_IN_ROBOT, (BayesianMethod(),), seed=SEED)
     exact = PaperMethod(com_search=ComSearchSettings(tolerance=1e-3))
-    zeros = Study(BUILT_IN_ROBOT, (exact,), only=("joint_offset",), vary_effects=True, payload="none", seed=SEED)
+    offsets = Study(BUILT_IN_ROBOT, (exact,), only=("joint_offset",), vary_effects=True, payload="none", seed=SEED)
     rows = run(study, trials, "paper", "Monte Carlo of the paper's method")
-    proportional = run(zeros, trials, "joint-zeros", "joint errors alone")
-    ours = run(precise, bayesian_trials, "bayesian", "Monte Carlo of the Bayesian method")
+    proportional = run(offsets, trials, "joint-zeros", "joint errors alone")
+    bayesian_rows = run(bayesian, bayesian_trials, "bayesian", "Monte Carlo of the Bayesian method")
     return Reproduction(
         table,
-        (*summarize(rows), *summarize(ours)),
+        (*summarize(rows), *summarize(bayesian_rows)),
         _iterations(rows),
-        planar_errors(ours),
+        planar_errors(bayesian_rows),
         _proportion(proportional),
     )
 
@@ -139,8 +139,8 @@ def _table() -> tuple[TableRow, ...]:
                 effective, com = simulation.truth.stance_effective.inertia, simulation.truth.composite.com
                 truth = (*(float(effective[i, i]) for i in range(3)), float(com[0]), float(com[1]))
                 rows.append(TableRow(TRUTH, noise, truth))
-            found = [one.value for one in result.stance_effective.inertia.moments]
-            moments = [result.excitations[axis].moment for axis in AXES] if None in found else found
+            estimates = [one.value for one in result.stance_effective.inertia.moments]
+            moments = [result.excitations[axis].moment for axis in AXES] if None in estimates else estimates
             com = result.composite.com_in_base
             rows.append(TableRow(method.name, noise, (*moments, com.x.value, com.y.value)))
     return tuple(rows)
@@ -150,7 +150,7 @@ _TABLE_METHODS: tuple[Method, ...] = (PaperMethod(), BayesianMethod())
 
 
 def _iterations(rows: Table) -> FloatArray:
-    """Norms by halving; a search that ended early, on a balanced robot, stays where it ended."""
+    """Return error norms after each halving. A search that ended early, on a balanced robot, keeps its last error."""
     searches = rows.select(["status", "iteration_x", "iteration_y", "true_com_x", "true_com_y"]).to_pylist()
     length = max((len(row["iteration_x"] or ()) for row in searches if row["status"] == SUCCEEDED), default=0)
     norms = np.full((rows.num_rows, length), np.nan)

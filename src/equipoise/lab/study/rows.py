@@ -1,4 +1,4 @@
-"""Rows of trials, one for each method: Arrow tables of one schema, from the worker that makes them to the disk and back."""
+"""Arrow tables of trials, with a row per trial and method."""
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
@@ -28,7 +28,7 @@ Table: TypeAlias = Any
 """`pyarrow.Table`, which comes without types."""
 
 Row = dict[str, Any]
-"""What a calibration is told of while it is made: values by column, those that it has."""
+"""Values by column, complete or not."""
 
 SUCCEEDED = "ok"
 _INTEGERS = ("trial", "lifts", "worker")
@@ -55,36 +55,36 @@ COLUMNS = arrow.schema(
 
 
 def table_of(rows: Sequence[Row]) -> Table:
-    """Rows as a table; what a row lacks is null."""
+    """Return rows as a table, with null for missing values."""
     return arrow.Table.from_pylist([{name: row.get(name) for name in COLUMNS.names} for row in rows], COLUMNS)
 
 
 def column(rows: Table, name: str) -> FloatArray:
-    """(n,) values of a column; nan where there is none."""
+    """Return the (n,) values of a column, nan if missing."""
     if name not in rows.column_names:
         return np.full(rows.num_rows, np.nan)
     return np.asarray(rows[name].cast(arrow.float64()).to_numpy(), dtype=float)
 
 
 def texts(rows: Table, name: str) -> list[str]:
-    """Texts of a column that has one in every row."""
+    """Return the texts of a column without missing values."""
     return rows[name].to_pylist()
 
 
 def having(rows: Table, name: str, text: str) -> Table:
-    """The rows with a text in a column."""
+    """Return the rows with a text in a column."""
     return rows.filter(compute.equal(rows[name], text))
 
 
 def failed(rows: Table) -> int:
-    """Number of calibrations that failed."""
+    """Return the number of failed calibrations."""
     return rows.num_rows - having(rows, "status", SUCCEEDED).num_rows
 
 
 def in_order(tables: Sequence[Table]) -> Table:
-    """The rows of all tables by trial and method, each trial and method once: where it comes first."""
+    """Return the rows of all tables sorted by trial and method, with the first row of each trial and method."""
     rows = arrow.concat_tables(tables, promote_options="default")
-    rows = rows.take(compute.sort_indices(rows, [("trial", "ascending"), ("method", "ascending")]))  # it is stable
+    rows = rows.take(compute.sort_indices(rows, [("trial", "ascending"), ("method", "ascending")]))  # stable
     trial, method = rows["trial"].to_numpy(), np.array(texts(rows, "method"), dtype=object)
     first = np.ones(rows.num_rows, dtype=bool)
     first[1:] = (trial[1:] != trial[:-1]) | (method[1:] != method[:-1])

@@ -1,4 +1,4 @@
-"""Spreading a study's trials over processes, on this machine or on many, so that each arrives exactly once."""
+"""Execution of a study's trials in processes on one or more machines, each trial exactly once."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from equipoise.lab.study.trial import check_study, run_trial
 from equipoise.threads import ONE_THREAD
 
 LOST = "WorkerLost"
-"""Status of a trial whose worker process died of it, twice, or was ended because it took too long."""
+"""Status of a trial whose worker process died twice or exceeded the time limit twice."""
 
-_IN_FLIGHT_PER_WORKER = 3  # so that no worker waits for its next trial
+_IN_FLIGHT_PER_WORKER = 3  # so that workers do not wait for trials
 _LIMIT = 1800.0  # [s]; the slowest robots and engines take some minutes
-_PATIENCE = 1.0  # [s] between looks at Ctrl-C, which `wait` would keep from us on some systems
+_PATIENCE = 1.0  # [s] between checks for Ctrl-C, which `wait` blocks on some systems
 
 
 @dataclass(frozen=True)
 class StudyProgress:
-    """How far a study is.
+    """Progress of a study.
 
     Attributes:
-        done: number of trials on hand, those of earlier runs included.
-        total: number of trials wanted.
-        failed: number of calibrations that failed, in this run.
-        rate: trials per second, in this run [1/s].
-        remaining: time left at that rate [s].
+        done: number of finished trials, including earlier runs.
+        total: number of requested trials.
+        failed: number of failed calibrations in this run.
+        rate: rate of trials in this run [1/s].
+        remaining: remaining time at that rate [s].
     """
 
     done: int
@@ -56,32 +56,32 @@ def run_study(
     report: Callable[[StudyProgress], None] | None = None,
     limit: float = _LIMIT,
 ) -> Table:
-    """Run what a folder lacks of a study's first `trials` trials; returns the rows of all of them.
+    """Run the missing trials of a study's first `trials` trials; return the rows of all of them.
 
     Args:
-        study: study that says what is drawn and done.
-        trials: number of trials; more than in an earlier run extends it.
-        folder: folder of the study; made if need be, and gone on with if it holds this study.
-        executor: executor of `concurrent.futures`; None: a process for each core. It is not shut down.
-        workers: number of trials that run at once, or function that says how many do now, of workers that come and go;
-            default the number of cores that this process may use.
+        study: study to run.
+        trials: number of trials; more than in an earlier run extends the study.
+        folder: new folder, or folder of this study to resume.
+        executor: executor of `concurrent.futures`, which is not shut down; None: a process per core.
+        workers: number of simultaneous trials, or function that returns the present number; default the number of cores
+            available to this process.
         report: function that is called after every trial.
-        limit: longest time that a trial may take [s]; then its process is ended. One that is ended twice is lost.
+        limit: time limit of a trial [s], after which its process is ended. A trial that is ended twice is lost.
 
-    A script that calls this without an executor does so below `if __name__ == "__main__":`, as with any process pool.
+    A script must call this without an executor below `if __name__ == "__main__":`, as with any process pool.
 
     Raises:
-        SettingsError: the folder holds another study, or a number makes no sense.
+        SettingsError: the folder contains another study, or a number is out of range.
         OutputError: the rows cannot be written.
-        EquipoiseError: workers cannot begin, or a given executor broke: what arrived is kept, run again to go on. Or what
-            every trial would fail with: no such robot, settings that do not fit it.
+        EquipoiseError: workers do not start, or a given executor broke; finished trials are kept. Or an error of every
+            trial: unknown robot, or settings that do not fit it.
     """
     if trials < 1:
-        raise SettingsError(f"{trials} trials are none; ask for one at least")
+        raise SettingsError(f"the number of trials is {trials}; it must be at least 1")
     if limit <= 0:
-        raise SettingsError(f"a limit of {limit:g} s leaves a trial no time; give it minutes")
+        raise SettingsError(f"the time limit of a trial is {limit:g} s; it must be positive, for example 30min")
     if isinstance(workers, int) and workers < 1:
-        raise SettingsError(f"{workers} workers do nothing; give one at least")
+        raise SettingsError(f"the number of workers is {workers}; it must be at least 1")
     check_study(study)
     store = TrialStore(folder, study)
     missing = deque(trial for trial in range(trials) if trial not in store.done)
@@ -98,12 +98,12 @@ def run_study(
 
 
 def _cores() -> int:
-    """Those that this process may use: a batch system lends some of a machine's."""
+    """Return the number of cores available to this process, which a batch system may limit."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class _Arrivals:
-    """Stores rows as they come, counts them and tells of them."""
+    """Store of arriving rows with progress reports."""
 
     def __init__(
         self, store: TrialStore, total: int, missing: int, report: Callable[[StudyProgress], None] | None
@@ -125,7 +125,7 @@ class _Arrivals:
 def _run(
     study: Study, missing: deque[int], arrivals: _Arrivals, crew: Executor, at_once: Callable[[], int], limit: float
 ) -> None:
-    logs = str((arrivals.store.folder / FAILURES).resolve())  # workers may be at home in other folders
+    logs = str((arrivals.store.folder / FAILURES).resolve())  # workers may run in other folders
     flying: dict[Future[Table], int] = {}
     while missing or flying:
         room = _IN_FLIGHT_PER_WORKER * max(1, at_once()) - len(flying)
@@ -141,17 +141,17 @@ def _run(
 
 
 def _rows(study: Study, trial: int, future: Future[Table], limit: float) -> Table:
-    """Return the rows of a trial that is done; raises what would be the same for all others."""
+    """Return the rows of a finished trial; raises errors that concern all trials."""
     try:
         return future.result()
     except ImportError as error:
-        lacking = f"the workers lack a package: {error}; install there what is installed here"
-        raise EquipoiseError(lacking, exit_code=9) from error
+        missing = f"the workers lack a package: {error}; install the packages of this machine there"
+        raise EquipoiseError(missing, exit_code=9) from error
     except (BrokenExecutor, CancelledError, EquipoiseError):
         raise
     except ChildProcessError as error:
-        message = f"{error}: out of memory? Or it took longer than {limit:g} s"
-    except Exception as error:  # of the executor: trials raise nothing
+        message = f"{error}: out of memory, or time limit of {limit:g} s exceeded"
+    except Exception as error:  # an error of the executor: trials do not raise
         message = repr(error)
     row = {"trial": trial, "status": LOST, "message": message}
     return table_of([{**row, "method": method.name} for method in study.methods])
@@ -159,13 +159,13 @@ def _rows(study: Study, trial: int, future: Future[Table], limit: float) -> Tabl
 
 @contextmanager
 def _crew(given: Executor | None, count: int) -> Generator[Executor]:
-    """Yield the given executor, or processes that end with this; raises EquipoiseError if it breaks."""
+    """Yield the given executor, or processes that end with the context; raises EquipoiseError if it breaks."""
     crew = given or Processes(count)
     try:
         yield crew
     except (BrokenExecutor, CancelledError) as error:
         raise EquipoiseError(
-            "the workers are gone; what arrived is kept: start them again and repeat the command to go on",
+            "the workers are gone; finished trials are kept. Start the workers and repeat the command to resume",
             exit_code=9,
         ) from error
     finally:
@@ -175,7 +175,7 @@ def _crew(given: Executor | None, count: int) -> Generator[Executor]:
 
 @contextmanager
 def _one_thread_each() -> Generator[None]:
-    """Processes started in here run NumPy on one thread: many trials at once want the cores, not each of them all."""
+    """Limit NumPy to one thread in processes started here, because many trials share the cores."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(ONE_THREAD)
     try:

@@ -1,4 +1,4 @@
-"""What a study is: settings and a trial's number give the same robot, payload and noise, wherever it runs."""
+"""Definition of a study: settings and trial number determine robot, payload and noise on any machine."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from equipoise.simulation.effects import Contacts, Noise, SensorErrors, sizes_of
 from equipoise.simulation.payload import Payload
 
 SOURCES = tuple(row.name for row in SensorErrors.rows() if row.varied)
-"""What a simulated robot can be wrong in."""
-# The first ones share a random stream; all others have one each, so that a new one changes nobody else's draw.
+"""Error sources of a simulated robot."""
+# The first ones share a random stream. All others have one each, so that a new source does not change other draws.
 _ONE_STREAM = SOURCES[: SOURCES.index("floor_slope") + 1]
 
-# Random payloads: 5 to 30 % of the base's mass, in a box on its back, as large as a battery and a computer.
+# Random payloads: 5 to 30 % of the base's mass in a box on its back, with the size of a battery and a computer.
 _PAYLOAD_SHARE = (0.05, 0.30)
 _PAYLOAD_BOX = ((-0.12, 0.12), (-0.05, 0.05), (0.03, 0.12))  # [m] on an A1
 _PAYLOAD_GYRATION = (0.08, 0.12, 0.10)  # [m] on an A1
@@ -41,25 +41,23 @@ _PAYLOAD_GYRATION = (0.08, 0.12, 0.10)  # [m] on an A1
 
 @dataclass(frozen=True)
 class Study:
-    """What is drawn for each trial, and what is done with it.
+    """Distribution of the trials, and the methods to run.
 
     Attributes:
         robot: name or model file of the robot.
-        methods: methods that calibrate each drawn robot, with settings; each on a fresh simulation of it with the same
-            noise.
+        methods: methods with settings, each on a new simulation of each drawn robot with the same noise.
         preset: name of a preset of effects, scaled to the robot.
-        effects: effects besides, or of other sizes, as in `simulate`.
-        without: names of effects that are left out.
-        contact_model: how feet touch the floor, as in `simulate`.
-        only: effects that are kept, all others being left out; empty: all.
-        vary_effects: each effect's size is multiplied by its own random factor between 0 and 2, so that a study shows what
-            each source does.
+        effects: additional effects or other sizes, as in `simulate`.
+        without: names of disabled effects.
+        contact_model: contact model of the feet, as in `simulate`.
+        only: effects to keep, without all others; empty: all.
+        vary_effects: true to multiply the size of each effect by a random factor from 0 to 2, which gives its slope.
         payload: "random", "none", or MASS,X,Y,Z[,IXX,IYY,IZZ].
-        spread: of random robots around the model (see `robot.variation`); 0: always the model itself.
-        scale_error: the robot is weighed with this relative error, for the methods that use it; None: it is not weighed.
-        timestep: of the engine [s]; None: the largest that leaves a method's results as they are.
+        spread: spread of random robots around the model (see `variation`); 0: the model itself.
+        scale_error: relative error of the mass from a scale, for methods that use it; None: no scale.
+        timestep: time step of the engine [s]; None: the default of each method.
         seed: seed of everything drawn.
-        description: facts that the user overrides in the model file.
+        description: robot configuration.
     """
 
     robot: str = "unitree_a1"
@@ -81,7 +79,7 @@ class Study:
         self._check_methods()
         sizes_of(self.preset, Scale(1.0, 1.0), self.effects, self.without)
         if unknown := [name for name in self.only if name not in SOURCES]:
-            raise SettingsError(f"{unknown[0]!r} is no error source; those are {', '.join(SOURCES)}")
+            raise SettingsError(f"{unknown[0]!r} is not an error source; use {', '.join(SOURCES)}")
         if self.payload not in ("random", "none"):
             Payload.parse(self.payload)
         if self.seed < 0:
@@ -91,37 +89,39 @@ class Study:
                 f"the spread of random robots is {self.spread:g}; it must be from 0 to {LARGEST_SPREAD:g}"
             )
         if self.scale_error is not None and not 0 < self.scale_error < 1:
-            raise SettingsError(f"the scale's error is {self.scale_error:g}; give a fraction, as 0.005 for 0.5 %")
+            raise SettingsError(
+                f"the scale's error is {self.scale_error:g}; it must be a fraction, e.g. 0.005 for 0.5 %"
+            )
         if self.timestep is not None and not 0 < self.timestep < math.inf:
-            raise SettingsError(f"the time step is {self.timestep:g} s; it must be positive, as 0.001")
+            raise SettingsError(f"the time step is {self.timestep:g} s; it must be positive, for example 0.001")
         if "imu_clock_offset" in self.only and "sensor_delay" not in self.only:
             raise SettingsError(
-                "imu_clock_offset alone would be none: without a delay IMU samples would be younger than the moment at which "
-                "they are read; keep sensor_delay too"
+                "imu_clock_offset has no effect without sensor_delay, because IMU samples cannot be newer than the time at "
+                "which they are read; add sensor_delay to --only-effects"
             )
 
     def _check_methods(self) -> None:
         if not self.methods:
-            raise SettingsError(f"name a method at least: {', '.join(METHODS)}")
+            raise SettingsError(f"a study needs at least one method of {', '.join(METHODS)}")
         names = [method.name for method in self.methods]
         if len(set(names)) < len(names):
-            raise SettingsError(f"each method once, not {', '.join(names)}")
+            raise SettingsError(f"the methods are {', '.join(names)}; name each method once")
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         methods = [method.to_dict() for method in self.methods]
         other = {
             "effects": dict(self.effects), "disabled_effects": list(self.without), "contact_model": self.contact_model,
         }  # fmt: skip
-        usual: dict[str, Any] = {"effects": {}, "disabled_effects": [], "contact_model": "default"}
-        # What is as usual is left out: a study of before goes on.
-        table = {name: value for name, value in dataclasses.asdict(self).items() if name not in (*usual, "without")}
-        table |= {name: value for name, value in other.items() if value != usual[name]}
+        default: dict[str, Any] = {"effects": {}, "disabled_effects": [], "contact_model": "default"}
+        # Defaults are left out, so that older studies can be resumed.
+        table = {name: value for name, value in dataclasses.asdict(self).items() if name not in (*default, "without")}
+        table |= {name: value for name, value in other.items() if value != default[name]}
         return {**table, "methods": methods, "only": list(self.only)}
 
     @property
     def fingerprint(self) -> str:
-        """Tells studies apart: trials of one fingerprint belong together. A model file counts by what it says."""
+        """Hash of the definition and of the content of a model file: equal fingerprints are the same study."""
         table = self.to_dict()
         if Path(self.robot).is_file():
             table["model"] = hashlib.sha256(Path(self.robot).read_bytes()).hexdigest()
@@ -130,14 +130,14 @@ class Study:
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """One trial's robot and its errors.
+    """Robot of a trial, and its errors.
 
     Attributes:
-        robot: model that the estimator knows.
+        robot: model for the estimator.
         stance: nominal stance of that model.
-        payload: payload that it does not know, or None.
+        payload: payload of the simulated robot only, or None.
         sizes: sizes of the simulated robot's sensor and actuator errors.
-        seed: seed of the simulation: the errors themselves, and the noise.
+        seed: seed of the simulation, for errors and noise.
         scale_reading: relative error of the scale's reading, or None.
     """
 
@@ -150,9 +150,9 @@ class Draw:
 
 
 def draw(study: Study, trial: int) -> Draw:
-    """What trial number `trial` of a study is. Depends on nothing else: each number has a random stream of its own."""
+    """Return the draw of a trial, which depends only on the study and the trial's number."""
     stream = np.random.SeedSequence(study.seed, spawn_key=(trial,))
-    # One stream for each thing that is drawn, so that switching one off leaves the others as they were.
+    # Separate streams, so that disabling one draw does not change the others.
     robots, payloads, sizes, scales, noise = (np.random.default_rng(child) for child in stream.spawn(5))
     robot, stance = nominal_robot(study)
     if study.spread:
@@ -169,7 +169,7 @@ def draw(study: Study, trial: int) -> Draw:
 
 
 def nominal_robot(study: Study) -> tuple[RobotModel, Stance]:
-    """A study's robot as its model file has it, and its stance; they are shared by all who ask."""
+    """Return the model of a study's robot and its stance, shared between callers."""
     return _load(study.robot, json.dumps(dataclasses.asdict(study.description)))
 
 
@@ -179,11 +179,11 @@ def _load(robot: str, description: str) -> tuple[RobotModel, Stance]:
     return model, nominal_stance(model)
 
 
-def _payload(wanted: str, robot: RobotModel, stance: Stance, generator: np.random.Generator) -> Payload | None:
-    if wanted == "none":
+def _payload(text: str, robot: RobotModel, stance: Stance, generator: np.random.Generator) -> Payload | None:
+    if text == "none":
         return None
-    if wanted != "random":
-        return Payload.parse(wanted)
+    if text != "random":
+        return Payload.parse(text)
     size = stance.scale.length
     mass = generator.uniform(*_PAYLOAD_SHARE) * float(robot.pinocchio.inertias[1].mass)
     place = [size * generator.uniform(*bounds) for bounds in _PAYLOAD_BOX]
@@ -197,13 +197,13 @@ def _sizes(study: Study, robot: RobotModel, stance: Stance, generator: np.random
     kept = study.only or SOURCES
     rows = {name: sizes.row(name) for name in SOURCES}
     changed = {n: row.times(getattr(sizes, n), factors[n]) if n in kept else row.none for n, row in rows.items()}
-    # The IMU's clock may not lead the moment at which it is read.
+    # IMU samples cannot be newer than the time at which they are read.
     changed["imu_clock_offset"] = min(changed["imu_clock_offset"], changed["sensor_delay"])
     return dataclasses.replace(sizes, **changed)
 
 
 def _factors(generator: np.random.Generator) -> dict[str, float]:
-    """A factor for each source."""
+    """Return a random factor for each source."""
     factors = dict(zip(_ONE_STREAM, generator.uniform(0, 2, len(_ONE_STREAM)).tolist(), strict=True))
     seed = int(generator.integers(2**62))
     others = {name: named_generator(seed, name).uniform(0, 2) for name in SOURCES if name not in _ONE_STREAM}

@@ -1,6 +1,6 @@
-"""What the rows of a study show: bias, spread, coverage, and which error costs how much.
+"""Statistics of a study: bias, spread, coverage, and the effect of each error source.
 
-A calibration that failed stays in every count: it is not within 5 mm, and its error is larger than any other's.
+A failed calibration counts everywhere: it is not within 5 mm, and its error is larger than any other.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from equipoise.result.statistics import NORMAL
 from equipoise.robot.inertial import COMPONENTS
 
 WITHIN = 5e-3
-"""The planar error that the paper claims, and that its balance needs [m]."""
+"""Planar error that the paper claims, and that its balance controller needs [m]."""
 
 LEVELS = (50, 90, 95)
-"""Intervals whose coverage is counted [%]."""
+"""Nominal levels of the intervals [%]."""
 
-_TRIALS_PER_SLOPE = 10  # fewer say nothing
+_TRIALS_PER_SLOPE = 10  # least number
 
 
 @dataclass(frozen=True)
 class Rate:
-    """How often something was so.
+    """Fraction of cases.
 
     Attributes:
-        count, of: number of cases, and number that they are out of.
+        count, of: number of positive cases, and of all cases.
     """
 
     count: int
@@ -41,32 +41,31 @@ class Rate:
 
     @property
     def value(self) -> float:
-        """The fraction; nan of none."""
+        """Fraction; nan without cases."""
         return self.count / self.of if self.of else float("nan")
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % interval by Wilson's score, which is sane near 0 and 1; from 0 to 1 of none."""
+        """Wilson's 95 % interval, also valid near 0 and 1; from 0 to 1 without cases."""
         if not self.of:
             return 0.0, 1.0
         z, n = NORMAL[95], self.of
         middle = (self.value + z**2 / (2 * n)) / (1 + z**2 / n)
-        half = z / (1 + z**2 / n) * np.sqrt(self.value * (1 - self.value) / n + z**2 / (4 * n**2))
-        return max(0.0, float(middle - half)), min(1.0, float(middle + half))
+        half_width = z / (1 + z**2 / n) * np.sqrt(self.value * (1 - self.value) / n + z**2 / (4 * n**2))
+        return max(0.0, float(middle - half_width)), min(1.0, float(middle + half_width))
 
 
 @dataclass(frozen=True)
 class ErrorStatistics:
-    """Errors of one quantity, estimate less truth.
+    """Errors of one quantity, estimate minus truth.
 
     Attributes:
         quantity: name of a component, "planar CoM", or a moment of the paper's excitations.
-        unit: unit of what follows.
-        count: number of calibrations that gave an estimate.
+        unit: unit of the errors.
+        count: number of calibrations with an estimate.
         bias, rms: mean and root mean square of the error over those.
-        percentile_95: 95th percentile of the error's size over all calibrations that should have given one; infinite
-            where more than one in twenty failed.
-        coverage: fraction of the intervals that held the truth, by their level; empty without intervals.
+        percentile_95: 95th percentile of the absolute error over all calibrations; infinite if more than 5 % failed.
+        coverage: fraction of intervals that contain the truth, by nominal level; empty without intervals.
     """
 
     quantity: str
@@ -80,16 +79,16 @@ class ErrorStatistics:
 
 @dataclass(frozen=True)
 class MethodSummary:
-    """What a method did over all trials.
+    """Results of a method over all trials.
 
     Attributes:
         method: name of the method.
         trials: number of trials.
         failures: number of failures, by kind.
         reasons: message of the first failure of each kind.
-        within: calibrations within 5 mm of the true planar CoM; failures are not.
+        within: calibrations within 5 mm of the true planar CoM; failures count as outside.
         errors: statistics of the errors, by quantity.
-        robot_time, cpu_time: medians of these times over those that succeeded [s].
+        robot_time, cpu_time: medians over successful calibrations [s].
     """
 
     method: str
@@ -102,17 +101,17 @@ class MethodSummary:
     cpu_time: float
 
     def error(self, quantity: str) -> ErrorStatistics | None:
-        """By quantity; None if there is none."""
+        """Return the statistics of a quantity, or None."""
         return next((error for error in self.errors if error.quantity == quantity), None)
 
 
 @dataclass(frozen=True)
 class Slope:
-    """What one error source does to the planar CoM: rms error = slope x size, the other sources' share taken off.
+    """Effect of one error source on the planar CoM: rms error = slope x size, without the shares of other sources.
 
     Attributes:
-        method: name of the method that was used.
-        source: name of the rows' column.
+        method: name of the method.
+        source: name of the column of the source's size.
         slope: slope of the error over the source's size [m per unit of the source].
         std: standard error of the slope, by bootstrap.
     """
@@ -124,12 +123,12 @@ class Slope:
 
 
 def summarize(rows: Table) -> list[MethodSummary]:
-    """One summary for each method, in the order in which they appear."""
+    """Return a summary of each method, in order of appearance."""
     return [_summary(method, having(rows, "method", method)) for method in dict.fromkeys(texts(rows, "method"))]
 
 
 def planar_errors(rows: Table) -> FloatArray:
-    """(n,) distance of the planar CoM from the truth [m]; nan where there is no estimate."""
+    """Return the (n,) distance of the planar CoM from the truth [m]; nan without an estimate."""
     errors = [column(rows, f"estimated_{name}") - column(rows, f"true_{name}") for name in ("com_x", "com_y")]
     return np.hypot(*errors)
 
@@ -166,13 +165,13 @@ def _summary(method: str, rows: Table) -> MethodSummary:
 
 
 def _reason(rows: Table) -> str:
-    """The number and message of the first of failed trials; of a traceback its last line."""
+    """Return number and message of the first failed trial, with the last line of a traceback."""
     trial, message = rows["trial"][0].as_py(), rows["message"][0].as_py()
     return f"trial {trial}: {((message or '').splitlines() or ['no message'])[-1]}"
 
 
 def _unit_of(component: str, rows: Table) -> tuple[str, FloatArray | float]:
-    """Millimetres, or percent: of itself, of a moment, or of Ixx for a product of inertia."""
+    """Return unit and factor of an error: mm, or percent of the component, or of Ixx for products of inertia."""
     if component.startswith("com"):
         return "mm", 1000.0
     if component in ("Ixy", "Ixz", "Iyz"):
@@ -183,14 +182,14 @@ def _unit_of(component: str, rows: Table) -> tuple[str, FloatArray | float]:
 def _statistics(
     quantity: str, unit: str, error: FloatArray, failed: int, relative: FloatArray | None
 ) -> ErrorStatistics:
-    found = error[np.isfinite(error)]
-    sizes = np.concatenate([np.abs(found), np.full(failed, np.inf)])
+    finite = error[np.isfinite(error)]
+    sizes = np.concatenate([np.abs(finite), np.full(failed, np.inf)])
     return ErrorStatistics(
         quantity,
         unit,
-        len(found),
-        float(found.mean()),
-        float(np.sqrt(np.mean(found**2))),
+        len(finite),
+        float(finite.mean()),
+        float(np.sqrt(np.mean(finite**2))),
         float(np.quantile(sizes, 0.95, method="inverted_cdf")),
         {} if relative is None else _coverage(relative[np.isfinite(relative)]),
     )
@@ -207,17 +206,17 @@ def _median(values: FloatArray) -> float:
 
 
 def varied_sources(rows: Table) -> list[str]:
-    """Columns of the error sources whose size differs between trials; the payload's mass too, if it is not alone."""
+    """Return the columns of sources with different sizes between trials, with a varied payload mass if there are any."""
     varied = [f"size_{name}" for name in SOURCES if np.ptp(column(rows, f"size_{name}")) > 0]
     payload = column(rows, "payload_mass")
     return [*varied, "payload_mass"] if varied and np.ptp(payload) > 0 else varied
 
 
 def slopes(rows: Table, method: str, resamples: int = 200) -> list[Slope]:
-    """What each varied source does to the planar CoM.
+    """Fit the slope of the planar CoM error over the size of each varied source.
 
-    Independent errors add in squares: the mean of error squared is a constant plus the sum of (slope x size) squared. The
-    slopes come from least squares with none of them negative, their standard errors from a bootstrap over trials.
+    Independent errors add in squares: the mean squared error is a constant plus the sum of (slope x size) squared. Slopes
+    are from non-negative least squares, their standard errors from a bootstrap over trials.
     """
     chosen = having(having(rows, "method", method), "status", SUCCEEDED)
     sources = varied_sources(chosen) if chosen.num_rows else []
@@ -235,9 +234,9 @@ def slopes(rows: Table, method: str, resamples: int = 200) -> list[Slope]:
 
 
 def lines_in_squares(sizes: FloatArray, errors: FloatArray) -> tuple[float, FloatArray]:
-    """Floor and (k,) slopes of rms error = root of (floor squared + the sum of (slope x size) squared).
+    """Fit floor and (k,) slopes of rms error = root of (floor squared + the sum of (slope x size) squared).
 
-    Squared errors scatter as much as they are large: unweighted, a few would decide alone.
+    The fit is weighted, because the scatter of squared errors is proportional to their size.
 
     Args:
         sizes: (n, k) sizes of the k sources in n trials.
@@ -253,7 +252,7 @@ def lines_in_squares(sizes: FloatArray, errors: FloatArray) -> tuple[float, Floa
 
 
 def to_dict(summaries: Sequence[MethodSummary]) -> list[dict[str, Any]]:
-    """JSON form; rates with their 95 % intervals."""
+    """Return the JSON form, rates with their 95 % intervals."""
 
     def rate(value: Rate) -> dict[str, Any]:
         return {"count": value.count, "of": value.of, "rate": value.value, "interval_95": list(value.interval)}

@@ -15,7 +15,7 @@ from equipoise.user_file import write_file
 
 SCHEMA = "equipoise.study-summary/1"
 
-# What a source's size is counted in: unit, units per SI unit.
+# Display units of sizes: unit, units per SI unit.
 _BY_UNIT = {"rad": ("mrad", 1e3), "m": ("mm", 1e3), "s": ("ms", 1e3), "": ("%", 1e2)}
 _UNITS = {
     **dict.fromkeys(("size_gyro_noise", "size_gyro_bias", "size_gyro_drift"), ("mrad/s", 1e3)),
@@ -25,12 +25,12 @@ _UNITS = {
 
 
 def source_label(source: str) -> str:
-    """A column of error sizes, for people."""
+    """Return the label of a column of error sizes."""
     return source.removeprefix("size_").replace("_", " ")
 
 
 def source_unit(source: str) -> tuple[str, float]:
-    """The unit that people count a source in, and how many of it make one SI unit."""
+    """Return the display unit of a source, and the number of these units in one SI unit."""
     if source in _UNITS:
         return _UNITS[source]
     row = SensorErrors.row(source.removeprefix("size_"))
@@ -38,18 +38,18 @@ def source_unit(source: str) -> tuple[str, float]:
 
 
 def slope_numbers(slope: Slope) -> tuple[float, float, str]:
-    """A slope and its standard error for people, and their unit."""
+    """Return a slope, its standard error and their unit for display."""
     unit, factor = source_unit(slope.source)
     return 1000 * slope.slope / factor, 1000 * slope.std / factor, f"mm per {unit}"
 
 
 def failures_text(summary: MethodSummary) -> str:
-    """How many calibrations failed, by kind."""
+    """Return the numbers of failed calibrations by kind."""
     return ", ".join(f"{count} {kind}" for kind, count in summary.failures.items()) or "none"
 
 
 def summary_table(study: Study, summaries: Sequence[MethodSummary], slopes: Sequence[Slope]) -> dict[str, Any]:
-    """JSON form of a study's summary."""
+    """Return the JSON form of a study's summary."""
     table = {
         "schema": SCHEMA,
         "study": study.to_dict(),
@@ -60,18 +60,18 @@ def summary_table(study: Study, summaries: Sequence[MethodSummary], slopes: Sequ
 
 
 def error_numbers(error: ErrorStatistics) -> tuple[str, str, str]:
-    """Bias, RMS and 95th percentile."""
+    """Return bias, RMS and 95th percentile as text."""
     largest = "more than 5 % failed" if math.isinf(error.percentile_95) else f"{error.percentile_95:.2f}"
     return f"{error.bias:+.2f}", f"{error.rms:.2f}", largest
 
 
 def coverage_text(error: ErrorStatistics, level: int) -> str:
-    """How often an interval held the truth, with its binomial interval."""
+    """Return the coverage of an interval with its binomial interval."""
     return rate_text(error.coverage[level]) if level in error.coverage else ""
 
 
 def rate_text(rate: Rate) -> str:
-    """A rate in percent with its 95 % interval."""
+    """Return a rate in percent with its 95 % interval."""
     lower, upper = rate.interval
     return f"{100 * rate.value:.1f} % ({100 * lower:.1f} to {100 * upper:.1f})"
 
@@ -85,7 +85,7 @@ def save_summary(folder: str | Path, table: dict[str, Any], markdown: str) -> li
 
 
 def _without_infinities(value: Any) -> Any:
-    """Infinities and nan have no form in JSON; they are null there."""
+    """Replace infinities and nan by null, because JSON does not have them."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""One trial: the drawn robot, calibrated by each method, as rows of a table."""
+"""Trial of a study: calibration of a drawn robot with each method, as table rows."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from equipoise.robot.kinematics import foot_jacobians
 from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.simulation import Simulation, simulate
 
-# Trials of a process share its robot models, whose scratch memory every call overwrites: one at a time, whoever asks.
+# Trials of a process share robot models, whose scratch memory every call overwrites.
 _ONE_AT_A_TIME = threading.Lock()
 
 
 def check_study(study: Study) -> None:
-    """Refuse what is wrong with every trial, before any is run: the robot, or settings that do not fit it.
+    """Check robot and settings before the first trial.
 
     Raises:
-        EquipoiseError: what each trial would have failed with.
+        EquipoiseError: every trial would fail with this error.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -47,22 +47,21 @@ def check_study(study: Study) -> None:
 
 
 def run_trial(study: Study, trial: int, logs: str | None = None) -> Table:
-    """One row for each of the study's methods. A calibration that fails is a row too, never an exception.
+    """Run a trial; return a row per method. A failed calibration gives a row, never an exception.
 
     Args:
-        study: study that says what is drawn and done.
+        study: study of the trial.
         trial: number of the trial.
-        logs: folder, in one that exists, for the recordings of calibrations that fail; None keeps none. (All can be run
-            again by number.)
+        logs: folder, with an existing parent, for the recordings of failed calibrations; None: they are not saved.
     """
     with _ONE_AT_A_TIME, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             drawn = draw(study, trial)
             facts = {"trial": trial, **_facts(drawn)}
-        except Exception as error:  # a random robot that cannot stand, say
-            nothing = [_failed({"trial": trial, "method": method.name}, error, None) for method in study.methods]
-            return table_of(nothing)
+        except Exception as error:  # for example a random robot that cannot stand
+            failures = [_failed({"trial": trial, "method": method.name}, error, None) for method in study.methods]
+            return table_of(failures)
         return table_of([_calibrated(study, drawn, facts, method, logs) for method in study.methods])
 
 
@@ -79,12 +78,12 @@ def _calibrated(study: Study, drawn: Draw, facts: Row, method: Method, logs: str
         ) as simulation:
             row |= _truth(simulation)
             if drawn.scale_reading is not None and study.scale_error is not None:
-                weight = simulation.truth.composite.mass * (1 + drawn.scale_reading)
-                method = method.weighed(weight, study.scale_error * weight)
+                mass = simulation.truth.composite.mass * (1 + drawn.scale_reading)
+                method = method.weighed(mass, study.scale_error * mass)
             result = calibrate(simulation.platform, drawn.robot, method, recordings.append)
         row |= {"status": SUCCEEDED, "message": ""} | _estimates(result, drawn, method)
-    except Exception as error:  # a study of thousands of robots counts what goes wrong, our own mistakes included
-        row = _failed(row, error, _kept(logs, drawn, method, recordings, row, simulation))
+    except Exception as error:  # every failure is counted, including bugs of equipoise
+        row = _failed(row, error, _save_recordings(logs, drawn, method, recordings, row, simulation))
     if simulation is not None:
         row["simulated_time"] = simulation.platform.read().time
     return row | {
@@ -102,16 +101,16 @@ def _failed(row: Row, error: Exception, log: str | None) -> Row:
     return row | {"status": type(error).__name__, "message": message, "log": log}
 
 
-def _kept(
+def _save_recordings(
     logs: str | None, drawn: Draw, method: Method, recordings: list[Recording], row: Mapping[str, Any],
     simulation: Simulation | None,
 ) -> str | None:  # fmt: skip
-    """Keep what a calibration measured before it failed; None where it cannot be kept."""
-    if logs is None or not Path(logs).parent.is_dir():  # a worker elsewhere does not see the study's folder
+    """Save the recordings of a failed calibration; return their folder, or None if they cannot be saved."""
+    if logs is None or not Path(logs).parent.is_dir():  # workers on other machines do not have the study's folder
         return None
     path = Path(logs) / f"trial-{row['trial']:06d}-{row['method']}"
     try:
-        if path.exists():  # of the same trial, killed before its row was written
+        if path.exists():  # from the same trial, killed before its row was written
             shutil.rmtree(path)
         with RunFolder.create(path, drawn.robot, method, {"trial": row["trial"]}) as folder:
             if simulation is not None:
@@ -119,16 +118,16 @@ def _kept(
             for recording in recordings:
                 folder.keep(recording)
         return str(folder.path)
-    except (EquipoiseError, OSError):  # the trial's number is enough
+    except (EquipoiseError, OSError):  # the trial can be repeated by its number
         return None
 
 
 def _facts(drawn: Draw) -> Row:
-    """What was drawn, in numbers that errors can be held against."""
+    """Return the sizes of what was drawn, to compare errors with."""
     robot, stance = drawn.robot, drawn.stance
     errors = DrawnErrors.draw(drawn.sizes, len(robot.joint_names), drawn.seed)
-    zeros = errors.joint_offset[robot.leg_joints]
-    feet = np.asarray(np.einsum("fij,fj->fi", foot_jacobians(robot, stance.joint_position), zeros), dtype=float)
+    offsets = errors.joint_offset[robot.leg_joints]
+    feet = np.asarray(np.einsum("fij,fj->fi", foot_jacobians(robot, stance.joint_position), offsets), dtype=float)
     payload = None if drawn.payload is None else drawn.payload.parameters
     return {
         "robot_mass": robot.mass,
@@ -152,7 +151,7 @@ def _truth(simulation: Simulation) -> Row:
 
 
 def _estimates(result: Calibration, drawn: Draw, method: Method) -> Row:
-    """What a calibration found; where it does not estimate a parameter there is no value."""
+    """Return the estimates of a calibration, None if a parameter is not estimated."""
     moments = {axis: excitation.moment for axis, excitation in result.excitations.items()}
     row: Row = {f"moment_{axis}": moments.get(axis) for axis in AXES}
     row |= {f"estimated_{quantity.name}": quantity.value for quantity in result.composite}

@@ -1,4 +1,4 @@
-"""Random robots: a model with other link lengths, masses and centres of mass."""
+"""Random robots: a model with varied link lengths, masses and CoM of the base."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.robot.model import RobotModel
 
 LARGEST_SPREAD = 0.3
-"""Beyond it legs of the catalogue's robots no longer reach their own stance."""
+"""Largest spread at which the legs of the catalogue's robots reach their stance."""
 
 _COM_RATIO = 0.2  # the base's CoM moves by the spread times this fraction of the leg length, along each axis
 
 
 @dataclass(frozen=True)
 class SegmentVariation:
-    """How the links between two leg joints are changed; the base is one, and so are all hips, thighs and shanks.
+    """Variation of the links of one segment: the base, all hips, all thighs or all shanks.
 
     Attributes:
         length: factor on every position in the links' frames.
-        mass: factor on the links' masses. Inertias follow: mass times length squared.
-        com_shift: (3,) shift of the masses in the links' frames [m]; the base alone has one.
+        mass: factor on the links' masses; inertias scale with mass times length squared.
+        com_shift: (3,) shift of the masses in the links' frames [m], only of the base.
     """
 
     length: float
@@ -36,19 +36,19 @@ class SegmentVariation:
 
 
 def vary(robot: RobotModel, spread: float, generator: np.random.Generator) -> RobotModel:
-    """Another robot of the same build: segments longer or shorter, heavier or lighter, the base's CoM elsewhere.
+    """Return a robot with randomly varied lengths and masses of its segments, and a shifted CoM of the base.
 
-    All four legs change alike, so that the robot still stands level. Links whose mass comes from shapes alone (MJCF without
-    an inertial) keep it.
+    All four legs vary alike, so that the robot stands level. Links whose mass follows from their shapes (MJCF without an
+    inertial) keep it.
 
     Args:
-        spread: standard deviation of the factors' logarithms, cut off at two of them; 0 gives the same robot.
+        spread: standard deviation of the factors' logarithms, truncated at two standard deviations; 0: the same robot.
 
     Raises:
-        SettingsError: the spread is negative, or too large for a quadruped to remain one.
+        SettingsError: the spread is out of range.
     """
     if not 0 <= spread <= LARGEST_SPREAD:
-        raise SettingsError(f"the spread of random robots is {spread:g}; it must be between 0 and {LARGEST_SPREAD:g}")
+        raise SettingsError(f"the spread of random robots is {spread:g}; it must be from 0 to {LARGEST_SPREAD:g}")
 
     def factor() -> float:
         return float(np.exp(spread * np.clip(generator.standard_normal(), -2, 2)))
@@ -60,7 +60,7 @@ def vary(robot: RobotModel, spread: float, generator: np.random.Generator) -> Ro
 
 
 def with_segments(robot: RobotModel, base: SegmentVariation, legs: list[SegmentVariation]) -> RobotModel:
-    """The robot with its base and the segments of its legs, from the hip down, changed."""
+    """Return the robot with varied base and leg segments, from the hip down."""
     root = ET.fromstring(robot.source.xml)
     walk = {"urdf": _urdf_links, "mjcf": _mjcf_links}[robot.source.format]
     depth = {name: index for leg in robot.legs.values() for index, name in enumerate(leg.joint_names)}
@@ -69,12 +69,12 @@ def with_segments(robot: RobotModel, base: SegmentVariation, legs: list[SegmentV
     xml = ET.tostring(root, encoding="unicode")
     source = dataclasses.replace(robot.source, xml=xml, sha256=hashlib.sha256(xml.encode()).hexdigest(), repairs=())
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)  # of the original, said when it was loaded
+        warnings.simplefilter("ignore", ModelWarning)  # already issued when the original was loaded
         return RobotModel.from_source(source, robot.name, robot.description)
 
 
 def _urdf_links(root: ET.Element, depth: dict[str, int]) -> Iterator[tuple[int | None, list[ET.Element]]]:
-    """Each link of a URDF with the joints that hang on it, and the depth of the leg joint that moves it."""
+    """Yield each link of a URDF with its child joints, and the depth of the leg joint that moves it."""
     joints = root.findall("joint")
     parent_joint = {_named(joint, "child"): joint for joint in joints}
     for link in root.findall("link"):
@@ -92,7 +92,7 @@ def _named(joint: ET.Element, role: str) -> str:
 
 
 def _mjcf_links(root: ET.Element, depth: dict[str, int]) -> Iterator[tuple[int | None, list[ET.Element]]]:
-    """Each body of an MJCF with what is fixed to it, and the depth of the leg joint that moves it."""
+    """Yield each body of an MJCF with its elements, and the depth of the leg joint that moves it."""
 
     def visit(body: ET.Element, level: int | None) -> Iterator[tuple[int | None, list[ET.Element]]]:
         levels = [depth[name] for joint in body.findall("joint") if (name := joint.get("name", "")) in depth]
@@ -108,7 +108,7 @@ def _mjcf_links(root: ET.Element, depth: dict[str, int]) -> Iterator[tuple[int |
 
 
 def _change(elements: list[ET.Element], segment: SegmentVariation) -> None:
-    """Move what is in a link's frame, and change its inertial."""
+    """Scale the positions in a link's frame, and change its inertial."""
 
     def scaled(values: list[float]) -> list[float]:
         return [segment.length * value for value in values]
