@@ -1,15 +1,14 @@
-"""How near the truth calibrations come, and how honest their intervals are: `make bench-accuracy`.
+"""Accuracy of calibrations and coverage of their intervals: `make bench-accuracy`.
 
-Random payloads on simulated robots with the presets `stress` and `realistic`, by the Bayesian method, with and without a
-scale, with and without a cable, with legs unknown and trusted, all from the same recordings; turned by 180 degrees half-way
-(`--rotate-halfway`); by the methods `paper` and `static` in `realistic`. Every run appends a row to
-benchmarks/results/accuracy.jsonl,
-so that an interrupted benchmark goes on where it was; benchmarks/results/accuracy.md is made from the rows. All is seeded;
-nothing was tuned on these seeds.
+Simulated robots with random payloads and the presets `stress` and `realistic` are calibrated with the Bayesian method: with
+and without a scale, a cable and wide leg priors, all from the same recordings, and rotated by 180 degrees halfway
+(`--rotate-halfway`). In `realistic` also with the methods `paper` and `static`. Every run appends a row to
+benchmarks/results/accuracy.jsonl, so that an interrupted benchmark can be resumed. benchmarks/results/accuracy.md is written
+from the rows. Everything is seeded; nothing was tuned on these seeds.
 
-    python benchmarks/accuracy.py             # what is missing, then the tables
-    python benchmarks/accuracy.py --part 0.1  # a tenth of it
-    python benchmarks/accuracy.py --tables    # the tables only
+    python benchmarks/accuracy.py             # missing runs, then tables
+    python benchmarks/accuracy.py --part 0.1  # a tenth of the runs
+    python benchmarks/accuracy.py --tables    # tables only
 """
 
 from __future__ import annotations
@@ -56,17 +55,17 @@ ROWS = RESULTS / "accuracy.jsonl"
 COUNTS = {"unitree_a1": 200, "go2": 50, "anymal_c": 50, "solo12": 50, "b1": 50}
 FIRST_SEED = 10_000
 WORLDS = {"stress": STRESS, "realistic": REALISTIC}
-NAIVE = ("precise60", "paper", "static")  # of an A1 in `realistic`, for so many seeds
+NAIVE = ("precise60", "paper", "static")  # runs of an A1 in `realistic`
 NAIVE_SEEDS = 50
-TURNED_SEEDS = 50  # of an A1 in `stress` that is turned by 180 degrees half-way
+TURNED_SEEDS = 50  # of an A1 in `stress`, rotated by 180 degrees halfway
 SOURCE_SEEDS = 3  # of each error source alone
 SCALE = 0.005  # a scale's error, as a fraction
 A1_LEG = 0.4  # [m]
-LEAST = 0.90  # of intervals that are to hold
+LEAST = 0.90  # least coverage
 
 Row = dict[str, Any]
 
-# One error source at a time; those that only matter together are together.
+# Single error sources; those that interact are combined.
 SOURCES = {
     "joint offsets 5 mrad": ("joint_offset",),
     "IMU tilt 5 mrad": ("imu_tilt",),
@@ -85,7 +84,7 @@ SOURCES = {
 
 @dataclass(frozen=True)
 class Case:
-    """One run: a robot, a seed (of payload, sensors and scale), a method, and a preset or one source of errors."""
+    """Run: robot, seed (of payload, sensors and scale), method, and preset or single error source."""
 
     robot: str
     seed: int
@@ -98,7 +97,7 @@ class Case:
 
 
 def cases() -> list[Case]:
-    """All of them, in an order in which half a benchmark is half of each part."""
+    """Return all cases, with those of all parts mixed evenly."""
     counts = {(robot, "bayesian", world): count for world in WORLDS for robot, count in COUNTS.items()}
     counts |= {("unitree_a1", method, "realistic"): NAIVE_SEEDS for method in NAIVE}
     counts["unitree_a1", "turned", "stress"] = TURNED_SEEDS
@@ -126,7 +125,7 @@ def errors_of(case: Case, scale: Scale) -> SensorErrors:
 
 
 def payload_of(robot: equipoise.RobotModel, generator: np.random.Generator) -> str:
-    """5 to 30 % of the base's mass, somewhere on the back, with an extent of its own."""
+    """Draw a payload of 5 to 30 % of the base's mass with random position on the back and random size."""
     size = nominal_stance(robot).scale.length
     mass = generator.uniform(0.05, 0.30) * float(robot.pinocchio.inertias[1].mass)
     at = size * np.array(
@@ -151,7 +150,7 @@ def robot_called(name: str) -> equipoise.RobotModel:
 
 
 def told_otherwise(settings: BayesianMethod) -> dict[str, BayesianMethod]:
-    """What else the recordings of a run are estimated with, by what a page calls it."""
+    """Return further settings to estimate the recordings with, by label."""
     known = dataclasses.replace(settings, cable="none")
     return {
         "no scale": dataclasses.replace(settings, mass=None, mass_std=None),
@@ -199,7 +198,7 @@ def run(case: Case) -> Row:
 
 
 def judged(result: equipoise.Calibration) -> Row:
-    """Errors, standard deviations, which intervals hold as printed, and the checks that fired."""
+    """Return errors, standard deviations, coverage of printed intervals, and failed checks."""
     body = list(result.composite)
     return {
         "error": [quantity.error for quantity in body],
@@ -210,7 +209,7 @@ def judged(result: equipoise.Calibration) -> Row:
 
 
 def rounded(value: object) -> object:
-    """Floats to six digits: rows are read by tables, and kept in the repository."""
+    """Round floats to six digits, because rows are stored in the repository."""
     if isinstance(value, float):
         return float(f"{value:.6g}")
     if isinstance(value, dict):
@@ -219,13 +218,13 @@ def rounded(value: object) -> object:
 
 
 def load_rows(path: Path) -> dict[str, Row]:
-    """Rows by their keys, the latest of each."""
+    """Return the latest row of each key."""
     text = path.read_text(encoding="utf-8") if path.exists() else ""
     return {row["key"]: row for row in map(json.loads, text.splitlines())}
 
 
 def relative(row: Row, error: list[float | None]) -> np.ndarray:
-    """Errors in %, mm, % of each moment, % of Ixx; nan where there is none."""
+    """Return errors in %, mm, % of each moment, % of Ixx; nan if missing."""
     true = np.array(row["truth"])
     unit = np.concatenate([[100 / true[0]], [1000.0] * 3, 100 / true[4:7], [100 / true[4]] * 3])
     return np.array([np.nan if value is None else value for value in error], dtype=float) * unit
@@ -235,7 +234,7 @@ def rms(values: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(np.square(values), axis=0))
 
 
-TARGETS = {  # of an A1: mass %, CoM mm, moments %; CoM in proportion to the legs
+TARGETS = {  # of an A1: mass %, CoM mm, moments %; CoM targets scale with leg length
     ("stress", "bayesian"): (0.75, 0.6, 2.0, 5, 3, 4),
     ("stress", "turned"): (0.5, 0.4, 2.0, 5, 3, 4),
     ("realistic", "precise, no cable"): (0.30, 0.25, 1.5, 3, 2, 2),
@@ -244,7 +243,7 @@ TARGETS = {  # of an A1: mass %, CoM mm, moments %; CoM in proportion to the leg
 
 
 def lines_of(rows: Iterable[Row]) -> Iterable[tuple[str, str, str, int, list[Row], list[Row]]]:
-    """Robot, world, label, runs meant, rows, and what stands in each line of the tables."""
+    """Yield robot, preset, label, planned runs, rows and cells of each table line."""
     rows = list(rows)
     for robot, meant in COUNTS.items():
         for world in WORLDS:
@@ -264,11 +263,11 @@ def lines_of(rows: Iterable[Row]) -> Iterable[tuple[str, str, str, int, list[Row
 
 def accuracy_table(rows: Iterable[Row]) -> list[str]:
     lines = [
-        "| robot | world | method | n | mass % | CoM x | y | z mm | Ixx | Iyy | Izz % | Ixy | Ixz | Iyz % of Ixx | time |",
+        "| robot | preset | method | n | mass % | CoM x | y | z mm | Ixx | Iyy | Izz % | Ixy | Ixz | Iyz % of Ixx | time |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    for robot, world, label, meant, good, told in lines_of(rows):
-        found = rms(np.array([relative(row, part["error"]) for row, part in zip(good, told, strict=True)]))
+    for robot, world, label, meant, good, finished in lines_of(rows):
+        found = rms(np.array([relative(row, part["error"]) for row, part in zip(good, finished, strict=True)]))
         target = TARGETS.get((world, label))
         limit = np.full(10, np.inf)
         if target:
@@ -290,23 +289,23 @@ def accuracy_table(rows: Iterable[Row]) -> list[str]:
 
 def coverage_table(rows: Iterable[Row]) -> list[str]:
     lines = [
-        "| robot | world | | n | " + " | ".join(COMPONENTS) + " | all | runs with a check that fired |",
+        "| robot | preset | | n | " + " | ".join(COMPONENTS) + " | all | runs with a failed check |",
         "|---|---|---|---|" + "---|" * len(COMPONENTS) + "---|---|",
     ]
-    for robot, world, label, meant, _, told in lines_of(rows):
-        if "sd" not in told[0]:
+    for robot, world, label, meant, _, finished in lines_of(rows):
+        if "sd" not in finished[0]:
             continue
-        holds = np.array([part["holds"] for part in told])
-        least = binom.ppf(0.025, len(told), LEAST) / len(told)
+        holds = np.array([part["holds"] for part in finished])
+        least = binom.ppf(0.025, len(finished), LEAST) / len(finished)
         cells = [f"{share:.0%}" if share >= least else f"**{share:.0%}**" for share in holds.mean(axis=0)]
-        fired = Counter(name for part in told for name in part["alarms"])
+        fired = Counter(name for part in finished for name in part["alarms"])
         names = ", ".join(f"{name} {count}" for name, count in fired.most_common())
         lines.append(
-            f"| {robot} | {world} | {label} | {len(told)} of {meant} | " + " | ".join(cells)
-            + f" | {holds.mean():.1%} | {sum(bool(part['alarms']) for part in told)} {names} |"
+            f"| {robot} | {world} | {label} | {len(finished)} of {meant} | " + " | ".join(cells)
+            + f" | {holds.mean():.1%} | {sum(bool(part['alarms']) for part in finished)} {names} |"
         )  # fmt: skip
-        ratio = rms(np.array([np.array(part["error"]) / np.array(part["sd"]) for part in told]))
-        lines.append("| | | error / sd, rms | | " + " | ".join(f"{value:.2f}" for value in ratio) + " | | |")
+        ratio = rms(np.array([np.array(part["error"]) / np.array(part["sd"]) for part in finished]))
+        lines.append("| | | error / std, rms | | " + " | ".join(f"{value:.2f}" for value in ratio) + " | | |")
     return lines
 
 
@@ -315,11 +314,11 @@ def source_table(rows: Iterable[Row]) -> list[str]:
     if not rows:
         return []
     lines = [
-        "## One error source at a time (A1)",
+        "## Single error sources (A1)",
         "",
-        f"RMS over {SOURCE_SEEDS} seeds. Payloads, contacts and soft legs are in every row, and the scale's error.",
+        f"RMS over {SOURCE_SEEDS} seeds. Every row includes payloads, contacts, soft legs and the scale's error.",
         "",
-        "| source alone | method | CoM x | y | z mm | Ixx | Iyy | Izz % | Ixy | Ixz | Iyz % of Ixx |",
+        "| error source | method | CoM x | y | z mm | Ixx | Iyy | Izz % | Ixy | Ixz | Iyz % of Ixx |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for source in SOURCES:
@@ -334,10 +333,10 @@ def source_table(rows: Iterable[Row]) -> list[str]:
 
 ABOUT = """# Accuracy
 
-`make bench-accuracy`; seeds from {first} on, which no development used. RMSE of the whole
-robot at the nominal stance; random payloads of 5 to 30 % of the base's mass; mass from a scale within 0.5 % unless
-stated. Rows with other settings of the Bayesian method are estimated from the same recordings. *Model file*: the file,
-without the payload. Bold: target missed. The paper's I is compared with the whole robot's.
+`make bench-accuracy`; seeds from {first} on, not used in development. RMSE of the whole robot at the nominal stance; random
+payloads of 5 to 30 % of the base's mass; mass from a scale with an error of 0.5 % unless stated. Rows with other settings of
+the Bayesian method are estimated from the same recordings. *Model file*: errors of the file, without the payload.
+Bold: target missed. The paper's I is compared with the whole robot's.
 """
 
 
@@ -350,17 +349,17 @@ def write_tables() -> str:
             ABOUT.format(first=FIRST_SEED),
             *accuracy_table(rows),
             "",
-            "## Do the 95 % intervals of `bayesian` hold the truth?",
+            "## Coverage of the 95 % intervals of `bayesian`",
             "",
-            f"Share of runs in which they do, as printed; all runs count. Bold: too few for a share of {LEAST:.0%}.",
+            f"Share of runs whose printed interval contains the truth; all runs count. Bold: coverage below {LEAST:.0%}.",
             "",
             *coverage_table(rows),
             "",
             *source_table(rows),
             "## Computing",
             "",
-            f"Estimation from recordings: median {np.median(seconds):.1f} s on one core of a machine that ran two at once.",
-            *(["", "## Runs that failed", "", *failed] if failed else []),
+            f"Estimation from recordings: median {np.median(seconds):.1f} s on one core, two estimations at once.",
+            *(["", "## Failed runs", "", *failed] if failed else []),
             "",
         ]
     )
@@ -370,8 +369,8 @@ def write_tables() -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tables", action="store_true", help="make the tables from the rows there are")
-    parser.add_argument("--part", type=float, default=1.0, help="part of the benchmark, from 0 to 1")
+    parser.add_argument("--tables", action="store_true", help="write the tables from the existing rows")
+    parser.add_argument("--part", type=float, default=1.0, help="fraction of the benchmark, from 0 to 1")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
     done = load_rows(ROWS)

@@ -1,4 +1,4 @@
-"""How near the truth a `paper` calibration comes, in simulation: part of `make bench-accuracy`.
+"""Accuracy of the method `paper` in simulation: part of `make bench-accuracy`.
 
 Writes benchmarks/results/accuracy_paper.md and accuracy_paper.json. Everything is seeded; the numbers do not depend on
 the machine.
@@ -23,14 +23,14 @@ from equipoise.errors import EquipoiseError, MissingDependencyError
 from equipoise.robot.catalog import CATALOG
 
 RESULTS = Path(__file__).parent / "results"
-PAPER_ERRORS = {"roll": -0.26, "pitch": -0.12, "yaw": -0.09}  # Table I: estimated over simulated, less one
+PAPER_ERRORS = {"roll": -0.26, "pitch": -0.12, "yaw": -0.09}  # Table I: estimated over simulated, minus one
 REALISTIC_SEEDS = range(10_000, 10_020)  # below are for development
 A1_LEG = 0.4  # [m]
 
 
 @dataclass(frozen=True)
 class Row:
-    """One calibration: errors in mm and as fractions."""
+    """Calibration with errors in mm and as fractions."""
 
     robot: str
     noise: str
@@ -88,12 +88,12 @@ def a1_tables() -> tuple[list[str], list[Row]]:
     lines += [
         "",
         f"- Target: (x, y) within 2 mm at tolerance 1 mm: **{verdict(max(abs(fine.error_x_mm), abs(fine.error_y_mm)), 2)}**.",
-        f"- Target: within 5 mm in at most 6 halvings a diagonal: **{verdict(usual.error_mm, 5)}**, "
+        f"- Target: within 5 mm in at most 6 halvings per diagonal: **{verdict(usual.error_mm, 5)}**, "
         f"halvings **{verdict(max(usual.halvings.values()), 6)}**.",
         "",
         "### Table I: moments of inertia",
         "",
-        "I of equation 5, against both truths of this A1, beside the paper's own error.",
+        "I of equation 5, compared with both truths of this A1, and the paper's own error.",
         "",
         "| axis | estimated I | against base + hips + thighs | against the whole robot | the paper's own error |",
         "|---|---|---|---|---|",
@@ -116,8 +116,8 @@ def realistic_table() -> tuple[list[str], list[Row]]:
         "",
         "## Unitree A1, `realistic` preset",
         "",
-        f"RMS over {len(REALISTIC_SEEDS)} seeds, tolerance 1 mm. This is what two level support lines can do under ordinary "
-        "joint-zero and IMU errors.",
+        f"RMS over {len(REALISTIC_SEEDS)} seeds, tolerance 1 mm, with typical joint offsets and IMU errors, which two level "
+        "support lines cannot identify.",
         "",
         "| feet | x | y | I roll | I pitch | I yaw (against the whole robot) |",
         "|---|---|---|---|---|---|",
@@ -135,10 +135,10 @@ def realistic_table() -> tuple[list[str], list[Row]]:
 def robots_table() -> tuple[list[str], list[Row]]:
     lines = [
         "",
-        "## Every robot known by name, `ideal` preset, tolerance 5 mm, no settings touched",
+        "## All catalogue robots, `ideal` preset, default settings (tolerance 5 mm)",
         "",
-        "Allowed: 5 mm, times the leg length over the A1's for larger robots. `loaded` is the planar error with a payload",
-        "of 8 % of the robot's mass, off centre: symmetric models (Solo) balance in the first trial, which proves little.",
+        "Allowed: 5 mm, scaled with the leg length for larger robots. `loaded` is the planar error with an off-centre payload",
+        "of 8 % of the robot's mass, because symmetric models (Solo) balance in the first trial without one.",
         "",
         "| robot | error x | error y | planar | loaded | allowed | | lifts | time | I roll | I pitch | I yaw vs whole |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
@@ -172,7 +172,7 @@ def robots_table() -> tuple[list[str], list[Row]]:
 
 
 def off_centre_payload(name: str) -> str:
-    """8 % of the robot's mass, ahead, to the right and above the base's origin by a fraction of the leg length."""
+    """Return a payload of 8 % of the robot's mass, ahead, to the right and above the base's origin."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         robot = load_robot(name)
@@ -193,7 +193,7 @@ def main() -> None:
         "# Accuracy of `--method paper`",
         "",
         f"`make bench-accuracy`; equipoise {equipoise.__version__}, Pinocchio {pin.__version__}, MuJoCo "
-        f"{mujoco.__version__}, Python {machine.python_version()}. Errors are estimate less truth at the nominal stance.",
+        f"{mujoco.__version__}, Python {machine.python_version()}. Errors are estimate minus truth at the nominal stance.",
         "",
     ]
     a1, a1_rows = a1_tables()

@@ -345,7 +345,7 @@ def write_tables() -> str:
         *observer_table(rows),
     ]
     if failed:
-        lines += ["", "## Runs that failed", "", *(f"- {row['key']}: {row['failed']}" for row in failed)]
+        lines += ["", "## Failed runs", "", *(f"- {row['key']}: {row['failed']}" for row in failed)]
     text = "\n".join(lines) + "\n"
     write_page("balance.md", text, rows)
     draw(rows)

@@ -1,13 +1,13 @@
-"""Does the routine find in DART and in PyBullet what it finds in MuJoCo? `make bench-engines`.
+"""Comparison of calibrations in MuJoCo, DART and PyBullet: `make bench-engines`.
 
-Robots with a payload are calibrated by `bayesian` in three engines, with clean sensors (`ideal`) and with the errors of the
-preset `realistic`, as far as an engine can have them; a seed draws the same payload and the same errors for all. PyBullet is
-no part of the package, and nothing was tuned in it. Every run appends a row to benchmarks/results/engines.jsonl, so that an
-interrupted benchmark goes on where it was; benchmarks/results/engines.md is made from the rows. All is seeded.
+Robots with a payload are calibrated with `bayesian` in three engines, with perfect sensors (`ideal`) and with the errors of
+`realistic` that an engine supports. A seed draws the same payload and errors for all. PyBullet is not part of the package, and
+nothing was tuned in it. Every run appends a row to benchmarks/results/engines.jsonl, so that an interrupted benchmark can be
+resumed. benchmarks/results/engines.md is written from the rows. Everything is seeded.
 
-    python benchmarks/engines.py             # what is missing, then the tables
+    python benchmarks/engines.py             # missing runs, then tables
     python benchmarks/engines.py --seeds 2   # the first seeds only
-    python benchmarks/engines.py --tables    # the tables only
+    python benchmarks/engines.py --tables    # tables only
 """
 
 from __future__ import annotations
@@ -38,18 +38,17 @@ from equipoise.robot.inertial import COMPONENTS, components
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "engines.jsonl"
 ROBOTS = ("unitree_a1", "go2", "solo12", "anymal_c")
-FIRST, SEEDS = 10_000, 5  # first seed, and how many
+FIRST, SEEDS = 10_000, 5  # first seed and number of seeds
 PRESETS = ("ideal", "realistic")
 UNITS = {"m": ("kg", 1.0, 3), "c": ("mm", 1e3, 2), "I": ("kg m2", 1.0, 4)}  # by a component's first letter
 Row = dict[str, object]
-ABOUT = """# The same routine in three engines
+ABOUT = """# Calibration in three physics engines
 
 `make bench-engines`; {versions}, Python {python}.
 Method `bayesian`, no scale; random payloads of 5 to 30 % of the base's mass. A seed draws the same payload, sensors, motors
-and
-floor for all engines; contact, joint friction and integration are each engine's own. `ideal`: clean sensors, a robot as in its
-file. Of `realistic` an engine has what it can: {lacks}. The whole robot at the
-nominal stance; the truth is what each engine says of its bodies. PyBullet is no part of the package; nothing was tuned in it.
+and floor for all engines. Contact, joint friction and integration are each engine's own. `ideal`: perfect sensors, and a robot
+as in its file. `realistic` without the effects that an engine does not support: {lacks}. Errors of the whole robot at the
+nominal stance; each engine computes the truth. PyBullet is not part of the package; nothing was tuned in it.
 """
 
 
@@ -85,13 +84,13 @@ def key_of(preset: str, robot: str, seed: int, engine: str) -> str:
 
 
 def cases(seeds: int) -> list[tuple[str, str, int, str]]:
-    """Preset, robot, seed and engine of all runs, the first seeds of everything first."""
+    """Return preset, robot, seed and engine of all runs, ordered by seed."""
     order = itertools.product(range(FIRST, FIRST + seeds), PRESETS, ROBOTS, ENGINES)
     return [(preset, robot, seed, engine) for seed, preset, robot, engine in order]
 
 
 def rows_of(rows: dict[str, Row], preset: str, robot: str, engine: str) -> list[Row]:
-    """Finished rows of the seeds that all engines finished."""
+    """Return the rows of seeds that all engines finished."""
     found: list[Row] = []
     for seed in range(FIRST, FIRST + SEEDS):
         here = {other: rows.get(key_of(preset, robot, seed, other), {"failed": ""}) for other in ENGINES}
@@ -101,35 +100,35 @@ def rows_of(rows: dict[str, Row], preset: str, robot: str, engine: str) -> list[
 
 
 def array(rows: Iterable[Row], name: str) -> np.ndarray:
-    """(n, 10) of a value of rows."""
+    """Return the (n, 10) values of a column of rows."""
     return np.array([row[name] for row in rows])
 
 
 def apart(one: list[Row], other: list[Row]) -> np.ndarray:
-    """(n, 10) one engine's errors less another's, over both standard deviations together.
+    """Return the (n, 10) differences of two engines' errors over their combined standard deviation.
 
-    Errors, not estimates: legs as drawn are put together by each engine itself.
+    Errors are compared instead of estimates, because each engine assembles the drawn legs itself.
     """
     errors = [array(rows, "estimate") - array(rows, "truth") for rows in (one, other)]
     return (errors[0] - errors[1]) / np.hypot(array(one, "sd"), array(other, "sd"))
 
 
 def held(rows: list[Row]) -> np.ndarray:
-    """(n, 10) whether the interval holds the truth."""
+    """Return (n, 10) flags of intervals that contain the truth."""
     truth = array(rows, "truth")
     return (array(rows, "lower") <= truth) & (truth <= array(rows, "upper"))
 
 
 def over_sd(rows: list[Row]) -> np.ndarray:
-    """(n, 10) errors over their standard deviations."""
+    """Return the (n, 10) errors over their standard deviations."""
     return (array(rows, "estimate") - array(rows, "truth")) / array(rows, "sd")
 
 
 def summary(rows: dict[str, Row]) -> list[str]:
-    """A line for each preset and engine, over all robots."""
+    """Return a line for each preset and engine, over all robots."""
     lines = [
-        "| | engine | runs | intervals that hold | error over sd, rms | largest | apart from MuJoCo over both sd, rms "
-        "| largest | a check fired |",
+        "| | engine | runs | coverage | error / std, rms | largest | difference from MuJoCo / combined std, rms | largest "
+        "| failed checks |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for preset, (engine, called) in itertools.product(PRESETS, ENGINES.items()):
@@ -149,21 +148,21 @@ def summary(rows: dict[str, Row]) -> list[str]:
 
 
 def robot_table(rows: dict[str, Row], preset: str) -> list[str]:
-    """Errors and intervals of each quantity."""
+    """Return errors and coverage of each quantity."""
     lines = [f"| robot | runs | engine | | {' | '.join(COMPONENTS)} |", "|---|---|---|---|" + "---|" * len(COMPONENTS)]
     for robot, (engine, called) in itertools.product(ROBOTS, ENGINES.items()):
         here = rows_of(rows, preset, robot, engine)
         if here:
             z, inside = rms(over_sd(here)), held(here).sum(axis=0)
             lines.append(
-                f"| {robot} | {len(here)} | {called} | error over sd, rms | {' | '.join(f'{v:.2f}' for v in z)} |"
+                f"| {robot} | {len(here)} | {called} | error / std, rms | {' | '.join(f'{v:.2f}' for v in z)} |"
             )
-            lines.append(f"| | | | intervals that hold | {' | '.join(map(str, inside))} |")
+            lines.append(f"| | | | covered | {' | '.join(map(str, inside))} |")
     return lines
 
 
 def run_table(runs: list[Row]) -> list[str]:
-    """Every quantity of one robot in all engines."""
+    """Return every quantity of one robot in all engines."""
     lines = ["| | " + " | ".join(f"{called} | truth" for called in ENGINES.values()) + " |"]
     lines.append("|---|" + "---|---|" * len(ENGINES))
     for index, name in enumerate(COMPONENTS):
@@ -203,7 +202,7 @@ def write_tables() -> str:
         lines += ["", f"## `{preset}`, by robot", "", *robot_table(rows, preset)]
     lines += ["", "## One payload of each robot, `realistic`", ""]
     lines += [
-        "Estimate and half of its 95 % interval; bold: it does not hold the truth. Other seeds are in engines.jsonl."
+        "Estimate and half width of its 95 % interval; bold: it misses the truth. Other seeds are in engines.jsonl."
     ]
     for robot in ROBOTS:
         runs = [rows_of(rows, "realistic", robot, engine) for engine in ENGINES]
@@ -213,13 +212,12 @@ def write_tables() -> str:
         "",
         "## Computing",
         "",
-        "CPU time of a whole calibration on one core of a machine that ran other things too, planning and estimating "
-        "included; median.",
+        "CPU time of a whole calibration on one core of a shared machine, planning and estimating included; median.",
         "",
         *speed_table(rows),
     ]
     if failed:
-        lines += ["", "## Runs that failed", "", *(f"- {row['key']}: {row['failed']}" for row in failed)]
+        lines += ["", "## Failed runs", "", *(f"- {row['key']}: {row['failed']}" for row in failed)]
     text = "\n".join(lines) + "\n"
     write_page("engines.md", text, rows.values())
     return text
@@ -227,7 +225,7 @@ def write_tables() -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tables", action="store_true", help="make the tables from the rows there are")
+    parser.add_argument("--tables", action="store_true", help="write the tables from the existing rows")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="of each robot")
     arguments = parser.parse_args()
     done = load_rows(ROWS)

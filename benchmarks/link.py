@@ -1,10 +1,10 @@
-"""The robot process over a Go2's messages: is its 500 Hz loop punctual, and do calibrations over it match a direct simulation?
+"""Timing of the 500 Hz loop with a Go2's messages, and agreement of its calibrations with direct simulation.
 
     make bench-link
 
-An emulator speaks the messages over DDS on loopback. The loop is measured with and without real-time priority, on an idle
-computer and beside eight busy processes; then whole calibrations run over it. Nothing else may run meanwhile. 25 minutes. Rows
-are kept in benchmarks/results/link.json; --again measures all of them again, --tables only writes the page.
+An emulator sends the messages over DDS on loopback. The loop is measured with and without real-time priority, on an idle
+computer and with eight busy processes; then whole calibrations run over it. It takes 25 minutes on an otherwise idle computer.
+Rows are stored in benchmarks/results/link.json; --again repeats all measurements, --tables only writes the page.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ MODEL = load_robot(ROBOT)
 
 @dataclass(frozen=True)
 class Options:
-    """What is measured.
+    """Settings of the benchmark.
 
     Attributes:
-        seconds: length of each loop measurement; the longest one, at load with priority, is ten minutes at least.
+        seconds: duration of each loop measurement; at least ten minutes for the one at load with priority.
         seeds: seeds of the calibrations.
-        again: measure all rows again.
+        again: repeat all measurements.
         tables: only write the page.
     """
 
@@ -67,7 +67,7 @@ class Options:
 
 @contextlib.contextmanager
 def emulator(*flags: str) -> Generator[None]:
-    """Run an emulator that lies."""
+    """Run an emulator of a lying robot."""
     command = [
         sys.executable,
         "-m",
@@ -90,7 +90,7 @@ def emulator(*flags: str) -> Generator[None]:
 
 @contextlib.contextmanager
 def busy(count: int) -> Generator[None]:
-    """Keep the processors busy with other processes."""
+    """Run processes that keep the processors busy."""
     loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
         yield
@@ -105,7 +105,7 @@ def remote(realtime: bool, log: Any = None) -> RemoteRobot:
 
 
 def loop_row(realtime: bool, load: int, seconds: float) -> dict[str, Any]:
-    """Lateness of commands during excitation and holding, and CPU time of both processes."""
+    """Measure the lateness of commands during excitation and holding, and CPU time of both processes."""
     with emulator("--sim-preset", "ideal", "--start", "standing", "--no-sport-mode"), busy(load):
         robot = remote(realtime)
         began, used = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF)
@@ -122,7 +122,7 @@ def loop_row(realtime: bool, load: int, seconds: float) -> dict[str, Any]:
 
 
 def excitation() -> Trajectory:
-    """Five seconds of all legs long and short in turn, gently."""
+    """Return a slow motion of five seconds that extends and retracts all legs."""
     at = np.arange(2500) * 2e-3
     position = np.repeat(nominal_stance(MODEL).joint_position[None], len(at), axis=0)
     for place, leg in enumerate(MODEL.legs.values()):
@@ -133,7 +133,7 @@ def excitation() -> Trajectory:
 
 
 def calibration_row(seed: int, realtime: bool) -> dict[str, Any]:
-    """The same robot calibrated directly and over the robot process: estimates, their intervals, and the truth."""
+    """Calibrate the same robot directly and over the robot process; return estimates, intervals and truth."""
     method = BayesianMethod(duration=BUDGET)
     with simulate(MODEL, "realistic", PAYLOAD, seed, "lying") as simulation:
         truth = components(simulation.truth.composite)[:7].tolist()
@@ -160,7 +160,7 @@ def summary(result: equipoise.Calibration) -> dict[str, Any]:
 def loop_table(rows: dict[str, Any]) -> list[str]:
     lines = [
         "| real-time priority | busy processes | commands | within 1 ms | 99.9 % [ms] | latest [ms] | missed deadlines "
-        "| CPU of a tick [ms] | calibration process, share of a core |",
+        "| CPU per period [ms] | calibration process, share of a core |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows.values():
@@ -201,19 +201,19 @@ def page(rows: dict[str, Any]) -> str:
         "# The robot process over a Go2's messages",
         "",
         f"`make bench-link`; equipoise {equipoise.__version__}, Python {platform.python_version()}, {os.cpu_count()} cores. "
-        "An emulator speaks a Go2's messages over DDS on loopback at 500 Hz.",
+        "An emulator sends a Go2's messages over DDS on loopback at 500 Hz.",
         "",
-        "## Punctuality of the loop",
+        "## Timing of the loop",
         "",
-        "Lateness of every command after its deadline, during excitation and holding. Target with real-time priority at a "
-        "load of 8 in ten minutes: 99.9 % within 1 ms, none later than 5 ms; CPU of a tick under 0.15 ms.",
+        "Delay of every command after its deadline, during excitation and holding. Target with real-time priority at a load "
+        "of 8 in ten minutes: 99.9 % within 1 ms, none later than 5 ms; CPU per period under 0.15 ms.",
         "",
         *loop_table(loops),
     ]
     if calibrations:
         lines += [
             "",
-            "## Calibrations over it",
+            "## Calibrations over the loop",
             "",
             f"An A1 with a payload of 1.5 kg, preset `realistic`, method `bayesian` with a duration of {BUDGET:.0f} "
             f"s, logged: "

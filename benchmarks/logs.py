@@ -1,8 +1,8 @@
-"""How much is lost when a log comes without our events: `make bench-logs`. Writes benchmarks/results/logs.md.
+"""Accuracy of estimates from logs without equipoise's events: `make bench-logs`. Writes benchmarks/results/logs.md.
 
-Simulated calibrations with ordinary sensors and a payload are estimated from our own recordings, and again from one long log
-without events, in which `equipoise estimate LOG` has to find what can be used; at the sensors' own rate, and thinned out;
-without joint velocities; and with a fused orientation in place of the gyroscope.
+Simulated calibrations with typical sensors and a payload are estimated from their recordings, and from one long log without
+events, in which `equipoise estimate LOG` detects the usable motions. Logs have the full rate or a reduced one, no joint
+velocities, or a fused orientation instead of the gyroscope.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from equipoise.robot.inertial import RobotInertia, components
 RESULTS = Path(__file__).parent / "results"
 ROBOTS = {"unitree_a1": "1.5,0.05,-0.02,0.06", "go2": "1.5,0.05,0.02,0.06", "solo12": "0.3,0.03,0.01,0.04"}
 SEEDS = range(10_000, 10_005)  # below are for development
-# Every so manieth sample of joints and IMU, and what is left out.
+# Decimation of joints and IMU, and the missing quantity.
 WAYS: dict[str, tuple[int, int, str] | None] = {
     "our events": None,
     "log, 500 Hz": (1, 1, ""),
@@ -39,16 +39,16 @@ WAYS: dict[str, tuple[int, int, str] | None] = {
     "log, 500 Hz, no velocities": (1, 1, "velocity"),
     "log, 500 Hz, orientation for gyroscope": (1, 1, "gyroscope"),
 }
-_PULL = 0.5  # [1/s] of the filter towards the accelerometer's up: what is common
+_PULL = 0.5  # [1/s], common gain of the filter's correction by the accelerometer
 
 
 def thinned(stream: object, step: int) -> list[np.ndarray]:
-    """The arrays of a stream, every so manieth sample."""
+    """Return the decimated arrays of a stream."""
     return [getattr(stream, name)[::step] for name in type(stream).__dataclass_fields__]
 
 
 def raw_log(recordings: list[Recording], joint_step: int, imu_step: int, without: str) -> RawLog:
-    """All recordings as one log."""
+    """Return all recordings as one log."""
     log = replace(Recording.concatenate(recordings), events=())
     time, position, velocity, torque = thinned(log.joints, joint_step)
     imu_time, gyroscope, accelerometer = thinned(log.imu, imu_step)
@@ -59,7 +59,7 @@ def raw_log(recordings: list[Recording], joint_step: int, imu_step: int, without
 
 
 def fused(time: np.ndarray, gyroscope: np.ndarray, accelerometer: np.ndarray) -> np.ndarray:
-    """(n, 4) orientation, w first, as a complementary filter makes it."""
+    """Return the (n, 4) orientation of a complementary filter, w first."""
     felt = accelerometer / np.linalg.norm(accelerometer, axis=1)[:, None]
     now = Rotation.align_vectors([[0.0, 0.0, 1.0]], felt[:1])[0].as_matrix()
     found = np.empty((len(time), 3, 3))
@@ -73,12 +73,12 @@ def fused(time: np.ndarray, gyroscope: np.ndarray, accelerometer: np.ndarray) ->
 
 
 def errors(result: Calibration, truth: RobotInertia) -> tuple[np.ndarray, np.ndarray]:
-    """(10,) errors, and (10,) half their 95 % intervals."""
+    """Return (10,) errors, and (10,) half widths of 95 % intervals."""
     return result.composite.values - components(truth.composite), NORMAL_95 * result.composite.stds
 
 
 def run(name: str, payload: str, seed: int) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Errors, half intervals, and the truth, of each way."""
+    """Return errors, half widths and truth of each source."""
     robot, recordings = load_robot(name), list[Recording]()
     with simulate(robot, "realistic", payload, seed) as simulation:
         own = calibrate(simulation.platform, robot, keep=recordings.append)
@@ -100,15 +100,15 @@ def row(name: str, way: str, runs: list[tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def main() -> None:
-    """All robots, all seeds."""
+    """Run all cases and write the page."""
     warnings.simplefilter("ignore", ModelWarning)
     lines = [
-        "# Estimates from logs without our events",
+        "# Estimates from logs without events",
         "",
         f"`make bench-logs`; {len(SEEDS)} simulated calibrations each, `--sim-preset realistic`, with a "
-        "payload. Root mean square errors of the whole robot, and 95 % intervals of its CoM, the mean.",
+        "payload. Root mean square errors of the whole robot, and mean 95 % intervals of its CoM.",
         "",
-        "| robot | estimated from | mass [%] | CoM x y z [mm] | its intervals +- [mm] | Ixx Iyy Izz [%] | within intervals |",
+        "| robot | estimated from | mass [%] | CoM x y z [mm] | CoM intervals +- [mm] | Ixx Iyy Izz [%] | coverage |",
         "|---|---|---|---|---|---|---|",
     ]
     for name, payload in ROBOTS.items():

@@ -1,10 +1,10 @@
-"""How fast Monte Carlo studies are, how they grow, and whether coarser steps may be used: `make bench-monte-carlo`.
+"""Speed and scaling of Monte Carlo studies, and effect of the time step: `make bench-monte-carlo`.
 
-Writes benchmarks/results/monte_carlo.md from benchmarks/results/monte_carlo.json, part by part; a part that is there is not
-measured again unless it is named:
+Writes benchmarks/results/monte_carlo.md from benchmarks/results/monte_carlo.json. Existing parts are only repeated if they
+are named:
 
-    python benchmarks/monte_carlo.py                       # what is missing: throughput growth dask steps estimation
-    python benchmarks/monte_carlo.py throughput steps      # these again
+    python benchmarks/monte_carlo.py                       # missing parts: throughput growth dask steps estimation
+    python benchmarks/monte_carlo.py throughput steps      # repeat these
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
 def commands_of(trial: int, timestep: float) -> tuple[mujoco.MjModel, np.ndarray, np.ndarray]:
-    """The engine's model, first state and every control of one trial's calibration."""
+    """Return the engine's model, initial state and all controls of one trial's calibration."""
     drawn = draw(Study(), trial)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -68,7 +68,7 @@ def commands_of(trial: int, timestep: float) -> tuple[mujoco.MjModel, np.ndarray
 
 
 def roll_alone(trial: int, timestep: float, begin: float, repeats: int) -> tuple[int, float]:
-    """Steps, and seconds of `mujoco.rollout` alone with one trial's commands, begun at a common moment."""
+    """Return steps and seconds of `mujoco.rollout` alone with one trial's commands, from a common start time."""
     model, initial, controls = commands_of(trial, timestep)
     engine = rollout.Rollout(nthread=0)
     data = mujoco.MjData(model)
@@ -80,13 +80,13 @@ def roll_alone(trial: int, timestep: float, begin: float, repeats: int) -> tuple
 
 
 def throughput() -> list[dict[str, float]]:
-    """Engine steps a second of a study and of `mujoco.rollout` alone, in the same processes."""
+    """Measure engine steps per second of a study and of `mujoco.rollout` alone, in the same processes."""
     rows = []
     for timestep in STEPS:
         with Processes(CORES) as pool, tempfile.TemporaryDirectory() as folder:
             run_study(Study(timestep=timestep, seed=99), 15 * CORES, Path(folder) / "warm", pool, CORES)
             rounds = []
-            for index in range(2):  # before and after, as machines drift
+            for index in range(2):  # before and after, because machines drift
                 rounds.append(alone(pool, timestep))
                 if index == 0:
                     start = time.perf_counter()
@@ -100,14 +100,14 @@ def throughput() -> list[dict[str, float]]:
 
 
 def alone(pool: Processes, timestep: float) -> float:
-    """Aggregate steps a second of `mujoco.rollout` in all processes at once."""
-    begin = time.time() + 8.0  # by then all have found their commands
+    """Measure steps per second of `mujoco.rollout` in all processes together."""
+    begin = time.time() + 8.0  # time to compute the commands
     futures = [pool.submit(roll_alone, trial, timestep, begin, round(4e-3 / timestep)) for trial in range(CORES)]
     return sum(steps / seconds for steps, seconds in (future.result() for future in futures))
 
 
 def growth() -> dict[str, object]:
-    """Seconds until so many trials of one study were on hand, start-up included."""
+    """Measure the seconds until each number of trials of a study, including start-up."""
     reached: dict[int, float] = {}
     start = time.perf_counter()
 
@@ -127,7 +127,7 @@ def growth() -> dict[str, object]:
 
 
 def dask() -> dict[str, float]:
-    """Trials a second of one and of two Dask workers over TCP, each a process of one thread."""
+    """Measure trials per second of one and two Dask workers over TCP, each a process with one thread."""
     rates: dict[str, float] = {}
     for workers in (1, 2):
         with socket.socket() as probe:
@@ -165,11 +165,11 @@ def wait_for_workers(address: str, count: int) -> None:
                 return
         except OSError:
             time.sleep(1)
-    raise SystemExit(f"no Dask scheduler came up at {address}")
+    raise SystemExit(f"the Dask scheduler at {address} did not start")
 
 
 def steps() -> list[dict[str, object]]:
-    """The same trials at different engine steps: how far results move, over how far they are off."""
+    """Run the same trials at different engine steps; return the changes of results and their errors."""
     rows = []
     cases = [(name, "paper", count) for name, count in STEP_ROBOTS.items()] + [("unitree_a1", "bayesian", STEP_PRECISE)]
     names = ("com_x", "com_y")
@@ -201,7 +201,7 @@ def rms(values: np.ndarray) -> float:
 
 
 def estimation() -> dict[str, float]:
-    """Seconds and memory of all that is estimated from one precise run, in a process that does nothing else."""
+    """Measure seconds and memory of the estimation of one `bayesian` run in a separate process."""
     with Processes(1) as pool:
         recordings = pool.submit(precise_recordings).result()
     with Processes(1) as pool:
@@ -239,14 +239,14 @@ def verdict(met: bool) -> str:
 
 
 def made_at(found: dict[str, object]) -> str:
-    """Of which commits the parts are, and how loaded the machine was when they began."""
+    """Return commits of the parts, and load of the machine at their start."""
     parts = (f"{name} at {made['commit']}, load {made['load']}" for name, made in found.get("made", {}).items())
-    return f"Made: {'; '.join(parts) or 'before pages said so'}."
+    return f"Made: {'; '.join(parts) or 'at unknown commits'}."
 
 
 def report(found: dict[str, object]) -> str:
     lines = [
-        "# Monte Carlo: speed, growth, steps",
+        "# Monte Carlo studies: speed, scaling, time step",
         "",
         f"`make bench-monte-carlo`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, Python "
         f"{machine.python_version()}, {CORES} cores. Unitree A1, method `paper`, preset `realistic`, random payloads, unless "
@@ -255,11 +255,11 @@ def report(found: dict[str, object]) -> str:
     if "throughput" in found:
         lines += [
             "", "## Physics throughput", "",
-            f"Engine steps a second of a whole study on {CORES} processes (drawing, building, planning, sensing, estimating "
-            "and storing included), and of `mujoco.rollout` alone: the same models, horizons, commands and number of "
-            "processes, before and after the study, which begins on processes that have done fifteen trials each. "
+            f"Engine steps per second of a whole study on {CORES} processes (including drawing, building, planning, sensing, "
+            "estimating and storing), and of `mujoco.rollout` alone with the same models, horizons, commands and number of "
+            "processes, before and after the study. The study starts on processes after fifteen trials each. "
             "Target: 0.87.",
-            "", "| engine step | a study | `mujoco.rollout` alone | ratio | | calibrations a second |",
+            "", "| engine step | study | `mujoco.rollout` alone | ratio | | calibrations per second |",
             "|---|---|---|---|---|---|",
         ]  # fmt: skip
         for row in found["throughput"]:
@@ -272,28 +272,28 @@ def report(found: dict[str, object]) -> str:
         part = found["growth"]
         seconds = {int(count): value for count, value in part["seconds"].items()}
         lines += [
-            "", "## Growth", "", "Time until so many trials of one study were stored, start of the workers included.", "",
+            "", "## Scaling", "", "Time until the trials of a study were stored, including the start of the workers.", "",
             "| trials | time |", "|---|---|",
             *(f"| {count:,} | {value / 60:.1f} min |" for count, value in seconds.items()), "",
-            f"Straight line: {part['per_trial']:.3f} s a trial and {part['offset']:+.1f} s at the start; the worst point is "
-            f"off it by {part['worst_residual']:.1%}. {part['failed']} of {max(seconds):,} calibrations failed.", "",
+            f"Linear fit: {part['per_trial']:.3f} s per trial and {part['offset']:+.1f} s at the start; largest residual "
+            f"{part['worst_residual']:.1%}. {part['failed']} of {max(seconds):,} calibrations failed.", "",
             f"Target: 1,000 in under 20 minutes on two cores: {verdict(seconds[1000] < 1200)}.",
         ]  # fmt: skip
     if "dask" in found:
         rates = found["dask"]
         gain = rates["2"] / rates["1"]
         lines += [
-            "", "## Dask workers over TCP, on this machine", "", "| workers | calibrations a second |", "|---|---|",
+            "", "## Dask workers over TCP, on this machine", "", "| workers | calibrations per second |", "|---|---|",
             *(f"| {count} | {rate:.2f} |" for count, rate in rates.items()), "",
-            f"Two give {gain:.2f} times one; target 1.6: {verdict(gain >= 1.6)}.",
+            f"Speed-up with two workers: {gain:.2f}; target 1.6: {verdict(gain >= 1.6)}.",
         ]  # fmt: skip
     if "steps" in found:
         lines += [
             "", "## Engine steps", "",
-            "The same trials at another engine step: RMS of how far results move, beside the RMS of their errors. Up to a "
-            "tenth a coarser step may be used. Studies use 1 ms for `paper` and `static`, and 0.5 ms for "
+            "The same trials at another engine step: RMS change of the results, and RMS of their errors. A coarser step is "
+            "acceptable up to a ratio of 0.1. Studies use 1 ms for `paper` and `static`, and 0.5 ms for "
             "`bayesian`.",
-            "", "| robot | method | trials | steps | planar CoM moves | its error | ratio | I moves | its error | ratio "
+            "", "| robot | method | trials | steps | planar CoM change | its error | ratio | I change | its error | ratio "
             "| failed |",
             "|---|---|---|---|---|---|---|---|---|---|---|",
         ]  # fmt: skip
@@ -308,8 +308,8 @@ def report(found: dict[str, object]) -> str:
     if "estimation" in found:
         part = found["estimation"]
         lines += [
-            "", "## Estimation of one precise run", "",
-            f"{part['recorded_s']:.0f} s of recordings, intervals and checks included, one core: {part['seconds']:.2f} s "
+            "", "## Estimation of one `bayesian` run", "",
+            f"{part['recorded_s']:.0f} s of recordings, with intervals and checks, on one core: {part['seconds']:.2f} s "
             f"(target 3: {verdict(part['seconds'] < 3)}); peak memory of the process {part['peak_mb']:.0f} MB (target 500: "
             f"{verdict(part['peak_mb'] < 500)}).",
         ]  # fmt: skip
@@ -321,7 +321,7 @@ def main() -> None:
     found = json.loads(store.read_text(encoding="utf-8")) if store.exists() else {}
     named = sys.argv[1:]
     if unknown := [name for name in named if name not in PARTS]:
-        raise SystemExit(f"{unknown[0]!r} is no part; those are {', '.join(PARTS)}")
+        raise SystemExit(f"{unknown[0]!r} is not a part; use {', '.join(PARTS)}")
     for name in named or [name for name in PARTS if name not in found]:
         print(name, flush=True)
         load = os.getloadavg()[0]

@@ -1,8 +1,8 @@
-"""How well a robot that swings its legs tells its motors: `make bench-motors`. Writes benchmarks/results/motors.md.
+"""Accuracy of motor parameters from swinging legs: `make bench-motors`. Writes benchmarks/results/motors.md.
 
-Simulated robots with ordinary sensors swing all joints for 10 s and for 30 s, lying on their bellies, or each leg for a
-quarter of that, on the other three feet; what is found is held against what was simulated. Then in `stress`. Rows are kept in
-motors.jsonl: it goes on where it was. Then other methods on the same recordings: `peers/motors.py`.
+Simulated robots with typical sensors swing all joints for 10 s and for 30 s on their bellies, or each leg for a quarter of
+that on the other three feet. Then in `stress`. Estimates are compared with the simulated motors. An interrupted benchmark
+resumes from motors.jsonl. Baselines on the same recordings: `peers/motors.py`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "motors.jsonl"
 FIRST = 10_000  # seeds below are for development
 RUNS = {"unitree_a1": 20, "go2": 20, "anymal_c": 8, "solo12": 8, "hyq": 8, "b1": 8}
-# Name, label, what errors are divided by (None: the truth), and the targets for each time.
+# Name, label, divisor of errors (None: the truth), and the targets for each duration.
 FOUND = (
     ("coulomb_friction", "Coulomb [%]", None, {10: 3.5, 30: 2.0}),
     ("relative_gain", "relative gain [%]", 0.01, {10: 2.0, 30: 1.2}),
@@ -41,13 +41,13 @@ FOUND = (
     ("delay", "delay [ms]", 1e-3, {10: 0.1, 30: 0.1}),
 )
 HOLD = 90.0  # [%]
-GREASE = {"unitree_a1": 12, "go2": 6, "anymal_c": 6}  # runs with friction that grows toward rest
+GREASE = {"unitree_a1": 12, "go2": 6, "anymal_c": 6}  # runs with Stribeck friction
 AT_REST = 0.3  # of Coulomb friction
-STRESS = {"unitree_a1": 8, "go2": 8, "anymal_c": 8, "solo12": 8}  # runs in the preset that has all at once
+STRESS = {"unitree_a1": 8, "go2": 8, "anymal_c": 8, "solo12": 8}  # runs in `stress`
 
 
 def run(name: str, seed: int, duration: int, at_rest: float, world: Noise) -> dict[str, object]:
-    """Errors of all joints, in the units of the table, and whether intervals hold; at_rest: of `AT_REST`, or 0."""
+    """Return errors of all joints in the units of the table, and coverage; at_rest: `AT_REST` or 0."""
     robot = load_robot(name)
     with simulate(robot, world, seed=seed, effects={"stribeck": at_rest} if at_rest else {}) as simulation:
         result = calibrate(simulation.platform, robot, Motors(motor_time=float(duration)))
@@ -66,12 +66,12 @@ def run(name: str, seed: int, duration: int, at_rest: float, world: Noise) -> di
 
 
 def rms(rows: list[dict[str, object]], quantity: str) -> float:
-    """Over all joints and runs."""
+    """Return the rms over all joints and runs."""
     return float(np.sqrt(np.mean(np.square([row[quantity] for row in rows]))))
 
 
 def page(rows: list[dict[str, Any]], of_peers: list[dict[str, Any]]) -> Iterator[str]:
-    """Lines of the page."""
+    """Yield the lines of the page."""
     yield from table(rows)
     yield ""
     yield from with_grease(rows)
@@ -84,17 +84,17 @@ def page(rows: list[dict[str, Any]], of_peers: list[dict[str, Any]]) -> Iterator
 
 
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Lines on our own."""
-    yield "# Motors, without a stand"
+    """Yield the lines on equipoise."""
+    yield "# Motor parameters without a test stand"
     yield ""
     yield (
         "`make bench-motors`; `--parameters motors --sim-preset realistic`, seeds from 10,000. Root mean square "
         "errors over all joints, "
-        "and the share of 95 % intervals that hold. HyQ and B1, whose legs do not turn up, stand on three feet and swing each "
-        "leg for a quarter of the time. Bold: the target is missed."
+        "and the share of 95 % intervals that contain the truth. HyQ and B1 cannot lie with free legs, so they stand on three "
+        "feet and swing each leg for a quarter of the time. Bold: target missed."
     )
     yield ""
-    yield "| robot | runs | swing | " + " | ".join(label for _, label, *_ in FOUND) + " | hold [%] |"
+    yield "| robot | runs | swing | " + " | ".join(label for _, label, *_ in FOUND) + " | coverage [%] |"
     yield "|" + "---|" * (len(FOUND) + 4)
     plain = [row for row in rows if row["world"] == "realistic" and "at_rest" not in row]
     for duration in (10, 30):
@@ -110,36 +110,36 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def with_grease(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Lines on friction that grows toward rest."""
-    yield "## Friction that grows toward rest"
+    """Yield the lines on Stribeck friction."""
+    yield "## Stribeck friction"
     yield ""
     yield (
-        f"The same with {AT_REST:.0%} more friction at rest than Coulomb's, falling with the square of the speed over 0.1 "
-        "rad/s (exp -v2); the estimate's law is another. F_s: rms error of what was told; where there is none, none is."
+        f"The same with {AT_REST:.0%} more friction at rest than Coulomb's, which decays as exp -(speed / 0.1 rad/s)^2; the "
+        "estimator's law differs. F_s: rms error of the reported values."
     )
     yield ""
-    yield "| robot | told in | " + " | ".join(label for _, label, *_ in FOUND) + " | hold [%] | F_s [%] |"
+    yield "| robot | reported in | " + " | ".join(label for _, label, *_ in FOUND) + " | coverage [%] | F_s [%] |"
     yield "|" + "---|" * (len(FOUND) + 4)
     for name in GREASE:
         of = [row for row in rows if row["robot"] == name and "at_rest" in row]
         if of:
-            told = [row for row in of if row["stribeck"]]
+            reported = [row for row in of if row["stribeck"]]
             held = 100 * float(np.mean([row[f"{quantity} holds"] for row in of for quantity, *_ in FOUND]))
             cells = [said(rms(of, quantity), targets[10]) for quantity, _, _, targets in FOUND]
-            amount = f"{rms(told, 'stribeck'):.0f}" if told else "-"
-            yield f"| {name} | {len(told)} of {len(of)} | " + " | ".join(cells) + f" | {held:.0f} | {amount} |"
+            amount = f"{rms(reported, 'stribeck'):.0f}" if reported else "-"
+            yield f"| {name} | {len(reported)} of {len(of)} | " + " | ".join(cells) + f" | {held:.0f} | {amount} |"
 
 
 def in_stress(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Lines on robots that have all at once."""
+    """Yield the lines on `stress`."""
     yield "## In `stress`"
     yield ""
     yield (
-        "10 s of swinging of robots that have all at once, friction that follows load among it, which is no unknown of the "
-        "motors' fit. In brackets the share of the intervals that hold."
+        "10 s of swinging with all effects, including load-dependent friction, which is not a parameter of the motors' fit. "
+        "In brackets the share of intervals that contain the truth."
     )
     yield ""
-    yield "| robot | runs | " + " | ".join(label for _, label, *_ in FOUND) + " | hold [%] |"
+    yield "| robot | runs | " + " | ".join(label for _, label, *_ in FOUND) + " | coverage [%] |"
     yield "|" + "---|" * (len(FOUND) + 3)
     for name in STRESS:
         of = [row for row in rows if (row["robot"], row["world"]) == (name, "stress")]
@@ -151,13 +151,13 @@ def in_stress(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def said(value: float, target: float) -> str:
-    """A number, bold where it misses its target."""
+    """Return a number, bold if it misses its target."""
     text = f"{value:.2f}" if target < 1 else f"{value:.1f}"
     return text if value <= target else f"**{text}**"
 
 
 def of_known_code(path: Path) -> list[dict[str, Any]]:
-    """Rows that are there, but those that do not say of which commit and world they are: they are made again."""
+    """Return the existing rows with a commit and a world; others are repeated."""
     rows = list(map(json.loads, path.read_text().splitlines())) if path.exists() else []
     kept = [row for row in rows if {"commit", "world"} <= {*row}]
     path.write_text("".join(json.dumps(row) + "\n" for row in kept))

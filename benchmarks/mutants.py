@@ -1,8 +1,7 @@
-"""Whether every limit has a test that bites: `make mutants`. Writes benchmarks/results/mutants.md.
+"""Mutation test of safety limits: `make mutants`. Writes benchmarks/results/mutants.md.
 
 Each limit of the guard, its endings, the second connection and the doctor is loosened by half in a copy of the package, and
-the tests that concern it are run on the copy. A mutant is detected if a test fails; one that survives shows a limit without a
-test.
+its tests are run on the copy. A mutant is detected if a test fails; a surviving mutant shows a limit without a test.
 """
 
 from __future__ import annotations
@@ -24,9 +23,9 @@ from provenance import commit, write_page
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"
 LOOSER = 1.5
-PATIENCE = 300.0  # [s] for the tests of one mutant: what does not end has been noticed, too
+PATIENCE = 300.0  # [s] for the tests of one mutant; a timeout counts as detection
 
-# By module: tests that concern it, limits that are looser when they are larger, and when they are smaller.
+# By module: its tests, limits that are looser when larger, and when smaller.
 LIMITS = {
     "guard/limits.py": (
         "guard/test_limits.py guard/test_joint_checks.py guard/test_command_checks.py guard/test_base_checks.py",
@@ -69,13 +68,13 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class Mutant:
-    """A limit that is looser than it should be.
+    """Loosened limit.
 
     Attributes:
         module: path of the module in the package.
-        limit: name of the limit; with an index where it is one of several.
-        factor: factor by which it is looser.
-        tests: paths of the tests that concern it.
+        limit: name of the limit, with an index into a tuple.
+        factor: factor on the limit.
+        tests: paths of its tests.
     """
 
     module: str
@@ -84,7 +83,7 @@ class Mutant:
     tests: tuple[str, ...]
 
     def apply(self, source: str) -> str:
-        """The module's text with the looser limit; raises LookupError if it has none of that name."""
+        """Return the module's text with the looser limit; raises LookupError if the limit is missing."""
         name, _, index = self.limit.rstrip("]").partition("[")
         for node in ast.walk(ast.parse(source)):
             value = _assigned(node, name)
@@ -96,7 +95,7 @@ class Mutant:
 
 
 def _assigned(node: ast.AST, name: str) -> ast.expr | None:
-    """What a statement gives to a name, alone or among others."""
+    """Return the value that a statement assigns to a name, alone or in a tuple."""
     if isinstance(node, ast.AnnAssign):
         return node.value if isinstance(node.target, ast.Name) and node.target.id == name else None
     if not isinstance(node, ast.Assign):
@@ -124,7 +123,7 @@ def mutants() -> Iterator[Mutant]:
 
 
 def killer(mutant: Mutant, package: Path) -> str | None:
-    """The test that notices a mutant in a copy of the package, which is put right again; None if it survives."""
+    """Return the test that detects a mutant in a copy of the package, which is restored; None if it survives."""
     path = package / mutant.module
     sound = path.read_text(encoding="utf-8")
     path.write_text(mutant.apply(sound), encoding="utf-8")
@@ -142,7 +141,7 @@ def _failing(tests: tuple[str, ...], source: Path) -> str | None:
             command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=PATIENCE
         )
     except subprocess.TimeoutExpired:
-        return "they did not end"
+        return "timeout"
     if done.returncode == 0:
         return None
     failed = re.search(r"^(?:FAILED|ERROR) tests/([^\s\[]+)", done.stdout, re.MULTILINE)
@@ -152,9 +151,9 @@ def _failing(tests: tuple[str, ...], source: Path) -> str | None:
 
 
 def main() -> None:
-    """The limits whose names hold a word, or all; only of all a page is written."""
+    """Run all limits and write the page, or run those whose names contain a text."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only-effects", default="", help="modules and limits in whose names this is")
+    parser.add_argument("--only-effects", default="", help="text in the names of modules or limits to run")
     only = parser.parse_args().only
     rows: list[tuple[Mutant, str | None]] = []
     made_at = commit()
@@ -163,7 +162,7 @@ def main() -> None:
         every = [test for tests, _, _ in LIMITS.values() for test in tests.split()]
         sound = _failing(tuple(f"tests/{test}" for test in dict.fromkeys(every)), package.parent)
         if sound is not None:
-            raise SystemExit(f"{sound} fails on the package as it is: nothing can be told")
+            raise SystemExit(f"{sound} fails on the unchanged package; fix it first")
         for mutant in mutants():
             if only in f"{mutant.module} {mutant.limit}":
                 rows.append((mutant, killer(mutant, package)))
@@ -174,7 +173,7 @@ def main() -> None:
 
 
 def line(mutant: Mutant, test: str | None) -> tuple[str, str, str]:
-    """Module, limit and what became of it."""
+    """Return module, limit and result of a mutant."""
     return mutant.module, mutant.limit, "**survived**" if test is None else test
 
 
@@ -183,13 +182,13 @@ def page(rows: list[tuple[Mutant, str | None]]) -> str:
     noticed = sum(test is not None for _, test in rows)
     return "\n".join(
         [
-            "# Limits that are looser than they should be",
+            "# Mutation test of safety limits",
             "",
-            "`make mutants`. Each limit of the guard, its endings, the second connection and the doctor is loosened by "
-            "half, times 1.5 or over it, and the tests that concern it are run: a test that fails has noticed. "
-            f"{noticed} of {len(rows)} are noticed.",
+            "`make mutants`. Each limit of the guard, its endings, the second connection and the doctor is loosened by a "
+            "factor of 1.5, and its tests are run: a failing test detects the mutant. "
+            f"{noticed} of {len(rows)} are detected.",
             "",
-            "| module | limit | noticed by |",
+            "| module | limit | detected by |",
             "|---|---|---|",
             *(f"| {' | '.join(line(mutant, test))} |" for mutant, test in rows),
             "",

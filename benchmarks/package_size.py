@@ -1,11 +1,10 @@
-"""How large the house is: lines and public classes of the package, and of what one calibration imports.
+"""Size of the package in lines and public classes, as a whole and of the modules imported by a calibration.
 
-    python benchmarks/house.py                     # the package that is installed or on PYTHONPATH
-    PYTHONPATH=/tmp/before/src python benchmarks/house.py   # another commit, from a git worktree
+    python benchmarks/package_size.py                     # the package that is installed or on PYTHONPATH
+    PYTHONPATH=/tmp/before/src python benchmarks/package_size.py   # another commit, from a git worktree
 
-Prints a Markdown table. Lines are those of the files; code is lines without blanks, comments and docstrings. What a
-calibration imports is read from `sys.modules`: after `from equipoise import calibrate`, and at the end of
-`equipoise calibrate unitree_a1 --method bayesian`, which is run in simulation, in a folder that is thrown away.
+Prints a Markdown table. Code lines exclude blank lines, comments and docstrings. Imported modules are those in `sys.modules`
+after `from equipoise import calibrate`, and at the end of a simulated `equipoise calibrate unitree_a1 --method bayesian`.
 """
 
 from __future__ import annotations
@@ -36,17 +35,17 @@ class Module(NamedTuple):
 
     path: Path
     lines: int
-    """How many lines the file has."""
+    """Number of lines."""
     code: int
-    """How many of them are no blank, no comment and no docstring."""
+    """Number of lines without blank lines, comments and docstrings."""
     classes: int
-    """How many public classes it defines at its top level."""
+    """Number of public classes at the top level."""
     functions: dict[str, int]
-    """Lines of each function and method, signature and docstring included."""
+    """Lines of each function and method, including signature and docstring."""
 
 
 def measure(path: Path) -> Module:
-    """The sizes of a file."""
+    """Return the sizes of a file."""
     text = path.read_text(encoding="utf-8")
     tree = ast.parse(text)
     words: set[int] = set()
@@ -67,7 +66,7 @@ def measure(path: Path) -> Module:
 
 
 def imported_after(statements: str) -> list[Path]:
-    """Files of the package that were imported when a program of these statements ended."""
+    """Return the files of the package that a program has imported at its end."""
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(
             [sys.executable, "-c", _IMPORTED + statements], capture_output=True, text=True, check=False, cwd=folder
@@ -78,7 +77,7 @@ def imported_after(statements: str) -> list[Path]:
 
 
 def row(what: str, modules: Iterable[Module]) -> str:
-    """One line of the table."""
+    """Return a line of the table."""
     modules = list(modules)
     lines, code, classes = (sum(sizes) for sizes in zip(*[(m.lines, m.code, m.classes) for m in modules], strict=True))
     return f"| {what} | {len(modules)} | {lines} | {code} | {classes} |"

@@ -1,8 +1,8 @@
-"""How well a payload is found between two calibrations: `make bench-payload`. Writes benchmarks/results/payload.md.
+"""Accuracy of a payload from the difference of two calibrations: `make bench-payload`. Writes benchmarks/results/payload.md.
 
-A simulated robot with ordinary sensors is calibrated bare and with 1 kg ten centimetres above, beside, before or behind the
-base's origin (scaled to robots of another mass and size), with the same sensor errors and other noise; weighed or not with a
-scale that reads half a percent (rms) wrong in both, to ten grams. Rows are kept in payload.jsonl: it goes on where it was.
+A simulated robot with typical sensors is calibrated without and with 1 kg ten centimetres above, next to, ahead of or behind
+the base's origin (scaled to other robots), with the same sensor errors and other noise. The scale, if any, has an error of
+0.5 % (rms) in both calibrations and a resolution of 10 g. An interrupted benchmark resumes from payload.jsonl.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ WAYS = ("no scale", "scale")
 
 
 def calibrated(robot: RobotModel, payload: Payload | None, seed: int) -> tuple[list[Recording], RobotInertia]:
-    """Recordings and truth of one calibration; bare and loaded runs have the same errors and other noise."""
+    """Run one calibration; return recordings and truth. Bare and loaded runs have equal errors and different noise."""
     recordings: list[Recording] = []
     with simulate(robot, "realistic", payload, seed, noise_seed=2 * seed + (payload is None)) as simulation:
         calibrate(simulation.platform, robot, keep=recordings.append)
@@ -50,7 +50,7 @@ def calibrated(robot: RobotModel, payload: Payload | None, seed: int) -> tuple[l
 
 
 def run(name: str, seed: int) -> list[dict[str, object]]:
-    """A row for each way."""
+    """Return a row with and one without the scale."""
     robot = load_robot(name)
     a1 = load_robot("unitree_a1")
     generator = np.random.default_rng([seed, 77])
@@ -76,13 +76,13 @@ def run(name: str, seed: int) -> list[dict[str, object]]:
 def lines(rows: list[dict[str, object]]) -> list[str]:
     """The table."""
     text = [
-        "# A payload between two calibrations",
+        "# Payload from the difference of two calibrations",
         "",
         "`make bench-payload`; `--sim-preset realistic`, 1 kg on an A1 at 10 cm from the base's origin, in proportion "
         "on others.",
-        "Errors of the payload's mass and place: root mean square, and the largest. Intervals are of 95 %.",
+        "Root mean square and largest errors of the payload's mass and CoM. Coverage: share of 95 % intervals with the truth.",
         "",
-        "| robot | pairs | | mass [%] | largest | x, y [mm] | largest | z [mm] | largest | within intervals |",
+        "| robot | pairs | | mass [%] | largest | x, y [mm] | largest | z [mm] | largest | coverage |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name in SEEDS:
@@ -95,18 +95,18 @@ def lines(rows: list[dict[str, object]]) -> list[str]:
             mass = 100 * error[:, 0] / np.array([row["mass"] for row in of])
             place = 1e3 * error[:, 1:4]
 
-            def told(values: np.ndarray, form: str) -> str:
+            def rms_and_max(values: np.ndarray, form: str) -> str:
                 return f"{format(np.sqrt(np.mean(values**2)), form)} | {format(np.abs(values).max(), form)}"
 
             text.append(
-                f"| {name} | {len(of)} | {way} | {told(mass, '.1f')} | {told(place[:, :2], '.1f')} | "
-                f"{told(place[:, 2], '.1f')} | {inside.mean():.0%} |"
+                f"| {name} | {len(of)} | {way} | {rms_and_max(mass, '.1f')} | {rms_and_max(place[:, :2], '.1f')} | "
+                f"{rms_and_max(place[:, 2], '.1f')} | {inside.mean():.0%} |"
             )
     return text
 
 
 def main() -> None:
-    """All robots, all seeds that are not there yet."""
+    """Run missing cases and write the page."""
     warnings.simplefilter("ignore", ModelWarning)
     rows = [json.loads(line) for line in ROWS.read_text().splitlines()] if ROWS.exists() else []
     done = {(row["robot"], row["seed"]) for row in rows}

@@ -1,8 +1,8 @@
-"""Whether intervals hold and checks are quiet without any sensor error: `make bench-perfect-sensors`.
+"""Coverage of intervals and false alarms of checks without sensor errors: `make bench-perfect-sensors`.
 
-Every robot of the catalogue with the preset `ideal`, bare and with a payload drawn from a seed, 60 and 120 s of an A1's robot
-time, by the Bayesian method. What the noise model leaves out of the simulated world shows here: it does not shrink with the
-sensors' noise. Writes benchmarks/results/perfect_sensors.md; rows are kept in perfect_sensors.jsonl: it goes on where it was.
+Every robot of the catalogue with the preset `ideal`, with and without a payload drawn from a seed, is calibrated with the
+Bayesian method for 60 and 120 s (A1 robot time). This shows model errors of the estimator, independent of sensor noise.
+Writes benchmarks/results/perfect_sensors.md. An interrupted benchmark resumes from perfect_sensors.jsonl.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Case = tuple[str, int, int | None]
 
 
 def payload_of(robot: RobotModel, seed: int | None) -> str | None:
-    """A point mass on the trunk, as text."""
+    """Return a point mass on the trunk as text."""
     if seed is None:
         return None
     generator, stance = np.random.default_rng(seed), nominal_stance(robot)
@@ -77,34 +77,34 @@ def run(case: Case) -> Row:
 
 
 def table(rows: list[Row]) -> list[str]:
-    """A line for each robot and budget, and one for all."""
+    """Return a line for each robot and duration, and one for all."""
     text = [
-        "| robot | budget [s] | runs | failed | intervals hold | largest error / sd | CoM x, y, z [mm] | left out | alarms |",
+        "| robot | duration [s] | runs | failed | coverage | largest error / std | CoM x, y, z [mm] | left out | alarms |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for name, budget in [*product(CATALOG, BUDGETS), ("all", "")]:
         of = [row for row in rows if name == "all" or (row["robot"], row["budget"]) == (name, budget)]
-        told = [row for row in of if "error" in row]
-        if not told:
+        finished = [row for row in of if "error" in row]
+        if not finished:
             continue
-        error, std = (np.array([row[what] for row in told]) for what in ("error", "std"))
+        error, std = (np.array([row[what] for row in finished]) for what in ("error", "std"))
         ratio, com = np.abs(error / std), 1e3 * np.sqrt(np.mean(error[:, 1:4] ** 2, axis=0))
-        alarms = ", ".join(sorted({alarm for row in told for alarm in row["alarms"]}))
+        alarms = ", ".join(sorted({alarm for row in finished for alarm in row["alarms"]}))
         text.append(
-            f"| {name} | {budget} | {len(of)} | {len(of) - len(told)} | {np.sum(ratio < NORMAL_95)} of {ratio.size} | "
-            f"{ratio.max():.1f} | {com[0]:.2f} {com[1]:.2f} {com[2]:.2f} | {sum(row['left_out'] for row in told)} | "
-            f"{sum(bool(row['alarms']) for row in told)} {alarms} |"
+            f"| {name} | {budget} | {len(of)} | {len(of) - len(finished)} | {np.sum(ratio < NORMAL_95)} of {ratio.size} | "
+            f"{ratio.max():.1f} | {com[0]:.2f} {com[1]:.2f} {com[2]:.2f} | {sum(row['left_out'] for row in finished)} | "
+            f"{sum(bool(row['alarms']) for row in finished)} {alarms} |"
         )
     return text
 
 
 ABOUT = """# Perfect sensors
 
-`make bench-perfect-sensors`: the Bayesian method in simulation with the preset `ideal`, no scale, bare and
-with a payload of 5 to 20 % of the robot's mass. Budgets are an A1's; larger robots take longer. CoM errors are root mean
-square. Target: at least 95 % of all intervals hold, no check fails (*alarms*), nothing is left out.
+`make bench-perfect-sensors`: the Bayesian method in simulation with the preset `ideal`, no scale, with and without a payload
+of 5 to 20 % of the robot's mass. Durations are an A1's; larger robots take longer. CoM errors are root mean square. Target: at
+least 95 % of all intervals contain the truth (*coverage*), no check fails (*alarms*), nothing is left out.
 
-**{share:.1%} of {count} intervals hold.**
+**{share:.1%} of {count} intervals contain the truth.**
 """
 
 
@@ -119,7 +119,7 @@ def page(rows: list[Row]) -> str:
 
 
 def main() -> None:
-    """What is missing, then the page."""
+    """Run missing cases, then write the page."""
     rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()] if ROWS.exists() else []
     done = {(row["robot"], row["budget"], row["seed"]) for row in rows}
     missing = [case for case in product(CATALOG, BUDGETS, SEEDS) if case not in done]

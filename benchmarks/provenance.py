@@ -1,10 +1,10 @@
-"""Provenance of a results page: the commit and the sources that it was made by, and whether they have changed since.
+"""Provenance of a results page: commit and sources of its script, and detection of later changes.
 
-The last line of a page is "Made at commit COMMIT; sources HASH.": `write_page("NAME.md", text)` writes it. The hash covers
-the module that makes the page and all that this module imports of the project (`sources.py`). A page is current as long as
-its hash is that of today's sources.
+The last line of a page is "Made at commit COMMIT; sources HASH.", written by `write_page("NAME.md", text)`. The hash covers
+the script of the page and its imports from the project (`sources.py`). A page is current if its hash equals that of the
+present sources.
 
-    python benchmarks/provenance.py              # every page: current, or how many of its sources have changed
+    python benchmarks/provenance.py              # every page: current, or the number of changed sources
     python benchmarks/provenance.py NAME.md      # add the last line to a page that a verb has just written
 """
 
@@ -26,7 +26,7 @@ MAKERS = {
     "peers.md": "benchmarks/peers/run.py",
     "peers_tuning.md": "benchmarks/peers/tune.py",
 }
-"""Maker of each page that is not made by the script of its own name."""
+"""Maker of each page whose script has another name."""
 _LAST_LINE = re.compile(r"^Made at commit ([^;\n]+); sources ([^;\n]+)\.$", re.MULTILINE)
 
 
@@ -36,7 +36,7 @@ def write_page(name: str, text: str, rows: Iterable[Mapping[str, object]] | None
     Args:
         name: path of the page in `benchmarks/results`.
         text: text of the page without its last line.
-        rows: rows that the page is made of, each with its "commit"; without rows, all of the page is made now.
+        rows: rows of the page, each with its "commit"; without rows, the present commit is used.
     """
     commits = [commit()] if rows is None else sorted({str(row.get("commit", UNKNOWN)) for row in rows})
     hashes = dict.fromkeys(hash_of(maker_of(name), "" if one == commit() else one) for one in commits)
@@ -88,7 +88,7 @@ class Page(NamedTuple):
 
     @property
     def is_current(self) -> bool:
-        """Whether all of it was made by the sources that are here now."""
+        """True if the present sources made the whole page."""
         return self.hashes == (hash_of(self.maker),)
 
     @property
@@ -102,7 +102,7 @@ class Page(NamedTuple):
 
     @property
     def banner(self) -> str:
-        """Sentence at the head of a page that is not current."""
+        """Note at the head of a page that is not current."""
         made = f"commit {', '.join(self.commits)}" if self.commits else "a commit that the page does not name"
         changed = [counts for name in self.commits if (counts := changes(self.maker, name)) is not None]
         how_many = ["{} of its {} source files have changed since".format(*max(changed))] if changed else []

@@ -1,7 +1,6 @@
 """Estimates from public logs of real robots: `python benchmarks/real_logs.py --help`. Writes benchmarks/results/real_logs.md.
 
-Logs are not ours to pass on: a checkout is given by its path, stays where it is, and is read as anybody would read it, its
-columns named as by `--columns`. Nothing is tuned on them.
+The logs are not distributed here: a checkout is passed by path, and read as with `--columns`. Nothing was tuned on them.
 
     git clone https://github.com/mrsp/serow
     python benchmarks/real_logs.py serow
@@ -47,18 +46,18 @@ COLUMNS = {
 ELSEWHERE = (
     (
         "mrsp/serow, `evaluation/mujoco_test`, Go2, five logs",
-        "simulated; the files were not at hand",
+        "simulated; the files were not available",
     ),
-    ("mrsp/serow, `evaluation/unit_tests/data/go2.csv`, Go2", "the file was not at hand"),
+    ("mrsp/serow, `evaluation/unit_tests/data/go2.csv`, Go2", "the file was not available"),
     ("iit-DLSLab/sim2real-robot-identification, Go2", "hangs on a stand, without an IMU; [motors](motors.md) reads it"),
-    ("ouguangjun/legkilo-dataset, Go1", "kept outside its repository, not at hand"),
-    ("UMich-CURLY/deep-contact-estimator, Mini Cheetah", "kept outside its repository, not at hand"),
-    ("IIT's DLS datasets, HyQ", "behind an account, not at hand"),
+    ("ouguangjun/legkilo-dataset, Go1", "stored outside its repository, not available"),
+    ("UMich-CURLY/deep-contact-estimator, Mini Cheetah", "stored outside its repository, not available"),
+    ("IIT's DLS datasets, HyQ", "needs an account, not available"),
 )
 
 
 def read(checkout: Path, robot: RobotModel) -> Log:
-    """The log, its columns named as `equipoise estimate` proposes them."""
+    """Return the log with the columns that `equipoise estimate` proposes."""
     positions = {f"position.{name}": f"JointPos{name.removesuffix('_joint')}" for name in robot.joint_names}
     forces = {f"foot_force.{leg}": f"{leg}_Force" for leg in robot.legs}
     return read_log(checkout / GO1, robot, columns=Columns({**COLUMNS, **positions, **forces}))
@@ -80,8 +79,8 @@ def lines(robot: RobotModel, log: Log) -> Iterator[str]:
         f"`{GO1}`: 25 s at 400 Hz, encoders, IMU, foot forces, no torques and no joint velocities. The model file is the "
         f"catalogue's `{robot.name}`. **The mass of this robot is not known**: the maker states 12 kg, and the commit that "
         "added the log names a recording of Cerberus 2.0 (`go1_trot`), whose robot carried additional sensors. So the log is "
-        f"estimated with {len(MASSES)} masses. Held-out error: steps predicted by an estimate that has not seen their walk, "
-        "rms at the CoM; the second number is the error with the model file's body."
+        f"estimated with {len(MASSES)} masses. Held-out error: rms error at the CoM of steps predicted by an estimate without "
+        "their walk; the second number is the error with the model file's body."
     )
     yield ""
     yield (
@@ -108,21 +107,21 @@ def lines(robot: RobotModel, log: Log) -> Iterator[str]:
             )
     yield ""
     yield (
-        "How far the estimates from the two halves differ, and how far the estimate from the whole log moves if the solver "
-        f"starts elsewhere: the largest of {STARTS} starts, with root moments of the base up to 20 % and CoMs up to 10 mm off "
+        "Difference of the estimates from the two halves, and largest change of the estimate from the whole log with "
+        f"{STARTS} other starts of the solver, with root moments of the base up to 20 % and CoMs up to 10 mm off "
         "the file's."
     )
     yield ""
     yield (
-        "| mass given [kg] | halves differ by, x, y, z [mm] | half-width of the difference [mm] "
-        "| other starts: CoM moves by [mm] | in standard deviations |"
+        "| mass given [kg] | difference of halves, x, y, z [mm] | half-width of the difference [mm] "
+        "| other starts: CoM change [mm] | in standard deviations |"
     )
     yield "|---|---|---|---|---|"
     yield from compared
     yield ""
     yield (
-        "A walk does not determine the height of the IMU: each of these results states that it assumes the file's, and by how "
-        "much 10 mm change Ixx."
+        "A walk does not determine the height of the IMU: each of these results states that it uses the file's, and the "
+        "change of Ixx per 10 mm."
     )
     yield ""
     yield "## Others"
@@ -158,7 +157,7 @@ def differences(first: LogEstimate, second: LogEstimate) -> str:
 
 
 def from_other_starts(found: LogEstimate) -> str:
-    """Estimate again from other starts: largest change of the CoM, and of the ten parameters in standard deviations."""
+    """Estimate from other starts; return the largest change of the CoM, and of all parameters in standard deviations."""
     evidence = found.result.evidence
     assert isinstance(evidence, PosteriorEvidence)
     posterior = evidence.posterior

@@ -1,7 +1,7 @@
-"""How long a report takes to write and to show: `make bench-report`. Writes benchmarks/results/report.md.
+"""Time to write and to draw a report: `make bench-report`. Writes benchmarks/results/report.md.
 
-A simulated A1 with ordinary sensors and a payload, by the precise and the paper's method, and both compared. Chromium
-draws without a graphics card (WebGL in software), so that a desktop is faster.
+Reports of a simulated A1 with typical sensors and a payload: methods `bayesian`, `paper`, and their comparison. Chromium
+draws without a graphics card (WebGL in software), so a desktop is faster.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ RESULTS = Path(__file__).parent / "results"
 TIMES = 5
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-# Milliseconds since the navigation began: the first frame with text, and the end of drawing everything.
+# Milliseconds since the start of the navigation: first frame with text, and end of drawing.
 FIRST = """() => new Promise((done) => {
-  const told = () => performance.getEntriesByName('first-contentful-paint')[0]?.startTime;
-  const wait = () => (told() ? done(told()) : requestAnimationFrame(wait)); wait(); })"""
+  const painted = () => performance.getEntriesByName('first-contentful-paint')[0]?.startTime;
+  const wait = () => (painted() ? done(painted()) : requestAnimationFrame(wait)); wait(); })"""
 ALL = "() => { const start = performance.now(); return Promise.all(plots.map(draw)).then(() => performance.now() - start); }"
 
 
 def results() -> dict[str, Calibration]:
-    """A calibration by each method."""
+    """Return a calibration with each method."""
     robot = load_robot("unitree_a1")
     found = {}
     for method in ("bayesian", "paper"):
@@ -46,7 +46,7 @@ def results() -> dict[str, Calibration]:
 
 
 def written(save: Callable[[Path], Path], path: Path) -> tuple[float, float, float]:
-    """Median time to write a page and processor time of it [s], and its size [MB]."""
+    """Return the median time to write a page, its processor time [s], and its size [MB]."""
     times, worked = [], []
     for _ in range(TIMES):
         start, work = time.perf_counter(), time.process_time()
@@ -57,12 +57,12 @@ def written(save: Callable[[Path], Path], path: Path) -> tuple[float, float, flo
 
 
 def shown(pages: list[Path]) -> list[tuple[float, float] | None]:
-    """Median times until the first screen is there, and to draw all figures [s]; None without a browser."""
+    """Return the median times until the first screen and until all figures are drawn [s]; None without a browser."""
     executable = next(filter(None, map(shutil.which, NAMES)), None)
     if executable is None:
-        print(f"none of {', '.join(NAMES)} is installed: nothing is shown")
+        print(f"none of {', '.join(NAMES)} is installed; drawing is not measured")
         return [None] * len(pages)
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - it is there only where a browser is tried
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - only installed with a browser
 
     found = []
     with sync_playwright() as playwright:
@@ -91,13 +91,13 @@ def main() -> None:
         writing = [written(save, path) for save, path in zip(saves.values(), paths, strict=True)]
         showing = shown(paths)
     lines = [
-        "# How long a report takes",
+        "# Time to write and draw a report",
         "",
-        f"`make bench-report`; medians of {TIMES}, on {os.cpu_count()} cores whose load was {busy:.1f} before (idle: 0).",
-        "Chromium without a graphics card. The first screen is there when the numbers and the picture from above are painted;",
-        "figures below are drawn as they come near.",
+        f"`make bench-report`; medians of {TIMES}, on {os.cpu_count()} cores with a load of {busy:.1f} before (idle: 0).",
+        "Chromium without a graphics card. First screen: numbers and top view are painted;",
+        "figures further down are drawn when scrolled near.",
         "",
-        "| page | written in [s] | processor time of it [s] | size [MB] | first screen [s] | all figures drawn [s] |",
+        "| page | written in [s] | processor time [s] | size [MB] | first screen [s] | all figures drawn [s] |",
         "|---|---|---|---|---|---|",
     ]
     for name, (seconds, work, size), seen in zip(saves, writing, showing, strict=True):

@@ -1,13 +1,13 @@
-"""Every robot of the catalogue by both methods: `make bench-robots`.
+"""Accuracy on all catalogue robots with both methods: `make bench-robots`.
 
-With perfect sensors (`ideal`) the bare robot; with ordinary ones (`realistic`) a payload, the sensors' errors and a scale of
-0.5 %, drawn from one seed. The paper's method with no setting touched, the precise one for 60 s of an A1's robot time. Each
-run appends a row to benchmarks/results/robots.jsonl: interrupted, it goes on where it was. benchmarks/results/robots.md is
-made from the rows.
+The bare robot with perfect sensors (`ideal`), and with a payload, sensor errors and a scale of 0.5 % drawn from one seed
+(`realistic`). The paper's method has default settings, the Bayesian method 60 s (A1 robot time). Each run appends a row to
+benchmarks/results/robots.jsonl, from which an interrupted benchmark resumes. benchmarks/results/robots.md is written from the
+rows.
 
-    python benchmarks/robots.py                      # what is missing, then the page
-    python benchmarks/robots.py --files SPOT.xml     # robots of your own files besides, arms and all
-    python benchmarks/robots.py --tables             # the page only
+    python benchmarks/robots.py                      # missing runs, then the page
+    python benchmarks/robots.py --files SPOT.xml     # also robots from your own files, including arms
+    python benchmarks/robots.py --tables             # page only
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ METHODS, NOISES = ("paper", "bayesian"), ("ideal", "realistic")
 SEED = 10_000
 BUDGET = 60.0  # [s] on an A1
 SCALE = 0.005  # a scale's error, as a fraction
-PAPER_LIMIT = 2.0  # [mm] a coordinate on legs of 0.4 m, with perfect sensors
+PAPER_LIMIT = 2.0  # [mm] per coordinate with legs of 0.4 m and perfect sensors
 
 
 @dataclass(frozen=True)
 class Case:
-    """One calibration; the robot is a name of the catalogue or a file."""
+    """Calibration of a robot from the catalogue or from a file."""
 
     robot: str
     noise: str
@@ -56,7 +56,7 @@ class Case:
 
 
 def run(case: Case) -> Row | None:
-    """One row; None where the robot's package is not installed."""
+    """Return the row of a case; None if the robot's package is not installed."""
     warnings.simplefilter("ignore")
     row: Row = {
         "key": case.key, "robot": Path(case.robot).stem, "named": case.robot in CATALOG, "noise": case.noise,
@@ -81,11 +81,11 @@ def run(case: Case) -> Row | None:
         return None
     except EquipoiseError as error:
         return row | {"failed": f"{type(error).__name__}: {error}"}
-    return row | told(result)
+    return row | result_columns(result)
 
 
-def told(result: Calibration) -> Row:
-    """What the result says, beside the truth."""
+def result_columns(result: Calibration) -> Row:
+    """Return the result and the truth."""
     return judged(result) | {
         "truth": [quantity.truth for quantity in result.composite],
         "robot_time": sum(trial.duration for trial in result.trials),
@@ -95,7 +95,7 @@ def told(result: Calibration) -> Row:
 
 
 def allowed(row: Row) -> float:
-    """How far the paper's method may be off with perfect sensors [mm]."""
+    """Return the allowed error of the paper's method with perfect sensors [mm]."""
     return PAPER_LIMIT * row["leg_length"] / 0.4
 
 
@@ -122,7 +122,7 @@ def precise_line(row: Row) -> str:
 HEADS = {
     "paper": "| robot | sensors | x [mm] | y [mm] | allowed | | bracket [mm] | time [s] | warnings | commit |",
     "bayesian": (
-        "| robot | sensors | mass % | CoM x [mm] | y | z | Ixx % | Iyy % | Izz % | intervals hold | checks that fail | "
+        "| robot | sensors | mass % | CoM x [mm] | y | z | Ixx % | Iyy % | Izz % | coverage | failed checks | "
         "time [s] | commit |"
     ),
 }
@@ -130,7 +130,7 @@ LINES = {"paper": paper_line, "bayesian": precise_line}
 
 
 def table(method: str, rows: Sequence[Row]) -> list[str]:
-    """A line for each robot and noise."""
+    """Return a line for each robot and preset."""
     of = sorted((row for row in rows if row["method"] == method and "failed" not in row), key=_order)
     return [HEADS[method], "|" + "---|" * (HEADS[method].count("|") - 1), *map(LINES[method], of)]
 
@@ -142,7 +142,7 @@ def _order(row: Row) -> tuple[bool, int, str, str]:
 
 
 def verdicts(rows: Sequence[Row]) -> list[str]:
-    """The figures that were asked for."""
+    """Return the summary and its targets."""
     good = [row for row in rows if "failed" not in row]
     ideal = [row for row in good if (row["method"], row["noise"]) == ("paper", "ideal")]
     met = sum(np.abs(row["error"][1:3]).max() * 1000 <= allowed(row) for row in ideal)
@@ -156,31 +156,29 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
             holds = np.concatenate([row["holds"] for row in of])
             fired = sum(bool(row["alarms"]) for row in of)
             text.append(
-                f"- The Bayesian method, `{noise}`: {holds.sum()} of {holds.size} intervals hold the truth; a check fails in "
-                f"{fired} of {len(of)} runs."
+                f"- The Bayesian method, `{noise}`: {holds.sum()} of {holds.size} intervals contain the truth; a check fails "
+                f"in {fired} of {len(of)} runs."
             )
     return text
 
 
-ABOUT = """# Every robot
+ABOUT = """# Accuracy on all robots
 
-`make bench-robots`; each row names its commit. With `ideal`, perfect sensors, the bare robot; with `realistic` a payload of
-5 to 30 % of the base's mass, sensor errors and a scale of 0.5 %, drawn from the seed {seed}: one run a row. Errors are of the
-whole robot, estimate less truth. Robots below the catalogue's own are of public model files, which are not part of this
-repository.
+`make bench-robots`; each row is one run and names its commit. `ideal`: perfect sensors, no payload. `realistic`: a payload of
+5 to 30 % of the base's mass, sensor errors and a scale of 0.5 %, drawn from the seed {seed}. Errors of the whole robot,
+estimate minus truth. Robots after the catalogue's own are from public model files, which are not part of this repository.
 """
-PAPER_ABOUT = """*Allowed* and *met*: with perfect sensors; joint offsets alone add more error.
-*Bracket*: the wider of the last two.
+PAPER_ABOUT = """*Allowed* and *met*: with perfect sensors; joint offsets add more error. *Bracket*: the wider of the last two.
 """
-PRECISE_ABOUT = "Error, and half of the 95 % interval; of moments relative to the truth.\n"
+PRECISE_ABOUT = "Error, and half width of the 95 % interval; moments relative to the truth.\n"
 
 
 def page(rows: Sequence[Row]) -> str:
     """The page."""
     sections = [
-        ("The paper's method, no setting touched", [PAPER_ABOUT, *table("paper", rows)]),
-        (f"The Bayesian method, {BUDGET:.0f} s of an A1's robot time", [PRECISE_ABOUT, *table("bayesian", rows)]),
-        ("Joints that were held", held_joints(rows)),
+        ("The paper's method, default settings", [PAPER_ABOUT, *table("paper", rows)]),
+        (f"The Bayesian method, {BUDGET:.0f} s (A1 robot time)", [PRECISE_ABOUT, *table("bayesian", rows)]),
+        ("Locked joints", held_joints(rows)),
         ("Ended by name", [f"- {row['key']}: {row['failed']}" for row in rows if "failed" in row]),
     ]
     shown = [line for title, lines in sections if lines for line in ("", f"## {title}", "", *lines)]
@@ -188,15 +186,15 @@ def page(rows: Sequence[Row]) -> str:
 
 
 def held_joints(rows: Sequence[Row]) -> list[str]:
-    """Where each robot's other joints were, as an arm's."""
+    """Return the positions of each robot's locked joints, such as an arm's."""
     held = {row["robot"]: row["held"] for row in rows if row.get("held")}
     return [f"- {name}: {', '.join(f'{joint} {q:g}' for joint, q in at.items())} [rad]" for name, at in held.items()]
 
 
 def main() -> None:
-    """What is missing, then the page."""
+    """Run missing cases, then write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--files", nargs="*", default=[], metavar="PATH", help="model files of more robots")
+    parser.add_argument("--files", nargs="*", default=[], metavar="PATH", help="additional model files")
     parser.add_argument("--tables", action="store_true", help="the page only")
     given = parser.parse_args()
     rows = load_rows(ROWS)

@@ -1,18 +1,16 @@
-"""What each effect of the world does to a result, and whether anybody is told: `make bench-robustness`.
+"""Influence of single effects on a result, and their detection by checks: `make bench-robustness`.
 
-The preset `realistic` with one effect of the table besides (docs/simulation-studies.md), at half,
-once and twice the size that it is
-tried with on an A1 and once on a Go2 and an ANYmal C; the presets `ideal` and `realistic` alone, and `stress`; by the precise
-method for 120 s of an A1's robot time, with a payload drawn from the seed and a scale that errs by 0.5 %. Each run appends a
-row to benchmarks/results/robustness.jsonl: interrupted, it goes on where it was. benchmarks/results/robustness.md is made from
-the rows.
+The preset `realistic` with one additional effect, at half, once and twice its test size on an A1, and once on a Go2 and an
+ANYmal C; also the presets `ideal`, `realistic` and `stress` alone. Calibrations use the Bayesian method for 120 s (A1 robot
+time), with a payload drawn from the seed and a scale with an error of 0.5 %. An interrupted benchmark resumes from the rows in
+benchmarks/results/robustness.jsonl, from which benchmarks/results/robustness.md is written.
 
-    python benchmarks/robustness.py                   # what is missing, then the page
+    python benchmarks/robustness.py                   # missing runs, then the page
     python benchmarks/robustness.py --first 2         # the first two seeds of every case only
     python benchmarks/robustness.py --only-effects springs    # cases of some effects only
-    python benchmarks/robustness.py --keep DIR        # keep the recordings; with --again, estimate kept ones anew
-    python benchmarks/robustness.py --check 5         # five rows at random again; fails if one moved
-    python benchmarks/robustness.py --check 5 --within 3  # by three deviations: another processor's rounding may change a plan
+    python benchmarks/robustness.py --keep DIR        # keep the recordings; with --again, estimate kept ones again
+    python benchmarks/robustness.py --check 5         # repeat five random rows; fails if one changes
+    python benchmarks/robustness.py --check 5 --within 3  # allow three stds: rounding of another processor may change a plan
 """
 
 from __future__ import annotations
@@ -60,26 +58,26 @@ RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "robustness.jsonl"
 SEEDS = range(10_000, 10_012)
 FACTORS = {"unitree_a1": (1.0, 0.5, 2.0), "go2": (1.0,), "anymal_c": (1.0,)}
-ALONE = ("ideal", "realistic")  # presets as they are, for false alarms
+ALONE = ("ideal", "realistic")  # presets alone, for false alarms
 BUDGET = 120.0  # [s] on an A1
 SCALE = 0.005  # a scale's error, as a fraction
-SILENT = 4.0  # standard deviations off, with every check green
-MOVED = 0.02  # standard deviations, by which a row made again may differ
-# Nothing without springs; a mistake, which checks name (tests/estimator/test_outside_forces.py).
+SILENT = 4.0  # error in standard deviations, without a failed check
+MOVED = 0.02  # [std], allowed change of a repeated row
+# No effect without springs; an error that checks name (tests/estimator/test_outside_forces.py).
 _LEFT_OUT = ("spring_spread", "sling")
-# An operator sees a cable of 0.3 kg that hangs from the robot. No motion distinguishes its weight from the CoM.
+# A cable of 0.3 kg hanging from the robot is visible to an operator. No motion distinguishes its weight from the CoM.
 _SAID = {"vertical_pull": "heavy"}
 EFFECTS = tuple(
     row.name
     for row in SensorErrors.rows()
     if row.by_itself not in (row.realistic, row.none) and row.name not in _LEFT_OUT
 )
-"""Those that `realistic` does not have, or has smaller."""
+"""Effects that are smaller in `realistic` or not part of it."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One run: an effect or a preset, so many times, on a robot; the seed draws payload, world, sensors and scale."""
+    """Run of a robot with a scaled effect or a preset. The seed draws payload, effects, sensors and scale."""
 
     name: str
     factor: float
@@ -91,7 +89,7 @@ class Case:
         return f"{self.robot}/{self.name}/{self.factor:g}/{self.seed}"
 
     def sizes(self, scale: Scale) -> SensorErrors:
-        """What the simulated robot has."""
+        """Effects of the simulated robot."""
         if self.name in ALONE:
             return {"ideal": IDEAL, "realistic": REALISTIC}[self.name].scaled_to(scale)
         if self.name == "stress":
@@ -105,7 +103,7 @@ class Case:
 def cases(
     seeds: Sequence[int], only: Sequence[str] = (), robots: Sequence[str] = (), sizes: Sequence[float] = ()
 ) -> list[Case]:
-    """All of them, seed by seed: half a benchmark is a smaller one."""
+    """Return all cases, ordered by seed."""
     named = [
         (name, factor, robot)
         for robot, factors in FACTORS.items()
@@ -123,7 +121,7 @@ def robot_called(name: str) -> RobotModel:
 
 
 def is_there(robot: str) -> bool:
-    """Whether a robot's model is installed."""
+    """Return true if a robot's model is installed."""
     try:
         robot_called(robot)
     except MissingDependencyError:
@@ -144,7 +142,7 @@ def run(case: Case, keep: Path | None, again: bool) -> Row:
             truth = simulation.truth
             weighed = truth.composite.mass * (1 + SCALE * generator.standard_normal())
             settings = BayesianMethod(
-                duration=BUDGET * scale.time, mass=weighed, mass_std=SCALE * weighed, confirm_mass=True,  # no one to ask
+                duration=BUDGET * scale.time, mass=weighed, mass_std=SCALE * weighed, confirm_mass=True,  # no operator
                 cable=_SAID.get(case.name, "light"),
             )  # fmt: skip
             folder = None if keep is None else keep / case.key.replace("/", "-")
@@ -156,20 +154,20 @@ def run(case: Case, keep: Path | None, again: bool) -> Row:
                 result = _kept(simulation.platform, robot, settings, truth, folder)
     except EquipoiseError as error:
         return {**row, "failed": f"{type(error).__name__}: {error}"}
-    return row | told(result.with_truth(truth))
+    return row | detected(result.with_truth(truth))
 
 
 def _kept(
     platform: object, robot: RobotModel, settings: BayesianMethod, truth: RobotInertia, folder: Path
 ) -> Calibration:
-    shutil.rmtree(folder, ignore_errors=True)  # of a run that was cut short
+    shutil.rmtree(folder, ignore_errors=True)  # from an interrupted run
     with RunFolder.create(folder, robot, settings, {}) as store:
         store.save_truth(truth)
         return calibrate(platform, robot, settings, store.keep)
 
 
-def told(result: Calibration) -> Row:
-    """What a user reads of the whole robot, beside the truth; every interval is the one that is printed."""
+def detected(result: Calibration) -> Row:
+    """Return the printed estimates and intervals of the whole robot, with the truth."""
     body = list(result.composite)
     return judged(result) | {
         "truth": [quantity.truth for quantity in body],
@@ -180,30 +178,30 @@ def told(result: Calibration) -> Row:
 
 
 def deviates(row: Row) -> np.ndarray:
-    """(10,) errors in standard deviations."""
+    """Return the (10,) errors in standard deviations."""
     return np.array(row["error"]) / np.array(row["sd"])
 
 
 def is_silent(row: Row) -> bool:
-    """Whether something is far off and no check says so."""
+    """Return true for a large error without a failed check."""
     return not row["alarms"] and bool(np.abs(deviates(row)).max() > SILENT)
 
 
 def fired(rows: Sequence[Row]) -> str:
-    """In how many runs a check fired, and which how often."""
+    """Return the number of runs with a failed check, and the count of each check."""
     alarms = Counter(alarm for row in rows for alarm in row["alarms"])
     names = ", ".join(f"{name} {count}" for name, count in alarms.most_common())
     return f"{sum(bool(row['alarms']) for row in rows)} {names}"
 
 
 HEAD = (
-    "| effect | size | runs | mass % | CoM x, y, z [mm] | Ixx, Iyy, Izz % | file: mass; CoM; I | largest z | hold | "
+    "| effect | size | runs | mass % | CoM x, y, z [mm] | Ixx, Iyy, Izz % | file: mass; CoM; I | largest z | coverage | "
     "doubtful | checks | silent |"
 )
 
 
 def line(label: str, size: str, rows: Sequence[Row]) -> str:
-    """A line of the table."""
+    """Return a line of the table."""
     good = [row for row in rows if "failed" not in row]
     runs = f"{len(good)}" if len(good) == len(rows) else f"{len(good)} of {len(rows)}"
     if not good:
@@ -223,7 +221,7 @@ def line(label: str, size: str, rows: Sequence[Row]) -> str:
 
 
 def size_of(name: str, factor: float) -> str:
-    """The size on an A1 in words."""
+    """Return the size on an A1 as text."""
     if name in ALONE or name == "stress":
         return f"{factor:g} x"
     effect = SensorErrors.row(name)
@@ -231,7 +229,7 @@ def size_of(name: str, factor: float) -> str:
 
 
 def tables(rows: Sequence[Row]) -> list[str]:
-    """A table for each robot and factor."""
+    """Return a table for each robot and factor."""
     text: list[str] = []
     for robot, factors in FACTORS.items():
         for factor in sorted(factors):
@@ -243,34 +241,32 @@ def tables(rows: Sequence[Row]) -> list[str]:
 
 
 def verdict(rows: Sequence[Row]) -> list[str]:
-    """The figures that were asked for."""
+    """Return the summary and its targets."""
     good = [row for row in rows if "failed" not in row]
     silent = [row for row in good if is_silent(row)]
-    text = [f"- Silent runs (an error above {SILENT:g} sd with every check green): **{len(silent)} of {len(good)}**."]
+    text = [f"- Silent runs (an error above {SILENT:g} std without a failed check): **{len(silent)} of {len(good)}**."]
     first = {}
     for row in sorted(silent, key=lambda row: row["factor"]):
         first.setdefault((row["robot"], row["name"]), row["factor"])
     if first:
         sizes = (f"{name} on {robot} at {size_of(name, factor)}" for (robot, name), factor in first.items())
-        text.append(f"- Smallest size at which a run is silent: {'; '.join(sizes)}.")
+        text.append(f"- Smallest size with a silent run: {'; '.join(sizes)}.")
     for name, factor in (("ideal", 1.0), ("realistic", 1.0), ("stress", 0.5)):
         of = [row for row in good if (row["name"], row["factor"]) == (name, factor)]
         if of:
-            told = sum(bool(row["alarms"]) for row in of)
-            text.append(f"- A check fires on `{name}` at {factor:g} times the size: {told} of {len(of)}.")
+            detected = sum(bool(row["alarms"]) for row in of)
+            text.append(f"- Runs with a failed check, `{name}` at {factor:g} times the size: {detected} of {len(of)}.")
     return text
 
 
-ABOUT = """# What the world does to a result, and whether anybody is told
+ABOUT = """# Influence of single effects, and their detection
 
-`make bench-robustness`; {seeds}. The preset `realistic` with one effect besides, a
-payload drawn from the seed, a scale of 0.5 %, the Bayesian method, 120 s of an A1's robot time. Sizes are an A1's; what they
-are and why is in [docs/simulation-studies.md](../../docs/simulation-studies.md). Errors are root mean square,
-of the whole robot; *file*:
-the same of the model file, which does not know the payload. **Bold**: worse than the file. *Hold*: share of all ten 95 %
-intervals, as printed, that hold the truth; all runs count. Runs with a
-vertical pull state `--cable heavy`. *Doubtful*: share of the values whose verdict says so. *Checks*:
-runs in which one fired, and which. *Silent*: runs with an error above {silent:g} standard deviations and no check.
+`make bench-robustness`; {seeds}. The preset `realistic` with one additional effect, a payload drawn from the seed, a scale of
+0.5 %, the Bayesian method for 120 s (A1 robot time). Sizes are those on an A1. Errors are root mean square, of the whole
+robot; *file*: errors of the model file, without the payload. **Bold**: worse than the file. *Coverage*: share of all ten
+printed 95 % intervals that contain the truth; all runs count. Runs with a vertical force use `--cable heavy`. *Doubtful*:
+share of values with this verdict. *Checks*: number of runs with a failed check, and its names. *Silent*: runs with an error
+above {silent:g} standard deviations and no failed check.
 """
 
 
@@ -285,7 +281,7 @@ def page(rows: Sequence[Row]) -> str:
 
 
 def moved(case: Case, before: Row, within: float) -> str | None:
-    """By what a row differs from the same made again; None: by no more than so many standard deviations."""
+    """Return the difference of a repeated row; None if it is within the given standard deviations."""
     now = rounded(run(case, None, again=False))
     if "failed" in before or "failed" in now:
         return None if before.get("failed") == now.get("failed") else f"{before.get('failed')} -> {now.get('failed')}"
@@ -294,7 +290,7 @@ def moved(case: Case, before: Row, within: float) -> str | None:
 
 
 def check(rows: dict[str, Row], count: int, within: float) -> int:
-    """Some rows again, of robots that are installed; the number that moved."""
+    """Repeat some rows of installed robots; return the number that changed."""
     there = sorted(key for key, row in rows.items() if is_there(str(row["robot"])))
     chosen = [rows[key] for key in random.sample(there, min(count, len(there)))]
     fields = [field.name for field in dataclasses.fields(Case)]
@@ -314,17 +310,19 @@ def made(missing: Iterable[Case], keep: Path | None, again: bool) -> Iterable[Ro
 
 
 def main() -> None:
-    """What is missing, then the page."""
+    """Run missing cases, then write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--first", type=int, default=len(SEEDS), metavar="N", help="seeds of every case")
+    parser.add_argument("--first", type=int, default=len(SEEDS), metavar="N", help="number of seeds per case")
     parser.add_argument("--only-effects", nargs="*", default=[], metavar="EFFECT", help="effects and presets")
-    parser.add_argument("--robots", nargs="*", default=[], metavar="ROBOT", help="robots, by default all three")
+    parser.add_argument("--robots", nargs="*", default=[], metavar="ROBOT", help="robots; default all three")
     parser.add_argument("--sizes", nargs="*", type=float, default=[], metavar="FACTOR", help="factors on the sizes")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="folder for recordings")
     parser.add_argument("--again", action="store_true", help="estimate kept recordings again")
     parser.add_argument("--tables", action="store_true", help="the page only")
-    parser.add_argument("--check", type=int, metavar="N", help="make N rows again and compare")
-    parser.add_argument("--within", type=float, default=MOVED, metavar="SD", help="by which they may differ")
+    parser.add_argument("--check", type=int, metavar="N", help="repeat N rows and compare")
+    parser.add_argument(
+        "--within", type=float, default=MOVED, metavar="SD", help="allowed difference in standard deviations"
+    )
     given = parser.parse_args()
     rows = load_rows(ROWS)
     if given.check:

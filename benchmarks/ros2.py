@@ -1,11 +1,9 @@
-"""Calibrations over the ROS 2 link, against a simulated robot in a process of its own: `python benchmarks/ros2.py`.
+"""Accuracy of calibrations over ROS 2 with an emulator in its own process: `python benchmarks/ros2.py`.
 
-What a position controller costs that takes no gains and no torques, and what controllers cost that take them. Same robot,
-payload, noise and truth as in the row `direct`, which is the simulation without a link. All in real time, about an hour for
-two seeds, and it needs two cores for itself: a row says how much slower than ours the robot's time passed. Where others
-compute too: `chrt -r 4 python ...`.
-Rows are kept in benchmarks/results/ros2.jsonl, so that an interrupted benchmark goes on where it was; `--tables` only writes
-benchmarks/results/ros2.md.
+It compares position controllers without gains and torques, and controllers with them, with direct simulation of the same
+robot, payload, noise and truth (row `direct`). Everything runs in real time, about an hour for two seeds, and needs two free
+cores; each row has the pace of the emulator's time. On a busy machine: `chrt -r 4 python ...`.
+An interrupted benchmark resumes from benchmarks/results/ros2.jsonl; `--tables` only writes benchmarks/results/ros2.md.
 """
 
 from __future__ import annotations
@@ -38,15 +36,15 @@ RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "ros2.jsonl"
 ROBOT, DOMAIN, PAYLOAD = "unitree_a1", 41, "1.0,0.05,0.02,0.08"
 BUDGET = 60.0  # [s] of `bayesian`
-SCALE = 0.005  # how sure the scale is
-SOFT = 100.0  # [Nm/rad] the A1's own legs in simulation
+SCALE = 0.005  # relative standard deviation of the scale
+SOFT = 100.0  # [Nm/rad], stiffness of the simulated A1
 GAINS, BY_JOINT = "quadruped_ros2_control", "/{joint}_controller/commands"
-OLDER = "5cacbbc"  # of rows that say no commit
+OLDER = "5cacbbc"  # commit of rows without one
 
 
 @dataclass(frozen=True)
 class Case:
-    """A robot, and what the link knows of it; without settings it is the simulation itself."""
+    """Emulator flags and connection settings; without settings, direct simulation."""
 
     name: str
     peer: tuple[str, ...] = ()
@@ -102,7 +100,7 @@ def run(case: Case, method: str, seed: int) -> dict[str, object]:
 
 
 def measured(platform, robot, settings, truth) -> dict[str, object]:
-    """Errors of a calibration and how long the robot took, or how it failed."""
+    """Return errors and robot time of a calibration, or its failure."""
     try:
         result = calibrate(platform, robot, settings)
     except EquipoiseError as error:
@@ -119,7 +117,7 @@ def measured(platform, robot, settings, truth) -> dict[str, object]:
 
 
 class Peer:
-    """The simulated robot's process."""
+    """Process of the emulator."""
 
     def __init__(self, case: Case, seed: int) -> None:
         flags = ["--domain", str(DOMAIN), "--seed", str(seed), "--payload", PAYLOAD, *case.peer]
@@ -129,7 +127,7 @@ class Peer:
         self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, text=True)
         while '"ready"' not in self._process.stdout.readline():
             if self._process.poll() is not None:
-                raise SystemExit("the peer ended before it began")
+                raise SystemExit("the emulator ended at its start")
         self._log = subprocess.Popen(["cat"], stdin=self._process.stdout, stdout=subprocess.DEVNULL)
         return self
 
@@ -141,7 +139,7 @@ class Peer:
 
 
 def rounded(row: dict[str, object]) -> dict[str, object]:
-    """Numbers to six digits: rows are kept in the repository."""
+    """Round numbers to six digits, because rows are stored in the repository."""
     return json.loads(json.dumps(row), parse_float=lambda text: float(f"{float(text):.6g}"))
 
 
@@ -152,19 +150,19 @@ def cell(values: list[float | None], unit: list[float]) -> str:
 def write_table() -> str:
     rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()]
     lines = [
-        "# Calibrations over the ROS 2 link",
+        "# Calibrations over ROS 2",
         "",
-        f"`python benchmarks/ros2.py`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}. Estimate less truth on "
-        f"a simulated A1 with a payload of 1 kg, preset `realistic`, a scale good to 0.5 %, `bayesian` with a duration of "
-        f"{BUDGET:.0f} s; a peer process speaks JointState, Imu and the commands over DDS on loopback, in real time. "
-        "`x sd`: the largest error of CoM and moments in standard deviations that the result itself states. The paper's I is "
-        "compared with the whole robot's. Pace: the peer's time over ours. Late: commands more than a millisecond late (of a "
-        "hundred trajectories a second, each waits for ten samples to be looked at).",
+        f"`python benchmarks/ros2.py`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}. Estimate minus truth "
+        f"on a simulated A1 with a payload of 1 kg, preset `realistic`, a scale with an error of 0.5 %, `bayesian` for "
+        f"{BUDGET:.0f} s. An emulator exchanges JointState, Imu and commands over DDS on loopback in real time. "
+        "`error / std`: the largest error of CoM and moments over its printed standard deviation. The paper's I is "
+        "compared with the whole robot's. Pace: the emulator's time over real time. Late: commands more than a millisecond "
+        "late (at 100 trajectories per second, each waits for ten samples).",
         "",
-        f"Rows of commit {OLDER} are from before the simulation's contacts and joint friction were mended: feet slid by up to "
+        f"Rows of commit {OLDER} were made before a correction of simulated contacts and joint friction: feet slid by up to "
         "2 mm/s, and friction led by 20 degrees at 6 Hz.",
         "",
-        "| position control | method | seed | CoM x / y / z mm | Ixx / Iyy / Izz % | x sd | pace | late | commit |",
+        "| position control | method | seed | CoM x / y / z mm | Ixx / Iyy / Izz % | error / std | pace | late | commit |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     order = {case.name: index for index, case in enumerate(CASES)}
@@ -178,10 +176,10 @@ def write_table() -> str:
         error, truth = row["error"], row["truth"]
         moments = cell(error[4:7], [100 / value for value in truth[4:7]])
         ratio = f"{np.abs(np.array(error[1:7]) / row['sd'][1:7]).max():.1f}" if "sd" in row else "-"
-        told = " (*)" if row["warnings"] else ""
-        lines.append(head + f"{cell(error[1:4], [1e3] * 3)} | {moments} | {ratio}{told} | {pace}")
+        mark = " (*)" if row["warnings"] else ""
+        lines.append(head + f"{cell(error[1:4], [1e3] * 3)} | {moments} | {ratio}{mark} | {pace}")
     if any(row.get("warnings") for row in rows):
-        lines += ["", "(*) The result warns:", ""]
+        lines += ["", "(*) Warnings of the result:", ""]
         lines += [
             f"- {row['case']}, {row['method']}, {row['seed']}: {w}" for row in rows for w in row.get("warnings", [])
         ]
@@ -192,9 +190,9 @@ def write_table() -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tables", action="store_true", help="only write the table")
+    parser.add_argument("--tables", action="store_true", help="only write the page")
     parser.add_argument("--seeds", type=int, nargs="+", default=[3, 4])
-    parser.add_argument("--cases", nargs="+", default=[case.name for case in CASES], help="names, as in the table")
+    parser.add_argument("--cases", nargs="+", default=[case.name for case in CASES], help="names in the table")
     parser.add_argument("--methods", nargs="+", default=["bayesian", "paper"])
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")

@@ -1,9 +1,9 @@
-"""Whether a change that should change no number did: `python benchmarks/same_numbers.py compare FOLDER`.
+"""Regression test of numeric results: `python benchmarks/same_numbers.py compare FOLDER`.
 
-Before it: `python benchmarks/same_numbers.py make FOLDER`, with the code as it was. That runs the commands that users run, on
-three robots: calibrate by each method, delta, balance, exports, and the run's log read as one that is not ours. Behind it,
-`compare` estimates from the recordings that were kept then, does everything else again, and says by how much each number
-differs: in the standard deviations of the run where it has them, else by its size.
+First run `python benchmarks/same_numbers.py make FOLDER` with the old code. It runs these commands on three robots: calibrate
+with each method, compare, balance, export, and estimate from the run's log as a foreign log. With the new code, `compare`
+estimates from the stored recordings, repeats everything else, and prints the difference of each number, in standard
+deviations of the run if available, else relative to its size.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ROUNDING, WORTH_SHOWING = 1e-9, 0.05  # of a standard deviation
 
 
 def equipoise(*arguments: object, fails: bool = False) -> str:
-    """What a command prints."""
+    """Return the output of a command."""
     command = [sys.executable, "-m", "equipoise", *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode and not fails:
@@ -34,7 +34,7 @@ def equipoise(*arguments: object, fails: bool = False) -> str:
 
 
 def calibrations(folder: Path) -> Iterator[tuple[Path, list[object]]]:
-    """Run folders and how they are made."""
+    """Return run folders and their commands."""
     for robot, payload in ROBOTS.items():
         for method in METHODS:
             made: list[object] = [
@@ -52,7 +52,7 @@ def calibrations(folder: Path) -> Iterator[tuple[Path, list[object]]]:
 
 
 def others(folder: Path, out: Path) -> None:
-    """What is made of the runs that are kept, into another folder."""
+    """Compute all results of the stored runs in another folder."""
     out.mkdir(parents=True, exist_ok=True)
     for run, _ in calibrations(folder):
         (out / f"estimate-{run.name}.json").write_text(equipoise("estimate", run, "--json", "--quiet", "--no-report"))
@@ -60,19 +60,19 @@ def others(folder: Path, out: Path) -> None:
         plain, loaded = folder / f"{robot}-precise", folder / f"{robot}-precise-payload"
         (out / f"delta-{robot}.json").write_text(equipoise("compare", plain, loaded, "--json", "--quiet"))
         log = next(plain.glob("*.mcap"))
-        told = equipoise("estimate", log, "--robot", robot, "--json", "--quiet", "--no-report", fails=True)
-        (out / f"log-{robot}.json").write_text(told or "{}")
-        told = equipoise(
+        output = equipoise("estimate", log, "--robot", robot, "--json", "--quiet", "--no-report", fails=True)
+        (out / f"log-{robot}.json").write_text(output or "{}")
+        output = equipoise(
             "balance", robot, "--com", plain / "calibration.json", "--seed", 7, "--duration", "3s", "--json", fails=True
         )
-        (out / f"balance-{robot}.json").write_text(told or "{}")
+        (out / f"balance-{robot}.json").write_text(output or "{}")
         for name in FORMATS:
             to = out / f"export-{robot}-{name}"
             equipoise("export", plain, "--to", name, "--force", "--out", to, "--quiet", fails=True)
 
 
 def numbers(what: Any, name: str = "") -> Iterator[tuple[str, float]]:
-    """All numbers of a JSON value, with where they stand."""
+    """Yield all numbers of a JSON value with their paths."""
     if isinstance(what, bool) or what is None:
         return
     if isinstance(what, (int, float)):
@@ -85,8 +85,8 @@ def numbers(what: Any, name: str = "") -> Iterator[tuple[str, float]]:
             yield from numbers(value, f"{name}[{index}]")
 
 
-def told(path: Path) -> tuple[dict[str, float], dict[str, float]]:
-    """A file's numbers, and the standard deviations of some."""
+def numbers_of(path: Path) -> tuple[dict[str, float], dict[str, float]]:
+    """Return a file's numbers, and the standard deviations of some."""
     text = path.read_text()
     if path.suffix != ".json":
         found = re.findall(r"-?\d+\.\d+(?:[eE][-+]?\d+)?", text)
@@ -102,7 +102,7 @@ def told(path: Path) -> tuple[dict[str, float], dict[str, float]]:
         spread = covariance(table, body)
         if spread is not None:
             sd = [spread[index][index] ** 0.5 for index in range(10)]
-            rows = ((4, 7, 8), (7, 5, 9), (8, 9, 6))  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz behind mass and CoM
+            rows = ((4, 7, 8), (7, 5, 9), (8, 9, 6))  # indices of Ixx, Iyy, Izz, Ixy, Ixz, Iyz after mass and CoM
             stds[f"{body}.mass"] = sd[0]
             stds |= {f"{body}.com_in_base[{axis}]": sd[1 + axis] for axis in range(3)}
             stds |= {f"{body}.inertia[{i}][{j}]": sd[rows[i][j]] for i in range(3) for j in range(3)}
@@ -110,17 +110,17 @@ def told(path: Path) -> tuple[dict[str, float], dict[str, float]]:
 
 
 def covariance(table: dict[str, Any], body: str) -> list[list[float]] | None:
-    """Of a body's ten parameters, wherever the schema keeps it."""
+    """Return the covariance of a body's ten parameters in any schema."""
     of_body = table.get("uncertainty", {}).get(body) or table[body].get("uncertainty")  # schema 2, schema 3
     return of_body["covariance"] if of_body else None
 
 
 def compare(before: Path, now: Path) -> tuple[int, float, float]:
-    """How many numbers, and the largest differences: relative, and in standard deviations."""
-    (old, sd), (new, _) = told(before), told(now)
+    """Return the number of numbers, and their largest difference, relative and in standard deviations."""
+    (old, sd), (new, _) = numbers_of(before), numbers_of(now)
     missing = sorted(set(old) ^ set(new))
     if missing:
-        print(f"    {len(missing)} numbers on one side alone: {', '.join(missing[:6])}")
+        print(f"    {len(missing)} numbers on one side only: {', '.join(missing[:6])}")
     shared = sorted(set(old) & set(new))
     relative = max((abs(new[key] - old[key]) / max(abs(old[key]), 1e-6) for key in shared), default=0.0)
     stds = max((abs(new[key] - old[key]) / sd[key] for key in shared if sd.get(key)), default=0.0)
@@ -131,7 +131,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("make", "compare"))
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--anew", action="store_true", help="compare: calibrate anew as well")
+    parser.add_argument("--anew", action="store_true", help="compare: also repeat the calibrations")
     asked = parser.parse_args()
     folder: Path = asked.folder
     if asked.what == "make":
@@ -148,7 +148,7 @@ def main() -> int:
             equipoise(*made, "--out", again := out / run.name)
             pairs.append((run / "calibration.json", again / "calibration.json"))
     different = 0
-    print("| what | numbers | largest difference, of its size | in standard deviations |\n|---|---|---|---|")
+    print("| result | numbers | largest relative difference | in standard deviations |\n|---|---|---|---|")
     for before, now in pairs:
         count, relative, stds = compare(before, now)
         different += (relative > ROUNDING and stds == 0) or stds > WORTH_SHOWING

@@ -1,6 +1,6 @@
-"""What an installation weighs: `make bench-size`. Writes benchmarks/results/size.md.
+"""Size of an installation: `make bench-size`. Writes benchmarks/results/size.md.
 
-The files that packages of this environment brought are counted, with all that they need in turn: nothing is downloaded.
+The installed files of equipoise and all its dependencies in this environment are counted; nothing is downloaded.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TARGET = 720  # [MB]
 
 
 def needed(package: Distribution, extras: Iterable[str]) -> Iterator[tuple[str, set[str]]]:
-    """What a package needs, and with which extras."""
+    """Return the dependencies of a package with their extras."""
     for line in package.requires or ():
         asked = Requirement(line)
         wanted = asked.marker is None or any(asked.marker.evaluate({"extra": extra}) for extra in ("", *extras))
@@ -33,7 +33,7 @@ def needed(package: Distribution, extras: Iterable[str]) -> Iterator[tuple[str, 
 
 
 def closure(extras: tuple[str, ...] = ()) -> dict[str, float]:
-    """Sizes of equipoise and of all that it needs [MB], by name.
+    """Return the sizes of equipoise and its dependencies [MB], by name.
 
     Raises:
         PackageNotFoundError: an extra is not installed here.
@@ -42,15 +42,15 @@ def closure(extras: tuple[str, ...] = ()) -> dict[str, float]:
     waiting: list[tuple[str, set[str]]] = [("equipoise", set(extras))]
     while waiting:
         name, wanted = waiting.pop()
-        if name not in taken or wanted - taken[name]:  # extras of ours name others of ours
+        if name not in taken or wanted - taken[name]:  # our extras refer to each other
             taken[name] = taken.get(name, set()) | wanted
             waiting += needed(distribution(name), wanted)
     return {name: megabytes(distribution(name)) for name in taken}
 
 
 def megabytes(package: Distribution) -> float:
-    """What its files take, bytecode left out."""
-    if package.name == "equipoise":  # in development its files are elsewhere
+    """Return the size of a package's files without bytecode."""
+    if package.name == "equipoise":  # an editable installation has its files elsewhere
         files = [file for file in Path(equipoise.__file__).parent.rglob("*") if file.is_file()]
     else:
         files = [Path(str(file.locate())) for file in package.files or ()]
@@ -59,7 +59,7 @@ def megabytes(package: Distribution) -> float:
 
 
 def extra_row(extra: str, plain: dict[str, float]) -> str:
-    """What an extra adds."""
+    """Return the table line of an extra."""
     try:
         more = {name: size for name, size in closure((extra,)).items() if name not in plain}
     except PackageNotFoundError as error:
@@ -77,18 +77,18 @@ def main() -> None:
     total = sum(plain.values())
     verdict = "met" if total <= TARGET else "**missed**"
     lines = [
-        "# What an installation weighs",
+        "# Size of an installation",
         "",
         f"`make bench-size`; equipoise {equipoise.__version__}, Python {platform.python_version()} on "
-        f"{platform.machine()}. Files that packages bring, in MB, bytecode left out; an interpreter is not counted.",
+        f"{platform.machine()}. Installed files in MB, without bytecode and interpreter.",
         "",
-        "| install | MB | of that |",
+        "| install | MB | largest packages |",
         "|---|---|---|",
         f"| `pip install equipoise` | {total:.0f} | {', '.join(f'{n} {s:.0f}' for n, s in largest_of(plain, 8))} |",
         *(extra_row(extra, plain) for extra in EXTRAS),
         "",
         f"Target for a robot's computer: {TARGET} MB, {verdict} by the plain install, which calibrates and estimates without "
-        "simulator, pictures and readers of bags; `make install` installs `[desk]`, which is all three.",
+        "simulator, figures and bag readers; `make install` installs `[desk]`, which includes all three.",
     ]
     text = "\n".join(lines) + "\n"
     write_page("size.md", text)

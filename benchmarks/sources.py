@@ -1,8 +1,8 @@
-"""Sources of a program in this repository: the modules that it imports, directly or not, and the data files beside them.
+"""Sources of a program in this repository: the modules that it imports, directly or indirectly, and their data files.
 
-The text of modules is parsed, at any commit; nothing is imported. Imports within functions count. So do dotted paths in
-strings, as in tables of modules that are loaded by name, `-m equipoise`, and files beside a module that it names. Hashes are
-of syntax trees without docstrings: comments, layout and docstrings move no number, so no page has to be made again for them.
+Modules are parsed at any commit, not imported. Imports in functions count, as do dotted paths in strings (tables of modules
+that are loaded by name), `-m equipoise`, and named files next to a module. Hashes are of syntax trees without docstrings,
+because comments, layout and docstrings do not change results.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 UNKNOWN = "unknown"
 FOLDERS = ("benchmarks", "src/equipoise")
 """Where sources are."""
-_BOOKKEEPING = {"benchmarks/provenance.py", "benchmarks/sources.py"}  # they move no number
+_BOOKKEEPING = {"benchmarks/provenance.py", "benchmarks/sources.py"}  # without effect on results
 _MODULE = re.compile(r"\bequipoise(?:\.\w+)+(?![\w.])")
 _HASH_LENGTH = 12
 
@@ -37,7 +37,7 @@ class Tree:
 
     @functools.cached_property
     def folders(self) -> frozenset[str]:
-        """Paths of all folders that hold files, also below others."""
+        """Paths of all folders with files, at any depth."""
         return frozenset(str(folder) for path in self.files for folder in PurePosixPath(path).parents)
 
 
@@ -52,7 +52,7 @@ def hash_of(maker: str, at: str = "") -> str:
 
 
 def changes(maker: str, at: str) -> tuple[int, int] | None:
-    """Count those of today's sources that are other, or not there, at a commit, and all of them; None without that commit."""
+    """Count the present sources that differ or are missing at a commit, and all of them; None without that commit."""
     then, today = tree_of(at), tree_of()
     if then is None or today is None:
         return None
@@ -68,7 +68,7 @@ def _same(path: str, one: bytes, other: bytes) -> bool:
 
 @functools.cache
 def tree_of(at: str = "") -> Tree | None:
-    """Return the sources of the working tree, or of a commit; None where git does not have it."""
+    """Return the sources of the working tree, or of a commit; None if git does not have it."""
     if not at:
         paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*") if path.is_file()]
         return Tree({name: path.read_bytes() for path in paths if _counts(name := path.relative_to(ROOT).as_posix())})
@@ -87,7 +87,7 @@ def _counts(path: str) -> bool:
 
 
 def sources(maker: str, tree: Tree) -> dict[str, str]:
-    """Return the digest of each file that a maker imports, directly or not, by path."""
+    """Return the digest of each file that a maker imports, directly or indirectly, by path."""
     found: dict[str, str] = {}
     seen, waiting = set(), [(maker, False)]
     while waiting:
@@ -101,9 +101,9 @@ def sources(maker: str, tree: Tree) -> dict[str, str]:
 
 @functools.cache
 def _used(path: str, tree: Tree, as_parent: bool) -> frozenset[tuple[str, bool]]:
-    """Return the paths that a module imports or reads, each with a flag: whether it is a package on the way to another module.
+    """Return the paths that a module imports or reads, each with a flag: true for a parent package of another module.
 
-    Such a package opens none of the modules that it dispatches to.
+    Modules to which a parent package dispatches do not count.
     """
     folder = PurePosixPath(path).parent.as_posix()
     found = {(data, False) for data in _data(path, tree)}
@@ -156,9 +156,9 @@ def _data(path: str, tree: Tree) -> Iterator[str]:
 
 class _Module(NamedTuple):
     names: tuple[str, ...]
-    """Dotted names that it uses; one that ends in `.*` is of a package whose modules it imports by name."""
+    """Dotted names that it uses; one that ends in `.*` is a package whose modules it imports by name."""
     bound: Mapping[str, str]
-    """Names that it imports, for type checkers too, and where from."""
+    """Imported names, also those for type checkers, with their modules."""
     texts: tuple[str, ...]
     """Short texts in it, which may name files."""
 
@@ -179,7 +179,7 @@ def _read(content: bytes) -> _Module:
 
 
 def _executed(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield the nodes of a module but those for type checkers alone."""
+    """Yield the nodes of a module except those only for type checkers."""
     waiting = [tree]
     while waiting:
         node = waiting.pop()
@@ -214,7 +214,7 @@ def _names(nodes: Iterable[ast.AST]) -> Iterator[str]:
 
 @functools.cache
 def _parsed(content: bytes) -> ast.Module:
-    """Parse a module, and take docstrings and texts that stand alone out of it."""
+    """Parse a module, and remove docstrings and other string statements."""
     tree = ast.parse(content)
     for node in ast.walk(tree):
         if isinstance(body := getattr(node, "body", None), list):

@@ -1,7 +1,7 @@
-"""What a `paper` calibration of the A1 costs beside the physics alone, and what commands cost: `make bench-speed`.
+"""CPU time of a `paper` calibration of the A1, compared with the physics only, and of commands: `make bench-speed`.
 
-Writes benchmarks/results/speed.md. One process, one core; the runs alternate, medians are compared. Commands are run as a user
-types them, with nothing said of threads.
+Writes benchmarks/results/speed.md. One process, one core; the runs alternate, and medians are compared. Commands are run as a
+user types them, without limits on threads.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import composite_parameters
 
 RESULTS = Path(__file__).parent / "results"
-# By a small process: one that is begun has been as large as the process that began it. Linux counts in kilobytes.
+# A small process measures memory, because a child initially has the size of its parent. Linux counts in kilobytes.
 MEASURED = """
 import resource, subprocess, sys
 done = subprocess.run(sys.argv[1:], check=False, stdout=subprocess.DEVNULL)
@@ -47,7 +47,7 @@ used = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(used.ru_utime + used.ru_stime, used.ru_maxrss)
 sys.exit(done.returncode)
 """
-REFUSED = {  # words, and the exit code
+REFUSED = {  # arguments and exit code
     "a mistyped robot": ("calibrate unitree_a2", 3),
     "a model file that does not exist": ("audit nowhere/robot.urdf", 3),
     "a run that does not exist": ("estimate runs/nowhere", 5),
@@ -57,7 +57,7 @@ REFUSED = {  # words, and the exit code
 }
 REPEATS = 7
 STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
-PARTS = {  # of a calibration, by files of which one is at work: the first that is counts
+PARTS = {  # of a calibration, by files on the call stack: the first match counts
     "physics": ("/mujoco/rollout.py",),
     "planning lifts": ("/precise/planning/", "/precise/plan.py", "/precise/predict.py"),
     "looking for collisions": ("/equipoise/clearance/",),
@@ -78,7 +78,7 @@ def timed(function: Callable[[], object]) -> float:
 
 
 def one_round() -> tuple[float, float, float, int, list[Recording]]:
-    """CPU seconds of a calibration, of `mj_step` alone and with the same commands; steps; recordings."""
+    """Return CPU seconds of a calibration, of `mj_step` alone and with the same commands; steps; recordings."""
     robot = load_robot("unitree_a1")
     simulation = simulate(robot, "ideal")
     platform = simulation.platform
@@ -107,7 +107,7 @@ def one_round() -> tuple[float, float, float, int, list[Recording]]:
 
 
 def storage(recordings: list[Recording]) -> tuple[float, float]:
-    """Wall seconds and megabytes of writing a run's recordings."""
+    """Return wall seconds and megabytes of writing a run's recordings."""
     robot = load_robot("unitree_a1")
     with tempfile.TemporaryDirectory() as folder:
         with RunFolder.create(Path(folder) / "run", robot, PaperMethod(), {}) as run:
@@ -120,7 +120,7 @@ def storage(recordings: list[Recording]) -> tuple[float, float]:
 
 
 def wall(*arguments: str) -> float:
-    """Median wall seconds of a Python process."""
+    """Return the median wall seconds of a Python process."""
     times: list[float] = []
     for _ in range(REPEATS):
         start = time.perf_counter()
@@ -130,7 +130,7 @@ def wall(*arguments: str) -> float:
 
 
 def command(*words: object, cache: Path, code: int = 0) -> tuple[float, float]:
-    """CPU seconds and the most memory [MB] of a command that ends with an exit code."""
+    """Return CPU seconds and peak memory [MB] of a command with an exit code."""
     typed = [sys.executable, "-m", "equipoise", *map(str, words)]
     environment = {**AS_TYPED, "EQUIPOISE_CACHE": str(cache)}
     done = subprocess.run(
@@ -143,7 +143,7 @@ def command(*words: object, cache: Path, code: int = 0) -> tuple[float, float]:
 
 
 def excitation_for_long(folder: Path) -> None:
-    """A calibration of which one excitation lasts for a quarter of an hour, as a run of 1,000 s."""
+    """Return a calibration with an excitation of a quarter of an hour, as a run of 1,000 s."""
     robot, periods = load_robot("unitree_a1"), excitation._ALL_AXES_PERIODS
     excitation._ALL_AXES_PERIODS = 1422
     method = BayesianMethod(duration=60 + excitation.excitation_time(nominal_stance(robot)))
@@ -155,7 +155,7 @@ def excitation_for_long(folder: Path) -> None:
 
 
 def commands() -> list[str]:
-    """Rows of what commands cost, with interpreter, imports and reading."""
+    """Return rows of commands, with interpreter, imports and reading."""
     quiet = ("--quiet", "--no-report")
     with tempfile.TemporaryDirectory() as folder:
         cache, run, swaying = (Path(folder) / name for name in ("cache", "run", "swaying"))
@@ -177,7 +177,7 @@ def commands() -> list[str]:
 
 
 def refusals() -> list[str]:
-    """Rows of what it costs to be refused, the median of several."""
+    """Return rows of commands with errors, the median of several runs."""
     rows: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         for what, (words, code) in REFUSED.items():
@@ -188,7 +188,7 @@ def refusals() -> list[str]:
 
 
 def calibration_and_rollout(method: Method, noise: str, timestep: float | None) -> tuple[float, float]:
-    """CPU seconds of a calibration, and of `mujoco.rollout` with its commands."""
+    """Return CPU seconds of a calibration, and of `mujoco.rollout` with its commands."""
     robot = load_robot("unitree_a1")
     with simulate(robot, noise, seed=7, timestep=timestep) as simulation:
         platform = simulation.platform
@@ -204,7 +204,7 @@ def calibration_and_rollout(method: Method, noise: str, timestep: float | None) 
 
 
 def over_rollout(method: Method, noise: str, timestep: float | None = None) -> str:
-    """Row of a whole calibration beside `mujoco.rollout` of the same commands, the second of two: the first plans anew."""
+    """Return the row of a calibration and `mujoco.rollout` of its commands, the second of two, because the first plans."""
     calibration_and_rollout(method, noise, timestep)
     whole, alone = calibration_and_rollout(method, noise, timestep)
     target = OVER_ROLLOUT[method.name]
@@ -215,7 +215,7 @@ def over_rollout(method: Method, noise: str, timestep: float | None = None) -> s
 
 
 def where_it_goes() -> list[str]:
-    """Rows of the parts of a calibration by `bayesian`: what a look every millisecond of CPU time sees."""
+    """Return rows of the parts of a `bayesian` calibration, sampled every millisecond of CPU time."""
     robot, seen = load_robot("unitree_a1"), Counter[str]()
 
     def look(_: int, frame: FrameType | None) -> None:
@@ -242,7 +242,7 @@ def where_it_goes() -> list[str]:
 
 
 def thinking() -> list[str]:
-    """Rows of what a calibration by `bayesian` thinks: estimate and plans, least of several."""
+    """Return rows of estimates and plans of a `bayesian` calibration, minimum of several runs."""
     robot = load_robot("unitree_a1")
     stance, method, recordings = nominal_stance(robot), BayesianMethod(), list[Recording]()
     with simulate(robot, "stress", seed=7) as simulation:
@@ -250,13 +250,13 @@ def thinking() -> list[str]:
     com = composite_parameters(robot, stance.joint_position).com
     found = [Candidates.of(robot, stance, com, method.combined_priors)]
     steps: dict[str, tuple[Callable[[], object], float]] = {
-        "an estimate of 120 s with all unknowns, its checks and reading what was recorded": (
+        "an estimate of 120 s with all parameters, its checks and the reading of recordings": (
             lambda: estimate(robot, recordings, method), 1.0,
         ),
-        "a plan for a robot that was not planned for": (
+        "a plan for a new robot": (
             lambda: make_plan(Candidates.of(robot, stance, com, method.combined_priors), 100.0), 0.5,
         ),
-        "a plan from candidates that are known": (lambda: make_plan(found[0], 100.0), 0.3),
+        "a plan from given candidates": (lambda: make_plan(found[0], 100.0), 0.3),
     }  # fmt: skip
     rows: list[str] = []
     for what, (step, target) in steps.items():
@@ -281,48 +281,48 @@ def main() -> None:
         "# Speed of a whole `paper` calibration of the A1",
         "",
         f"`make bench-speed`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, {REPEATS} "
-        "rounds on one core, CPU seconds, medians. Motion, sensing and estimating; without start-up, storage and pictures.",
+        "rounds on one core, CPU seconds, medians. Motion, sensing and estimation, without start-up, storage and figures.",
         "",
-        "| what | CPU s | over `mj_step` |",
+        "| part | CPU s | over `mj_step` |",
         "|---|---|---|",
         f"| the whole calibration ({steps} engine steps) | {routine:.3f} | {statistics.median(ratios):.2f} "
         f"({ratios[0]:.2f} to {ratios[-1]:.2f}) |",
-        f"| `mj_step` alone, as many steps, the robot standing | {alone:.3f} | 1 |",
+        f"| `mj_step` alone, equal number of steps, robot standing | {alone:.3f} | 1 |",
         f"| `mj_step` with the calibration's own commands | {replay:.3f} | {replay / alone:.2f} |",
         "",
         f"Target: at most 1.5 times `mj_step` alone: {verdict(statistics.median(ratios) <= 1.5)}; against "
         f"the same motion replayed: {routine / replay:.2f}.",
         "",
-        f"Storage beside it: {store:.3f} s wall for {megabytes:.1f} MB.",
+        f"Additional time for storage: {store:.3f} s wall for {megabytes:.1f} MB.",
         "",
         "| start-up | median wall s | target |",
         "|---|---|---|",
         f"| `import equipoise` | {wall('-c', 'import equipoise'):.2f} | 0.6 |",
-        f"| `import equipoise` and every name that needs no simulator | {wall('-c', eager):.2f} | 0.6 |",
+        f"| `import equipoise` and all names without simulator | {wall('-c', eager):.2f} | 0.6 |",
         f"| `equipoise --help` | {wall('-m', 'equipoise', '--help'):.2f} | 1.0 |",
         "",
-        "| as typed, with interpreter, imports and reading | CPU s | most memory [MB] | target |",
+        "| command, with interpreter, imports and reading | CPU s | peak memory [MB] | target |",
         "|---|---|---|---|",
         *commands(),
         "",
-        "| refused, with interpreter and imports | CPU s | target | |",
+        "| command with an error, with interpreter and imports | CPU s | target | |",
         "|---|---|---|---|",
         *refusals(),
         "",
-        "Whole calibrations beside `mujoco.rollout` of the same commands, one core, CPU seconds; both in one process, "
-        "one after the other, as other programs run on this machine. With `stress` friction follows load: it is set before "
-        "every engine step, which costs a third of the step.",
+        "Whole calibrations compared with `mujoco.rollout` of the same commands, one core, CPU seconds; both in one process, "
+        "one after the other, on a shared machine. With `stress`, load-dependent friction is set before every engine step, "
+        "which costs a third of the step.",
         "",
         "| | calibration | `mujoco.rollout` | ratio | target | |",
         "|---|---|---|---|---|---|",
         over_rollout(PaperMethod(), "realistic", 1e-3),
         *(over_rollout(BayesianMethod(), noise) for noise in ("ideal", "realistic", "stress")),
         "",
-        "| of a calibration by `bayesian`, `realistic` | CPU time |",
+        "| part of a `bayesian` calibration, `realistic` | CPU time |",
         "|---|---|",
         *where_it_goes(),
         "",
-        "| what `bayesian` thinks, interpreter and imports left out | CPU s | target | |",
+        "| `bayesian`, without interpreter and imports | CPU s | target | |",
         "|---|---|---|---|",
         *thinking(),
     ]

@@ -1,12 +1,12 @@
-"""Whether robots stay on their feet while they are calibrated: `make bench-stays-up`. Writes benchmarks/results/stays_up.md.
+"""Falls during calibrations: `make bench-stays-up`. Writes benchmarks/results/stays_up.md.
 
-Every robot of the catalogue with the preset `realistic`, 20 seeds, 60 and 120 s of an A1's robot time, by the Bayesian method.
-The seed draws a payload of up to 30 % of the robot's mass, up to 0.3 of half its length and width off the middle and 0.2 to
-0.5 hip heights above the base's origin, and drives that bring up to 30 % less than they are asked for: gains and feed-forward
-alike, and they report what they were asked for. A robot has fallen when its base leans by more than 40 degrees.
+Every robot of the catalogue with the preset `realistic`, 20 seeds, 60 and 120 s (A1 robot time), with the Bayesian method. The
+seed draws a payload of up to 30 % of the robot's mass, up to 0.3 of half its length and width from the middle and 0.2 to 0.5
+hip heights above the base's origin. It also draws drives with up to 30 % less gain and feed-forward torque, which report the
+commanded torque. A robot has fallen when its base leans by more than 40 degrees.
 
-Every run appends a row to benchmarks/results/stays_up.jsonl: interrupted, it goes on where it was. What it costs is told by
-seeds below 10,000, beside rows of the code before, which are made by its checkout in BEFORE (here from benchmarks/):
+An interrupted benchmark resumes from benchmarks/results/stays_up.jsonl. Seeds below 10,000 give the effect on accuracy,
+compared with rows of the older code, from its checkout in BEFORE (run in benchmarks/):
 
     PYTHONPATH=BEFORE/src python stays_up.py --seeds 0 6 --budgets 60 --rows results/stays_up_before.jsonl
 """
@@ -44,7 +44,7 @@ Row = dict[str, object]
 
 
 def payload_of(robot: RobotModel, generator: np.random.Generator) -> str:
-    """A point mass on the trunk, as text."""
+    """Return a point mass on the trunk as text."""
     stance = nominal_stance(robot)
     half = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
     mass = generator.uniform(0, HEAVIEST) * robot.mass
@@ -53,7 +53,7 @@ def payload_of(robot: RobotModel, generator: np.random.Generator) -> str:
 
 
 def soften(simulation: Simulation, share: float) -> None:
-    """Take a share off what the drives bring; the engine's gains are made from this at every motion."""
+    """Reduce the drives' torques by a share; the engine's gains follow from this at every motion."""
     simulation.errors.torque_gain[:] *= 1 - share
 
 
@@ -100,12 +100,12 @@ def key(row: Row) -> tuple[object, ...]:
 
 
 def accuracy(rows: Iterable[Row]) -> str:
-    """Root mean square errors of the mass, the CoM, and the moments of inertia over the mass."""
-    told = [row for row in rows if "error" in row]
-    if not told:
+    """Return rms errors of the mass, the CoM, and the moments of inertia over the mass."""
+    finished = [row for row in rows if "error" in row]
+    if not finished:
         return "- | - | - | -"
-    error, truth = (np.array([row[name] for row in told]) for name in ("error", "truth"))
-    lengths = np.array([nominal_stance(load_robot(str(row["robot"]))).scale.length for row in told])
+    error, truth = (np.array([row[name] for row in finished]) for name in ("error", "truth"))
+    lengths = np.array([nominal_stance(load_robot(str(row["robot"]))).scale.length for row in finished])
     planar, height = 1e3 * np.linalg.norm(error[:, 1:3], axis=1) / lengths, 1e3 * error[:, 3] / lengths
     mass = 1 + error[:, :1] / truth[:, :1]
     moments = (1 + error[:, 4:7] / truth[:, 4:7]) / mass - 1
@@ -114,9 +114,9 @@ def accuracy(rows: Iterable[Row]) -> str:
 
 
 def table(rows: list[Row]) -> list[str]:
-    """A line for each robot and budget, and one for all."""
+    """Return a line for each robot and duration, and one for all."""
     text = [
-        "| robot | budget | runs | fell | broken off | alarms | lifts | refused | mass [%] | x, y [mm] | z [mm] | I/m [%] |",
+        "| robot | duration | runs | falls | errors | alarms | lifts | skipped | mass [%] | x, y [mm] | z [mm] | I/m [%] |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     groups = [(name, budget) for name in CATALOG for budget in BUDGETS]
@@ -133,30 +133,29 @@ def table(rows: list[Row]) -> list[str]:
     return text
 
 
-ABOUT = """# Nothing planned tips a robot over
+ABOUT = """# Falls during calibrations
 
 `make bench-stays-up`: the Bayesian method in simulation, `realistic`, on every robot of the catalogue.
-The seed draws a payload of up to 30 % of the robot's mass (up to 0.3 of half the robot's length and width off the middle,
-0.2 to 0.5 hip heights above the base's origin) and drives up to 30 % softer than the model, in gains and feed-forward, that
-report the torque they were asked for. Nobody tells the robot of either. Budgets are an A1's; larger robots take longer.
+The seed draws a payload of up to 30 % of the robot's mass (up to 0.3 of half the robot's length and width from the middle,
+0.2 to 0.5 hip heights above the base's origin). It also draws drives with up to 30 % less gain and feed-forward torque than
+the model, which report the commanded torque. Both are unknown to the method. Durations are an A1's; larger robots take longer.
 
-*Fell*: the base leaned by more than 40 degrees. *Broken off*: ended with an error, on its feet. *Alarms*: runs in which a
-check failed. *Lifts*, *refused*: done, and left out at the last moment as the robot could have tipped over; the mean of a run.
-Errors are root mean square against the truth, lengths in an A1's size; nobody weighs the robot, and its mass is as wrong as
-the torques that its drives report.
+*Falls*: the base leaned by more than 40 degrees. *Errors*: runs that ended with an error without a fall. *Alarms*: runs with a
+failed check. *Lifts*, *skipped*: mean number per run of lifts done, and of lifts skipped because the robot could have tipped
+over. Errors are root mean square, lengths scaled to an A1. There is no scale, so mass errors follow from the torque errors.
 """
 COST = """
-## What it costs
+## Effect on accuracy
 
-Seeds 0 to 5 and 60 s, with the code before (commit afc01b9), which kept two feet up until the base had turned by 0.06 rad, and
-with the cure, both in that commit's simulation: {fell} of {runs} fell before. Where both came to a result, {shared} runs:
+Seeds 0 to 5 and 60 s, with older code (commit afc01b9), which kept two feet up until the base had rotated by 0.06 rad, and
+with the correction, both in that commit's simulation: {fell} of {runs} fell before. Runs with both results: {shared}.
 
 | | lifts | mass [%] | x, y [mm] | z [mm] | I/m [%] |
 |---|---|---|---|---|---|"""
 
 
 def page(kept: list[Row], before: list[Row]) -> str:
-    """All of it, with what it cost where there are rows of the code before."""
+    """Write the page, with the effect on accuracy if there are rows of the older code."""
     rows = [row for row in kept if int(str(row["seed"])) in SEEDS]
     target = "missed" if any(row["fell"] for row in rows) else "met"
     seeds = [int(str(row["seed"])) for row in rows]

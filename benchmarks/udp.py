@@ -1,11 +1,11 @@
-"""Whole precise calibrations over UDP, through networks good and bad, beside the same robots without a network.
+"""Accuracy of `bayesian` calibrations over UDP with good and bad networks, compared with direct simulation.
 
-In real time, about a minute and a half each. Writes benchmarks/results/udp.md. The simulated robot runs in its own process; a
-machine that keeps it waiting shows in the last columns. Every calibration appends a row to benchmarks/results/udp.jsonl, so
-that an interrupted benchmark goes on where it was; delete it to begin anew.
+Calibrations run in real time, about a minute and a half each. Writes benchmarks/results/udp.md. The emulator has its own
+process; the last columns show delays by a busy machine. An interrupted benchmark resumes from benchmarks/results/udp.jsonl;
+delete the file to start again.
 
-    python benchmarks/udp.py               # on a machine that does nothing else
-    sudo chrt -r 5 python benchmarks/udp.py   # on one that does
+    python benchmarks/udp.py               # on an idle machine
+    sudo chrt -r 5 python benchmarks/udp.py   # on a busy machine
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # the other core is the robot's
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # the emulator uses the other core
     os.environ[_name] = "1"
 
 import mujoco
@@ -47,12 +47,12 @@ ROBOT = load_robot("unitree_a1")
 
 @dataclass
 class Row:
-    """One calibration: what over, how far from the truth, and what it was like."""
+    """Calibration: connection, errors, and timing."""
 
     what: str
     seed: int
     result: Calibration
-    told: dict[str, Any] = field(default_factory=dict)
+    timing: dict[str, Any] = field(default_factory=dict)
 
     def cells(self) -> list[str]:
         found = self.result.composite
@@ -64,11 +64,11 @@ class Row:
             " ".join(f"{1000 * value:+.2f}" for value in found.com_in_base.errors),
             " ".join(f"{100 * value:+.1f}" for value in diagonal),
             f"{self.worst():.1f}",
-            *(str(self.told.get(name, "")) for name in ("rejected", "fresh", "late", "waited")),
+            *(str(self.timing.get(name, "")) for name in ("rejected", "fresh", "late", "waited")),
         ]
 
     def worst(self) -> float:
-        """The largest error in standard deviations that the result claims."""
+        """Largest error over its printed standard deviation."""
         return float(np.max(np.abs(self.result.composite.errors) / self.result.composite.stds))
 
 
@@ -92,18 +92,18 @@ def over_udp(protocol: str, faults: tuple[str, ...], seed: int) -> Row:
         with RemoteRobot(f"unitree-{protocol}", ROBOT, given) as remote:
             result = calibrate(remote, ROBOT, SETTINGS).with_truth(truth)
         report = remote.report()
-    told = {
+    timing = {
         "rejected": report.samples.rejected,
         "fresh": report.samples.fresh,
         "late": f"{100 * (report.overruns or 0) / report.commands:.2f} ({1000 * (report.latest or 0):.0f} ms)",
         "waited": f"{1000 * sum(entry.get('behind', 0.0) for entry in log):.0f}",
     }
-    return Row(named(protocol, faults), seed, result, told)
+    return Row(named(protocol, faults), seed, result, timing)
 
 
 @contextmanager
 def peer(*flags: str) -> Generator[list[dict[str, Any]]]:
-    """The simulated robot in its own process; its log."""
+    """Run the emulator in its own process; yield its log."""
     command = [sys.executable, "-m", "equipoise.lab.emulators.unitree_udp", "--sim-preset", "realistic", *flags]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
@@ -127,16 +127,16 @@ def free_port() -> int:
 
 def table(rows: list[list[str]]) -> str:
     columns = (
-        "over", "seed", "mass [g]", "CoM [mm]", "Ixx Iyy Izz [%]", f"worst of {len(COMPONENTS)} [sd]", "samples left out",
-        "fresh ones used", "commands over 1 ms late [%] (worst)", "robot kept waiting [ms]",
+        "over", "seed", "mass [g]", "CoM [mm]", "Ixx Iyy Izz [%]", f"largest error / std of {len(COMPONENTS)}", "rejected",
+        "samples used", "commands over 1 ms late [%] (worst)", "delay of the emulator [ms]",
     )  # fmt: skip
     lines = [
         "# Calibrations over UDP",
         "",
         f"`python benchmarks/udp.py`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, {machine.system()} on "
         f"{os.cpu_count()} cores. The A1 with 1 kg on it, preset `realistic`, method `bayesian` with 60 s of robot time. "
-        "Errors are of the whole robot's parameters, estimate less truth; sd: as the result claims. The robot is a process "
-        "of its own that speaks the A1's compressed or the Go1's plain packets over loopback UDP; no real robot was tried. "
+        "Errors of the whole robot's parameters, estimate minus truth; std: as printed. An emulator in its own process sends "
+        "the A1's compressed or the Go1's plain packets over loopback UDP; no real robot was used. "
         f"{'Real-time' if os.sched_getscheduler(0) == os.SCHED_RR else 'Ordinary'} priority; load average at the end "
         f"{os.getloadavg()[0]:.0f}.",
         "",

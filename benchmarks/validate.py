@@ -1,9 +1,9 @@
-"""Lifts played again in simulation, with the body found and the model file's: `make bench-validate`.
+"""Replay of lifts in simulation with the estimated body and the model file's: `make bench-validate`.
 
-Writes benchmarks/results/validate.md. A simulated robot is calibrated for two minutes, bare or with a payload of 1.5 kg on an
-A1 (scaled to robots of another mass and size), and its lifts are played again. With ordinary sensors it is calibrated once
-more for 45 s, with other noise, and these lifts are played with the body of the first run, whose estimate has not seen them.
-Rows are kept in validate.jsonl: it goes on where it was.
+Writes benchmarks/results/validate.md. A simulated robot is calibrated for two minutes, without or with a payload of 1.5 kg on
+an A1 (scaled to other robots), and its lifts are replayed. With typical sensors it is calibrated again for 45 s with other
+noise, and these lifts are replayed with the body of the first run, whose estimate does not use them. An interrupted benchmark
+resumes from validate.jsonl.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FIRST = "first run"
 
 
 def payload_of(robot: RobotModel) -> Payload:
-    """1.5 kg on an A1, a decimetre before and 8 cm above the base's origin."""
+    """Return a payload of 1.5 kg on an A1, 10 cm ahead of and 8 cm above the base's origin."""
     a1 = load_robot("unitree_a1")
     size = nominal_stance(robot).hip_height / nominal_stance(a1).hip_height
     return Payload(InertialParameters(1.5 * robot.mass / a1.mass, size * np.array([0.1, 0, 0.08]), np.zeros((3, 3))))
@@ -45,13 +45,13 @@ def payload_of(robot: RobotModel) -> Payload:
 def calibrated(
     robot: RobotModel, noise: str, loaded: bool, seed: int, noise_seed: int, method: BayesianMethod
 ) -> Calibration:
-    """A run in simulation."""
+    """Return a run in simulation."""
     with simulate(robot, noise, payload_of(robot) if loaded else None, seed, noise_seed=noise_seed) as simulation:
         return calibrate(simulation.platform, robot, method)
 
 
 def row_of(name: str, seed: int, noise: str, loaded: bool) -> dict[str, object]:
-    """What the bodies miss the measured tilts by [mm]."""
+    """Return the tilt errors with the bodies [mm]."""
     robot = load_robot(name)
     row: dict[str, object] = {"robot": name, "seed": seed, "noise": noise, "loaded": loaded, "commit": commit()}
     try:
@@ -81,21 +81,20 @@ def row_of(name: str, seed: int, noise: str, loaded: bool) -> dict[str, object]:
 
 def lines(rows: list[dict[str, object]]) -> Iterator[str]:
     """The page."""
-    yield "# Lifts played again"
+    yield "# Replay validation"
     yield ""
     yield (
-        "`make bench-validate`: runs of two minutes, seeds from 10,000, no scale; [what is "
-        "played](../../docs/simulation-studies.md#replay-validation). "
-        "Root mean square over lifts of measured less simulated tilt at the end, at the centre of mass; median over robots. "
-        "`ideal` draws nothing, so it is one run. A second run of 45 s is of the same robot with other noise: its lifts are "
-        "played with the body of the first run, which has not seen them. In `realistic` the legs weigh some percent more or "
-        "less than in the file, so that the file of a bare robot is not right either. Beside it "
-        "[held out](../../docs/uncertainty-and-checks.md#held-out-prediction), by the tilt equation and with the legs found."
+        "`make bench-validate`: runs of two minutes, seeds from 10,000, no scale; "
+        "[method](../../docs/simulation-studies.md#replay-validation). Root mean square over lifts of measured minus "
+        "simulated tilt at the end, as a distance at the CoM; median over robots. `ideal` is one run, as nothing is drawn. "
+        "A second run of 45 s is of the same robot with other noise: its lifts are replayed with the body of the first run, "
+        "which does not use them. In `realistic` the leg masses differ from the file by some percent, so the file of a bare "
+        "robot has errors too. Held-out: prediction by the tilt equation with the estimated legs."
     )
     yield ""
     yield (
-        "| robot | noise | payload | runs | found [mm] | model file [mm] | ratio | second run: body of the first [mm] | "
-        "model file [mm] | ratio | held out: found, model file [mm] |"
+        "| robot | preset | payload | runs | estimate [mm] | model file [mm] | ratio | second run: body of the first [mm] | "
+        "model file [mm] | ratio | held-out: estimate, model file [mm] |"
     )
     yield "|" + "---|" * 11
     for name in ROBOTS:
@@ -110,11 +109,11 @@ def lines(rows: list[dict[str, object]]) -> Iterator[str]:
             yield f"- {row['robot']} {row['seed']}, {row['noise']}: {row['failed']}"
     failed = sum(bool(row.get("checks")) for row in rows)
     cost = np.median([row["cpu"] for row in rows if "cpu" in row])
-    yield f"To play a run's lifts with two bodies takes {cost:.1f} CPU s. A check failed in {failed} of {len(rows)} runs."
+    yield f"The replay of a run with two bodies takes {cost:.1f} CPU s. A check failed in {failed} of {len(rows)} runs."
 
 
 def line(rows: list[dict[str, object]], payload: str) -> str:
-    """A row of the table."""
+    """Return a row of the table."""
     there = all("second" in row for row in rows)
     second = [*medians(rows, "second", FIRST)] if there else ["-", "-", "-"]
     held = medians(rows, "held out", FOUND)
@@ -123,7 +122,7 @@ def line(rows: list[dict[str, object]], payload: str) -> str:
 
 
 def medians(rows: list[dict[str, object]], what: str, body: str) -> tuple[str, str, str]:
-    """Errors with a body and with the model file's, and the ratio: median, and all if they differ."""
+    """Return errors with a body and with the model file's, and their ratio: median, and range if they differ."""
     found, model = (np.array([row[what][one] for row in rows]) for one in (body, MODEL))
     ratio = np.sort(model / found)
     spread = f" ({ratio[0]:.1f} to {ratio[-1]:.1f})" if ratio[-1] - ratio[0] > 0.05 else ""
@@ -131,7 +130,7 @@ def medians(rows: list[dict[str, object]], what: str, body: str) -> tuple[str, s
 
 
 def main() -> None:
-    """All that is not there yet."""
+    """Run missing cases and write the page."""
     warnings.simplefilter("ignore", ModelWarning)
     rows = [json.loads(text) for text in ROWS.read_text(encoding="utf-8").splitlines()] if ROWS.exists() else []
     done = {(row["robot"], row["seed"], row["noise"], row["loaded"]) for row in rows}

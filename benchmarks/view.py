@@ -1,8 +1,8 @@
 """Effect of the view on the control loop: `make bench-view`.
 
-A simulated Go2 speaks its messages over DDS in a process of its own; the guarded loop plays a gentle motion at 500 Hz in real
-time and writes its log, as a calibration does: without a view, with one that is recorded in a file, and with one in a
-browser. A minute each, in turn, in several rounds. Results are kept in benchmarks/results/view.json; --tables only writes
+An emulated Go2 sends its messages over DDS in its own process. The guarded loop plays a slow motion at 500 Hz in real time and
+writes its log, as in a calibration: without a view, with a view recorded in a file, and with a view in a browser. Each case
+takes a minute, in several rounds. Results are stored in benchmarks/results/view.json; --tables only writes
 benchmarks/results/view.md.
 """
 
@@ -47,13 +47,13 @@ STANCE = nominal_stance(MODEL).joint_position
 
 @dataclass(frozen=True)
 class Options:
-    """What is measured.
+    """Settings of the benchmark.
 
     Attributes:
-        seconds: of each case in each round, at most 60.
-        rounds: of all cases.
-        tables: measure nothing.
-        realtime: let the system schedule robot and loop before all others, where other programs run (as root).
+        seconds: duration of each case in each round, at most 60.
+        rounds: number of rounds of all cases.
+        tables: only write the page.
+        realtime: real-time scheduling of emulator and loop, for busy machines (as root).
     """
 
     seconds: float = 40.0
@@ -67,7 +67,7 @@ OPTIONS = Options()
 
 @contextmanager
 def robot() -> Generator[None]:
-    """A simulated robot in a process of its own."""
+    """Run an emulator in its own process."""
     command = [sys.executable, "-m", "equipoise.lab.emulators.unitree_dds", "--robot", ROBOT, "--domain", str(DOMAIN)]
     flags = ("--start", "standing", "--no-sport-mode", "--sim-preset", "ideal")
     with tempfile.TemporaryFile("w+") as log:
@@ -82,7 +82,7 @@ def robot() -> Generator[None]:
 
 @contextmanager
 def looked_at(case: str, folder: Path) -> Generator[None]:
-    """Show a run as a case demands."""
+    """Show a run in the view of a case."""
     if case == CASES[0]:
         yield
         return
@@ -92,13 +92,13 @@ def looked_at(case: str, folder: Path) -> Generator[None]:
         return
     if CHROMIUM is None:
         raise SystemExit("a view in a browser needs chromium")
-    page, data = free_port(9090), free_port(9876)  # those that the viewer takes
+    page, data = free_port(9090), free_port(9876)  # the viewer's defaults
     url = f"http://127.0.0.1:{page}/?url=rerun%2Bhttp://127.0.0.1:{data}/proxy&renderer=webgl"
     with viewer_beside(folder, BROWSER), tempfile.TemporaryDirectory() as profile:
         time.sleep(5.0)
         software = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
         flags = ("--headless", "--no-sandbox", *software)
-        # In practice on another computer: here it gets the lowest priority.
+        # In practice the browser is on another computer, so it has the lowest priority here.
         browser = subprocess.Popen(
             ["nice", "-n", "19", CHROMIUM, *flags, f"--user-data-dir={profile}", "--remote-debugging-port=0", url],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
@@ -112,7 +112,7 @@ def looked_at(case: str, folder: Path) -> Generator[None]:
 
 
 def measured(case: str, seconds: float) -> dict[str, Any]:
-    """How late commands left [ms], and how often their deadlines began anew."""
+    """Return the delays of commands [ms], and the number of reset deadlines."""
     with tempfile.TemporaryDirectory() as place, robot():
         folder = RunFolder.create(Path(place) / "run", MODEL, BayesianMethod(), {})
         with folder, looked_at(case, folder.path):
@@ -133,7 +133,7 @@ def measured(case: str, seconds: float) -> dict[str, Any]:
 
 
 def excitation() -> Trajectory:
-    """Five seconds of all legs long and short in turn, gently."""
+    """Return a slow motion of five seconds that extends and retracts all legs."""
     at = np.arange(2500) * 2e-3
     position = np.repeat(STANCE[None], len(at), axis=0)
     for place, leg in enumerate(MODEL.legs.values()):
@@ -144,40 +144,40 @@ def excitation() -> Trajectory:
 
 
 def table(results: dict[str, list[dict[str, Any]]]) -> list[str]:
-    """All rounds of a case together; percentiles and shares are medians over its rounds."""
+    """Return the table, with medians of percentiles and shares over the rounds of a case."""
     rounds = [results[case] for case in CASES]
-    rows = ["| ms late | " + " | ".join(CASES) + " |", "|---|" + "---|" * len(CASES)]
+    rows = ["| delay | " + " | ".join(CASES) + " |", "|---|" + "---|" * len(CASES)]
     for place, name in enumerate(("99.9 %", "latest")):
         cells = [statistics.median(r["percentiles"][place] for r in case) for case in rounds]
         rows.append(f"| {name} | " + " | ".join(f"{cell:.3f} ms" for cell in cells) + " |")
     shares = [[r["on_time"] for r in case] for case in rounds]
     rows.append(f"| within {LIMIT:g} ms | " + " | ".join(f"**{statistics.median(s):.3%}**" for s in shares) + " |")
-    rows.append("| of the rounds | " + " | ".join(f"{min(s):.2%} to {max(s):.2%}" for s in shares) + " |")
+    rows.append("| range over rounds | " + " | ".join(f"{min(s):.2%} to {max(s):.2%}" for s in shares) + " |")
     rows.append("| deadlines missed | " + " | ".join(str(sum(r["lost"] for r in case)) for case in rounds) + " |")
     rows.append("| load of the machine | " + " | ".join(f"{max(r['load'] for r in c):.1f}" for c in rounds) + " |")
     return rows
 
 
 def _scheduled(realtime: bool) -> str:
-    return "; both are scheduled in real time, for other programs ran on the machine" if realtime else ""
+    return "; both have real-time priority on a busy machine" if realtime else ""
 
 
 def report(kept: dict[str, Any]) -> str:
-    """The page of results."""
+    """Write the page."""
     lines = [
         "# Effect of the view on the control loop",
         "",
         f"`make bench-view`; equipoise {equipoise.__version__}, Python {platform.python_version()}, {os.cpu_count()} cores. "
-        "A simulated robot speaks a Go2's messages over DDS on loopback, in a process of its own; the guarded loop "
+        "An emulator sends a Go2's messages over DDS on loopback, in its own process; the guarded loop "
         "oscillates it "
         f"at 500 Hz and writes its log{_scheduled(kept['realtime'])}. {kept['rounds']} rounds of {kept['seconds']:.0f} s for "
-        "each case, in turn. How late commands leave after their deadlines:",
+        "each case, in turn. Delay of commands after their deadlines:",
         "",
         *table(kept["cases"]),
         "",
-        "The view is a process of its own that reads the log, at a lower priority (nice 10); the loop does nothing for it. "
-        "The remaining effect is competition for cores: simulated robot, loop, view and a browser that draws without a "
-        "graphics card are here on one machine. In practice robot and browser are on others.",
+        "The view is a separate process that reads the log at a lower priority (nice 10), without work for the loop. "
+        "The remaining effect is competition for cores: emulator, loop, view and a browser without a graphics card share one "
+        "machine here. In practice robot and browser are on other machines.",
     ]
     return "\n".join(lines) + "\n"
 

@@ -1,12 +1,11 @@
-"""What a log of a walking robot tells: `make bench-walking`. Writes benchmarks/results/walking.md.
+"""Accuracy of estimates from logs of walking robots: `make bench-walking`. Writes benchmarks/results/walking.md.
 
-Robots with a payload trot for 20 s (equipoise.lab.gaits.trot), with changes of speed, sidesteps and turns, in PyBullet
-and in DART, with the presets' errors as far as these engines can have them, and in MuJoCo with all of them. Their logs are
-written as tables and read like anybody's; a scale reads half a percent wrong (rms). Some trot for 60 s. On the same simulated
-robots in MuJoCo a calibration is done too: do lifts and trot agree? Others crawl (equipoise.lab.gaits.crawl). Rows
-are kept in walking.jsonl: it goes on where it was.
+Robots with a payload trot for 20 or 60 s (equipoise.lab.gaits.trot) with varying speed, sidesteps and turns, in PyBullet and
+DART with the effects that these engines support, and in MuJoCo with all of them. Others crawl (equipoise.lab.gaits.crawl).
+Their logs are written as tables and read like foreign logs; the scale has an error of 0.5 % (rms). The same robots are also
+calibrated in MuJoCo, to compare lifts and trot. An interrupted benchmark resumes from walking.jsonl.
 
-    python benchmarks/walking.py              # what is missing, then the page
+    python benchmarks/walking.py              # missing runs, then the page
     python benchmarks/walking.py --seeds 2    # the first seeds only
 """
 
@@ -77,7 +76,7 @@ CASES = (
 
 
 def payload_of(robot: RobotModel, seed: int) -> Payload:
-    """A twelfth of the robot somewhere on its trunk."""
+    """Return a payload of a twelfth of the robot's mass at a random position on its trunk."""
     generator, stance = np.random.default_rng([seed, 78]), nominal_stance(robot)
     half = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
     place = [*(generator.uniform(-0.4, 0.4, 2) * half), generator.uniform(0.1, 0.3) * stance.hip_height]
@@ -85,7 +84,7 @@ def payload_of(robot: RobotModel, seed: int) -> Payload:
 
 
 def write(recording: Recording, file: Path) -> None:
-    """A table with the columns of docs/logs.md."""
+    """Write a table with the standard columns of logs."""
     joints, imu = recording.joints, recording.imu
     signals = [f"{signal}.{joint}" for signal in ("position", "velocity", "torque") for joint in recording.joint_names]
     with file.open("w", newline="", encoding="utf-8") as stream:
@@ -153,25 +152,25 @@ def numbers(result: object, truth: InertialParameters) -> dict[str, object]:
 
 def lines(rows: list[dict]) -> Iterator[str]:
     """The page."""
-    yield "# What a log of a walking robot tells"
+    yield "# Estimates from logs of walking robots"
     yield ""
     yield (
-        "`make bench-walking`: a trot with changes of speed, sidesteps and turns, logged as a table; a scale to 0.5 %. Errors "
-        "are root mean squares of the whole robot's quantities; the model file knows nothing of the payload. Targets: CoM x, "
-        "y, z 3, 3, 8 mm (`realistic`), 5, 5, 12 mm (`stress`), 2 mm in the plane in 60 s, nine of ten intervals hold. Bold: "
-        "missed. PyBullet and DART lack springs, play and soft feet; MuJoCo has all. No development used these seeds."
+        "`make bench-walking`: a trot with varying speed, sidesteps and turns, logged as a table; a scale with an error of "
+        "0.5 %. Root mean square errors of the whole robot; *file*: the model file without the payload. Targets: CoM x, y, z "
+        "3, 3, 8 mm (`realistic`), 5, 5, 12 mm (`stress`), 2 mm in the plane in 60 s, coverage 90 %. Bold: target missed. "
+        "PyBullet and DART lack springs, backlash and soft feet; MuJoCo has all effects. Seeds were not used in development."
     )
     yield ""
     yield from table(rows, "trot")
     yield ""
     yield (
-        "Robots that crawl, one foot after the other, by their joint torques, whose gains are off by 3 to 5 %. Height and "
-        "inertia are not told, and said not to be; the checks that fail say that there are no lifts and no moves."
+        "Robots that crawl, one foot after the other; estimates use joint torques with gain errors of 3 to 5 %. Height and "
+        "inertia are not identifiable and reported as such. The failed checks report missing lifts and stance motions."
     )
     yield ""
     yield from table(rows, "crawl")
-    told = [row for row in rows if "error" in row]
-    both = [row for row in told if "lifts" in row]
+    finished = [row for row in rows if "error" in row]
+    both = [row for row in finished if "lifts" in row]
     if both:
         yield ""
         yield from agreement(both)
@@ -182,26 +181,26 @@ def lines(rows: list[dict]) -> Iterator[str]:
 
 
 def table(rows: list[dict], gait: str) -> Iterator[str]:
-    """All cases of a gait."""
+    """Yield the table of a gait."""
     yield (
-        f"| engine | preset | robot | {gait} [s] | n | CoM x, y, z [mm] | file | Ixx, Iyy, Izz [%] | intervals that hold | "
-        "a check failed | silent | CPU [s] |"
+        f"| engine | preset | robot | {gait} [s] | n | CoM x, y, z [mm] | file | Ixx, Iyy, Izz [%] | coverage | "
+        "failed checks | silent | CPU [s] |"
     )
     yield "|" + "---|" * 12
-    told: list[dict] = []
+    finished: list[dict] = []
     for case in CASES:
         of = [row for row in rows if row["case"] == case.key and "error" in row and case.gait == gait]
-        told += of
+        finished += of
         if of:
             yield accuracy(case, of)
-    if told:
-        held = np.mean([one for row in told for one in row["inside"]])
+    if finished:
+        held = np.mean([one for row in finished for one in row["inside"]])
         yield ""
-        yield f"Of all {10 * len(told)} intervals {held:.0%} hold."
+        yield f"Coverage of all {10 * len(finished)} intervals: {held:.0%}."
 
 
 def accuracy(case: Case, rows: list[dict]) -> str:
-    """A row of the first table."""
+    """Return a row of the first table."""
     error, model = np.array([row["error"] for row in rows]), np.array([row["model"] for row in rows])
     com, file = 1e3 * rms(error[:, 1:4]), 1e3 * rms(model[:, 1:4])
     inertia = 100 * rms(error[:, 4:7] / np.array([row["size"] for row in rows]))
@@ -223,13 +222,13 @@ def accuracy(case: Case, rows: list[dict]) -> str:
 
 
 def agreement(rows: list[dict]) -> Iterator[str]:
-    """Of lifts and trot of the same robot."""
+    """Yield the comparison of lifts and trot of the same robots."""
     apart = np.array([np.array(row["error"]) - np.array(row["lifts"]["error"]) for row in rows])
     both = np.hypot(np.array([row["sd"] for row in rows]), np.array([row["lifts"]["sd"] for row in rows]))
     inside = np.abs(apart) <= NORMAL_95 * both
     yield (
         f"Lifts and trot of the same {len(rows)} robots in MuJoCo ({BUDGET:.0f} s of calibration): {inside.mean():.0%} of the "
-        "differences are within both intervals together. Rms of the difference over both standard deviations together, and "
+        "differences are within the combined intervals. Rms of the difference over the combined standard deviation, and "
         "the largest:"
     )
     yield ""
@@ -245,7 +244,7 @@ def rms(values: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=1000, help="of each case, at most")
+    parser.add_argument("--seeds", type=int, default=1000, help="largest number of seeds per case")
     arguments = parser.parse_args()
     rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()] if ROWS.exists() else []
     done = {row["key"] for row in rows}

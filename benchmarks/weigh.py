@@ -1,11 +1,11 @@
-"""How well half a minute weighs a robot that was calibrated before: `make bench-weigh`. Writes benchmarks/results/weigh.md.
+"""Payload measurement in half a minute with a prior run: `make bench-weigh`. Writes benchmarks/results/weigh.md.
 
-A simulated robot with ordinary sensors, legs trusted and no cable, is calibrated bare in two minutes. Then it carries 1 kg ten
-centimetres above, beside, before or behind the base's origin (scaled to robots of another mass and size), with the same sensor
-errors and other noise, and is weighed with what the first run knows, in 30 s and in 45 s; and in 30 s once more, when it was
-switched off: zeros and the accelerometer's bias moved by as much as an estimate allows for, and one zero by 5 mrad. One
-scale reads half a percent (rms) wrong in both runs, to ten grams; the same recordings are estimated without it too. Rows are
-kept in weigh.jsonl, first runs in runs/: it goes on where it was.
+A simulated robot with typical sensors, narrow leg priors and no cable is calibrated bare in two minutes. Then it carries 1 kg
+ten centimetres above, next to, ahead of or behind the base's origin (scaled to other robots), with the same sensor errors and
+other noise. The payload is measured with the prior run in 30 s and in 45 s, and in 30 s after a restart: joint offsets and the
+accelerometer's bias change as much as the priors allow, and one joint offset by 5 mrad. One scale with an error of 0.5 % (rms)
+and a resolution of 10 g weighs both runs; the same recordings are also estimated without it. An interrupted benchmark resumes
+from weigh.jsonl and runs/.
 """
 
 from __future__ import annotations
@@ -49,15 +49,15 @@ ROBOTS = ("unitree_a1", "go2")
 SEEDS = range(10_000, 10_020)  # below are for development
 SCALE_ERROR, SCALE_STEP = 5e-3, 0.01  # [kg]
 MOVED = 5e-3  # [rad]
-# What the table of unknowns allows for between two runs.
+# Changes between two runs in the table of priors.
 ZEROS_CHANGE, BIAS_CHANGE = 0.5e-3, 6e-3  # [rad], [m/s2]
 CASES = (("30 s", 30.0, False), ("45 s", 45.0, False), ("30 s, switched off", 30.0, True))
-# rms of CoM x, y, z [mm]; payload's mass without and with the scale [%]; its place x, y, z [mm].
+# rms of CoM x, y, z [mm]; payload's mass without and with the scale [%]; its CoM x, y, z [mm].
 TARGETS = {"30 s": (0.25, 0.25, None, 8, 1, 3, 3, None), "45 s": (0.22, 0.18, 0.65, 8, 1, 3, 3, 10)}
 
 
 def first_run(name: str, seed: int) -> tuple[PriorRun, RobotInertia, float]:
-    """What a calibration of the bare robot keeps, its truth, and the scale's factor."""
+    """Return the run folder of the bare robot, its truth, and the scale's factor."""
     file = FIRST_RUNS / f"first-{name}-{seed}.json"
     if not file.exists():
         factor = 1 + SCALE_ERROR * float(np.random.default_rng([seed, 77]).standard_normal())
@@ -73,12 +73,12 @@ def first_run(name: str, seed: int) -> tuple[PriorRun, RobotInertia, float]:
 
 
 def read(factor: float, truth: RobotInertia) -> float:
-    """What the scale shows [kg]."""
+    """Return the reading of the scale [kg]."""
     return round(factor * truth.composite.mass / SCALE_STEP) * SCALE_STEP
 
 
 def payload_of(robot: RobotModel, seed: int) -> Payload:
-    """1 kg on an A1, ten centimetres from the base's origin."""
+    """Return a payload of 1 kg on an A1, ten centimetres from the base's origin."""
     a1 = load_robot("unitree_a1")
     size = nominal_stance(robot).hip_height / nominal_stance(a1).hip_height
     direction = ([1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1])[seed % 5]
@@ -87,7 +87,7 @@ def payload_of(robot: RobotModel, seed: int) -> Payload:
 
 
 def switch_off(drawn: Mapping[str, np.ndarray], seed: int, joint: int) -> None:
-    """Change what may be other once a robot was switched off; the zero of one joint by more than that."""
+    """Change the sensor errors as after a restart, and one joint offset by more than that."""
     generator = np.random.default_rng([seed, 78])
     drawn["accelerometer_bias"][:] += BIAS_CHANGE * generator.standard_normal(3)
     drawn["joint_offset"][:] += ZEROS_CHANGE * generator.standard_normal(len(drawn["joint_offset"]))
@@ -125,7 +125,7 @@ def second_run(name: str, seed: int, case: tuple[str, float, bool]) -> dict[str,
 def numbers(
     way: str, robot: RobotModel, known: PriorRun, result: Calibration, bare: RobotInertia, truth: RobotInertia
 ) -> dict[str, object]:
-    """Errors and standard deviations of the whole robot's ten quantities, and of the payload's mass and place."""
+    """Return errors and standard deviations of the robot's ten parameters, and of the payload's mass and CoM."""
     whole = result.with_truth(truth).composite
     delta = measure_payload(robot, known, result).delta.with_truth(bare, truth)
     found = [*delta.payload][:4]
@@ -140,20 +140,20 @@ def numbers(
 
 def lines(rows: list[dict[str, object]]) -> Iterator[str]:
     """The page."""
-    yield "# Weighed again in half a minute"
+    yield "# Payload measurement in half a minute"
     yield ""
     yield (
         "`make bench-weigh`; `--sim-preset realistic`, seeds from 10,000, first run of 120 s with `--leg-prior narrow "
         "--cable none` "
-        "and a scale. Root mean square errors of the whole robot's centre of mass, and of a payload of 1 kg on an A1 or its "
-        "like on a Go2. In the second run sensor errors and floor are the first one's. Once the robot was switched off, its "
-        f"zeros are off by another {1e3 * ZEROS_CHANGE:g} mrad (rms), its accelerometer by {1e3 * BIAS_CHANGE:g} mm/s2, one "
-        f"zero by {1e3 * MOVED:g} mrad. Bold: the target is missed."
+        "and a scale. Root mean square errors of the whole robot's CoM, and of a payload of 1 kg on an A1 or a scaled one on "
+        "a Go2. The second run has the sensor errors and floor of the first. After a restart, joint offsets change by "
+        f"{1e3 * ZEROS_CHANGE:g} mrad (rms), the accelerometer's bias by {1e3 * BIAS_CHANGE:g} mm/s2, and one "
+        f"joint offset by {1e3 * MOVED:g} mrad. Bold: target missed."
     )
     yield ""
     yield (
-        "| robot | budget | runs | robot time [s] | CoM x, y, z [mm] | payload's mass, no scale [%] | same scale [%] | "
-        "its place x, y, z [mm] | intervals that hold |"
+        "| robot | duration | runs | robot time [s] | CoM x, y, z [mm] | payload's mass, no scale [%] | same scale [%] | "
+        "payload's CoM x, y, z [mm] | coverage |"
     )
     yield "|" + "---|" * 9
     for case, targets in TARGETS.items():
@@ -170,7 +170,7 @@ def lines(rows: list[dict[str, object]]) -> Iterator[str]:
 
 
 def accuracy(name: str, case: str, rows: list[dict[str, object]], targets: tuple[float | None, ...]) -> str:
-    """A row of the first table."""
+    """Return a row of the first table."""
     com = 1e3 * stacked(rows, "error")[:, 1:4]
     mass = [100 * stacked(rows, f"{way}payload error")[:, 0] / stacked(rows, "payload") for way in ("no scale ", "")]
     place = 1e3 * places(rows)
@@ -188,7 +188,7 @@ def accuracy(name: str, case: str, rows: list[dict[str, object]], targets: tuple
 
 
 def holding(row: dict[str, object]) -> list[bool]:
-    """Which 95 % intervals hold: of ten quantities of the robot and four of the payload, with and without the scale."""
+    """Return coverage flags of ten parameters of the robot and four of the payload, with and without the scale."""
     pairs = [
         pair
         for way in ("", "no scale ")
@@ -201,8 +201,8 @@ def holding(row: dict[str, object]) -> list[bool]:
 def changes(rows: list[dict[str, object]]) -> Iterator[str]:
     """The second table."""
     yield (
-        "| robot | switched off: the zero that moved named, and nothing else | among what was named | CoM x, y [mm] | "
-        "its place x, y [mm] | intervals that hold | not switched off: something named | a check failed |"
+        "| robot | restart: only the changed offset reported | among reported changes | CoM x, y [mm] | "
+        "payload's CoM x, y [mm] | coverage | no restart: any change reported | failed checks |"
     )
     yield "|" + "---|" * 8
     for name in ROBOTS:
@@ -226,22 +226,22 @@ def changes(rows: list[dict[str, object]]) -> Iterator[str]:
 
 
 def stacked(rows: list[dict[str, object]], name: str) -> np.ndarray:
-    """(n, ...) numbers of all rows."""
+    """Return the (n, ...) numbers of all rows."""
     return np.array([row[name] for row in rows], dtype=float)
 
 
 def places(rows: list[dict[str, object]]) -> np.ndarray:
-    """(n, 3) errors of the payload's place, of rows in which it was found [m]."""
+    """Return the (n, 3) errors of the payload's CoM, of rows with an estimate [m]."""
     return stacked([row for row in rows if row["payload error"][1] is not None], "payload error")[:, 1:]
 
 
 def rms(errors: np.ndarray) -> np.ndarray:
-    """Root mean square over runs."""
+    """Return the root mean square over runs."""
     return np.sqrt(np.mean(errors**2, axis=0))
 
 
 def main() -> None:
-    """All that is not there yet, a seed of every robot and case at a time."""
+    """Run missing cases, ordered by seed, and write the page."""
     warnings.simplefilter("ignore", ModelWarning)
     rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()] if ROWS.exists() else []
     done = {(row["robot"], row["seed"], row["case"]) for row in rows}

@@ -1,8 +1,7 @@
-"""What a result is worth where the model file is not the robot's: `make bench-wrong-files`.
+"""Effect and detection of wrong model files: `make bench-wrong-files`.
 
-Simulated robots are calibrated as ever; their recordings are estimated again with files in which the IMU sits centimetres
-elsewhere, legs are longer, hips are apart, or that are of another robot altogether. Truth is the simulated robot's own. Writes
-benchmarks/results/wrong_files.md; rows are kept in wrong_files.jsonl: it goes on where it was.
+Simulated robots are calibrated, and their recordings are also estimated with files with a shifted IMU, longer legs, shifted
+hips, or of another robot. Writes benchmarks/results/wrong_files.md. An interrupted benchmark resumes from wrong_files.jsonl.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ def as_it_is(name: str) -> RobotModel:
 
 
 def with_imu_at(*shift: float) -> Callable[[str], RobotModel]:
-    """The file has the IMU elsewhere, by so much [m]."""
+    """Return a function that shifts the IMU in the file [m]."""
 
     def model(name: str) -> RobotModel:
         place = np.array(load_robot(name).imu_in_base.translation) + shift
@@ -57,7 +56,7 @@ def with_imu_at(*shift: float) -> Callable[[str], RobotModel]:
 
 
 def with_legs(longer: float, legs: tuple[str, ...] = ("FL", "FR", "RL", "RR")) -> Callable[[str], RobotModel]:
-    """The file has longer thighs and calves [m]."""
+    """Return a function that lengthens thighs and calves in the file [m]."""
 
     def model(name: str) -> RobotModel:
         robot = changeable(name)
@@ -73,7 +72,7 @@ def with_legs(longer: float, legs: tuple[str, ...] = ("FL", "FR", "RL", "RR")) -
 
 
 def with_hips(farther: float) -> Callable[[str], RobotModel]:
-    """The file has the hips farther ahead and behind [m]."""
+    """Return a function that moves the hips in the file farther ahead and behind [m]."""
 
     def model(name: str) -> RobotModel:
         robot = changeable(name)
@@ -86,7 +85,7 @@ def with_hips(farther: float) -> Callable[[str], RobotModel]:
 
 
 def changeable(name: str) -> RobotModel:
-    """A robot whose Pinocchio model is its own."""
+    """Return a robot with its own copy of the Pinocchio model."""
     robot = load_robot(name)
     return robot.with_base(robot.pinocchio.inertias[1])
 
@@ -109,7 +108,7 @@ FILES: dict[str, Callable[[str], RobotModel]] = {
 
 
 def run(name: str, preset: str, seed: int) -> list[Row]:
-    """A calibration, estimated with each file."""
+    """Run a calibration and estimate it with each file."""
     robot, kept = load_robot(name), list[Recording]()
     stance = nominal_stance(robot)
     payload = payload_of(robot, np.random.default_rng([seed, 79]))
@@ -134,26 +133,26 @@ def run(name: str, preset: str, seed: int) -> list[Row]:
                 "error": (found.composite.values - truth).tolist(),
                 "sd": found.composite.stds.tolist(),
                 "alarms": [check.name for check in found.checks if not check.passed],
-                "told": [said for said in found.assumptions if said.endswith("contradicts")],
+                "told": [text for text in found.assumptions if text.endswith("contradicts")],
             }
         )
     return rows
 
 
 def table(rows: list[Row]) -> Iterator[str]:
-    """Lines of the page."""
-    yield "# Files that are not the robot's"
+    """Yield the lines of the page."""
+    yield "# Wrong model files"
     yield ""
     yield (
         "`make bench-wrong-files`: simulated robots with random payloads, a scale of 0.5 %, 120 s (an A1's), seeds from "
-        "10,000. The recordings of each run are estimated with the file that the robot was made of, and with others. Another "
-        "robot's: a Go2's for the runs of an A1, an A1's for those of a Go2, an ANYmal B's for those of a C. Told: runs whose "
-        "result says that they contradict the file; doubtful: a check failed. Silent: a quantity is off by more than four of "
-        "its standard deviations, and neither. Root mean square errors."
+        "10,000. The recordings of each run are estimated with the robot's own file and with others. Another robot: a Go2's "
+        "file for an A1, an A1's for a Go2, an ANYmal B's for an ANYmal C. Reported: runs whose result reports a "
+        "contradiction with the file; doubtful: a check failed. Silent: an error above four standard deviations without "
+        "either. Root mean square errors."
     )
     yield ""
     yield (
-        "| robot, world | file | runs | told | doubtful | intervals that hold | largest error / sd | silent "
+        "| robot, preset | file | runs | reported | doubtful | coverage | largest error / std | silent "
         "| CoM x y z [mm] | Ixx Iyy Izz [%] |"
     )
     yield "|" + "---|" * 10
