@@ -1,4 +1,4 @@
-"""The peers of our motor identification find what a simulated leg holds: a comparison with a broken peer says nothing."""
+"""Baselines of motor identification recover the motors of a simulated leg, so that the comparison is valid."""
 
 import json
 import pickle
@@ -12,7 +12,7 @@ import pytest
 
 from equipoise import nominal_stance
 
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # behind ours, of which some have the same names
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # last: some names equal those of tests
 
 from peers import go2_log, motors, mujoco_sysid, mujoco_sysid_motors, torque_regression, trajectory_fit
 from peers.held_base import HeldBase, JointParameters, Swing
@@ -27,7 +27,7 @@ def scale(a1):
 
 @pytest.fixture(scope="module")
 def truth():
-    """Motors of which no two are alike."""
+    """Motors with different parameters."""
     spread = np.linspace(0.8, 1.2, 12)
     gain = np.ones(12)
     return JointParameters(0.01 * spread, 0.06 * spread[::-1], 0.3 * spread, 0.004 * (spread - 1), gain, 5e-3)
@@ -35,7 +35,7 @@ def truth():
 
 @pytest.fixture(scope="module")
 def swing(a1, truth):
-    """What an A1's legs show in two seconds, without noise; commands are kept for 2 ms each."""
+    """Noise-free motion of an A1's legs for two seconds, with commands held for 2 ms."""
     sent, start = 0.002 * np.arange(1, 1100), nominal_stance(a1).joint_position
     phases = np.arange(12)
     rates = 2 * np.pi * np.array([1.1, 2.9, 5.3])
@@ -53,11 +53,11 @@ def swing(a1, truth):
 
 
 def off(found, truth, name):
-    """Largest error over all joints, relative to the truth."""
+    """Return the largest error over all joints relative to the truth."""
     return np.abs(getattr(found, name) / getattr(truth, name) - 1).max()
 
 
-def test_a_trajectory_fit_finds_motors_from_commands_and_encoders(a1, scale, swing, truth):
+def test_a_trajectory_fit_recovers_motors_from_commands_and_encoders(a1, scale, swing, truth):
     blind = replace(swing, torque=None)
     short = replace(blind, time=swing.time[:400], position=swing.position[:400])
     found = trajectory_fit.fit(a1, short, scale, timestep=2 * TIMESTEP)
@@ -65,14 +65,14 @@ def test_a_trajectory_fit_finds_motors_from_commands_and_encoders(a1, scale, swi
     assert found.delay == pytest.approx(truth.delay + TIMESTEP / 2, abs=0.1e-3)  # of the longer step: held_base.py
 
 
-def test_a_torque_regression_finds_motors_whose_torques_are_exact(a1, scale, swing, truth):
+def test_a_torque_regression_recovers_motors_from_exact_torques(a1, scale, swing, truth):
     found = torque_regression.fit(a1, swing, scale)
     assert off(found, truth, "coulomb_friction") < 0.05
     assert off(found, truth, "viscous_friction") < 0.25
     assert off(found, truth, "armature") < 0.25
 
 
-def test_mujoco_sysid_finds_motors_where_it_is_installed(a1, scale, swing, truth):
+def test_mujoco_sysid_recovers_motors_if_it_is_installed(a1, scale, swing, truth):
     if mujoco_sysid.toolbox() is None:
         pytest.skip("mujoco.sysid is not installed")
     short = replace(swing, time=swing.time[:300], position=swing.position[:300], torque=swing.torque[:300])
@@ -97,7 +97,7 @@ def test_errors_are_those_of_our_table(truth):
     assert errors["relative_gain"][0] == pytest.approx(-10.0)
 
 
-def test_a_file_of_torch_is_read_and_runs_nothing(tmp_path):
+def test_reading_a_torch_file_executes_no_code(tmp_path):
     def file(data):
         with zipfile.ZipFile(tmp_path / "log.pt", "w") as archive:
             archive.writestr("log/data.pkl", data)
@@ -113,7 +113,7 @@ def test_a_file_of_torch_is_read_and_runs_nothing(tmp_path):
         go2_log.read_tensors(file(b"cos\nsystem\n(S'true'\ntR."))
 
 
-def test_rows_that_do_not_say_their_commit_or_their_world_are_made_again(tmp_path):
+def test_rows_without_commit_or_world_are_repeated(tmp_path):
     import motors as ours  # noqa: PLC0415 - sets the number of threads
 
     rows = [

@@ -1,4 +1,4 @@
-"""The peers of benchmarks/peers find what noise-free motions hold: a comparison with a broken peer says nothing."""
+"""Baselines in benchmarks/peers recover the body from noise-free motions, so that the comparison is valid."""
 
 import sys
 from dataclasses import replace
@@ -12,7 +12,7 @@ from tilting import contact_jacobian
 from equipoise import nominal_stance
 from equipoise.robot.inertial import base_parameters, components, composite_parameters
 
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # behind ours, of which some have the same names
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # last: some names equal those of tests
 
 from peers import projected_least_squares, rigid_body_kalman
 from peers.filtered import Filtered
@@ -25,13 +25,13 @@ PAYLOAD = pin.Inertia(1.5, np.array([0.08, -0.03, 0.07]), np.diag([0.004, 0.007,
 
 @pytest.fixture(scope="module")
 def loaded(a1):
-    """An A1 that carries something that its model does not hold."""
+    """A1 with a payload that its model does not have."""
     return a1.with_base(base_parameters(a1).to_pinocchio() + PAYLOAD)
 
 
 @pytest.fixture(scope="module")
 def samples(loaded):
-    """It moves anyhow on four feet that carry it with random forces, then on two."""
+    """Random motion on four feet with random forces, then on two."""
     generator = np.random.default_rng(5)
     model, joints = loaded.pinocchio.copy(), len(loaded.joint_names)
     model.gravity.linear = np.zeros(3)
@@ -64,13 +64,13 @@ def samples(loaded):
 
 
 def _rate_that_balances(model, data, q, v, a, jacobian, line):
-    """How much more angular acceleration about the line takes the moment about it away."""
+    """Return the additional angular acceleration about the line that zeroes the moment about it."""
 
     def moment(rate):
         changed = a.copy()
         changed[3:6] += rate * line
         wrench = pin.rnea(model, data, q, v, changed)[:6]
-        basis = np.linalg.svd(jacobian[:, :6])[2][5]  # what two points' forces cannot do
+        basis = np.linalg.svd(jacobian[:, :6])[2][5]  # wrench that forces at two points cannot produce
         return basis @ wrench
 
     zero, one = moment(0.0), moment(1.0)
@@ -84,7 +84,7 @@ def true_body(robot):
 @pytest.mark.parametrize("legs", ["known", "free"])
 @pytest.mark.parametrize("losses", ["shared", "joint"])
 def test_projected_least_squares_recovers_a_payload(a1, loaded, samples, legs, losses):
-    """To a millionth of the robot's sizes; the links' parameters that no motion shows stay the model's."""
+    """Errors are below a millionth; parameters of links that cannot be identified stay the model's."""
     settings = ProjectedSettings(legs=legs, losses=losses)
     stance = nominal_stance(a1).joint_position
     found = projected_least_squares.estimate(a1, samples, stance, settings)
@@ -94,13 +94,13 @@ def test_projected_least_squares_recovers_a_payload(a1, loaded, samples, legs, l
     np.testing.assert_allclose(theta[-3 * sets :], np.repeat(LOSSES, sets), atol=1e-4)
 
 
-def test_projected_least_squares_takes_the_scale_at_its_word(a1, loaded, samples):
+def test_projected_least_squares_uses_the_mass_from_the_scale(a1, loaded, samples):
     settings, stance = ProjectedSettings(), nominal_stance(a1).joint_position
     found = projected_least_squares.estimate(a1, samples, stance, settings, mass=1.02 * loaded.mass)
     assert found.mass == pytest.approx(1.02 * loaded.mass, rel=1e-9)
 
 
-def test_matrix_inequalities_keep_a_body_possible(a1, samples):
+def test_matrix_inequalities_keep_a_body_physically_possible(a1, samples):
     pytest.importorskip("cvxpy")
     settings = ProjectedSettings()
     problem = projected_least_squares.pose(a1, samples, settings)
@@ -118,7 +118,7 @@ def test_matrix_inequalities_keep_a_body_possible(a1, samples):
 
 
 def test_the_kalman_filter_converges_on_a_payload(a1, loaded, samples):
-    """To a thousandth, without a scale; half of the samples leave it farther off than all."""
+    """Errors are below a thousandth without a scale, and larger with half of the samples."""
     settings, stance = KalmanSettings(torque_sd=0.01, acceleration_sd=1e-3), nominal_stance(a1).joint_position
     found = components(rigid_body_kalman.estimate(a1, samples, stance, settings))
     true = true_body(loaded)

@@ -1,4 +1,4 @@
-"""A results page names the sources that made it, and is marked once they have changed."""
+"""Provenance of results pages, and the note on pages whose sources have changed."""
 
 import os
 import re
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-sys.path.append(str(ROOT / "benchmarks"))  # behind ours, of which some have the same names
+sys.path.append(str(ROOT / "benchmarks"))  # last: some names equal those of tests
 from provenance import RESULTS, Page, pages  # noqa: E402
 from sources import Tree, sources, tree_of  # noqa: E402
 
@@ -41,11 +41,11 @@ USED = {
 }  # fmt: skip
 
 
-def test_sources_are_what_is_imported_started_loaded_by_name_or_read():
+def test_sources_are_imported_started_loaded_by_name_or_read():
     assert {*sources("benchmarks/toy.py", Tree(TREE))} == USED
 
 
-def test_who_dispatches_to_modules_by_name_uses_all_of_them():
+def test_a_module_that_dispatches_by_name_uses_all_modules():
     tree = Tree({**TREE, "benchmarks/toy.py": b"from equipoise.verbs import find\n"})
     assert f"{PACKAGE}/verbs/export.py" in sources("benchmarks/toy.py", tree)
 
@@ -74,7 +74,7 @@ def test_sources_of_a_real_benchmark_are_its_own():
 
 
 @pytest.mark.parametrize("path", pages(), ids=lambda path: path.relative_to(RESULTS).as_posix())
-def test_every_page_names_its_commits_and_sources_and_how_it_is_made_again(path):
+def test_every_page_names_its_commits_sources_and_command(path):
     page = Page.read(path)
     assert page.commits
     assert (ROOT / page.maker).is_file()
@@ -84,7 +84,7 @@ def test_every_page_names_its_commits_and_sources_and_how_it_is_made_again(path)
 
 @pytest.fixture
 def repository(tmp_path):
-    """A repository with one benchmark, which has just made its page."""
+    """Repository with one benchmark and its current page."""
     for name in ("provenance.py", "sources.py"):
         (tmp_path / "benchmarks" / "results").mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / "benchmarks" / name, tmp_path / "benchmarks")
@@ -128,30 +128,30 @@ def python(folder, *arguments):
     return done.stdout.strip()
 
 
-def judged(folder):
+def status(folder):
     return python(folder, "benchmarks/provenance.py")
 
 
 def test_a_page_is_current_until_its_sources_change(repository):
     first = git(repository, "rev-parse", "--short", "HEAD")
-    assert judged(repository) == "toy.md: current"
+    assert status(repository) == "toy.md: current"
     package = repository / PACKAGE / "__init__.py"
     package.write_text("NUMBER = 1  # one\n")
     commit(repository)
-    assert judged(repository) == "toy.md: current"
+    assert status(repository) == "toy.md: current"
     package.write_text("NUMBER = 2\n")
-    assert judged(repository) == (
+    assert status(repository) == (
         f"toy.md: Made by older code: commit {first}; 1 of its 2 source files have changed since; make it again with "
         "`make bench-toy`."
     )
 
 
-def test_without_history_the_hash_alone_tells(repository):
+def test_without_history_the_hash_decides(repository):
     first = git(repository, "rev-parse", "--short", "HEAD")
     shutil.rmtree(repository / ".git")
-    assert judged(repository) == "toy.md: current"
+    assert status(repository) == "toy.md: current"
     (repository / PACKAGE / "__init__.py").write_text("NUMBER = 2\n")
-    assert judged(repository) == f"toy.md: Made by older code: commit {first}; make it again with `make bench-toy`."
+    assert status(repository) == f"toy.md: Made by older code: commit {first}; make it again with `make bench-toy`."
 
 
 def test_a_page_of_rows_names_each_commit_and_is_current_only_if_all_are(repository):
@@ -161,13 +161,13 @@ def test_a_page_of_rows_names_each_commit_and_is_current_only_if_all_are(reposit
     page = make(repository, str([{"commit": first}, {"commit": second}]))
     made = re.search(r"\nMade at commit (\w+), (\w+); sources (\w{12}), (\w{12})\.\n$", page)
     assert {made[1], made[2]} == {first, second}
-    assert judged(repository).startswith("toy.md: Made by older code")
+    assert status(repository).startswith("toy.md: Made by older code")
     make(repository, str([{"commit": second}]))
-    assert judged(repository) == "toy.md: current"
+    assert status(repository) == "toy.md: current"
     assert "sources unknown" in make(repository, "[{}]")
 
 
-def test_readme_names_the_commit_of_figures_and_whether_older_code_made_them():
+def test_readme_names_the_commit_of_figures_and_marks_older_code():
     paragraphs = (ROOT / "README.md").read_text(encoding="utf-8").split("\n\n")
     quoting = [text for text in paragraphs if "](benchmarks/results/" in text]
     assert quoting

@@ -42,7 +42,6 @@ def validation(precise_run):
 
 @pytest.fixture(scope="module")
 def run(a1, precise_run, tmp_path_factory):
-    """Folder of that run."""
     with RunFolder.create(tmp_path_factory.mktemp("runs") / "run", a1, precise_run.settings, {}) as folder:
         for recording in precise_run.recordings:
             folder.keep(recording)
