@@ -178,7 +178,7 @@ def line(mutant: Mutant, test: str | None) -> tuple[str, str, str]:
 
 
 def page(rows: list[tuple[Mutant, str | None]]) -> str:
-    """As Markdown."""
+    """Return the text in Markdown."""
     noticed = sum(test is not None for _, test in rows)
     return "\n".join(
         [

@@ -22,7 +22,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 UNKNOWN = "unknown"
 FOLDERS = ("benchmarks", "src/equipoise")
-"""Where sources are."""
+"""Folders of the sources."""
 _BOOKKEEPING = {"benchmarks/provenance.py", "benchmarks/sources.py"}  # without effect on results
 _MODULE = re.compile(r"\bequipoise(?:\.\w+)+(?![\w.])")
 _HASH_LENGTH = 12

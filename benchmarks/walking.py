@@ -138,7 +138,7 @@ def run(case: Case, seed: int) -> dict[str, object]:
 
 
 def numbers(result: object, truth: InertialParameters) -> dict[str, object]:
-    """Of one estimate."""
+    """Return the row of one estimate."""
     true, whole = components(truth), result.composite
     return {
         "error": (whole.values - true).tolist(),

@@ -69,24 +69,24 @@ class BalanceLaw:
         costs = _costs(model, weights)
         self._feedback = _regulator(self._a, self._b, *costs, delay)
         self._state_of_offset, self._input_of_offset = _at_rest_with_offset(model, *costs)
-        self._sense = _measurements(model)
-        self._gain, self._offset_gain = _filter_gains(model, self._sense, period, weights, scale, observe_offset)
+        self._measurement = _measurements(model)
+        self._gain, self._offset_gain = _filter_gains(model, self._measurement, period, weights, scale, observe_offset)
         inputs = self._b.shape[1]
-        self._sent = [np.zeros(inputs)] * delay
-        self._expected = np.zeros(len(self._a))
+        self._inputs = [np.zeros(inputs)] * delay
+        self._predicted = np.zeros(len(self._a))
         self.state: FloatArray = np.zeros(len(self._a))
         self.offset = 0.0
 
-    def begin(self, joint_deviation: FloatArray, lean: FloatArray) -> None:
+    def begin(self, joint_error: FloatArray, lean: FloatArray) -> None:
         """Initialize the state from a robot that is nearly at rest."""
         size = len(self._a) // 2
-        measured = np.concatenate([joint_deviation, lean])
-        shape, *_ = np.linalg.lstsq(self._sense[: len(measured), :size], measured, rcond=None)
-        self._expected = np.concatenate([shape, np.zeros(size)])
+        measured = np.concatenate([joint_error, lean])
+        shape, *_ = np.linalg.lstsq(self._measurement[: len(measured), :size], measured, rcond=None)
+        self._predicted = np.concatenate([shape, np.zeros(size)])
 
     def update(
         self,
-        joint_deviation: FloatArray,
+        joint_error: FloatArray,
         lean: FloatArray,
         angular_velocity_in_base: FloatArray,
         active: bool = True,
@@ -95,7 +95,7 @@ class BalanceLaw:
         """Compute the offset of the joint targets for the next period.
 
         Args:
-            joint_deviation: (nj,) joint positions relative to the reference posture [rad].
+            joint_error: (nj,) joint positions relative to the reference posture [rad].
             lean: (2,) rotation of the base about x and y [rad].
             angular_velocity_in_base: (3,) angular velocity of the base, in its own axes [rad/s].
             active: false for zero offset of the targets.
@@ -104,17 +104,17 @@ class BalanceLaw:
         Returns:
             (nj,) offsets of the joint targets [rad].
         """
-        surprise = np.concatenate([joint_deviation, lean, angular_velocity_in_base]) - self._sense @ self._expected
-        self.state = self._expected + self._gain @ surprise
+        innovation = np.concatenate([joint_error, lean, angular_velocity_in_base]) - self._measurement @ self._predicted
+        self.state = self._predicted + self._gain @ innovation
         if observe:
-            self.offset += float(self._offset_gain @ surprise)
+            self.offset += float(self._offset_gain @ innovation)
         command = np.zeros(self._b.shape[1])
         if active:
-            rest, push = self._state_of_offset * self.offset, self._input_of_offset * self.offset
-            past = [sent - push for sent in reversed(self._sent)]
-            command = push - self._feedback @ np.concatenate([self.state - rest, *past])
-        self._sent.append(command)
-        self._expected = self._a @ self.state + self._b @ self._sent.pop(0) + self._e * self.offset
+            equilibrium, feedforward = self._state_of_offset * self.offset, self._input_of_offset * self.offset
+            past = [sent - feedforward for sent in reversed(self._inputs)]
+            command = feedforward - self._feedback @ np.concatenate([self.state - equilibrium, *past])
+        self._inputs.append(command)
+        self._predicted = self._a @ self.state + self._b @ self._inputs.pop(0) + self._e * self.offset
         return command
 
 
@@ -176,7 +176,7 @@ def _measurements(model: LinearModel) -> FloatArray:
 
 
 def _filter_gains(
-    model: LinearModel, sense: FloatArray, period: float, weights: BalanceWeights, scale: float, observe_offset: bool
+    model: LinearModel, c: FloatArray, period: float, weights: BalanceWeights, scale: float, observe_offset: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Compute the steady Kalman gains of the state and of the offset, zero if it is not observed."""
     a, b, e = model.discrete(period)
@@ -184,19 +184,19 @@ def _filter_gains(
     # A joint torque tau acts like a target offset tau / kp; a torque about the line acts on the first motion.
     inverse = np.linalg.inv(model.mass)
     line = np.concatenate([0.5 * period**2 * inverse[:, 0], period * inverse[:, 0]])
-    pushes = np.column_stack([b * (weights.joint_torque * scale / model.kp), line * (weights.line_torque * scale)])
-    disturbance = pushes @ pushes.T + 1e-14 * np.eye(2 * size)
+    inputs = np.column_stack([b * (weights.joint_torque * scale / model.kp), line * (weights.line_torque * scale)])
+    disturbance = inputs @ inputs.T + 1e-14 * np.eye(2 * size)
     joints = len(model.of_joints)
     noise = np.diag(np.repeat([weights.encoder, weights.lean, weights.gyro], [joints, 2, 3]) ** 2)
     if not observe_offset:
-        return _kalman(a, sense, disturbance, noise), np.zeros(len(noise))
+        return _kalman(a, c, disturbance, noise), np.zeros(len(noise))
     whole = np.block([[a, e[:, None]], [np.zeros((1, 2 * size)), np.ones((1, 1))]])
     drift = np.array([[weights.offset_drift**2 * period]])
-    seen = np.hstack([sense, np.zeros((len(sense), 1))])
-    gain = _kalman(whole, seen, block_diag(disturbance, drift), noise)
+    extended = np.hstack([c, np.zeros((len(c), 1))])
+    gain = _kalman(whole, extended, block_diag(disturbance, drift), noise)
     return gain[:-1], gain[-1]
 
 
 def _kalman(a: FloatArray, c: FloatArray, disturbance: FloatArray, noise: FloatArray) -> FloatArray:
-    spread = solve_discrete_are(a.T, c.T, disturbance, noise)
-    return np.asarray(np.linalg.solve(c @ spread @ c.T + noise, c @ spread).T, dtype=float)
+    covariance = solve_discrete_are(a.T, c.T, disturbance, noise)
+    return np.asarray(np.linalg.solve(c @ covariance @ c.T + noise, c @ covariance).T, dtype=float)

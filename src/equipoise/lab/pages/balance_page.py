@@ -49,7 +49,7 @@ def title(report: BalanceReport) -> str:
 
 
 def messages(report: BalanceReport) -> tuple[str, ...]:
-    """Return the verdict of each diagonal, and what the control law used."""
+    """Return the verdict of each diagonal, and the design of the controller."""
     verdicts = [f"{trial.run.diagonal}: {_verdict(trial)}" for trial in report.trials]
     correction = "corrected as calibrated" if report.sensors_corrected else "not corrected"
     used = f"The controller is designed on {report.trials[0].source}; sensor errors are {correction}."

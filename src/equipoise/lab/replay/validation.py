@@ -141,19 +141,19 @@ def validate(result: Calibration, against: Mapping[str, RobotModel | Calibration
             f"the result of {result.robot!r} with the method {result.method!r} has no lift to replay; validate needs a run or "
             "log with lifts, estimated with the method 'bayesian'"
         )
-    players = _players(robot, {FOUND: result, MODEL: robot, **(against or {})})
+    replays = _replays(robot, {FOUND: result, MODEL: robot, **(against or {})})
     lifts: list[ReplayedLift] = []
-    largest = dict.fromkeys(players, 0.0)
+    largest = dict.fromkeys(replays, 0.0)
     for prediction, lift, sensed in _sensed(evidence):
         errors: dict[str, FloatArray] = {}
-        for name, player in players.items():
-            errors[name], missed = player.play(lift, sensed)
-            largest[name] = max(largest[name], missed)
+        for name, replay in replays.items():
+            errors[name], joint_error = replay.play(lift, sensed)
+            largest[name] = max(largest[name], joint_error)
         lifts.append(ReplayedLift(prediction, result.trials[prediction.motion].about, errors))
     return Validation(result.robot, tuple(lifts), largest)
 
 
-class _Player:
+class _LiftReplay:
     """Replay of lifts with one body.
 
     Args:
@@ -180,16 +180,16 @@ class _Player:
                 sensed.joint_velocity[:, self._columns], sensed.up_in_base[0], sensed.angular_velocity_base_in_base[0],
             )
         )  # fmt: skip
-        missed = sensed.angular_velocity_base_in_base - done.angular_velocity_base_in_base
-        about_line = np.einsum("ni,ni->n", sensed.line_in_base, missed)
-        return np.asarray(integral(len(missed), lift.step) @ about_line, dtype=float), done.joint_error
+        difference = sensed.angular_velocity_base_in_base - done.angular_velocity_base_in_base
+        about_line = np.einsum("ni,ni->n", sensed.line_in_base, difference)
+        return np.asarray(integral(len(difference), lift.step) @ about_line, dtype=float), done.joint_error
 
 
-def _players(robot: RobotModel, bodies: Mapping[str, RobotModel | Calibration]) -> dict[str, _Player]:
-    players: dict[str, _Player] = {}
+def _replays(robot: RobotModel, bodies: Mapping[str, RobotModel | Calibration]) -> dict[str, _LiftReplay]:
+    replays: dict[str, _LiftReplay] = {}
     for name, body in bodies.items():
         if isinstance(body, Calibration):
-            players[name] = _Player(robot.joint_names, robot, _base_of(name, robot, body))
+            replays[name] = _LiftReplay(robot.joint_names, robot, _base_of(name, robot, body))
         elif set(body.joint_names) != set(robot.joint_names):
             different = sorted(set(body.joint_names) ^ set(robot.joint_names))
             raise SettingsError(
@@ -197,8 +197,8 @@ def _players(robot: RobotModel, bodies: Mapping[str, RobotModel | Calibration]) 
                 "model of the same robot"
             )
         else:
-            players[name] = _Player(robot.joint_names, body, None)
-    return players
+            replays[name] = _LiftReplay(robot.joint_names, body, None)
+    return replays
 
 
 def _base_of(name: str, robot: RobotModel, result: Calibration) -> InertialParameters:

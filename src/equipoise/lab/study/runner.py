@@ -88,9 +88,9 @@ def run_study(
     if missing:
         at_once = workers if callable(workers) else lambda: workers or _cores()
         arrivals = _Arrivals(store, trials, len(missing), report)
-        with _one_thread_each(), _crew(executor, at_once()) as crew:
+        with _one_thread_each(), _pool(executor, at_once()) as pool:
             try:
-                _run(study, missing, arrivals, crew, at_once, limit)
+                _run(study, missing, arrivals, pool, at_once, limit)
             finally:
                 store.flush()
     rows = store.rows()
@@ -123,20 +123,20 @@ class _Arrivals:
 
 
 def _run(
-    study: Study, missing: deque[int], arrivals: _Arrivals, crew: Executor, at_once: Callable[[], int], limit: float
+    study: Study, missing: deque[int], arrivals: _Arrivals, pool: Executor, at_once: Callable[[], int], limit: float
 ) -> None:
     logs = str((arrivals.store.folder / FAILURES).resolve())  # workers may run in other folders
-    flying: dict[Future[Table], int] = {}
-    while missing or flying:
-        room = _IN_FLIGHT_PER_WORKER * max(1, at_once()) - len(flying)
+    running: dict[Future[Table], int] = {}
+    while missing or running:
+        room = _IN_FLIGHT_PER_WORKER * max(1, at_once()) - len(running)
         for _ in range(min(room, len(missing))):
             trial = missing.popleft()
-            flying[crew.submit(ended_after, limit, run_trial, study, trial, logs)] = trial
-        done, _ = wait(flying, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
+            running[pool.submit(ended_after, limit, run_trial, study, trial, logs)] = trial
+        done, _ = wait(running, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
         for future in sorted(
             done, key=lambda one: one.cancelled() or one.exception() is not None
         ):  # rows before errors
-            arrivals.add(_rows(study, flying.pop(future), future, limit))
+            arrivals.add(_rows(study, running.pop(future), future, limit))
         arrivals.store.flush_if_due()
 
 
@@ -158,11 +158,11 @@ def _rows(study: Study, trial: int, future: Future[Table], limit: float) -> Tabl
 
 
 @contextmanager
-def _crew(given: Executor | None, count: int) -> Generator[Executor]:
+def _pool(given: Executor | None, count: int) -> Generator[Executor]:
     """Yield the given executor, or processes that end with the context; raises EquipoiseError if it breaks."""
-    crew = given or Processes(count)
+    pool = given or Processes(count)
     try:
-        yield crew
+        yield pool
     except (BrokenExecutor, CancelledError) as error:
         raise EquipoiseError(
             "the workers are gone; finished trials are kept. Start the workers and repeat the command to resume",
@@ -170,7 +170,7 @@ def _crew(given: Executor | None, count: int) -> Generator[Executor]:
         ) from error
     finally:
         if given is None:
-            crew.shutdown(cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
 
 
 @contextmanager

@@ -123,7 +123,7 @@ def _save_recordings(
 
 
 def _facts(drawn: Draw) -> Row:
-    """Return the sizes of what was drawn, to compare errors with."""
+    """Return the sizes of payload and drawn errors."""
     robot, stance = drawn.robot, drawn.stance
     errors = DrawnErrors.draw(drawn.sizes, len(robot.joint_names), drawn.seed)
     offsets = errors.joint_offset[robot.leg_joints]
