@@ -320,9 +320,7 @@ def main() -> None:
     parser.add_argument("--again", action="store_true", help="estimate kept recordings again")
     parser.add_argument("--tables", action="store_true", help="the page only")
     parser.add_argument("--check", type=int, metavar="N", help="repeat N rows and compare")
-    parser.add_argument(
-        "--within", type=float, default=MOVED, metavar="SD", help="allowed difference in standard deviations"
-    )
+    parser.add_argument("--within", type=float, default=MOVED, metavar="SD", help="allowed difference [std]")
     given = parser.parse_args()
     rows = load_rows(ROWS)
     if given.check:

@@ -13,7 +13,7 @@ from equipoise import nominal_stance
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
 from equipoise.drivers.unitree.udp import open_connection as open_udp
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
-from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatedRobotSettings
+from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatorSettings
 from equipoise.lab.emulators.faults import CrossedWiring
 from equipoise.platform.platform import JointCommand
 
@@ -209,7 +209,7 @@ def test_an_invalid_fault_line_ends_the_emulator(a1):
     ],
 )
 def test_legs_are_exchanged_in_samples_and_commands(a1, wiring, exchanged):
-    robot = EmulatedRobot(a1, EmulatedRobotSettings(sim_preset="ideal", wiring=wiring), io.StringIO())
+    robot = EmulatedRobot(a1, EmulatorSettings(sim_preset="ideal", wiring=wiring), io.StringIO())
     target, calf = nominal_stance(a1).joint_position.copy(), a1.legs["FL"].joints[2]
     before = robot.step().joint_position[calf]
     target[calf] += 0.1
@@ -222,7 +222,7 @@ def test_legs_are_exchanged_in_samples_and_commands(a1, wiring, exchanged):
 
 
 def test_hip_signs_and_a_rotated_imu(a1):
-    robot = EmulatedRobot(a1, EmulatedRobotSettings(sim_preset="ideal"), io.StringIO())
+    robot = EmulatedRobot(a1, EmulatorSettings(sim_preset="ideal"), io.StringIO())
     state, hips = robot.step(), [leg.joints[0] for leg in a1.legs.values()]
     signs = CrossedWiring(a1, "hip-signs", "both").sensed(state)
     assert np.array_equal(signs.joint_position[hips], -state.joint_position[hips])

@@ -2,7 +2,7 @@
 
 import json
 
-from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatedRobotSettings
+from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatorSettings
 
 
 class Log(list):
@@ -16,7 +16,7 @@ class Log(list):
 def test_a_line_of_the_log_is_one_write(a1):
     """Ctrl-C between a line and its end would put two objects on one line."""
     log = Log()
-    robot = EmulatedRobot(a1, EmulatedRobotSettings(sim_preset="ideal"), log)
+    robot = EmulatedRobot(a1, EmulatorSettings(sim_preset="ideal"), log)
     robot.log(ready=True)
     robot.step()
     assert all(piece.endswith("}\n") for piece in log)

@@ -60,9 +60,8 @@ def calibrated(robot: RobotModel, stance: Stance, calibration: Calibration) -> D
     inertia = calibration.base.inertia.values
     mass = nominal.mass if composite.mass.value is None else composite.mass.value
     model = with_composite(robot, stance, mass, com, inertia if np.isfinite(inertia).all() else None)
-    return DesignModel(
-        model, SensorCorrections.of(calibration, robot), f"a calibration by the method {calibration.method}"
-    )
+    source = f"a calibration by the method {calibration.method}"
+    return DesignModel(model, SensorCorrections.of(calibration, robot), source)
 
 
 def displaced(robot: RobotModel, stance: Stance, truth: RobotInertia, diagonal: str, error: float) -> DesignModel:

@@ -50,7 +50,7 @@ class Wire(Protocol):
 
 
 @dataclass(frozen=True)
-class EmulatedRobotSettings:
+class EmulatorSettings:
     """Simulated robot of an emulator, with the flags of `calibrate`.
 
     Attributes:
@@ -86,7 +86,7 @@ class EmulatedRobot:
     with its "joint" are those since the last such line.
     """
 
-    def __init__(self, robot: RobotModel, settings: EmulatedRobotSettings, log_file: TextIO = sys.stdout) -> None:
+    def __init__(self, robot: RobotModel, settings: EmulatorSettings, log_file: TextIO = sys.stdout) -> None:
         self.robot, self.settings = robot, settings
         self._log_file = log_file
         self._simulation: Simulation = simulate(

@@ -33,7 +33,7 @@ from equipoise.drivers.ros2.ros_messages import (
     dds_topic,
 )
 from equipoise.errors import SettingsError
-from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatedRobotSettings
+from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatorSettings
 from equipoise.lab.emulators.faults import ActiveFaults
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
@@ -353,7 +353,7 @@ class Ros2Options:
     """
 
     robot: str = "unitree_a1"
-    emulated: OmitArgPrefixes[EmulatedRobotSettings] = field(default_factory=EmulatedRobotSettings)
+    emulated: OmitArgPrefixes[EmulatorSettings] = field(default_factory=EmulatorSettings)
     controllers: OmitArgPrefixes[ControllerFlags] = field(default_factory=ControllerFlags)
 
 

@@ -27,7 +27,7 @@ from equipoise.drivers.unitree.low_level import COMMAND, STATE, STOP_POSITION, S
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, keys_of
 from equipoise.drivers.unitree.sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
-from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatedRobotSettings
+from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatorSettings
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
@@ -190,9 +190,7 @@ class UnitreeDdsOptions:
     """
 
     robot: str = "unitree_a1"
-    emulated: OmitArgPrefixes[EmulatedRobotSettings] = field(
-        default_factory=lambda: EmulatedRobotSettings(start="lying")
-    )
+    emulated: OmitArgPrefixes[EmulatorSettings] = field(default_factory=lambda: EmulatorSettings(start="lying"))
     wire: OmitArgPrefixes[WireSettings] = field(default_factory=WireSettings)
 
 

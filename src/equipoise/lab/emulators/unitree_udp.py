@@ -30,7 +30,7 @@ from equipoise.drivers.unitree.udp import CONTROL_PERIOD
 from equipoise.drivers.unitree.udp_settings import Protocol
 from equipoise.drivers.unitree.udp_socket import Address
 from equipoise.errors import SettingsError
-from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatedRobotSettings
+from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatorSettings
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
 from equipoise.lab.emulators.udp_packets import StatePacket, read_command
 from equipoise.platform.platform import JointCommand, RobotState
@@ -236,7 +236,7 @@ class UnitreeUdpOptions:
     form: str | None = None
     first_tick: int = 0
     tick: float = 1e-3
-    emulated: OmitArgPrefixes[EmulatedRobotSettings] = field(default_factory=EmulatedRobotSettings)
+    emulated: OmitArgPrefixes[EmulatorSettings] = field(default_factory=EmulatorSettings)
     faults: OmitArgPrefixes[NetworkFaults] = field(default_factory=NetworkFaults)
 
 

@@ -89,9 +89,7 @@ class Study:
                 f"the spread of random robots is {self.spread:g}; it must be from 0 to {LARGEST_SPREAD:g}"
             )
         if self.scale_error is not None and not 0 < self.scale_error < 1:
-            raise SettingsError(
-                f"the scale's error is {self.scale_error:g}; it must be a fraction, e.g. 0.005 for 0.5 %"
-            )
+            raise SettingsError(f"scale_error is {self.scale_error:g}; it must be a fraction, 0.005 for 0.5 %")
         if self.timestep is not None and not 0 < self.timestep < math.inf:
             raise SettingsError(f"the time step is {self.timestep:g} s; it must be positive, for example 0.001")
         if "imu_clock_offset" in self.only and "sensor_delay" not in self.only:
