@@ -92,7 +92,7 @@ def balance(
     error = None if com_error is None else metres(com_error)
     model = load_robot(robot, description)
     stance = nominal_stance(model)
-    calibration = None if com is None else _calibration(com)
+    calibration = None if com is None else Calibration.load(com / "calibration.json" if com.is_dir() else com)
     loaded = Payload.parse(payload) if payload is not None else None
     now = datetime.now(timezone.utc)
     out = out or Path("runs") / f"{model.name}-balance-{now:%Y%m%d-%H%M%S-%f}"
@@ -163,10 +163,6 @@ def _duration(text: str) -> float:
     if not 0 < value <= 3600:
         raise SettingsError(f"--duration is {text!r}; pass for example 10s, at most one hour")
     return value
-
-
-def _calibration(path: Path) -> Any:
-    return Calibration.load(path / "calibration.json" if path.is_dir() else path)
 
 
 def _design_model(
