@@ -22,7 +22,7 @@ from equipoise.estimator.measurements.momenta import model_parameters
 from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
 from equipoise.estimator.measurements.traced import Traced
 from equipoise.estimator.motions import read_motions
-from equipoise.estimator.unknowns import Priors, by_the_model
+from equipoise.estimator.unknowns import Priors, model_values
 from equipoise.experiments.stand import stand_up
 from equipoise.platform.logged_platform import Logged
 from equipoise.platform.platform import TURNS
@@ -131,7 +131,7 @@ def test_the_room_turns_the_other_way_round():
 def test_what_is_fixed_in_the_room_enters_the_equations_the_other_way_round(a1, ideal_motions):
     stance, legs = ideal_motions.stance, LegChains(a1)
     motions = read_motions(a1, stance, [ideal_motions.move, ideal_motions.lift])
-    there, back = by_the_model(a1), by_the_model(a1)
+    there, back = model_values(a1), model_values(a1)
     for name in ("external_force", "floor_slope"):
         there[name], back[name] = np.array([0.3, -0.2]), np.array([-0.3, 0.2])
     lift, move = motions[1].lift, motions[0].of(StanceMotion)[0]
@@ -148,7 +148,7 @@ def test_what_is_fixed_in_the_room_enters_the_equations_the_other_way_round(a1, 
 
 
 def test_new_footholds_have_heights_of_their_own(a1, ideal_motions):
-    stance, values = ideal_motions.stance, by_the_model(a1)
+    stance, values = ideal_motions.stance, model_values(a1)
     move = read_motions(a1, stance, [ideal_motions.move, ideal_motions.lift])[0].of(StanceMotion)[0]
     values["foothold_change"] = np.array([1e-3, 0.0, 0.0, 0.0])
 
@@ -156,7 +156,7 @@ def test_new_footholds_have_heights_of_their_own(a1, ideal_motions):
         rows = StanceMotionRows(
             LegChains(a1), np.array(a1.imu_in_base.rotation), stance, [replace(move, heading=heading)]
         )
-        return rows.residuals(values)[0, 3:] - rows.residuals(by_the_model(a1))[0, 3:]
+        return rows.residuals(values)[0, 3:] - rows.residuals(model_values(a1))[0, 3:]
 
     assert np.allclose(heights(0.0), 0)
     assert np.allclose(heights(np.pi), 1e-3 * np.array([-0.75, 0.25, 0.25, 0.25]))

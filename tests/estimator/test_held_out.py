@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from equipoise import Calibration
 from equipoise.bayesian.estimate import _refuse_worse_than_file
 from equipoise.errors import RecordingError
-from equipoise.estimator.diagnostics.checks import HELD_OUT_CHECK, judge
+from equipoise.estimator.diagnostics.checks import HELD_OUT_CHECK, run_checks
 from equipoise.estimator.diagnostics.held_out import folds_of, tilt_errors
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.equations.torque_balance import TorqueBalance
@@ -97,7 +97,7 @@ def test_the_check_allows_what_its_chance_is_and_no_more(posterior, precise_run)
 
     def verdict(sizes):
         lifts = [replace(lift, intervals={**lift.intervals, FOUND: sizes / NORMAL_95}) for lift in found.lifts]
-        checks = judge(posterior, HeldOut(tuple(lifts)))
+        checks = run_checks(posterior, HeldOut(tuple(lifts)))
         return next(check for check in checks if check.name == "held-out prediction").passed
 
     assert verdict(0.98 * limit)

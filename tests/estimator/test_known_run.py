@@ -16,7 +16,7 @@ from equipoise.errors import NotEstimatedError, RecordingError, SettingsError
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.parameters import Unknowns
 from equipoise.estimator.prior_runs.both_runs import both_runs
-from equipoise.estimator.prior_runs.changes import check_of_changes, estimate_after
+from equipoise.estimator.prior_runs.changes import estimate_with_prior_run, prior_run_check
 from equipoise.estimator.prior_runs.prior_run import POSTERIOR, SCALE_GAIN, PriorRun, shared_places
 from equipoise.experiments.stand import stand_up
 from equipoise.result.held_out import FOUND, MODEL, PRIOR_RUN
@@ -71,12 +71,12 @@ def test_the_covariance_of_both_runs_is_that_of_one_estimate(earlier, later):
     runs, unknowns = both_runs(earlier, posterior), posterior.unknowns
     size, rows = unknowns.size, unknowns.tabled
     evidence = np.linalg.inv(posterior.covariance)
-    evidence[rows, rows] -= unknowns.belief.information
+    evidence[rows, rows] -= unknowns.run_prior.information
     here, there = shared_places(unknowns, earlier.earlier(unknowns)[2])
     change = np.eye(size)[rows]  # of what is not kept: all of it
     from_first = np.zeros((size, size))
     from_first[here, there] = 1.0
-    free = unknowns.belief.covariance.diagonal() - (from_first @ earlier.spread @ from_first.T).diagonal()[rows]
+    free = unknowns.run_prior.covariance.diagonal() - (from_first @ earlier.spread @ from_first.T).diagonal()[rows]
     steps = np.hstack([-from_first[rows], change]) / np.sqrt(np.maximum(free, 1e-7))[:, None]
     information = steps.T @ steps
     information[:size, :size] += np.linalg.inv(earlier.spread)
@@ -88,7 +88,7 @@ def test_the_covariance_of_both_runs_is_that_of_one_estimate(earlier, later):
 
 def test_what_is_kept_is_the_prior_and_the_base_is_not(a1, earlier):
     unknowns = Unknowns(a1, nominal_stance(a1), BayesianMethod(prior_run=earlier).combined_priors)
-    belief, first = earlier.belief(unknowns), unknowns.tabled.start
+    belief, first = earlier.distribution(unknowns), unknowns.tabled.start
     spread = np.sqrt(np.diag(belief.covariance))
     of = {row.name: spread[unknowns[row.name].start - first : unknowns[row.name].stop - first] for row in unknowns.rows}
     assert (of["joint_offset"] < 1).all()
@@ -126,7 +126,7 @@ def moved(a1, earlier):
         for posture in opening_moves(nominal_candidates(a1, method.combined_priors), earlier):
             recordings.append(trials.take_posture(posture))
     evidence = read_motions(a1, stance, recordings)
-    return estimate_after(a1, stance, evidence, method.combined_priors, None, earlier, lifts_needed=False)
+    return estimate_with_prior_run(a1, stance, evidence, method.combined_priors, None, earlier, lifts_needed=False)
 
 
 def test_a_zero_that_moved_is_found_and_named_by_the_first_moves(moved, earlier):
@@ -134,10 +134,10 @@ def test_a_zero_that_moved_is_found_and_named_by_the_first_moves(moved, earlier)
     assert change.each == "FL_thigh_joint"
     assert change.value == pytest.approx(MOVED, abs=3 * change.std)
     assert "joint offset of FL_thigh_joint moved by" in change.finding().message
-    check = check_of_changes((change,), earlier)
+    check = prior_run_check((change,), earlier)
     assert check.passed
     assert change.message in check.message
-    assert not check_of_changes(4 * (change,), earlier).passed
+    assert not prior_run_check(4 * (change,), earlier).passed
 
 
 def test_what_moved_is_not_common_to_both_runs(earlier, moved):

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 from equipoise import nominal_stance
 from equipoise.errors import SettingsError
 from equipoise.estimator.parameters import Unknowns, base_vector, log_cholesky
-from equipoise.estimator.unknowns import Priors, by_the_model
+from equipoise.estimator.unknowns import Priors, model_values
 from equipoise.robot.inertial import (
     COMPONENTS,
     InertialParameters,
@@ -142,7 +142,7 @@ def test_nothing_is_wrong_at_the_start(unknowns):
     assert list(values) == [row.name for row in Priors.rows()]
     assert not any(value.any() for value in values.values())
     assert {name: len(value) for name, value in values.items()} == {
-        name: len(value) for name, value in by_the_model(unknowns.robot).items()
+        name: len(value) for name, value in model_values(unknowns.robot).items()
     }
 
 
@@ -176,7 +176,7 @@ def test_what_is_held_has_no_place_and_the_models_value(a1, name):
     """And all else is as it was."""
     stance = nominal_stance(a1)
     held, opened = (Unknowns(a1, stance, priors) for priors in (Priors().all_open.holding(name), Priors().all_open))
-    count = len(by_the_model(a1)[name])
+    count = len(model_values(a1)[name])
     assert opened.size == held.size + count
     assert (opened.value(np.ones(opened.size), name) > 0).all()
     ones = np.ones(held.size)

@@ -10,7 +10,7 @@ from equipoise import nominal_stance
 from equipoise.bayesian.predict import Predictor
 from equipoise.estimator.equations.stance_motion import RestReading, StanceMotionRows, read_move
 from equipoise.estimator.measurements.leg_motion import LegChains
-from equipoise.estimator.unknowns import by_the_model
+from equipoise.estimator.unknowns import model_values
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.posture import BodyPosture
@@ -46,7 +46,7 @@ def residuals(rows, values):
 
 
 def test_planted_feet_do_not_move_and_stand_level(robot, moves):
-    displacements, heights = residuals(rows_of(robot, moves), by_the_model(robot))
+    displacements, heights = residuals(rows_of(robot, moves), model_values(robot))
     assert displacements.shape == (3, 4, 3)
     assert heights.shape == (3, 2, 4)
     assert np.abs(displacements).max() < 1e-6
@@ -58,7 +58,7 @@ def test_a_joint_zero_moves_feet_as_the_kinematics_say(robot, moves):
     rows, size = rows_of(robot, moves), 5e-3
     for joint in range(12):
         zero = size * np.eye(12)[joint]
-        biases = by_the_model(robot) | {"joint_offset": zero}
+        biases = model_values(robot) | {"joint_offset": zero}
         found, heights = residuals(rows, biases)
         for number, (move, posture) in enumerate(zip(moves, POSTURES, strict=True)):
             before, after = (foot_positions(robot, rest.joint_position - zero) for rest in (move.before, move.after))
@@ -67,7 +67,7 @@ def test_a_joint_zero_moves_feet_as_the_kinematics_say(robot, moves):
             for row, feet, rotation in ((0, before, HOME.rotation), (1, after, posture.rotation)):
                 above = feet @ rotation[2]
                 np.testing.assert_allclose(heights[number, row], above - above.mean(), atol=1e-9)
-        half = by_the_model(robot) | {"joint_offset": zero / 2}
+        half = model_values(robot) | {"joint_offset": zero / 2}
         for whole, part in zip((found, heights), residuals(rows, half), strict=True):
             np.testing.assert_allclose(part, whole / 2, atol=0.02 * np.abs(whole).max() + 1e-6)
         assert np.abs(found).max() > 5e-5  # of the millimetre that a foot moves, most is common to both postures
@@ -90,11 +90,11 @@ def seen_by(move, biases):
 @pytest.mark.parametrize("bias", ["joint_offset", "imu_tilt", "accelerometer_bias"])
 def test_known_biases_of_sensors_are_taken_off(robot, moves, bias):
     value = {"joint_offset": np.linspace(-8e-3, 6e-3, 12), "imu_tilt": np.array([0.02, -0.01, 0.03])}
-    biases = by_the_model(robot) | {bias: value.get(bias, np.array([0.05, 0.08, -0.03]))}
+    biases = model_values(robot) | {bias: value.get(bias, np.array([0.05, 0.08, -0.03]))}
     rows = rows_of(robot, [seen_by(move, biases) for move in moves])
     for found in residuals(rows, biases):
         assert np.abs(found).max() < 1e-6
-    displacements, heights = residuals(rows, by_the_model(robot))
+    displacements, heights = residuals(rows, model_values(robot))
     assert np.abs(heights).max() > 1e-4
     if bias != "accelerometer_bias":
         assert np.abs(displacements).max() > 1e-4
@@ -102,7 +102,7 @@ def test_known_biases_of_sensors_are_taken_off(robot, moves, bias):
 
 def test_what_the_feet_rolled_is_taken_off(robot, moves):
     rolled = 1e-3 * np.arange(12.0).reshape(4, 3)
-    biases = by_the_model(robot) | {"foot_radius": np.array([0.1])}
+    biases = model_values(robot) | {"foot_radius": np.array([0.1])}
     found, _ = residuals(rows_of(robot, [replace(moves[0], rolled=rolled)]), biases)
     np.testing.assert_allclose(found[0], -1.1 * (rolled - rolled.mean(axis=0)), atol=1e-6)
 
@@ -111,8 +111,8 @@ def test_the_feet_of_a_simulated_move_stay_once_their_rolling_is_known(a1, ideal
     recording = ideal_motions.move
     moving = recording.phase("move", until="rest")
     move = read_move(a1, LegChains(a1), recording.phase("before"), moving, recording.phase("rest"), np.zeros(3))
-    displacements, heights = residuals(rows_of(a1, [move]), by_the_model(a1))
-    sliding, _ = residuals(rows_of(a1, [replace(move, rolled=np.zeros((4, 3)))]), by_the_model(a1))
+    displacements, heights = residuals(rows_of(a1, [move]), model_values(a1))
+    sliding, _ = residuals(rows_of(a1, [replace(move, rolled=np.zeros((4, 3)))]), model_values(a1))
     stay, slide = np.abs(displacements).max(), np.abs(sliding).max()
     assert stay < 2.5e-4
     assert slide > 4 * stay
@@ -137,7 +137,7 @@ def test_feet_sag_under_what_they_carry(robot, moves):
         for rest in (move.before, move.after):
             assert rest.load.sum() == pytest.approx(robot.mass * 9.81, rel=0.01)
             assert rest.load.min() > 0
-    biases = by_the_model(robot) | {"foot_compliance": np.array([foot_compliance])}
+    biases = model_values(robot) | {"foot_compliance": np.array([foot_compliance])}
     displacements, heights = residuals(rows_of(robot, moves), biases)
     for number, (move, posture) in enumerate(zip(moves, POSTURES, strict=True)):
         for row, (rest, rotation) in enumerate(((move.before, HOME.rotation), (move.after, posture.rotation))):

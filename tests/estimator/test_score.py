@@ -9,13 +9,13 @@ from test_planted_errors import another_model, gained, posterior_of, told, with_
 
 from equipoise import BayesianMethod
 from equipoise.estimator.diagnostics import checks, score
-from equipoise.estimator.diagnostics.checks import judge
+from equipoise.estimator.diagnostics.checks import run_checks
 from equipoise.estimator.diagnostics.score import score_tests
 from equipoise.estimator.unknowns import Priors
 
 
 def check_of(posterior):
-    return next(check for check in judge(posterior) if check.name == "fixed-parameter score test")
+    return next(check for check in run_checks(posterior) if check.name == "fixed-parameter score test")
 
 
 def drifting(recordings, gyroscope, accelerometer):

@@ -13,7 +13,7 @@ from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.support_planes import centre_shift
 from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
 from equipoise.estimator.motions import read_motions
-from equipoise.estimator.unknowns import by_the_model
+from equipoise.estimator.unknowns import model_values
 from equipoise.experiments.posture import feet_in_posture
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import base_parameters, composite_parameters
@@ -40,7 +40,7 @@ def equation_of(robot, *lifts):
 
 
 def nothing_wrong(robot):
-    return by_the_model(robot)
+    return model_values(robot)
 
 
 def rows_of(robot, *lifts, biases=None):

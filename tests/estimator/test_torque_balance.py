@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from tilting import SAMPLES, contact_jacobian, moving_robot
 
 from equipoise.estimator.equations.torque_balance import TorqueSamples, sawtooth, torque_rows
-from equipoise.estimator.unknowns import by_the_model
+from equipoise.estimator.unknowns import model_values
 from equipoise.platform.platform import Trajectory
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.robot.inertial import base_parameters, composite_parameters
@@ -26,7 +26,7 @@ def robot(request):
 
 
 def nothing_wrong(robot):
-    return by_the_model(robot)
+    return model_values(robot)
 
 
 def balance(robot, rows, torque, factors=None):

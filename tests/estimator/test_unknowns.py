@@ -7,7 +7,7 @@ import pytest
 
 from equipoise import Calibration, estimate
 from equipoise.estimator import problem as problem_module
-from equipoise.estimator.diagnostics.checks import judge
+from equipoise.estimator.diagnostics.checks import run_checks
 from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
 from equipoise.estimator.equations.equation import Equation
 from equipoise.estimator.equations.stance_motion import StanceMotion, StanceMotionRows
@@ -19,7 +19,7 @@ from equipoise.estimator.motions import read_motions
 from equipoise.estimator.prior_runs.two_runs import estimate_two_runs
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknown import AXIS, IMU, unknown
-from equipoise.estimator.unknowns import Priors, by_the_model, finding_names
+from equipoise.estimator.unknowns import Priors, finding_names, model_values
 from equipoise.report.contents import run_contents
 
 # A second accelerometer, which on a bench read more than the first by this [m/s2].
@@ -96,7 +96,7 @@ def test_a_row_more_is_estimated_reported_and_written(a1, precise_run, tmp_path)
 def test_a_row_says_whether_an_error_that_large_is_unlikely(a1, precise_run, few):
     for prior, passed in ((0.2, True), (0.05, False)):
         found = estimate_posterior(a1, precise_run.stance, few, TwoAccelerometers(second_bias=prior))
-        check = next(check for check in judge(found) if check.name == "sensor errors")
+        check = next(check for check in run_checks(found) if check.name == "sensor errors")
         assert check.passed == passed
         assert ("second accelerometer bias x" in check.message) or passed
 
@@ -123,7 +123,7 @@ def test_without_an_equation_nothing_is_said(a1, precise_run, few):
 
 def test_equations_depend_on_what_they_say(a1, precise_run, few):
     """And on nothing else: they are given no other value."""
-    legs, rotation, values = LegChains(a1), np.array(a1.imu_in_base.rotation), by_the_model(a1)
+    legs, rotation, values = LegChains(a1), np.array(a1.imu_in_base.rotation), model_values(a1)
     lifts = [motion.lift for motion in few if motion.lift is not None]
     moves = [move for motion in few for move in motion.of(StanceMotion)]
     moves[-1] = replace(moves[-1], heading=np.pi)

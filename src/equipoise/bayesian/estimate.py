@@ -14,8 +14,8 @@ from equipoise.bayesian.settings import BayesianSettings
 from equipoise.bayesian.trial_rows import trial_row
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.estimator.diagnostics.budget import budget_of
-from equipoise.estimator.diagnostics.checks import HELD_OUT_CHECK, half_difference, judge
+from equipoise.estimator.diagnostics.budget import uncertainty_budget
+from equipoise.estimator.diagnostics.checks import HELD_OUT_CHECK, half_difference, run_checks
 from equipoise.estimator.diagnostics.held_out import held_out, predict_held_out
 from equipoise.estimator.diagnostics.imu_position_check import ImuPositionCheck
 from equipoise.estimator.diagnostics.link_findings import link_findings
@@ -31,7 +31,7 @@ from equipoise.estimator.equations.equation import Equation, MotionSamples
 from equipoise.estimator.equations.table import EQUATIONS
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
-from equipoise.estimator.prior_runs.changes import Change, check_of_changes, estimate_after
+from equipoise.estimator.prior_runs.changes import Change, estimate_with_prior_run, prior_run_check
 from equipoise.estimator.problem import Posterior, body_jacobian, estimate_posterior
 from equipoise.estimator.unknowns import Priors
 from equipoise.method.combined import of_the_base
@@ -75,8 +75,8 @@ def estimate_run(
         predictions = predict_held_out(posterior, settings.prior_run)
         predicted = held_out(predictions)
         masses = compare_estimate(posterior, settings.scale, settings.prior_run)
-        looked_at = judge(posterior, predicted, masses)
-        looked_at += [] if settings.prior_run is None else [check_of_changes(changes, settings.prior_run)]
+        looked_at = run_checks(posterior, predicted, masses)
+        looked_at += [] if settings.prior_run is None else [prior_run_check(changes, settings.prior_run)]
         checks = tuple(sorted(looked_at, key=lambda check: check.passed))
         _refuse_worse_than_file(predicted, checks)
         findings = (*map(Change.finding, changes), *sensor_findings(posterior))
@@ -139,7 +139,7 @@ def estimate_run(
         evidence=PosteriorEvidence(tuple(recordings), posterior, changes, predictions),
         held_out=predicted,
         mass_comparison=masses,
-        uncertainty_budget=budget_of(posterior),
+        uncertainty_budget=uncertainty_budget(posterior),
         links=links if well else {name: link.doubted() for name, link in links.items()},
         timings=timings,
     )
@@ -166,7 +166,7 @@ def _posterior(
         if by_excitation is not None and by_excitation.contradicts:
             posterior = resolve_prior_conflicts(with_excitation, settings.combined_priors)
         return posterior, ()
-    return estimate_after(
+    return estimate_with_prior_run(
         robot, stance, motions, settings.combined_priors, settings.scale, settings.prior_run, lifts_needed
     )
 

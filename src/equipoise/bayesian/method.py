@@ -16,7 +16,7 @@ from equipoise.bayesian.short_routine import ShortRoutine
 from equipoise.errors import ReachError
 from equipoise.estimator.diagnostics.torque_mass import compare_at_rest
 from equipoise.estimator.measurements.scale_reading import check_mass_of
-from equipoise.estimator.reading import PreciseReading
+from equipoise.estimator.reading import BayesianReading
 from equipoise.experiments.dip import dip
 from equipoise.experiments.progress import Progress
 from equipoise.experiments.standing_robot import StandingRobot
@@ -97,8 +97,8 @@ class BayesianMethod(BayesianSettings, Method):
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
         return rehearse(robot, stance, self, self.forecast(robot, stance))
 
-    def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> PreciseReading:
-        return PreciseReading(robot, stance, recordings, self.combined_priors, self.scale, self.prior_run)
+    def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> BayesianReading:
+        return BayesianReading(robot, stance, recordings, self.combined_priors, self.scale, self.prior_run)
 
     def estimate(
         self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance, lifts_needed: bool = True

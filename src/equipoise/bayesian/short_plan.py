@@ -123,7 +123,7 @@ def information_before(
     """(size, size) information that there is before a run."""
     unknowns = candidates.unknowns
     weighed = None if mass is None else (candidates.predictor.robot.mass, mass[1])
-    _, rows = prior_rows(unknowns.believing(known.belief(unknowns, anew)), unknowns.start(), weighed)
+    _, rows = prior_rows(unknowns.with_prior(known.distribution(unknowns, anew)), unknowns.start(), weighed)
     return rows.T @ rows
 
 

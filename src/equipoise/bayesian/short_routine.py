@@ -15,7 +15,7 @@ from equipoise.bayesian.short_plan import information_before, opening_moves, pla
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError, MotionError
 from equipoise.estimator.motions import read_motions
-from equipoise.estimator.prior_runs.changes import Change, estimate_after
+from equipoise.estimator.prior_runs.changes import Change, estimate_with_prior_run
 from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.estimator.problem import Posterior
 from equipoise.robot.inertial import InertialParameters, composite_parameters
@@ -68,7 +68,7 @@ class ShortRoutine(BayesianRoutine):
     def _posterior(self, lifts_needed: bool = True) -> Posterior | None:
         try:
             motions = read_motions(self.robot, self.stance, self._recordings)
-            posterior, self._changes = estimate_after(
+            posterior, self._changes = estimate_with_prior_run(
                 self.robot,
                 self.stance,
                 motions,

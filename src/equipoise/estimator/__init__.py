@@ -1,1 +1,1 @@
-"""From readings of recordings to the most probable unknowns: the table, the equations, the solution, the checks."""
+"""Maximum a posteriori estimate: table of parameters, equations, solution, checks."""

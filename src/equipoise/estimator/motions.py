@@ -1,4 +1,4 @@
-"""From the recordings of a run to the samples of each equation, and why a recording was left out."""
+"""Samples of each equation from the recordings of a run."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from equipoise.robot.stance import Stance
 
 
 def read_motions(robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> tuple[MotionSamples, ...]:
-    """Read all recordings of a run; why one cannot be read is noted in its motion, not raised.
+    """Read all recordings of a run; a motion states the reason if its recording cannot be read.
 
     Raises:
-        RecordingError: none of them has a rest or a walk.
+        RecordingError: no recording has a rest or a walk.
     """
     bias = _gyro_bias(of_the_base(recordings))
     legs, headings = LegChains(robot), _headings(robot, recordings)
@@ -51,21 +51,21 @@ def _read(run: RunContext, index: int, recording: Recording) -> MotionSamples:
 
 
 def _gyro_bias(recordings: Sequence[Recording]) -> FloatArray:
-    """(3,) bias of the gyroscope, in the IMU frame [rad/s]."""
+    """Return the (3,) bias of the gyroscope, in the IMU frame [rad/s]."""
     rested = [recording for recording in recordings if recording.has_phase(Phase.REST)]
-    if rested:  # the median over rests: one in which the robot still excitationed does not count
+    if rested:  # the median over rests ignores one in which the robot still moved
         rests = [recording.phase(Phase.REST).imu.angular_velocity_in_imu for recording in rested]
         return np.asarray(np.median([rest.mean(axis=0) for rest in rests], axis=0), dtype=float)
     walks = [one.imu for one in recordings if isinstance(one.trial, SteppingTrial)]
     if not walks:
         raise RecordingError(
-            "the recordings hold no rest before a lift or after a move; are they of the Bayesian method?"
+            "the recordings contain no rest before a lift or after a stance motion; record them with --method bayesian"
         )
     return gyro_bias_of_walks([(imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu) for imu in walks])
 
 
 def _headings(robot: RobotModel, recordings: Sequence[Recording]) -> FloatArray:
-    """(n,) angle by which the robot had been turned in the room when each recording ended, to its left [rad]."""
+    """Return the (n,) heading at the end of each recording, relative to the run's start, positive to the left [rad]."""
     turned = [isinstance(recording.trial, TurnTrial) and recording.complete for recording in recordings]
-    angles = [angle_turned(robot, recording) if was else 0.0 for recording, was in zip(recordings, turned, strict=True)]
+    angles = [angle_turned(robot, one) if complete else 0.0 for one, complete in zip(recordings, turned, strict=True)]
     return np.cumsum(angles)

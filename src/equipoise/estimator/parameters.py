@@ -1,4 +1,4 @@
-"""The vector that the Bayesian method estimates, and the bodies that it stands for."""
+"""Parameter vector of the Bayesian method, and the bodies that follow from it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from equipoise.estimator.measurements.leg_motion import LEG_SHAPE, LegChains, Le
 from equipoise.estimator.measurements.momenta import model_parameters
 from equipoise.estimator.measurements.traced import Traced
 from equipoise.estimator.unknown import A1_TORQUE, Unknown
-from equipoise.estimator.unknowns import Priors, Values, by_the_model, inputs_of
+from equipoise.estimator.unknowns import Priors, Values, inputs_of, model_values
 from equipoise.robot.inertial import InertialParameters, base_parameters, moment_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
@@ -24,16 +24,16 @@ from equipoise.robot.stance import Stance
 
 LINKS = ("leg_mass", "leg_mass_common", "link_com", "link_com_common")
 INERTIAL = ("base", *LINKS)
-"""Unknowns that the inertial parameters are made of."""
+"""Parameters that determine the inertial parameters."""
 
 
 @dataclass(frozen=True, eq=False)
 class PriorDistribution:
-    """What is believed of the table's unknowns beforehand, from an earlier run.
+    """Normal prior of the parameter table from a prior run.
 
     Attributes:
-        mean: (n,) most probable values, in units of their priors.
-        covariance: (n, n) covariance of these.
+        mean: (n,) means, in units of the table's priors.
+        covariance: (n, n) covariance, in the same units.
     """
 
     mean: FloatArray
@@ -46,36 +46,36 @@ class PriorDistribution:
 
     @cached_property
     def whitening(self) -> FloatArray:
-        """(n, n) matrix that turns differences from the mean into white ones."""
+        """(n, n) matrix that whitens differences from the mean."""
         return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)), dtype=float)
 
 
 class Unknowns:
-    """The vector of unknowns: ten log-Cholesky parameters of the base, then everything else in units of its prior.
+    """Layout of the parameter vector: ten log-Cholesky parameters of the base, then all others in units of their priors.
 
     Blocks are addressed by name: "base", and the names of the table's rows (unknowns.py).
 
     Attributes:
-        rows: rows of the table of unknowns that are not held; the others have no place in the vector.
+        rows: rows of the parameter table that are not fixed; fixed rows are not in the vector.
         size: length of the vector.
         legs: leg chains of the robot.
-        scale: (size,) size of one unit of each unknown, in the unit of its row; one for the base.
-        tabled: slice of all unknowns but the base's.
+        scale: (size,) one unit of each parameter, in the unit of its row; one for the base.
+        tabled: slice of all parameters except the base's.
         torque_scale: m g h of the robot over that of an A1.
-        model_links: (4 links,) inertial parameters of the leg links by the model, as of `momenta`.
-        of_links: (4 links, open) derivative of these by the values of LINKS that are not held.
-        composing: names of the unknowns that bodies are made of: the inertial ones; where the model's lengths or places of
-            hips are not the robot's, also what legs are found to be like. Tolerances of a drawing do nothing that is seen.
-        belief: what an earlier run says of them; None: there is none, and priors are as the table has them.
+        model_links: (4 links,) inertial parameters of the leg links in the model, as in `momenta`.
+        of_links: (4 links, estimated) derivative of these by the values of LINKS that are not fixed.
+        composing: names of the parameters that bodies depend on: the inertial ones, and with wide priors for lengths or hip
+            positions also the leg shape. Drawing tolerances have no visible effect.
+        run_prior: prior from a prior run; None: priors are those of the table.
     """
 
-    belief: PriorDistribution | None = None
+    run_prior: PriorDistribution | None = None
 
     def __init__(self, robot: RobotModel, stance: Stance, priors: Priors) -> None:
         self.robot, self.stance, self.priors, self.rows = robot, stance, priors, priors.estimated
         self.torque_scale = A1_TORQUE.of(robot, stance)
-        self._by_the_model = by_the_model(robot)
-        self._slices = {"base": slice(0, 10), **dict.fromkeys(self._by_the_model, slice(0, 0))}
+        self._model_values = model_values(robot)
+        self._slices = {"base": slice(0, 10), **dict.fromkeys(self._model_values, slice(0, 0))}
         self.scale: FloatArray = np.ones(10)
         for row in self.rows:
             own = np.full(len(self.labels(row)), getattr(priors, row.name) * row.measure.of(robot, stance))
@@ -84,15 +84,15 @@ class Unknowns:
         self.size = len(self.scale)
         self.tabled = slice(10, self.size)
         self._links = self.columns(*LINKS)
-        counts = [(self.estimates(name), len(self._by_the_model[name])) for name in LINKS]
-        open_links = np.concatenate([np.full(count, estimated) for estimated, count in counts])
+        counts = [(self.estimates(name), len(self._model_values[name])) for name in LINKS]
+        estimated_links = np.concatenate([np.full(count, estimated) for estimated, count in counts])
         self.legs = LegChains(robot)
-        self.of_links, self.model_links = _by_values(self.legs)[:, open_links], model_parameters(robot)[10:]
+        self.of_links, self.model_links = _by_values(self.legs)[:, estimated_links], model_parameters(robot)[10:]
         joined, self._above_knees = _joined_bodies(robot, stance)
-        # Derivatives of bodies ask again and again with the same legs.
+        # A cache: derivatives of bodies evaluate the same leg shape many times.
         self._joined_last = np.zeros(len(self.columns(*LEG_SHAPE))), joined
-        found_shape = any(row.name in LEG_SHAPE for row in priors.not_of_this_robot)
-        self.composing = (*INERTIAL, *LEG_SHAPE) if found_shape else INERTIAL
+        estimated_shape = any(row.name in LEG_SHAPE for row in priors.widened)
+        self.composing = (*INERTIAL, *LEG_SHAPE) if estimated_shape else INERTIAL
         self.model_base = base_parameters(robot)
         self.model_base_vector = self.model_base.vector
 
@@ -100,95 +100,95 @@ class Unknowns:
         return self._slices[name]
 
     def has(self, name: str) -> bool:
-        """Whether the table has a row of a name."""
+        """Return True if the table has a row of this name."""
         return name in self._slices
 
-    def believed(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Mean and covariance of a block before the run, in units of its prior."""
+    def prior(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Return the prior mean and covariance of a block, in units of the table's prior."""
         own = self[name]
-        if self.belief is None:
+        if self.run_prior is None:
             size = int(own.stop - own.start)
             return np.zeros(size), np.eye(size)
         within = slice(own.start - self.tabled.start, own.stop - self.tabled.start)
-        return self.belief.mean[within], self.belief.covariance[within, within]
+        return self.run_prior.mean[within], self.run_prior.covariance[within, within]
 
-    def believing(self, belief: PriorDistribution) -> Unknowns:
-        """The same unknowns after an earlier run."""
+    def with_prior(self, run_prior: PriorDistribution) -> Unknowns:
+        """Return a copy with the prior from a prior run."""
         after = copy(self)
-        after.belief = belief
+        after.run_prior = run_prior
         return after
 
     def estimates(self, name: str) -> bool:
-        """Whether the unknown of a row is not held."""
+        """Return True if a row is not fixed."""
         return self[name].stop > 0
 
     def columns(self, *names: str) -> NDArray[np.intp]:
-        """Places of some blocks in the vector, in the order of the names."""
-        places: NDArray[np.intp] = np.arange(self.size)
-        return np.concatenate([places[:0], *(places[self[name]] for name in names)])
+        """Return the indices of some blocks in the vector, in the order of the names."""
+        indices: NDArray[np.intp] = np.arange(self.size)
+        return np.concatenate([indices[:0], *(indices[self[name]] for name in names)])
 
     def labels(self, row: Unknown) -> tuple[str, ...]:
-        """What there is one of an unknown of."""
+        """Return the names of the parts that have one parameter of a row each."""
         return row.each.labels(self.robot)
 
     def start(self) -> FloatArray:
-        """(size,) the model's own values."""
+        """Return the (size,) values of the model."""
         x = np.zeros(self.size)
         x[self["base"]] = log_cholesky(self.model_base)
         return x
 
     def value(self, x: FloatArray, name: str) -> FloatArray:
-        """A block in its own units."""
+        """Return a block in the unit of its row."""
         return self.values(x)[name]
 
     def values(self, x: FloatArray) -> Values:
-        """All blocks of the table, in their own units."""
+        """Return all blocks of the table, in the units of their rows."""
         scaled = x * self.scale
-        return {**self._by_the_model, **{row.name: scaled[self[row.name]] for row in self.rows}}
+        return {**self._model_values, **{row.name: scaled[self[row.name]] for row in self.rows}}
 
     def inertial(self, x: FloatArray) -> FloatArray:
-        """(10 + 4 links,) inertial parameters as of `momenta`."""
+        """Return the (10 + 4 links,) inertial parameters as in `momenta`."""
         links = self.of_links @ (x * self.scale)[self._links]
         return np.concatenate([base_vector(x[self["base"]]), self.model_links + links])
 
     def inertial_jacobian(self, x: FloatArray) -> FloatArray:
-        """(10 + 4 links, size) derivative of `inertial`."""
+        """Return the (10 + 4 links, size) derivative of `inertial`."""
         jacobian = np.zeros((10 + len(self.model_links), self.size))
         jacobian[:10, self["base"]] = pin.LogCholeskyParameters(x[self["base"]]).calculateJacobian()
         jacobian[10:, self._links] = self.of_links * self.scale[self._links]
         return jacobian
 
     def base_body(self, x: FloatArray) -> InertialParameters:
-        """The base."""
+        """Return the base's body."""
         return InertialParameters.from_vector(base_vector(x[self["base"]]))
 
     def robot_body(self, x: FloatArray) -> InertialParameters:
-        """The whole robot frozen at the nominal stance, in the base frame."""
+        """Return the whole robot frozen at the nominal stance, in the base frame."""
         return InertialParameters.from_vector(self.inertial(x) @ self._joined(x))
 
     def stance_effective_body(self, x: FloatArray) -> InertialParameters:
-        """The paper's body: base, hips and thighs, about its own CoM."""
+        """Return the paper's body: base, hips and thighs, about its own CoM."""
         return InertialParameters.from_vector(self.inertial(x) @ (self._joined(x) * self._above_knees))
 
     def _joined(self, x: FloatArray) -> FloatArray:
-        """(10 + 4 links, 10) as of `_joined_bodies`, with legs as they are found where bodies are composed so."""
+        """Return the (10 + 4 links, 10) matrix of `_joined_bodies`, with the leg shape of x if `composing` includes it."""
         if self.composing == INERTIAL:
             return self._joined_last[1]
         shape = x[self.columns(*LEG_SHAPE)]
         if not np.array_equal(shape, self._joined_last[0]):
             position = Traced(self.stance.joint_position[:, None])
-            found = LegShape.of(self.legs, inputs_of(self.values(x), LEG_SHAPE, 1))
-            com, model = (self.legs.traced_posture(position, legs).com.value[..., 0] for legs in (found, None))
+            estimated = LegShape.of(self.legs, inputs_of(self.values(x), LEG_SHAPE, 1))
+            com, model = (self.legs.traced_posture(position, legs).com.value[..., 0] for legs in (estimated, None))
             joined, _ = _joined_bodies(self.robot, self.stance, (com - model).T.reshape(-1, 3))
             self._joined_last = shape, joined
         return self._joined_last[1]
 
 
 def _by_values(legs: LegChains) -> FloatArray:
-    """(4 links, unknowns) derivative of the links' inertial parameters by the values of LINKS, in that order."""
+    """Return the (4 links, parameters) derivative of the links' inertial parameters by the values of LINKS, in that order."""
     links, kinds = legs.links, legs.mass.shape[1]
     kind = np.tile(np.eye(kinds), (4, 1))
-    # A CoM off by d is a first moment m d, in the link's frame.
+    # A CoM offset d is a first moment m d, in the link's frame.
     moments = legs.mass.reshape(-1, 1, 1) * legs.axes.reshape(-1, 3, 3)
     each = np.einsum("lij,lm->limj", moments, np.eye(links)).reshape(3 * links, -1)
     common = np.einsum("lij,lk->likj", moments[:, :, :2], kind).reshape(3 * links, -1)
@@ -197,34 +197,35 @@ def _by_values(legs: LegChains) -> FloatArray:
     )
 
 
-def _joined_bodies(robot: RobotModel, stance: Stance, aside: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
-    """What the inertial parameters of `Unknowns.inertial` add up to, frozen at a stance.
+def _joined_bodies(
+    robot: RobotModel, stance: Stance, offset: FloatArray | float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Return the matrix that composes the parameters of `Unknowns.inertial` to one body, frozen at a stance.
 
     Args:
-        aside: (links, 3) place of each leg link less the model's, in the base frame [m].
+        offset: (links, 3) position of each leg link less the model's, in the base frame [m].
 
     Returns:
         (10 + 4 links, 10) parameters in the base frame, about its origin, of the base, each leg link and each moment;
-        (10 + 4 links, 1) one for what is not below a knee, else zero.
+        (10 + 4 links, 1) zero for parts below a knee, else one.
     """
     poses = Kinematics(robot).joint_poses(stance.joint_position)
     joints = [(leg, joint) for leg in robot.legs.values() for joint in leg.joint_ids]
     placed = [
-        pin.SE3(poses[joint].rotation, poses[joint].translation + off)
-        for (_, joint), off in zip(joints, np.broadcast_to(aside, (len(joints), 3)), strict=True)
+        pin.SE3(poses[joint].rotation, poses[joint].translation + shift)
+        for (_, joint), shift in zip(joints, np.broadcast_to(offset, (len(joints), 3)), strict=True)
     ]
-    bodies = [place.act(robot.pinocchio.inertias[joint]) for place, (_, joint) in zip(placed, joints, strict=True)]
-    turns = [place.rotation for place in placed]
-    moments = [(moment_parameters(body.lever) @ turn).T for body, turn in zip(bodies, turns, strict=True)]
+    bodies = [pose.act(robot.pinocchio.inertias[joint]) for pose, (_, joint) in zip(placed, joints, strict=True)]
+    moments = [(moment_parameters(body.lever) @ pose.rotation).T for body, pose in zip(bodies, placed, strict=True)]
     above = [float(joint != leg.joint_ids[-1]) for leg, joint in joints]
     joined = np.concatenate([np.eye(10), [body.toDynamicParameters() for body in bodies], *moments])
     return joined, np.concatenate([np.ones(10), above, np.repeat(above, 3)])[:, None]
 
 
 def log_cholesky(body: InertialParameters) -> FloatArray:
-    """(10,) log-Cholesky parameters of a body (Rucker and Wensing 2022), in Pinocchio's order.
+    """Return the (10,) log-Cholesky parameters of a body (Rucker and Wensing 2022), in Pinocchio's order.
 
-    Every vector is a body that can exist: its pseudo-inertia is U U^T with an upper triangular U.
+    Every vector is a physically consistent body: its pseudo-inertia is U U^T with an upper triangular U.
     """
     about_origin = body.vector
     xx, xy, yy, xz, yz, zz = about_origin[4:]
@@ -252,5 +253,5 @@ def log_cholesky(body: InertialParameters) -> FloatArray:
 
 
 def base_vector(parameters: FloatArray) -> FloatArray:
-    """(10,) inertial parameters about the origin, in Pinocchio's order, from log-Cholesky parameters."""
+    """Return the (10,) inertial parameters about the origin, in Pinocchio's order, from log-Cholesky parameters."""
     return np.array(pin.LogCholeskyParameters(parameters).toDynamicParameters())

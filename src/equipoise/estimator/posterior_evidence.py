@@ -1,4 +1,4 @@
-"""What the Bayesian method leaves beside its result."""
+"""Posterior of the Bayesian method as evidence of its result."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from equipoise.result.calibration import Evidence
 
 @dataclass(frozen=True, eq=False)
 class PosteriorEvidence(Evidence):
-    """Of a run of this method.
+    """Evidence of a run of the Bayesian method.
 
     Attributes:
         posterior: estimate with its information by motion.
-        changes: what changed since the earlier run that is known.
-        predictions: every lift predicted without the motions in its posture.
+        changes: changes since the prior run.
+        predictions: held-out predictions of the lifts.
     """
 
     posterior: Posterior

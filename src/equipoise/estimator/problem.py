@@ -1,7 +1,6 @@
-"""All motions in one maximum a posteriori estimate, with its covariance.
+"""Maximum a posteriori estimate from all motions, with its covariance.
 
-Its residuals are those of the equations (equations/table.py), each in units of its own noise, of the priors, and of the mass
-from a scale.
+Its residuals are those of the equations (equations/table.py), in units of their noise, of the priors, and of the scale.
 """
 
 from __future__ import annotations
@@ -32,28 +31,27 @@ from equipoise.robot.stance import Stance
 
 E = TypeVar("E", bound=Equation[Any])
 _ROOT_LENGTHS = 1.0  # prior of the logarithms of the base's root lengths: a factor of e
-# MotionResidual that is expected before any is known. Were it one, what the equations leave out would outweigh all priors in
-# the
-# first round: without a scale, robots then lose their mass to motors that have no torque, and never find it again.
-_MISFIT_AT_FIRST = 4.0
-# How sure a robot that was not weighed is taken to be of its torque constants, or without torques of its mass, until noise
-# levels are known: for the same reason.
-_SCALE_AT_FIRST = 0.02
+# Normalized residual of the first round. With one, unmodelled effects would outweigh all priors: without a scale, the mass
+# then goes to zero together with the torque gains, and does not recover.
+_FIRST_RESIDUAL = 4.0
+# Std of the torque constants, or without torques of the mass, of a robot that was not weighed, until noise levels are known:
+# for the same reason.
+_FIRST_SCALE_STD = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """The estimate.
+    """Mode and covariance of the posterior.
 
     Attributes:
-        problem: squared residuals that x makes least, at the noise levels of the last round.
-        x: (size,) most probable unknowns.
+        problem: least-squares problem that x solves, at the noise levels of the last round.
+        x: (size,) posterior mode.
         covariance: (size, size) covariance of x.
-        information: (size, size) information that each motion adds, by motion index.
-        information_by_equation: the same by the equation.
+        information: (size, size) information of each motion, by motion index.
+        information_by_equation: (size, size) information of each equation.
         gradient: (size,) gradient of each motion's squared residuals, halved, by motion index.
-        normalized_residuals: misfits of the motions of each equation.
-        converged: whether the last step was small; if not, something does not fit at all.
+        normalized_residuals: residuals of the motions of each equation.
+        converged: True if the last step was small.
     """
 
     problem: MapProblem
@@ -72,31 +70,31 @@ class Posterior:
 
     @property
     def motions(self) -> tuple[MotionSamples, ...]:
-        """Motions that it is made of, in order."""
+        """Motions of the estimate, in order."""
         return self.problem.motions
 
     @property
     def informed(self) -> frozenset[str]:
-        """Names of the unknowns that some equation depends on."""
+        """Names of the parameters that some equation depends on."""
         return frozenset(name for equation in self.problem.equations for name in equation.depends_on)
 
     def residuals_of(self, equation: type[Equation[Any]]) -> tuple[MotionResidual, ...]:
-        """Misfits of the motions of an equation; empty if there are none."""
+        """Return the residuals of the motions of an equation; empty if there are none."""
         return self.normalized_residuals.get(equation, ())
 
     @cached_property
     def robot_body(self) -> InertialParameters:
-        """The whole robot frozen at the nominal stance, in the base frame."""
+        """Whole robot frozen at the nominal stance, in the base frame."""
         return self.unknowns.robot_body(self.x)
 
     @cached_property
     def base_body(self) -> InertialParameters:
-        """The base."""
+        """Base."""
         return self.unknowns.base_body(self.x)
 
     @cached_property
     def stance_effective_body(self) -> InertialParameters:
-        """The paper's body: base, hips and thighs."""
+        """Paper's body: base, hips and thighs."""
         return self.unknowns.stance_effective_body(self.x)
 
     @cached_property
@@ -106,12 +104,12 @@ class Posterior:
 
     @cached_property
     def base_covariance(self) -> FloatArray:
-        """The same of the base."""
+        """(10, 10) covariance of the base's parameters, in the order of COMPONENTS."""
         return self._covariance_of(self.unknowns.base_body)
 
     @cached_property
     def stance_effective_covariance(self) -> FloatArray:
-        """The same of the paper's body."""
+        """(10, 10) covariance of the paper's body, in the order of COMPONENTS."""
         return self._covariance_of(self.unknowns.stance_effective_body)
 
     def _covariance_of(self, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
@@ -120,12 +118,12 @@ class Posterior:
 
     @cached_property
     def _covariance_before(self) -> FloatArray:
-        """(size, size) covariance of the unknowns before any motion (a scale's mass not counted)."""
+        """(size, size) prior covariance of x, without a mass from a scale."""
         _, prior = prior_rows(self.unknowns, self.unknowns.start(), None)
         return np.asarray(np.linalg.inv(prior.T @ prior), dtype=float)
 
     def std_before(self, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
-        """Return the (10,) standard deviations of a body's parameters before any motion (a scale's mass not counted)."""
+        """Return the (10,) prior standard deviations of a body's parameters, without a mass from a scale."""
         jacobian = body_jacobian(self.unknowns, self.unknowns.start(), body)
         return np.sqrt(np.diag(jacobian @ self._covariance_before @ jacobian.T))
 
@@ -135,25 +133,25 @@ class Posterior:
         return np.asarray(np.linalg.inv(self.covariance), dtype=float)
 
     def without(self, motions: Collection[int]) -> tuple[FloatArray, FloatArray]:
-        """(size,) change of x, and (size, size) covariance, if motions were left out; to first order.
+        """Return the (size,) change of x and the (size, size) covariance without some motions, to first order.
 
         Args:
-            motions: motion indices; of those that told nothing there is nothing to leave out.
+            motions: motion indices; those without information are ignored.
         """
         left_out = [motion for motion in motions if motion in self.information]
         removed = sum((self.information[motion] for motion in left_out), np.zeros_like(self.covariance))
-        pull = sum((self.gradient[motion] for motion in left_out), np.zeros(self.unknowns.size))
+        gradient = sum((self.gradient[motion] for motion in left_out), np.zeros(self.unknowns.size))
         covariance = np.asarray(np.linalg.inv(self.whole_information - removed), dtype=float)
-        return covariance @ pull, covariance
+        return covariance @ gradient, covariance
 
     def of_row(self, row: Unknown) -> Iterator[tuple[str, float, float]]:
-        """List the label, value and posterior standard deviation of each unknown of a row, in its own unit."""
+        """Yield the label, value and posterior standard deviation of each parameter of a row, in its unit."""
         values = self.unknowns.value(self.x, row.name)
         for label, value, std in zip(self.unknowns.labels(row), values, self.std(row.name), strict=True):
             yield label, float(value), float(std)
 
     def std(self, name: str) -> FloatArray:
-        """Posterior standard deviations of a block, in its own units."""
+        """Return the posterior standard deviations of a block, in the unit of its row."""
         block = self.unknowns[name]
         return np.sqrt(np.diag(self.covariance)[block]) * self.unknowns.scale[block]
 
@@ -169,17 +167,17 @@ def estimate_posterior(
     quiet_feet: bool = False,
     equations: Sequence[type[Equation[Any]]] | None = None,
 ) -> Posterior:
-    """The most probable unknowns given all motions.
+    """Estimate the posterior from all motions.
 
     Args:
         mass: mass of the whole robot from a scale, and its standard deviation [kg].
         rounds: number of times that noise levels are renewed.
-        lifts_needed: whether motions without any lift are refused, or are estimated from as far as joint torques go.
-        quiet_feet: whether the noise of planted feet is what their residuals show, or what a floor may make it.
-        equations: equations that are used; None: the usual ones.
+        lifts_needed: True to require a lift; False to accept joint torques alone.
+        quiet_feet: True to take the noise of the feet in stance motions from their residuals, not from the worst floor.
+        equations: equations to use; None: the usual ones.
 
     Raises:
-        RecordingError: no lift trial can be used; or there are no joint torques either.
+        RecordingError: no lift trial can be used, nor joint torques where they suffice.
     """
     problem = MapProblem(robot, stance, motions, priors or Priors(), mass, lifts_needed, equations)
     posterior = problem.posterior(*solve(problem, problem.unknowns.start(), rounds))
@@ -190,15 +188,15 @@ def estimate_posterior(
 
 
 class MapProblem:
-    """What one run adds to a maximum a posteriori estimate: equations and priors, in a run's unknowns.
+    """Least-squares problem of one run: equations and priors in the run's parameters.
 
     Args:
-        mass: mass of the whole robot from a scale, and its standard deviation [kg]; None: not known, or given elsewhere.
-        lifts_needed: whether motions without any lift are refused.
-        equations: equations that are used; None: the usual ones.
+        mass: mass of the whole robot from a scale, and its standard deviation [kg]; None: not weighed, or given elsewhere.
+        lifts_needed: True to require a lift; False to accept joint torques alone.
+        equations: equations to use; None: the usual ones.
 
     Raises:
-        RecordingError: no lift trial can be used; or there are no joint torques either.
+        RecordingError: no lift trial can be used, nor joint torques where they suffice.
     """
 
     def __init__(
@@ -207,63 +205,63 @@ class MapProblem:
     ) -> None:  # fmt: skip
         self.motions, self.mass = tuple(motions), mass
         self.unknowns = Unknowns(robot, stance, priors)
-        made = [equation.of(self.unknowns, motions) for equation in equations or USUAL]
-        self.equations = [equation for equation in made if equation is not None]
+        optional = [equation.of(self.unknowns, motions) for equation in equations or USUAL]
+        self.equations = [equation for equation in optional if equation is not None]
         needed = (TiltEquation,) if lifts_needed else (TiltEquation, TorqueBalance)
         if not any(self.equation(kind) for kind in needed):
             reasons = {motion.left_out for motion in motions if motion.left_out}
-            raise RecordingError(f"no lift trial can be used: {'; '.join(sorted(reasons)) or 'there is none'}")
+            raise RecordingError(f"no lift trial can be used: {'; '.join(sorted(reasons)) or 'the run has none'}")
         for equation in self.equations:
-            equation.expect_residual(_MISFIT_AT_FIRST)
+            equation.expect_residual(_FIRST_RESIDUAL)
 
     def equation(self, kind: type[E]) -> E | None:
-        """The rows of an equation; None if there are none."""
+        """Return the equation of this kind; None if no motion has samples for it."""
         return next((equation for equation in self.equations if isinstance(equation, kind)), None)
 
     def with_all_open(self, x: FloatArray) -> tuple[MapProblem, FloatArray, NDArray[np.intp]]:
-        """The same with no row held, at the noise levels as they are; x in its unknowns; and x's places there."""
-        held, problem = self.unknowns, copy(self)
-        problem.unknowns = Unknowns(held.robot, held.stance, held.priors.all_open)
-        places = problem.unknowns.columns("base", *(row.name for row in held.rows))
+        """Return this problem without fixed rows at the present noise levels, x in its parameters, and the indices of x."""
+        fixed, problem = self.unknowns, copy(self)
+        problem.unknowns = Unknowns(fixed.robot, fixed.stance, fixed.priors.all_open)
+        indices = problem.unknowns.columns("base", *(row.name for row in fixed.rows))
         at = np.zeros(problem.unknowns.size)
-        at[places] = x
+        at[indices] = x
         problem.equations = [equation.laid_out(problem.unknowns, at) for equation in self.equations]
-        return problem, at, places
+        return problem, at, indices
 
-    def believing(self, belief: PriorDistribution) -> MapProblem:
-        """The same after an earlier run."""
+    def with_prior(self, run_prior: PriorDistribution) -> MapProblem:
+        """Return a copy with the prior from a prior run."""
         problem = copy(self)
-        problem.unknowns = self.unknowns.believing(belief)
+        problem.unknowns = self.unknowns.with_prior(run_prior)
         return problem
 
     def at_residual_noise(self, x: FloatArray, covariance: FloatArray | None = None) -> MapProblem:
-        """The same at the noise that residuals show; see `Equation.at_residual_noise`."""
+        """Return a copy at the noise that residuals show; see `Equation.at_residual_noise`."""
         problem = copy(self)
         problem.equations = [equation.at_residual_noise(x, covariance) for equation in self.equations]
         return problem
 
     def prepare(self, x: FloatArray) -> None:
-        """Noise levels of a round."""
+        """Set the noise levels of a round."""
         for equation in self.equations:
             equation.prepare(x)
 
     def renew_noise(self, x: FloatArray) -> None:
-        """Raise the noise of what does not fit."""
+        """Raise the noise levels of trials with large residuals."""
         for equation in self.equations:
             equation.renew_noise(x)
 
     def held_scale(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residual that holds the scale of all masses where joint torques or else the model have it; its derivative."""
+        """Return a residual that fixes the torque gain, or without torques the total mass, and its derivative."""
         if any("torque_gain_common" in equation.open for equation in self.equations):
             gain = self.unknowns["torque_gain_common"]
-            tight = self.unknowns.scale[gain] / _SCALE_AT_FIRST
+            tight = self.unknowns.scale[gain] / _FIRST_SCALE_STD
             return x[gain] * tight, np.eye(self.unknowns.size)[gain] * tight[:, None]
         total, derivative = total_mass(self.unknowns, x)
-        noise = _SCALE_AT_FIRST * self.unknowns.robot.mass
-        return np.array([total / noise - 1 / _SCALE_AT_FIRST]), derivative[None] / noise
+        noise = _FIRST_SCALE_STD * self.unknowns.robot.mass
+        return np.array([total / noise - 1 / _FIRST_SCALE_STD]), derivative[None] / noise
 
     def motion_equations(self, x: FloatArray) -> NormalEquations:
-        """Of all equations, without priors."""
+        """Return the normal equations of all equations, without priors."""
         size = self.unknowns.size
         information, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
         for equation in self.equations:
@@ -274,21 +272,21 @@ class MapProblem:
         return NormalEquations(information, gradient, cost)
 
     def normal_equations(self, x: FloatArray, scale_held: bool = False) -> NormalEquations:
-        """Of all equations and priors; a scale or an earlier run holds the scale of all masses better than the model."""
+        """Return the normal equations of all equations and priors; `scale_held` has no effect with a scale or prior run."""
         equations = self.motion_equations(x) + NormalEquations.of(*prior_rows(self.unknowns, x, self.mass))
-        held = scale_held and self.mass is None and self.unknowns.belief is None
+        held = scale_held and self.mass is None and self.unknowns.run_prior is None
         return equations + NormalEquations.of(*self.held_scale(x)) if held else equations
 
     def posterior(self, x: FloatArray, converged: bool) -> Posterior:
-        """The estimate at x, with its covariance."""
+        """Return the posterior at its mode x."""
         by_motion: dict[int, FloatArray] = {}
         gradients: dict[int, FloatArray] = {}
         by_equation: dict[type[Equation[Any]], FloatArray] = {}
         for equation in self.equations:
-            for motion, own, pull in equation.by_motion(x):
-                by_equation[type(equation)] = by_equation.get(type(equation), 0.0) + own
-                by_motion[motion] = by_motion.get(motion, 0.0) + own
-                gradients[motion] = gradients.get(motion, 0.0) + pull
+            for motion, information, gradient in equation.by_motion(x):
+                by_equation[type(equation)] = by_equation.get(type(equation), 0.0) + information
+                by_motion[motion] = by_motion.get(motion, 0.0) + information
+                gradients[motion] = gradients.get(motion, 0.0) + gradient
         _, prior = prior_rows(self.unknowns, x, self.mass)
         covariance = np.asarray(np.linalg.inv(prior.T @ prior + sum(by_motion.values())), dtype=float)
         normalized_residuals = {type(equation): equation.normalized_residuals(x) for equation in self.equations}
@@ -296,7 +294,7 @@ class MapProblem:
 
 
 def body_jacobian(unknowns: Unknowns, x: FloatArray, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
-    """(10, size) derivative of a body's parameters, in the order of COMPONENTS.
+    """Return the (10, size) derivative of a body's parameters, in the order of COMPONENTS.
 
     Args:
         body: one of `unknowns.robot_body`, `base_body` and `stance_effective_body`.
@@ -311,20 +309,20 @@ def body_jacobian(unknowns: Unknowns, x: FloatArray, body: Callable[[FloatArray]
 
 
 def prior_rows(unknowns: Unknowns, x: FloatArray, mass: tuple[float, float] | None) -> tuple[FloatArray, FloatArray]:
-    """Residuals of the priors and of the scale, and their derivative."""
+    """Return the residuals of the priors and of the scale, and their derivative."""
     residual, jacobian = body_prior_rows(unknowns, x, mass)
     rows = unknowns.tabled
     tabled, columns = x[rows], np.eye(unknowns.size)[rows]
-    if unknowns.belief is not None:
-        whitening = unknowns.belief.whitening
-        tabled, columns = whitening @ (tabled - unknowns.belief.mean), whitening @ columns
+    if unknowns.run_prior is not None:
+        whitening = unknowns.run_prior.whitening
+        tabled, columns = whitening @ (tabled - unknowns.run_prior.mean), whitening @ columns
     return np.concatenate([residual, tabled]), np.concatenate([jacobian, columns])
 
 
 def body_prior_rows(
     unknowns: Unknowns, x: FloatArray, mass: tuple[float, float] | None
 ) -> tuple[FloatArray, FloatArray]:
-    """The same, of the base and of the robot's mass alone."""
+    """Return the prior residuals of the base and of the robot's mass, and their derivative."""
     priors, stance, robot = unknowns.priors, unknowns.stance, unknowns.robot
     model = unknowns.model_base_vector
     inertial, jacobian = unknowns.inertial(x), unknowns.inertial_jacobian(x)
@@ -333,8 +331,7 @@ def body_prior_rows(
     std = np.concatenate([np.full(3, moment), np.full(6, tensor)])
     rows = [(inertial[1:10] - model[1:]) / std]
     columns = [jacobian[1:10] / std[:, None]]
-    # The three root lengths of the base: without this nothing holds them when a body shrinks to a plate that cannot exist,
-    # and a few motions send them there.
+    # The three root lengths of the base. Without a prior, few motions can shrink the body to a degenerate plate.
     lengths = slice(1, 4)
     rows.append((x[lengths] - unknowns.start()[lengths]) / _ROOT_LENGTHS)
     columns.append(np.eye(unknowns.size)[lengths] / _ROOT_LENGTHS)
@@ -349,18 +346,18 @@ def body_prior_rows(
 
 
 def _scale_reading(unknowns: Unknowns, x: FloatArray, total: float, derivative: FloatArray) -> tuple[float, FloatArray]:
-    """What a scale reads of a mass, and the derivative of that: the mass itself, unless its gain is unknown."""
+    """Return the reading of a scale with its gain, if that is estimated, and the derivative of the reading."""
     if not unknowns.has("scale_gain"):
         return total, derivative
     gain = unknowns["scale_gain"]
     factor = 1 + float(unknowns.value(x, "scale_gain")[0])
-    read = factor * derivative
-    read[gain] += total * unknowns.scale[gain]
-    return factor * total, read
+    of_reading = factor * derivative
+    of_reading[gain] += total * unknowns.scale[gain]
+    return factor * total, of_reading
 
 
 def total_mass(unknowns: Unknowns, x: FloatArray) -> tuple[float, FloatArray]:
-    """The robot's mass [kg], and its (size,) derivative."""
+    """Return the robot's mass [kg] and its (size,) derivative."""
     of_links = LegChains(unknowns.robot).mass.ravel()
     masses = np.concatenate([np.eye(10)[0], of_links, np.zeros(3 * len(of_links))])
     return float(masses @ unknowns.inertial(x)), masses @ unknowns.inertial_jacobian(x)

@@ -1,4 +1,4 @@
-"""The Bayesian method's reading of trials while they come: the posterior of those so far."""
+"""Intermediate estimates of the Bayesian method: the posterior after each trial."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from equipoise.conventions import FloatArray
 from equipoise.estimator.equations.equation import MotionSamples
 from equipoise.estimator.measurements.support_planes import centre_shift
 from equipoise.estimator.motions import read_motions
-from equipoise.estimator.prior_runs.changes import estimate_after
+from equipoise.estimator.prior_runs.changes import estimate_with_prior_run
 from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.estimator.problem import estimate_posterior
 from equipoise.estimator.unknowns import Priors
@@ -24,12 +24,12 @@ from equipoise.robot.stance import Stance
 
 
 def planes_through_com(robot: RobotModel, com: FloatArray, motions: Sequence[MotionSamples]) -> list[LiftPlane]:
-    """Where each lift puts the CoM, with everything else by the model.
+    """Return the plane in which each lift places the CoM, with everything else from the model.
 
     Args:
-        robot: model that everything else is taken from.
+        robot: model of everything else.
         com: (3,) CoM of that model at the nominal stance, in the base frame [m].
-        motions: readings of the trials.
+        motions: samples of the trials.
     """
     lifts = [(motion.index, motion.lift) for motion in motions if motion.lift]
     shifts = [(index, lift.pair, centre_shift(robot, lift)) for index, lift in lifts]
@@ -39,8 +39,8 @@ def planes_through_com(robot: RobotModel, com: FloatArray, motions: Sequence[Mot
     ]
 
 
-class PreciseReading:
-    """See `equipoise.method.reading.Reading`."""
+class BayesianReading:
+    """Implementation of `equipoise.method.reading.Reading`."""
 
     def __init__(
         self,
@@ -49,25 +49,25 @@ class PreciseReading:
         recordings: Sequence[Recording],
         priors: Priors,
         scale: tuple[float, float] | None,
-        known: PriorRun | None = None,
+        prior_run: PriorRun | None = None,
     ) -> None:
-        self._known = known
+        self._prior_run = prior_run
         self._robot, self._stance, self._priors, self._scale = robot, stance, priors, scale
         self._motions = read_motions(robot, stance, recordings)
 
     def planes(self) -> list[LiftPlane]:
-        """See `planes_through_com`."""
+        """Return the `planes_through_com` of all lifts."""
         com = composite_parameters(self._robot, self._stance.joint_position).com
         return planes_through_com(self._robot, com, self._motions)
 
     def estimate(self, trials: int) -> ComEstimate:
-        """The posterior of the first trials."""
+        """Estimate the CoM from the first trials."""
         motions = self._motions[:trials]
-        told = (self._robot, self._stance, motions, self._priors, self._scale)
+        arguments = (self._robot, self._stance, motions, self._priors, self._scale)
         lifts = any(motion.lift for motion in motions)
-        if self._known is None:
-            posterior = estimate_posterior(*told, lifts_needed=lifts)
+        if self._prior_run is None:
+            posterior = estimate_posterior(*arguments, lifts_needed=lifts)
         else:
-            posterior, _ = estimate_after(*told, self._known, lifts_needed=lifts)
+            posterior, _ = estimate_with_prior_run(*arguments, self._prior_run, lifts_needed=lifts)
         covariance = posterior.robot_covariance[1:4, 1:4]
         return ComEstimate(trials, posterior.robot_body.com, NORMAL_95 * np.sqrt(np.diag(covariance)), covariance)

@@ -1,6 +1,6 @@
-"""Least squares in rounds: noise levels of trials that fit worse than their sensors explain are raised, outliers left out.
+"""Iteratively reweighted least squares: noise levels of trials with large residuals are raised, outliers are left out.
 
-Each round takes Gauss-Newton steps, damped where a whole one does not lower the cost (Marquardt 1963).
+Each round takes Gauss-Newton steps, damped where a full step does not lower the cost (Marquardt 1963).
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ _LEAST_DAMPING, _MOST_DAMPING = 1e-5, 1e6  # below it a step is not damped, abov
 _STIFFEN, _EASE = 10.0, 5.0  # factors of the damping after a step that failed, and after one that gained as predicted
 _AS_PREDICTED = 0.5  # share of the predicted gain
 _ROUNDING = 1e-9  # of the cost
-# Largest part of a step, in posterior standard deviations of the unknown: with one so small a round is done, whose noise
-# levels hang on the unknowns little; with one so small the estimate is; and a larger last one is none.
+# Largest component of a step, in posterior standard deviations: limits that end a round (its noise levels depend little on
+# the parameters), that end the estimate, and above which the last step means no convergence.
 _NEAR, _CONVERGED, _SETTLED = 0.3, 1e-2, 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Squared residuals and their derivatives, to first order of the residuals.
+    """Sum of squared residuals with its gradient and Gauss-Newton information.
 
     Attributes:
         information: (size, size) J^T J of the residuals' derivative J.
         gradient: (size,) J^T r of the residuals r.
-        cost: squared residuals.
+        cost: sum of squared residuals.
     """
 
     information: FloatArray
@@ -41,7 +41,7 @@ class NormalEquations:
 
     @classmethod
     def of(cls, residual: FloatArray, jacobian: FloatArray) -> NormalEquations:
-        """Of residuals and their derivative."""
+        """Return the normal equations of residuals and their derivative."""
         return cls(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual))
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
@@ -50,7 +50,7 @@ class NormalEquations:
         )
 
     def damped_step(self, damping: float) -> tuple[FloatArray, float]:
-        """Return the Levenberg-Marquardt step, and by how much it is predicted to lower the cost.
+        """Return the Levenberg-Marquardt step and the reduction of the cost that it predicts.
 
         Args:
             damping: multiple of the information's diagonal that is added to it; zero gives the Gauss-Newton step.
@@ -60,40 +60,40 @@ class NormalEquations:
         return step, float(-step @ (2 * self.gradient + self.information @ step))
 
     def largest_step(self) -> float:
-        """Return the largest part of the Gauss-Newton step, in standard deviations of the unknown that it changes."""
+        """Return the largest component of the Gauss-Newton step, in posterior standard deviations."""
         step, _ = self.damped_step(0.0)
         return float(np.abs(step / np.sqrt(np.diag(np.linalg.inv(self.information)))).max())
 
 
 class Problem(Protocol):
-    """Squared residuals of a vector of unknowns."""
+    """Least-squares problem in a parameter vector x."""
 
     def prepare(self, x: FloatArray) -> None:
-        """Noise levels of a round."""
+        """Set the noise levels of a round."""
         ...
 
     def renew_noise(self, x: FloatArray) -> None:
-        """Raise the noise of what does not fit."""
+        """Raise the noise levels of trials with large residuals."""
         ...
 
     def normal_equations(self, x: FloatArray, scale_held: bool = False) -> NormalEquations:
-        """Squared residuals and their derivatives.
+        """Return the normal equations at x.
 
         Args:
-            scale_held: whether the scale of all masses is held, as while noise levels are sought.
+            scale_held: True to fix the scale of all masses, as while noise levels are estimated.
         """
         ...
 
 
 def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray, bool]:
-    """The (size,) unknowns of least cost, and whether the last step was small; if not, something does not fit at all.
+    """Return the (size,) parameters of least cost, and True if the iteration converged.
 
     Args:
-        start: (size,) unknowns to start at.
+        start: (size,) parameters of the first step.
         rounds: number of times that noise levels are renewed.
 
     Raises:
-        RecordingError: what was recorded does not determine the unknowns.
+        RecordingError: the recordings do not determine the parameters.
     """
     x = start
     try:
@@ -109,15 +109,15 @@ def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray,
 
 
 def descend(problem: Problem, start: FloatArray) -> tuple[FloatArray, bool]:
-    """As `solve`, at the noise levels as they are.
+    """Return the result of `solve` at the present noise levels.
 
     Raises:
-        RecordingError: what was recorded does not determine the unknowns.
+        RecordingError: the recordings do not determine the parameters.
     """
     try:
         problem.prepare(start)
         x, left = start, np.inf
-        for _ in range(_PATIENCE):  # what is told little is found slowly
+        for _ in range(_PATIENCE):  # poorly determined parameters converge slowly
             x, left = _descend(problem, x, _CONVERGED)
             if left < _CONVERGED:
                 break
@@ -127,12 +127,12 @@ def descend(problem: Problem, start: FloatArray) -> tuple[FloatArray, bool]:
 
 
 def _descend(problem: Problem, x: FloatArray, near: float, scale_held: bool = False) -> tuple[FloatArray, float]:
-    """Take damped steps until a whole one is small or no step lowers the cost.
+    """Take damped steps until a full step is small or no step lowers the cost.
 
-    Whole Gauss-Newton steps overshoot where the base is nearly a rod, whose log-Cholesky parameters curve strongly.
+    Full Gauss-Newton steps overshoot where the base is nearly a rod, whose log-Cholesky parameters are strongly nonlinear.
 
     Returns:
-        (size,) unknowns, and the largest part of the last undamped step in standard deviations.
+        (size,) parameters, and the largest component of the last undamped step in standard deviations.
     """
     equations_at = partial(problem.normal_equations, scale_held=scale_held)
     here, damping, size = equations_at(x), 0.0, np.inf
@@ -153,7 +153,7 @@ def _lower(
     """Take one Levenberg-Marquardt step, damped until it lowers the cost.
 
     Returns:
-        (size,) unknowns, their equations and the damping of the next step; None if no step lowers the cost.
+        (size,) parameters, their equations and the damping of the next step; None if no step lowers the cost.
     """
     while damping < _MOST_DAMPING:
         step, predicted = here.damped_step(damping)

@@ -1,7 +1,4 @@
-"""A row of the table of unknowns: how many there are of it, its unit, the source of its prior, and what is said of it.
-
-The table itself is in unknowns.py.
-"""
+"""Row of the parameter table: count, unit, prior and its source, messages. The table is in unknowns.py."""
 
 from __future__ import annotations
 
@@ -20,11 +17,11 @@ ROW = "unknown"
 
 @dataclass(frozen=True)
 class Each:
-    """What there is one of an unknown of.
+    """Parts of a robot that have one parameter of a row each.
 
     Attributes:
-        name: name of it in words.
-        labels: names of all of them, for a robot.
+        name: name of such a part in prose.
+        labels: function that gives the names of all of them, for a robot.
     """
 
     name: str
@@ -33,11 +30,11 @@ class Each:
 
 @dataclass(frozen=True)
 class Measure:
-    """What the number that a prior is given as is a fraction of.
+    """Quantity that scales a prior to the size of a robot.
 
     Attributes:
-        name: name of it in words.
-        of: function that gives its size in the unknown's unit.
+        name: name in prose.
+        of: function that gives its value in the parameter's unit.
     """
 
     name: str
@@ -45,7 +42,7 @@ class Measure:
 
 
 def named(*labels: str) -> Each:
-    """As many as there are names, on any robot."""
+    """Return parts with the same names on any robot."""
     return Each(", ".join(labels), lambda robot: labels)
 
 
@@ -94,16 +91,16 @@ PER_A1_STIFFNESS = Measure(
 A1_TORQUE = Measure("m g h over an A1's", lambda robot, stance: stance.scale.torque)
 
 
-MORE_TIME, A_SCALE = "more robot time (--duration)", "a scale (--mass)"
+MORE_TIME, USE_SCALE = "more robot time (--duration)", "a scale (--mass)"
 
 
 @dataclass(frozen=True)
 class Group:
-    """Rows that people think of as one source of uncertainty.
+    """Source of uncertainty in the budget, with one or more rows.
 
     Attributes:
-        name: name of it in words.
-        remedy: what lowers its share.
+        name: name in prose.
+        remedy: measure that lowers its share.
     """
 
     name: str
@@ -112,42 +109,41 @@ class Group:
 
 LEG_MASSES = Group("masses and CoMs of the legs", "--leg-prior narrow, where the model file's legs were weighed")
 LEG_LENGTHS = Group("lengths of the legs, hips, foot radii", "--leg-prior narrow, where they were measured")
-JOINTS = Group("joint offsets, springs and play", f"{MORE_TIME}; a jig for the zeros (--priors)")
+JOINTS = Group("joint offsets, compliance and backlash", f"{MORE_TIME}; a jig for the joint offsets (--priors)")
 IMU = Group("IMU: mounting, gains, biases, clock", MORE_TIME)
-CABLE = Group("a cable's pull", "--cable none, where there is none; --rotate-halfway")
+CABLE = Group("external force of a cable", "--cable none, where there is none; --rotate-halfway")
 FLOOR = Group("feet and floor", "a hard, level floor; --rotate-halfway")
-MOTORS = Group("torque constants, friction, rotors", A_SCALE)
+MOTORS = Group("torque constants, friction, rotors", USE_SCALE)
 SCALE = Group("gain of the scale", "a better scale (--mass-std)")
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A row of the table.
+    """Row of the parameter table.
 
     Attributes:
         meaning: noun phrase, with sign and frame.
         unit: SI unit; empty for a fraction.
-        each: parts of the robot that have one each, as its joints.
+        each: parts of the robot that have one parameter each, such as its joints.
         source: source of the prior.
-        group: source of uncertainty that it is counted with.
+        group: source of uncertainty in the budget.
         name: name in code, in settings and as a key.
         measure: quantity that the prior's number is a fraction of.
-        label: name of one of them in prose, with {each}.
-        finding: name of one of them among the findings, in reports and JSON, with {each}; empty: not reported.
-        advice: sentence about one of them, with {each}, {value}, {std} and {size}, the value without its sign, in the
-            unit shown.
-        advice_below: the same where the value is not above zero; empty: no difference.
-        shown: number of the unit shown that are one in the unit.
+        label: name of one parameter in prose, with {each}.
+        finding: name of one parameter in findings, reports and JSON, with {each}; empty: not reported.
+        advice: message about one parameter, with {each}, {value}, {std} and {size}, the absolute value, in the displayed
+            unit.
+        advice_below: message if the value is zero or below; empty: `advice`.
+        shown: number of displayed units in one SI unit.
         significant: least value that is worth fixing.
-        drift: change of it between two runs of a robot that nobody took apart, over its prior; None: nothing is kept.
-        switched: change of it beside that where the robot was switched off in between, over its prior.
-        judged: whether a value far from zero speaks against a result.
-        nonnegative: whether a value below zero is physically impossible.
-        usual: standard deviation of the prior where nobody said another, as a multiple of its measure.
-        otherwise: the same of a robot of which the model's number is not at all, taken where a run contradicts the usual
-            prior; zero: there is none.
-        cause: sentence on a robot that the model's value does not fit, in words of a workshop.
-        opened_by: flag that makes the row unknown where it is held; a file of priors can always.
+        drift: std of the change between two runs without disassembly, over the prior; None: nothing is kept.
+        switched: std of the additional change when the robot is switched off in between, over the prior.
+        checked: True if the check "sensor errors" tests the value.
+        nonnegative: True if a value below zero is physically impossible.
+        usual: default standard deviation of the prior, as a multiple of its measure.
+        wide: standard deviation, as a multiple of its measure, if a run contradicts the usual prior; zero: none.
+        cause: clause on the robot whose value is not the model's, in plain words.
+        opened_by: flag that estimates the row where it is fixed; a file of priors always can.
     """
 
     meaning: str
@@ -165,18 +161,18 @@ class Unknown:
     significant: float = math.inf
     drift: float | None = 0.0
     switched: float = 0.0
-    judged: bool = True
+    checked: bool = True
     nonnegative: bool = False
     usual: float = 0.0
-    otherwise: float = 0.0
+    wide: float = 0.0
     cause: str = ""
     opened_by: str = ""
 
     def message(self, each: str, value: float, std: float) -> str:
-        """What is to be said of one of them.
+        """Return the message about one parameter.
 
         Args:
-            each: label of the unknown.
+            each: label of the parameter.
             value: value in the row's unit.
             std: posterior standard deviation of the value.
         """
@@ -186,7 +182,7 @@ class Unknown:
 
 
 def unknown(prior: float, meaning: str, unit: str, each: Each, source: str, group: Group, **more: Any) -> float:
-    """A row of the table as a field of `Priors`; the arguments are those of `Unknown`.
+    """Return a row of the table as a field of `Priors`; the arguments are those of `Unknown`.
 
     Args:
         prior: standard deviation, as a multiple of the row's measure.

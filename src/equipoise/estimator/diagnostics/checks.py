@@ -1,4 +1,4 @@
-"""What a result says about itself: questions whose answer can be no."""
+"""Checks of an estimate, and their messages."""
 
 from __future__ import annotations
 
@@ -25,80 +25,80 @@ from equipoise.result.shown import called
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, composite_parameters
 
-# Residual over what the sensors' noise explains: fault-free runs have medians of 0.4 to 1.4, and single motions up to 2.
-_LARGE_MISFIT, _LARGE_MEDIAN = 3.0, 2.0
+# Normalized residuals: fault-free runs have medians of 0.4 to 1.4, and single motions up to 2.
+_LARGE_RESIDUAL, _LARGE_MEDIAN = 3.0, 2.0
 _OUTLIERS = 0.25  # of all lifts or moves: one of four is too many
 _FEWEST_LIFTS = 4
 # Standard deviations. The largest of ten parameters times some forty motions is 2 to 4 by chance.
 _OUTLYING_SHIFT, _STEADY = 5.0, 5.0
-# Chance that any row that is held is called wrong in a run where none is: 2.9 normal deviates if three are tested, 3.6 if
-# thirty are. Clean development runs came to 1.9 and to 2.5 (perfect sensors: contacts that give).
-_UNLIKELY = 5e-3
-# Chance that predictions as good as their intervals say are called worse: lifts in one posture count as one.
-_UNPREDICTED = 1e-2
-_CAUSES = 3  # what is wrong of one thing pulls at what is alike
+# False-alarm probability over all fixed parameters: the limit is 2.9 normal deviates if three are tested, 3.6 if thirty are.
+# Clean development runs came to 1.9 and to 2.5 (perfect sensors: compliant contacts).
+_SCORE_FALSE_ALARM = 5e-3
+_HELD_OUT_FALSE_ALARM = 1e-2  # lifts in one posture count as one
+_CAUSES = 3  # one wrong fixed parameter raises the scores of similar ones
 _FEWEST_SIDE = 3  # motions before and after a change: one or two that differ are outliers
-_CHANGE = 0.1  # of what is not known of the base beforehand: what moves on a robot is no new robot
-_SMALL_SHIFT = 0.1  # of a posterior standard deviation: first order is not surer than that, and nobody minds less
-_IMPLAUSIBLE = 4.0  # prior standard deviations: some sixty sensor errors are looked at
-_TOLD = 0.05  # variance that a run took away at least; in units of the prior
-_TORQUE_MISFIT = 1.4  # of the torque balance: 1.0 to 1.1 in fault-free runs
+_CHANGE = 0.1  # prior of a change, over that of the base: a payload that moves does not replace the robot
+_SMALL_SHIFT = 0.1  # of a posterior standard deviation: smaller shifts are below the accuracy of first order
+_IMPLAUSIBLE = 4.0  # prior standard deviations: some sixty sensor errors are tested
+_INFORMATIVE = 0.05  # least variance that a run removes, in units of the prior
+_TORQUE_RESIDUAL = 1.4  # of the torque balance: 1.0 to 1.1 in fault-free runs
 _LEGS_DIFFER = 4.0
-# [m] on an A1, planar and height: the geometric reading knows no sensor biases; 1.4 and 4 mm rms in fault-free runs.
+# [m] on an A1, planar and height: the geometric CoM is not corrected for sensor biases; 1.4 and 4 mm rms in fault-free runs.
 _PLANES_AGREE = (7e-3, 25e-3)
-_NOT_THERE = 2.5  # standard deviations that an excitation has the IMU elsewhere by
-_HELD_BACK = 3.0  # standard deviations: one clean run in 700 is called held
+_IMU_DIFFERS = 2.5  # standard deviations
+_HELD_BACK = 3.0  # standard deviations: a false alarm in one clean run of 700
 _IMPOSSIBLE = 3.0  # standard deviations below zero: clean runs come to 1.1, feet with edges and liquids to 3.7
-# What an estimate without a word for it takes for something else.
+# Causes that no equation models.
 _OUTSIDE = "a safety sling, hose or cable carries load"
 _SHAPES = f"feet are wide or worn flat, a load swings or flows, or {_OUTSIDE}"
+_REPEAT = "Remove the cause and calibrate again"
 HELD_OUT_CHECK = "held-out prediction"
-_SAYS_NOTHING = 0.02  # [m] on an A1: an excitation about one axis does not tell the place along it
+_UNDETERMINED = 0.02  # [m] on an A1: an excitation about one axis does not determine the position along it
 
 
-def judge(
+def run_checks(
     posterior: Posterior,
     predicted: HeldOut | None = None,
     masses: MassComparison | None = None,
 ) -> list[Check]:
-    """All checks, in the order in which a user should read them: causes before what they cause.
+    """Return all checks, causes before their effects.
 
     Args:
-        predicted: the lifts, each predicted by an estimate without it; None: they were not predicted.
+        predicted: held-out predictions of the lifts; None: there are none.
         masses: given mass and mass that the joint torques carry; None: there is nothing to compare.
     """
     return [
-        _enough(posterior),
-        _feet_stay(posterior),
-        _lifts_fit(posterior),
-        _torques_carry_the_mass(posterior, masses),
-        _converged(posterior),
-        _held_fits(posterior),
-        _file_is_of_this_robot(posterior),
-        _imu_is_there(posterior),
-        _halves_agree(posterior),
-        _no_motion_outweighs(posterior),
-        *([] if predicted is None else [_predicts(predicted)]),
-        _sensors_plausible(posterior),
-        _physically_possible(posterior),
-        _nothing_holds_it(posterior),
-        _left_and_right_agree(posterior),
-        _planes_agree(posterior),
+        _sufficient_data(posterior),
+        _stance_motion_residuals(posterior),
+        _lift_residuals(posterior),
+        _torque_mass(posterior, masses),
+        _convergence(posterior),
+        _fixed_parameters(posterior),
+        _model_file(posterior),
+        _imu_position(posterior),
+        _split_half(posterior),
+        _leave_one_out(posterior),
+        *([] if predicted is None else [_held_out_prediction(predicted)]),
+        _sensor_errors(posterior),
+        _physical_parameters(posterior),
+        _tether(posterior),
+        _left_and_right(posterior),
+        _support_planes(posterior),
     ]
 
 
 def shift_without(posterior: Posterior, motions: Collection[int]) -> tuple[FloatArray, FloatArray]:
-    """How the whole robot's parameters move if motions are left out, to first order.
+    """Return the change of the whole robot's parameters if motions are left out, to first order.
 
     Returns:
-        (10,) shifts in the order of COMPONENTS, and (10,) in standard deviations that such a shift has by chance.
+        (10,) shifts in the order of COMPONENTS, and (10,) the same over their standard deviations.
     """
     shifts, stds = _shifts_without(posterior, [motions])
     return shifts[0], stds[0]
 
 
 def _shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> tuple[FloatArray, FloatArray]:
-    """(n, 10) `shift_without` each of n groups of motions."""
+    """Return the (n, 10) `shift_without` each of n groups of motions."""
     to_body = body_jacobian(posterior.unknowns, posterior.x, posterior.unknowns.robot_body)
     floor = _SMALL_SHIFT**2 * np.diag(posterior.robot_covariance)
     shifts: list[FloatArray] = []
@@ -113,266 +113,255 @@ def _shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> 
 
 
 def half_difference(posterior: Posterior) -> FloatArray:
-    """Return the (size,) unknowns by the first half of the motions less those by the second half, to first order."""
+    """Return the (size,) estimate from the first half of the motions less that from the second half, to first order."""
     motions = sorted(posterior.information)
     middle = len(motions) // 2
     first, second = (posterior.without(half)[0] for half in (motions[middle:], motions[:middle]))
     return first - second
 
 
-def _enough(posterior: Posterior) -> Check:
+def _sufficient_data(posterior: Posterior) -> Check:
     motions, on_two_feet = posterior.motions, posterior.residuals_of(TiltEquation)
-    steps = sum(
-        normalized_residual.used
-        for normalized_residual in on_two_feet
-        if motions[normalized_residual.motion].lift is None
-    )
-    used = sum(normalized_residual.used for normalized_residual in on_two_feet)
-    moves = sum(normalized_residual.used for normalized_residual in posterior.residuals_of(StanceMotions))
+    steps = sum(one.used for one in on_two_feet if motions[one.motion].lift is None)
+    used = sum(one.used for one in on_two_feet)
+    moves = sum(one.used for one in posterior.residuals_of(StanceMotions))
     left_out = [motion for motion in motions if motion.left_out]
     reasons = sorted({str(motion.left_out) for motion in left_out})
-    told = [f"{used - steps} lifts", *([f"{steps} steps of a walk"] if steps else [])]
-    message = f"{', '.join(told)} and {moves} stance motions are used"
+    counts = [f"{used - steps} lifts", *([f"{steps} steps of a walk"] if steps else [])]
+    message = f"{', '.join(counts)} and {moves} stance motions are used"
     if left_out:
         message += f"; {len(left_out)} motions could not be read: {'; '.join(reasons)}"
     lifts = used - steps
     tried = lifts + sum(isinstance(motion.trial, LiftTrial) for motion in left_out)
-    return Check("sufficient data", used >= _FEWEST_LIFTS and lifts >= 0.7 * tried, message)
+    passed = used >= _FEWEST_LIFTS and lifts >= 0.7 * tried
+    if not passed:
+        message += f". At least {_FEWEST_LIFTS} lifts or steps, and 70 % of all lifts, must be usable: repeat the run"
+    return Check("sufficient data", passed, message)
 
 
-def _lifts_fit(posterior: Posterior) -> Check:
+def _lift_residuals(posterior: Posterior) -> Check:
     lifts, motions = posterior.residuals_of(TiltEquation), posterior.motions
     if not lifts:
-        return Check("lift residuals", False, "there is no lift of two feet: what is found is what joint torques say")
+        return Check(
+            "lift residuals", False, "there is no lift: the estimate uses joint torques alone. Record lift trials"
+        )
     walked = all(motions[one.motion].lift is None for one in lifts)
-    message = _residual_summary(motions, lifts, "step" if walked else "lift")
+    message = _residual_summary(motions, lifts, "steps" if walked else "lifts")
     passed = _fit(lifts)
     if not passed:
-        message += f". Feet slip, {_OUTSIDE}, a load shifts, samples are missing, or the model or a sensor is wrong"
+        message += (
+            f". Feet slip, {_OUTSIDE}, a load shifts, samples are missing, or the model or a sensor is wrong. {_REPEAT}"
+        )
     return Check("lift residuals", passed, message)
 
 
-def _feet_stay(posterior: Posterior) -> Check:
-    moves, motions = posterior.residuals_of(StanceMotions), posterior.motions
+def _stance_motion_residuals(posterior: Posterior) -> Check:
+    name, moves, motions = "stance motion residuals", posterior.residuals_of(StanceMotions), posterior.motions
     if not moves:
         if any(motion.of(StepSamples) for motion in motions) and not any(motion.lift for motion in motions):
             return Check(
-                "stance motion residuals", True, "it walks: intervals are as wide as joint offsets are unknown"
+                name, True, "the run is a walk: it does not determine joint offsets, which widens the intervals"
             )
         return Check(
-            "stance motion residuals",
+            name,
             False,
-            "there is no move over planted feet: joint offsets cannot be told from the CoM",
+            "there is no stance motion to separate joint offsets from the CoM: record some, with all feet fixed",
         )
-    message = _residual_summary(motions, moves, "move")
+    message = _residual_summary(motions, moves, "stance motions")
     passed = _fit(moves)
     if not passed:
         message += (
-            ". The feet do not keep their places: they slip, the legs are not the model's (lengths, foot frames), a joint's "
-            f"encoder is wrong, or {_OUTSIDE}"
+            ". The feet do not stay in place: they slip, the legs differ from the model (lengths, foot frames), an encoder is "
+            f"wrong, or {_OUTSIDE}. {_REPEAT}"
         )
-    return Check("stance motion residuals", passed, message)
+    return Check(name, passed, message)
 
 
-def _fit(normalized_residuals: tuple[MotionResidual, ...]) -> bool:
-    residuals = np.array([normalized_residual.normalized_residual for normalized_residual in normalized_residuals])
-    return bool(np.mean(residuals > _LARGE_MISFIT) < _OUTLIERS and np.median(residuals) < _LARGE_MEDIAN)
+def _fit(residuals: tuple[MotionResidual, ...]) -> bool:
+    sizes = np.array([one.normalized_residual for one in residuals])
+    return bool(np.mean(sizes > _LARGE_RESIDUAL) < _OUTLIERS and np.median(sizes) < _LARGE_MEDIAN)
 
 
-def _converged(posterior: Posterior) -> Check:
-    message = "the estimate settled"
+def _convergence(posterior: Posterior) -> Check:
+    message = "the estimate converged"
     if not posterior.converged:
         message = (
-            "the estimate did not converge: something does not fit at all, and intervals and shifts mean nothing. Feet slip, "
-            f"{_OUTSIDE}, or the model file is another robot's"
+            f"the estimate did not converge: do not use its values or intervals. Feet slip, {_OUTSIDE}, or the model file is "
+            f"of another robot. {_REPEAT}"
         )
     return Check("convergence", posterior.converged, message)
 
 
-def _residual_summary(
-    motions: Sequence[MotionSamples], normalized_residuals: tuple[MotionResidual, ...], kind: str
-) -> str:
-    residuals = np.array([normalized_residual.normalized_residual for normalized_residual in normalized_residuals])
-    worst = normalized_residuals[int(np.argmax(residuals))]
+def _residual_summary(motions: Sequence[MotionSamples], residuals: tuple[MotionResidual, ...], kind: str) -> str:
+    sizes = np.array([one.normalized_residual for one in residuals])
+    worst = residuals[int(np.argmax(sizes))]
     trial = motions[worst.motion].trial
     words = trial.diagonal if isinstance(trial, LiftTrial) else ""
     if isinstance(trial, DesignedLift) and trial.meanwhile != "passive":
         words += f", {trial.meanwhile}"
     message = (
-        f"{kind}s fit with {np.median(residuals):.1f} times their noise (median); worst: motion {worst.motion}"
-        f"{f' ({words})' if words else ''} with {worst.normalized_residual:.1f}"
+        f"median normalized residual of {kind}: {np.median(sizes):.1f} (limit {_LARGE_MEDIAN:g}); worst: "
+        f"motion {worst.motion}{f' ({words})' if words else ''} with {worst.normalized_residual:.1f}"
     )
-    out = [
-        str(normalized_residual.motion) for normalized_residual in normalized_residuals if not normalized_residual.used
-    ]
+    out = [str(one.motion) for one in residuals if not one.used]
     return message + (f"; left out: {', '.join(out)}" if out else "")
 
 
-def _no_motion_outweighs(posterior: Posterior) -> Check:
+def _leave_one_out(posterior: Posterior) -> Check:
     motions = sorted(posterior.information)
-    _, sds = _shifts_without(posterior, [[motion] for motion in motions])
-    row, component = np.unravel_index(int(np.argmax(np.abs(sds))), sds.shape)
-    largest, culprit = float(abs(sds[row, component])), motions[int(row)]
-    trial = posterior.motions[culprit].trial
+    _, stds = _shifts_without(posterior, [[motion] for motion in motions])
+    row, component = np.unravel_index(int(np.argmax(np.abs(stds))), stds.shape)
+    largest, motion = float(abs(stds[row, component])), motions[int(row)]
+    trial = posterior.motions[motion].trial
     kind = "motion" if trial is None else trial.kind
-    passed, name = largest < _OUTLYING_SHIFT, called(COMPONENTS[component])
-    if passed:
-        message = (
-            f"no motion outweighs the others: without {kind} {culprit}, which counts most, {name} moves by {largest:.1f} of "
-            f"up to {_OUTLYING_SHIFT:g} standard deviations"
-        )
-    else:
-        message = f"without {kind} {culprit} {name} would move by {largest:.1f} times what chance explains"
+    passed = largest < _OUTLYING_SHIFT
+    message = (
+        f"{'largest effect of one motion: ' if passed else ''}without {kind} {motion}, {called(COMPONENTS[component])} "
+        f"changes by {largest:.1f} standard deviations (limit {_OUTLYING_SHIFT:g})"
+    )
+    if not passed:
+        message += ". Something disturbed this motion: repeat the run"
     return Check("leave-one-out", passed, message)
 
 
-def _predicts(predicted: HeldOut) -> Check:
-    """Whether what was found predicts lifts that it has not seen as well as its intervals say."""
+def _held_out_prediction(predicted: HeldOut) -> Check:
     sizes = NORMAL_95 * np.array([lift.intervals[FOUND] for lift in predicted.lifts])
     size = float(np.sqrt(np.mean(sizes**2)))
     limit = _rms_by_chance(predicted.folds)
     passed = size < limit
-    message = (
-        f"{predicted.message()}; errors are {size:.1f} times their standard deviation, {limit:.1f} by chance at most"
-    )
+    message = f"{predicted.message()}; rms error {size:.1f} standard deviations (limit {limit:.1f})"
     if passed and predicted.error(FOUND) > predicted.error(MODEL):
-        message += ". The model file predicts them as well: the run is too short to distinguish the robot from its file"
+        message += ". The model file predicts as well: increase --duration to distinguish the robot from its file"
     if not passed:
         message += (
-            ". One posture contradicts the others: the legs are not the model's (lengths, hips), something bends or swings, a "
-            f"foot slips, {_OUTSIDE}, or the floor is uneven"
+            ". One posture contradicts the others: the legs differ from the model (lengths, hips), a part bends or swings, a "
+            f"foot slips, {_OUTSIDE}, or the floor is uneven. {_REPEAT}"
         )
     return Check(HELD_OUT_CHECK, passed, message)
 
 
 def _rms_by_chance(count: int) -> float:
-    """Root mean square that so many normal deviates exceed with that chance (Wilson and Hilferty 1931)."""
+    """Return the rms that so many normal deviates exceed at the false-alarm probability (Wilson and Hilferty 1931)."""
     spread = 2 / (9 * count)
-    return (1 - spread + NormalDist().inv_cdf(1 - _UNPREDICTED) * spread**0.5) ** 1.5
+    return (1 - spread + NormalDist().inv_cdf(1 - _HELD_OUT_FALSE_ALARM) * spread**0.5) ** 1.5
 
 
-def _held_fits(posterior: Posterior) -> Check:
-    """Whether something that the estimate takes for the model's is not so."""
-    tests = [test for test in score_tests(posterior) if test.deviate > -np.inf]
+def _fixed_parameters(posterior: Posterior) -> Check:
+    name, tests = "fixed-parameter score test", [test for test in score_tests(posterior) if test.deviate > -np.inf]
     if not tests:
-        return Check("fixed-parameter score test", True, "nothing that the run could see is held at the model's value")
-    limit = NormalDist().inv_cdf(1 - _UNLIKELY / len(tests))
+        return Check(name, True, "the run is not sensitive to any fixed parameter")
+    limit = NormalDist().inv_cdf(1 - _SCORE_FALSE_ALARM / len(tests))
     far = [test for test in tests if test.deviate > limit]
     if not far:
         message = (
-            f"what is held fits; {tests[0].row.name} least, to {tests[0].deviate:.1f} of {limit:.1f} normal deviates"
+            f"fixed parameters fit; largest score: {tests[0].row.name}, {tests[0].deviate:.1f} (limit {limit:.1f})"
         )
-        return Check("fixed-parameter score test", True, message)
-    return Check("fixed-parameter score test", False, "; or ".join(_cause(posterior, test) for test in far[:_CAUSES]))
+        return Check(name, True, message)
+    return Check(name, False, "; or ".join(_cause(posterior, test, limit) for test in far[:_CAUSES]))
 
 
-def _cause(posterior: Posterior, test: ScoreTest) -> str:
+def _cause(posterior: Posterior, test: ScoreTest, limit: float) -> str:
     row, unknowns = test.row, posterior.unknowns
     index = int(np.argmax(np.abs(test.values)))
     most = f"{row.label.format(each=unknowns.labels(row)[index])} {test.values[index]:+.2g} {row.unit}".strip()
     opened = f"{row.opened_by} or " if row.opened_by else ""
     return (
-        f"{row.cause} ({test.deviate:.1f} normal deviates; {most}). It is held at the model's: make it unknown with "
-        f"{opened}{row.name} = {row.usual:g} in --priors"
+        f"{row.cause} (score {test.deviate:.1f}, limit {limit:.1f}; {most}). It is fixed at the model's value: estimate it "
+        f"with {opened}{row.name} = {row.usual:g} in --priors"
     )
 
 
-def _file_is_of_this_robot(posterior: Posterior) -> Check:
-    """What is wrong of one kind is found. What pulls at several may be something that nobody looks for, as feet that slip."""
-    rows = posterior.unknowns.priors.not_of_this_robot
+def _model_file(posterior: Posterior) -> Check:
+    """Test for conflicts with the file: one kind is estimated, several may come from effects that are not modelled."""
+    rows = posterior.unknowns.priors.widened
     if not rows:
-        return Check("model file", True, "nothing speaks against legs and IMU being where the file has them")
+        return Check("model file", True, "the run agrees with the leg geometry and IMU position of the file")
     message = "; ".join(row.cause for row in rows)
     if len(rows) > 1:
-        return Check("model file", False, f"{message}: it may be the file of another robot, or feet slip. Look at both")
-    return Check("model file", True, f"the estimate does not depend on the file where it is wrong: {message}")
+        return Check("model file", False, f"{message}: the file is of another robot, or feet slip. Check both")
+    return Check("model file", True, f"{message}; the estimate does not depend on this value of the file")
 
 
-def _imu_is_there(posterior: Posterior) -> Check:
-    """Whether the IMU, by an excitation over planted feet, sits where the estimate has it: no inertia goes into that."""
+def _imu_position(posterior: Posterior) -> Check:
+    """Test the estimated position of the IMU against an excitation, which does not depend on inertia."""
     name, by_excitation = "IMU position", ImuPositionCheck.of(posterior)
     if by_excitation is None:
-        return Check(name, True, "there is no excitation about all axes, to see where the IMU sits by")
-    passed = by_excitation.largest < _NOT_THERE
-    told = by_excitation.std < _SAYS_NOTHING * posterior.unknowns.stance.scale.length
+        return Check(name, True, "not tested: the run has no excitation about all axes")
+    passed = by_excitation.largest < _IMU_DIFFERS
+    determined = by_excitation.std < _UNDETERMINED * posterior.unknowns.stance.scale.length
 
     def shown(vector: FloatArray) -> str:
-        sizes = zip("xyz", 1000 * vector, told, strict=True)
-        return ", ".join(f"{axis} {size:+.1f}" for axis, size, tells in sizes if tells) or "nothing is told"
+        axes = [
+            f"{axis} {size:+.1f}" for axis, size, shows in zip("xyz", 1000 * vector, determined, strict=True) if shows
+        ]
+        return f"{', '.join(axes)} mm" if axes else "undetermined"
 
     difference = (
-        f"{shown(by_excitation.difference)} mm (base axes), at most {by_excitation.largest:.1f} standard deviations"
+        f"{shown(by_excitation.difference)} (base axes), at most {by_excitation.largest:.1f} standard deviations "
+        f"(limit {_IMU_DIFFERS:g})"
     )
     if passed:
         return Check(name, True, f"the excitation confirms the estimated position of the IMU; difference: {difference}")
     message = (
-        f"by the excitation the IMU is not at its estimated position; difference: {difference}. It is not where the "
-        f"model file has "
-        f"it, but {shown(by_excitation.position)} mm from there, or legs are as much longer or shorter. Moments of "
-        f"inertia depend "
-        "on it: measure it, and correct the file, or imu_position in the robot's description"
+        f"the excitation contradicts the estimated position of the IMU; difference: {difference}. The excitation places it "
+        f"{shown(by_excitation.position)} from the model's position; wrong leg lengths look the same. Inertia depends on it: "
+        "measure the position, and correct it in the model file or as imu_position in a robot configuration"
     )
     return Check(name, False, message)
 
 
-def _halves_agree(posterior: Posterior) -> Check:
-    """Whether the base is another body after some motion than before it, with the same sensors, legs and joints.
-
-    A score test at every motion: what the later motions pull at the base with, over what they would let it move by.
-    """
+def _split_half(posterior: Posterior) -> Check:
+    """Score test at every motion for a change of the base, with the same sensors, legs and joints."""
     unknowns, covariance = posterior.unknowns, posterior.covariance
     base, motions = unknowns["base"], sorted(posterior.information)
     to_body = body_jacobian(unknowns, posterior.x, unknowns.robot_body)[:, base]
     prior = prior_rows(unknowns, posterior.x, None)[1][:, base] / _CHANGE
     floor = _SMALL_SHIFT**2 * np.diag(posterior.robot_covariance)
-    later, pull = np.zeros((10, unknowns.size)), np.zeros(10)
+    later, score = np.zeros((10, unknowns.size)), np.zeros(10)
     largest, component, change, start = 0.0, 0, 0.0, 0
     for motion in reversed(motions[_FEWEST_SIDE:]):
         later += posterior.information[motion][base]
-        pull += posterior.gradient[motion][base]
+        score += posterior.gradient[motion][base]
         if motion > motions[-_FEWEST_SIDE]:
             continue
-        told = later[:, base] - later @ covariance @ later.T
-        gain = to_body @ np.linalg.inv(told + prior.T @ prior)
-        changes = -gain @ pull
-        sds = np.abs(changes) / np.sqrt(np.maximum(np.diag(gain @ told @ gain.T), floor))
-        index = int(np.argmax(sds))
-        if sds[index] > largest:
-            largest, component, change, start = float(sds[index]), index, float(changes[index]), motion
+        information = later[:, base] - later @ covariance @ later.T
+        gain = to_body @ np.linalg.inv(information + prior.T @ prior)
+        changes = -gain @ score
+        stds = np.abs(changes) / np.sqrt(np.maximum(np.diag(gain @ information @ gain.T), floor))
+        index = int(np.argmax(stds))
+        if stds[index] > largest:
+            largest, component, change, start = float(stds[index]), index, float(changes[index]), motion
     unit = "kg" if component == 0 else "m" if component < 4 else "kg m2"
-    name = called(COMPONENTS[component])
-    if largest < _STEADY:
-        message = (
-            f"the robot is the same throughout: its largest change, {name} by {change:+.4f} {unit} from motion {start} on, is "
-            f"{largest:.1f} of up to {_STEADY:g} standard deviations"
-        )
-        return Check("split-half consistency", True, message)
+    passed = largest < _STEADY
     message = (
-        f"from motion {start} on {name} seems to be {change:+.4f} {unit} other than before, {largest:.1f} times what chance "
-        f"explains: a payload or something else on the robot moved, its sensors drift, or {_OUTSIDE}"
+        f"{'largest change during the run: ' if passed else ''}from motion {start} on, {called(COMPONENTS[component])} "
+        f"differs by {change:+.4f} {unit}, {largest:.1f} standard deviations (limit {_STEADY:g})"
     )
-    return Check("split-half consistency", False, message)
+    if not passed:
+        message += (
+            f". A payload or part moved, sensors drift, or {_OUTSIDE}. Fasten parts, warm up the IMU, calibrate again"
+        )
+    return Check("split-half consistency", passed, message)
 
 
-def _sensors_plausible(posterior: Posterior) -> Check:
+def _sensor_errors(posterior: Posterior) -> Check:
     unknowns = posterior.unknowns
     far = [
         (abs(float(value)), row.label.format(each=label))
         for row in unknowns.rows
-        if row.judged
+        if row.checked
         for value, label in zip(posterior.x[unknowns[row.name]], unknowns.labels(row), strict=True)
     ]
     worst = sorted(far, reverse=True)
-    named = ", ".join(f"{name} ({size:.1f} sd)" for size, name in worst[:3])
+    named = ", ".join(f"{name} ({size:.1f})" for size, name in worst[:3])
     passed = worst[0][0] < _IMPLAUSIBLE
-    message = f"farthest from what was expected beforehand: {named}"
-    if passed:
-        return Check("sensor errors", True, f"all are below {_IMPLAUSIBLE:g} prior standard deviations; {message}")
-    message += f". So large an error is unlikely: that sensor is at fault, the model is not this robot's, or {_OUTSIDE}"
-    return Check("sensor errors", False, message)
+    message = f"largest errors, in prior standard deviations (limit {_IMPLAUSIBLE:g}): {named}"
+    if not passed:
+        message += f". A sensor is faulty, the model file is of another robot, or {_OUTSIDE}. {_REPEAT}"
+    return Check("sensor errors", passed, message)
 
 
-def _physically_possible(posterior: Posterior) -> Check:
+def _physical_parameters(posterior: Posterior) -> Check:
     """Test that compliance, backlash, rolling resistance and friction are not negative beyond their uncertainty."""
     lowest = sorted(
         (value / std, row.label.format(each=label))
@@ -386,69 +375,64 @@ def _physically_possible(posterior: Posterior) -> Check:
     negative = [words for words, (size, _) in zip(shown, lowest, strict=True) if size < -_IMPOSSIBLE]
     if not negative:
         return Check(
-            "physical parameters", True, f"none is negative by {_IMPOSSIBLE:g} standard deviations; lowest: {shown[0]}"
+            "physical parameters",
+            True,
+            f"no value is {_IMPOSSIBLE:g} standard deviations below zero; lowest: {shown[0]}",
         )
-    message = f"negative, which is impossible: {', '.join(negative)}. Possible causes: {_SHAPES}"
+    message = f"negative, which is impossible: {', '.join(negative)}. Possible causes: {_SHAPES}. {_REPEAT}"
     return Check("physical parameters", False, message)
 
 
-def _nothing_holds_it(posterior: Posterior) -> Check:
-    """Test that nothing holds the trunk back: where a tether is attached, and what else it does, is not known."""
+def _tether(posterior: Posterior) -> Check:
+    """Test that nothing holds the trunk back: the other effects of a tether are not modelled."""
     if not posterior.unknowns.estimates("tether_stiffness"):
-        return Check("tether", True, "no tether is allowed for")
+        return Check("tether", True, "no tether stiffness is estimated")
     ((_, stiffness, std),) = posterior.of_row(posterior.unknowns.priors.row("tether_stiffness"))
     if stiffness < _HELD_BACK * std:
-        limit = f"below {_HELD_BACK:g} standard deviations of its stiffness"
-        return Check("tether", True, f"nothing is seen to hold the trunk back: {stiffness:+.1f} N/m, {limit}")
+        limit = f"below {_HELD_BACK:g} standard deviations"
+        return Check("tether", True, f"no tether is detected: stiffness {stiffness:+.1f} N/m, {limit}")
     message = (
-        f"a hose or a tether holds the trunk back with {stiffness:.1f} N/m (standard deviation {std:.1f}): take it off, "
+        f"a hose or a tether holds the trunk back with {stiffness:.1f} N/m (standard deviation {std:.1f}): remove it, "
         "or let it hang slack"
     )
     return Check("tether", False, message)
 
 
-def _torques_carry_the_mass(posterior: Posterior, masses: MassComparison | None) -> Check:
-    """The joint torques must balance, with gains that do not all err to one side: that is how a wrong mass looks."""
-    balance = posterior.problem.equation(TorqueBalance)
+def _torque_mass(posterior: Posterior, masses: MassComparison | None) -> Check:
+    """Test that joint torques balance with gains that have no common error: a wrong mass causes one."""
+    name, balance = "torque-mass consistency", posterior.problem.equation(TorqueBalance)
     if balance is None:
-        return Check("torque-mass consistency", True, "no joint torques to compare a scale with")
-    unknowns, normalized_residual = posterior.unknowns, balance.normalized_residual
+        return Check(name, True, "not tested: the recordings contain no joint torques")
+    unknowns, residual = posterior.unknowns, balance.normalized_residual
+    balanced = f"normalized residual of the torque balance {residual:.1f} (limit {_TORQUE_RESIDUAL:g})"
     gains = unknowns["torque_gain"]
     if not unknowns.estimates("torque_gain"):
-        message = f"joint torques balance to {normalized_residual:.1f} times their noise; the motors' gains are held"
-        return Check("torque-mass consistency", normalized_residual < _TORQUE_MISFIT, message)
-    # The best estimate of an error that all gains have in common. An estimated gain is drawn to zero as far as the run does
-    # not tell it (most joints of a standing robot carry little), and by chance has the variance that the run took away.
-    mean, before = unknowns.believed("torque_gain")
-    told = float((before - posterior.covariance[gains, gains]).sum())
-    if unknowns.belief is not None:  # what half a minute adds may be less than rounding
-        told = max(told, _TOLD)
+        return Check(name, residual < _TORQUE_RESIDUAL, f"{balanced}; torque gains are fixed")
+    # The best estimate of a common error of all gains. An estimated gain shrinks to zero as far as the run does not determine
+    # it (most joints of a standing robot carry little), and its chance variance is what the run removed from the prior's.
+    mean, before = unknowns.prior("torque_gain")
+    removed = float((before - posterior.covariance[gains, gains]).sum())
+    if unknowns.run_prior is not None:  # half a minute may add less than rounding
+        removed = max(removed, _INFORMATIVE)
     common = float((posterior.x[gains] - mean).sum())
-    size = abs(common) / float(np.sqrt(told))
-    off = common / told * unknowns.priors.torque_gain
-    compared = "" if masses is None else f"{masses.message}; "
-    carried, balanced = (
-        f"the mass of {posterior.robot_body.mass:.2f} kg",
-        f"balance to {normalized_residual:.1f} times their noise",
+    size = abs(common) / float(np.sqrt(removed))
+    off = common / removed * unknowns.priors.torque_gain
+    message = (
+        f"{'' if masses is None else f'{masses.message}; '}common torque gain error at the estimated mass of "
+        f"{posterior.robot_body.mass:.2f} kg: {off:+.1%}, {size:.1f} standard deviations (limit {_IMPLAUSIBLE:g}); {balanced}"
     )
     agree = masses is None or not masses.disagrees
-    if agree and size < _IMPLAUSIBLE and normalized_residual < _TORQUE_MISFIT:
-        message = (
-            f"joint torques carry {carried} with gains {off:+.1%} off ({size:.1f} standard deviations), and {balanced}"
-        )
-        return Check("torque-mass consistency", True, compared + message)
-    message = (
-        f"joint torques would have to be {off:+.1%} off to carry {carried} ({size:.1f} standard deviations), and {balanced}. "
-        f"The given mass is wrong, the reported torques are not those of the joints in Nm, or {_OUTSIDE}"
-    )
-    return Check("torque-mass consistency", False, compared + message)
+    passed = agree and size < _IMPLAUSIBLE and residual < _TORQUE_RESIDUAL
+    if not passed:
+        message += f". The given mass is wrong, torques are not joint torques in Nm, or {_OUTSIDE}. Weigh again, and check units"
+    return Check(name, passed, message)
 
 
-def _left_and_right_agree(posterior: Posterior) -> Check:
-    """Legs of a mirrored pair are built alike: what is found of their links must agree within its intervals."""
+def _left_and_right(posterior: Posterior) -> Check:
+    """Test that the link masses of mirrored legs agree."""
     unknowns = posterior.unknowns
     if not unknowns.estimates("leg_mass"):
-        return Check("left and right", True, "the legs' masses are held at the file's")
+        return Check("left and right", True, "not tested: leg masses are fixed at the model's values")
     links = len(unknowns.robot.legs["FL"].joint_ids)
     block = posterior.covariance[unknowns["leg_mass"], unknowns["leg_mass"]]
     worst, name = 0.0, ""
@@ -456,28 +440,34 @@ def _left_and_right_agree(posterior: Posterior) -> Check:
         for link in range(links):
             a, b = left * links + link, right * links + link
             difference = float(posterior.x[unknowns["leg_mass"]][a] - posterior.x[unknowns["leg_mass"]][b])
-            # Two legs may differ by what the prior allows each, less what is not known of the difference.
+            # Variance of the estimated difference: that of the prior less that of the posterior.
             allowed = float(np.sqrt(max(2.0 - (block[a, a] + block[b, b] - 2 * block[a, b]), 0.05)))
             if abs(difference) / allowed > worst:
                 worst, name = abs(difference) / allowed, ("front" if left == 0 else "rear") + f" link {link + 1}"
     passed = worst < _LEGS_DIFFER
-    message = f"left and right legs differ most in the mass of {name or 'no link'}: {worst:.1f} times what is usual"
-    return Check("left and right", passed, f"they agree; {message}" if passed else message)
+    message = (
+        f"largest left-right mass difference: {name or 'none'}, {worst:.1f} times the usual (limit {_LEGS_DIFFER:g})"
+    )
+    return Check(
+        "left and right", passed, message if passed else f"{message}. Look for a part or damage on one of these legs"
+    )
 
 
-def _planes_agree(posterior: Posterior) -> Check:
-    """The same lifts read another way: where their support planes meet."""
+def _support_planes(posterior: Posterior) -> Check:
+    """Compare the CoM with the intersection of the lifts' support planes."""
     robot, stance = posterior.unknowns.robot, posterior.unknowns.stance
     lifts = [motion.lift for motion in posterior.motions if motion.lift is not None]
     reading = com_by_planes(robot, composite_parameters(robot, stance.joint_position).com, lifts)
     if reading is None:
-        return Check("support planes", True, "too few lifts to tell where their support planes meet")
+        return Check("support planes", True, "not tested: the run has too few lifts to intersect their support planes")
     off = reading.com - posterior.robot_body.com
     x, y, z = 1000 * off
     planar, height = (stance.scale.length * limit for limit in _PLANES_AGREE)
     passed = np.hypot(*off[:2]) < planar and abs(off[2]) < height
     message = (
-        f"the support planes of {len(lifts)} lifts, read without sensor biases, meet {x:+.1f} {y:+.1f} {z:+.1f} mm from the "
-        f"centre of mass found; up to {1000 * planar:.0f} mm in the plane and {1000 * height:.0f} mm in height are usual"
+        f"the support planes of {len(lifts)} lifts meet {x:+.1f} {y:+.1f} {z:+.1f} mm from the estimated CoM (base axes); "
+        f"limits: {1000 * planar:.0f} mm horizontally, {1000 * height:.0f} mm in height (sensor biases not corrected)"
     )
+    if not passed:
+        message += ". Check the IMU's mounting and the model file"
     return Check("support planes", bool(passed), message)

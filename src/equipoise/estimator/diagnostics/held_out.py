@@ -1,15 +1,15 @@
-"""Every lift, and every step of a walk, predicted by what other motions say: the check on data that the estimate has not seen.
+"""Held-out prediction: each lift or step of a walk is predicted from other motions.
 
-Motions in one posture are left out together; one by one in short runs, of which a posture is much. Without them, of
+Motions in one posture are left out together; one by one in short runs, of which a posture is a large part. Without motions of
 information H_k and gradient g_k, the estimate x of information H becomes, to first order,
 
     x_k = x + (H - H_k)^-1 g_k.
 
-The tilt equation is then evaluated anew at x_k. Its residual is the angular velocity about the support line that was measured,
-less the one predicted, but for a constant; from the first sample on, integrated, it is an error of the tilt.
+The tilt equation is then evaluated at x_k. Its residual is the measured less the predicted angular velocity about the support
+line, up to a constant. Its integral from the first sample on is an error of the tilt.
 
-The same is done with the body of the model file, or of an earlier run, in place of the one found: sensors and floor are those
-of x_k in all, so that what is compared is the body alone.
+The body of the model file, or of a prior run, is compared likewise. Sensors and floor are those of x_k in all cases, so
+only the bodies differ.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from equipoise.recording.trials import DesignedLift, PostureTrial
 from equipoise.result.held_out import FOUND, MODEL, PRIOR_RUN, HeldOut, HeldOutLift
 from equipoise.result.statistics import NORMAL_95
 
-_LARGEST = 0.3  # of all lifts, in one posture: without more an estimate is another one, and not to first order
+_LARGEST = 0.3  # of all lifts, in one posture: first order is not valid where more are left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +45,9 @@ class LiftPrediction:
         fold: index of the motions that were left out together.
         height: height of the CoM above the support line [m].
         time: (n,) time since the first sample with two feet up [s].
-        tilt: (n,) rotation about the support line since then, as measured; positive forward [rad].
-        errors: (n,) measured less predicted tilt, by whose body predicts [rad].
-        std: (n,) standard deviation of such an error, of the body found [rad].
+        tilt: (n,) measured rotation about the support line since then; positive forward [rad].
+        errors: (n,) measured less predicted tilt, by name of the predicting body [rad].
+        std: (n,) standard deviation of this error for the estimated body [rad].
         kind: kind of motion, "lift" or "step".
     """
 
@@ -60,26 +60,26 @@ class LiftPrediction:
     std: FloatArray
     kind: str
 
-    def at_the_end(self) -> HeldOutLift:
-        """What the result keeps of it."""
+    def summary(self) -> HeldOutLift:
+        """Return the values at the last sample, which a result states."""
         ends = {body: float(error[-1]) for body, error in self.errors.items()}
-        half = NORMAL_95 * float(self.std[-1])
+        half_width = NORMAL_95 * float(self.std[-1])
         return HeldOutLift(
             self.motion, self.fold, float(self.tilt[-1]), {body: self.height * end for body, end in ends.items()},
-            {body: abs(end) / half for body, end in ends.items()}, self.kind,
+            {body: abs(end) / half_width for body, end in ends.items()}, self.kind,
         )  # fmt: skip
 
 
 def held_out(predictions: Sequence[LiftPrediction]) -> HeldOut | None:
-    """What the result keeps; None where there is no lift."""
-    return HeldOut(tuple(prediction.at_the_end() for prediction in predictions)) if predictions else None
+    """Return the summary of the predictions; None if there are none."""
+    return HeldOut(tuple(prediction.summary() for prediction in predictions)) if predictions else None
 
 
-def predict_held_out(posterior: Posterior, known: PriorRun | None = None) -> tuple[LiftPrediction, ...]:
-    """Every lift that the estimate uses, predicted without the motions in its posture.
+def predict_held_out(posterior: Posterior, prior_run: PriorRun | None = None) -> tuple[LiftPrediction, ...]:
+    """Predict every used lift without the motions in its posture.
 
     Args:
-        known: the earlier run that the estimate began with.
+        prior_run: prior run of the estimate, whose body predicts too.
     """
     tilts = posterior.problem.equation(TiltEquation)
     if tilts is None:
@@ -90,7 +90,7 @@ def predict_held_out(posterior: Posterior, known: PriorRun | None = None) -> tup
     without = [posterior.without(fold) for fold in folds]
     estimates = x + np.array([without[fold][0] for fold in of_lifts])
     errors = {
-        name: tilt_errors(tilts, unknowns, at) for name, at in _with_each_body(unknowns, estimates, known).items()
+        name: tilt_errors(tilts, unknowns, at) for name, at in _with_each_body(unknowns, estimates, prior_run).items()
     }
     stds = _stds(tilts, x, [without[fold][1] for fold in of_lifts])
     heights = tilts.equation.levers(unknowns.values(x), unknowns.inertial(x))[1] / posterior.robot_body.mass
@@ -109,30 +109,30 @@ def predict_held_out(posterior: Posterior, known: PriorRun | None = None) -> tup
 
 
 def folds_of(motions: Sequence[MotionSamples], posterior: Posterior) -> list[list[int]]:
-    """Indices of the motions in each posture; of each motion, where a posture has too many or does not say which it is."""
-    told = [motion for motion in motions if motion.index in posterior.information]
+    """Return the motion indices of each posture; each motion alone where its posture is unknown or has too many lifts."""
+    used = [motion for motion in motions if motion.index in posterior.information]
     folds: dict[object, list[MotionSamples]] = {}
-    for motion in told:
+    for motion in used:
         posture = motion.trial.posture if isinstance(motion.trial, DesignedLift | PostureTrial) else None
         folds.setdefault(motion.index if posture is None else posture, []).append(motion)
     most = max(sum(len(motion.of(LiftSamples)) for motion in fold) for fold in folds.values())
-    if most > _LARGEST * sum(len(motion.of(LiftSamples)) for motion in told):
-        return [[motion.index] for motion in told]
+    if most > _LARGEST * sum(len(motion.of(LiftSamples)) for motion in used):
+        return [[motion.index] for motion in used]
     return [[motion.index for motion in fold] for fold in folds.values()]
 
 
-def _with_each_body(unknowns: Unknowns, estimates: FloatArray, known: PriorRun | None) -> dict[str, FloatArray]:
-    """(lifts, size) estimates with the body, legs included, of each that is compared."""
+def _with_each_body(unknowns: Unknowns, estimates: FloatArray, prior_run: PriorRun | None) -> dict[str, FloatArray]:
+    """Return (lifts, size) estimates with each compared body, legs included."""
     bodies = {MODEL: unknowns.start()}
-    if known is not None:
-        bodies[PRIOR_RUN] = _earlier(unknowns, known)
+    if prior_run is not None:
+        bodies[PRIOR_RUN] = _prior_values(unknowns, prior_run)
     columns = unknowns.columns(*INERTIAL)
     return {name: _replaced(estimates, columns, body[columns]) for name, body in bodies.items()} | {FOUND: estimates}
 
 
-def _earlier(unknowns: Unknowns, known: PriorRun) -> FloatArray:
-    """(size,) the model's values, but for what the earlier run found and kept."""
-    x, (mean, _, layout) = unknowns.start(), known.earlier(unknowns)
+def _prior_values(unknowns: Unknowns, prior_run: PriorRun) -> FloatArray:
+    """Return the (size,) values of the prior run, and the model's where it has none."""
+    x, (mean, _, layout) = unknowns.start(), prior_run.earlier(unknowns)
     here, there = shared_places(unknowns, layout)
     x[unknowns["base"]], x[here] = mean[layout["base"]], mean[there]
     return x
@@ -145,7 +145,7 @@ def _replaced(rows: FloatArray, columns: NDArray[np.intp], values: FloatArray) -
 
 
 def tilt_errors(tilts: TiltEquation, unknowns: Unknowns, estimates: FloatArray) -> list[FloatArray]:
-    """(n,) measured less foretold tilt of each lift, by an estimate of its own [rad]."""
+    """Return the (n,) measured less predicted tilt of each lift, each from its own estimate [rad]."""
     y, inertia = tilts.equation.evaluate_each(
         [unknowns.values(x) for x in estimates], [unknowns.inertial(x) for x in estimates]
     )
@@ -156,7 +156,7 @@ def tilt_errors(tilts: TiltEquation, unknowns: Unknowns, estimates: FloatArray) 
 
 
 def _stds(tilts: TiltEquation, x: FloatArray, covariances: Sequence[FloatArray]) -> list[FloatArray]:
-    """(n,) standard deviation of each lift's error, by the lift's noise and by what the others leave open [rad]."""
+    """Return the (n,) standard deviation of each lift's error, from its noise and from the estimate's covariance [rad]."""
     own = np.ix_(tilts.columns, tilts.columns)
     found: list[FloatArray] = []
     for lift, covariance, (derivative, noise) in zip(tilts.samples, covariances, tilts.unwhitened(x), strict=True):
@@ -167,7 +167,7 @@ def _stds(tilts: TiltEquation, x: FloatArray, covariances: Sequence[FloatArray])
 
 
 def _since_the_start(lift: LiftSamples) -> FloatArray:
-    """(n, n) matrix from angular velocities to what they turn by beyond what the first one does."""
+    """Return the (n, n) matrix from angular velocities, less the first, to the rotation since the first sample."""
     since = np.eye(len(lift.joint_position))
     since[:, 0] -= 1.0
     return np.asarray(integral(len(since), lift.step) @ since, dtype=float)
@@ -178,9 +178,9 @@ def _times(lift: LiftSamples) -> FloatArray:
 
 
 def _tilt(unknowns: Unknowns, legs: LegChains, lift: LiftSamples) -> FloatArray:
-    """(n,) rotation about the line between the standing feet since the first sample, by the gyroscope [rad]."""
+    """Return the (n,) rotation about the support line since the first sample, from the gyroscope [rad]."""
     feet, (left, right) = legs.feet(lift.joint_position), lift.stance_feet
     line = feet[:, left] - feet[:, right]
-    turning = lift.angular_velocity_in_imu @ np.array(unknowns.robot.imu_in_base.rotation).T
-    rate = np.einsum("ni,ni->n", line, turning) / np.linalg.norm(line, axis=1)
+    angular_velocity = lift.angular_velocity_in_imu @ np.array(unknowns.robot.imu_in_base.rotation).T
+    rate = np.einsum("ni,ni->n", line, angular_velocity) / np.linalg.norm(line, axis=1)
     return np.asarray(integral(len(rate), lift.step) @ rate, dtype=float)

@@ -1,8 +1,8 @@
-"""The position of the IMU by an excitation about all axes, against the position that the lifts determine.
+"""Position of the IMU from an excitation about all axes, compared with the position from lifts.
 
-Lifts cannot separate the height of the IMU from inertia; an excitation over planted feet can. In most runs both agree, and the
-excitation is a check. Where they differ, as with a file that places the IMU a centimetre off, it is included in the estimate;
-also where legs are trusted, because wrong lengths of the legs look the same.
+Lifts cannot separate the height of the IMU from inertia; an excitation with all feet on the floor can. In most runs both
+agree, and the excitation is a check. It is included in the estimate where they differ, as with a file that places the IMU a
+centimetre off. It is always included with narrow leg priors, because wrong leg lengths have the same effect.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from equipoise.conventions import FloatArray
 from equipoise.estimator.equations.imu_position import ExcitationSamples, imu_by_excitation
 from equipoise.estimator.problem import Posterior
 
-# Standard deviations between the two. With an IMU where the file has it two of 58 development runs are beyond, and their Ixx
-# moves by 0.6 and 0.9 of its own; with one a centimetre off that lifts did not find, 14 of 16.
+# Standard deviations. With a correct position in the file two of 58 development runs exceed it, and including the excitation
+# changes their Ixx by 0.6 and 0.9 standard deviations. With one a centimetre off that lifts missed, 14 of 16 exceed it.
 _DIFFERS = 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class ImuPositionCheck:
-    """Position of the IMU by the excitation.
+    """Position of the IMU from the excitation.
 
     Attributes:
         position: (3,) position in the base frame, less the model's [m].
-        difference: (3,) the same, less the estimated one [m].
+        difference: (3,) position in the base frame, less the estimated one [m].
         std: (3,) standard deviation of the difference [m].
-        fixed: whether the estimate holds the position at the model's.
+        fixed: True if the estimate fixes the position at the model's.
     """
 
     position: FloatArray

@@ -1,4 +1,4 @@
-"""What was found about the moving links of the legs: masses, first moments, lengths."""
+"""Estimated masses, first moments and lengths of the moving leg links."""
 
 from __future__ import annotations
 
@@ -17,38 +17,37 @@ _UNITS = ("kg", "kg m", "kg m", "kg m", "m")
 
 
 def link_findings(unknowns: Unknowns, x: FloatArray, covariance: FloatArray) -> dict[str, Link]:
-    """Every moving link of the legs, by its name; each number beside what was believed of it before the run.
+    """Return the moving leg links by name, each quantity with its prior.
 
-    A link's own inertia is taken to go with its mass: no motion of a standing robot shows it by itself.
+    A link's inertia scales with its mass: no motion of a standing robot determines it.
 
     Args:
-        x: (size,) unknowns.
-        covariance: (size, size) their covariance after the run.
+        x: (size,) estimate.
+        covariance: (size, size) posterior covariance of x.
     """
     robot, legs = unknowns.robot, unknowns.legs
     model, derivative = _at_the_model(unknowns, legs)
     values = model + derivative @ (x * unknowns.scale)
     combined_priors = np.eye(unknowns.size)
-    if unknowns.belief is not None:
-        combined_priors[unknowns.tabled, unknowns.tabled] = unknowns.belief.covariance
+    if unknowns.run_prior is not None:
+        combined_priors[unknowns.tabled, unknowns.tabled] = unknowns.run_prior.covariance
     rows = derivative * unknowns.scale
     before, after = (np.einsum("ij,jk,ik->i", rows, spread, rows) for spread in (combined_priors, covariance))
-    # What the CoMs of one kind of link have in common along their joints' axes is no unknown: as much of it is left as of a
-    # link's own.
+    # A common offset of the CoMs along the joint axes is not estimated: its variance shrinks as that of the link's own offset.
     along = _along_axes(unknowns, legs)
     left = np.divide(after, before, out=np.ones_like(after), where=before > 0)
     before, after = np.sqrt(before + along), np.sqrt(after + left * along)
     names = link_names(robot.full_pinocchio)
     joints = [name for leg in robot.legs.values() for name in leg.joint_names]
-    told = zip(values.reshape(-1, 5), after.reshape(-1, 5), before.reshape(-1, 5), model.reshape(-1, 5), strict=True)
+    per_link = zip(*(array.reshape(-1, 5) for array in (values, after, before, model)), strict=True)
     return {
-        names[robot.full_pinocchio.getJointId(joint)]: Link(**_quantities(*numbers))
-        for joint, numbers in zip(joints, told, strict=True)
+        names[robot.full_pinocchio.getJointId(joint)]: Link(**_quantities(*arrays))
+        for joint, arrays in zip(joints, per_link, strict=True)
     }
 
 
 def _along_axes(unknowns: Unknowns, legs: LegChains) -> FloatArray:
-    """(5 links,) variance of the moments by CoMs that all links of a kind have off along their joints' axes."""
+    """Return the (5 links,) variance of the first moments from common CoM offsets along the joint axes."""
     variance = np.zeros((legs.links, 5))
     if unknowns.estimates("link_com_common"):
         std = legs.mass.reshape(-1, 1) * unknowns.scale[unknowns["link_com_common"]][0]
@@ -57,16 +56,16 @@ def _along_axes(unknowns: Unknowns, legs: LegChains) -> FloatArray:
 
 
 def _quantities(values: FloatArray, after: FloatArray, before: FloatArray, model: FloatArray) -> dict[str, Quantity]:
-    """Of one link, those that were open."""
+    """Return the estimated quantities of one link."""
     return {
-        name: Quantity(name, unit, float(value), float(sd), verdict_of(float(sd), float(prior)), float(by_model))
-        for name, unit, value, sd, prior, by_model in zip(_NAMES, _UNITS, values, after, before, model, strict=True)
+        name: Quantity(name, unit, float(value), float(std), verdict_of(float(std), float(prior)), float(nominal))
+        for name, unit, value, std, prior, nominal in zip(_NAMES, _UNITS, values, after, before, model, strict=True)
         if prior > 0
     }
 
 
 def _at_the_model(unknowns: Unknowns, legs: LegChains) -> tuple[FloatArray, FloatArray]:
-    """(5 links,) numbers of the links by the model, as in _NAMES; (5 links, size) their derivative by the unknowns."""
+    """Return the (5 links,) values of _NAMES in the model, and their (5 links, size) derivative by x / scale."""
     chains = [(leg, place) for leg in range(4) for place in range(legs.joints.shape[1])]
     derivative = np.zeros((5 * legs.links, unknowns.size))
     moments = _by_parameters(unknowns, legs)
@@ -82,7 +81,7 @@ def _at_the_model(unknowns: Unknowns, legs: LegChains) -> tuple[FloatArray, Floa
 
 
 def _by_parameters(unknowns: Unknowns, legs: LegChains) -> FloatArray:
-    """(5 links, 4 links) masses and first moments by the factors and moments that `momenta` has; zero for lengths."""
+    """Return the (5 links, 4 links) matrix from the factors and moments of `momenta` to the values of _NAMES; lengths: 0."""
     robot = unknowns.robot
     bodies = [robot.pinocchio.inertias[joint] for leg in robot.legs.values() for joint in leg.joint_ids]
     matrix = np.zeros((5 * legs.links, 4 * legs.links))

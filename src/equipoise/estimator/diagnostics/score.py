@@ -1,18 +1,17 @@
-"""Score tests of what is held: whether the evidence pulls at an unknown that the estimate takes for the model's.
+"""Score tests of fixed parameters.
 
-At the posterior's mode, with r the residuals in units of their noise, J their derivative by the open unknowns, with the rows
-of the priors, and C that by one row of the table that is held, in units of what is usual of it,
+At the posterior mode, r are the residuals in units of their noise, J their derivative by the estimated parameters (prior rows
+included), and C their derivative by the parameters of one fixed row of the table, in units of its usual prior. Then
 
     s = C^T r,    F = C^T (1 - J (J^T J)^-1 J^T) C,    s^T F^-1 s ~ chi2(k)
 
-where the model's values are right (Rao 1948; the Lagrange multipliers of the held ones are s). It names the cause without an
-iteration: what an effect does to residuals has a shape of its own, once all that open unknowns explain is taken off.
-Directions of F that the run hardly sees are left out; not more of them, since what is far larger than usual raises the noise
-levels.
+if the model's values are right (Rao 1948; s are the Lagrange multipliers of the fixed parameters). A test names the cause
+without another estimate, because each effect leaves a residual pattern that the estimated parameters cannot explain.
+Only directions of F that the run hardly determines are left out: an effect far above the usual raises the noise levels.
 
-The variance of s is what the noise levels say, not the scatter of s from motion to motion. That scatter is no better where an
-error is the same in all motions, and worse here: scores add up to about zero at the mode, and of a clean run it made 6.6
-normal deviates where F makes 0.8.
+The variance of s follows from the noise levels, not from the scatter of s between motions. Scatter does not help where an
+error is common to all motions, and is worse here: scores sum to about zero at the mode, and in a clean run scatter gave 6.6
+normal deviates where F gave 0.8.
 """
 
 from __future__ import annotations
@@ -25,17 +24,17 @@ from equipoise.conventions import FloatArray
 from equipoise.estimator.problem import Posterior
 from equipoise.estimator.unknown import Unknown
 
-_SEEN = 0.1  # eigenvalue of F: along its direction three times the usual size is one standard deviation of the noise
+_INFORMATIVE = 0.1  # least eigenvalue of F: three times the usual size is then one standard deviation of the noise
 
 
 @dataclass(frozen=True, eq=False)
 class ScoreTest:
-    """What the evidence says of a row that is held.
+    """Score test of one fixed row.
 
     Attributes:
-        row: row of the table of unknowns.
-        deviate: normal deviate as unlikely as the score, if the model's values are right; -inf: the run does not see it.
-        values: most probable values to first order, were they unknown as is usual, in the row's unit.
+        row: row of the table of parameters.
+        deviate: normal deviate as unlikely as the score, if the model's values are right; -inf: the run is not sensitive.
+        values: estimates to first order with the usual prior, in the row's unit.
     """
 
     row: Unknown
@@ -44,37 +43,37 @@ class ScoreTest:
 
 
 def score_tests(posterior: Posterior) -> list[ScoreTest]:
-    """Of all rows that are held, the least likely first."""
-    held = [row for row in posterior.unknowns.priors.rows() if not posterior.unknowns.estimates(row.name)]
-    if not held:
+    """Test all fixed rows; return the least likely first."""
+    fixed = [row for row in posterior.unknowns.priors.rows() if not posterior.unknowns.estimates(row.name)]
+    if not fixed:
         return []
     problem, x, opened = posterior.problem.with_all_open(posterior.x)
     equations, unknowns = problem.motion_equations(x), problem.unknowns
     tests: list[ScoreTest] = []
-    for row in held:
+    for row in fixed:
         own = unknowns.columns(row.name)
         with_open = equations.information[np.ix_(own, opened)]
         information = equations.information[np.ix_(own, own)] - with_open @ posterior.covariance @ with_open.T
-        # The gradient by the open ones is zero at the mode, but for the last small step.
+        # The gradient by the estimated parameters is zero at the mode, but for the last small step.
         score = -equations.gradient[own]
         values = np.linalg.solve(information + np.eye(len(own)), score) * unknowns.scale[own]
-        tests.append(ScoreTest(row, deviate(information, score, _SEEN), values))
+        tests.append(ScoreTest(row, deviate(information, score, _INFORMATIVE), values))
     return sorted(tests, key=lambda test: -test.deviate)
 
 
 def deviate(covariance: FloatArray, score: FloatArray, least: float) -> float:
-    """Normal deviate as unlikely as a normal (k,) vector about zero is; -inf if it has no variance in any direction.
+    """Return the normal deviate as unlikely as a zero-mean normal (k,) vector; -inf if no direction has enough variance.
 
-    Of s^T V^-1 s, chi2(k), the cube root, which is almost normal (Wilson and Hilferty 1931).
+    The cube root of s^T V^-1 s ~ chi2(k) is almost normal (Wilson and Hilferty 1931).
 
     Args:
-        covariance: (k, k) of the vector.
-        least: variance in a direction below which the direction is left out.
+        covariance: (k, k) covariance of the vector.
+        least: variance below which a direction is left out.
     """
-    sizes, directions = np.linalg.eigh(covariance)
-    seen = sizes > least
-    if not seen.any():
+    variances, directions = np.linalg.eigh(covariance)
+    kept = variances > least
+    if not kept.any():
         return -np.inf
-    mean_square = np.mean((score @ directions[:, seen]) ** 2 / sizes[seen])
-    variance = 2 / (9 * seen.sum())
+    mean_square = np.mean((score @ directions[:, kept]) ** 2 / variances[kept])
+    variance = 2 / (9 * kept.sum())
     return float((np.cbrt(mean_square) - 1 + variance) / np.sqrt(variance))

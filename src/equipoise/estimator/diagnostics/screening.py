@@ -1,10 +1,9 @@
-"""Sensors that cannot be believed at all: noticed before anything is estimated, and named.
+"""Screening of the sensors before an estimate.
 
-Each sensor is held against another that sees the same: encoders against commands, joint velocities against encoders, the
-gyroscope against how the accelerometer turned. Last, whatever a planted robot does, the plane through its feet is the
-floor, as level as floors are: the encoders' idea of the floor's normal must agree with the accelerometer's idea of up, in
-every posture. Where they do not, the usual mistakes are tried one after the other, and the one that makes them agree is
-named.
+Each sensor is compared with another that measures the same: encoders with commands, joint velocities with encoders, the
+gyroscope with the rotation of the accelerometer's vertical. Last, the plane through all four feet is the floor, which is
+nearly level: its normal from the encoders must agree with the accelerometer's vertical in every posture. Where they
+disagree, the usual mistakes are undone one by one, and the error names the one that restores agreement.
 """
 
 from __future__ import annotations
@@ -29,19 +28,19 @@ from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.statics import PLAUSIBLE_LOAD
 
-_BEYOND_LIMIT = 1.0  # [rad]: what no joint's zero and no hard stop explains
+_BEYOND_LIMIT = 1.0  # [rad]: more than any joint offset or hard stop explains
 _FROZEN_TIME = 0.15  # [s] of identical samples
 _FROZEN_MOVE = 0.02  # [rad] that was commanded meanwhile; more with coarse encoders
 _VELOCITY_BLOCK = 0.04  # [s]: short against motions, and encoder noise over it is small
-_VELOCITY_MOVE = 1e-3  # [rad] rms per block below which a joint did not move enough to tell
-_VELOCITY_RATIO = (0.6, 1.6)  # of reported velocity over the encoder's; delays and filters take off a tenth
-_NUDGE = 1e-6  # [rad]
-# Angles that are off by more are no sensor's noise: floors, joint offsets and IMUs are off by 5 to 10 mrad, all together.
+_VELOCITY_MOVE = 1e-3  # [rad] rms per block below which a joint did not move enough for a comparison
+_VELOCITY_RATIO = (0.6, 1.6)  # of reported velocity over the encoder's; delays and filters remove a tenth
+_STEP = 1e-6  # [rad] of a numerical derivative
+# Larger angles are not sensor noise: errors of floors, joint offsets and IMUs add up to 5 to 10 mrad.
 _DISAGREEMENT = 0.06  # [rad], rms
-_SUSPICIOUS = 0.025  # [rad], if undoing a usual mistake makes it go away: noise does not go away like that
-_CURED = 0.35  # of the disagreement that is left when a mistake is undone, at most
-_TURNED = np.radians(12)  # more than floors slope
-_RIGHT_ANGLE = np.radians(10)  # IMUs are mounted turned by right angles, and about so far off that
+_SUSPICIOUS = 0.025  # [rad], if undoing a usual mistake removes it: that does not remove noise
+_CURED = 0.35  # largest share of the disagreement that remains when the mistake is undone
+_TURNED = np.radians(12)  # more than the slope of a floor
+_RIGHT_ANGLE = np.radians(10)  # IMUs are mounted at right angles, within about this angle
 _FEWEST_RESTS = 4
 
 GYROSCOPE_MISTAKES: tuple[tuple[str, FloatArray], ...] = (
@@ -49,7 +48,7 @@ GYROSCOPE_MISTAKES: tuple[tuple[str, FloatArray], ...] = (
     ("do all axes have the wrong sign?", -np.ones(3)),
     *((f"does its {axis} have the wrong sign?", 1 - 2 * np.eye(3)[index]) for index, axis in enumerate("xyz")),
 )
-"""What people do wrong, as a question, and the (3,) factors that undo it."""
+"""Usual mistakes as questions, and the (3,) factors that undo them."""
 
 
 def _right_angle_turns() -> Iterator[FloatArray]:
@@ -61,16 +60,16 @@ def _right_angle_turns() -> Iterator[FloatArray]:
 
 
 RIGHT_ANGLE_TURNS = tuple(_right_angle_turns())
-"""The 23 (3, 3) rotations by right angles but none: as IMUs are mounted that are mounted turned."""
+"""All 23 (3, 3) rotations by right angles except the identity: possible mountings of an IMU."""
 
 
 def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
-    """Raise for what no estimate can use.
+    """Raise for sensor data that no estimate can use.
 
     Raises:
-        RecordingError: a frozen encoder, degrees instead of radians, g instead of m/s2, a sensor with the wrong sign, legs
-            that are swapped, torques that carry no such robot.
-        MotionError: the IMU is mounted turned.
+        RecordingError: a frozen encoder, degrees instead of radians, g instead of m/s2, a sensor with the wrong sign, swapped
+            legs, torques that do not carry the robot.
+        MotionError: the IMU is mounted rotated.
     """
     rests = [recording.phase(Phase.REST) for recording in recordings if recording.has_phase(Phase.REST)]
     if not rests:
@@ -86,22 +85,22 @@ def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
     if len(rests) >= _FEWEST_RESTS:
         _check_floor(robot, position, acceleration)
     torques = [None if rest.joints.torque is None else rest.joints.torque.mean(axis=0) for rest in rests]
-    weighed = np.array([torque is not None for torque in torques])
-    if weighed.any():
-        known = np.array([torque for torque in torques if torque is not None])
-        _check_torques(robot, position[weighed], known, acceleration[weighed])
+    with_torque = np.array([torque is not None for torque in torques])
+    if with_torque.any():
+        measured = np.array([torque for torque in torques if torque is not None])
+        _check_torques(robot, position[with_torque], measured, acceleration[with_torque])
 
 
 def screen_log(robot: RobotModel, log: Recording) -> None:
-    """Raise for units that cannot be right in a whole log, before anything is looked for in it.
+    """Raise for wrong units or dead sensors in a whole log, before it is searched for motions.
 
     Raises:
         RecordingError: degrees instead of radians, g instead of m/s2, a dead gyroscope or encoder, wrong velocities.
     """
     _check_gravity(log.imu.acceleration_in_imu)
     if not np.ptp(log.imu.angular_velocity_in_imu, axis=0).any():
-        raise RecordingError("the gyroscope reads the same throughout the log: it is dead, or was not logged")
-    # Of a log most samples count: one that is far off is a glitch.
+        raise RecordingError("the gyroscope's readings are the same in the whole log: log its angular velocities")
+    # Quantiles, because single samples may be glitches.
     levels = [np.quantile(position, (0.05, 0.5, 0.95)) for position in log.joints.position.T]
     _check_radians(robot, np.column_stack(levels))
     _check_frozen(log)
@@ -135,7 +134,7 @@ def _check_radians(robot: RobotModel, position: FloatArray) -> None:
 
 
 def _check_frozen(recording: Recording) -> None:
-    """A joint that reads exactly the same while it is commanded elsewhere."""
+    """Raise if an encoder reads exactly the same while its command moves."""
     joints, commands = recording.joints, recording.commands
     if commands is None or len(joints.time) < 3:
         return
@@ -147,17 +146,17 @@ def _check_frozen(recording: Recording) -> None:
             if last - first < needed:
                 continue
             start, end = joints.time[first], joints.time[last]
-            meant = commands.position[(commands.time >= start) & (commands.time <= end), joint]
-            if len(meant) and float(np.ptp(meant)) > travel[joint]:
+            commanded = commands.position[(commands.time >= start) & (commands.time <= end), joint]
+            if len(commanded) and float(np.ptp(commanded)) > travel[joint]:
                 raise RecordingError(
                     f"the encoder of joint {recording.joint_names[joint]!r} is frozen: it reads "
-                    f"{joints.position[first, joint]:.4f} rad from t = {start:.2f} s to {end:.2f} s while the joint was sent "
-                    f"through {np.ptp(meant):.2f} rad"
+                    f"{joints.position[first, joint]:.4f} rad from t = {start:.2f} s to {end:.2f} s while its command moves "
+                    f"by {np.ptp(commanded):.2f} rad; check its power and cable"
                 )
 
 
 def _check_velocity(recordings: Sequence[Recording]) -> None:
-    """Reported velocities, integrated over short blocks, must be what the encoders moved by."""
+    """Raise if integrals of reported velocities over short blocks differ from the encoders' changes."""
     moved: list[FloatArray] = []
     integrated: list[FloatArray] = []
     for recording in recordings:
@@ -165,7 +164,7 @@ def _check_velocity(recordings: Sequence[Recording]) -> None:
         if joints.velocity is None or len(joints.time) < 3:
             continue
         block = max(1, round(_VELOCITY_BLOCK / float(np.median(np.diff(joints.time)))))
-        # A joint at a time: that takes little memory.
+        # One joint at a time, to save memory.
         paths = [cumulative_trapezoid(velocity, joints.time, initial=0)[::block] for velocity in joints.velocity.T]
         moved.append(np.diff(joints.position[::block], axis=0))
         integrated.append(np.diff(np.column_stack(paths), axis=0))
@@ -180,13 +179,13 @@ def _check_velocity(recordings: Sequence[Recording]) -> None:
         hint = " (is it in degrees per second?)" if 45 < ratio[worst] < 70 else ""
         hint = " (does one of them have the wrong sign?)" if ratio[worst] < -0.5 else hint
         raise RecordingError(
-            f"the velocity of joint {recordings[0].joint_names[worst]!r} is {ratio[worst]:.2g} times the rate at which its "
-            f"encoder moves; it must be in rad/s{hint}"
+            f"the velocity of joint {recordings[0].joint_names[worst]!r} is {ratio[worst]:.2g} times the rate of its encoder; "
+            f"it must be in rad/s{hint}"
         )
 
 
 def _check_gyroscope(recordings: Sequence[Recording]) -> None:
-    """From rest to rest, the accelerometer's up must turn as the gyroscope says."""
+    """Raise if the rotations between two rests from gyroscope and accelerometer differ."""
     moves = [
         recording for recording in recordings if recording.has_phase(Phase.BEFORE) and recording.has_phase(Phase.REST)
     ]
@@ -200,8 +199,8 @@ def _check_gyroscope(recordings: Sequence[Recording]) -> None:
         for move, (before, after) in zip(moves, rests, strict=True):
             imu = move.between(before.time[0], after.time[0]).imu
             path = attitudes(imu.time, (imu.angular_velocity_in_imu - bias) * factor)
-            up, then = before.acceleration_in_imu.mean(axis=0), after.acceleration_in_imu.mean(axis=0)
-            cosine = up @ path.as_matrix()[-1] @ then / np.linalg.norm(up) / np.linalg.norm(then)
+            first, last = before.acceleration_in_imu.mean(axis=0), after.acceleration_in_imu.mean(axis=0)
+            cosine = first @ path.as_matrix()[-1] @ last / np.linalg.norm(first) / np.linalg.norm(last)
             angles.append(float(np.arccos(np.clip(cosine, -1, 1))))
         return float(np.sqrt(np.mean(np.square(angles))))
 
@@ -211,33 +210,33 @@ def _check_gyroscope(recordings: Sequence[Recording]) -> None:
     left, what = min((disagreement(factor), what) for what, factor in GYROSCOPE_MISTAKES)
     hint = what if left < _CURED * now else "are their axes the same?"
     raise RecordingError(
-        f"from rest to rest the gyroscope and the accelerometer disagree by {np.degrees(now):.0f} deg about how the robot "
-        f"turned: the gyroscope must be in rad/s, in the accelerometer's axes ({hint})"
+        f"rotations of the robot from gyroscope and accelerometer differ by {np.degrees(now):.0f} deg: the gyroscope must be "
+        f"in rad/s, in the accelerometer's axes ({hint})"
     )
 
 
 def _check_torques(robot: RobotModel, position: FloatArray, torque: FloatArray, acceleration: FloatArray) -> None:
-    """What the joints say that they carry: raising the base costs its weight, however the legs pull at each other."""
+    """Raise if the joint torques do not carry the weight; internal forces between the legs do not contribute to it."""
     legs = LegChains(robot)
     up = acceleration @ np.array(robot.imu_in_base.rotation).T
     weight = np.zeros(len(position))
     columns = [
-        [(legs.feet(position + _NUDGE * np.eye(position.shape[1])[joint])[:, leg] - foot) / _NUDGE for joint in joints]
+        [(legs.feet(position + _STEP * np.eye(position.shape[1])[joint])[:, leg] - foot) / _STEP for joint in joints]
         for leg, (joints, foot) in enumerate(zip(legs.joints, np.moveaxis(legs.feet(position), 1, 0), strict=True))
     ]
     for joints, column in zip(legs.joints, columns, strict=True):
         jacobian = np.stack(column, axis=-1)
-        raising = -np.einsum("nji,ni->nj", np.linalg.pinv(jacobian), up)
-        weight += np.einsum("nj,nj->n", torque[:, joints], raising)
+        velocity = -np.einsum("nji,ni->nj", np.linalg.pinv(jacobian), up)  # of joints that raise the base
+        weight += np.einsum("nj,nj->n", torque[:, joints], velocity)
     mass = float(np.median(weight / np.einsum("ni,ni->n", up, up)))
     if not PLAUSIBLE_LOAD[0] * robot.mass < mass < PLAUSIBLE_LOAD[1] * robot.mass:
         hint = (
-            "have they the wrong sign?"
+            "do they have the wrong sign?"
             if mass < -PLAUSIBLE_LOAD[0] * robot.mass
             else "are they those of the joints, in Nm?"
         )
         raise RecordingError(
-            f"at rest the joint torques carry {mass:.3g} kg, and the model weighs {robot.mass:.3g} kg: {hint} Leave torques "
+            f"at rest the joint torques carry {mass:.3g} kg, but the model weighs {robot.mass:.3g} kg: {hint} Leave torques "
             "out of the recordings if the robot does not measure them"
         )
 
@@ -253,14 +252,12 @@ def _check_floor(robot: RobotModel, position: FloatArray, acceleration: FloatArr
     turn, _ = Rotation.align_vectors(floor_normals_by_fit(feet)[0], up)
     if _disagreement(feet, turn.apply(up)) < _CURED * now:
         if now < _DISAGREEMENT:
-            return  # a tilt that the estimate finds and corrects
+            return  # a tilt that the estimate corrects
         doubt = "" if turn.magnitude() > _TURNED else ", or the floor slopes as much"
-        raise mounted_turned(
-            robot,
-            turn.as_matrix(),
-            f"the accelerometer's up and the feet's floor disagree by {np.degrees(now):.0f} deg",
-            doubt,
+        observed = (
+            f"the vertical of the accelerometer and of the floor through the feet differ by {np.degrees(now):.0f} deg"
         )
+        raise imu_mounting_error(robot, turn.as_matrix(), observed, doubt)
     left, what = min((_disagreement(legs.feet(cured), up), what) for what, cured in _mistakes(robot, legs, position))
     if left >= _CURED * now:
         if now < _DISAGREEMENT:
@@ -270,31 +267,31 @@ def _check_floor(robot: RobotModel, position: FloatArray, acceleration: FloatArr
         which = f" of {LEG_NAMES[leg]}" if without[leg] < _CURED * now else ""
         what = f"an encoder{which}, or the model of the legs, is wrong"
     raise RecordingError(
-        f"the accelerometer's up and the floor as the encoders place the feet disagree by {np.degrees(now):.0f} deg: {what}"
+        f"the vertical of the accelerometer and of the floor through the feet differ by {np.degrees(now):.0f} deg: {what}"
     )
 
 
-def mounted_turned(robot: RobotModel, turn: FloatArray, seen: str, doubt: str = "") -> MotionError:
-    """The error that names an IMU that is turned by (3, 3) from where the model has it.
+def imu_mounting_error(robot: RobotModel, turn: FloatArray, observed: str, doubt: str = "") -> MotionError:
+    """Return the error for an IMU that is rotated by (3, 3) from its orientation in the model.
 
     Args:
-        seen: what says so.
-        doubt: what else it may be.
+        observed: observation that shows it.
+        doubt: other possible cause.
     """
     roll, pitch, yaw = _mounting(robot, turn)
     return MotionError(
-        f"{seen}: the IMU is mounted turned, by roll {roll:.0f}, pitch {pitch:.0f}, yaw {yaw:.0f} deg to the base{doubt}; "
-        "give its pose under imu_rpy in a robot description"
+        f"{observed}: the IMU is mounted rotated by roll {roll:.0f}, pitch {pitch:.0f}, yaw {yaw:.0f} deg relative to the "
+        f"base{doubt}; set imu_rpy in a robot configuration"
     )
 
 
 def _mounting(robot: RobotModel, turn: FloatArray) -> tuple[float, float, float]:
-    """Roll, pitch and yaw of the IMU in the base [deg], if it is turned by (3, 3) from where the model has it."""
+    """Return roll, pitch and yaw in the base [deg] of an IMU that is rotated by (3, 3) from its orientation in the model."""
     nearest = max(RIGHT_ANGLE_TURNS, key=lambda matrix: float(np.trace(matrix.T @ turn)))
     if np.trace(nearest.T @ turn) > 1 + 2 * np.cos(_RIGHT_ANGLE):
         turn = nearest
     matrix = turn @ np.array(robot.imu_in_base.rotation)
-    # SciPy's angles warn at a pitch of 90 deg, where roll may as well be zero.
+    # SciPy's angles warn at a pitch of 90 deg, where roll can be set to zero.
     level = float(np.hypot(matrix[0, 0], matrix[1, 0]))
     pitch = np.arctan2(-matrix[2, 0], level)
     if level < 1e-6:
@@ -306,7 +303,7 @@ def _mounting(robot: RobotModel, turn: FloatArray) -> tuple[float, float, float]
 
 
 def _mistakes(robot: RobotModel, legs: LegChains, position: FloatArray) -> list[tuple[str, FloatArray]]:
-    """What people do wrong, and the (n, nj) joint positions if they had not [rad]."""
+    """Return usual mistakes and the (n, nj) joint positions without them [rad]."""
     found: list[tuple[str, FloatArray]] = []
 
     def flip(what: str, joints: Sequence[int]) -> None:
@@ -335,14 +332,14 @@ def _mistakes(robot: RobotModel, legs: LegChains, position: FloatArray) -> list[
 
 
 def in_order_of_legs(robot: RobotModel, position: FloatArray, legs: Sequence[str]) -> FloatArray:
-    """(n, nj) joint positions in which the legs FL FR RL RR have those of other legs, named in this order."""
+    """Return (n, nj) joint positions in which the legs FL FR RL RR have those of the named legs, in this order."""
     reordered = position.copy()
     reordered[:, robot.leg_joints] = position[:, np.array([robot.legs[leg].joints for leg in legs])]
     return reordered
 
 
 def _disagreement(feet: FloatArray, up: FloatArray) -> float:
-    """Rms angle between up and the plane of (n, 3 or 4, 3) feet, and by which the feet are off their plane [rad]."""
+    """Return the rms angle of up against the normal of (n, 3 or 4, 3) feet, with the feet's unevenness as an angle [rad]."""
     normal, unevenness = floor_normals_by_fit(feet)
     cosine: FloatArray = np.asarray(np.einsum("ni,ni->n", normal, up), dtype=float)
     angle = np.arccos(np.clip(cosine, -1, 1))

@@ -1,4 +1,4 @@
-"""Errors of sensors and joints that a run found, in words: most of them can be fixed."""
+"""Estimated errors of sensors and joints, with messages on how to fix them."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from equipoise.estimator.problem import Posterior
 from equipoise.estimator.unknown import Unknown
 from equipoise.result.findings import SensorFinding
 
-_SURE = 3.0  # standard deviations from zero
+_SIGNIFICANT = 3.0  # standard deviations from zero
 
 
 def sensor_findings(posterior: Posterior) -> list[SensorFinding]:
-    """Every unknown that is reported and that the evidence says something of, the surest first."""
+    """Return the findings of all reported parameters that an equation depends on, by decreasing value over std."""
     findings = [
         SensorFinding(
             row.finding.format(each=label),
             value,
             std,
             row.message(label, value, std),
-            _size(row, value) > max(_SURE * std, row.significant),
+            _size(row, value) > max(_SIGNIFICANT * std, row.significant),
             row.unit,
         )
         for row in posterior.unknowns.rows
@@ -28,5 +28,5 @@ def sensor_findings(posterior: Posterior) -> list[SensorFinding]:
 
 
 def _size(row: Unknown, value: float) -> float:
-    """Return the size of an error; a negative value of what cannot be negative is none."""
+    """Return the size of an error; a negative value of a nonnegative parameter is not significant."""
     return value if row.nonnegative else abs(value)

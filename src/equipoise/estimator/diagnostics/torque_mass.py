@@ -1,4 +1,4 @@
-"""The given mass against the mass that the joint torques carry: before the run, at rest, and after it, by the estimate."""
+"""Comparison of the given mass with the mass that the joint torques carry: at rest before the run, and from the estimate."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import carried_mass
 
-# Largest difference of the two masses. Motors of one type have torque constants that are off by 5 % in common, and on a
-# vendor's bench by 30 to 50 %: a difference is a question and no refusal.
+# Largest difference of the two masses. Motors of one type share an error of their torque constants of 5 %, and of 30 to 50 %
+# on a vendor's bench: a difference is a question to the user, not an error.
 _DIFFERENCE = 0.15
-_DIFFERENCE_KNOWN = 0.05  # with an earlier run's torque constants: at rest they were 3.1 % off at the most (stress)
-_DEVIATIONS = 2.0  # standard deviations of the given mass, and of an earlier run's torque constants
+_DIFFERENCE_CALIBRATED = 0.05  # with a prior run's torque constants: at rest they were 3.1 % off at most (stress)
+_STDS = 2.0  # standard deviations of the given mass, and of a prior run's torque constants
 
 Scale = tuple[float, float]
 """Mass of the whole robot from a scale, and its standard deviation [kg]."""
 
 
 def compare_at_rest(
-    robot: RobotModel, stance: Stance, scale: Scale, rests: Sequence[Recording], known: PriorRun | None
+    robot: RobotModel, stance: Stance, scale: Scale, rests: Sequence[Recording], prior_run: PriorRun | None
 ) -> MassComparison | None:
     """Compare a given mass with the joint torques at rest; None: there are no joint torques.
 
     Args:
         rests: recordings of the robot at rest on four feet, reached from opposite directions: joint friction cancels.
-        known: earlier run whose torque constants are used.
+        prior_run: prior run whose torque constants are used.
     """
-    gains, limit = _torque_constants(robot, stance, known)
+    gains, limit = _torque_constants(robot, stance, prior_run)
     carried: list[float] = []
     for recording in rests:
         joints = recording.phase(Phase.REST).joints
@@ -44,25 +44,25 @@ def compare_at_rest(
             return None
         torque = gains * joints.torque.mean(axis=0)
         carried.append(carried_mass(robot, joints.position.mean(axis=0), torque))
-    return _compared(scale, float(np.mean(carried)), limit, known)
+    return _compared(scale, float(np.mean(carried)), limit, prior_run)
 
 
-def compare_estimate(posterior: Posterior, scale: Scale | None, known: PriorRun | None) -> MassComparison | None:
+def compare_estimate(posterior: Posterior, scale: Scale | None, prior_run: PriorRun | None) -> MassComparison | None:
     """Compare a given mass with the joint torques of a whole run; None: there is no given mass, or no joint torques.
 
-    The estimated torque constants carry the estimated mass; those that are reported, or known, carry another one.
+    The estimated mass is converted from estimated to reported torque constants, or to those of the prior run.
     """
     if scale is None or posterior.problem.equation(TorqueBalance) is None:
         return None
     unknowns = posterior.unknowns
     values = unknowns.values(posterior.x)
     gain = 1 + float(values["torque_gain_common"].mean() + values["torque_gain"].mean())
-    gains, limit = _torque_constants(unknowns.robot, unknowns.stance, known)
-    return _compared(scale, posterior.robot_body.mass * float(gains.mean()) / gain, limit, known)
+    gains, limit = _torque_constants(unknowns.robot, unknowns.stance, prior_run)
+    return _compared(scale, posterior.robot_body.mass * float(gains.mean()) / gain, limit, prior_run)
 
 
 def assumed_mass(scale: Scale | None, masses: MassComparison | None) -> tuple[str, ...]:
-    """Return the assumption that a run with a given mass makes; none of a run without."""
+    """Return the assumption of a run with a given mass; empty without one."""
     if scale is None:
         return ()
     mass, std = scale
@@ -72,15 +72,15 @@ def assumed_mass(scale: Scale | None, masses: MassComparison | None) -> tuple[st
     return (assumed if masses is not None else f"{assumed}, and there are no joint torques to compare it with",)
 
 
-def _torque_constants(robot: RobotModel, stance: Stance, known: PriorRun | None) -> tuple[FloatArray, float]:
-    """Return (nj,) true over reported torques as far as they are known, and the largest difference of masses with them."""
-    if known is None:
+def _torque_constants(robot: RobotModel, stance: Stance, prior_run: PriorRun | None) -> tuple[FloatArray, float]:
+    """Return the (nj,) true over reported torques, one without a prior run, and the largest difference of masses."""
+    if prior_run is None:
         return np.ones(len(robot.joint_names)), _DIFFERENCE
-    gains, std = known.torque_gains(robot, stance)
-    return gains, float(np.clip(_DEVIATIONS * std, _DIFFERENCE_KNOWN, _DIFFERENCE))
+    gains, std = prior_run.torque_gains(robot, stance)
+    return gains, float(np.clip(_STDS * std, _DIFFERENCE_CALIBRATED, _DIFFERENCE))
 
 
-def _compared(scale: Scale, carried: float, limit: float, known: PriorRun | None) -> MassComparison:
+def _compared(scale: Scale, carried: float, limit: float, prior_run: PriorRun | None) -> MassComparison:
     mass, std = scale
-    limit = max(limit, _DEVIATIONS * std / mass)
-    return MassComparison(mass, carried, limit, None if known is None else known.name)
+    limit = max(limit, _STDS * std / mass)
+    return MassComparison(mass, carried, limit, None if prior_run is None else prior_run.name)

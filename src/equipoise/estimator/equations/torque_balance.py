@@ -27,7 +27,7 @@ from equipoise.estimator.measurements.imu_frame import ACCELEROMETER, mounting, 
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.smoothing import fit_spline
 from equipoise.estimator.parameters import INERTIAL, Unknowns
-from equipoise.estimator.unknown import A_SCALE
+from equipoise.estimator.unknown import USE_SCALE
 from equipoise.estimator.unknowns import Values, inputs_of
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
@@ -277,7 +277,7 @@ class TorqueBalance(Equation[TorqueSamples]):
     name = "torques"
     kind = TorqueSamples
     source = "noise of joint torques"
-    remedy = A_SCALE
+    remedy = USE_SCALE
 
     @classmethod
     def read(cls, run: RunContext, recording: Recording) -> Sequence[TorqueSamples]:

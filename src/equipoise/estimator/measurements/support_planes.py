@@ -17,7 +17,7 @@ from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.lift_samples import LiftSamples
 from equipoise.estimator.measurements.momenta import model_parameters
 from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
-from equipoise.estimator.unknowns import by_the_model
+from equipoise.estimator.unknowns import model_values
 from equipoise.robot.model import RobotModel
 
 _FEWEST_PLANES = 6
@@ -85,7 +85,7 @@ def centre_shifts(robot: RobotModel, lifts: Sequence[LiftSamples]) -> list[Centr
         return []
     legs = LegChains(robot)
     equation = TiltInvariant(robot, legs, lifts)
-    rows, _ = equation.rows(by_the_model(robot))
+    rows, _ = equation.rows(model_values(robot))
     inertial, rotation = model_parameters(robot), np.array(robot.imu_in_base.rotation)
     found: list[CentreShift] = []
     for lift, trial in zip(lifts, equation.trials, strict=True):

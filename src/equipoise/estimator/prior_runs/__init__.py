@@ -1,1 +1,1 @@
-"""A run of a robot that was calibrated before: what is kept of it, what changed since, and what is on the robot now."""
+"""Runs with a prior run of the same robot: prior, changes since, estimate of both runs."""

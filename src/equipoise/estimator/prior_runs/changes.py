@@ -1,15 +1,14 @@
-"""The estimate of a run of which an earlier one is known, and what changed between the two beyond what is usual.
+"""Estimate of a run with a prior run, and the unusual changes between the two.
 
-With N(m, S) what the earlier run makes of the unknowns, W = S^-1, x the posterior's mode and C its covariance, the evidence
-pulls at the mean with s = W (x - m). Where nothing changed it does so with the covariance F = W - W C W, so that for a change
-d of one unknown alone
+N(m, S) is the prior from the prior run, W = S^-1, x the posterior mode and C its covariance. The score at the mean is
+s = W (x - m); without changes its covariance is F = W - W C W. For a change d of one parameter alone
 
     s_j / sqrt(F_jj) ~ N(0, 1),    d = s_j / F_jj,
 
-a score test as those of what is held (diagnostics/score.py). What is least likely begins anew, with as wide a prior as that
-change, and all are tested again: one encoder that moved pulls at all that it touches.
+a score test like those of fixed parameters (diagnostics/score.py). The least likely parameter gets a prior as wide as its
+change, and all are tested again, because one changed encoder raises the scores of related parameters.
 
-Noise levels are found while whatever may have moved is free: else a zero that moved would pass for noise.
+Noise levels are estimated with wide priors for all parameters that may change: otherwise a change would raise the noise.
 """
 
 from __future__ import annotations
@@ -32,28 +31,26 @@ from equipoise.result.findings import Check, SensorFinding
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
-# Chance that anything is said to have changed in a run where nothing has.
-_UNLIKELY = 5e-2
-_SEEN = 0.1  # of F: a change three times the prior is one standard deviation of the noise
-_MOST = 4  # more that changed are another robot, or one that was taken apart
-_MAY_MOVE = (
-    "joint_offset",
-)  # read anew when the robot is switched on; the IMU's mounting cannot be told from its biases
+_FALSE_ALARM = 5e-2  # probability of any reported change in a run without changes
+_INFORMATIVE = 0.1  # least F_jj: a change three times the prior is then one standard deviation of the noise
+_MOST = 4  # more changes mean another robot, or one that was taken apart
+# Joint offsets change when the robot is switched on; changes of the IMU's mounting cannot be separated from its biases.
+_MAY_CHANGE = ("joint_offset",)
 FREE = 4.0
-"""Variance in units of the prior, of what may have moved."""
+"""Added variance of parameters that may have changed, in units of the prior."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """What is other than in the earlier run.
+    """Change of one parameter since the prior run.
 
     Attributes:
-        row: row of the table of unknowns.
-        each: label of the unknown among those of the row.
-        place: place of the unknown in the vector of unknowns.
-        value: change since the earlier run, in the row's unit.
+        row: row of the parameter table.
+        each: label of the parameter in its row.
+        place: index of the parameter in the vector.
+        value: change since the prior run, in the row's unit.
         std: posterior standard deviation of the change.
-        deviate: normal deviates by which it is unlikely that nothing changed.
+        deviate: normal deviate as unlikely as the score without a change.
     """
 
     row: Unknown
@@ -65,108 +62,110 @@ class Change:
 
     @property
     def name(self) -> str:
-        """What changed."""
+        """Name of the parameter in prose."""
         return self.row.label.format(each=self.each)
 
     @property
     def amount(self) -> str:
-        """How far, in words."""
+        """Value with unit and standard deviation."""
         factor, unit = (1000.0, f"m{self.row.unit}") if self.row.unit in ("rad", "m", "s") else (1.0, self.row.unit)
-        return f"{factor * self.value:+.2g} {unit}".strip() + f" (sd {factor * self.std:.1g})"
+        return f"{factor * self.value:+.2g} {unit}".strip() + f" (std {factor * self.std:.1g})"
 
     @property
     def message(self) -> str:
-        """All of it."""
-        return f"the {self.name} moved by {self.amount} since the earlier run"
+        """Message of the finding."""
+        return f"the {self.name} changed by {self.amount} since the prior run"
 
     def finding(self) -> SensorFinding:
-        """What is reported of it."""
+        """Return the finding of the change."""
         return SensorFinding(f"{self.name}: change", self.value, self.std, self.message, True, self.row.unit)
 
 
-def check_of_changes(changes: Sequence[Change], known: PriorRun) -> Check:
-    """Whether this is the robot of the earlier run, but for what can be named."""
+def prior_run_check(changes: Sequence[Change], prior_run: PriorRun) -> Check:
+    """Test that this is the robot of the prior run, with at most a few changes."""
     if not changes:
-        return Check("prior run", True, f"nothing speaks against sensors and legs being those of {known.name}")
+        return Check("prior run", True, f"sensors and legs agree with those of {prior_run.name}")
     named = "; ".join(change.message for change in changes)
     if len(changes) < _MOST:
-        return Check("prior run", True, f"{named}: estimated anew")
+        return Check("prior run", True, f"{named}; the estimate includes this")
     return Check(
-        "prior run", False, f"{named}. So much does not change by itself: was the robot taken apart, or is it another "
-        f"one than that of {known.name}? Calibrate it anew, without --prior-run",
+        "prior run", False, f"{named}. The robot was taken apart since {prior_run.name}, or it is another robot: calibrate it "
+        "without --prior-run",
     )  # fmt: skip
 
 
-def estimate_after(
+def estimate_with_prior_run(
     robot: RobotModel,
     stance: Stance,
     motions: Sequence[MotionSamples],
     priors: Priors,
     mass: tuple[float, float] | None,
-    known: PriorRun,
+    prior_run: PriorRun,
     lifts_needed: bool = True,
 ) -> tuple[Posterior, tuple[Change, ...]]:
-    """The most probable unknowns given all motions and an earlier run, and what changed since that.
+    """Estimate the posterior from all motions and a prior run, and the changes since that.
 
     Args:
-        priors: as of `PriorRun.priors_of`.
+        priors: as from `PriorRun.priors_of`.
         mass: mass of the whole robot from a scale, and its standard deviation [kg].
-        lifts_needed: whether motions without any lift are refused, or are estimated from as far as joint torques go.
+        lifts_needed: True to require a lift; False to accept joint torques alone.
 
     Raises:
-        RecordingError: no lift trial can be used; or there are no joint torques either.
-        SettingsError: the earlier run is of another robot.
+        RecordingError: no lift trial can be used, nor joint torques where they suffice.
+        SettingsError: the prior run is of another robot.
     """
-    known.check(robot)
+    prior_run.check(robot)
     problem = MapProblem(robot, stance, motions, priors, mass, lifts_needed)
     unknowns = problem.unknowns
-    loose = {int(place): FREE for place in unknowns.columns(*_MAY_MOVE)}
-    x, _ = solve(problem.believing(known.belief(unknowns, loose)), _start(known, unknowns), 2)
-    looked_at = problem.at_residual_noise(x)
-    anew: dict[int, float] = {}
+    wider = {int(place): FREE for place in unknowns.columns(*_MAY_CHANGE)}
+    x, _ = solve(problem.with_prior(prior_run.distribution(unknowns, wider)), _start(prior_run, unknowns), 2)
+    quiet = problem.at_residual_noise(x)
+    changed: dict[int, float] = {}
     changes: list[Change] = []
     while True:
-        shown = known.belief(unknowns, anew, shown=True)
-        at_shown = looked_at.believing(shown)
-        if len(changes) == _MOST or (change := _least_likely(at_shown, shown, descend(at_shown, x)[0], anew)) is None:
+        prior = prior_run.distribution(unknowns, changed, shown=True)
+        tested = quiet.with_prior(prior)
+        if len(changes) == _MOST or (change := _least_likely(tested, prior, descend(tested, x)[0], changed)) is None:
             break
         changes.append(change)
-        anew[change.place] = max(1.0, (change.value / float(unknowns.scale[change.place])) ** 2)
-    after = problem.believing(known.belief(unknowns, anew))
+        changed[change.place] = max(1.0, (change.value / float(unknowns.scale[change.place])) ** 2)
+    after = problem.with_prior(prior_run.distribution(unknowns, changed))
     x, converged = descend(after, x)
     return after.posterior(x, converged), tuple(changes)
 
 
-def _start(known: PriorRun, unknowns: Unknowns) -> FloatArray:
-    """(size,) the earlier run's own values."""
-    x = np.concatenate([known.x[:10], known.belief(unknowns).mean])
+def _start(prior_run: PriorRun, unknowns: Unknowns) -> FloatArray:
+    """Return the (size,) values of the prior run."""
+    x = np.concatenate([prior_run.x[:10], prior_run.distribution(unknowns).mean])
     return np.asarray(x, dtype=float)
 
 
-def _least_likely(after: MapProblem, belief: PriorDistribution, x: FloatArray, anew: dict[int, float]) -> Change | None:
-    """The change that the evidence asks for most, if it is unlikely that nothing changed."""
+def _least_likely(
+    after: MapProblem, prior: PriorDistribution, x: FloatArray, changed: dict[int, float]
+) -> Change | None:
+    """Return the most significant change; None if none is significant."""
     unknowns = after.unknowns
     covariance = np.linalg.inv(after.normal_equations(x).information)
-    score, seen = _scores(unknowns, belief, x, np.asarray(covariance, dtype=float))
-    tested = [int(place) for place in unknowns.columns(*_MAY_MOVE) if place not in anew and seen[place] > _SEEN]
+    score, variance = _scores(unknowns, prior, x, np.asarray(covariance, dtype=float))
+    tested = [int(at) for at in unknowns.columns(*_MAY_CHANGE) if at not in changed and variance[at] > _INFORMATIVE]
     if not tested:
         return None
-    deviates = {place: float(score[place] / np.sqrt(seen[place])) for place in tested}
+    deviates = {place: float(score[place] / np.sqrt(variance[place])) for place in tested}
     worst = max(deviates, key=lambda place: abs(deviates[place]))
-    if abs(deviates[worst]) < NormalDist().inv_cdf(1 - _UNLIKELY / (2 * len(tested))):
+    if abs(deviates[worst]) < NormalDist().inv_cdf(1 - _FALSE_ALARM / (2 * len(tested))):
         return None
-    return _change(unknowns, worst, -score[worst] / seen[worst], 1 / seen[worst], deviates[worst])
+    return _change(unknowns, worst, -score[worst] / variance[worst], 1 / variance[worst], deviates[worst])
 
 
 def _scores(
-    unknowns: Unknowns, belief: PriorDistribution, x: FloatArray, covariance: FloatArray
+    unknowns: Unknowns, prior: PriorDistribution, x: FloatArray, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(size,) pull at each unknown's mean, and its variance where nothing changed; zero for the base."""
-    rows, information = unknowns.tabled, belief.information
-    score, seen = np.zeros(unknowns.size), np.zeros(unknowns.size)
-    score[rows] = -information @ (x[rows] - belief.mean)
-    seen[rows] = np.diag(information - information @ covariance[rows, rows] @ information)
-    return score, seen
+    """Return the (size,) scores at the prior mean, and their variances without changes; zero for the base."""
+    rows, information = unknowns.tabled, prior.information
+    score, variance = np.zeros(unknowns.size), np.zeros(unknowns.size)
+    score[rows] = -information @ (x[rows] - prior.mean)
+    variance[rows] = np.diag(information - information @ covariance[rows, rows] @ information)
+    return score, variance
 
 
 def _change(unknowns: Unknowns, place: int, value: float, variance: float, deviate: float) -> Change:

@@ -1,7 +1,7 @@
-"""What a run keeps for the next one of the same robot: its posterior, which becomes a prior.
+"""Posterior of a run as the prior of the next run of the same robot.
 
-Sensors, legs and friction of the earlier run are believed, wider by what can change in between: the table of unknowns says
-how much (`drift`, `switched`). The clock and the floor begin anew, and so does the base: something may lie on it.
+Sensors, legs and friction keep their posterior, widened by possible changes (`drift` and `switched` of the parameter table).
+The clock and the floor get their usual priors, and so does the base, which may carry a payload.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ if TYPE_CHECKING:  # flags are read without an estimator
 POSTERIOR = "posterior.json"
 SCHEMA = "equipoise.posterior/1"
 SCALE_GAIN, SCALE_NOISE = 0.005, 0.001
-"""Standard deviations of a scale's factor, and of a reading beside it, as fractions."""
+"""Standard deviations of a scale's gain, and of a single reading without it, as fractions."""
 _SCALE = "scale_gain"
-# Prior of the base's inertia, which half a minute tells little of: two and a half kilograms a decimetre off add half of this.
+# Prior of the base's inertia, which short runs hardly determine: 2.5 kg at a distance of 0.1 m add half of it.
 _INERTIA = 0.5
 
 
 @dataclass(frozen=True)
 class PriorsWithScale(Priors):
-    """Priors of a robot that the same scale weighs again."""
+    """Priors of a robot that is weighed again on the same scale."""
 
     scale_gain: float = unknown(
         SCALE_GAIN, "reading of the scale over the robot's mass, less one", "", ROBOT,
-        "assumed: scales of some tens of kilograms are right to half a percent", SCALE,
-        label="gain of the scale", judged=False,
+        "assumed: scales for tens of kilograms are accurate within half a percent", SCALE,
+        label="gain of the scale", checked=False,
     )  # fmt: skip
 
 
 def is_kept(row: Unknown) -> bool:
-    """Whether anything of an unknown is kept until the next run."""
+    """Return True if a row keeps its posterior for the next run."""
     return row.drift is not None
 
 
@@ -62,14 +62,14 @@ class PriorRun:
 
     Attributes:
         robot: name of the robot.
-        model: hash of its model file and of what was said of it.
+        model: hash of its model file and robot configuration.
         leg_prior: prior of the leg parameters in that run, "wide" or "narrow".
-        weighed: mass that a scale gave the whole robot then [kg]; None: it was not weighed.
-        priors: standard deviations of the priors of the unknowns that were not held, by their rows' names, in order.
-        x: (size,) most probable unknowns, as of `Unknowns`.
+        weighed: mass of the whole robot from a scale in that run [kg]; None: it was not weighed.
+        priors: prior standard deviations of the rows that were not fixed, by name, in order.
+        x: (size,) posterior mode, in the layout of `Unknowns`.
         covariance: lower triangle of the (size, size) covariance of x, row by row.
-        shown: the same at the noise that feet on the floor showed: what an estimate allows for beside that, as springs that
-            sag, is the same in the next run, and hides nothing that changed.
+        shown: lower triangle of the covariance at the noise of stance motions that their residuals show. Model errors beyond
+            this noise, such as sagging springs, repeat in the next run and do not hide a change.
         run: folder of that run.
         schema: version of this form.
     """
@@ -88,52 +88,52 @@ class PriorRun:
     def __post_init__(self) -> None:
         size = len(self.x)
         if not np.isfinite(np.asarray(self.x, dtype=float)).all():
-            raise SettingsError("its unknowns are no numbers")
+            raise SettingsError("its parameters are not finite")
         for rows in (self.covariance, self.shown):
             if size < 10 or [len(row) for row in rows] != [*range(1, size + 1)]:
-                raise SettingsError(f"a covariance of {size} unknowns has rows of 1 to {size} numbers")
+                raise SettingsError(f"its covariance of {size} parameters does not have rows of 1 to {size} numbers")
         try:
             np.linalg.cholesky(self.spread)
             np.linalg.cholesky(self.shown_spread)
         except np.linalg.LinAlgError as error:
-            raise SettingsError(f"no numbers can have its covariance: {error}") from error
+            raise SettingsError(f"its covariance is not positive definite: {error}") from error
 
     @classmethod
     def of(cls, posterior: Posterior, settings: Mapping[str, Any], run: str = "") -> PriorRun:
-        """Of an estimate.
+        """Return the prior run of an estimate.
 
         Args:
             settings: settings of the method, as JSON values.
         """
         unknowns = posterior.unknowns
-        known: Mapping[str, Any] = settings.get("prior_run") or {}
+        before: Mapping[str, Any] = settings.get("prior_run") or {}
         return cls(
-            unknowns.robot.name, model_hash(unknowns.robot), known.get("leg_prior") or settings["leg_prior"], settings["mass"],
-            {row.name: getattr(unknowns.priors, row.name) for row in unknowns.rows}, posterior.x.tolist(),
+            unknowns.robot.name, model_hash(unknowns.robot), before.get("leg_prior") or settings["leg_prior"],
+            settings["mass"], {row.name: getattr(unknowns.priors, row.name) for row in unknowns.rows}, posterior.x.tolist(),
             _lower_triangle(posterior.covariance), _lower_triangle(_at_shown_noise(posterior)), run,
         )  # fmt: skip
 
     @classmethod
     def read(cls, path: Path) -> PriorRun:
-        """From a run folder.
+        """Read a run folder.
 
         Raises:
-            RecordingError: it is none, or came to no result, or is damaged, or of another version.
-            SettingsError: it is a run of another method.
+            RecordingError: the folder is not a run, or the run has no result, is damaged, or is of another version.
+            SettingsError: the run is of another method.
         """
         try:
             table = json_value(read_text(path / POSTERIOR))
             check_schema(table["schema"], SCHEMA, f"--prior-run {path}: its {POSTERIOR}")
             return replace(from_json(cls, table), run=str(path))
         except (FileNotFoundError, NotADirectoryError) as error:
-            raise _why_none(path) from error
+            raise _no_posterior_error(path) from error
         except OSError as error:
             raise RecordingError(f"--prior-run {path}: its {POSTERIOR} cannot be read: {error.strerror}") from error
         except RecordingError:
             raise
         except (ValueError, TypeError, KeyError) as error:
             raise RecordingError(
-                f"--prior-run {path}: its {POSTERIOR} is damaged ({reason(error)}); remove it, and make it again with: "
+                f"--prior-run {path}: its {POSTERIOR} is damaged ({reason(error)}); delete it, and create it again with: "
                 f"equipoise estimate {typed(path)}"
             ) from error
 
@@ -143,12 +143,12 @@ class PriorRun:
 
     @property
     def name(self) -> str:
-        """What it is called in a report."""
-        return self.run or "the earlier run"
+        """Name in reports."""
+        return self.run or "the prior run"
 
     @property
     def reference(self) -> dict[str, Any]:
-        """What is said of it among settings: its run, and what tells it from others."""
+        """Identification of the run among settings, with a hash of its estimate."""
         digest = hashlib.sha256(json.dumps([*self.x]).encode()).hexdigest()
         return {"run": self.run, "robot": self.robot, "leg_prior": self.leg_prior, "sha256": digest}
 
@@ -159,61 +159,60 @@ class PriorRun:
 
     @cached_property
     def shown_spread(self) -> FloatArray:
-        """(size, size) the same at the noise that was shown."""
+        """(size, size) covariance of x at the noise that residuals show."""
         return _whole(self.shown)
 
     def check(self, robot: RobotModel) -> None:
-        """Refuse another robot (SettingsError)."""
+        """Raise SettingsError for a robot with another model file or configuration."""
         if self.model != model_hash(robot):
             raise SettingsError(
-                f"--prior-run {self.run or 'run'} is of {self.robot!r}, by another model file or description than "
-                f"{robot.name!r} "
-                "here: what is known of one robot says nothing of another"
+                f"--prior-run {self.run or 'run'} is of {self.robot!r}, with another model file or robot configuration than "
+                f"{robot.name!r} here; use a run of the same robot, or leave --prior-run out"
             )
 
     @property
     def base_body(self) -> InertialParameters:
-        """Base that the earlier run found."""
+        """Base in the prior run."""
         from equipoise.estimator.parameters import base_vector  # noqa: PLC0415
         from equipoise.robot.inertial import InertialParameters  # noqa: PLC0415
 
         return InertialParameters.from_vector(base_vector(np.array(self.x[:10])))
 
     def priors_of(self, priors: Priors, weighed_again: bool) -> Priors:
-        """Priors of a run after it: what is kept has the earlier run's, and is held where that run held it.
+        """Return the priors of a later run: kept rows have those of this run, and are fixed if it fixed them.
 
         Args:
-            priors: priors of what is not kept.
-            weighed_again: whether the same scale weighs the robot.
+            priors: priors of the other rows.
+            weighed_again: True if the robot is weighed on the same scale.
         """
         kept = {row.name: self.priors.get(row.name, 0.0) for row in Priors.rows() if is_kept(row)}
-        believed = replace(priors, **kept, inertia=min(priors.inertia, _INERTIA))
+        combined = replace(priors, **kept, inertia=min(priors.inertia, _INERTIA))
         if not (weighed_again and self.weighed):
-            return believed
-        return PriorsWithScale(**{each.name: getattr(believed, each.name) for each in fields(Priors)})
+            return combined
+        return PriorsWithScale(**{each.name: getattr(combined, each.name) for each in fields(Priors)})
 
     def earlier(self, unknowns: Unknowns, shown: bool = False) -> tuple[FloatArray, FloatArray, Unknowns]:
-        """The earlier run's unknowns, their covariance and their layout, with the gain of the scale where that is shared.
+        """Return mode, covariance and layout of the prior run, with the gain of the scale if `unknowns` has it.
 
         Args:
-            shown: whether the covariance is that at the noise that was shown.
+            shown: True for the covariance at the noise that residuals show.
         """
         from equipoise.estimator.parameters import Unknowns  # noqa: PLC0415
         from equipoise.estimator.problem import total_mass  # noqa: PLC0415
 
         base = PriorsWithScale if _SCALE in self.priors else Priors
-        held = dict.fromkeys((row.name for row in base.rows()), 0.0)
-        layout = Unknowns(unknowns.robot, unknowns.stance, base(**{**held, **self.priors}))
+        fixed = dict.fromkeys((row.name for row in base.rows()), 0.0)
+        layout = Unknowns(unknowns.robot, unknowns.stance, base(**{**fixed, **self.priors}))
         x, spread = np.array(self.x), self.shown_spread if shown else self.spread
         if _SCALE in self.priors or not unknowns.has(_SCALE):
             return x, spread, layout
-        # The scale's factor is what it read over the mass that was found.
+        # The gain of the scale is its reading over the estimated mass.
         total, derivative = total_mass(layout, x)
         weighed = float(self.weighed or total)
         by_x = np.vstack([np.eye(len(x)), -weighed / total**2 * derivative / SCALE_GAIN])
         spread = by_x @ spread @ by_x.T
         spread[-1, -1] += (SCALE_NOISE / SCALE_GAIN) ** 2
-        both = Unknowns(unknowns.robot, unknowns.stance, PriorsWithScale(**{**held, **self.priors}))
+        both = Unknowns(unknowns.robot, unknowns.stance, PriorsWithScale(**{**fixed, **self.priors}))
         return np.append(x, (weighed / total - 1) / SCALE_GAIN), spread, both
 
     def torque_gains(self, robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]:
@@ -228,14 +227,14 @@ class PriorRun:
             mean[layout[name]] = layout.scale[layout[name]] / max(1, layout[name].stop - layout[name].start)
         return gains, float(np.sqrt(mean @ spread @ mean))
 
-    def belief(
-        self, unknowns: Unknowns, begun_anew: Mapping[int, float] | None = None, shown: bool = False
+    def distribution(
+        self, unknowns: Unknowns, changed: Mapping[int, float] | None = None, shown: bool = False
     ) -> PriorDistribution:
-        """What is believed of the unknowns of a run after it.
+        """Return the prior of a later run.
 
         Args:
-            begun_anew: variance that is added to an unknown that changed since, by its place.
-            shown: as of `earlier`.
+            changed: variance to add for a changed parameter, by its index.
+            shown: as in `earlier`.
         """
         from equipoise.estimator.parameters import PriorDistribution  # noqa: PLC0415
 
@@ -244,14 +243,14 @@ class PriorRun:
         here, there = shared_places(unknowns, layout)
         mean[here], covariance[np.ix_(here, here)] = x[there], spread[np.ix_(there, there)]
         covariance[here, here] += [change**2 for change in _changes(unknowns, here)]
-        for place, variance in (begun_anew or {}).items():
+        for place, variance in (changed or {}).items():
             covariance[place, place] += variance
         rows = unknowns.tabled
         return PriorDistribution(mean[rows], covariance[rows, rows])
 
 
 def _at_shown_noise(posterior: Posterior) -> FloatArray:
-    """(size, size) covariance."""
+    """Return the (size, size) covariance at the noise that residuals show."""
     shown = posterior.problem.at_residual_noise(posterior.x)
     return np.asarray(np.linalg.inv(shown.normal_equations(posterior.x).information), dtype=float)
 
@@ -267,13 +266,13 @@ def _whole(rows: Sequence[Sequence[float]]) -> FloatArray:
 
 
 def shared_places(unknowns: Unknowns, layout: Unknowns) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Places of what is kept, in a run's unknowns and in those of the run before it."""
+    """Return the indices of kept parameters in a run's layout and in that of its prior run."""
     names = [row.name for row in unknowns.rows if is_kept(row) and layout.has(row.name) and layout.estimates(row.name)]
     return unknowns.columns(*names), layout.columns(*names)
 
 
 def _changes(unknowns: Unknowns, places: NDArray[np.intp]) -> FloatArray:
-    """Standard deviations of what is kept, of its change between two runs; in units of its prior."""
+    """Return the standard deviations of the changes of kept parameters between two runs, in units of their priors."""
     of_all = np.zeros(unknowns.size)
     for row in unknowns.rows:
         of_all[unknowns[row.name]] = np.hypot(row.drift or 0.0, row.switched)
@@ -281,12 +280,12 @@ def _changes(unknowns: Unknowns, places: NDArray[np.intp]) -> FloatArray:
 
 
 def model_hash(robot: RobotModel) -> str:
-    """Hash of a robot's model file and of what was said of it."""
+    """Return the hash of a robot's model file and configuration."""
     return hashlib.sha256(f"{robot.source.xml}\0{robot.description!r}".encode()).hexdigest()
 
 
-def _why_none(path: Path) -> EquipoiseError:
-    """Why a folder holds no posterior."""
+def _no_posterior_error(path: Path) -> EquipoiseError:
+    """Return the error for a folder without a posterior."""
     try:
         header = json_value(read_text(path / "run.json"))
         method = header["settings"]["method"]
@@ -294,13 +293,12 @@ def _why_none(path: Path) -> EquipoiseError:
         return RecordingError(f"--prior-run {path}: it {kind_of(path)}; name the run folder of a calibration")
     if method != "bayesian":
         return SettingsError(
-            f"--prior-run {path}: this run is of the method {method!r}; only runs of 'bayesian' know a robot's sensors"
+            f"--prior-run {path}: this run is of the method {method!r}; use a run of 'bayesian', which estimates sensor errors"
         )
     if not (path / "calibration.json").exists():
         return RecordingError(
-            f"--prior-run {path}: this run came to no result; go on with: equipoise calibrate --resume {typed(path)}"
+            f"--prior-run {path}: this run has no result; continue it with: equipoise calibrate --resume {typed(path)}"
         )
     return RecordingError(
-        f"--prior-run {path}: this run has no {POSTERIOR}, which the next one needs; make it with: "
-        f"equipoise estimate {typed(path)}"
+        f"--prior-run {path}: this run has no {POSTERIOR}; create it with: equipoise estimate {typed(path)}"
     )

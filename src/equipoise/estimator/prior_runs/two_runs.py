@@ -1,14 +1,13 @@
-"""Two runs of one robot in one estimate, what is the same in both being unknown once: a payload shows, errors cancel.
+"""Joint estimate of two runs of one robot: common errors cancel in the difference, such as a payload.
 
-The unknowns are x, of the first run, and y, what is other in the second one:
+The parameters are x, of the first run, and y, the difference in the second one:
 
-    x_2 = x  where a thing cannot change from run to run,
-    x_2 = y  where nothing is kept: the base, the clock, the floor,
-    x_2 = x + f y  where it drifts, f being a fraction of what is believed of it beforehand;
+    x_2 = x  for constant parameters,
+    x_2 = y  for parameters of one run: the base, the clock, the floor,
+    x_2 = x + f y  for parameters that drift, with f a fraction of the prior;
 
-and g, by which a scale reads too much in both runs. The table of unknowns says which is which (`drift`): joint offsets, the
-IMU's mounting, link masses and the feet do not change while nobody takes the robot apart; biases and friction change with
-temperature.
+and g, the common gain error of the scale. `drift` in the parameter table selects the case. Joint offsets, the IMU's mounting,
+link masses and the feet are constant without disassembly; biases and friction drift with temperature.
 """
 
 from __future__ import annotations
@@ -32,12 +31,12 @@ from equipoise.robot.stance import Stance
 
 @dataclass(frozen=True)
 class ScaleReadings:
-    """What a scale said of the whole robot in the two runs.
+    """Masses of the whole robot from a scale in the two runs.
 
     Attributes:
-        masses: mass of the whole robot in each run [kg]; None: it was not weighed.
-        gain: standard deviation of the scale's factor, which both readings have in common.
-        noise: standard deviation of each reading beside that factor, over the mass.
+        masses: mass of the whole robot in each run [kg]; None: not weighed.
+        gain: standard deviation of the scale's gain, common to both readings.
+        noise: standard deviation of each reading, without the gain, over the mass.
     """
 
     masses: tuple[float | None, float | None] = (None, None)
@@ -55,13 +54,13 @@ class ScaleReadings:
 
 @dataclass(frozen=True, eq=False)
 class TwoRuns:
-    """The estimate.
+    """Joint posterior of two runs.
 
     Attributes:
-        unknowns: layout of a run's unknowns.
-        first, second: (size,) unknowns of each run.
-        covariance: (2 size, 2 size) covariance of the unknowns of both runs.
-        converged: whether the last step was small.
+        unknowns: layout of a run's parameters.
+        first, second: (size,) posterior mode of each run.
+        covariance: (2 size, 2 size) covariance of both runs.
+        converged: True if the last step was small.
     """
 
     unknowns: Unknowns
@@ -79,7 +78,7 @@ def estimate_two_runs(
     scale: ScaleReadings | None = None,
     rounds: int = 2,
 ) -> TwoRuns:
-    """The most probable unknowns of two runs of a robot that nobody took apart in between.
+    """Estimate two runs of a robot that was not taken apart in between.
 
     Raises:
         RecordingError: a run has no lift trial that can be used.
@@ -95,10 +94,10 @@ def estimate_two_runs(
 
 
 class _TwoProblems:
-    """Squared residuals of z = (x, y, g).
+    """Least-squares problem in z = (x, y, g).
 
     Attributes:
-        to_first, to_second: (size, len(z)) matrices from z to the unknowns of each run.
+        to_first, to_second: (size, len(z)) matrices from z to the parameters of each run.
     """
 
     def __init__(
@@ -122,7 +121,7 @@ class _TwoProblems:
         self.to_second = np.hstack([np.diag(kept), np.diag(drift), nothing])
 
     def start(self) -> FloatArray:
-        """(len(z),) both runs of the robot that the model says."""
+        """Return the (len(z),) values of the model in both runs."""
         x = self.unknowns.start()
         y = np.zeros_like(x)
         y[self.unknowns["base"]] = x[self.unknowns["base"]]
@@ -137,7 +136,7 @@ class _TwoProblems:
             problem.renew_noise(run)
 
     def normal_equations(self, x: FloatArray, scale_held: bool = False) -> NormalEquations:
-        equations = NormalEquations.of(*self._beliefs(x))
+        equations = NormalEquations.of(*self._priors(x))
         to_runs = self.to_first, self.to_second
         for (problem, run), to_run, mass in zip(self._runs(x), to_runs, self._scale.masses, strict=True):
             own = problem.motion_equations(run)
@@ -149,12 +148,12 @@ class _TwoProblems:
     def _runs(self, z: FloatArray) -> list[tuple[MapProblem, FloatArray]]:
         return list(zip(self.problems, (self.to_first @ z, self.to_second @ z), strict=True))
 
-    def _beliefs(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals of the priors of x and y and of the scale, and their derivative by z."""
+    def _priors(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the residuals of the priors of x and y and of the scale, and their derivative by z."""
         unknowns, size = self.unknowns, self.unknowns.size
         first, second = self.to_first @ z, self.to_second @ z
         parts = [prior_rows(unknowns, first, None), body_prior_rows(unknowns, second, None)]
-        changed = slice(size + unknowns.tabled.start, None)  # y but for the base, and g
+        changed = slice(size + unknowns.tabled.start, None)  # y except the base, and g
         changes = np.eye(len(z))[changed]
         rows = [parts[0][0], parts[1][0], z[changed] / np.append(np.ones(len(changes) - 1), self._scale.gain)]
         changes[-1] /= self._scale.gain

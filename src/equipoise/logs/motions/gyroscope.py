@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.estimator.diagnostics.screening import GYROSCOPE_MISTAKES, RIGHT_ANGLE_TURNS, mounted_turned
+from equipoise.estimator.diagnostics.screening import GYROSCOPE_MISTAKES, RIGHT_ANGLE_TURNS, imu_mounting_error
 from equipoise.estimator.measurements.leg_motion import LegChains, cross, cross_matrix
 from equipoise.estimator.measurements.walking import CONTEXT, gyro_bias_of_walks
 from equipoise.logs.motions.track import STEP, Integral, Track, at_once
@@ -250,7 +250,7 @@ def _name_mistake(robot: RobotModel, unexplained: Unexplained, limit: float, mot
     by_turn, index = min(turned)
     if by_turn < min(limit, cured):
         seen = f"in {motion} the gyroscope does not turn as the legs say that the base does"
-        raise mounted_turned(robot, RIGHT_ANGLE_TURNS[index], seen)
+        raise imu_mounting_error(robot, RIGHT_ANGLE_TURNS[index], seen)
     if cured < limit:
         raise RecordingError(
             f"in {motion} the gyroscope does not turn as the legs say that the base does: it must be in rad/s, in the axes of "
