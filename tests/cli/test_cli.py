@@ -261,11 +261,11 @@ def test_what_is_no_number_is_called_so(words, message, capsys):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("external_forse = 0.1", "'external_forse' is no unknown; did you mean 'external_force'?"),
+        ("external_forse = 0.1", "'external_forse' is not a parameter; did you mean 'external_force'?"),
         ("external_force = 'much'", "the prior of external_force is 'much'; it must be a number"),
         (
             "external_force = -1",
-            "the prior of external_force is -1.0; it must be zero, which holds it, or more, and finite",
+            "the prior of external_force is -1.0; it must be finite, and above zero, or zero to fix the parameter",
         ),
         ("pull", "cannot read priors from"),
         (None, "cannot read priors from"),

@@ -70,7 +70,7 @@ def test_a_file_that_has_it_too_high_is_not_believed(swaying, expected, up):
     wrong = with_imu_at((0.0, 0.0, up))
     found = BayesianMethod(duration=60).estimate(wrong, swaying, nominal_stance(wrong))
     assert found.trustworthy
-    assert "the IMU sits elsewhere than in the file, which the run contradicts" in found.assumptions
+    assert "the run contradicts the model file: the position of the IMU differs from the file" in found.assumptions
     (height,) = (finding.value for finding in found.sensors if finding.name == "IMU position z")
     assert height == pytest.approx(-up, abs=4e-3)
     apart = found.composite.values - expected.composite.values
@@ -100,23 +100,22 @@ def test_who_trusts_the_legs_hears_the_excitation_at_once(swaying):
     assert stds[1] < 0.9 * stds[0]
 
 
-def test_who_says_that_it_is_there_is_told_that_it_is_not(swaying):
-    """A place that somebody vouches for is not doubted, and the check says what the excitation says."""
+def test_a_wrong_fixed_position_fails_the_check(swaying):
     robot = with_imu_at((0.0, 0.0, 0.02))
-    vouched = BayesianMethod(duration=60, priors=Priors().holding("imu_position"))
-    result = vouched.estimate(robot, swaying, nominal_stance(robot))
+    fixed = BayesianMethod(duration=60, priors=Priors().holding("imu_position"))
+    result = fixed.estimate(robot, swaying, nominal_stance(robot))
     (check,) = (check for check in result.checks if check.name == "IMU position")
     assert not check.passed
     assert not result.trustworthy
     away = re.search(
-        r"It is not where the model file has it, but x \S+, y \S+, z (-\d+\.\d) mm from there", check.message
+        r"The excitation places it x \S+, y \S+, z (-\d+\.\d) mm from the model's position", check.message
     )
     assert away is not None
     assert float(away[1]) == pytest.approx(-20, abs=4)
     assert "imu_position" in check.message
 
 
-def test_without_a_excitation_nobody_knows(precise_run):
+def test_the_check_needs_an_excitation(precise_run):
     (check,) = (check for check in precise_run.result.checks if check.name == "IMU position")
     assert check.passed
-    assert check.message == "there is no excitation about all axes, to see where the IMU sits by"
+    assert check.message == "not tested: the run has no excitation about all axes"

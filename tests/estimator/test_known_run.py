@@ -133,7 +133,7 @@ def test_a_zero_that_moved_is_found_and_named_by_the_first_moves(moved, earlier)
     _, (change,) = moved
     assert change.each == "FL_thigh_joint"
     assert change.value == pytest.approx(MOVED, abs=3 * change.std)
-    assert "joint offset of FL_thigh_joint moved by" in change.finding().message
+    assert "joint offset of FL_thigh_joint changed by" in change.finding().message
     check = prior_run_check((change,), earlier)
     assert check.passed
     assert change.message in check.message
@@ -195,11 +195,11 @@ def test_a_default_run_says_nothing_of_it():
             lambda table: {**table, "x": [None, *table["x"][1:]]},
             r"damaged \(x\[0\] is None; it must be a number\); remove",
         ),
-        (lambda table: {**table, "x": [float("nan"), *table["x"][1:]]}, "its unknowns are no numbers"),
+        (lambda table: {**table, "x": [float("nan"), *table["x"][1:]]}, "its parameters are not finite"),
         (lambda table: {**table, "x": ["much", *table["x"][1:]]}, "damaged"),
         (
             lambda table: {**table, "covariance": [[-value for value in row] for row in table["covariance"]]},
-            "no numbers",
+            "not positive definite",
         ),
         (lambda table: {name: value for name, value in table.items() if name != "model"}, "damaged"),
         (lambda table: [], "damaged"),
@@ -217,7 +217,7 @@ def test_a_run_that_cannot_be_known_says_why(folder, tmp_path):
     with pytest.raises(RecordingError, match="make it with: equipoise estimate"):
         PriorRun.read(folder)
     (folder / "calibration.json").unlink()
-    with pytest.raises(RecordingError, match="came to no result; go on with"):
+    with pytest.raises(RecordingError, match="has no result; continue it with"):
         PriorRun.read(folder)
     header = folder / "run.json"
     header.write_text(header.read_text(encoding="utf-8").replace('"bayesian"', '"paper"'), encoding="utf-8")
@@ -279,8 +279,6 @@ def test_an_unknown_requirement_is_refused(folder, capsys):
 
 
 def test_a_budget_of_a_run_that_knows_another_names_it_as_a_source(later):
-    (source,) = [
-        source for source in later[2].uncertainty_budget if source.name.startswith("what the earlier run left open")
-    ]
+    (source,) = [source for source in later[2].uncertainty_budget if source.name.startswith("uncertainty of the prior run")]
     assert 0.1 < source.shares[1] < 1
     np.testing.assert_allclose(sum(each.shares for each in later[2].uncertainty_budget), 1, atol=1e-6)

@@ -147,7 +147,7 @@ def test_where_nothing_is_held_nothing_is_asked(a1, precise_run):
     assert score_tests(found) == []
     check = check_of(found)
     assert check.passed
-    assert check.message == "nothing that the run could see is held at the model's value"
+    assert check.message == "the run is not sensitive to any fixed parameter"
 
 
 def test_deviates_of_a_robot_as_believed_are_normal():

@@ -256,7 +256,7 @@ def test_a_wall_is_no_floor(a1, stance):
 
 
 def test_an_imu_upside_down_is_named_and_not_taken_for_a_fall(a1, stance):
-    with pytest.raises(MotionError, match=r"mounted turned, by roll -?180"):
+    with pytest.raises(MotionError, match=r"mounted rotated by roll -?180"):
         find_segments(
             a1, stance, without_time(still(a1, stance.joint_position, acceleration=(0, 0, -9.81), seconds=20))
         )

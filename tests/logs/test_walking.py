@@ -140,7 +140,7 @@ def test_a_walk_widens_priors_only_where_unseen_steps_are_predicted_as_well(a1, 
 
 
 def test_every_walk_states_that_the_height_of_the_imu_is_assumed(found):
-    assert "hardly determines its height, and an error of 10 mm changes Ixx by" in " ".join(found.result.assumptions)
+    assert "hardly determines it, and an error of 10 mm changes Ixx by" in " ".join(found.result.assumptions)
 
 
 def test_what_a_walk_cannot_tell_is_said(found):

@@ -424,7 +424,7 @@ def _torque_mass(posterior: Posterior, masses: MassComparison | None) -> Check:
     agree = masses is None or not masses.disagrees
     passed = agree and size < _IMPLAUSIBLE and residual < _TORQUE_RESIDUAL
     if not passed:
-        message += f". The given mass is wrong, torques are not joint torques in Nm, or {_OUTSIDE}. Weigh again, and check units"
+        message += f". The given mass is wrong, torques are not joint torques in Nm, or {_OUTSIDE}. Weigh again, check units"
     return Check(name, passed, message)
 
 
