@@ -265,7 +265,7 @@ def test_what_is_no_number_is_called_so(words, message, capsys):
         ("external_force = 'much'", "the prior of external_force is 'much'; it must be a number"),
         (
             "external_force = -1",
-            "the prior of external_force is -1.0; it must be finite, and above zero, or zero to fix the parameter",
+            "the prior of external_force is -1.0; it must be a finite number above zero, or zero to fix the parameter",
         ),
         ("pull", "cannot read priors from"),
         (None, "cannot read priors from"),

@@ -1,4 +1,4 @@
-"""Where the uncertainty comes from: shares that add up, of sources that are all there is."""
+"""Uncertainty budget: the shares of all sources add up to one."""
 
 import json
 
@@ -17,8 +17,8 @@ def test_shares_are_positive_and_add_up(precise_run):
     assert shares.sum(axis=0) == pytest.approx(np.ones(10), abs=1e-9)
 
 
-def test_a_share_is_what_an_error_of_the_source_does_to_the_estimate(precise_run):
-    """Against estimates whose prior is off by one standard deviation, all else as it was, one unknown after another."""
+def test_a_share_is_the_effect_of_an_error_of_the_source(precise_run):
+    """Compare with estimates in which the prior mean of one parameter at a time is off by one standard deviation."""
     posterior = precise_run.result.evidence.posterior
     problem, unknowns = posterior.problem, posterior.unknowns
     names = ("link_length", "link_length_common", "hip_position", "foot_radius", "foot_radius_each")
@@ -50,6 +50,6 @@ def test_it_is_saved_read_and_shown(precise_run, tmp_path, capsys):
     assert len(remedies(again)) == 7
 
 
-def test_a_method_without_a_budget_says_so(paper_result, capsys):
+def test_a_method_without_a_budget_prints_this(paper_result, capsys):
     print_budget(paper_result)
     assert "does not say where its uncertainty comes from" in capsys.readouterr().out

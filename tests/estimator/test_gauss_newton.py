@@ -1,4 +1,4 @@
-"""The solver: damped steps reach the minimum from wherever they start, and never raise the cost."""
+"""Solver: damped steps reach the minimum from any start, and never raise the cost."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ STEEPNESS = 50.0  # of the valley's walls, over the slope along its floor
 
 
 class ValleyProblem:
-    """Residuals of a narrow curved valley: a whole Gauss-Newton step jumps over its wall, and halved ones creep."""
+    """Residuals of a narrow curved valley: full Gauss-Newton steps overshoot, halved ones converge slowly."""
 
     def __init__(self) -> None:
         self.costs: list[float] = []
@@ -53,7 +53,7 @@ def test_an_accepted_step_never_raises_the_cost():
 
 def test_a_step_is_accepted_at_its_own_cost():
     class Wall(ValleyProblem):
-        """A step that is small beside its standard deviation, and raises the cost."""
+        """Return a step that is small against its standard deviation and raises the cost."""
 
         def residual(self, x: np.ndarray) -> np.ndarray:
             return np.array([0.1 * (x[0] - 1), 20.0 * np.abs(x[1]) ** 0.5 * np.sign(x[1]) if x[0] > 0.2 else 0.0])
@@ -67,7 +67,7 @@ def test_a_step_is_accepted_at_its_own_cost():
     assert np.sum(problem.residual(x) ** 2) <= np.sum(problem.residual(start) ** 2)
 
 
-def test_what_is_not_determined_is_refused():
+def test_undetermined_parameters_are_refused():
     class Flat(ValleyProblem):
         def jacobian(self, x: np.ndarray) -> np.ndarray:
             return np.zeros((2, 2))

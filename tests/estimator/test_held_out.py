@@ -1,4 +1,4 @@
-"""Lifts predicted by estimates that have not seen them."""
+"""Held-out prediction of lifts."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def posterior(precise_run):
 
 
 def refit_without(posterior, evidence, motions):
-    """The estimate made anew without some motions, at the noise levels of the whole run."""
+    """Return the estimate without some motions, at the noise levels of the whole run."""
     left = tuple(motion for motion in evidence if motion.index not in motions)
     whole, unknowns = posterior.problem, posterior.unknowns
     problem = MapProblem(unknowns.robot, unknowns.stance, left, unknowns.priors, whole.mass, lifts_needed=True)
@@ -51,8 +51,8 @@ def refit_without(posterior, evidence, motions):
     return descend(problem, posterior.x)[0]
 
 
-def test_estimates_made_anew_without_a_lift_predict_it_nearly_the_same(evidence, posterior, predictions):
-    """To a third of what a prediction is unsure by: to first order, and the noise of lifts depends on the body."""
+def test_full_estimates_without_a_lift_predict_it_nearly_the_same(evidence, posterior, predictions):
+    """Within a third of the prediction's standard deviation: first order, and lift noise depends on the body."""
     equation = posterior.problem.equation(TiltEquation)
     motions = [motion for motion, _ in equation.motions]
 
@@ -76,14 +76,14 @@ def test_motions_in_one_posture_are_left_out_together_unless_that_is_much_of_the
     assert folds_of(leaning, told) == [[0, 1], [2, 3], [4, 5], [6, 7], [8, 9]]
 
 
-def test_a_payload_is_predicted_and_the_model_file_does_not_know_of_it(precise_run):
+def test_a_payload_is_predicted_and_the_model_file_predicts_worse(precise_run):
     found = precise_run.result.held_out
     assert found.error(MODEL) > 10 * found.error(FOUND)
     assert found.inside(FOUND) >= 0.9 * len(found.lifts)
     assert found.inside(MODEL) <= 0.4 * len(found.lifts)
 
 
-def test_a_tilt_is_the_one_that_was_measured(precise_run, predictions):
+def test_the_tilt_is_the_measured_one(precise_run, predictions):
     for lift in predictions:
         imu = precise_run.recordings[lift.motion].phase(Phase.REST, until=Phase.LOWER).imu
         turned = np.linalg.norm(np.cumsum(imu.angular_velocity_in_imu, axis=0) * np.diff(imu.time).mean(), axis=1).max()
@@ -91,7 +91,7 @@ def test_a_tilt_is_the_one_that_was_measured(precise_run, predictions):
         assert lift.tilt[0] == lift.errors[FOUND][0] == lift.std[0] == 0
 
 
-def test_the_check_allows_what_its_chance_is_and_no_more(posterior, precise_run):
+def test_the_check_has_its_false_alarm_probability(posterior, precise_run):
     found = precise_run.result.held_out
     limit = np.sqrt(chi2.isf(0.01, found.folds) / found.folds)
 

@@ -1,4 +1,4 @@
-"""The IMU position from an excitation: found with any position in the file and any mass of the robot."""
+"""IMU position from an excitation, for any position in the file and any mass of the robot."""
 
 import re
 
@@ -20,14 +20,14 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 @pytest.fixture(scope="module")
 def swaying(a1):
-    """Recordings of a short run with its excitation: a realistic A1 with a payload that nobody knows of."""
+    """Return recordings of a short run with an excitation: a realistic A1 with a payload."""
     with simulate(a1, "realistic", "2,0.1,0,0.1", seed=5) as simulation:
         return perform(simulation.platform, a1, BayesianMethod(duration=60)).recordings
 
 
 @pytest.fixture(scope="module")
 def expected(swaying):
-    """The result with an IMU that sits where the file has it."""
+    """Return the result with the correct IMU position in the file."""
     robot = with_imu_at((0.0, 0.0, 0.0))
     return BayesianMethod(duration=60).estimate(robot, swaying, nominal_stance(robot))
 
@@ -38,7 +38,7 @@ def with_imu_at(shift):
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (0.0, 0.0, 0.02), (-0.03, 0.015, -0.01)])
-def test_it_is_found_where_it_is(swaying, shift):
+def test_the_position_is_found(swaying, shift):
     robot = with_imu_at(shift)
     stance = nominal_stance(robot)
     motions = read_motions(robot, stance, swaying)
@@ -50,7 +50,7 @@ def test_it_is_found_where_it_is(swaying, shift):
     assert np.all(std < 2e-3)
 
 
-def test_of_a_excitation_that_goes_on_for_long_the_first_minute_is_read(swaying, a1, monkeypatch):
+def test_only_the_first_minute_of_a_long_excitation_is_read(swaying, a1, monkeypatch):
     stance = nominal_stance(a1)
     (excitation,) = (
         excitation for motion in read_motions(a1, stance, swaying) for excitation in motion.of(ExcitationSamples)
@@ -65,8 +65,8 @@ def test_of_a_excitation_that_goes_on_for_long_the_first_minute_is_read(swaying,
 
 
 @pytest.mark.parametrize("up", [0.01, 0.02])
-def test_a_file_that_has_it_too_high_is_not_believed(swaying, expected, up):
-    """A minute on two feet takes it for inertia. The excitation is heard, and it is as with a right file."""
+def test_a_wrong_height_in_the_file_is_corrected(swaying, expected, up):
+    """Lifts alone confuse the height with inertia. With the excitation the result equals that of a correct file."""
     wrong = with_imu_at((0.0, 0.0, up))
     found = BayesianMethod(duration=60).estimate(wrong, swaying, nominal_stance(wrong))
     assert found.trustworthy
@@ -79,14 +79,14 @@ def test_a_file_that_has_it_too_high_is_not_believed(swaying, expected, up):
     assert sum(source.shares for source in found.uncertainty_budget) == pytest.approx(np.ones(10))
 
 
-def test_a_excitation_that_says_what_the_tilts_say_stays_a_witness(expected):
+def test_an_excitation_that_agrees_with_the_tilts_is_only_a_check(expected):
     (check,) = (check for check in expected.checks if check.name == "IMU position")
     assert check.passed
     assert all(source.name != "position of the IMU by the excitation" for source in expected.uncertainty_budget)
 
 
-def test_who_trusts_the_legs_hears_the_excitation_at_once(swaying):
-    """Nothing else looks like an IMU that sits elsewhere, then: moments hang less on what is believed of it."""
+def test_narrow_leg_priors_always_include_the_excitation(swaying):
+    """No other parameter resembles the IMU position then, so moments depend less on its prior."""
     robot = with_imu_at((0.0, 0.0, 0.0))
     shares, stds = [], []
     for legs in ("wide", "narrow"):
@@ -107,9 +107,7 @@ def test_a_wrong_fixed_position_fails_the_check(swaying):
     (check,) = (check for check in result.checks if check.name == "IMU position")
     assert not check.passed
     assert not result.trustworthy
-    away = re.search(
-        r"The excitation places it x \S+, y \S+, z (-\d+\.\d) mm from the model's position", check.message
-    )
+    away = re.search(r"The excitation places it x \S+, y \S+, z (-\d+\.\d) mm from the model's position", check.message)
     assert away is not None
     assert float(away[1]) == pytest.approx(-20, abs=4)
     assert "imu_position" in check.message

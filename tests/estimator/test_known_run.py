@@ -1,4 +1,4 @@
-"""A run of which an earlier one is known: what is believed, what changed, and what is refused."""
+"""Runs with a prior run: priors, changes, refusals."""
 
 import json
 from dataclasses import replace
@@ -29,20 +29,20 @@ MOVED = 6e-3  # [rad]
 
 @pytest.fixture(scope="module")
 def earlier(precise_run):
-    """The run with a payload, as the next one knows it."""
+    """Return a run with a payload as the prior run."""
     return PriorRun.of(precise_run.result.evidence.posterior, precise_run.result.settings)
 
 
 @pytest.fixture(scope="module")
 def later(a1, earlier):
-    """The same robot without that payload, known: method, recordings and result."""
+    """Return a run without that payload: method, recordings and result."""
     method, recordings = BayesianMethod(prior_run=earlier, duration=26), []
     with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, a1, method, keep=recordings.append)
         return method, recordings, result.with_truth(simulation.truth)
 
 
-def test_a_short_run_finds_the_com_and_what_was_taken_off(a1, earlier, later, precise_run):
+def test_a_short_run_finds_the_com_and_the_removed_payload(a1, earlier, later, precise_run):
     _, recordings, result = later
     assert sum(recording.duration for recording in recordings) < 26
     assert [recording.trial.kind for recording in recordings[:5]] == ["posture"] * 3 + ["lift"] * 2
@@ -58,7 +58,7 @@ def test_a_short_run_finds_the_com_and_what_was_taken_off(a1, earlier, later, pr
     assert found.to_dict()["answer"] == "removed"
 
 
-def test_the_earlier_runs_body_predicts_worse_once_its_payload_is_off(later):
+def test_the_prior_runs_body_predicts_worse_without_its_payload(later):
     found = later[2].held_out
     assert found.bodies == (MODEL, PRIOR_RUN, FOUND)
     assert found.error(PRIOR_RUN) > 3 * max(found.error(FOUND), found.error(MODEL))
@@ -66,7 +66,7 @@ def test_the_earlier_runs_body_predicts_worse_once_its_payload_is_off(later):
 
 
 def test_the_covariance_of_both_runs_is_that_of_one_estimate(earlier, later):
-    """Of the earlier run's Gaussian, what may change, and the later run's evidence, as one Gaussian."""
+    """Combine the prior run's Gaussian, its changes and the later run's evidence to one Gaussian."""
     posterior = later[2].evidence.posterior
     runs, unknowns = both_runs(earlier, posterior), posterior.unknowns
     size, rows = unknowns.size, unknowns.tabled
@@ -86,22 +86,22 @@ def test_the_covariance_of_both_runs_is_that_of_one_estimate(earlier, later):
     np.testing.assert_allclose(runs.covariance / np.outer(std, std), together / np.outer(std, std), atol=1e-2)
 
 
-def test_what_is_kept_is_the_prior_and_the_base_is_not(a1, earlier):
+def test_kept_rows_are_the_prior_and_the_base_is_not(a1, earlier):
     unknowns = Unknowns(a1, nominal_stance(a1), BayesianMethod(prior_run=earlier).combined_priors)
     belief, first = earlier.distribution(unknowns), unknowns.tabled.start
     spread = np.sqrt(np.diag(belief.covariance))
     of = {row.name: spread[unknowns[row.name].start - first : unknowns[row.name].stop - first] for row in unknowns.rows}
     assert (of["joint_offset"] < 1).all()
     assert (of["joint_offset"] > 0.1).all()  # switched off in between
-    # Were it forgotten, a short run would have to find up anew: that is half a millimetre of CoM x.
+    # Without this prior, a short run would have to estimate the vertical again: half a millimetre of CoM x.
     assert (of["accelerometer_bias"] < 1).all()
     assert (of["accelerometer_bias"] > 0.2).all()  # another temperature
-    for anew in ("floor_slope", "clock_offset"):
-        np.testing.assert_array_equal(of[anew], 1)
+    for name in ("floor_slope", "clock_offset"):
+        np.testing.assert_array_equal(of[name], 1)
     assert len(belief.mean) == unknowns.size - 10
 
 
-def test_a_scale_that_weighs_twice_has_one_factor(a1, earlier, later):
+def test_a_scale_that_weighs_twice_has_one_gain(a1, earlier, later):
     weighed = replace(earlier, weighed=14.0 * 1.004)
     method = BayesianMethod(prior_run=weighed, mass=12.5)
     assert method.scale == (12.5, pytest.approx(0.0125))
@@ -117,7 +117,7 @@ def test_a_scale_that_weighs_twice_has_one_factor(a1, earlier, later):
 
 @pytest.fixture(scope="module")
 def moved(a1, earlier):
-    """What the first moves of a run tell whose FL_thigh_joint reads otherwise since: posterior and changes."""
+    """Return posterior and changes from the first moves of a run whose FL_thigh_joint has a new offset."""
     stance, method, recordings = nominal_stance(a1), BayesianMethod(prior_run=earlier), []
     with simulate(a1, "realistic", seed=4, noise_seed=105, timestep=1e-3) as simulation:
         simulation.errors.drawn["joint_offset"][1] += MOVED
@@ -129,7 +129,7 @@ def moved(a1, earlier):
     return estimate_with_prior_run(a1, stance, evidence, method.combined_priors, None, earlier, lifts_needed=False)
 
 
-def test_a_zero_that_moved_is_found_and_named_by_the_first_moves(moved, earlier):
+def test_a_changed_joint_offset_is_found_from_the_first_moves(moved, earlier):
     _, (change,) = moved
     assert change.each == "FL_thigh_joint"
     assert change.value == pytest.approx(MOVED, abs=3 * change.std)
@@ -140,7 +140,7 @@ def test_a_zero_that_moved_is_found_and_named_by_the_first_moves(moved, earlier)
     assert not prior_run_check(4 * (change,), earlier).passed
 
 
-def test_what_moved_is_not_common_to_both_runs(earlier, moved):
+def test_a_change_is_not_common_to_both_runs(earlier, moved):
     posterior, changes = moved
     as_if_not, known = both_runs(earlier, posterior), both_runs(earlier, posterior, changes)
     place = changes[0].place
@@ -150,7 +150,7 @@ def test_what_moved_is_not_common_to_both_runs(earlier, moved):
     assert known.covariance.shape == (2 * size, 2 * size)
 
 
-def test_without_its_evidence_nothing_is_weighed(a1, earlier, later):
+def test_a_payload_needs_the_evidence_of_the_result(a1, earlier, later):
     with pytest.raises(NotEstimatedError, match="a run with --prior-run"):
         measure_payload(a1, earlier, replace(later[2], evidence=None))
 
@@ -166,7 +166,7 @@ def folder(a1, precise_run, tmp_path):
     return folder.path
 
 
-def test_a_run_keeps_what_the_next_one_knows(a1, folder, earlier, later, tmp_path):
+def test_a_run_keeps_its_posterior_for_the_next_one(a1, folder, earlier, later, tmp_path):
     method = replace(later[0], prior_run=PriorRun.read(folder))
     assert method.prior_run == earlier
     with RunFolder.create(tmp_path / "next", a1, method, {}) as following:
@@ -181,7 +181,7 @@ def test_a_run_keeps_what_the_next_one_knows(a1, folder, earlier, later, tmp_pat
     np.testing.assert_allclose(again.composite.values, later[2].composite.values, rtol=1e-9, atol=1e-12)
 
 
-def test_a_default_run_says_nothing_of_it():
+def test_default_settings_have_no_prior_run():
     assert "known" not in BayesianMethod().to_dict()
     assert not BayesianMethod().attachments()
 
@@ -212,7 +212,7 @@ def test_a_damaged_posterior_is_refused_by_name(folder, harm, message):
         PriorRun.read(folder)
 
 
-def test_a_run_that_cannot_be_known_says_why(folder, tmp_path):
+def test_a_run_without_a_posterior_is_refused_with_the_reason(folder, tmp_path):
     (folder / POSTERIOR).unlink()
     with pytest.raises(RecordingError, match="make it with: equipoise estimate"):
         PriorRun.read(folder)
@@ -246,7 +246,7 @@ def test_settings_that_contradict_the_earlier_run_are_refused(earlier):
         BayesianMethod(prior_run=earlier, rotate_halfway=True)
 
 
-def test_a_plan_says_what_it_buys(a1, earlier):
+def test_a_plan_predicts_smaller_intervals(a1, earlier):
     plan = BayesianMethod(prior_run=earlier, duration=45).forecast(a1, nominal_stance(a1))
     assert plan.robot_time <= 45
     assert np.hypot(*plan.std[1:3]) < 0.85 * np.hypot(*plan.without[1:3])
@@ -261,7 +261,7 @@ def test_a_plan_says_what_it_buys(a1, earlier):
 
 
 @pytest.mark.parametrize("words", ["checks,com_x", "checks,identified"])
-def test_what_is_required_and_not_met_has_an_exit_code(folder, precise_run, words, capsys, monkeypatch):
+def test_an_unmet_requirement_has_an_exit_code(folder, precise_run, words, capsys, monkeypatch):
     monkeypatch.setattr(RunFolder, "estimate", lambda *_: precise_run.result)
     met = precise_run.result.to_dict()["verdicts"]
     assert met["checks"]
@@ -278,7 +278,9 @@ def test_an_unknown_requirement_is_refused(folder, capsys):
     assert "did you mean 'identified'?" in capsys.readouterr().err
 
 
-def test_a_budget_of_a_run_that_knows_another_names_it_as_a_source(later):
-    (source,) = [source for source in later[2].uncertainty_budget if source.name.startswith("uncertainty of the prior run")]
+def test_the_budget_names_the_prior_run_as_a_source(later):
+    (source,) = [
+        source for source in later[2].uncertainty_budget if source.name.startswith("uncertainty of the prior run")
+    ]
     assert 0.1 < source.shares[1] < 1
     np.testing.assert_allclose(sum(each.shares for each in later[2].uncertainty_budget), 1, atol=1e-6)

@@ -1,4 +1,4 @@
-"""Runs of robots that something else holds up, or whose feet are not round: checks fail, and name what may be the cause."""
+"""Checks of robots in a sling or with feet that are not spheres: they fail and name possible causes."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def failed(result):
     return {check.name: check.message for check in result.checks if not check.passed}
 
 
-def test_checks_that_a_safety_sling_fails_name_it(in_a_sling):
+def test_failed_checks_name_a_safety_sling(in_a_sling):
     messages = failed(in_a_sling)
     assert messages
     assert all("a safety sling, hose or cable carries load" in message for message in messages.values())
@@ -47,8 +47,8 @@ def test_no_standard_deviation_of_a_failed_run_is_below_the_difference_of_its_ha
     assert {one.verdict for one in found} <= {"doubtful", "not identified"}
 
 
-def test_feet_that_are_cylinders_are_found(a1):
-    """Taken for balls their CoM is 13 mm too low, five standard deviations."""
+def test_cylindrical_feet_are_found(a1):
+    """With spheres as the model the CoM is 13 mm too low, five standard deviations."""
     result = run_with(a1, "foot_width")
     across, along = (next(one for one in result.sensors if one.name.endswith(what)) for what in ("across", "along"))
     assert abs(across.value - 6e-3) < 3 * across.std < 1e-3

@@ -1,4 +1,4 @@
-"""What is unknown, in which units, and what is believed of it."""
+"""Parameter vector, bodies and priors."""
 
 import dataclasses
 
@@ -37,12 +37,12 @@ def unknowns(request):
 
 
 def somewhere(unknowns, seed=0):
-    """Near the model, with everything off."""
+    """Return a vector near the model's with every parameter changed."""
     return unknowns.start() + 0.3 * np.random.default_rng(seed).standard_normal(unknowns.size)
 
 
 def random_body(seed):
-    """Of a few masses at random points."""
+    """Return the body of a few point masses at random positions."""
     generator = np.random.default_rng(seed)
     masses, points = generator.uniform(0.1, 2, 7), 0.2 * generator.standard_normal((7, 3)) + [0.1, -0.2, 0.05]
     com = masses @ points / masses.sum()
@@ -63,7 +63,7 @@ def test_log_cholesky_parameters_are_pinocchios_there_and_back(seed):
 
 
 @given(hnp.arrays(float, 10, elements=st.floats(-2, 2)))
-def test_every_vector_is_a_body_that_can_be(parameters):
+def test_every_vector_is_a_physically_consistent_body(parameters):
     body = InertialParameters.from_pinocchio(pin.Inertia.FromDynamicParameters(base_vector(parameters)))
     assert body.physical_defect() is None
 
@@ -82,7 +82,7 @@ def test_at_the_start_bodies_are_the_models(unknowns, body):
 
 
 @pytest.mark.parametrize("body", BODIES)
-def test_elsewhere_bodies_are_those_of_a_robot_with_other_links(unknowns, body):
+def test_away_from_the_start_bodies_are_those_of_a_robot_with_other_links(unknowns, body):
     robot, x = unknowns.robot, somewhere(unknowns)
     model = robot.pinocchio.copy()
     model.inertias[1] = pin.Inertia.FromDynamicParameters(unknowns.inertial(x)[:10])
@@ -108,7 +108,7 @@ def test_the_jacobian_of_the_inertial_parameters_is_that_of_differences(unknowns
         np.testing.assert_allclose(jacobian[:, column], difference, rtol=1e-6, atol=1e-8)
 
 
-def test_every_unknown_has_one_place(unknowns):
+def test_every_parameter_has_one_index(unknowns):
     sizes = {"base": 10} | {row.name: len(row.each.labels(unknowns.robot)) for row in unknowns.rows}
     places = np.concatenate([np.arange(unknowns.size)[unknowns[name]] for name in sizes])
     assert sorted(places) == list(range(unknowns.size))
@@ -150,8 +150,8 @@ ROWS = [row.name for row in Priors.rows()]
 OF_THE_BASE = [field.name for field in dataclasses.fields(Priors) if field.name not in ROWS]
 
 
-def test_all_rows_are_open_at_first():
-    """What a robot may have is not held unless somebody says so."""
+def test_no_row_is_fixed_by_default():
+    """Effects that a robot may have are estimated unless the user fixes them."""
     assert [row.name for row in Priors().estimated] == ROWS
     assert Priors().holding("backlash", "external_force").all_open == Priors()
     assert OF_THE_BASE == ["mass", "first_moment", "inertia"]
@@ -159,21 +159,23 @@ def test_all_rows_are_open_at_first():
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
 @pytest.mark.parametrize("name", OF_THE_BASE)
-def test_a_prior_of_the_base_must_leave_room(name, value):
-    with pytest.raises(SettingsError, match=f"the prior of {name} is {value}; it must be above zero, and finite"):
+def test_a_prior_of_the_base_must_be_positive(name, value):
+    with pytest.raises(SettingsError, match=f"the prior of {name} is {value}; it must be a finite number above zero"):
         Priors(**{name: value})
 
 
 @pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
 @pytest.mark.parametrize("name", ROWS)
-def test_a_prior_of_a_row_leaves_room_or_holds_it(name, value):
-    with pytest.raises(SettingsError, match=f"{name} is {value}; it must be finite, and above zero, or zero to fix"):
+def test_a_prior_of_a_row_must_not_be_negative(name, value):
+    with pytest.raises(
+        SettingsError, match=f"{name} is {value}; it must be a finite number above zero, or zero to fix"
+    ):
         Priors(**{name: value})
 
 
 @pytest.mark.parametrize("name", ROWS)
-def test_what_is_held_has_no_place_and_the_models_value(a1, name):
-    """And all else is as it was."""
+def test_a_fixed_row_is_not_in_the_vector_and_has_the_models_value(a1, name):
+    """All other values stay the same."""
     stance = nominal_stance(a1)
     held, opened = (Unknowns(a1, stance, priors) for priors in (Priors().all_open.holding(name), Priors().all_open))
     count = len(model_values(a1)[name])
@@ -189,7 +191,7 @@ def test_what_is_held_has_no_place_and_the_models_value(a1, name):
         np.testing.assert_array_equal(value, as_before[other])
 
 
-def test_several_rows_are_held_and_the_rest_stay():
+def test_several_rows_are_fixed_and_the_rest_stay():
     believed = Priors(joint_offset=0.01, backlash=0.3)
     held = believed.holding("compliance", "backlash")
     assert held == Priors(joint_offset=0.01, backlash=0.0, compliance=0.0)
@@ -203,7 +205,7 @@ def test_several_rows_are_held_and_the_rest_stay():
 
 @pytest.fixture
 def read(tmp_path):
-    """What a file of such a text is read as."""
+    """Return a function that reads priors from a file with a text."""
 
     def of(text):
         file = tmp_path / "priors.toml"
@@ -213,7 +215,7 @@ def read(tmp_path):
     return of
 
 
-def test_priors_are_read_and_the_rest_is_as_usual(read):
+def test_priors_are_read_and_the_rest_have_defaults(read):
     assert read("") == Priors()
     found = read("# a bench\ncompliance = 0\nmass = 0.1  # ours\nexternal_force = 2.5e-1\n")
     assert found == Priors(compliance=0.0, mass=0.1, external_force=0.25)
@@ -224,21 +226,27 @@ def test_priors_are_read_and_the_rest_is_as_usual(read):
     ("text", "message"),
     [
         ("complience = 0.001", r"priors.toml: 'complience' is not a parameter; did you mean 'compliance'\?"),
-        ("xyzzy = 0.001", r"'xyzzy' is not a parameter; choose from mass, first_moment, inertia, leg_mass, .*, armature$"),
-        ("play = 'much'", "priors.toml: the prior of play is 'much'; it must be a number"),
-        ("play = true", "the prior of play is True; it must be a number"),
-        ("[play]\nhip = 0.1", "the prior of play is .*; it must be a number"),
-        ("mass = 0", "the prior of mass is 0.0; it must be above zero, and finite"),
-        ("backlash = inf", "the prior of backlash is inf; it must be finite, and above zero, or zero to fix the parameter"),
-        ("play: 0.1", "cannot read priors from .*priors.toml: "),
+        (
+            "xyzzy = 0.001",
+            r"'xyzzy' is not a parameter; choose from mass, first_moment, inertia, leg_mass, .*, armature$",
+        ),
+        ("backlash = 'much'", "priors.toml: the prior of backlash is 'much'; it must be a number"),
+        ("backlash = true", "the prior of backlash is True; it must be a number"),
+        ("[backlash]\nhip = 0.1", "the prior of backlash is .*; it must be a number"),
+        ("mass = 0", "the prior of mass is 0.0; it must be a finite number above zero"),
+        (
+            "backlash = inf",
+            "the prior of backlash is inf; it must be a finite number above zero, or zero to fix the parameter",
+        ),
+        ("backlash: 0.1", "cannot read priors from .*priors.toml: "),
     ],
 )
-def test_a_file_that_says_no_priors_is_refused(read, text, message):
+def test_an_invalid_file_of_priors_is_refused(read, text, message):
     with pytest.raises(SettingsError, match=message):
         read(text)
 
 
-def test_a_file_of_priors_that_is_not_there_or_no_text_is_refused(tmp_path):
+def test_a_missing_or_binary_file_of_priors_is_refused(tmp_path):
     with pytest.raises(SettingsError, match=r"cannot read priors from .*none.toml: .*No such file"):
         Priors.read(tmp_path / "none.toml")
     (tmp_path / "bytes.toml").write_bytes(b"backlash = \xff")

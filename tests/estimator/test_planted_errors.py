@@ -1,4 +1,4 @@
-"""Errors planted in the recordings of a realistic run, as the sensors would show them: they are found, and the body stays."""
+"""Errors added to the recordings of a realistic run: they are estimated, and the body does not change."""
 
 from dataclasses import replace
 
@@ -28,8 +28,8 @@ OTHERS = (
 )  # fmt: skip
 
 
-def told(*names):
-    """Beliefs of somebody who knows the robot but for these, joint offsets, the IMU's mounting and the like."""
+def estimating(*names):
+    """Return priors that fix all OTHERS except these names."""
     return Priors().holding(*(name for name in OTHERS if name not in names))
 
 
@@ -39,17 +39,17 @@ def posterior_of(a1, run, recordings, combined_priors):
 
 
 def moved(found, plain):
-    """Of the body's ten parameters, in standard deviations that are reported."""
+    """Return the change of the body's ten parameters, in reported standard deviations."""
     return (components(found.robot_body) - components(plain.robot_body)) / np.sqrt(np.diag(found.robot_covariance))
 
 
 def gained(found, plain, name):
-    """How much more of an unknown is found than was there before."""
+    """Return the change of the estimate of a row."""
     return found.unknowns.value(found.x, name) - plain.unknowns.value(plain.x, name)
 
 
 def with_gyroscope(recordings, error):
-    """Readings of which (1 - error) is true."""
+    """Return recordings of which (1 - error) is the true angular velocity."""
     read = np.linalg.inv(np.eye(3) - error)
 
     def seen(recording):
@@ -59,7 +59,7 @@ def with_gyroscope(recordings, error):
     return [seen(recording) for recording in recordings]
 
 
-@pytest.mark.parametrize("combined_priors", [told(*GYRO), Priors()], ids=["all else known", "as usual"])
+@pytest.mark.parametrize("combined_priors", [estimating(*GYRO), Priors()], ids=["all else known", "as usual"])
 def test_gains_and_misalignment_of_the_gyroscope(a1, precise_run, combined_priors):
     gains, beside = np.array([0.012, -0.01, 0.008]), np.array([6e-3, -4e-3, -7e-3, 5e-3, 3e-3, -6e-3])
     error = np.diag(gains)
@@ -95,10 +95,12 @@ def with_drive_train(recordings, give, play):
 
 
 @pytest.mark.parametrize(
-    ("combined_priors", "surer"), [(told("compliance"), 0.85), (Priors(), 0.95)], ids=["all else known", "as usual"]
+    ("combined_priors", "surer"),
+    [(estimating("compliance"), 0.85), (Priors(), 0.95)],
+    ids=["all else known", "as usual"],
 )
 def test_springs_of_the_drive_train(a1, precise_run, combined_priors, surer):
-    """An A1 has the same joints in every leg, hip, thigh and calf. What is not told of them leaves the body where it is."""
+    """An A1 has the same joints in every leg: hip, thigh and calf. Undetermined compliance does not change the body."""
     give = np.array([1 / 2500, 1 / 4000, 1 / 3000])
     recordings = with_drive_train(precise_run.recordings, give, np.zeros(3))
     plain = posterior_of(a1, precise_run, precise_run.recordings, combined_priors)
@@ -112,10 +114,10 @@ def test_springs_of_the_drive_train(a1, precise_run, combined_priors, surer):
 
 
 @pytest.mark.parametrize(
-    "combined_priors", [told("compliance", "backlash"), Priors()], ids=["all else known", "as usual"]
+    "combined_priors", [estimating("compliance", "backlash"), Priors()], ids=["all else known", "as usual"]
 )
-def test_play_of_the_drive_train(a1, precise_run, combined_priors):
-    """It turns over hard, at a torque of zero, and not smoothly as the estimate has it: products of inertia suffer."""
+def test_backlash_of_the_drive_train(a1, precise_run, combined_priors):
+    """Backlash reverses abruptly at zero torque, but smoothly in the model: products of inertia are less accurate."""
     play = np.array([2e-3, 2e-3, 0.0])
     recordings = with_drive_train(precise_run.recordings, np.zeros(3), play)
     plain = posterior_of(a1, precise_run, precise_run.recordings, combined_priors)
@@ -128,12 +130,12 @@ def test_play_of_the_drive_train(a1, precise_run, combined_priors):
 
 
 def another_model(a1):
-    """Of an A1, whose Pinocchio model can be changed."""
+    """Return a copy of an A1 whose Pinocchio model can be changed."""
     return a1.with_base(a1.pinocchio.inertias[1])
 
 
 def off(found, run):
-    """Mass, CoM and principal moments less the truth, in the standard deviations that are reported."""
+    """Return the errors of mass, CoM and principal moments, in reported standard deviations."""
     error = components(found.robot_body) - components(run.truth.composite)
     return (error / np.sqrt(np.diag(found.robot_covariance)))[:7]
 
@@ -141,7 +143,7 @@ def off(found, run):
 # The recordings stay, and the model is changed: the robot is the same, and must be within what is said of it.
 
 
-def test_legs_that_are_heavier_and_hang_lower_than_the_model_says(a1, precise_run):
+def test_legs_that_are_heavier_and_lower_than_in_the_model(a1, precise_run):
     model, recordings = another_model(a1), precise_run.recordings
     for leg in model.legs.values():
         for joint in leg.joint_ids:
@@ -157,8 +159,8 @@ def test_legs_that_are_heavier_and_hang_lower_than_the_model_says(a1, precise_ru
     assert np.abs(off(held, precise_run)).max() > 2
 
 
-@pytest.mark.parametrize("combined_priors", [told("imu_position"), Priors()], ids=["all else known", "as usual"])
-def test_an_imu_that_sits_elsewhere_than_the_model_says(a1, precise_run, combined_priors):
+@pytest.mark.parametrize("combined_priors", [estimating("imu_position"), Priors()], ids=["all else known", "as usual"])
+def test_an_imu_with_a_position_error_in_the_model(a1, precise_run, combined_priors):
     beside = np.array([3e-3, -3e-3, 2e-3])
     model, recordings = load_robot("unitree_a1", RobotDescription(imu_position=tuple(beside))), precise_run.recordings
     plain, found = (posterior_of(robot, precise_run, recordings, combined_priors) for robot in (a1, model))
@@ -171,7 +173,7 @@ def test_an_imu_that_sits_elsewhere_than_the_model_says(a1, precise_run, combine
 
 
 def with_longer_legs(robot, longer):
-    """A model of which thighs and calves are longer [m]."""
+    """Return a model with longer thighs and calves [m]."""
     model = another_model(robot)
     for leg in model.legs.values():
         calf, foot = model.pinocchio.jointPlacements[leg.joint_ids[-1]], model.pinocchio.frames[leg.foot_frame_id]
@@ -182,9 +184,9 @@ def with_longer_legs(robot, longer):
     return model
 
 
-def test_legs_that_are_shorter_than_the_model_says(a1, precise_run):
+def test_legs_that_are_shorter_than_in_the_model(a1, precise_run):
     model, recordings = with_longer_legs(a1, 2e-3), precise_run.recordings
-    for combined_priors in (told(*LENGTHS), Priors()):
+    for combined_priors in (estimating(*LENGTHS), Priors()):
         plain, found = (posterior_of(robot, precise_run, recordings, combined_priors) for robot in (a1, model))
         longer = gained(found, plain, "link_length_common") + [
             part.mean() for part in gained(found, plain, "link_length").reshape(4, 2).T
@@ -195,36 +197,40 @@ def test_legs_that_are_shorter_than_the_model_says(a1, precise_run):
 
 
 def estimated(model, run, combined_priors=None):
-    """By the method, which asks the run whether it contradicts the beliefs."""
+    """Return the estimate of the method, which tests for prior conflicts."""
     mass = run.truth.composite.mass
     return BayesianMethod(mass=mass, mass_std=0.06, priors=combined_priors or Priors()).estimate(
         model, run.recordings, run.stance
     )
 
 
-def test_a_place_of_the_imu_that_the_run_contradicts_is_found_without_the_files(a1, precise_run):
-    """Three centimetres: by the usual prior they are split between the place and the inertia, and nothing else is unfit."""
+def test_a_conflicting_imu_position_is_estimated_with_a_wide_prior(a1, precise_run):
+    """With the usual prior, 30 mm are split between position and inertia, and all residuals are small."""
     beside = np.array([0.02, -0.01, 0.03])
     model = load_robot("unitree_a1", RobotDescription(imu_position=tuple(beside)))
     plain, found = estimated(a1, precise_run), estimated(model, precise_run)
     place = [next(one for one in found.sensors if one.name == f"IMU position {axis}") for axis in "xyz"]
     assert all(abs(one.value + off) < 3 * one.std for one, off in zip(place, beside, strict=True))
     assert max(one.std for one in place) < 1.2e-2
-    assert found.assumptions[2:] == ("the run contradicts the model file: the position of the IMU differs from the file",)
+    assert found.assumptions[2:] == (
+        "the run contradicts the model file: the position of the IMU differs from the file",
+    )
     assert not any("contradicts" in one for one in plain.assumptions)
     apart = (found.composite.values - plain.composite.values) / found.composite.stds
     assert np.abs(apart).max() < 1.5
-    believed = estimated(model, precise_run, Priors(imu_position=2.1e-3))  # who says so is believed
-    assert not any("contradicts" in one for one in believed.assumptions)
-    wrong = (believed.composite.values - plain.composite.values) / believed.composite.stds
+    given = estimated(model, precise_run, Priors(imu_position=2.1e-3))  # a prior that the user gives is not tested
+    assert not any("contradicts" in one for one in given.assumptions)
+    wrong = (given.composite.values - plain.composite.values) / given.composite.stds
     assert np.abs(wrong).max() > 4
 
 
-def test_a_place_of_the_imu_that_hides_behind_its_prior_is_found(a1, precise_run, monkeypatch):
-    """At the usual prior what does not fit makes all noise seem larger, and the place seem likely enough."""
+def test_an_imu_position_hidden_by_its_prior_is_found(a1, precise_run, monkeypatch):
+    """With the usual prior, residuals raise the noise levels, which makes the position plausible."""
     model = load_robot("unitree_a1", RobotDescription(imu_position=(0.0, 0.0, 0.027)))
     found = estimated(model, precise_run)
-    assert found.assumptions[2:] == ("the run contradicts the model file: the position of the IMU differs from the file",)
+    assert found.assumptions[2:] == (
+        "the run contradicts the model file: the position of the IMU differs from the file",
+    )
     assert np.abs(off(found.evidence.posterior, precise_run)).max() < 2.5
     monkeypatch.setattr(prior_conflict, "_SUSPECTED", prior_conflict._CONTRADICTED)
     unseen = estimated(model, precise_run)  # likely enough at the usual prior
@@ -237,8 +243,8 @@ def test_a_place_of_the_imu_that_hides_behind_its_prior_is_found(a1, precise_run
     np.testing.assert_allclose(abs(share), 2.7 * off_by_a_centimetre, rtol=0.3)
 
 
-def test_a_body_is_composed_with_hips_as_they_are_found(a1, precise_run):
-    """A centimetre each way: with legs at the file's hips Iyy and Izz would be three and four percent too large."""
+def test_a_body_is_composed_with_the_estimated_hip_positions(a1, precise_run):
+    """Hips are off by 10 mm each way: with the file's positions Iyy and Izz would be 3 and 4 % too large."""
     model = another_model(a1)
     for leg in model.legs.values():
         place = model.pinocchio.jointPlacements[leg.joint_ids[0]]
@@ -250,8 +256,8 @@ def test_a_body_is_composed_with_hips_as_they_are_found(a1, precise_run):
     assert np.abs(off(found.evidence.posterior, precise_run)).max() < 2.5
 
 
-def test_legs_of_another_length_are_found_without_the_files(a1, precise_run):
-    """Thighs and calves of a robot that is larger by 15 mm in both."""
+def test_legs_of_another_length_are_estimated_with_wide_priors(a1, precise_run):
+    """Thighs and calves are 15 mm longer than in the file."""
     found = estimated(with_longer_legs(a1, 15e-3), precise_run)
     lengths = [
         next(one for one in found.sensors if one.name == f"length of the {kind}") for kind in ("thighs", "calves")

@@ -1,4 +1,4 @@
-"""The estimate of everything at once, on a short run of a realistic simulated robot."""
+"""Posterior from a short run of a realistic simulated robot."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def posterior(a1, precise_run, evidence):
 
 @pytest.fixture(scope="module")
 def drawn(a1, precise_run):
-    """The simulated robot's own errors."""
+    """Return the errors of the simulated robot."""
     sizes = PRESETS["realistic"].scaled_to(precise_run.stance.scale)
     return DrawnErrors.draw(sizes, 12, precise_run.seed)
 
@@ -59,7 +59,7 @@ def blocks_of(unknowns, evidence):
 
 
 def with_samples(motion, kind, *samples):
-    """A motion whose samples of a kind are others."""
+    """Return a motion with other samples of one kind."""
     return replace(motion, samples=(*(one for one in motion.samples if not isinstance(one, kind)), *samples))
 
 
@@ -73,7 +73,7 @@ def blocks(a1, posterior, evidence):
 
 @pytest.fixture(scope="module")
 def steady_blocks(a1, posterior, evidence):
-    """Blocks whose noise does not hang on the unknowns: nothing is off that the tilt equation multiplies by them."""
+    """Return blocks whose noise does not depend on the parameters: their factors in the tilt equation are zero."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("equipoise.estimator.equations.tilt._BIAS_FLOOR", 0.0)
         motions = [
@@ -89,13 +89,13 @@ def without_noise(lift):
 
 
 def away_from(posterior):
-    """Where residuals are not small."""
+    """Return a vector at which residuals are not small."""
     std = np.sqrt(np.diag(posterior.covariance))
     return posterior.x + np.random.default_rng(1).standard_normal(posterior.unknowns.size) * std
 
 
 @pytest.mark.parametrize("name", ["tilt", "planted", "torque"])
-def test_derivatives_are_central_differences_by_every_unknown(steady_blocks, posterior, name):
+def test_derivatives_are_central_differences_by_every_parameter(steady_blocks, posterior, name):
     block = steady_blocks[name]
     unknowns = block.unknowns
     _, x, _ = posterior.problem.with_all_open(away_from(posterior))
@@ -112,8 +112,8 @@ def test_derivatives_are_central_differences_by_every_unknown(steady_blocks, pos
 
 
 @pytest.mark.parametrize("worst", [2.0, 20.0])
-def test_noise_that_grows_with_the_unknowns_is_in_the_gradient(a1, posterior, evidence, worst):
-    """By every unknown, the derivative of half the squared residual; more noise than there is makes most of it."""
+def test_noise_that_depends_on_the_parameters_is_in_the_gradient(a1, posterior, evidence, worst):
+    """Compare with differences of half the squared residual; the noise is raised to dominate the derivative."""
     unknowns, x = posterior.unknowns, away_from(posterior)
     lifts = [replace(lift, **{name: 30 * getattr(lift, name) for name in READINGS}) for lift in lifts_of(evidence)]
     block = TiltEquation(unknowns, list(enumerate(lifts)))
@@ -130,7 +130,7 @@ def test_noise_that_grows_with_the_unknowns_is_in_the_gradient(a1, posterior, ev
 
 
 @pytest.mark.parametrize("mass", [None, (13.0, 0.1)])
-def test_priors_pull_to_the_model_and_their_jacobian_is_that_of_differences(posterior, mass):
+def test_prior_residuals_and_their_jacobian_match_differences(posterior, mass):
     unknowns, x = posterior.unknowns, posterior.x
     _, jacobian = prior_rows(unknowns, x, mass)
     for column, unit in enumerate(1e-6 * np.eye(unknowns.size)):
@@ -149,8 +149,8 @@ def test_bodies_jacobians_are_those_of_larger_differences(posterior):
     assert not jacobian[:, unknowns["joint_offset"].start :].any()
 
 
-def test_a_long_motions_torques_as_few_rows_say_the_same(a1, posterior, precise_run, monkeypatch):
-    """The same information, gradients and noise by motion as all rows have, however many samples are looked at at once."""
+def test_a_long_motions_torques_compress_to_few_rows(a1, posterior, precise_run, monkeypatch):
+    """Information, gradients and noise by motion equal those of all rows, for any number of samples per block."""
     monkeypatch.setattr("equipoise.estimator.equations.torque_balance._STEP", 0.02)  # more rows than unknowns
     evidence = read_motions(a1, precise_run.stance, precise_run.recordings)
 
@@ -178,8 +178,8 @@ def test_a_long_motions_torques_as_few_rows_say_the_same(a1, posterior, precise_
 # --- the torques of a robot whose motors and friction are known
 
 
-def test_known_gains_friction_and_armature_leave_no_torque(a1):
-    """Signs and units of every torque-like unknown, in one balance."""
+def test_true_gains_friction_and_armature_leave_no_torque(a1):
+    """Test the signs and units of all torque parameters in one balance."""
     generator, unknowns = np.random.default_rng(3), Unknowns(a1, nominal_stance(a1), Priors())
     samples = moving_robot(a1, 5)
     x = unknowns.start()
@@ -214,14 +214,14 @@ def test_rows_of_several_motions_belong_to_their_motions(a1):
 
 
 def step_left(posterior):
-    """The largest change that a Gauss-Newton step would still make, in standard deviations."""
+    """Return the largest component of the next Gauss-Newton step, in standard deviations."""
     residual, rows = prior_rows(posterior.unknowns, posterior.x, None)
     gradient = rows.T @ residual + sum(posterior.gradient.values())
     return np.abs(posterior.covariance @ gradient / np.sqrt(np.diag(posterior.covariance))).max()
 
 
 @pytest.mark.parametrize("body", ["composite", "base", "stance_effective"])
-def test_the_estimate_is_within_what_it_says_of_itself(precise_run, body):
+def test_the_errors_are_within_the_intervals(precise_run, body):
     truth = components(getattr(precise_run.truth, body))
     found = getattr(precise_run.result, body)
     off = (found.values - truth) / found.stds
@@ -254,7 +254,7 @@ def test_sensors_are_calibrated_on_the_way(posterior, drawn, precise_run):
     assert np.linalg.norm(found - drawn.joint_offset) < 0.9 * np.linalg.norm(drawn.joint_offset)
 
 
-def test_every_body_can_exist(posterior):
+def test_every_body_is_physically_consistent(posterior):
     for body in (posterior.base_body, posterior.robot_body, posterior.stance_effective_body):
         assert body.physical_defect() is None
 
@@ -269,14 +269,14 @@ def test_the_estimate_has_converged_and_its_covariance_is_the_informations_inver
         assert (np.linalg.eigvalsh(covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))) > 0).all()
 
 
-def test_evidence_narrows_what_was_believed(posterior):
+def test_evidence_narrows_the_prior(posterior):
     std = np.sqrt(np.diag(posterior.robot_covariance))
     before = posterior.std_before(posterior.unknowns.robot_body)
     assert (std < before).all()
     assert (std[1:4] < 0.1 * before[1:4]).all()
 
 
-def test_every_motion_that_was_read_is_judged(posterior, evidence):
+def test_every_motion_has_a_residual(posterior, evidence):
     assert [normalized_residual.motion for normalized_residual in posterior.residuals_of(TiltEquation)] == [
         m.index for m in evidence if m.lift is not None
     ]
@@ -308,8 +308,8 @@ def without_torques(recording):
     return replace(recording, joints=JointStream(joints.time, joints.position, joints.velocity))
 
 
-def test_without_torques_it_works_and_the_mass_is_less_sure(a1, precise_run, evidence, posterior):
-    """Of motors whose torque constant is known."""
+def test_without_torques_the_mass_is_less_certain(a1, precise_run, evidence, posterior):
+    """Torque constants are fixed."""
     known = Priors(torque_gain_common=1e-3)
     bare = read_motions(a1, precise_run.stance, [without_torques(recording) for recording in precise_run.recordings])
     assert not any(motion.of(TorqueSamples) for motion in bare)
@@ -324,13 +324,13 @@ def test_without_torques_it_works_and_the_mass_is_less_sure(a1, precise_run, evi
 
 
 def pushed(lift, size):
-    """To and fro along the base's x [m/s2], as no free robot moves that turns like this one."""
+    """Return an oscillation along the base's x [m/s2], which is impossible for a free robot with this rotation."""
     push = size * np.outer(np.sin(np.linspace(0, 9, len(lift.joint_position))), [1, 0, 0])
     return replace(lift, acceleration_in_imu=lift.acceleration_in_imu + push)
 
 
-def test_the_scale_of_all_masses_is_held_while_noise_levels_are_sought(a1, precise_run, evidence):
-    """By the torque constants, or, without torques, by the model's mass."""
+def test_the_scale_of_all_masses_is_fixed_while_noise_levels_are_estimated(a1, precise_run, evidence):
+    """The torque constants fix it, or, without torques, the model's mass."""
     silent = tuple(with_samples(motion, TorqueSamples) for motion in evidence)
     for read, name in ((evidence, "torque_gain_common"), (silent, "base")):
         problem = MapProblem(a1, precise_run.stance, read, Priors(), None, True)
@@ -346,7 +346,7 @@ def test_the_scale_of_all_masses_is_held_while_noise_levels_are_sought(a1, preci
 
 @pytest.mark.parametrize("size", [0.5, 2.0])
 def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, size):
-    """Somebody touches the robot, which was weighed, in one lift."""
+    """An external force disturbs one lift of a weighed robot."""
     scale = (precise_run.truth.composite.mass, 0.06)
     plain = estimate_posterior(a1, precise_run.stance, evidence, mass=scale)
     number = max(index for index, motion in enumerate(evidence) if motion.lift is not None)
@@ -365,7 +365,7 @@ def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, size):
     assert step_left(found) < 0.5
 
 
-def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evidence, posterior):
+def test_a_slightly_disturbed_lift_has_less_weight(a1, precise_run, evidence, posterior):
     fitting = min(
         (
             normalized_residual
@@ -391,7 +391,7 @@ def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evide
     assert np.trace(found.information[after.motion]) < 0.6 * np.trace(posterior.information[after.motion])
 
 
-def test_without_a_lift_the_reasons_are_told(a1, precise_run, evidence):
+def test_without_a_lift_the_error_lists_the_reasons(a1, precise_run, evidence):
     motions = tuple(replace(motion, samples=(), left_out="the wind blew") for motion in evidence)
     with pytest.raises(RecordingError, match="no lift trial can be used: the wind blew"):
         estimate_posterior(a1, precise_run.stance, motions)
@@ -410,7 +410,7 @@ def test_the_first_motions_of_an_interrupted_run_give_an_estimate(a1, precise_ru
 
 @pytest.mark.parametrize("noise", READINGS)
 def test_a_lifts_noise_is_that_of_many_draws(a1, posterior, evidence, monkeypatch, noise):
-    """Readings of one kind, each off by what it is said to be: so is y, over the inertia about the line."""
+    """Errors drawn with the stated std of one sensor give the stated noise of y over the inertia about the line."""
     monkeypatch.setattr("equipoise.estimator.equations.tilt._BIAS_FLOOR", 0.0)
     lift, generator, draws = lifts_of(evidence)[0], np.random.default_rng(4), 60
     others = {other: np.zeros_like(lift.velocity_noise) for other in READINGS if other != noise}
@@ -439,8 +439,8 @@ def test_a_lifts_noise_grows_with_each_of_its_causes(evidence):
 
 
 @pytest.mark.parametrize(("factor", "least", "most"), [(3.0, 0.1, 0.4), (30.0, 0.95, 1.05)])
-def test_moments_that_nothing_explains_fit_no_better_with_a_larger_inertia(evidence, factor, least, most):
-    """Over twice the inertia they are half as large, and so is their noise; that of an ordinary misfit is not."""
+def test_unmodelled_moments_fit_no_better_with_a_larger_inertia(evidence, factor, least, most):
+    """Twice the inertia halves them and their noise, but not the noise of an ordinary residual."""
     lift, gains = lifts_of(evidence)[0], np.array([3.0, 1.0, 0.1, 0.1, *np.full(12, 0.02)])
     noise = TiltNoise.of(lift).raised(factor, gains)
     residual = np.sin(np.linspace(0.0, 3.0, len(lift.joint_position)))
@@ -448,10 +448,10 @@ def test_moments_that_nothing_explains_fit_no_better_with_a_larger_inertia(evide
     assert least < twice / once < most
 
 
-# --- what is said of the sensors
+# --- sensor findings
 
 
-def test_findings_name_every_sensor_and_the_surest_first(a1, posterior):
+def test_findings_name_every_sensor_and_the_most_significant_first(a1, posterior):
     findings = sensor_findings(posterior)
     names = [finding.name for finding in findings]
     assert (
@@ -514,14 +514,14 @@ def off_by(posterior, name, index, value):
         ),
     ],
 )
-def test_what_is_far_off_is_said_in_words_and_notable(a1, posterior, block, index, value, name, words):
+def test_a_large_error_has_a_message_and_is_significant(a1, posterior, block, index, value, name, words):
     found = next(f for f in sensor_findings(off_by(posterior, block, index, value)) if f.name == name)
     assert found.message.startswith(words)
     assert found.significant
     assert found.value == pytest.approx(value)
 
 
-def test_what_is_small_or_unsure_is_not_notable(a1, posterior):
+def test_a_small_or_uncertain_error_is_not_significant(a1, posterior):
     tiny = replace(off_by(posterior, "joint_offset", 4, 3e-3), covariance=1e-6 * posterior.covariance)
     unsure = replace(off_by(posterior, "joint_offset", 4, 0.05), covariance=1e6 * posterior.covariance)
     for changed in (tiny, unsure):

@@ -1,11 +1,11 @@
-"""Score tests: what is held at the model's value and should not be is named, without being estimated."""
+"""Score tests of fixed parameters."""
 
 from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
 import pytest
-from test_planted_errors import another_model, gained, posterior_of, told, with_drive_train, with_gyroscope
+from test_planted_errors import another_model, estimating, gained, posterior_of, with_drive_train, with_gyroscope
 
 from equipoise import BayesianMethod
 from equipoise.estimator.diagnostics import checks, score
@@ -19,7 +19,7 @@ def check_of(posterior):
 
 
 def drifting(recordings, gyroscope, accelerometer):
-    """Biases that change by so much from the first recording's begin to the last one's end."""
+    """Return recordings whose biases change linearly from the first start to the last end."""
     begin, end = recordings[0].imu.time[0], recordings[-1].imu.time[-1]
 
     def seen(recording):
@@ -38,7 +38,7 @@ def drifting(recordings, gyroscope, accelerometer):
 
 
 def eccentric(recordings, sine, cosine):
-    """Encoders whose magnets are beside their axes."""
+    """Return recordings of encoders with off-centre magnets."""
 
     def seen(recording):
         joints = recording.joints
@@ -59,12 +59,12 @@ def eccentric(recordings, sine, cosine):
     "combined_priors",
     [
         BayesianMethod(cable="none").combined_priors,
-        told(),
+        estimating(),
         BayesianMethod(leg_prior="narrow", cable="none").combined_priors,
     ],
     ids=["no cable", "all known", "narrow"],
 )
-def test_a_robot_that_is_as_it_is_believed_to_be_is_left_alone(a1, precise_run, combined_priors):
+def test_a_robot_within_its_priors_passes(a1, precise_run, combined_priors):
     found = posterior_of(a1, precise_run, precise_run.recordings, combined_priors)
     tests = score_tests(found)
     held = {row.name for row in Priors.rows() if getattr(combined_priors, row.name) == 0}
@@ -78,7 +78,7 @@ def test_a_robot_that_is_as_it_is_believed_to_be_is_left_alone(a1, precise_run, 
 
 
 def standing(a1, recordings):
-    """Recordings with something that is held, and the model to read them with."""
+    """Return recordings with an error of a fixed parameter, and the model for their estimate."""
     shorter = another_model(a1)
     for leg in shorter.legs.values():
         calf = shorter.pinocchio.jointPlacements[leg.joint_ids[-1]]
@@ -92,9 +92,9 @@ def standing(a1, recordings):
 
 
 @pytest.mark.parametrize("name", ["backlash", "link_length_common", "gyro_drift"])
-def test_what_is_wrong_is_named_first_with_what_to_do(a1, precise_run, name):
+def test_the_wrong_parameter_is_named_first_with_its_remedy(a1, precise_run, name):
     recordings, model = standing(a1, precise_run.recordings)[name]
-    found = posterior_of(model, precise_run, recordings, told())
+    found = posterior_of(model, precise_run, recordings, estimating())
     tests = score_tests(found)
     assert tests[0].row.name == name
     check = check_of(found)
@@ -102,25 +102,29 @@ def test_what_is_wrong_is_named_first_with_what_to_do(a1, precise_run, name):
     assert check.message.startswith(Priors.row(name).cause)
     assert f"{name} = {Priors.row(name).usual:g} in --priors" in check.message
     assert ("--leg-prior wide" in check.message.split(";")[1]) == (name == "link_length_common")
-    # Once it is unknown nothing speaks against the rest as it did.
-    opened = told().__class__(**{**told().__dict__, name: Priors.row(name).usual})
+    # Once it is estimated, the other scores are smaller.
+    opened = estimating().__class__(**{**estimating().__dict__, name: Priors.row(name).usual})
     after = score_tests(posterior_of(model, precise_run, recordings, opened))
     assert name not in {test.row.name for test in after}
     assert after[0].deviate < tests[0].deviate - 1
 
 
-def test_to_first_order_it_says_how_wrong(a1, precise_run):
+def test_values_are_right_to_first_order(a1, precise_run):
     gains = np.array([0.012, -0.01, 0.008])
     recordings = with_gyroscope(precise_run.recordings, np.diag(gains))
     plain, found = (
-        next(test for test in score_tests(posterior_of(a1, precise_run, read, told())) if test.row.name == "gyro_gain")
+        next(
+            test
+            for test in score_tests(posterior_of(a1, precise_run, read, estimating()))
+            if test.row.name == "gyro_gain"
+        )
         for read in (precise_run.recordings, recordings)
     )
     np.testing.assert_allclose(found.values - plain.values, gains, atol=4e-3)
 
 
-def test_eccentric_encoders_are_noticed_and_can_be_estimated(a1, precise_run):
-    """Such errors look much like hips and lengths that are off, which trusted legs have not either."""
+def test_eccentric_encoders_are_detected_and_can_be_estimated(a1, precise_run):
+    """Such errors resemble those of hip positions and lengths, which narrow leg priors exclude."""
     sine, cosine = 0.03 * np.random.default_rng(0).standard_normal((2, 12))
     recordings = eccentric(precise_run.recordings, sine, cosine)
     combined_priors = BayesianMethod(leg_prior="narrow").combined_priors.holding("eccentricity")
@@ -129,7 +133,7 @@ def test_eccentric_encoders_are_noticed_and_can_be_estimated(a1, precise_run):
         for read in (precise_run.recordings, recordings)
     )
     assert clean < 1.5 < planted_in - 1
-    opened = replace(told(), eccentricity=0.03)
+    opened = replace(estimating(), eccentricity=0.03)
     plain, found = (posterior_of(a1, precise_run, read, opened) for read in (precise_run.recordings, recordings))
     off = gained(found, plain, "eccentricity") - np.column_stack([sine, cosine]).ravel()
     assert np.abs(off / found.std("eccentricity")).max() < 2.5
@@ -142,7 +146,7 @@ def test_larger_drifts_are_not_hidden_by_the_noise_that_they_raise(a1, precise_r
     assert tests[0].deviate > 5
 
 
-def test_where_nothing_is_held_nothing_is_asked(a1, precise_run):
+def test_without_fixed_rows_there_are_no_tests(a1, precise_run):
     found = posterior_of(a1, precise_run, precise_run.recordings, Priors().all_open)
     assert score_tests(found) == []
     check = check_of(found)
@@ -150,8 +154,8 @@ def test_where_nothing_is_held_nothing_is_asked(a1, precise_run):
     assert check.message == "the run is not sensitive to any fixed parameter"
 
 
-def test_deviates_of_a_robot_as_believed_are_normal():
-    """Wilson's and Hilferty's cube root is near enough, far out too; directions that are not seen do not count."""
+def test_deviates_under_the_prior_are_normal():
+    """The cube root of Wilson and Hilferty is accurate in the tails; directions without information are left out."""
     generator = np.random.default_rng(3)
     for seen in (1, 3, 12):
         sizes = np.concatenate([np.geomspace(0.2, 500, seen), [0.05]])
@@ -163,8 +167,8 @@ def test_deviates_of_a_robot_as_believed_are_normal():
     assert score.deviate(0.05 * np.eye(2), np.ones(2), 0.1) == -np.inf
 
 
-def test_the_limit_is_that_of_chance_over_all_that_is_tested(a1, precise_run, monkeypatch):
-    found = posterior_of(a1, precise_run, precise_run.recordings, told())
+def test_the_limit_is_the_false_alarm_probability_over_all_tests(a1, precise_run, monkeypatch):
+    found = posterior_of(a1, precise_run, precise_run.recordings, estimating())
     tests = [test for test in score_tests(found) if test.deviate > -np.inf]
     share = len(tests) * (1 - NormalDist().cdf(tests[0].deviate))
     for chance, passed in ((0.9 * share, True), (1.1 * share, False)):

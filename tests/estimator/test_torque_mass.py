@@ -1,4 +1,4 @@
-"""A given mass against the mass that the joint torques carry: before a run moves, and in its result."""
+"""Comparison of the given mass with the mass that the joint torques carry, before a run and in its result."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ LIFTS = {Phase.UNLOAD, Phase.LIFT}
 
 
 def comparisons(robot, preset, seed, start="standing", payload=None, known=None):
-    """The comparison of the true mass on one simulated robot, and its true mass [kg]."""
+    """Return the comparison of the true mass on one simulated robot, and this mass [kg]."""
     stance = nominal_stance(robot)
     with simulate(robot, preset, payload, seed, start, timestep=1e-3) as simulation:
         standing, _ = stand_up(simulation.platform, robot, stance)
@@ -63,7 +63,7 @@ def test_a_wrong_mass_is_refused_before_a_foot_is_lifted(a1):
 
 
 def calibrate_asking(platform, robot, method, asked):
-    """The error of a run whose operator says no; `asked` gets what the operator was asked."""
+    """Return the error of a run whose operator answers no; `asked` receives the question."""
     try:
         calibrate(platform, robot, method, confirm=lambda message: asked.append(message) or False)
     except UnconfirmedMassError as error:
@@ -83,7 +83,7 @@ def test_a_robot_without_torque_sensors_is_not_compared(a1, precise_run):
 
 @pytest.fixture(scope="module")
 def confirmed(a1, precise_run):
-    """The recordings of a robot of 13.96 kg, estimated with a mass of 10 kg that was confirmed."""
+    """Return the result of a robot of 13.96 kg with a confirmed mass of 10 kg."""
     return BayesianMethod(duration=60, mass=10.0, confirm_mass=True).estimate(
         a1, precise_run.recordings, precise_run.stance
     )
@@ -118,7 +118,7 @@ def test_the_right_mass_is_not_doubtful(a1, precise_run):
     assert doubt_message(result) == ""
 
 
-def test_no_mass_was_given_and_none_is_compared(precise_run):
+def test_without_a_given_mass_there_is_no_comparison(precise_run):
     assert precise_run.result.mass_comparison is None
     assert not any("given mass" in assumption for assumption in precise_run.result.assumptions)
 
@@ -139,14 +139,14 @@ def test_torque_constants_of_a_weighed_run_narrow_the_limit(a1, precise_run):
     assert not replace(compared, given=1.08 * mass, limit=0.15).disagrees
 
 
-def test_torque_constants_of_a_run_without_a_scale_narrow_nothing(a1, precise_run):
+def test_torque_constants_of_a_run_without_a_scale_do_not_narrow_the_limit(a1, precise_run):
     known = PriorRun.of(precise_run.result.evidence.posterior, precise_run.result.settings, "runs/last")
     compared, _ = comparisons(a1, "realistic", precise_run.seed, known=known)
     assert compared.limit == 0.15
 
 
-def test_constants_that_a_confirmed_mass_taught_are_used(a1, precise_run):
-    """A scale that is right and motors that are 28 % off: confirmed once, it is asked no more."""
+def test_torque_constants_from_a_confirmed_mass_are_used(a1, precise_run):
+    """With a correct scale and torque constants 28 % off, one confirmation is enough."""
     known = known_with_scale(a1, precise_run, 10.0)
     compared, mass = comparisons(a1, "realistic", precise_run.seed, known=known)
     assert compared.from_torques == pytest.approx(mass * 10.0 / 13.96, rel=0.05)

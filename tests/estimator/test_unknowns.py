@@ -1,4 +1,4 @@
-"""The table of unknowns: a row is all that a new one needs, besides the equation that it enters."""
+"""Parameter table: a new parameter needs only a row and its equation."""
 
 from dataclasses import dataclass, replace
 
@@ -28,7 +28,7 @@ MORE, BENCH = np.array([0.4, 0.0, -0.1]), 1e-3
 
 @dataclass(frozen=True)
 class TwoAccelerometers(Priors):
-    """One row more."""
+    """Priors with an additional row."""
 
     second_bias: float = unknown(
         0.2, "reading of a second accelerometer less specific force", "m/s2", AXIS, "made up",
@@ -39,7 +39,7 @@ class TwoAccelerometers(Priors):
 
 
 class Bench(Equation):
-    """What the bench said; counted with the first motion."""
+    """Equation of a bench measurement, counted with the first motion."""
 
     depends_on = ("accelerometer_bias", "second_bias")
     source = "noise of the bench"
@@ -67,12 +67,12 @@ def bench(monkeypatch):
 
 @pytest.fixture(scope="module")
 def few(a1, precise_run):
-    """The first motions of a run, which are estimated from faster."""
+    """Return the first motions of a run, for a faster estimate."""
     return read_motions(a1, precise_run.stance, precise_run.recordings)[:8]
 
 
 @pytest.mark.usefixtures("bench")
-def test_a_row_more_is_estimated_reported_and_written(a1, precise_run, tmp_path):
+def test_an_additional_row_is_estimated_reported_and_written(a1, precise_run, tmp_path):
     settings = replace(precise_run.settings, priors=TwoAccelerometers())
     result = estimate(a1, precise_run.recordings, settings)
     found = {finding.name: finding for finding in result.sensors}
@@ -93,7 +93,7 @@ def test_a_row_more_is_estimated_reported_and_written(a1, precise_run, tmp_path)
 
 
 @pytest.mark.usefixtures("bench")
-def test_a_row_says_whether_an_error_that_large_is_unlikely(a1, precise_run, few):
+def test_a_row_determines_if_the_sensor_check_tests_it(a1, precise_run, few):
     for prior, passed in ((0.2, True), (0.05, False)):
         found = estimate_posterior(a1, precise_run.stance, few, TwoAccelerometers(second_bias=prior))
         check = next(check for check in run_checks(found) if check.name == "sensor errors")
@@ -102,16 +102,16 @@ def test_a_row_says_whether_an_error_that_large_is_unlikely(a1, precise_run, few
 
 
 @pytest.mark.usefixtures("bench")
-def test_a_row_says_what_two_runs_share(a1, precise_run, few):
+def test_a_row_determines_the_common_part_of_two_runs(a1, precise_run, few):
     runs = estimate_two_runs(a1, precise_run.stance, (few, few), TwoAccelerometers())
     unknowns, size = runs.unknowns, runs.unknowns.size
     change = np.hstack([-np.eye(size), np.eye(size)])
     std = np.sqrt(np.diag(change @ runs.covariance @ change.T))
     assert (std[unknowns["second_bias"]] > 1e-3).all()
-    assert (std[unknowns["joint_offset"]] < 1e-6).all()  # nobody took the robot apart
+    assert (std[unknowns["joint_offset"]] < 1e-6).all()
 
 
-def test_without_an_equation_nothing_is_said(a1, precise_run, few):
+def test_a_row_without_an_equation_is_not_reported(a1, precise_run, few):
     found = estimate_posterior(a1, precise_run.stance, few, TwoAccelerometers())
     assert "second_bias" not in found.informed
     np.testing.assert_allclose(found.unknowns.value(found.x, "second_bias"), 0, atol=1e-12)
@@ -121,8 +121,8 @@ def test_without_an_equation_nothing_is_said(a1, precise_run, few):
 # --- what holds for every row
 
 
-def test_equations_depend_on_what_they_say(a1, precise_run, few):
-    """And on nothing else: they are given no other value."""
+def test_equations_depend_on_the_rows_that_they_list(a1, precise_run, few):
+    """They get no other value."""
     legs, rotation, values = LegChains(a1), np.array(a1.imu_in_base.rotation), model_values(a1)
     lifts = [motion.lift for motion in few if motion.lift is not None]
     moves = [move for motion in few for move in motion.of(StanceMotion)]
@@ -135,7 +135,7 @@ def test_equations_depend_on_what_they_say(a1, precise_run, few):
 
 
 @pytest.mark.parametrize("row", Priors.rows(), ids=lambda row: row.name)
-def test_a_row_says_all_that_is_to_be_known(a1, row):
+def test_every_row_is_complete(a1, row):
     labels = row.each.labels(a1)
     assert len(set(labels)) == len(labels) > 0
     assert row.meaning
@@ -148,20 +148,20 @@ def test_a_row_says_all_that_is_to_be_known(a1, row):
         assert all(row.message(labels[0], sign * 0.1, 0.01) for sign in (-1, 1))
 
 
-def test_every_unknown_enters_an_equation(a1, precise_run, few):
+def test_every_row_enters_an_equation(a1, precise_run, few):
     found = estimate_posterior(a1, precise_run.stance, few)
     assert found.informed == {"base", *(row.name for row in Priors.rows())}
 
 
 @pytest.fixture(scope="module")
 def opened(a1, precise_run, few):
-    """What a run says with all unknowns open."""
+    """Return the posterior of a run without fixed rows."""
     return estimate_posterior(a1, precise_run.stance, few, Priors().all_open, rounds=0)
 
 
 @pytest.mark.parametrize("row", Priors.rows(), ids=lambda row: row.name)
-def test_any_row_may_be_held(a1, precise_run, few, opened, row):
-    """A run is estimated without it, and nothing is said of it."""
+def test_any_row_can_be_fixed(a1, precise_run, few, opened, row):
+    """The estimate works without it and has no finding about it."""
     held = estimate_posterior(a1, precise_run.stance, few, Priors().all_open.holding(row.name), rounds=0)
     assert len(held.x) == len(opened.x) - len(row.each.labels(a1))
     assert not held.unknowns.values(held.x)[row.name].any()
@@ -170,6 +170,6 @@ def test_any_row_may_be_held(a1, precise_run, few, opened, row):
     assert np.isfinite(held.robot_covariance).all()
 
 
-def test_findings_of_a_robot_are_found_by_the_name_of_their_unknown(a1):
+def test_finding_names_are_those_of_the_findings(a1):
     assert finding_names(a1, "imu_tilt") == ["IMU rolled", "IMU pitched", "IMU yawed"]
     assert finding_names(a1, "joint_offset")[1] == "FL_thigh_joint offset"

@@ -35,13 +35,13 @@ JOINTS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint i
 
 
 def recorded(robot, model=None, payload=PAYLOAD, noise="realistic", settings=SETTINGS):
-    """Recordings of a run on a simulated robot, by the model that the user has, and its true body."""
+    """Return recordings of a run on a simulated robot with the user's model, and the true body."""
     with simulate(robot, noise, payload, SEED, timestep=1e-3) as simulation:
         return perform(simulation.platform, model or robot, settings).recordings, simulation.truth.composite
 
 
 def ran(robot, model=None, noise="realistic", settings=SETTINGS):
-    """The same with the result."""
+    """Return the recordings, the true body and the result of a run."""
     recordings, truth = recorded(robot, model, noise=noise, settings=settings)
     result = estimate(model or robot, recordings, settings)
     return SimpleNamespace(recordings=recordings, result=result, truth=truth)
@@ -54,7 +54,7 @@ def run(a1):
 
 @pytest.fixture(scope="module")
 def leaning(a1):
-    """Recordings of a robot that leans about two axes; in `run` about one, with which one fault can look like another."""
+    """Return recordings that lean about two axes; `run` leans about one, which cannot distinguish some faults."""
     return recorded(a1, settings=replace(SETTINGS, duration=140, cable="none", leg_prior="narrow"))[0]
 
 
@@ -62,7 +62,7 @@ def leaning(a1):
 
 
 def with_joints(recordings, change, streams=("position", "velocity", "torque")):
-    """Recordings with every joint stream changed: a function of an (n, nj) array to another."""
+    """Return recordings with every joint stream changed by a function of its (n, nj) array."""
     return [
         replace(
             recording, joints=replace(recording.joints, **{s: change(getattr(recording.joints, s)) for s in streams})
@@ -86,7 +86,7 @@ def with_imu(recordings, gyro=lambda v: v, accelerometer=lambda v: v):
 
 
 def columns(change, *which):
-    """A change of some columns only."""
+    """Return a change of some columns only."""
 
     def changed(array):
         array = array.copy()
@@ -101,7 +101,7 @@ def negated(array):
 
 
 def turned(axis, angle):
-    """Vectors as an IMU reads them that is turned by minus that angle [deg]."""
+    """Return a change to the readings of an IMU rotated by minus the angle [deg]."""
     matrix = Rotation.from_euler(axis, angle, degrees=True).as_matrix()
     return lambda vectors: vectors @ matrix.T
 
@@ -118,7 +118,7 @@ def swapped(robot, *pairs):
 
 
 def frozen(recordings, joint, first=0, sample=0):
-    """One encoder sticks from a sample of one recording on, to the end."""
+    """Return recordings with an encoder that is frozen from a sample of one recording to the end."""
     value = recordings[first].joints.position[sample, joint]
     changed = list(recordings)
     for index in range(first, len(recordings)):
@@ -131,7 +131,7 @@ def frozen(recordings, joint, first=0, sample=0):
 
 
 def kept(recording, joint_samples, imu_samples):
-    """Only some samples of a recording."""
+    """Return a recording with only some samples."""
 
     def only(stream, samples):
         arrays = {name: value[samples] for name, value in vars(stream).items() if value is not None}
@@ -141,7 +141,7 @@ def kept(recording, joint_samples, imu_samples):
 
 
 def without_time(recording, start, end, streams):
-    """A recording with a gap."""
+    """Return a recording with a gap."""
     keep = {
         name: ~((stream.time >= start) & (stream.time < end) & (name in streams))
         for name, stream in (("joints", recording.joints), ("imu", recording.imu))

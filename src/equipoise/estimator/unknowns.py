@@ -353,8 +353,10 @@ class Priors:
         for prior in fields(self):
             value = getattr(self, prior.name)
             if not (0 < value < math.inf or (value == 0 and prior.name in rows)):
-                least = "above zero, or zero to fix the parameter" if prior.name in rows else "above zero"
-                raise SettingsError(f"the prior of {prior.name} is {value}; it must be finite, and {least}")
+                fixed = ", or zero to fix the parameter" if prior.name in rows else ""
+                raise SettingsError(
+                    f"the prior of {prior.name} is {value}; it must be a finite number above zero{fixed}"
+                )
 
     def holding(self, *names: str) -> Priors:
         """Return these priors with some rows fixed at the model's values."""
