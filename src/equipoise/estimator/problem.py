@@ -84,7 +84,7 @@ class Posterior:
 
     @cached_property
     def robot_body(self) -> InertialParameters:
-        """Whole robot frozen at the nominal stance, in the base frame."""
+        """Robot frozen at the nominal stance, in the base frame."""
         return self.unknowns.robot_body(self.x)
 
     @cached_property

@@ -114,7 +114,7 @@ class Priors:
     )  # fmt: skip
     compliance: float = unknown(
         5e-4, "deflection between encoder and link of one kind, over the joint's torque", "rad/Nm", JOINT_KIND,
-        "assumed: springs of 2000 Nm/rad; no bench of an A1 or Go2 is known", group=JOINTS, measure=PER_A1_TORQUE,
+        "assumed: springs of 2000 Nm/rad; no bench data of an A1 or Go2", group=JOINTS, measure=PER_A1_TORQUE,
         label="compliance of the {each} joints", finding="{each} compliance", shown=1000.0, significant=2e-4, checked=False,
         nonnegative=True,
         advice="the compliance of the {each} joints is {value:.2f} mrad/Nm (std {std:.2f})",
@@ -236,7 +236,7 @@ class Priors:
     )  # fmt: skip
     foot_compliance: float = unknown(
         5e-5, "sag of a foot and the floor under it, over the load on the foot", "m/N", ROBOT,
-        "assumed: rubber of 20 kN/m; no bench of an A1 or Go2 is known", group=FLOOR, measure=PER_A1_STIFFNESS,
+        "assumed: rubber of 20 kN/m; no bench data of an A1 or Go2", group=FLOOR, measure=PER_A1_STIFFNESS,
         label="foot compliance", finding="foot compliance", shown=1e5, significant=2e-5, drift=0.5, checked=False,
         nonnegative=True,
         advice="the compliance of feet and floor is {value:.1f} mm per 100 N (std {std:.1f})",

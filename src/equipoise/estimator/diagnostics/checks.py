@@ -142,9 +142,7 @@ def _sufficient_data(posterior: Posterior) -> Check:
 def _lift_residuals(posterior: Posterior) -> Check:
     lifts, motions = posterior.residuals_of(TiltEquation), posterior.motions
     if not lifts:
-        return Check(
-            "lift residuals", False, "there is no lift: the estimate uses joint torques alone. Record lift trials"
-        )
+        return Check("lift residuals", False, "no lifts: the estimate uses joint torques alone. Record lift trials")
     walked = all(motions[one.motion].lift is None for one in lifts)
     message = _residual_summary(motions, lifts, "steps" if walked else "lifts")
     passed = _fit(lifts)
@@ -159,14 +157,8 @@ def _stance_motion_residuals(posterior: Posterior) -> Check:
     name, moves, motions = "stance motion residuals", posterior.residuals_of(StanceMotions), posterior.motions
     if not moves:
         if any(motion.of(StepSamples) for motion in motions) and not any(motion.lift for motion in motions):
-            return Check(
-                name, True, "the run is a walk: it does not determine joint offsets, which widens the intervals"
-            )
-        return Check(
-            name,
-            False,
-            "there is no stance motion to separate joint offsets from the CoM: record some, with all feet fixed",
-        )
+            return Check(name, True, "a walk does not determine joint offsets: they widen the intervals")
+        return Check(name, False, "no stance motions to separate joint offsets from the CoM. Record stance motions")
     message = _residual_summary(motions, moves, "stance motions")
     passed = _fit(moves)
     if not passed:
@@ -220,7 +212,7 @@ def _leave_one_out(posterior: Posterior) -> Check:
         f"changes by {largest:.1f} standard deviations (limit {_OUTLYING_SHIFT:g})"
     )
     if not passed:
-        message += ". Something disturbed this motion: repeat the run"
+        message += ". A disturbance of this motion is likely: repeat the run"
     return Check("leave-one-out", passed, message)
 
 
@@ -253,10 +245,7 @@ def _fixed_parameters(posterior: Posterior) -> Check:
     limit = NormalDist().inv_cdf(1 - _SCORE_FALSE_ALARM / len(tests))
     far = [test for test in tests if test.deviate > limit]
     if not far:
-        message = (
-            f"fixed parameters fit; largest score: {tests[0].row.name}, {tests[0].deviate:.1f} (limit {limit:.1f})"
-        )
-        return Check(name, True, message)
+        return Check(name, True, f"largest score: {tests[0].row.name}, {tests[0].deviate:.1f} (limit {limit:.1f})")
     return Check(name, False, "; or ".join(_cause(posterior, test, limit) for test in far[:_CAUSES]))
 
 
@@ -275,10 +264,10 @@ def _model_file(posterior: Posterior) -> Check:
     """Test for conflicts with the file: one kind is estimated, several may come from effects that are not modelled."""
     rows = posterior.unknowns.priors.widened
     if not rows:
-        return Check("model file", True, "the run agrees with the leg geometry and IMU position of the file")
+        return Check("model file", True, "no conflict with the leg geometry and IMU position of the file")
     message = "; ".join(row.cause for row in rows)
     if len(rows) > 1:
-        return Check("model file", False, f"{message}: the file is of another robot, or feet slip. Check both")
+        return Check("model file", False, f"{message}: the file may be of another robot, or feet slip. Check both")
     return Check("model file", True, f"{message}; the estimate does not depend on this value of the file")
 
 
@@ -291,9 +280,8 @@ def _imu_position(posterior: Posterior) -> Check:
     determined = by_excitation.std < _UNDETERMINED * posterior.unknowns.stance.scale.length
 
     def shown(vector: FloatArray) -> str:
-        axes = [
-            f"{axis} {size:+.1f}" for axis, size, shows in zip("xyz", 1000 * vector, determined, strict=True) if shows
-        ]
+        sizes = zip("xyz", 1000 * vector, determined, strict=True)
+        axes = [f"{axis} {size:+.1f}" for axis, size, valid in sizes if valid]
         return f"{', '.join(axes)} mm" if axes else "undetermined"
 
     difference = (
@@ -339,7 +327,7 @@ def _split_half(posterior: Posterior) -> Check:
     )
     if not passed:
         message += (
-            f". A payload or part moved, sensors drift, or {_OUTSIDE}. Fasten parts, warm up the IMU, calibrate again"
+            f". A payload or part moved, sensors drift, or {_OUTSIDE}. Fasten parts, warm up the IMU, repeat the run"
         )
     return Check("split-half consistency", passed, message)
 
@@ -424,7 +412,9 @@ def _torque_mass(posterior: Posterior, masses: MassComparison | None) -> Check:
     agree = masses is None or not masses.disagrees
     passed = agree and size < _IMPLAUSIBLE and residual < _TORQUE_RESIDUAL
     if not passed:
-        message += f". The given mass is wrong, torques are not joint torques in Nm, or {_OUTSIDE}. Weigh again, check units"
+        message += (
+            f". The given mass is wrong, torques are not joint torques in Nm, or {_OUTSIDE}. Weigh again, check units"
+        )
     return Check(name, passed, message)
 
 

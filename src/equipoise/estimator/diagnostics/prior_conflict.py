@@ -85,9 +85,9 @@ def _tested(posterior: Posterior) -> list[Unknown]:
 def _conflict(posterior: Posterior, rows: Sequence[Unknown]) -> float:
     """Return the normal deviate as unlikely as the estimate of some rows under their usual priors.
 
-    Under the prior the estimate is normal about zero with the variance that the run removes, I - P in units of the usual
-    prior, with P the posterior covariance. A large deviate is a prior-data conflict (Evans, Moshonov, Bayesian Analysis 1,
-    2006). An estimate with a wide prior is converted to the usual one, to first order.
+    Under the prior the estimate is normal about zero with the variance that the run removes. That is I - P in units of the
+    usual prior, with P the posterior covariance. A large deviate is a prior-data conflict (Evans, Moshonov, Bayesian Analysis
+    1, 2006). An estimate with a wide prior is converted to the usual one, to first order.
     """
     unknowns = posterior.unknowns
     at = unknowns.columns(*(row.name for row in rows))
@@ -108,8 +108,7 @@ def conflicting_parameters(posterior: Posterior) -> tuple[str, ...]:
 def assumed_imu_position(posterior: Posterior) -> tuple[str, ...]:
     """State that the height of the IMU comes from the model file, where the run hardly determines it, as in all walks.
 
-    An error d of the file, in standard deviations of its prior, shifts a dependent estimate by C d, with C the posterior
-    covariance of both, in the same unit.
+    An error d of the file, in prior standard deviations, shifts another estimate by C d, with C their posterior covariance.
     """
     unknowns = posterior.unknowns
     if unknowns.run_prior is not None or not any(row.name == "imu_position" for row in _tested(posterior)):

@@ -1,7 +1,7 @@
 """Score tests of fixed parameters.
 
-At the posterior mode, r are the residuals in units of their noise, J their derivative by the estimated parameters (prior rows
-included), and C their derivative by the parameters of one fixed row of the table, in units of its usual prior. Then
+At the posterior mode, r are the residuals in units of their noise. J is their derivative by the estimated parameters, prior
+rows included. C is their derivative by the parameters of one fixed row, in units of its usual prior. Then
 
     s = C^T r,    F = C^T (1 - J (J^T J)^-1 J^T) C,    s^T F^-1 s ~ chi2(k)
 

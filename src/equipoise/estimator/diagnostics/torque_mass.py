@@ -30,7 +30,7 @@ Scale = tuple[float, float]
 def compare_at_rest(
     robot: RobotModel, stance: Stance, scale: Scale, rests: Sequence[Recording], prior_run: PriorRun | None
 ) -> MassComparison | None:
-    """Compare a given mass with the joint torques at rest; None: there are no joint torques.
+    """Compare a given mass with the joint torques at rest; None without joint torques.
 
     Args:
         rests: recordings of the robot at rest on four feet, reached from opposite directions: joint friction cancels.
@@ -48,7 +48,7 @@ def compare_at_rest(
 
 
 def compare_estimate(posterior: Posterior, scale: Scale | None, prior_run: PriorRun | None) -> MassComparison | None:
-    """Compare a given mass with the joint torques of a whole run; None: there is no given mass, or no joint torques.
+    """Compare a given mass with the joint torques of a whole run; None without a given mass or joint torques.
 
     The estimated mass is converted from estimated to reported torque constants, or to those of the prior run.
     """
