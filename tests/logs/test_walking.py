@@ -195,7 +195,7 @@ def test_an_imu_that_is_mounted_turned_is_named(a1, stance, trotted, turn):
         for name in ("angular_velocity_in_imu", "acceleration_in_imu")
     }
     said = "roll {}, pitch {}, yaw {} deg".format(*turn)
-    with pytest.raises(MotionError, match=f"in steps the gyroscope does not turn .* by {said} to the base; give"):
+    with pytest.raises(MotionError, match=f"in steps the gyroscope does not turn .* by {said} relative to the base; set"):
         compare_gyroscope(a1, stance, replace(trotted.log, imu=replace(imu, **sensed)))
 
 
