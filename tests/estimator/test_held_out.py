@@ -117,7 +117,9 @@ def test_an_estimate_that_predicts_worse_than_the_model_file_is_refused(precise_
         RecordingError, match=f"no estimate is shown.*within {found} mm rms, the model file within {file}"
     ):
         _refuse_worse_than_file(exchanged, [failed])
-    with pytest.raises(RecordingError, match="Checks that failed: lifts: bad; held out: predicted badly"):
+    with pytest.raises(
+        RecordingError, match="Checks that failed: lift residuals: bad; held-out prediction: predicted badly"
+    ):
         _refuse_worse_than_file(
             exchanged, [Check("lift residuals", False, "bad"), failed, Check("split-half consistency", True, "fine")]
         )

@@ -193,7 +193,7 @@ def test_default_settings_have_no_prior_run():
         (lambda table: {**table, "x": table["x"][:-1]}, "rows of 1 to"),
         (
             lambda table: {**table, "x": [None, *table["x"][1:]]},
-            r"damaged \(x\[0\] is None; it must be a number\); remove",
+            r"damaged \(x\[0\] is None; it must be a number\); delete",
         ),
         (lambda table: {**table, "x": [float("nan"), *table["x"][1:]]}, "its parameters are not finite"),
         (lambda table: {**table, "x": ["much", *table["x"][1:]]}, "damaged"),
@@ -214,7 +214,7 @@ def test_a_damaged_posterior_is_refused_by_name(folder, harm, message):
 
 def test_a_run_without_a_posterior_is_refused_with_the_reason(folder, tmp_path):
     (folder / POSTERIOR).unlink()
-    with pytest.raises(RecordingError, match="make it with: equipoise estimate"):
+    with pytest.raises(RecordingError, match="create it with: equipoise estimate"):
         PriorRun.read(folder)
     (folder / "calibration.json").unlink()
     with pytest.raises(RecordingError, match="has no result; continue it with"):
@@ -235,7 +235,7 @@ def test_a_run_that_is_not_there_ends_every_verb_alike(verb, tmp_path, capsys):
 
 
 def test_another_robot_is_refused(two_jointed, earlier):
-    with pytest.raises(SettingsError, match="of 'unitree_a1', by another model file"):
+    with pytest.raises(SettingsError, match="of 'unitree_a1', with another model file"):
         BayesianMethod(prior_run=earlier).check(two_jointed, nominal_stance(two_jointed))
 
 

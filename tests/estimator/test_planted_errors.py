@@ -59,16 +59,16 @@ def with_gyroscope(recordings, error):
     return [seen(recording) for recording in recordings]
 
 
-@pytest.mark.parametrize("combined_priors", [estimating(*GYRO), Priors()], ids=["all else known", "as usual"])
+@pytest.mark.parametrize("combined_priors", [estimating(*GYRO), Priors()], ids=["all others fixed", "usual priors"])
 def test_gains_and_misalignment_of_the_gyroscope(a1, precise_run, combined_priors):
-    gains, beside = np.array([0.012, -0.01, 0.008]), np.array([6e-3, -4e-3, -7e-3, 5e-3, 3e-3, -6e-3])
+    gains, misalignment = np.array([0.012, -0.01, 0.008]), np.array([6e-3, -4e-3, -7e-3, 5e-3, 3e-3, -6e-3])
     error = np.diag(gains)
-    error[~np.eye(3, dtype=bool)] = beside
+    error[~np.eye(3, dtype=bool)] = misalignment
     recordings = with_gyroscope(precise_run.recordings, error)
     plain = posterior_of(a1, precise_run, precise_run.recordings, combined_priors)
     found = posterior_of(a1, precise_run, recordings, combined_priors)
-    for name, standing in (("gyro_gain", gains), ("gyro_misalignment", beside)):
-        off = (gained(found, plain, name) - standing) / found.std(name)
+    for name, true in (("gyro_gain", gains), ("gyro_misalignment", misalignment)):
+        off = (gained(found, plain, name) - true) / found.std(name)
         assert np.abs(off).max() < 1.5, name
     assert (found.std("gyro_gain") < (0.65 if combined_priors != Priors() else 0.7) * 0.01).all()
     assert np.abs(moved(found, plain)).max() < 1
@@ -95,11 +95,11 @@ def with_drive_train(recordings, give, play):
 
 
 @pytest.mark.parametrize(
-    ("combined_priors", "surer"),
+    ("combined_priors", "reduction"),
     [(estimating("compliance"), 0.85), (Priors(), 0.95)],
-    ids=["all else known", "as usual"],
+    ids=["all others fixed", "usual priors"],
 )
-def test_springs_of_the_drive_train(a1, precise_run, combined_priors, surer):
+def test_springs_of_the_drive_train(a1, precise_run, combined_priors, reduction):
     """An A1 has the same joints in every leg: hip, thigh and calf. Undetermined compliance does not change the body."""
     give = np.array([1 / 2500, 1 / 4000, 1 / 3000])
     recordings = with_drive_train(precise_run.recordings, give, np.zeros(3))
@@ -107,14 +107,14 @@ def test_springs_of_the_drive_train(a1, precise_run, combined_priors, surer):
     found = posterior_of(a1, precise_run, recordings, combined_priors)
     assert np.abs((gained(found, plain, "compliance") - give) / found.std("compliance")).max() < 1.5
     prior = found.unknowns.scale[found.unknowns["compliance"]]
-    assert (found.std("compliance") < surer * prior).all()
+    assert (found.std("compliance") < reduction * prior).all()
     assert np.abs(moved(found, plain)).max() < 0.7
     held = posterior_of(a1, precise_run, recordings, combined_priors.holding("compliance"))
     assert np.abs(moved(held, plain)).max() < 0.7
 
 
 @pytest.mark.parametrize(
-    "combined_priors", [estimating("compliance", "backlash"), Priors()], ids=["all else known", "as usual"]
+    "combined_priors", [estimating("compliance", "backlash"), Priors()], ids=["all others fixed", "usual priors"]
 )
 def test_backlash_of_the_drive_train(a1, precise_run, combined_priors):
     """Backlash reverses abruptly at zero torque, but smoothly in the model: products of inertia are less accurate."""
@@ -140,7 +140,7 @@ def off(found, run):
     return (error / np.sqrt(np.diag(found.robot_covariance)))[:7]
 
 
-# The recordings stay, and the model is changed: the robot is the same, and must be within what is said of it.
+# The recordings stay, and the model is changed: the robot is the same, and its estimate must be within the intervals.
 
 
 def test_legs_that_are_heavier_and_lower_than_in_the_model(a1, precise_run):
@@ -159,12 +159,14 @@ def test_legs_that_are_heavier_and_lower_than_in_the_model(a1, precise_run):
     assert np.abs(off(held, precise_run)).max() > 2
 
 
-@pytest.mark.parametrize("combined_priors", [estimating("imu_position"), Priors()], ids=["all else known", "as usual"])
+@pytest.mark.parametrize(
+    "combined_priors", [estimating("imu_position"), Priors()], ids=["all others fixed", "usual priors"]
+)
 def test_an_imu_with_a_position_error_in_the_model(a1, precise_run, combined_priors):
-    beside = np.array([3e-3, -3e-3, 2e-3])
-    model, recordings = load_robot("unitree_a1", RobotDescription(imu_position=tuple(beside))), precise_run.recordings
+    offset = np.array([3e-3, -3e-3, 2e-3])
+    model, recordings = load_robot("unitree_a1", RobotDescription(imu_position=tuple(offset))), precise_run.recordings
     plain, found = (posterior_of(robot, precise_run, recordings, combined_priors) for robot in (a1, model))
-    missed = gained(found, plain, "imu_position") + beside
+    missed = gained(found, plain, "imu_position") + offset
     assert np.abs(missed / found.std("imu_position")).max() < 1.5
     assert np.abs(moved(found, plain)).max() < 1.2
     assert np.abs(off(found, precise_run)).max() < 2.5
@@ -206,11 +208,11 @@ def estimated(model, run, combined_priors=None):
 
 def test_a_conflicting_imu_position_is_estimated_with_a_wide_prior(a1, precise_run):
     """With the usual prior, 30 mm are split between position and inertia, and all residuals are small."""
-    beside = np.array([0.02, -0.01, 0.03])
-    model = load_robot("unitree_a1", RobotDescription(imu_position=tuple(beside)))
+    offset = np.array([0.02, -0.01, 0.03])
+    model = load_robot("unitree_a1", RobotDescription(imu_position=tuple(offset)))
     plain, found = estimated(a1, precise_run), estimated(model, precise_run)
     place = [next(one for one in found.sensors if one.name == f"IMU position {axis}") for axis in "xyz"]
-    assert all(abs(one.value + off) < 3 * one.std for one, off in zip(place, beside, strict=True))
+    assert all(abs(one.value + off) < 3 * one.std for one, off in zip(place, offset, strict=True))
     assert max(one.std for one in place) < 1.2e-2
     assert found.assumptions[2:] == (
         "the run contradicts the model file: the position of the IMU differs from the file",

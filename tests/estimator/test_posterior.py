@@ -154,18 +154,18 @@ def test_a_long_motions_torques_compress_to_few_rows(a1, posterior, precise_run,
     monkeypatch.setattr("equipoise.estimator.equations.torque_balance._STEP", 0.02)  # more rows than unknowns
     evidence = read_motions(a1, precise_run.stance, precise_run.recordings)
 
-    def told(x):
+    def equations_at(x):
         block = blocks_of(posterior.unknowns, evidence)["torque"]
         block.prepare(x)
         before = list(block.by_motion(x))
         block.renew_noise(x + 0.5)
         return before, block.normalized_residual, len(block.residual(x))
 
-    few, noise, count = told(posterior.x)
+    few, noise, count = equations_at(posterior.x)
     monkeypatch.setattr("equipoise.estimator.equations.torque_balance._SAMPLES_AT_ONCE", 50)
-    pieces, same_noise, _ = told(posterior.x)
+    pieces, same_noise, _ = equations_at(posterior.x)
     monkeypatch.setattr("equipoise.estimator.equations.torque_balance._few_rows", lambda system: system)
-    many, all_noise, all_rows = told(posterior.x)
+    many, all_noise, all_rows = equations_at(posterior.x)
     assert count < all_rows
     assert noise == pytest.approx(all_noise, rel=1e-9) == pytest.approx(same_noise, rel=1e-9)
     for one in (few, pieces):
@@ -421,8 +421,8 @@ def test_a_lifts_noise_is_that_of_many_draws(a1, posterior, evidence, monkeypatc
     equation = TiltInvariant(a1, LegChains(a1), [replace(lift, **others), *drawn])
     y, levers = equation.evaluate(values, inertial)
     exact, *noisy = (y[trial] / levers[0, 0] for trial in equation.trials)
-    told = TiltNoise.of(drawn[0])
-    expected = told.covariance(levers[1:, 0] / levers[0, 0]) - told.beside
+    tilt_noise = TiltNoise.of(drawn[0])
+    expected = tilt_noise.covariance(levers[1:, 0] / levers[0, 0]) - tilt_noise.beside
     ratio = np.sqrt(np.mean((np.array(noisy) - exact) ** 2) / np.diag(expected).mean())
     assert 0.75 < ratio < 1.33
 

@@ -62,7 +62,7 @@ def eccentric(recordings, sine, cosine):
         estimating(),
         BayesianMethod(leg_prior="narrow", cable="none").combined_priors,
     ],
-    ids=["no cable", "all known", "narrow"],
+    ids=["no cable", "all fixed", "narrow"],
 )
 def test_a_robot_within_its_priors_passes(a1, precise_run, combined_priors):
     found = posterior_of(a1, precise_run, precise_run.recordings, combined_priors)
@@ -77,7 +77,7 @@ def test_a_robot_within_its_priors_passes(a1, precise_run, combined_priors):
     assert tests[0].row.name in check.message
 
 
-def standing(a1, recordings):
+def with_error(a1, recordings):
     """Return recordings with an error of a fixed parameter, and the model for their estimate."""
     shorter = another_model(a1)
     for leg in shorter.legs.values():
@@ -93,7 +93,7 @@ def standing(a1, recordings):
 
 @pytest.mark.parametrize("name", ["backlash", "link_length_common", "gyro_drift"])
 def test_the_wrong_parameter_is_named_first_with_its_remedy(a1, precise_run, name):
-    recordings, model = standing(a1, precise_run.recordings)[name]
+    recordings, model = with_error(a1, precise_run.recordings)[name]
     found = posterior_of(model, precise_run, recordings, estimating())
     tests = score_tests(found)
     assert tests[0].row.name == name
@@ -128,11 +128,11 @@ def test_eccentric_encoders_are_detected_and_can_be_estimated(a1, precise_run):
     sine, cosine = 0.03 * np.random.default_rng(0).standard_normal((2, 12))
     recordings = eccentric(precise_run.recordings, sine, cosine)
     combined_priors = BayesianMethod(leg_prior="narrow").combined_priors.holding("eccentricity")
-    clean, planted_in = (
+    clean, eccentric_deviate = (
         score_tests(posterior_of(a1, precise_run, read, combined_priors))[0].deviate
         for read in (precise_run.recordings, recordings)
     )
-    assert clean < 1.5 < planted_in - 1
+    assert clean < 1.5 < eccentric_deviate - 1
     opened = replace(estimating(), eccentricity=0.03)
     plain, found = (posterior_of(a1, precise_run, read, opened) for read in (precise_run.recordings, recordings))
     off = gained(found, plain, "eccentricity") - np.column_stack([sine, cosine]).ravel()
@@ -172,5 +172,5 @@ def test_the_limit_is_the_false_alarm_probability_over_all_tests(a1, precise_run
     tests = [test for test in score_tests(found) if test.deviate > -np.inf]
     share = len(tests) * (1 - NormalDist().cdf(tests[0].deviate))
     for chance, passed in ((0.9 * share, True), (1.1 * share, False)):
-        monkeypatch.setattr(checks, "_UNLIKELY", chance)
+        monkeypatch.setattr(checks, "_SCORE_FALSE_ALARM", chance)
         assert check_of(found).passed == passed

@@ -104,7 +104,7 @@ def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray,
         problem.prepare(x)
         x, left = _descend(problem, x, _CONVERGED)
     except np.linalg.LinAlgError as error:
-        raise RecordingError(f"the recordings do not determine an estimate: {error}") from error
+        raise RecordingError(f"the recordings do not determine an estimate ({error}): record more motions") from error
     return x, left < _SETTLED
 
 
@@ -122,7 +122,7 @@ def descend(problem: Problem, start: FloatArray) -> tuple[FloatArray, bool]:
             if left < _CONVERGED:
                 break
     except np.linalg.LinAlgError as error:
-        raise RecordingError(f"the recordings do not determine an estimate: {error}") from error
+        raise RecordingError(f"the recordings do not determine an estimate ({error}): record more motions") from error
     return x, left < _SETTLED
 
 
