@@ -27,7 +27,7 @@ class ValleyProblem:
 
     def renew_noise(self, x: np.ndarray) -> None: ...
 
-    def normal_equations(self, x: np.ndarray, scale_held: bool = False) -> NormalEquations:
+    def normal_equations(self, x: np.ndarray, fix_scale: bool = False) -> NormalEquations:
         equations = NormalEquations.of(self.residual(x), self.jacobian(x))
         self.costs.append(equations.cost)
         return equations

@@ -337,11 +337,11 @@ def test_the_scale_of_all_masses_is_fixed_while_noise_levels_are_estimated(a1, p
         x = problem.unknowns.start()
         problem.prepare(x)
         x[problem.unknowns[name].start] += 0.1
-        assert problem.normal_equations(x, scale_held=True).cost > problem.normal_equations(x).cost + 0.5
+        assert problem.normal_equations(x, fix_scale=True).cost > problem.normal_equations(x).cost + 0.5
     weighed = MapProblem(a1, precise_run.stance, evidence, Priors(), (12.0, 0.1), True)
     x = weighed.unknowns.start()
     weighed.prepare(x)
-    assert weighed.normal_equations(x, scale_held=True).cost == weighed.normal_equations(x).cost
+    assert weighed.normal_equations(x, fix_scale=True).cost == weighed.normal_equations(x).cost
 
 
 @pytest.mark.parametrize("size", [0.5, 2.0])

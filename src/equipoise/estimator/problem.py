@@ -250,7 +250,7 @@ class MapProblem:
         for equation in self.equations:
             equation.renew_noise(x)
 
-    def held_scale(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def scale_residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return a residual that fixes the torque gain, or without torques the total mass, and its derivative."""
         if any("torque_gain_common" in equation.open for equation in self.equations):
             gain = self.unknowns["torque_gain_common"]
@@ -271,11 +271,11 @@ class MapProblem:
             cost += float(residual @ residual)
         return NormalEquations(information, gradient, cost)
 
-    def normal_equations(self, x: FloatArray, scale_held: bool = False) -> NormalEquations:
-        """Return the normal equations of all equations and priors; `scale_held` has no effect with a scale or prior run."""
+    def normal_equations(self, x: FloatArray, fix_scale: bool = False) -> NormalEquations:
+        """Return the normal equations of all equations and priors; `fix_scale` has no effect with a scale or prior run."""
         equations = self.motion_equations(x) + NormalEquations.of(*prior_rows(self.unknowns, x, self.mass))
-        held = scale_held and self.mass is None and self.unknowns.run_prior is None
-        return equations + NormalEquations.of(*self.held_scale(x)) if held else equations
+        fixed = fix_scale and self.mass is None and self.unknowns.run_prior is None
+        return equations + NormalEquations.of(*self.scale_residual(x)) if fixed else equations
 
     def posterior(self, x: FloatArray, converged: bool) -> Posterior:
         """Return the posterior at its mode x."""

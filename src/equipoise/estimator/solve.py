@@ -76,11 +76,11 @@ class Problem(Protocol):
         """Raise the noise levels of trials with large residuals."""
         ...
 
-    def normal_equations(self, x: FloatArray, scale_held: bool = False) -> NormalEquations:
+    def normal_equations(self, x: FloatArray, fix_scale: bool = False) -> NormalEquations:
         """Return the normal equations at x.
 
         Args:
-            scale_held: True to fix the scale of all masses, as while noise levels are estimated.
+            fix_scale: True to fix the scale of all masses, as while noise levels are estimated.
         """
         ...
 
@@ -99,7 +99,7 @@ def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray,
     try:
         for _ in range(rounds):
             problem.prepare(x)
-            x, _ = _descend(problem, x, _NEAR, scale_held=True)
+            x, _ = _descend(problem, x, _NEAR, fix_scale=True)
             problem.renew_noise(x)
         problem.prepare(x)
         x, left = _descend(problem, x, _CONVERGED)
@@ -126,7 +126,7 @@ def descend(problem: Problem, start: FloatArray) -> tuple[FloatArray, bool]:
     return x, left < _SETTLED
 
 
-def _descend(problem: Problem, x: FloatArray, near: float, scale_held: bool = False) -> tuple[FloatArray, float]:
+def _descend(problem: Problem, x: FloatArray, near: float, fix_scale: bool = False) -> tuple[FloatArray, float]:
     """Take damped steps until a full step is small or no step lowers the cost.
 
     Full Gauss-Newton steps overshoot where the base is nearly a rod, whose log-Cholesky parameters are strongly nonlinear.
@@ -134,7 +134,7 @@ def _descend(problem: Problem, x: FloatArray, near: float, scale_held: bool = Fa
     Returns:
         (size,) parameters, and the largest component of the last undamped step in standard deviations.
     """
-    equations_at = partial(problem.normal_equations, scale_held=scale_held)
+    equations_at = partial(problem.normal_equations, fix_scale=fix_scale)
     here, damping, size = equations_at(x), 0.0, np.inf
     for _ in range(_ITERATIONS):
         size = here.largest_step()

@@ -135,13 +135,13 @@ class _TwoProblems:
         for problem, run in self._runs(x):
             problem.renew_noise(run)
 
-    def normal_equations(self, x: FloatArray, scale_held: bool = False) -> NormalEquations:
+    def normal_equations(self, x: FloatArray, fix_scale: bool = False) -> NormalEquations:
         equations = NormalEquations.of(*self._priors(x))
         to_runs = self.to_first, self.to_second
         for (problem, run), to_run, mass in zip(self._runs(x), to_runs, self._scale.masses, strict=True):
             own = problem.motion_equations(run)
-            if scale_held and mass is None:
-                own += NormalEquations.of(*problem.held_scale(run))
+            if fix_scale and mass is None:
+                own += NormalEquations.of(*problem.scale_residual(run))
             equations += NormalEquations(to_run.T @ own.information @ to_run, to_run.T @ own.gradient, own.cost)
         return equations
 
