@@ -59,12 +59,12 @@ def test_cylindrical_feet_are_found(a1):
 def test_a_negative_backlash_is_a_failed_check_from_three_standard_deviations_on(precise_run):
     posterior = precise_run.result.evidence.posterior
     column = posterior.unknowns["backlash"].start
-    sd = np.sqrt(posterior.covariance[column, column])
+    std = np.sqrt(posterior.covariance[column, column])
 
     def check_at(size):
         x = posterior.x.copy()
-        x[column] = size * sd
-        return checks._physically_possible(replace(posterior, x=x))
+        x[column] = size * std
+        return checks._physical_parameters(replace(posterior, x=x))
 
     assert check_at(-2.9).passed
     assert not check_at(-3.1).passed
