@@ -58,7 +58,7 @@ def is_kept(row: Unknown) -> bool:
 
 @dataclass(frozen=True)
 class PriorRun:
-    """The posterior of an earlier run, as JSON values.
+    """Posterior of a prior run, as JSON values.
 
     Attributes:
         robot: name of the robot.
