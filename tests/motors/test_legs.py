@@ -138,7 +138,7 @@ def test_quiet_feet_are_not_taken_for_quieter_than_they_may_be(a1, run):
     lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
     posterior = both.base.estimate(a1, lifts, nominal_stance(a1)).evidence.posterior
     moves = posterior.problem.equation(StanceMotions)
-    allowed = moves.scale / moves._quiet
+    allowed = moves.scale / moves._noise_factor
     loose = np.zeros_like(posterior.covariance)  # as if no unknown took a freedom
     quiet = moves.at_residual_noise(posterior.x, loose)
     assert (quiet.scale <= allowed).all()

@@ -1,8 +1,8 @@
-"""Base of the equations: each reads its own samples from recordings and returns residuals in units of their noise.
+"""Base classes of the equations, which read samples from recordings and return residuals in units of their noise.
 
-Every equation lists by name the unknowns that it depends on. It returns its residual and the derivative by these, the rows
-and the misfit of each motion; it names its share of the uncertainty and what lowers that. A new equation is a module in this
-package and a line of the table in table.py.
+An equation lists the parameters that it depends on. It returns its residual, the derivative by these parameters, and the
+rows and normalized residual of each motion. It also names its contribution to the uncertainty and a remedy.
+A new equation is a module in this package and an entry in table.py.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ from equipoise.recording.trials import RecordedTrial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
-_OUTLIER = 3.0  # times the median misfit
+_OUTLIER = 3.0  # times the median normalized residual
 LEFT_OUT = 1e6
-"""Noise of motions that are left out, over what their sensors explain."""
+"""Noise of excluded motions, divided by their sensor noise."""
 
 Sample = TypeVar("Sample")
 
 
 @dataclass(frozen=True, eq=False)
 class RunContext:
-    """Facts of a run that equations need in order to read a recording.
+    """Properties of a run that equations need to read a recording.
 
     Attributes:
         gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
-        when: time since the middle of the run over the run's duration.
-        heading: angle by which the robot was turned in the room since the run began, to its left [rad].
+        when: time since the middle of the run, divided by the run's duration.
+        heading: rotation of the robot to its left since the start of the run [rad].
     """
 
     robot: RobotModel
@@ -54,14 +54,14 @@ class RunContext:
 
 @dataclass(frozen=True, eq=False)
 class MotionSamples:
-    """One recording as the equations read it.
+    """Samples of all equations from one recording.
 
     Attributes:
         index: index of the recording in the run.
-        trial: trial that it is of; None if that is not known.
-        samples: samples that the equations read from it, each of its equation's kind.
-        left_out: reason why an equation could not read it, or None.
-        duration: duration of the recording, of a walk or crawl from its first to its last step [s].
+        trial: trial of the recording, or None.
+        samples: samples of the equations, each of its equation's type.
+        left_out: reason why an equation could not read the recording, or None.
+        duration: duration of the recording; of a walk or crawl, from the first to the last step [s].
     """
 
     index: int
@@ -71,23 +71,23 @@ class MotionSamples:
     duration: float = 0.0
 
     def of(self, kind: type[Sample]) -> tuple[Sample, ...]:
-        """Samples of a kind."""
-        return tuple(one for one in self.samples if isinstance(one, kind))
+        """Return the samples of a type."""
+        return tuple(sample for sample in self.samples if isinstance(sample, kind))
 
     @property
     def lift(self) -> LiftSamples | None:
         """Samples of the lift; None if there is none, as in a walk."""
-        return next((one for one in self.of(LiftSamples) if not isinstance(one, StepSamples)), None)
+        return next((lift for lift in self.of(LiftSamples) if not isinstance(lift, StepSamples)), None)
 
 
 @dataclass(frozen=True, eq=False)
 class MotionResidual:
-    """How one motion fits the estimate.
+    """Normalized residual of one motion.
 
     Attributes:
         motion: index of the recording.
-        normalized_residual: root mean square of the residual over what its noise explains.
-        used: False for an outlier that was left out.
+        normalized_residual: root mean square of the residual, divided by its expected noise.
+        used: False for an excluded outlier.
     """
 
     motion: int
@@ -99,14 +99,14 @@ class Equation(ABC, Generic[Sample]):
     """Rows of one equation.
 
     Attributes:
-        depends_on: names of the unknowns that the rows depend on.
+        depends_on: names of the parameters that the rows depend on.
         name: name of its motions in documents.
         kind: type of the samples of a motion.
         source: name of its noise among the sources of uncertainty.
-        remedy: what lowers that.
+        remedy: measure that reduces this noise.
         samples: samples of all motions, in order.
-        columns: indices of the unknowns in the vector of unknowns: the Jacobian's columns.
-        open: names of these that are not held, beside the inertial ones.
+        columns: indices of these parameters in the parameter vector: the Jacobian's columns.
+        open: names of these parameters that are estimated, without the inertial ones.
         motions: index of each recording, and its rows.
     """
 
@@ -118,17 +118,17 @@ class Equation(ABC, Generic[Sample]):
 
     @classmethod
     def read(cls, run: RunContext, recording: Recording) -> Sequence[Sample]:
-        """Samples of a recording; empty if it is of another kind.
+        """Return the samples of a recording; empty if the equation does not use this kind of recording.
 
         Raises:
-            RecordingError: it is of this kind, and cannot be read.
+            RecordingError: it is of this kind and cannot be read.
         """
         return ()
 
     @classmethod
     def of(cls, unknowns: Unknowns, motions: Sequence[MotionSamples]) -> Equation[Sample] | None:
-        """Rows of all samples of a run; None if there are none."""
-        samples = [(motion.index, one) for motion in motions for one in motion.of(cls.kind)]
+        """Return the rows of all samples of a run; None if there are none."""
+        samples = [(motion.index, sample) for motion in motions for sample in motion.of(cls.kind)]
         return cls(unknowns, samples) if samples else None
 
     def __init__(self, unknowns: Unknowns, samples: Sequence[tuple[int, Sample]]) -> None:
@@ -139,17 +139,17 @@ class Equation(ABC, Generic[Sample]):
 
     @abstractmethod
     def _rows_in(self, sample: Sample) -> int:
-        """Number of the rows of a sample."""
+        """Return the number of rows of a sample."""
 
     def _lay_out(self, unknowns: Unknowns) -> None:
         self.unknowns, self.columns = unknowns, unknowns.columns(*self.depends_on)
         self.open = [name for name in self.depends_on if name not in INERTIAL and unknowns.estimates(name)]
 
     def laid_out(self, unknowns: Unknowns, x: FloatArray) -> Equation[Sample]:
-        """The same rows at noise levels as they are, by another vector of unknowns of the same robot.
+        """Return these rows, with unchanged noise levels, for another parameter vector of the same robot.
 
         Args:
-            x: such a vector, at which noise is prepared.
+            x: value of the new vector, at which the noise is prepared.
         """
         same = copy(self)
         same._lay_out(unknowns)
@@ -157,7 +157,7 @@ class Equation(ABC, Generic[Sample]):
         return same
 
     def _by_unknowns(self, x: FloatArray, by: Derivatives) -> FloatArray:
-        """(..., len(columns)) derivatives by the unknowns, of those by their values and by "inertial"."""
+        """Return (..., len(columns)) derivatives by the parameter vector, from those by values and by "inertial"."""
         unknowns = self.unknowns
         parts = [by[name] * unknowns.scale[unknowns[name]] for name in self.open]
         if "inertial" in by:
@@ -165,18 +165,18 @@ class Equation(ABC, Generic[Sample]):
         return np.concatenate(parts, axis=-1)
 
     def prepare(self, x: FloatArray) -> None:
-        """Noise levels of a round; nothing to do where they do not depend on x."""
+        """Compute the noise levels of an iteration; by default they do not depend on x."""
 
     @abstractmethod
     def residual(self, x: FloatArray) -> FloatArray:
-        """(rows,) residual, in units of its noise."""
+        """Return the (rows,) residual, in units of its noise."""
 
     @abstractmethod
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The residual, and its (rows, len(columns)) derivative."""
+        """Return the residual and its (rows, len(columns)) derivative."""
 
     def by_motion(self, x: FloatArray) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-        """Of each motion: its index, its (size, size) information and its (size,) gradient."""
+        """Yield the index, (size, size) information and (size,) gradient of each motion."""
         residual, jacobian = self.linearise(x)
         places = np.ix_(self.columns, self.columns)
         for motion, rows in self.motions:
@@ -186,31 +186,31 @@ class Equation(ABC, Generic[Sample]):
             yield motion, information, gradient
 
     def at_residual_noise(self, x: FloatArray, covariance: FloatArray | None = None) -> Equation[Sample]:
-        """The same rows at the noise that their residuals at x show, where that is less; these where noise is known.
+        """Return these rows with their noise reduced to that of the residuals at x; by default the noise is fixed.
 
         Args:
             covariance: (size, size) covariance of the estimate x, whose degrees of freedom are subtracted from the
-                residuals' mean square; None: the median of the misfits is used.
+                residuals' mean square; None: the median of the normalized residuals is used.
         """
         return self
 
     def expect_residual(self, normalized_residual: float) -> None:
-        """Take the noise to be so many times what sensors explain; nothing to do where noise is known."""
+        """Set the noise to a multiple of the sensor noise; by default the noise is fixed."""
 
     def renew_noise(self, x: FloatArray) -> None:
-        """Raise the noise of what does not fit; nothing to do where noise is known."""
+        """Increase the noise of motions with large residuals; by default the noise is fixed."""
 
     def normalized_residuals(self, x: FloatArray) -> tuple[MotionResidual, ...]:
-        """How each motion fits; empty where that is not told motion by motion."""
+        """Return the normalized residual of each motion; by default none."""
         return ()
 
 
 class MotionEquation(Equation[Sample]):
-    """Rows of motions that each have a noise level of their own.
+    """Rows of motions with one noise level each.
 
     Attributes:
-        shared: number of motions that say what one says of what sensors' noise does not explain.
-        scale: (motions,) noise of each over what its sensors explain.
+        shared: number of motions that have their errors beyond sensor noise in common.
+        scale: (motions,) noise of each motion, divided by its sensor noise.
     """
 
     shared = 1.0
@@ -221,7 +221,7 @@ class MotionEquation(Equation[Sample]):
 
     @abstractmethod
     def normalized_residual(self, x: FloatArray) -> FloatArray:
-        """(motions,) misfit of each, over what its sensors' noise explains."""
+        """Return (motions,) root mean squares of the residuals, divided by the sensor noise."""
 
     def expect_residual(self, normalized_residual: float) -> None:
         self.scale = np.full(len(self.motions), normalized_residual)
@@ -243,5 +243,5 @@ class MotionEquation(Equation[Sample]):
 
 
 def whitening_of(covariance: FloatArray) -> FloatArray:
-    """(..., n, n) matrices that turn residuals with these covariances into white ones."""
+    """Return (..., n, n) matrices that whiten residuals with these covariances."""
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=float)

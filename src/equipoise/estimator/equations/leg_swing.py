@@ -1,4 +1,4 @@
-"""Legs that swung in the air: what the motors' fit determines of the links and the gains, as rows of the estimate.
+"""Leg swings in the air: information of the motor fit on leg links and torque gains, as rows of the estimate.
 
 All swings of a run are fitted together (motors/fit.py): their recordings are the samples.
 """
@@ -21,7 +21,7 @@ from equipoise.recording.trials import MotorTrial
 
 
 class LegSwings(Equation[Recording]):
-    """Rows of the last swings of all legs, whitened; all of them belong to the last of the recordings."""
+    """Whitened rows of the last swings of all legs; all rows belong to the last recording."""
 
     depends_on = (*INERTIAL, "torque_gain_common", "torque_gain")
     name = "swings"
@@ -31,19 +31,19 @@ class LegSwings(Equation[Recording]):
 
     @classmethod
     def read(cls, run: RunContext, recording: Recording) -> Sequence[Recording]:
-        """The recording itself."""
+        """Return the recording itself."""
         return (recording,) if isinstance(recording.trial, MotorTrial) and recording.complete else ()
 
     @classmethod
     def of(cls, unknowns: Unknowns, motions: Sequence[MotionSamples]) -> Equation[Recording] | None:
-        """Return the rows of all swings; None if a leg did not swing, or torques are not reported."""
+        """Return the rows of all swings; None if a leg did not swing or torques are not reported."""
         try:
             return super().of(unknowns, motions)
         except (RecordingError, LinAlgError):
             return None
 
     def __init__(self, unknowns: Unknowns, samples: Sequence[tuple[int, Recording]]) -> None:
-        """Raises RecordingError."""
+        """Fit the swings; raises RecordingError."""
         robot, stance = unknowns.robot, unknowns.stance
         swings = tuple(last_swings([recording for _, recording in samples]))
         self._swung, self._target = legs_in_swing(robot, *fit_swings(robot, stance, swings), stance.scale)

@@ -1,4 +1,4 @@
-"""Walks: lines between standing feet, which are level but for the floor."""
+"""Level-floor equation of walks: the line between two standing feet is level except for the floor's slope."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from equipoise.estimator.measurements.lift_samples import StepSamples
 from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
 from equipoise.estimator.parameters import Unknowns
 
-# By which a line between two feet of a robot that walks may seem to lean, from step to step: the mean of what the
-# accelerometer feels is not gravity alone, and floors are uneven. Three steps in a row say what one says.
+# Noise of a line's inclination, from step to step: the accelerometer's mean is not gravity alone, and floors are uneven.
+# The errors of three successive steps are correlated.
 _LEAN_NOISE = 0.02  # [rad]
 
 
 class LevelFloor(MotionEquation[StepSamples]):
-    """The floor that a robot walks on is level, but for its slope: the line between two standing feet rises to neither.
+    """Rows of the inclination of the line between two standing feet, corrected for the floor's slope.
 
-    The samples are those of the steps that the tilt equation reads.
+    The samples are the steps that the tilt equation reads.
     """
 
     depends_on = TiltInvariant.DEPENDS_ON

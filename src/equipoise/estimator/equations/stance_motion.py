@@ -1,8 +1,8 @@
-"""Moves over planted feet: what does not change tells about joint offsets and about how the IMU is mounted.
+"""Stance motion equation: fixed feet determine joint offsets and the mounting of the IMU.
 
-While no foot slips, the feet's positions relative to each other change only by how the feet roll; and their heights above
-each other, against gravity, by how they sag under what they carry. Both are read at rest, before and after the move. What each
-foot carries there is statics', by the model's mass and CoM: torques that motors report hide it behind their friction.
+While no foot slips, relative foot positions change only by rolling. Relative foot heights along gravity change only by foot
+compliance. Both are read at rest, before and after the motion. The load of each foot follows from statics with the model's
+mass and CoM: motor friction is too large to obtain it from reported torques.
 """
 
 from __future__ import annotations
@@ -44,28 +44,28 @@ from equipoise.robot.stance import Stance
 from equipoise.robot.statics import loads_on_feet
 
 _PER_MOVE = 20
-_CENTRED = np.eye(4) - 0.25  # takes the mean over the feet off
+_CENTRED = np.eye(4) - 0.25  # subtracts the mean over the feet
 _WARP = np.array([[1.0], [-1.0], [-1.0], [1.0]])
-# Feet at rest on an A1: how far they seem to move [m], and to rise [m]; and how the gyroscope's attitude drifts over a move
-# and the accelerometer's wanders from rest to rest [rad]. Twice what an ideal robot shows: each rest ends one move and begins
-# the next, and springs and feet that sag are the same in all.
+# Standard deviations on an A1: displacement and height of feet at rest [m]; drift of the gyroscope's attitude over a motion
+# and of the accelerometer's from rest to rest [rad]. Twice the values of an ideal robot: each rest ends one motion and begins
+# the next, and errors of springs and foot compliance are the same in all.
 _FOOT_NOISE, _HEIGHT_NOISE, _TURN_NOISE, _UP_NOISE = 2.4e-4, 1.6e-4, 6e-4, 8e-4
-_QUIETEST = 0.3  # of these, what robots with ordinary sensors show
-_SAYING = 15  # rows of a move's twenty that say something: means are taken off
-_FEWEST_FREEDOMS = 20.0  # from which on the noise that residuals show is known to a fifth
-# Times what residuals show is what feet may do: they show less by chance, and what they do lasts over moves.
-_RESTLESS = 1.5
+_MIN_NOISE_FACTOR = 0.3  # of these, for robots with ordinary sensors
+_INDEPENDENT_ROWS = 15  # of a motion's twenty: means are subtracted
+_FEWEST_FREEDOMS = 20.0  # they determine the noise to a fifth
+# Safety factor on the noise from residuals: these may be small by chance, and errors of feet last over several motions.
+_NOISE_MARGIN = 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class RestReading:
-    """A planted robot at rest: means over that rest.
+    """Means over a rest on four feet.
 
     Attributes:
-        joint_position: (nj,) mean of the joint positions [rad].
-        acceleration_in_imu: (3,) mean of the accelerometer, in the IMU frame [m/s2].
-        load: (4,) weight on each foot, by the model [N].
-        joint_torque: (nj,) mean of the joint torques as reported [Nm]; None where none are.
+        joint_position: (nj,) joint positions [rad].
+        acceleration_in_imu: (3,) accelerometer readings, in the IMU frame [m/s2].
+        load: (4,) weight on each foot, according to the model [N].
+        joint_torque: (nj,) reported joint torques [Nm], or None.
     """
 
     joint_position: FloatArray
@@ -75,7 +75,7 @@ class RestReading:
 
     @classmethod
     def of(cls, robot: RobotModel, still: Recording) -> RestReading:
-        """Of a recording in which nothing moves."""
+        """Average a recording in which nothing moves."""
         joints, acceleration = still.joints, still.imu.acceleration_in_imu.mean(axis=0)
         torque = None if joints.torque is None else joints.torque.mean(axis=0)
         position = joints.position.mean(axis=0)
@@ -84,17 +84,17 @@ class RestReading:
 
 @dataclass(frozen=True, eq=False)
 class StanceMotion:
-    """A move between two rests, all feet planted.
+    """Base motion between two rests, with all feet on the floor.
 
     Attributes:
-        before, after: rests on either side of the move.
-        rotation_to_before: (3, 3) rotation from the IMU frame after the move to that before, by the gyroscope.
-        rolled: (4, 3) displacements of the feet's centres by rolling, in base axes before the move [m].
-        rolled_by_width: (2, 4, 3) the same beyond that of balls, over the half-widths of the feet.
+        before, after: rests on either side of the motion.
+        rotation_to_before: (3, 3) rotation from the IMU frame after the motion to that before, from the gyroscope.
+        rolled: (4, 3) displacements of the feet's centres by rolling, in base axes before the motion [m].
+        rolled_by_width: (2, 4, 3) displacements beyond those of spherical feet, divided by the feet's half-widths.
         duration: time between the rests [s].
-        when: time since the middle of the run over the run's duration.
-        heading: angle by which the robot was turned in the room since the run began, to its left [rad]; where it is not
-            zero, its feet were planted anew.
+        when: time since the middle of the run, divided by the run's duration.
+        heading: rotation of the robot to its left since the start of the run [rad]; if it is not zero, the feet have new
+            footholds.
     """
 
     before: RestReading
@@ -110,7 +110,7 @@ class StanceMotion:
 def read_move(
     robot: RobotModel, legs: LegChains, before: Recording, moving: Recording, after: Recording, gyro_bias: FloatArray
 ) -> StanceMotion:
-    """A move and the rests on either side of it; the three recordings follow each other."""
+    """Read a stance motion from three successive recordings: a rest, the motion and another rest."""
     rotation = np.array(robot.imu_in_base.rotation)
     attitude = attitudes(moving.imu.time, moving.imu.angular_velocity_in_imu - gyro_bias)
     first, last = RestReading.of(robot, before), RestReading.of(robot, after)
@@ -134,11 +134,11 @@ def read_move(
 
 
 class StanceMotionRows:
-    """Residuals of stance motions and rests, at any values of the unknowns that they depend on.
+    """Residuals of stance motions and rests.
 
     Attributes:
-        DEPENDS_ON: names of the unknowns that the rows depend on.
-        footholds: (4, 3) places of the feet relative to their mean at the nominal stance, in base axes [m].
+        DEPENDS_ON: names of the parameters that the rows depend on.
+        footholds: (4, 3) positions of the feet relative to their mean at the nominal stance, in base axes [m].
     """
 
     DEPENDS_ON = (
@@ -156,7 +156,7 @@ class StanceMotionRows:
         self._acceleration = [np.array([rest.acceleration_in_imu for rest in side]).T for side in rests]
         self._load = [np.array([rest.load for rest in side]).T for side in rests]
         self._to_before = np.array([move.rotation_to_before for move in moves]).transpose(1, 2, 0)
-        # Moves go straight from posture to posture: a turn about one axis, near enough for errors of the gyroscope.
+        # Rotation about one axis is a sufficient approximation for the gyroscope's errors.
         rotations = [Rotation.from_matrix(move.rotation_to_before) for move in moves]
         self._turns = np.moveaxis(np.array([turns_of(rotation) for rotation in rotations]), 0, -1)
         self._when = np.array([move.when for move in moves])
@@ -170,16 +170,16 @@ class StanceMotionRows:
         self._heading = np.array([move.heading for move in moves])
 
     def residuals(self, values: Values) -> FloatArray:
-        """(moves, 5, 4) what should be zero at the right values, of every foot [m].
+        """Return (moves, 5, 4) residuals of every foot [m].
 
-        Three components of its displacement relative to the feet's mean, in base axes before the move; the height of its
-        centre above their mean, against gravity, less that of its foothold, before and after the move.
+        The first three are its displacement relative to the feet's mean, in base axes before the motion. The others are the
+        height of its centre above the feet's mean minus that of its foothold, before and after the motion.
         """
         return np.moveaxis(self._rows(inputs_of(values, self.DEPENDS_ON, self._moves), 1).value, -1, 0)
 
     def linearise(self, values: Values, names: Sequence[str] = DEPENDS_ON) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """`residuals`, and their (moves, 5, 4, size) derivatives by the unknowns named."""
-        # As many copies of the moves as there are rows in each: walking back once gives the derivatives of all.
+        """Return `residuals` and their (moves, 5, 4, size) derivatives by the named parameters."""
+        # One copy of the motions for each row: a single backward pass then gives the derivatives of all rows.
         inputs = inputs_of(values, self.DEPENDS_ON, _PER_MOVE * self._moves, names)
         rows = self._rows(inputs, _PER_MOVE)
         seed = np.repeat(np.eye(_PER_MOVE), self._moves, axis=1).reshape(rows.value.shape)
@@ -196,7 +196,7 @@ class StanceMotionRows:
         return self._rolled.shape[-1]
 
     def _rows(self, values: TracedValues, copies: int) -> Traced:
-        """(5, 4, n) rows of the moves, one copy of all of them after the other."""
+        """Return (5, 4, n) rows of the motions, copy after copy."""
         to_before, rolled = np.tile(self._to_before, copies), np.tile(self._rolled, copies)
         heading = np.tile(self._heading, copies)
         rotation = traced_mounting(self._rotation, values["imu_tilt"])
@@ -208,12 +208,11 @@ class StanceMotionRows:
         for rest in (0, 1):
             joints = self._joints[rest].at(np.tile(np.arange(self._moves), copies))
             foot = self.legs.traced_posture(joints.link_position(values), LegShape.of(self.legs, values)).foot
-            felt = specific_force(values, np.tile(self._acceleration[rest], copies), np.tile(self._when, copies))
-            gravity = turned(rotation, felt)
+            measured = specific_force(values, np.tile(self._acceleration[rest], copies), np.tile(self._when, copies))
+            gravity = turned(rotation, measured)
             up = gravity / length(gravity)
-            feet.append(
-                foot + up[:, None] * (values["foot_compliance"] * np.tile(self._load[rest], copies))
-            )  # as if none sagged
+            compression = values["foot_compliance"] * np.tile(self._load[rest], copies)
+            feet.append(foot + up[:, None] * compression)  # positions without load
             above = contract("il...,i...->l...", feet[rest], up)
             wide = values["foot_width"][:, None] * np.tile(self._higher_by_width[rest], copies)
             above = above - wide[0] - wide[1]
@@ -242,7 +241,7 @@ def _joints_at(legs: LegChains, rests: Sequence[RestReading]) -> JointReadings:
 
 
 def _higher_by_width(legs: LegChains, rotation_imu_to_base: FloatArray, rests: Sequence[RestReading]) -> FloatArray:
-    """(2, 4, rests) heights of the feet's centres beyond that of balls, over the half-widths of the feet."""
+    """Return (2, 4, rests) heights of the feet's centres beyond those of spherical feet, divided by half-widths."""
     up = np.array([rest.acceleration_in_imu for rest in rests]) @ rotation_imu_to_base.T
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     position = np.array([rest.joint_position for rest in rests])
@@ -250,18 +249,18 @@ def _higher_by_width(legs: LegChains, rotation_imu_to_base: FloatArray, rests: S
 
 
 class StanceMotions(MotionEquation[StanceMotion]):
-    """Rows of stance motions: feet that stay, footholds that keep their heights. Whitened."""
+    """Whitened rows of stance motions: feet do not slip, footholds keep their heights."""
 
     depends_on = StanceMotionRows.DEPENDS_ON
     name = "moves"
     kind = StanceMotion
-    source = "noise of moves over planted feet"
+    source = "noise of stance motions"
     remedy = f"{MORE_TIME}; a hard floor"
-    _quiet = 1.0  # factor on the noise that is allowed for, which quiet feet have shown
+    _noise_factor = 1.0  # determined by the residuals
 
     @classmethod
     def read(cls, run: RunContext, recording: Recording) -> Sequence[StanceMotion]:
-        """The move to a posture."""
+        """Return the stance motion to a posture."""
         if not isinstance(recording.trial, PostureTrial) or not recording.complete:
             return ()
         parts = (
@@ -299,25 +298,27 @@ class StanceMotions(MotionEquation[StanceMotion]):
 
     def at_residual_noise(self, x: FloatArray, covariance: FloatArray | None = None) -> StanceMotions:
         if covariance is None:
-            return self._as_quiet_as(float(np.median(self.normalized_residual(x))))
+            return self._with_noise_factor(float(np.median(self.normalized_residual(x))))
         residual, jacobian = self.linearise(x)
         taken = float(np.einsum("ij,jk,ik->", jacobian, covariance[np.ix_(self.columns, self.columns)], jacobian))
-        freedoms = _SAYING * float(np.sum(self.scale < LEFT_OUT)) - taken
+        freedoms = _INDEPENDENT_ROWS * float(np.sum(self.scale < LEFT_OUT)) - taken
         if freedoms < _FEWEST_FREEDOMS:
             return self
-        return self._as_quiet_as(self._quiet * _RESTLESS * float(np.sqrt(residual @ residual / freedoms)))
+        return self._with_noise_factor(
+            self._noise_factor * _NOISE_MARGIN * float(np.sqrt(residual @ residual / freedoms))
+        )
 
-    def _as_quiet_as(self, shown: float) -> StanceMotions:
-        """The same rows at a factor on the noise that is allowed for; what is left out stays so."""
-        found = copy(self)
-        found._quiet = max(_QUIETEST, min(1.0, shown))
-        found.scale = np.where(self.scale < LEFT_OUT, self.scale / self._quiet * found._quiet, LEFT_OUT)
-        return found
+    def _with_noise_factor(self, factor: float) -> StanceMotions:
+        """Return these rows with another noise factor; excluded motions stay excluded."""
+        rows = copy(self)
+        rows._noise_factor = max(_MIN_NOISE_FACTOR, min(1.0, factor))
+        rows.scale = np.where(self.scale < LEFT_OUT, self.scale / self._noise_factor * rows._noise_factor, LEFT_OUT)
+        return rows
 
     def _whitened(self, rows: FloatArray) -> FloatArray:
-        """(moves, 20, k) of such."""
+        """Whiten (moves, 20, k) rows."""
         return np.asarray(self._whitening @ rows / self.scale[:, None, None], dtype=float)
 
     def normalized_residual(self, x: FloatArray) -> FloatArray:
         residual = self.residual(x).reshape(-1, _PER_MOVE)
-        return self.scale * np.sqrt((residual**2).sum(axis=1) / _SAYING)
+        return self.scale * np.sqrt((residual**2).sum(axis=1) / _INDEPENDENT_ROWS)

@@ -20,7 +20,10 @@ EQUATIONS: tuple[type[Equation[Any]], ...] = (
     LegSwings,
     ImuPosition,
 )
-"""All of them; a motion's samples are in this order."""
+"""All equations; the samples of a motion are in this order."""
 
 USUAL = tuple(equation for equation in EQUATIONS if equation is not ImuPosition)
-"""Rows of most estimates: the IMU position from excitation is used if tilts contradict it, or with `leg_prior` narrow."""
+"""Equations of most estimates.
+
+The IMU position from an excitation is used if the lifts contradict it, or with `leg_prior` narrow.
+"""

@@ -1,8 +1,8 @@
-"""Lifts and steps: the tilt equation, with the noise of the sensors that it multiplies.
+"""Tilt equation of lifts and steps, with errors in variables.
 
-The residual is y(t) of every trial (tilt_invariant.py), less its mean, over the moment of inertia about the line: an angular
-velocity. The noise of the sensors in it depends on the unknowns that multiply them, and the covariance follows these (total
-least squares, see `TiltNoise`): with fixed weights the noise in the regressors would pull the inertia towards zero.
+The residual is y(t) of every trial (tilt_invariant.py), minus its mean, divided by the moment of inertia about the support
+line: an angular velocity. Parameters multiply the sensor readings in it, so its covariance depends on these parameters
+(total least squares, see `TiltNoise`). With fixed weights, noise in the regressors would bias the inertia towards zero.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from equipoise.estimator.parameters import INERTIAL, Unknowns
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial, WalkTrial
 
-_FREE_CONSTANT = 0.25  # [rad2/s2] variance of a trial's unknown constant: as good as infinite
-# Lifts that say what one says of what noise does not explain: a model's errors are the same in several of them.
+_FREE_CONSTANT = 0.25  # [rad2/s2] variance of a trial's unknown constant: practically infinite
+# Number of lifts with the same model error.
 _SHARED = 2.5
-# What sensor noise does not explain of an ideal robot's residual: contacts that give [rad/s], and a bias of the accelerometer
-# that is not the same in all lifts [m/s2].
+# Residual of an ideal robot beyond sensor noise: compliant contacts [rad/s], and an accelerometer bias that varies from lift
+# to lift [m/s2].
 _TILT_FLOOR, _BIAS_FLOOR = 3e-4, 2e-3
-# Noise, over what readings explain, up to which what they do not is taken for an angular velocity: lifts of ordinary robots
-# are below, and their inertia is unbiased so. What is beyond are moments, of feet that hardly roll. Over an inertia that grows
-# a moment shrinks: did its noise not, estimates would run away to two or three times the truth.
+# Normalized residual up to which the unexplained part is modelled as an angular velocity. Lifts of ordinary robots are
+# below, which leaves their inertia unbiased. The remainder is modelled as a moment, of feet that hardly roll. Its effect
+# shrinks as the inertia grows: with a constant noise, estimates would diverge to two or three times the truth.
 _MOST_OF_VELOCITY = 4.0
 
 
 class TiltEquation(MotionEquation[LiftSamples]):
-    """Rows of the tilt equation of all lifts and steps, whitened."""
+    """Whitened rows of the tilt equation of all lifts and steps."""
 
     depends_on = (*INERTIAL, *TiltInvariant.DEPENDS_ON)
     name = "lifts"
@@ -45,7 +45,7 @@ class TiltEquation(MotionEquation[LiftSamples]):
 
     @classmethod
     def read(cls, run: RunContext, recording: Recording) -> Sequence[LiftSamples]:
-        """The time on two feet of a lift, or of each step of a walk."""
+        """Return the samples on two feet of a lift, or of each step of a walk."""
         trial = recording.trial
         if isinstance(trial, LiftTrial):
             return (_read_lift(run, recording, trial),)
@@ -64,7 +64,7 @@ class TiltEquation(MotionEquation[LiftSamples]):
         return len(sample.joint_position)
 
     def prepare(self, x: FloatArray) -> None:
-        """Noise of each trial: that of its readings, and what they do not explain."""
+        """Compute the noise of each trial, of its sensors and beyond."""
         levers = self.equation.levers(self.unknowns.values(x), self.unknowns.inertial(x))
         self._noise = [
             sensors.raised(scale, gains)
@@ -72,7 +72,7 @@ class TiltEquation(MotionEquation[LiftSamples]):
         ]
 
     def fit(self, x: FloatArray) -> None:
-        """Take the lifts to obey the equation at x: predicted ones are near enough for derivatives, and for no more."""
+        """Subtract the residual at x: the accuracy of predicted lifts suffices for derivatives only."""
         y, levers = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
         self._unexplained = np.concatenate(
             [_centred(y[trial]) / inertia for trial, inertia in zip(self.equation.trials, levers[0], strict=True)]
@@ -87,7 +87,7 @@ class TiltEquation(MotionEquation[LiftSamples]):
         )
 
     def _residuals(self, x: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """(n,) residual of each trial [rad/s], and its (1 + 3 + nj,) gains."""
+        """Return the (n,) residual [rad/s] and (1 + 3 + nj,) gains of each trial."""
         y, levers = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
         inertia, gains = levers[0], levers[1:] / levers[0]
         return [
@@ -113,7 +113,7 @@ class TiltEquation(MotionEquation[LiftSamples]):
         return np.concatenate(residuals), np.concatenate(jacobians)
 
     def unwhitened(self, x: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Of each lift's residual: (n, len(columns)) derivative [rad/s], and (n, n) covariance of the noise [rad2/s2]."""
+        """Yield each lift's (n, len(columns)) derivative [rad/s] and (n, n) noise covariance [rad2/s2]."""
         _, jacobian = self.linearise(x)
         levers = self.equation.levers(self.unknowns.values(x), self.unknowns.inertial(x))
         for (_, rows), noise, gains in zip(self.motions, self._noise, (levers[1:] / levers[0]).T, strict=True):
@@ -131,36 +131,36 @@ class TiltEquation(MotionEquation[LiftSamples]):
 
 def _read_lift(run: RunContext, recording: Recording, trial: LiftTrial) -> LiftSamples:
     if not recording.complete:
-        refused = "not lifted: out of reach, or the robot could have tipped over"
-        raise RecordingError(refused if recording.refused else "interrupted")
+        reason = "not lifted: out of reach, or the robot could have tipped over"
+        raise RecordingError(reason if recording.refused else "interrupted")
     lift = read_lift(run.robot, run.legs, recording, trial.diagonal, run.stance, run.gyro_bias)
     return replace(lift, when=run.when, heading=run.heading)
 
 
 @dataclass(frozen=True, eq=False)
 class TiltNoise:
-    """Noise of a lift's residual, from that of its sensors.
+    """Noise of a lift's residual, from the noise of its sensors.
 
-    A reading that is off shifts the residual by as much as it is multiplied by, which hangs on the unknowns. So does the
-    noise: with fixed weights a reading's noise would draw what it is multiplied by towards zero, legs that move towards no
-    mass. That the covariance changes with the unknowns undoes this (total least squares; Fuller, Measurement Error Models,
-    chapter 1), without the determinant that a likelihood has: what was read is not drawn from a population.
+    A reading's error is multiplied by a gain that depends on the parameters, and so is its noise. With fixed weights this
+    noise would bias the gains towards zero, such as the masses of moving legs. A covariance that follows the parameters
+    removes the bias (total least squares; Fuller, Measurement Error Models, chapter 1). The log-determinant of a likelihood
+    is omitted, because the true readings are not drawn from a population.
 
     Attributes:
         specific_force: (n, n) covariance of the specific force's integral, along any axis [m2/s2].
         angular_velocity: (n, n) covariance of any axis of the gyroscope [rad2/s2].
         joint_velocity: (n, n) covariance of any joint's velocity [rad2/s2].
-        beside: (n, n) covariance of what is not a reading's [rad2/s2].
+        unexplained: (n, n) covariance beyond sensor noise [rad2/s2].
     """
 
     specific_force: FloatArray
     angular_velocity: FloatArray
     joint_velocity: FloatArray
-    beside: FloatArray
+    unexplained: FloatArray
 
     @classmethod
     def of(cls, lift: LiftSamples) -> TiltNoise:
-        """Of a lift as its sensors are at rest."""
+        """Return the noise of a lift from that of its sensors at rest."""
         count = len(lift.joint_position)
         integrate = integral(count, lift.step)
         ramp = _BIAS_FLOOR * lift.step * np.arange(count)
@@ -168,47 +168,45 @@ class TiltNoise:
         return cls(force, lift.angular_velocity_noise, lift.velocity_noise, _TILT_FLOOR**2 * np.eye(count))
 
     def raised(self, factor: float, gains: FloatArray) -> TiltNoise:
-        """The noise of residuals that are so many times larger than readings explain.
+        """Return the noise of residuals that are `factor` times their sensor noise.
 
         Args:
-            gains: as of `covariance`.
+            gains: see `covariance`.
         """
         covariance, of_velocity = self.covariance(gains), min(factor, _MOST_OF_VELOCITY)
         moments = (factor**2 - of_velocity**2) * covariance / gains[0] ** 2
         return replace(
             self,
             specific_force=self.specific_force + moments,
-            beside=self.beside + (of_velocity**2 - 1) * covariance,
+            unexplained=self.unexplained + (of_velocity**2 - 1) * covariance,
         )
 
     def covariance(self, gains: FloatArray) -> FloatArray:
-        """(n, n) covariance [rad2/s2].
+        """Return the (n, n) covariance of the residual [rad2/s2].
 
         Args:
-            gains: (1 + 3 + nj,) what the specific force [1/m], each axis of the gyroscope and each joint's velocity are
-                multiplied by.
+            gains: (1 + 3 + nj,) factors on the specific force [1/m], each axis of the gyroscope and each joint's velocity.
         """
         force, turning, moving = gains[0] ** 2, gains[1:4] @ gains[1:4], gains[4:] @ gains[4:]
-        return (
-            force * self.specific_force + turning * self.angular_velocity + moving * self.joint_velocity + self.beside
-        )
+        read = force * self.specific_force + turning * self.angular_velocity + moving * self.joint_velocity
+        return read + self.unexplained
 
     def explains(self, gains: FloatArray) -> float:
-        """Whitened squares of a residual that readings alone make: smoothed, they have fewer freedoms than samples."""
+        """Return the expected sum of whitened squares from sensor noise: smoothing leaves fewer freedoms than samples."""
         white = self.whitening(gains)
-        read = self.covariance(gains) - self.beside
+        read = self.covariance(gains) - self.unexplained
         return float(np.einsum("ij,jk,ik->", white, read, white))
 
     def whitening(self, gains: FloatArray) -> FloatArray:
-        """(n, n) matrix that turns residuals into white ones, but for a constant."""
+        """Return an (n, n) matrix that whitens residuals up to a constant."""
         return whitening_of(self.covariance(gains) + _FREE_CONSTANT)
 
     def growth(self, gains: FloatArray, by_gains: FloatArray, weighted: FloatArray) -> FloatArray:
-        """(n, size) half the covariance's derivative by the unknowns, times a residual.
+        """Return (n, size) half the covariance's derivative by the parameters, times a residual.
 
         Args:
-            gains: as of `covariance`.
-            by_gains: (1 + 3 + nj, size) derivatives of these.
+            gains: see `covariance`.
+            by_gains: (1 + 3 + nj, size) derivatives of `gains`.
             weighted: (n,) residual times the covariance's inverse.
         """
         parts = (
@@ -220,5 +218,5 @@ class TiltNoise:
 
 
 def _centred(rows: FloatArray) -> FloatArray:
-    """(n, ...) rows less their mean."""
+    """Subtract the mean of (n, ...) rows."""
     return np.asarray(rows - rows.mean(axis=0), dtype=float)

@@ -1,12 +1,12 @@
-"""What joint torques say: the balance of a robot on four feet or three, with the feet's forces eliminated.
+"""Torque balance of a robot on four feet or three, with the contact forces eliminated.
 
 With q the base's and the joints' coordinates, Y the inverse-dynamics regressor and J the Jacobian of the contact points,
 
     Y(q, v, a) pi = S^T tau_link + J^T f,    tau_link = g tau - F_c tanh(v / v_0) - F_v v - A a.
 
-Rows of N with N J^T = 0 leave the forces out, whatever they are: six rows for legs of three joints, two for legs of two. A leg
-whose foot is off the floor has no force to leave out: its joints' torques take the place, which swing it and carry nothing.
-The base's acceleration is the accelerometer's, with gravity in it, so that no attitude is needed.
+Rows of N with N J^T = 0 eliminate any contact forces: six rows for legs of three joints, two for legs of two. A leg in the
+air has no contact force; its joint torques, which only swing it, are eliminated instead.
+The base's acceleration is the accelerometer's, including gravity, so that no attitude is needed.
 """
 
 from __future__ import annotations
@@ -36,31 +36,31 @@ from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.inertial import moment_parameters
 from equipoise.robot.model import LEG_NAMES, RobotModel
 
-_KNOT, _STEP = 0.03, 0.09  # [s] on an A1; what errs lasts longer than either
+_KNOT, _STEP = 0.03, 0.09  # [s] on an A1; errors are correlated over longer times
 _STICTION_SPEED = 0.03  # v_0 [rad/s]
 _PAD = 0.05  # [s]
 _FEWEST = 4  # samples
-# Torque of an A1's joint that the friction model leaves unexplained, over its Coulomb friction; at rest and in motion.
-_FRICTION_UNKNOWN = 1.0
-_FRICTION_AT_FIRST = 0.5  # [Nm] on an A1
+# Error of the friction model at rest and in motion, divided by the Coulomb friction.
+_FRICTION_MODEL_ERROR = 1.0
+_INITIAL_FRICTION = 0.5  # [Nm] on an A1
 _TORQUE_FLOOR = 0.01  # [Nm] on an A1
 _SAMPLES_AT_ONCE = 1024
-_TORQUE_CORRELATION = 10.0  # samples of a motion that say what one says: friction's errors last for a second
+_TORQUE_CORRELATION = 10.0  # samples of a motion with the same error: friction errors last for a second
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueSamples:
-    """A standing robot with torques: smoothed samples of one motion, or the means of one rest.
+    """Smoothed samples of one motion of a standing robot with torques, or the means of one rest.
 
     Attributes:
         joint_position, joint_velocity, joint_acceleration: (n, nj) joint positions and their derivatives [rad], [rad/s],
             [rad/s2].
-        joint_torque: (n, nj) joint torques as reported [Nm].
+        joint_torque: (n, nj) reported joint torques [Nm].
         angular_velocity_in_imu, angular_acceleration_in_imu: (n, 3) angular velocity and acceleration of the IMU
             [rad/s], [rad/s2].
         acceleration_in_imu: (n, 3) accelerometer readings, in the IMU frame [m/s2].
-        period: (n,) time between two of the samples that were smoothed [s].
-        standing: (n, 4) whether each foot is on the floor, FL FR RL RR.
+        period: (n,) sampling period before smoothing [s].
+        standing: (n, 4) True for feet on the floor, FL FR RL RR.
     """
 
     joint_position: FloatArray
@@ -75,7 +75,7 @@ class TorqueSamples:
 
     @classmethod
     def of_rest(cls, still: Recording) -> TorqueSamples | None:
-        """Means over a rest; None without torques."""
+        """Return the means over a rest; None without torques."""
         if still.joints.torque is None:
             return None
         position = still.joints.position.mean(axis=0)[None]
@@ -90,14 +90,14 @@ class TorqueSamples:
     def of_motion(
         cls, moving: Recording, gyro_bias: FloatArray, time_scale: float, lifted: str | None = None
     ) -> TorqueSamples | None:
-        """Smoothed samples of a motion over planted feet; None without torques or if it is too short.
+        """Return smoothed samples of a stance motion; None without torques or if it is too short.
 
-        All signals go through the same filter: what differs between them would look like inertia or friction.
+        All signals pass the same filter: differences between filters would appear as inertia or friction.
 
         Args:
             gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
-            time_scale: factor on times, of the robot's scale; one on an A1.
-            lifted: name of the leg whose foot is off the floor; None: all stand.
+            time_scale: time scale of the robot, relative to an A1.
+            lifted: name of the leg in the air, or None.
         """
         joints, imu = moving.joints, moving.imu
         if joints.torque is None or min(len(joints.time), len(imu.time)) < _FEWEST:
@@ -120,27 +120,27 @@ class TorqueSamples:
         )  # fmt: skip
 
     def part(self, samples: slice) -> TorqueSamples:
-        """Some of the samples."""
+        """Return a part of the samples."""
         return TorqueSamples(*(getattr(self, name)[samples] for name in self.__dataclass_fields__))
 
     @classmethod
     def joined(cls, parts: Sequence[TorqueSamples]) -> TorqueSamples:
-        """All samples of several."""
+        """Concatenate samples."""
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueRows:
-    """Rows of the balance, linear in everything unknown: base pi + links s + torque - gain . g' + ... = 0.
+    """Rows of the balance, linear in the parameters: base pi + links s + torque - gain . g' + ... = 0.
 
     Attributes:
         base: (n, r, 10) columns of the base's parameters, in Pinocchio's order about the base's origin.
-        links: (n, r, 4 links) columns of a factor on each leg link, then of each one's first moment beside the model's.
+        links: (n, r, 4 links) columns of a factor on each leg link, then of the offset of its first moment from the model's.
         torque: (n, r, nj) columns of each joint's link torque, to be subtracted.
-        reported: (n, nj) joint torques as reported [Nm].
+        reported: (n, nj) reported joint torques [Nm].
         friction_direction: (n, nj) smoothed sign of each joint's velocity, tanh(v / v_0).
         joint_velocity, joint_acceleration: (n, nj) derivatives of the joint positions [rad/s], [rad/s2].
-        acceleration_rows: (n, r, 6) coefficients of the base's acceleration times the robot's inertia, for its noise.
+        acceleration_rows: (n, r, 6) coefficients of the base's acceleration noise, times the robot's inertia.
     """
 
     base: FloatArray
@@ -154,28 +154,26 @@ class TorqueRows:
 
 
 def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> TorqueRows:
-    """The balance's rows of all samples, at given values of the unknowns that are not of it."""
+    """Return the balance's rows of all samples, at given values of the other equations' parameters."""
     rotation = mounting(np.array(robot.imu_in_base.rotation), values["imu_tilt"])
     arm = robot.imu_in_base.translation + values["imu_position"]
     angular_velocity_in_base = samples.angular_velocity_in_imu @ rotation.T
     angular_acceleration_in_base = samples.angular_acceleration_in_imu @ rotation.T
-    felt = specific_force(
-        inputs_of(values, ACCELEROMETER, len(samples.acceleration_in_imu)), samples.acceleration_in_imu.T
-    )
-    sensed = felt.value.T @ rotation.T
+    accelerometer = inputs_of(values, ACCELEROMETER, len(samples.acceleration_in_imu))
+    at_imu = specific_force(accelerometer, samples.acceleration_in_imu.T).value.T @ rotation.T
     at_base = (
-        sensed
+        at_imu
         - np.cross(angular_acceleration_in_base, arm)
         - np.cross(angular_velocity_in_base, np.cross(angular_velocity_in_base, arm))
     )
     readings = JointReadings.of(LegChains(robot), samples.joint_position, torque=samples.joint_torque)
-    position = readings.link_position(inputs_of(values, DRIVE_TRAIN, len(sensed))).value.T
-    velocity = np.hstack([np.zeros_like(sensed), angular_velocity_in_base, samples.joint_velocity])
+    position = readings.link_position(inputs_of(values, DRIVE_TRAIN, len(at_imu))).value.T
+    velocity = np.hstack([np.zeros_like(at_imu), angular_velocity_in_base, samples.joint_velocity])
     acceleration = np.hstack([at_base, angular_acceleration_in_base, samples.joint_acceleration])
     regressor, twists = _regressors_and_twists(robot, position, velocity, acceleration)
     contact = _contact_jacobians(robot, position, twists, values["foot_radius"], samples.standing)
     full, _ = np.linalg.qr(np.swapaxes(contact, 1, 2), mode="complete")
-    free = np.swapaxes(full[:, :, 12:], 1, 2)  # what contact forces cannot reach
+    free = np.swapaxes(full[:, :, 12:], 1, 2)  # null space of the contact forces
     rows = free @ regressor
     return TorqueRows(
         rows[:, :, :10],
@@ -190,19 +188,19 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
 
 
 def columns_of_links(robot: RobotModel, rows: FloatArray) -> FloatArray:
-    """(n, r, 4 links) `TorqueRows.links` of (n, r, 10 bodies) rows of the regressor."""
+    """Return (n, r, 4 links) `TorqueRows.links` from (n, r, 10 bodies) rows of the regressor."""
     joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
     bodies = [(slice(10 * (joint - 1), 10 * joint), robot.pinocchio.inertias[joint]) for joint in joints]
     links = [rows[:, :, own] @ body.toDynamicParameters()[:, None] for own, body in bodies]
-    flat = rows.reshape(-1, rows.shape[2])  # of all samples at once: one by one it takes five times as long
-    beside = [flat[:, own] @ moment_parameters(body.lever) for own, body in bodies]
-    return np.concatenate([*links, *(part.reshape(*rows.shape[:2], -1) for part in beside)], axis=-1)
+    flat = rows.reshape(-1, rows.shape[2])  # all samples at once: five times as fast as one by one
+    moments = [flat[:, own] @ moment_parameters(body.lever) for own, body in bodies]
+    return np.concatenate([*links, *(part.reshape(*rows.shape[:2], -1) for part in moments)], axis=-1)
 
 
 def _regressors_and_twists(
     robot: RobotModel, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Pinocchio's regressors without gravity, and the columns of joint Jacobians about the base's origin.
+    """Compute Pinocchio's regressors without gravity, and the columns of joint Jacobians about the base's origin.
 
     Returns:
         (n, 6 + nj, 10 bodies) and (n, 6, 6 + nj), linear part first, in base axes.
@@ -211,7 +209,7 @@ def _regressors_and_twists(
     model.gravity.linear = np.zeros(3)
     data = model.createData()
     count, size = velocity.shape
-    # Columns first, as Pinocchio has them: what is copied as it lies is copied fast.
+    # Column-major like Pinocchio's matrices: the copies are faster.
     regressors, twists = np.empty((count, 10 * (model.njoints - 1), size)), np.empty((count, size, 6))
     configuration = np.hstack([np.tile(robot.configuration(position[0])[:7], (count, 1)), position])
     for q, v, a, regressor, twist in zip(configuration, velocity, acceleration, regressors, twists, strict=True):
@@ -223,10 +221,10 @@ def _regressors_and_twists(
 def _contact_jacobians(
     robot: RobotModel, position: FloatArray, twists: FloatArray, foot_radius: FloatArray, standing: NDArray[np.bool_]
 ) -> FloatArray:
-    """(n, 12, 6 + nj) of the points where the feet touch the floor, FL FR RL RR; of a lifted leg, of its joints."""
+    """Return (n, 12, 6 + nj) Jacobians of the contact points, FL FR RL RR; for a lifted leg, of its joints."""
     legs, feet = list(robot.legs.values()), LegChains(robot).feet(position)
     radii = np.array([[leg.foot_radius] for leg in legs]) * (1 + foot_radius)
-    # Spheres touch the floor along its normal, which is not what an accelerating body feels as down.
+    # Spheres touch the floor along its normal, which differs from the specific force of an accelerating body.
     point = feet - radii * _floor_normals(feet, standing)[:, None]
     moving = np.zeros((4, 1, twists.shape[2]))
     moving[:, :, :6] = 1.0
@@ -242,7 +240,7 @@ def _contact_jacobians(
 
 
 def _floor_normals(feet: FloatArray, standing: NDArray[np.bool_]) -> FloatArray:
-    """(n, 3) upward unit normals in base axes of the planes of the (n, 4, 3) feet that stand, all or all but one."""
+    """Return (n, 3) upward floor normals in base axes, from (n, 4, 3) feet of which all or three stand."""
     normals = floor_normals_by_fit(feet)[0]
     for lifted in range(4):
         if (on_three := ~standing[:, lifted]).any():
@@ -251,10 +249,10 @@ def _floor_normals(feet: FloatArray, standing: NDArray[np.bool_]) -> FloatArray:
 
 
 def sawtooth(rows: TorqueRows, period: FloatArray, stiffness: float) -> FloatArray:
-    """(n,) size of the balance's error from where in a control period its samples were taken [Nm].
+    """Return the (n,) error of the balance from the sampling instant within a control period [Nm].
 
-    Position targets move in steps, so torques and accelerations are sawteeth, of half a step times the stiffness to either
-    side. A sample is one moment of them; joint accelerations, which come from positions, are their mean.
+    Position targets move in steps. Torques and accelerations are therefore sawteeth, with an amplitude of half a step times
+    the stiffness. A sample is one point of them; joint accelerations, which come from positions, are their mean.
 
     Args:
         period: (n,) control period [s].
@@ -265,10 +263,10 @@ def sawtooth(rows: TorqueRows, period: FloatArray, stiffness: float) -> FloatArr
 
 
 class TorqueBalance(Equation[TorqueSamples]):
-    """Rows of the torque balance, at the last round's values of all that it is not linear in. Whitened.
+    """Whitened rows of the torque balance, linearised at the values of the last iteration.
 
     Attributes:
-        normalized_residual: root mean square of all rows' residuals over what their noise explains.
+        normalized_residual: root mean square of all residuals, divided by their expected noise.
     """
 
     actuators = ("torque_gain_common", "torque_gain", "coulomb_friction", "viscous_friction", "armature")
@@ -281,9 +279,9 @@ class TorqueBalance(Equation[TorqueSamples]):
 
     @classmethod
     def read(cls, run: RunContext, recording: Recording) -> Sequence[TorqueSamples]:
-        """A rest; a move over planted feet or an excitation; each step of a crawl, on three feet."""
+        """Return the samples of a rest, stance motion or excitation, or of each three-footed step of a crawl."""
         clock, trial = run.stance.scale.time, recording.trial
-        if isinstance(trial, MotorTrial):  # it rests on its belly, or on three feet
+        if isinstance(trial, MotorTrial):  # the robot lies on its belly or stands on three feet
             return ()
         rest = TorqueSamples.of_rest(recording.phase(Phase.REST)) if recording.has_phase(Phase.REST) else None
         moving: list[TorqueSamples | None] = []
@@ -311,13 +309,13 @@ class TorqueBalance(Equation[TorqueSamples]):
         self._row_correlation, self._rows = np.zeros(0), 0
 
     def _rows_in(self, sample: TorqueSamples) -> int:
-        return 0  # before `prepare`, which finds how many say the same as all
+        return 0  # `prepare` compresses the rows and counts them
 
     def prepare(self, x: FloatArray) -> None:
-        """The rows as a linear system in the inertial parameters and what the actuators do, whitened.
+        """Build the whitened linear system in the inertial and actuator parameters.
 
-        Many rows of one motion become as few as there are columns, by orthogonal turns, which change no square and no
-        product of what is made of them: neither time nor memory of a round grows with how long a motion lasted.
+        A QR decomposition compresses the rows of a motion to as many as there are columns. It preserves squares and
+        products, so that the time and memory of an iteration do not grow with a motion's duration.
         """
         systems: list[FloatArray] = []
         owners: list[FloatArray] = []
@@ -336,19 +334,19 @@ class TorqueBalance(Equation[TorqueSamples]):
         self.motions = [(int(owner[rows.start, 0]), rows) for rows in _alike(owner[:, :1])]
 
     def _whitened(self, x: FloatArray, part: slice) -> FloatArray:
-        """(n, r, columns + 1) rows of some of the samples and, in the last column, their targets."""
+        """Return (n, r, columns + 1) rows of a part of the samples, with their targets in the last column."""
         unknowns, samples = self.unknowns, self._joined.part(part)
         rows = torque_rows(unknowns.robot, samples, unknowns.values(x))
         scale = unknowns.torque_scale
-        # Before anything is known of friction it is taken to be large: else what it does is taken for the motors' gains.
-        found = float(np.abs(unknowns.value(x, "coulomb_friction")[0]))
-        coulomb_friction = max(found, 0.02 * scale) if found else _FRICTION_AT_FIRST * scale
+        # The initial friction is large: otherwise the fit would assign friction to the motors' gains.
+        friction = float(np.abs(unknowns.value(x, "coulomb_friction")[0]))
+        friction = max(friction, 0.02 * scale) if friction else _INITIAL_FRICTION * scale
         direction = np.abs(rows.friction_direction)
-        unknown = coulomb_friction**2 * ((1 - direction) ** 2 + _FRICTION_UNKNOWN**2) + (_TORQUE_FLOOR * scale) ** 2
-        noise: FloatArray = np.einsum("nrj,nj,nsj->nrs", rows.torque, unknown, rows.torque)
+        variance = friction**2 * ((1 - direction) ** 2 + _FRICTION_MODEL_ERROR**2) + (_TORQUE_FLOOR * scale) ** 2
+        noise: FloatArray = np.einsum("nrj,nj,nsj->nrs", rows.torque, variance, rows.torque)
         stiffness, _ = unknowns.robot.gains(unknowns.stance.hip_height)
         noise += sawtooth(rows, samples.period, stiffness)[:, None, None] ** 2 * np.eye(noise.shape[1])
-        # The accelerometer's noise acts through the mass: a hundredth of a metre per second squared on all of it.
+        # Accelerometer noise acts through the mass: 0.01 m/s2 on the whole robot.
         weight = (0.01 * unknowns.robot.mass) ** 2 * np.array([1, 1, 1, 0.01, 0.01, 0.01])
         noise += np.einsum("nrk,k,nsk->nrs", rows.acceleration_rows, weight, rows.acceleration_rows)
         level = self.normalized_residual * np.sqrt(self._correlation[part])
@@ -369,7 +367,7 @@ class TorqueBalance(Equation[TorqueSamples]):
         return np.concatenate([self.unknowns.inertial(x)[:10], (x * self.unknowns.scale)[self.columns[10:]]])
 
     def residual(self, x: FloatArray) -> FloatArray:
-        # Over the mean gain: the balance is homogeneous, and lighter robots with weaker motors would fit any noise better.
+        # Divided by the mean gain: the balance is homogeneous, and a lighter robot with weaker motors would fit any noise.
         return (self._matrix @ self._linear(x) - self._target) / self._mean_gain(x)
 
     def _mean_gain(self, x: FloatArray) -> float:
@@ -390,16 +388,16 @@ class TorqueBalance(Equation[TorqueSamples]):
 
 
 def _alike(rows: FloatArray) -> list[slice]:
-    """Runs of (n, k) rows that are the same."""
+    """Return slices of successive equal rows, from (n, k) rows."""
     edges = np.flatnonzero(np.diff(rows, axis=0).any(axis=1)) + 1
     return [slice(begin, end) for begin, end in itertools.pairwise([0, *edges.tolist(), len(rows)])]
 
 
 def _few_rows(system: FloatArray) -> FloatArray:
-    """(m, c) rows with the squares and products of (n, c) rows, m no more than c."""
+    """Compress (n, c) rows to at most c rows with the same squares and products."""
     return np.asarray(np.linalg.qr(system, mode="r"), dtype=float) if len(system) > system.shape[1] else system
 
 
 def _summed(torque: FloatArray, signal: FloatArray) -> FloatArray:
-    """(n, r, 1) columns of what all joints have in common, of (n, r, nj) rows and an (n, nj) signal of each joint."""
+    """Sum (n, r, nj) rows times an (n, nj) signal over the joints, to an (n, r, 1) column."""
     return np.einsum("nrj,nj->nr", torque, signal)[..., None]
