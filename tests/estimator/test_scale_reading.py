@@ -1,4 +1,4 @@
-"""A scale's reading: in kilograms, of this robot, with a standard deviation below it."""
+"""Plausibility checks of a mass from a scale."""
 
 import pytest
 
@@ -10,56 +10,57 @@ from equipoise.robot.stance import nominal_stance
 @pytest.mark.parametrize(
     ("mass", "message"),
     [
-        (16085.0, "a scale's mass of 16085 kg is more than any legged robot's; if it is in grams, give 16.085"),
-        (0.01, "a scale's mass is 0.01 kg; it must be 0.05 kg or more"),
-        (0.0, "a scale's mass is 0 kg; it must be 0.05 kg or more"),
-        (-12.0, "a scale's mass is -12 kg; it must be 0.05 kg or more"),
-        (float("nan"), "a scale's mass is nan kg; it must be 0.05 kg or more"),
-        (float("inf"), "a scale's mass of inf kg is more than any legged robot's"),
+        (16085.0, "a mass of 16085 kg exceeds that of any legged robot; if it is in grams, pass 16.085"),
+        (0.01, "a mass of 0.01 kg is too small; pass at least 0.05 kg"),
+        (0.0, "a mass of 0 kg is too small; pass at least 0.05 kg"),
+        (-12.0, "a mass of -12 kg is too small; pass at least 0.05 kg"),
+        (float("nan"), "a mass of nan kg is too small; pass at least 0.05 kg"),
+        (float("inf"), "a mass of inf kg exceeds that of any legged robot"),
     ],
 )
-def test_a_mass_that_no_robot_has_is_refused(mass, message):
+def test_implausible_masses_raise(mass, message):
     with pytest.raises(SettingsError) as caught:
         BayesianMethod(mass=mass)
     assert str(caught.value) == message
 
 
 @pytest.mark.parametrize(
-    ("mass", "like"), [(2500.0, "; if it is in grams, give 2.5"), (125.0, ""), (1.0, "")], ids=["grams", "more", "less"]
+    ("mass", "grams"),
+    [(2500.0, "; if it is in grams, pass 2.5"), (125.0, ""), (1.0, "")],
+    ids=["grams", "more", "less"],
 )
-def test_the_mass_of_another_robot_is_refused_before_anything_moves(a1, mass, like):
+def test_a_mass_of_another_robot_raises_before_any_motion(a1, mass, grams):
     with pytest.raises(SettingsError) as caught:
         BayesianMethod(mass=mass).check(a1, nominal_stance(a1))
     assert str(caught.value) == (
-        f"a scale's mass of {mass:g} kg is another robot's: the model file of 'unitree_a1' has 12.46 kg{like}"
+        f"a mass of {mass:g} kg does not match the model file of 'unitree_a1', which has 12.46 kg{grams}"
     )
 
 
 @pytest.mark.parametrize("std", [12.0, 13.5])
-def test_a_standard_deviation_as_large_as_the_mass_is_refused(std):
+def test_a_standard_deviation_as_large_as_the_mass_raises(std):
     with pytest.raises(SettingsError) as caught:
         BayesianMethod(mass=12.0, mass_std=std)
     assert str(caught.value) == (
-        f"the scale's mass is 12 kg and its standard deviation {std:g} kg: a standard deviation as large as the mass "
-        "determines nothing; give that of the scale, or leave both out"
+        f"the mass is 12 kg and its standard deviation {std:g} kg, which is not smaller; "
+        "pass the scale's standard deviation, or omit both"
     )
     assert BayesianMethod(mass=12.0, mass_std=3.0).scale == (12.0, 3.0)
 
 
 @pytest.mark.parametrize("std", [0.0, -0.1, float("nan"), float("inf")])
-def test_a_standard_deviation_that_is_none_is_refused(std):
-    said = f"the standard deviation of the scale's mass is {std:g} kg; it must be from 0.0001 to 500 kg"
-    with pytest.raises(SettingsError, match=said):
+def test_invalid_standard_deviations_raise(std):
+    message = f"the standard deviation of the scale's mass is {std:g} kg; it must be from 0.0001 to 500 kg"
+    with pytest.raises(SettingsError, match=message):
         BayesianMethod(mass=600.0, mass_std=std)
 
 
-def test_a_standard_deviation_without_a_mass_is_refused_under_no_flag_s_name():
-    """The flag is --mass-std in 'calibrate' and --mass-std in 'weigh'."""
+def test_a_standard_deviation_without_a_mass_raises():
     with pytest.raises(SettingsError) as caught:
         BayesianMethod(mass_std=0.1)
     assert str(caught.value) == "a standard deviation is given for the scale's mass, and no mass; give both, or neither"
 
 
-def test_there_is_nothing_to_confirm_without_a_mass():
+def test_confirm_mass_without_a_mass_raises():
     with pytest.raises(SettingsError, match="confirm_mass confirms a given mass, and there is none"):
         BayesianMethod(confirm_mass=True)

@@ -1,11 +1,11 @@
-"""Where a foot touches the floor: a ball under its centre, a foot that is wide or worn flat nearer to an edge.
+"""Contact point of a foot on the floor: under the centre of a spherical foot, nearer to an edge of a wide or worn one.
 
 With n the floor's normal, R the radius and u a direction of the foot that is level in the nominal stance, the vector from the
 contact point to the foot's centre is
 
     e = R n + sum of w tanh(n . u / s) u.
 
-w is the half-width of the foot along u: zero for a ball, half the length for a cylinder across the leg. A foot that leans by
+w is the half-width of the foot along u: zero for a sphere, half the length for a cylinder across the leg. A foot inclined by
 more than about s stands on its edge. Below that the load is spread over its width.
 """
 
@@ -19,25 +19,25 @@ from equipoise.conventions import FloatArray
 from equipoise.estimator.measurements.leg_motion import LegChains, TracedPosture
 from equipoise.estimator.measurements.traced import Traced, contract, cross, tanh
 
-_LEAN: Final = 0.005  # [rad] s; softer feet make a cylinder more like a ball, whose width is not seen and does no harm
+_LEAN: Final = 0.005  # [rad] s; a softer cylinder behaves more like a sphere, whose width has no effect
 _ALONG_EACH, _SUM = "i...,ij...->j...", "j...,ij...->i..."
 
 
 def foot_directions(legs: LegChains, posture: TracedPosture) -> Traced:
-    """(3, 2, 4, n) `LegChains.level_directions` of the feet, in base axes."""
+    """Return (3, 2, 4, n) `LegChains.level_directions` of the feet, in base axes."""
     return contract("ij...,jk...->ik...", posture.rotation[:, :, -1], legs.level_directions)
 
 
 def _side(normal: Traced, directions: Traced) -> Traced:
-    """(2, ...) share of the half-width in each direction at which the foot stands, by (3, ...) normals: -1 to 1."""
+    """Return the (2, ...) contact position in each direction over the half-width, -1 to 1, from (3, ...) normals."""
     return tanh(contract(_ALONG_EACH, normal, directions) * (1 / _LEAN))
 
 
 class FootContact:
-    """A foot of n samples on the floor, in base axes.
+    """Contact of a foot with the floor in n samples, in base axes.
 
     Attributes:
-        to_centre: (3, n) from the contact point to the foot's centre [m].
+        to_centre: (3, n) vector from the contact point to the foot's centre [m].
     """
 
     def __init__(self, radius: Traced, normal: Traced, width: Traced, directions: Traced) -> None:
@@ -47,14 +47,14 @@ class FootContact:
         self.to_centre = self._ball + contract(_SUM, width * self._side, directions)
 
     def contact_velocity(self, turning: Traced) -> Traced:
-        """(3, n) velocity with which the contact travels over the floor [m/s], of a foot that turns with (3, n) [rad/s]."""
+        """Return the (3, n) contact velocity over the floor [m/s] at (3, n) angular velocities of the foot [rad/s]."""
         leaning = contract(_ALONG_EACH, self._normal, cross(turning[:, None], self._directions))
         shifted = self._width * (1.0 - self._side * self._side) * leaning * (1 / _LEAN)
         return cross(turning, self._ball) - contract(_SUM, shifted, self._directions)
 
 
 def to_centre_by_width(legs: LegChains, joint_position: FloatArray, up: FloatArray) -> FloatArray:
-    """(n, 2, 4, 3) from the contact points to the feet's centres beyond that of balls, over the half-widths of the feet.
+    """Return (n, 2, 4, 3) shifts of the feet's centres relative to spherical feet, divided by the half-widths.
 
     Args:
         joint_position: (n, nj) joint positions [rad].

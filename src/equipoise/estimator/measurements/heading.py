@@ -1,9 +1,8 @@
-"""Where a robot faces in the room: somebody turns it half-way through a run, and what is fixed in the room stays.
+"""Heading of a robot that is rotated half-way through a run, and vectors fixed in the world.
 
-A cable's force and the floor's slope are then the other way round in base axes, the accelerometer's bias is not: that tells
-them apart. An IMU does not know where north is, but its gyroscope, integrated from the rest before to the rest after, says by
-how much it was turned, to a degree or two. With that angle nothing is assumed of how well somebody turns: taken for 180
-degrees, ten degrees less would leave a sixth of a force across.
+The rotation reverses a cable's force and the floor's slope in base axes, but not the accelerometer's bias, and so separates
+them. The gyroscope, integrated from rest to rest, measures the angle to a degree or two. A nominal angle of 180 degrees would
+not suffice: an error of ten degrees would leave a sixth of a force across.
 """
 
 from __future__ import annotations
@@ -19,10 +18,7 @@ from equipoise.robot.model import RobotModel
 
 
 def angle_turned(robot: RobotModel, recording: Recording) -> float:
-    """Angle by which a robot was turned about the vertical from a recording's phase "before" to its end, to its left [rad].
-
-    It is between -pi and pi.
-    """
+    """Return the rotation to the left about the vertical, from a recording's phase "before" to its end [-pi to pi rad]."""
     rest, rotation = recording.phase(Phase.BEFORE).imu, np.array(robot.imu_in_base.rotation)
     imu = recording.between(rest.time[0], np.inf).imu
     angular_velocity = imu.angular_velocity_in_imu - rest.angular_velocity_in_imu.mean(axis=0)
@@ -34,11 +30,11 @@ def angle_turned(robot: RobotModel, recording: Recording) -> float:
 
 
 def facing(in_room: Traced, heading: FloatArray) -> Traced:
-    """(2, n) horizontal vectors in base axes, forward and to the left, that are fixed in the room.
+    """Return (2, n) horizontal vectors fixed in the world, in base axes: forward and left.
 
     Args:
-        in_room: (2, n) the same in the base axes of the run's beginning.
-        heading: (n,) angle by which the robot was turned since then, to its left [rad].
+        in_room: (2, n) vectors in the base axes at the start of the run.
+        heading: (n,) rotation of the robot to its left since then [rad].
     """
     cos, sin = np.cos(heading), np.sin(heading)
     return stacked([cos * in_room[0] + sin * in_room[1], cos * in_room[1] - sin * in_room[0]], axis=0)

@@ -1,11 +1,11 @@
-"""What an IMU is: mounted a little askew, with axes that have gains of their own and, in the gyroscope, directions.
+"""IMU error model: mounting, biases, a gain per axis and misaligned gyroscope axes.
 
-The true angular velocity is (1 - E) times the one that is read: E has the gains' errors in its diagonal and the misalignment
-beside it. An attitude R to that at rest, which was integrated from readings w, is off by the small rotation phi:
+The true angular velocity is (1 - E) times the reading. E has the gain errors on its diagonal and the misalignment off it.
+An attitude R relative to that at rest, integrated from readings w, has an error of the small rotation phi:
 
     R_true = exp(-phi x) R,    phi(t) = integral of R (E w + b),
 
-with b what the gyroscope's bias differs by from that of the whole run.
+where b is the gyroscope's bias minus that of the whole run.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ _GAINS = np.eye(3)[:, :, None] * np.eye(3)
 _MISALIGNMENT = np.zeros((3, 3, 6))
 for _number, _place in enumerate(((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))):
     _MISALIGNMENT[(*_place, _number)] = 1.0
-_TERMS = 20  # of the series below: exact to rounding up to a turn of two radians
+_TERMS = 20  # of the series below: exact to rounding for rotations up to two radians
 
 
 def mounting(rotation_imu_to_base: FloatArray, imu_tilt: FloatArray) -> FloatArray:
-    """(3, 3) the IMU's rotation to the base as it is.
+    """Return the actual (3, 3) rotation from the IMU frame to the base frame.
 
     Args:
-        rotation_imu_to_base: (3, 3) rotation from the IMU frame to the base frame, as it should be.
-        imu_tilt: (3,) rotation vector of the IMU in the frame where it should be [rad].
+        rotation_imu_to_base: (3, 3) nominal rotation from the IMU frame to the base frame.
+        imu_tilt: (3,) rotation vector of the IMU in its nominal frame [rad].
     """
     return rotation_imu_to_base @ Rotation.from_rotvec(imu_tilt).as_matrix()
 
 
 def traced_mounting(rotation_imu_to_base: FloatArray, imu_tilt: Traced) -> Traced:
-    """(3, 3, n) the same in an equation, of a (3, n) input: one rotation vector, laid out once per sample."""
+    """Return the (3, 3, n) `mounting` in an equation, from a (3, n) input: one rotation vector, repeated per sample."""
     vector = imu_tilt.value[:, 0].copy()
     tilt = Rotation.from_rotvec(vector).as_matrix()
     by_tilt = rotation_imu_to_base @ cross_matrix(left_jacobian(vector).T) @ tilt
@@ -47,28 +47,28 @@ def traced_mounting(rotation_imu_to_base: FloatArray, imu_tilt: Traced) -> Trace
 
 
 def specific_force(values: TracedValues, read: FloatArray, when: FloatArray | float = 0.0) -> Traced:
-    """(3, n) specific force, of what the accelerometer reads [m/s2].
+    """Return the (3, n) specific force from accelerometer readings [m/s2].
 
     Args:
-        when: time since the middle of the run over the run's duration.
+        when: time since the middle of the run, divided by the run's duration.
     """
     bias = values["accelerometer_bias"] + values["accelerometer_drift"] * when
     return (read - bias) / (1.0 + values["accelerometer_gain"])
 
 
 def gyro_error(values: TracedValues) -> Traced:
-    """(3, 3, n) E: what is read of an angular velocity beside the true one."""
+    """Return the (3, 3, n) error matrix E of the gyroscope."""
     gains = contract("ijk,k...->ij...", _GAINS, values["gyro_gain"])
     return gains + contract("ijk,k...->ij...", _MISALIGNMENT, values["gyro_misalignment"])
 
 
 def angular_velocity(values: TracedValues, read: FloatArray) -> Traced:
-    """(3, n) angular velocity, or its rate of change, of what the gyroscope reads less its bias, in the IMU frame."""
+    """Return the (3, n) angular velocity, or its rate, in the IMU frame, from gyroscope readings minus their bias."""
     return read - turned(gyro_error(values), read)
 
 
 def turned_by(error: Traced, turns: FloatArray) -> Traced:
-    """(3, n) small rotations phi of attitudes.
+    """Return (3, n) small rotations phi of attitudes.
 
     Args:
         turns: (3, 3, 3, n) integrals of R_ij w_k.
@@ -77,18 +77,18 @@ def turned_by(error: Traced, turns: FloatArray) -> Traced:
 
 
 def turns_of(rotation: Rotation) -> FloatArray:
-    """(3, 3, 3) integral of R_ij w_k of a turn about one axis, of the whole turn."""
+    """Return the (3, 3, 3) integral of R_ij w_k over a rotation about one axis."""
     vector = rotation.as_rotvec()
     return left_jacobian(vector)[:, :, None] * vector
 
 
 def mean_rotation(rotation: Rotation) -> FloatArray:
-    """(3, 3) mean over time of a turn about one axis at a constant rate."""
+    """Return the (3, 3) mean over time of a rotation about one axis at a constant rate."""
     return left_jacobian(rotation.as_rotvec())
 
 
 def left_jacobian(vector: FloatArray) -> FloatArray:
-    """(3, 3) turn that a change of a rotation vector adds in front: sum of K^m / (m + 1)! (Sola 2018, equation 145)."""
+    """Return the (3, 3) left Jacobian of a rotation vector: sum of K^m / (m + 1)! (Sola 2018, equation 145)."""
     across = cross_matrix(vector)
     term = total = np.eye(3)
     for order in range(2, _TERMS):

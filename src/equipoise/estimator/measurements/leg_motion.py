@@ -1,7 +1,7 @@
-"""How the legs of a robot move, for many samples at once.
+"""Leg kinematics of many samples at once.
 
-The same quantities as Pinocchio's, which the tests hold them against: a calibration evaluates a few thousand samples some
-hundred times, which a call per sample cannot do in the time that people wait.
+The tests compare the results with Pinocchio's. A calibration evaluates a few thousand samples some hundred times, and one
+call of Pinocchio per sample would be too slow.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from equipoise.robot.tree import joint_axis
 
 LEG_SHAPE = ("link_length", "link_length_common", "hip_position")
 _SUM = "kl,il...->ik..."
-_ON_AXIS = 1e-6  # of the leg length: a joint that is this near to the previous joint's axis is taken to lie on it
-_PARALLEL = 1e-6  # sine of the angle to an axis below which a direction is taken for the axis's own
+_ON_AXIS = 1e-6  # of the leg length: a joint this near to the previous joint's axis counts as lying on it
+_PARALLEL = 1e-6  # sine of the angle to an axis below which a direction counts as parallel
 
 
 @dataclass(frozen=True, eq=False)
 class LegMotion:
-    """Links and feet of n samples, in base axes about the base's origin. Velocities lack the base origin's own.
+    """Motion of links and feet in n samples, in base axes. Velocities are relative to the base's origin.
 
     Attributes:
         com: (n, 4, k, 3) CoM of each of the k links of each leg, in the base frame [m].
-        com_velocity: (n, 4, k, 3) velocity of that CoM, in base axes [m/s].
+        com_velocity: (n, 4, k, 3) velocity of each link's CoM, in base axes [m/s].
         spin: (n, 4, k, 3) angular momentum of each link about its own CoM, in base axes [kg m2/s].
         foot: (n, 4, 3) centres of the feet, in the base frame [m].
-        foot_velocity: (n, 4, 3) velocity of these centres, in base axes [m/s].
+        foot_velocity: (n, 4, 3) velocity of the feet's centres, in base axes [m/s].
         foot_angular_velocity: (n, 4, 3) angular velocity of the links below the knees, in base axes [rad/s].
     """
 
@@ -50,13 +50,13 @@ class LegMotion:
 
 @dataclass(frozen=True, eq=False)
 class TracedPosture:
-    """Legs in an equation, components first and samples last, in base axes.
+    """Leg postures in an equation, components first and samples last, in base axes.
 
     Attributes:
         rotation: (3, 3, k, 4, n) rotation of each link.
-        arm: (3, k, 4, n) from the joint above to each link's own, of the first one from the base's origin [m].
-        lever: (3, k, 4, n) from a link's joint to its CoM [m].
-        shank: (3, 4, n) from the last joint to the foot's centre [m].
+        arm: (3, k, 4, n) vector from the joint above, or the base's origin, to each link's joint [m].
+        lever: (3, k, 4, n) vector from a link's joint to its CoM [m].
+        shank: (3, 4, n) vector from the last joint to the foot's centre [m].
         com: (3, k, 4, n) CoM of each link, in the base frame [m].
         foot: (3, 4, n) centres of the feet, in the base frame [m].
     """
@@ -71,7 +71,7 @@ class TracedPosture:
 
 @dataclass(frozen=True, eq=False)
 class TracedLegMotion:
-    """How such legs move, as in `LegMotion`: (3, k, 4, n) of the links, (3, 4, n) of the feet.
+    """Leg motion in an equation, as in `LegMotion`: (3, k, 4, n) for links, (3, 4, n) for feet.
 
     Attributes:
         bending: (3, n) sum of the angular velocities of all links relative to the ones above them [rad/s].
@@ -87,11 +87,11 @@ class TracedLegMotion:
 
 @dataclass(frozen=True, eq=False)
 class LegShape:
-    """Lengths and places beside the model's.
+    """Differences of leg lengths and hip positions from the model's.
 
     Attributes:
-        longer: (2, 4, n) lengths of thighs and calves less the model's [m].
-        hip: (3, 4, n) places of the first joints less the model's, in the base frame [m].
+        longer: (2, 4, n) lengths of thighs and calves minus the model's [m].
+        hip: (3, 4, n) positions of the first joints minus the model's, in the base frame [m].
     """
 
     longer: Traced
@@ -99,10 +99,10 @@ class LegShape:
 
     @classmethod
     def of(cls, legs: LegChains, values: TracedValues) -> LegShape:
-        """By the unknowns of LEG_SHAPE."""
+        """Compute the differences from the parameters of LEG_SHAPE."""
         longer = values["link_length"][np.arange(8).reshape(4, 2).T] + values["link_length_common"][:, None]
-        # What all hips have in common is left out: a shift is the base's frame, which they define, a turn looks like other
-        # lengths and zeros of their legs.
+        # Motions of all hips as one body are removed: a shift is one of the base frame, which the hips define, and a rotation
+        # cannot be distinguished from leg lengths and joint offsets.
         apart = contract("ij,j...->i...", legs.hips_apart, values["hip_position"])
         return cls(longer, apart[np.arange(12).reshape(4, 3).T])
 
@@ -113,13 +113,13 @@ class LegChains:
     Attributes:
         joints: (4, k) indices of each leg's joints in the joint vector.
         by_kind: (nj, k) one where a joint is the first, second or further one of its leg, else zero.
-        mass: (4, k) mass of each link, with all that is fixed to it, by the model [kg].
+        mass: (4, k) mass of each link and the bodies fixed to it, according to the model [kg].
         foot_radius: (4,) radius of each foot [m].
         axes: (4, k, 3, 3) directions in each link's frame, as columns: down the link to the next joint or foot, forward across
-            the joint's axis, and along that axis. Where the next joint lies on the axis, down is to the one after it.
-        reach: (4, k) distance across its axis from each joint to the next, or to the foot's centre, by the model [m].
-        robot_mass: mass of the whole robot by the model [kg].
-        hips_apart: (12, 12) projection of the first joints' displacements on what is no common shift or turn.
+            the joint's axis, and along that axis. If the next joint lies on the axis, down is towards the one after it.
+        reach: (4, k) distance across its axis from each joint to the next, or to the foot's centre, in the model [m].
+        robot_mass: mass of the whole robot, according to the model [kg].
+        hips_apart: (12, 12) projection of the first joints' displacements that removes common shifts and rotations.
     """
 
     def __init__(self, robot: RobotModel) -> None:
@@ -152,7 +152,7 @@ class LegChains:
 
     @cached_property
     def level_directions(self) -> FloatArray:
-        """(3, 2, 4, 1) unit vectors across and along each leg, level in the nominal stance, in the lowest link's frame."""
+        """Unit vectors (3, 2, 4, 1) across and along each leg, level in the nominal stance, in the lowest link's frame."""
         position = nominal_stance(self._robot).joint_position
         rotation = self.traced_posture(Traced(position[:, None])).rotation.value[:, :, -1, :, 0]
         up, across = rotation[2], self.axes[:, -1, :, 2].T  # the base is level
@@ -162,12 +162,12 @@ class LegChains:
 
     @cached_property
     def middle_of_feet(self) -> FloatArray:
-        """(3, 1) mean of the feet's centres at the nominal stance, in the base frame [m]."""
+        """Mean (3, 1) of the feet's centres at the nominal stance, in the base frame [m]."""
         return nominal_stance(self._robot).feet_in_base.mean(axis=0)[:, None]
 
     @cached_property
     def end_of_trunk(self) -> FloatArray:
-        """(3, 1) point of the base above the rear feet of the nominal stance, in the base frame [m]."""
+        """Point (3, 1) of the base above the rear feet of the nominal stance, in the base frame [m]."""
         return np.array([[nominal_stance(self._robot).feet_in_base[2:, 0].mean()], [0.0], [0.0]])
 
     @property
@@ -176,13 +176,13 @@ class LegChains:
         return self.mass.size
 
     def feet(self, joint_position: FloatArray) -> FloatArray:
-        """(n, 4, 3) centres of the feet in the base frame, of (n, nj) joint positions [m]."""
+        """Return the (n, 4, 3) centres of the feet in the base frame [m], at (n, nj) joint positions [rad]."""
         return self.traced_posture(Traced(np.ascontiguousarray(joint_position.T))).foot.value.T
 
     def motion(
         self, joint_position: FloatArray, joint_velocity: FloatArray, angular_velocity_in_base: FloatArray
     ) -> LegMotion:
-        """Links and feet of n samples, by the recursion of velocities along each leg.
+        """Compute the motion of links and feet in n samples, by the recursion of velocities along each leg.
 
         Args:
             joint_position: (n, nj) joint positions [rad].
@@ -200,7 +200,7 @@ class LegChains:
         )  # fmt: skip
 
     def traced_posture(self, joint_position: Traced, shape: LegShape | None = None) -> TracedPosture:
-        """Legs of (nj, n) joint positions, with the model's lengths and places if nothing else is said."""
+        """Return the leg postures at (nj, n) joint positions; by default with the model's shape."""
         above = Traced(np.broadcast_to(np.eye(3)[..., None, None], (3, 3, 4, joint_position.value.shape[1])))
         arms: list[Traced] = []
         rotations: list[Traced] = []
@@ -220,7 +220,7 @@ class LegChains:
     def traced_motion(
         self, posture: TracedPosture, joint_velocity: Traced, angular_velocity_in_base: Traced
     ) -> TracedLegMotion:
-        """How they move, at (nj, n) joint velocities and (3, n) angular velocities of the base in its own axes."""
+        """Return the leg motion at (nj, n) joint velocities and (3, n) angular velocities of the base in its own axes."""
         own = turned(posture.rotation, self._axis) * joint_velocity[self.joints.T]
         below = angular_velocity_in_base[:, None, None] + contract(_SUM, self._down_to, own)
         of_joint = contract(_SUM, self._down_to, traced_cross(below - own, posture.arm))
@@ -235,13 +235,13 @@ class LegChains:
         )
 
     def _longer(self, rotation: Traced, link: int, shape: LegShape) -> Traced | float:
-        """(3, 4, n) what is beside the model's length of a link; hips, the first of three links, have none."""
+        """Return the (3, 4, n) extension of a link beyond the model's; zero for hips, the first of three links."""
         number = link % self.joints.shape[1] - (self.joints.shape[1] - 2)
         down = np.moveaxis(self.axes[:, link, :, 0], 0, -1)[..., None]
         return turned(rotation, down) * shape.longer[number] if number >= 0 else 0.0
 
     def _below(self, rotation: Traced, link: int, angle: Traced) -> Traced:
-        """(3, 3, 4, n) rotations of the links below some joints, of those above them and (4, n) joint positions."""
+        """Return (3, 3, 4, n) rotations of links below joints, from those above and (4, n) joint positions."""
         in_parent = (
             self._upright[:, :, link] + sin(angle) * self._sideways[:, :, link] - cos(angle) * self._across[:, :, link]
         )
@@ -249,14 +249,14 @@ class LegChains:
 
 
 def _no_rigid_motion(places: FloatArray) -> FloatArray:
-    """(3 n, 3 n) projection of displacements of (n, 3) points on those that no motion of all of them as one body explains."""
+    """Return the (3 n, 3 n) projection that removes rigid-body motions from displacements of (n, 3) points."""
     turns = -cross_matrix(places - places.mean(axis=0)).reshape(-1, 3)
     rigid = np.hstack([np.tile(np.eye(3), (len(places), 1)), turns])
     return np.eye(places.size) - rigid @ np.linalg.pinv(rigid)
 
 
 def _axes_of_links(robot: RobotModel, joint_axes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute (4, k, 3, 3) `LegChains.axes` and (4, k) `reach`, of (4, k, 3) axes of the joints in the links' frames."""
+    """Compute (4, k, 3, 3) `LegChains.axes` and (4, k) `reach`, from (4, k, 3) joint axes in the links' frames."""
     model = robot.pinocchio
     down = np.zeros_like(joint_axes)
     reach = np.zeros(joint_axes.shape[:2])
@@ -274,7 +274,7 @@ def _axes_of_links(robot: RobotModel, joint_axes: FloatArray) -> tuple[FloatArra
 
 
 def _across(axis: FloatArray, direction: FloatArray) -> FloatArray:
-    """Compute the unit vector across an axis that is nearest to a direction; any one if the direction is the axis's."""
+    """Compute the unit vector across an axis that is nearest to a direction; an arbitrary one if both are parallel."""
     across = direction - (direction @ axis) * axis
     if not np.linalg.norm(across) > _PARALLEL * np.linalg.norm(direction):
         unit = np.eye(3)[int(np.argmin(np.abs(axis)))]
@@ -283,14 +283,14 @@ def _across(axis: FloatArray, direction: FloatArray) -> FloatArray:
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross product along the last axis; several times faster than numpy's on such arrays."""
+    """Return the cross product along the last axis; several times faster than numpy's on such arrays."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 def cross_matrix(vector: FloatArray) -> FloatArray:
-    """(..., 3, 3) matrices whose product with b is the cross product of (..., 3) vectors with b."""
+    """Return (..., 3, 3) matrices whose product with b is the cross product of (..., 3) vectors with b."""
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     zero = np.zeros_like(x)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
@@ -298,5 +298,5 @@ def cross_matrix(vector: FloatArray) -> FloatArray:
 
 
 def _first(by_link: FloatArray) -> FloatArray:
-    """(..., k, 4, 1) arrays, components first, of (4, k, ...) ones."""
+    """Rearrange (4, k, ...) arrays to (..., k, 4, 1), components first."""
     return np.ascontiguousarray(np.moveaxis(by_link, (1, 0), (-2, -1))[..., None])

@@ -1,11 +1,11 @@
-"""A lift trial as the Bayesian estimators read it: the time on two feet, smoothed, and the rest before it.
+"""Smoothed samples of a lift trial: the interval on two feet, and the rest before it.
 
-Without contact sensors: the encoders and the gyroscope tell when both lifted feet were off the floor.
+Contact sensors are not needed: encoders and gyroscope determine when both lifted feet were off the floor.
 
-All that is read is a mean about its moment, by the same weights. The tilt equation joins gyroscope, accelerometer and
-encoders, and what one of them shows of a fast motion and another does not looks like a momentum: an IMU has a low pass,
-encoders have none, and velocities that are read as well make a spline stiffer. Below some ten hertz all show the same, but
-for a delay. Without the mean, moments of inertia came out 2 to 6 % low in simulation, 0 to 1 % with it.
+All readings are averaged over time with the same weights. The tilt equation combines gyroscope, accelerometer and encoders,
+whose bandwidths differ: an IMU has a low-pass filter, encoders have none, and velocity readings stiffen a spline. A fast
+motion would appear as a momentum. Below some ten hertz all agree, except for a delay. Without the average, moments of inertia
+were 2 to 6 % low in simulation, with it 0 to 1 %.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from equipoise.recording.runs import true_runs
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, PAIRS, RobotModel
 from equipoise.robot.stance import Stance
 
-# What sensors show of fast motions does not hang on how large a robot is: these are the same on all.
-REACH = 0.03  # [s] to either side of a moment, that readings are means over: 19 Hz are halved
+# The bandwidth of sensors does not depend on a robot's size: these are the same on all robots.
+REACH = 0.03  # [s] to either side: interval of the mean; it halves 19 Hz
 KNOT = 0.015  # [s] between the knots of the splines through readings
 
 # On an A1; lengths and times are multiplied by those of the stance's scale.
@@ -37,15 +37,15 @@ _STEP = 0.010  # [s]
 _SHORTEST = 0.06  # [s]
 _LONGEST_GAP = 0.02  # [s] without a sample
 _FEWEST = 10  # samples
-_PAD = 0.06  # [s] fitted beyond either end of the time on two feet, where a spline is less sure
+_PAD = 0.06  # [s] fitted beyond either end of the interval on two feet, where a spline is less accurate
 
 
 @dataclass(frozen=True, eq=False)
 class LiftSamples:
-    """The time on two feet of one lift, or of one step. Gyroscope readings are less the gyroscope's bias.
+    """Samples on two feet of one lift or step. The gyroscope's bias is subtracted.
 
     Attributes:
-        pair: name of the feet that the robot stood on, a diagonal in a lift.
+        pair: name of the stance feet, a diagonal in a lift.
         start: time of the first sample [s].
         step: time between samples [s].
         joint_position, joint_velocity, joint_acceleration: (n, nj) joint positions and their derivatives, smoothed [rad],
@@ -53,12 +53,12 @@ class LiftSamples:
         angular_velocity_in_imu, angular_acceleration_in_imu: (n, 3) angular velocity and acceleration of the IMU,
             smoothed [rad/s], [rad/s2].
         acceleration_in_imu: (n, 3) specific force at the IMU, smoothed [m/s2].
-        up_in_imu: (n, 3) direction against gravity, by the accelerometer at rest and the gyroscope since.
+        up_in_imu: (n, 3) upward direction, from the accelerometer at rest and the gyroscope since.
         velocity_noise: (n, n) covariance of any joint's smoothed velocity [rad2/s2].
         angular_velocity_noise: (n, n) covariance of any axis' smoothed angular velocity [rad2/s2].
         acceleration_noise: (n, n) covariance of any axis' smoothed specific force [m2/s4].
-        when: time since the middle of the run over the run's duration.
-        heading: angle by which the robot was turned in the room since the run began, to its left [rad].
+        when: time since the middle of the run, divided by the run's duration.
+        heading: rotation of the robot to its left since the start of the run [rad].
     """
 
     pair: str
@@ -81,14 +81,14 @@ class LiftSamples:
     def stance_feet(self) -> tuple[int, int]:
         """Indices of the left and the right stance foot: the support line's direction runs from right to left.
 
-        Of two feet on one side the front one is taken for the left.
+        Of two feet on one side, the front one counts as left.
         """
         left, right = sorted(PAIRS[self.pair], key=lambda leg: leg[1])
         return LEG_NAMES.index(left), LEG_NAMES.index(right)
 
 
 class StepSamples(LiftSamples):
-    """The same of one step of a walk."""
+    """Samples on two feet of one step of a walk."""
 
 
 L = TypeVar("L", bound=LiftSamples)
@@ -97,7 +97,7 @@ L = TypeVar("L", bound=LiftSamples)
 def read_lift(
     robot: RobotModel, legs: LegChains, recording: Recording, diagonal: str, stance: Stance, gyro_bias: FloatArray
 ) -> LiftSamples:
-    """The time on two feet of a lift trial.
+    """Read the samples on two feet of a lift trial.
 
     Args:
         robot: model of the robot.
@@ -128,13 +128,13 @@ def read_lift(
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Standard deviations of what is white in the sensors' readings.
+    """Standard deviations of the white noise of the sensors.
 
     Attributes:
-        encoder: of joint positions [rad].
-        velocity: of joint velocities; infinite where there are none [rad/s].
-        gyroscope: of an axis [rad/s].
-        accelerometer: of an axis [m/s2].
+        encoder: noise of joint positions [rad].
+        velocity: noise of joint velocities; infinite without velocities [rad/s].
+        gyroscope: noise of an axis [rad/s].
+        accelerometer: noise of an axis [m/s2].
     """
 
     encoder: float
@@ -144,10 +144,11 @@ class SensorNoise:
 
     @classmethod
     def of(cls, recording: Recording, spread: Callable[[FloatArray], float], least: SensorNoise) -> SensorNoise:
-        """Of the sensors of a recording, and no less than some.
+        """Estimate the noise of the sensors of a recording.
 
         Args:
-            spread: standard deviation of what is white in (n, k) samples.
+            spread: function that returns the standard deviation of the white noise in (n, k) samples.
+            least: lower limits.
         """
         joints, imu = recording.joints, recording.imu
         return cls(
@@ -158,7 +159,7 @@ class SensorNoise:
         )
 
 
-_LEAST = SensorNoise(2e-5, 2e-3, 2e-4, 5e-3)  # quantised or simulated sensors may show none at rest
+_LEAST = SensorNoise(2e-5, 2e-3, 2e-4, 5e-3)  # quantised or simulated sensors may be noise-free at rest
 
 
 def on_two_feet(
@@ -172,18 +173,18 @@ def on_two_feet(
     shortest: float,
     kind: type[L],
 ) -> L:
-    """The time on two feet.
+    """Return smoothed samples of an interval on two feet.
 
     Args:
-        moving: recording of it and of what is around it.
+        moving: recording of the interval and the time around it.
         pair: name of the two feet.
         window: first and last time with the other two off the floor [s].
-        gyro: (n, 3) angular velocity at the IMU's samples, less the bias [rad/s].
-        up_in_imu: (n, 3) direction against gravity at these.
+        gyro: (n, 3) angular velocity at the IMU's samples, minus the bias [rad/s].
+        up_in_imu: (n, 3) upward direction at the IMU's samples.
         noise: noise of the sensors.
-        clock: factor on times, of the robot's scale; one on an A1.
-        shortest: time that must be left between the means at both ends, on an A1 [s].
-        kind: type of the samples that are returned.
+        clock: time scale of the robot, relative to an A1.
+        shortest: minimum time between the means at both ends, on an A1 [s].
+        kind: type of the returned samples.
 
     Raises:
         RecordingError: samples are missing, or the time is too short.
@@ -209,8 +210,8 @@ def on_two_feet(
         None if joints.velocity is None else joints.velocity[joint_part], noise.encoder / noise.velocity,
         REACH,
     )  # fmt: skip
-    felt = np.hstack([gyro, imu.acceleration_in_imu])[imu_part]  # read at the same times: one fit
-    of_imu = fit_spline(imu.time[imu_part], felt, KNOT, reach=REACH)
+    readings = np.hstack([gyro, imu.acceleration_in_imu])[imu_part]  # same sample times: one fit
+    of_imu = fit_spline(imu.time[imu_part], readings, KNOT, reach=REACH)
     angular_velocity, acceleration = np.hsplit(of_imu.at(time), 2)
     imu_noise = of_imu.noise(time)
     return kind(
@@ -231,12 +232,12 @@ def on_two_feet(
 
 
 def _white_noise(samples: FloatArray) -> float:
-    """Standard deviation of what changes from sample to sample at rest, the median over columns."""
+    """Return the standard deviation of white noise in samples at rest, the median over columns."""
     return float(np.median(np.diff(samples, axis=0).std(axis=0)) / np.sqrt(2))
 
 
 def attitudes(time: FloatArray, angular_velocity: FloatArray) -> Rotation:
-    """(n) rotations from a body's axes at each time to its axes at the first, by integrating its angular velocity.
+    """Integrate an angular velocity to n rotations from a body's axes at each time to its axes at the first.
 
     Args:
         time: (n,) times [s].
@@ -248,23 +249,23 @@ def attitudes(time: FloatArray, angular_velocity: FloatArray) -> Rotation:
     matrices = np.empty((len(time), 3, 3))
     matrices[0] = np.eye(3)
     for now, step, then in zip(matrices, steps, matrices[1:], strict=False):
-        np.dot(now, step, out=then)  # half as long as with "@"
+        np.dot(now, step, out=then)  # twice as fast as "@"
     return Rotation.from_matrix(matrices)
 
 
 def at_times(time: FloatArray, sampled: FloatArray, vectors: FloatArray) -> FloatArray:
-    """(n, k) vectors, sampled at other times, at n times: linear in between."""
+    """Interpolate vectors linearly from their sample times to n times; returns (n, k)."""
     return np.column_stack([np.interp(time, sampled, vectors[:, column]) for column in range(vectors.shape[1])])
 
 
 def _time_on_two_feet(
     legs: LegChains, rest: Recording, moving: Recording, up: FloatArray, diagonal: str, clear: float
 ) -> tuple[float, float] | None:
-    """First and last time of the longest run of samples with both lifted feet off the floor.
+    """Return the first and last time of the longest interval with both lifted feet off the floor.
 
     Args:
-        up: (n, 3) direction against gravity in the base frame, at each joint sample.
-        clear: height above the floor that counts as off it [m].
+        up: (n, 3) upward direction in the base frame, at each joint sample.
+        clear: minimum height of a lifted foot above the floor [m].
     """
     time = moving.joints.time
     before = legs.feet(rest.joints.position.mean(axis=0)[None])[0] @ up[0]

@@ -1,7 +1,7 @@
 """Momenta of a whole robot, linear in its inertial parameters.
 
-These are the base's ten, a factor on each leg link's, and a first moment that each link has beside the model's, about the CoM
-that the model says and in the link's frame: a CoM off by d is a moment m d. What that adds to the inertia is m d^2, nothing.
+These are the base's ten, a factor on those of each leg link, and an additional first moment of each link about its model CoM,
+in the link's frame. A CoM error d is a moment m d; the resulting change of inertia, m d^2, is neglected.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ from equipoise.robot.inertial import base_parameters
 from equipoise.robot.model import RobotModel
 
 BASE = 10  # parameters in Pinocchio's order, about the base's origin
-_TENSOR = np.zeros((3, 3, 6))  # a symmetric matrix of its six numbers, in that order
+_TENSOR = np.zeros((3, 3, 6))  # from six numbers, in the order below, to a symmetric matrix
 for _number, (_row, _column) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
     _TENSOR[_row, _column, _number] = _TENSOR[_column, _row, _number] = 1.0
 _ALL_LINKS = "ikln,kln->in"
 
 
 def model_parameters(robot: RobotModel) -> FloatArray:
-    """(10 + 4 links,) inertial parameters by the model."""
+    """Return the (10 + 4 links,) inertial parameters of the model."""
     links = sum(len(leg.joint_ids) for leg in robot.legs.values())
     return np.concatenate([base_parameters(robot).vector, np.ones(links), np.zeros(3 * links)])
 
 
 @dataclass(frozen=True, eq=False)
 class Momenta:
-    """Sums over all bodies of n samples, in base axes.
+    """Momenta of all bodies together in n samples, in base axes.
 
     Attributes:
         linear: (3, n) linear momentum [kg m/s].
         angular: (3, n) angular momentum about a point [kg m2/s].
-        first: (3, n) first moment about that point [kg m].
+        first: (3, n) first moment of mass about that point [kg m].
         mass: (n,) mass [kg].
     """
 
@@ -50,7 +50,7 @@ class Momenta:
         cls, point: Traced, legs: LegChains, inertial: Traced, posture: TracedPosture, motion: TracedLegMotion,
         angular_velocity_in_base: Traced, velocity: Traced,
     ) -> Momenta:  # fmt: skip
-        """About a point in the base frame.
+        """Compute the momenta about a point in the base frame.
 
         Args:
             inertial: (10 + 4 links, n) inertial parameters.
@@ -60,11 +60,11 @@ class Momenta:
         linear = mass * velocity + cross(angular_velocity_in_base, first)
         angular = turned(tensor, angular_velocity_in_base) + cross(first, velocity) - cross(point, linear)
         number = np.arange(legs.links).reshape(legs.mass.shape).T  # (k, 4)
-        factor, beside = inertial[BASE + number], inertial[BASE + legs.links + 3 * number + np.arange(3)[:, None, None]]
+        factor, moment = inertial[BASE + number], inertial[BASE + legs.links + 3 * number + np.arange(3)[:, None, None]]
         masses, arm = legs.mass.T[..., None] * factor, posture.com - point[:, None, None]
         of_links = motion.com_velocity + velocity[:, None, None]
         spins = contract(_ALL_LINKS, motion.spin, factor) + contract(_ALL_LINKS, cross(arm, of_links), masses)
-        moments, ones = turned(posture.rotation, beside), np.ones(legs.mass.T.shape)
+        moments, ones = turned(posture.rotation, moment), np.ones(legs.mass.T.shape)
         swung = cross(motion.angular_velocity, moments)
         return cls(
             linear + contract(_ALL_LINKS, of_links, masses) + contract("ikln,kl->in", swung, ones),

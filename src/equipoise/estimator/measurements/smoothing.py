@@ -1,7 +1,7 @@
-"""Quintic splines through noisy samples: positions with velocities, at any time in between.
+"""Quintic smoothing splines of noisy positions and velocities.
 
-A quintic B-spline overlaps its five neighbours to either side and nothing else, so that the normal equations are a band of
-eleven diagonals: a fit costs time and memory in proportion to the number of samples, however long a motion is.
+A quintic B-spline overlaps only its five neighbours to either side. The normal equations have eleven diagonals, and the time
+and memory of a fit are proportional to the number of samples.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from scipy.sparse import csr_array
 from equipoise.conventions import FloatArray
 
 _DEGREE = 5
-_AT_ONCE = 1 << 16  # samples: what they weigh is small against what they are
+_AT_ONCE = 1 << 16  # samples per block: its memory is small compared with the samples'
 
 
 @dataclass(frozen=True, eq=False)
 class SplineFit:
-    """A fitted spline, and how far noise of the samples moves it.
+    """Fitted spline and its noise.
 
     Attributes:
         spline: spline of all columns.
-        factor: (6, k) Cholesky factor of the normal equations, lower, as bands: the inverse of these is the covariance of the
-            coefficients of any column, for samples with a standard deviation of one.
-        reach: time to either side of a moment that `at` and `noise` take a mean over [s].
+        factor: (6, k) banded lower Cholesky factor of the normal equations, whose inverse is the covariance of the
+            coefficients of any column for samples with a standard deviation of one.
+        reach: interval to either side over which `at` and `noise` average [s].
     """
 
     spline: BSpline
@@ -37,13 +37,13 @@ class SplineFit:
     reach: float = 0.0
 
     def at(self, time: FloatArray, derivative: int = 0) -> FloatArray:
-        """(n, k) values, or a derivative, at (n,) times."""
+        """Return (n, k) values, or a derivative, at (n,) times."""
         curve = self.spline.derivative(derivative) if derivative else self.spline
         later, weights = _mean_about(self.reach)
         return np.tensordot(weights, curve(later[:, None] + time), axes=1)
 
     def noise(self, time: FloatArray, derivative: int = 0) -> FloatArray:
-        """(n, n) covariance of `at`; for samples as in `factor`."""
+        """Return the (n, n) covariance of `at`, for samples with a standard deviation of one."""
         later, weights = _mean_about(self.reach)
         at_all = _basis(self.spline.t, (later[:, None] + time).ravel(), derivative).toarray()
         basis = np.tensordot(weights, at_all.reshape(len(weights), len(time), -1), axes=1)
@@ -58,15 +58,15 @@ def fit_spline(
     derivative_weight: float = 0.0,
     reach: float = 0.0,
 ) -> SplineFit:
-    """The quintic spline nearest to samples, and to samples of its derivative where there are any (least squares).
+    """Fit a quintic spline to samples, and optionally to samples of its derivative, by least squares.
 
     Args:
         time: (n,) increasing times [s].
-        values: (n, k) samples, or several such tables, whose columns are taken side by side without a copy of a long motion.
+        values: (n, k) samples, or several such tables, whose columns are joined without copying a long motion.
         knot_spacing: time between knots; a smaller one follows faster signals and more noise [s].
         derivative: (n, k) samples of the rate of change, or None.
         derivative_weight: weight of a derivative's residual, relative to a value's: the ratio of their noises [s].
-        reach: time to either side of a moment that its values are means over [s].
+        reach: see `SplineFit`.
     """
     tables = [values] if isinstance(values, np.ndarray) else list(values)
     start, end = float(time[0]), float(time[-1])
@@ -86,22 +86,22 @@ def fit_spline(
             slopes = _basis(knots, time[part], 1) * derivative_weight
             bands += _bands(slopes)
             moment += slopes.T @ (derivative_weight * derivative[part])
-    bands[0] += 1e-9  # a little weight on nothing keeps a knot interval without a sample (dropped ones) finite
+    bands[0] += 1e-9  # keeps knot intervals without samples (dropped ones) finite
     factor = cholesky_banded(bands, lower=True)
     return SplineFit(BSpline(knots, cho_solve_banded((factor, True), moment), _DEGREE), factor, reach)
 
 
 def noise_in_motion(values: FloatArray) -> float:
-    """Standard deviation of white noise in (n, k) evenly taken samples of something that moves: the median over columns.
+    """Return the standard deviation of white noise in (n, k) even samples of a motion, the median over columns.
 
-    Third differences forget all that is smooth; of white noise they have twenty times its variance.
+    Third differences remove smooth signals; for white noise they have twenty times its variance.
     """
     sizes = [float(np.median(np.abs(np.diff(column, n=3)))) for column in values.T]
     return float(np.median(sizes)) / (0.6745 * np.sqrt(20))
 
 
 def _mean_about(reach: float) -> tuple[FloatArray, FloatArray]:
-    """Times from a moment, and their weights: a mean of three, four times over, which falls softly to zero at the reach."""
+    """Return relative times and weights of an average: a mean of three, applied four times, that ends at the reach."""
     if not reach:
         return np.zeros(1), np.ones(1)
     weights: FloatArray = reduce(np.convolve, [np.full(3, 1 / 3)] * 4)
@@ -109,7 +109,7 @@ def _mean_about(reach: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _basis(knots: FloatArray, time: FloatArray, derivative: int = 0) -> csr_array:
-    """Sparse (n, k) values, or derivatives, of all B-splines at (n,) times."""
+    """Return sparse (n, k) values, or derivatives, of all B-splines at (n,) times."""
     inner = knots[derivative : len(knots) - derivative]
     basis = csr_array(BSpline.design_matrix(time, inner, _DEGREE - derivative))
     for degree in range(_DEGREE - derivative + 1, _DEGREE + 1):
@@ -118,7 +118,7 @@ def _basis(knots: FloatArray, time: FloatArray, derivative: int = 0) -> csr_arra
 
 
 def _coefficients_of_derivative(knots: FloatArray, degree: int) -> csr_array:
-    """Sparse (k - 1, k) from a spline's coefficients to its derivative's: their differences over the knots that they span."""
+    """Return the sparse (k - 1, k) matrix from a spline's coefficients to those of its derivative."""
     count = len(knots) - degree - 1
     per_time = degree / (knots[degree + 1 : degree + count] - knots[1:count])
     rows = np.arange(count - 1)
@@ -129,7 +129,7 @@ def _coefficients_of_derivative(knots: FloatArray, degree: int) -> csr_array:
 
 
 def _bands(design: csr_array) -> FloatArray:
-    """(6, k) diagonals of design^T design, the main one and those below it."""
+    """Return (6, k) diagonals of design^T design, the main one and those below it."""
     gram = design.T @ design
     bands = np.zeros((_DEGREE + 1, gram.shape[0]))
     for below in range(_DEGREE + 1):

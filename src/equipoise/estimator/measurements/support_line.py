@@ -1,4 +1,4 @@
-"""The line that a robot on two feet topples about, and how it moves: the feet roll on the floor."""
+"""Support line of a robot on two feet, and its motion as the feet roll on the floor."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from equipoise.estimator.measurements.leg_motion import TracedLegMotion, TracedP
 from equipoise.estimator.measurements.traced import Traced, cross, dot, length
 
 Feet = Sequence[NDArray[np.intp]]
-"""(n,) indices of the left stance foot, and of the right one."""
+"""Indices (n,) of the left stance foot, and of the right one."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactLine:
-    """The support line of n samples, in base axes.
+    """Support line of n samples, in base axes.
 
     Attributes:
         left: (3, n) direction, from the right foot to the left.
@@ -32,7 +32,7 @@ class ContactLine:
 
     @classmethod
     def of(cls, posture: TracedPosture, feet: Feet, contacts: Sequence[FootContact]) -> ContactLine:
-        """Of two stance feet and their contacts."""
+        """Compute the line of two stance feet from their contacts."""
         sample = np.arange(len(feet[0]))
         both = zip(feet, contacts, strict=True)
         left, right = (posture.foot[:, foot, sample] - contact.to_centre for foot, contact in both)
@@ -42,7 +42,7 @@ class ContactLine:
 
 @dataclass(frozen=True, eq=False)
 class RollingLine:
-    """How the line moves, in base axes; rates are inertial ones.
+    """Motion of the support line, in base axes; rates are inertial.
 
     Attributes:
         velocity: (3, n) velocity of its point, as the contact travels over the floor [m/s].
@@ -59,7 +59,7 @@ class RollingLine:
 
     @classmethod
     def of(cls, line: ContactLine, motion: TracedLegMotion, feet: Feet, contacts: Sequence[FootContact]) -> RollingLine:
-        """Feet that roll without slipping: what touches the floor is at rest, and the centres turn about it."""
+        """Compute the motion of feet that roll without slipping: contact points are at rest, centres turn about them."""
         sample = np.arange(len(feet[0]))
         turning = [motion.foot_angular_velocity[:, foot, sample] for foot in feet]
         both = list(zip(turning, contacts, strict=True))

@@ -1,8 +1,8 @@
-"""The geometric reading: every lift puts the CoM at a distance from a support plane, and three planes meet in a point.
+"""Geometric CoM estimate: every lift determines the CoM's distance from a support plane, and three planes meet in a point.
 
-One lift gives a Newton step of the search. Lifts in tilted postures have planes that lean, so that all of them together give
-the CoM in three dimensions: without sensor biases and with the model's inertia, so to a few millimetres only, but
-independent of the posterior that does better.
+One lift gives a Newton step of the search. Lifts in tilted postures have inclined planes, which together determine the CoM in
+three dimensions. This estimate neglects sensor biases and uses the model's inertia. It is accurate to a few millimetres only,
+but independent of the more accurate posterior.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _FEWEST_PLANES = 6
 
 @dataclass(frozen=True, eq=False)
 class CentreShift:
-    """What one lift says of the CoM, with everything else by the model.
+    """CoM shift from one lift, with all other parameters from the model.
 
     Attributes:
         normal: (3,) normal of the support plane at rest, in the base frame, pointing forward.
-        distance: distance by which the CoM is farther along the normal than the model has it [m].
+        distance: shift of the CoM along the normal, relative to the model [m].
     """
 
     normal: FloatArray
@@ -38,11 +38,11 @@ class CentreShift:
 
 @dataclass(frozen=True, eq=False)
 class PlaneReading:
-    """The CoM by support planes.
+    """CoM from support planes.
 
     Attributes:
         com: (3,) CoM at the nominal stance, in the base frame [m].
-        std: (3,) standard deviations, from how well the planes meet [m].
+        std: (3,) standard deviations, from the residuals of the planes [m].
     """
 
     com: FloatArray
@@ -50,12 +50,12 @@ class PlaneReading:
 
 
 def com_by_planes(robot: RobotModel, com: FloatArray, lifts: Sequence[LiftSamples]) -> PlaneReading | None:
-    """The point nearest to all support planes (least squares); None if there are fewer than six lifts.
+    """Return the point nearest to all support planes (least squares), or None with fewer than six lifts.
 
     Args:
-        robot: model whose base gives the CoM that is thought to be.
+        robot: model with the assumed CoM.
         com: (3,) CoM of that model at the nominal stance, in the base frame [m].
-        lifts: lifts in postures that lean.
+        lifts: lifts in tilted postures.
     """
     shifts = centre_shifts(robot, lifts)
     if len(shifts) < _FEWEST_PLANES:
@@ -63,14 +63,14 @@ def com_by_planes(robot: RobotModel, com: FloatArray, lifts: Sequence[LiftSample
     normals = np.array([shift.normal for shift in shifts])
     distances = np.array([shift.distance for shift in shifts])
     solution = np.linalg.lstsq(normals, distances, rcond=None)[0]
-    misses = distances - normals @ solution
-    variance = float(misses @ misses) / max(1, len(misses) - 3)
+    residuals = distances - normals @ solution
+    variance = float(residuals @ residuals) / max(1, len(residuals) - 3)
     covariance = variance * np.linalg.pinv(normals.T @ normals)
     return PlaneReading(com + solution, np.sqrt(np.diag(covariance)))
 
 
 def centre_shift(robot: RobotModel, lift: LiftSamples) -> CentreShift:
-    """`centre_shifts` of one lift."""
+    """Return the `centre_shifts` of one lift."""
     return centre_shifts(robot, [lift])[0]
 
 
@@ -78,7 +78,7 @@ def centre_shifts(robot: RobotModel, lifts: Sequence[LiftSamples]) -> list[Centr
     """Solve the tilt equation of each lift for a shift of the CoM along the support plane's normal.
 
     Args:
-        robot: model whose base gives the CoM that is thought to be.
+        robot: model with the assumed CoM.
         lifts: passive lifts.
     """
     if not lifts:

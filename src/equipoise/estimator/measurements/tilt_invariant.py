@@ -1,25 +1,26 @@
-"""The tilt equation: angular momentum about the support line of a robot on two feet, free of torques and forces.
+"""Tilt equation: angular momentum about the support line of a robot on two feet, without torques and contact forces.
 
-In base axes, with l the support line's direction, o a point on it, P and L_o the robot's linear momentum and angular
-momentum about o as seen from the base's origin (which is taken to stand still), r a body's CoM, and f the specific force that
-the accelerometer feels there, gravity and the origin's own acceleration in one:
+All vectors are in base axes. l is the support line's direction and o a point on it. P and L_o are the robot's linear momentum
+and angular momentum about o, relative to the base's origin. r is a body's CoM. f is the specific force at the base's origin,
+from the accelerometer: gravity and the origin's acceleration together.
 
     d/dt (l . L_o) = - l . sum (r - o) x m f  -  l . (do/dt x P)  +  dl/dt . L_o
 
-Contact forces have no moment about l. Integrated, what is constant over a trial is
+Contact forces have no moment about l. Integration gives a constant of a trial,
 
     y(t) = l . L_o(t) - integral of the right side,
 
 linear in the inertial parameters of base and links. All derivatives of o and l are inertial ones written in base axes.
 
-The equation holds as well with the origin's velocity in the momenta and gravity in place of f. That velocity would come from
-the encoders of the standing legs; what these do not see, springs, play, soft feet, is then taken for the robot's inertia.
+The equation is also valid with the origin's velocity in the momenta and gravity in place of f. That velocity would come from
+the encoders of the standing legs. Compliance, backlash and soft feet, which encoders do not measure, would then bias the
+inertia.
 
-The rotors of geared motors turn with a momentum of their own, about the joints' axes: it is added to L_o.
+The angular momentum of geared motors' rotors about the joints' axes is added to L_o.
 
-What has a moment about l is added to the right side: feet resist rolling, by a length times the weight that they carry,
-and a cable pulls at the base or hangs from it. The cable's force and the floor's slope stay in the room when the robot is
-turned in it; what hangs from it turns along.
+Other moments about l are added to the right side: the rolling resistance of the feet, a length times their load, and the
+forces of a cable that pulls at the base or hangs from it. The cable's force and the floor's slope stay fixed in the world when
+the robot is rotated; a hanging load rotates with it.
 """
 
 from __future__ import annotations
@@ -43,16 +44,16 @@ from equipoise.estimator.unknowns import TracedValues, Values, inputs_of
 from equipoise.robot.model import RobotModel
 
 Derivatives = Mapping[str, FloatArray]
-"""(rows, size) derivatives by each unknown, by its name, and by "inertial"."""
+"""Derivatives (rows, size) by each parameter, by its name, and by "inertial"."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensedLift:
-    """The time on two feet of one trial, less the errors of its sensors.
+    """Corrected sensor readings of one trial on two feet.
 
     Attributes:
         joint_position, joint_velocity: (n, nj) joint positions of the links [rad] and velocities [rad/s].
-        up_in_base: (n, 3) direction against gravity.
+        up_in_base: (n, 3) upward direction.
         angular_velocity_base_in_base: (n, 3) angular velocity of the base [rad/s].
         line_in_base: (n, 3) direction of the support line, from the right foot to the left.
     """
@@ -65,12 +66,10 @@ class SensedLift:
 
 
 class TiltInvariant:
-    """y(t) of a set of trials, at any values of what it depends on.
-
-    The inertial parameters are those of `momenta`.
+    """Function y(t) of a set of trials. The inertial parameters are those of `momenta`.
 
     Attributes:
-        DEPENDS_ON: names of the unknowns beside the inertial parameters.
+        DEPENDS_ON: names of the parameters, without the inertial ones.
         trials: slices of the rows, by trial.
     """
 
@@ -108,19 +107,19 @@ class TiltInvariant:
         self._one_by_one = self._samples.one_by_one(self._middles)
 
     def evaluate(self, values: Values, inertial: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """y(t), and what it is multiplied by.
+        """Compute y(t) and the levers of the sensors in it.
 
         Returns:
             (n,) y(t), with an arbitrary constant per trial [kg m2/s];
             (2 + 3 + nj, trials) levers of each trial: l . I_o l at its first sample [kg m2]; M times the height of the CoM
-            above the line, which an error of the specific force is multiplied by [kg m]; and how l . L_o changes at its middle
-            with what each axis of the gyroscope, and each joint's velocity, reads [kg m2].
+            above the line, the factor on an error of the specific force [kg m]; and the derivative of l . L_o at its middle
+            by each axis of the gyroscope and each joint's velocity [kg m2].
         """
         momentum, rate = self._samples.momentum_and_rate(self._inputs(values, inertial, self._samples))
         return self._integrated(momentum.value, rate.value), self.levers(values, inertial)
 
     def evaluate_each(self, values: Sequence[Values], inertial: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """(n,) y(t), and (trials,) inertia l . I_o l at each first sample [kg m2]; each trial at values of its own."""
+        """Return (n,) y(t) and (trials,) inertia l . I_o l at each first sample [kg m2], with separate values per trial."""
         own = {name: np.stack([of[name] for of in values], axis=1) for name in self.DEPENDS_ON}
         own["inertial"] = np.stack(inertial, axis=1)
         counts = [trial.stop - trial.start for trial in self.trials]
@@ -130,13 +129,13 @@ class TiltInvariant:
         return self._integrated(momentum.value, rate.value), inertia.value
 
     def sensed(self, values: Values) -> list[SensedLift]:
-        """Each trial as its sensors have it, less their errors."""
+        """Return the corrected sensor readings of each trial."""
         inputs = self._inputs(values, np.zeros(BASE + 4 * self.legs.links), self._samples)
-        parts = self._samples.less_errors(inputs)
+        parts = self._samples.corrected(inputs)
         return [SensedLift(*(part.value[:, trial].T for part in parts)) for trial in self.trials]
 
     def levers(self, values: Values, inertial: FloatArray) -> FloatArray:
-        """The second part of `evaluate`."""
+        """Return the levers of `evaluate`."""
         about = self._first.inertia_and_moment(self._inputs(values, inertial, self._first))
         read = self._one_by_one.momentum(self._inputs(values, inertial, self._one_by_one))
         return self._stacked(*(part.value for part in (*about, read)))
@@ -146,9 +145,9 @@ class TiltInvariant:
         return self._samples.at(np.array(self._middles, dtype=np.intp))
 
     def lean(self, values: Values, names: Sequence[str] = ()) -> tuple[FloatArray, Derivatives]:
-        """(trials,) sine of the angle at which each line rises to its left foot, over the floor, at the middle; derivatives.
+        """Return the (trials,) sine of each line's inclination to the floor, up to its left foot, and its derivatives.
 
-        Zero where feet, IMU and floor are as the values say.
+        The line is that at the middle of the trial. With exact values for feet, IMU and floor, the inclination is zero.
         """
         inputs = inputs_of(values, self.DEPENDS_ON, self._middle.count, names)
         lean = self._middle.lean(inputs)
@@ -157,7 +156,7 @@ class TiltInvariant:
     def linearise(
         self, values: Values, inertial: FloatArray, names: Sequence[str] = DEPENDS_ON
     ) -> tuple[FloatArray, FloatArray, Derivatives, Derivatives]:
-        """`evaluate`, and the derivatives of both by the inertial parameters and by the unknowns named."""
+        """Return the results of `evaluate` and their derivatives by the inertial and the named parameters."""
         names = ("inertial", *names)
         samples, first, one_by_one = (
             self._inputs(values, inertial, part, names) for part in (self._samples, self._first, self._one_by_one)
@@ -174,7 +173,7 @@ class TiltInvariant:
         )
 
     def rows(self, values: Values) -> tuple[FloatArray, FloatArray]:
-        """What y and the inertia about the line are linear in the inertial parameters by.
+        """Return the derivatives of y and of the inertia about the line by the inertial parameters, in which both are linear.
 
         Returns:
             (n, 10 + 4 links) and (trials, 10 + 4 links) columns.
@@ -183,7 +182,7 @@ class TiltInvariant:
         return by_y["inertial"], by_levers["inertial"][0]
 
     def _stacked(self, inertia: FloatArray, moment: FloatArray, read: FloatArray) -> FloatArray:
-        """(2 + 3 + nj, trials, ...) of those at the first samples, and those reading by reading."""
+        """Stack levers of the first samples and of each reading to (2 + 3 + nj, trials, ...)."""
         return np.concatenate([inertia[None], moment[None], read.reshape(-1, *inertia.shape)])
 
     def _inputs(
@@ -192,22 +191,22 @@ class TiltInvariant:
         return inputs_of({**values, "inertial": inertial}, ("inertial", *self.DEPENDS_ON), samples.count, by)
 
     def _integrated(self, momentum: FloatArray, rate: FloatArray) -> FloatArray:
-        """y(t) of l . L_o and of the right side, or derivatives of y of those of both."""
+        """Return y(t) from l . L_o and the right side, or its derivatives from theirs."""
         y = momentum.copy()
         for trial, integral in zip(self.trials, self._integrals, strict=True):
             y[trial] -= integral @ rate[trial]
         return y
 
 
-@lru_cache(maxsize=256)  # lifts that are planned have all the same
+@lru_cache(maxsize=256)  # all planned lifts have the same one
 def integral(count: int, step: float) -> FloatArray:
-    """(count, count) matrix that integrates samples a step [s] apart, from the first one to each."""
+    """Return the (count, count) matrix that integrates samples a step [s] apart, from the first one to each."""
     matrix = np.asarray(cumulative_simpson(np.eye(count), dx=step, axis=0, initial=0))
     matrix.setflags(write=False)
     return matrix
 
 
 def _gradients(of: Traced, by: TracedValues, names: Sequence[str]) -> Derivatives:
-    """(n, size) derivatives of (n,) values by each input."""
+    """Return (n, size) derivatives of (n,) values by each input."""
     gradients = of.gradients(np.ones(of.value.shape), [by[name] for name in names])
     return {name: gradient.T for name, gradient in zip(names, gradients, strict=True)}

@@ -1,4 +1,4 @@
-"""The terms of the tilt equation at each sample: the support line, the momenta about it, and what has a moment about it."""
+"""Terms of the tilt equation at each sample: the support line, and the momenta and moments about it."""
 
 from __future__ import annotations
 
@@ -23,18 +23,19 @@ from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 
 _UP = np.array([[0.0], [0.0], [1.0]])
-_ROLLING = 0.03  # [rad/s] at which feet roll, and do not creep
-# Of the sag: a soft foot comes nearer to what it stands on, a soft floor goes down with it, and nobody knows which gives.
-_GIVEN_BY_FEET = 0.5
+_ROLLING = 0.03  # [rad/s] at which feet roll instead of creeping
+# Share of the feet in the foot compliance: a soft foot lowers its centre relative to the contact point, a soft floor does not,
+# and the measurements do not separate them.
+_COMPLIANCE_OF_FEET = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class _Sensed:
-    """What an IMU says of n samples.
+    """Corrected IMU readings of n samples.
 
     Attributes:
         rotation: (3, 3, n) rotation of the IMU to the base.
-        up: (3, n) direction against gravity, in base axes: good enough for where feet touch the floor.
+        up: (3, n) upward direction, in base axes: accurate enough for contact points.
         turning: (3, n) angular velocity, in base axes [rad/s].
     """
 
@@ -45,13 +46,13 @@ class _Sensed:
 
 @dataclass(frozen=True, eq=False)
 class TiltSamples:
-    """n samples of some lifts, components first, and the terms of the equation at each; readings are as in `LiftSamples`.
+    """Readings of n samples of several lifts, components first, as in `LiftSamples`, and the terms of the equation.
 
     Attributes:
-        imu_in_base: (3,) place of the IMU, by the model [m].
+        imu_in_base: (3,) position of the IMU, according to the model [m].
         feet: (n,) indices of the left stance foot, and of the right one.
-        when: (n,) time since the middle of the run over the run's duration.
-        heading: (n,) angle by which the robot was turned since the run began [rad].
+        when: (n,) time since the middle of the run, divided by the run's duration.
+        heading: (n,) rotation of the robot to its left since the start of the run [rad].
     """
 
     legs: LegChains
@@ -94,7 +95,7 @@ class TiltSamples:
         return len(self.feet[0])
 
     def at(self, places: NDArray[np.intp]) -> TiltSamples:
-        """Some of the samples."""
+        """Select samples by index."""
         return replace(
             self,
             joints=self.joints.at(places),
@@ -109,9 +110,9 @@ class TiltSamples:
         )
 
     def one_by_one(self, places: Sequence[int]) -> TiltSamples:
-        """Some of the samples at rest, but for one reading that is 1 rad/s.
+        """Return copies of selected samples at rest, each with a single reading of 1 rad/s.
 
-        All of them with that of the gyroscope's first axis, then the others, then those with each joint's velocity in turn.
+        The order is: all samples with the gyroscope's first axis, its other axes, then each joint's velocity.
         """
         joints = len(self.joints.position)
         again = self.at(np.tile(np.array(places, dtype=np.intp), 3 + joints))
@@ -124,32 +125,32 @@ class TiltSamples:
             angular_acceleration_in_imu=np.zeros((3, again.count)),
         )
 
-    def less_errors(self, values: TracedValues) -> tuple[Traced, ...]:
-        """Components of `SensedLift`, first axes first, in its order."""
+    def corrected(self, values: TracedValues) -> tuple[Traced, ...]:
+        """Return the fields of `SensedLift` in its order, components first."""
         imu, (position, velocity) = self._sensed(values), self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
         line = ContactLine.of(posture, self.feet, self._contacts(values, posture, self._floor_normal(values, imu.up)))
         return position, velocity, imu.up, imu.turning, line.left
 
     def lean(self, values: TracedValues) -> Traced:
-        """(n,) sine of the angle at which the line rises to its left foot, over the floor.
+        """Return the (n,) sine of the line's inclination to the floor, up to its left foot.
 
-        Up is here what the accelerometer feels in the mean, with its errors.
+        The upward direction is the accelerometer's mean, corrected for its errors.
         """
         rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
-        felt = turned(rotation, specific_force(values, GRAVITY * self.up_in_imu, self.when))
-        normal = self._floor_normal(values, felt / length(felt))
+        gravity = turned(rotation, specific_force(values, GRAVITY * self.up_in_imu, self.when))
+        normal = self._floor_normal(values, gravity / length(gravity))
         position, _ = self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
         return dot(ContactLine.of(posture, self.feet, self._contacts(values, posture, normal)).left, normal)
 
     def momentum(self, values: TracedValues) -> Traced:
-        """(n,) l . L_o [kg m2/s]."""
+        """Return (n,) l . L_o [kg m2/s]."""
         line, _, _, angular = self._line_and_momenta(values, self._sensed(values))
         return dot(line.left, angular)
 
     def momentum_and_rate(self, values: TracedValues) -> tuple[Traced, Traced]:
-        """(n,) l . L_o [kg m2/s], and its rate of change: the right side of the tilt equation [Nm]."""
+        """Return (n,) l . L_o [kg m2/s] and its rate of change, the right side of the tilt equation [Nm]."""
         imu = self._sensed(values)
         line, rolling, robot, angular = self._line_and_momenta(values, imu)
         rate = (
@@ -162,9 +163,9 @@ class TiltSamples:
         return dot(line.left, angular), rate
 
     def inertia_and_moment(self, values: TracedValues) -> tuple[Traced, Traced]:
-        """(n,) l . I_o l, and M times the height of the CoM above the line.
+        """Return (n,) l . I_o l, and M times the height of the CoM above the line.
 
-        The first is the momentum l . L_o of a robot that turns about its line at 1 rad/s with its joints locked.
+        The first is the momentum l . L_o of a robot that rotates about its line at 1 rad/s with locked joints.
         """
         position, _ = self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
@@ -177,7 +178,7 @@ class TiltSamples:
         return dot(line.left, robot.angular), dot(up, robot.first)
 
     def _line_and_momenta(self, values: TracedValues, imu: _Sensed) -> tuple[ContactLine, RollingLine, Momenta, Traced]:
-        """The line, how it moves, the bodies' momenta about it as seen from the base's origin, and L_o with the rotors'."""
+        """Return the line, its motion, the bodies' momenta about it relative to the base's origin, and L_o with rotors."""
         position, velocity = self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
         motion = self.legs.traced_motion(posture, velocity, imu.turning)
@@ -189,12 +190,12 @@ class TiltSamples:
         return line, RollingLine.of(line, motion, self.feet, contacts), robot, angular
 
     def _resistance_arm(self, values: TracedValues, rolling: RollingLine) -> Traced:
-        """(n,) length behind its weight at which the floor carries the robot: half of it on each rolling foot [m]."""
+        """Return the (n,) lever arm of the robot's weight in the rolling resistance, half of it on each foot [m]."""
         left, right = (tanh(turning * (1 / _ROLLING)) for turning in (rolling.left_turning, rolling.right_turning))
         return 0.5 * values["rolling_resistance"][0] * (left + right)
 
     def _sensed(self, values: TracedValues) -> _Sensed:
-        """What the IMU says, in base axes."""
+        """Return the corrected IMU readings."""
         rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
         rate = self._turning(values, self.angular_velocity_in_imu, self.angular_acceleration_in_imu)
         rate = rate - values["gyro_drift"] * self.when
@@ -202,11 +203,11 @@ class TiltSamples:
 
     @staticmethod
     def _turning(values: TracedValues, read: FloatArray, read_rate: FloatArray) -> Traced:
-        """(3, n) angular velocity, or its rate of change, when the accelerometer's sample was taken, to first order."""
+        """Return the (3, n) angular velocity, or its rate, at the time of the accelerometer's sample, to first order."""
         return angular_velocity(values, read) + values["gyro_lag"] * angular_velocity(values, read_rate)
 
     def _specific_force(self, values: TracedValues, imu: _Sensed) -> Traced:
-        """(3, n) specific force at the base's origin, in base axes [m/s2]."""
+        """Return the (3, n) specific force at the base's origin, in base axes [m/s2]."""
         force = turned(imu.rotation, specific_force(values, self.acceleration_in_imu, self.when))
         rate = self._turning(values, self.angular_acceleration_in_imu, self.angular_jerk_in_imu)
         turning_rate = turned(imu.rotation, rate)
@@ -214,14 +215,14 @@ class TiltSamples:
         return force - cross(turning_rate, arm) - cross(imu.turning, cross(imu.turning, arm))
 
     def _floor_normal(self, values: TracedValues, up: Traced) -> Traced:
-        """(3, n) in base axes."""
+        """Return the (3, n) normal of the floor, in base axes."""
         normal = up + contract("ij,j...->i...", np.eye(3)[:, :2], facing(values["floor_slope"], self.heading))
         return normal / length(normal)
 
     def _contacts(self, values: TracedValues, posture: TracedPosture, normal: Traced) -> list[FootContact]:
-        """Contacts of the stance feet with a floor of (3, n) normals, in base axes."""
+        """Return the contacts of the stance feet with a floor of (3, n) normals, in base axes."""
         radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"] + values["foot_radius_each"])
-        radius = radius - _GIVEN_BY_FEET * 0.5 * GRAVITY * self.legs.robot_mass * values["foot_compliance"]
+        radius = radius - _COMPLIANCE_OF_FEET * 0.5 * GRAVITY * self.legs.robot_mass * values["foot_compliance"]
         directions, sample = foot_directions(self.legs, posture), np.arange(self.count)
         return [
             FootContact(radius[foot, sample], normal, values["foot_width"], directions[:, :, foot, sample])
@@ -229,24 +230,24 @@ class TiltSamples:
         ]
 
     def _moment(self, values: TracedValues, line: ContactLine, up: Traced) -> Traced:
-        """(3, n) moment about the line's point of what pulls at the base's origin and hangs from the base [Nm]."""
+        """Return the (3, n) moment of external force, tether and hanging load about the line's point [Nm]."""
         hanging = contract("ij,j...->i...", np.eye(3)[:, :2], values["hanging_load"])
         end, at_rest = self.legs.end_of_trunk, self.legs.end_of_trunk - self.legs.middle_of_feet
         middle = line.point + 0.5 * line.length * line.left
         at_rest = at_rest + cross(cross(_UP, up), at_rest)
-        held = cross(end - line.point, values["tether_stiffness"] * (at_rest + middle - end))
-        return hanging + held - cross(line.point, self._pull(values, up))
+        tether = cross(end - line.point, values["tether_stiffness"] * (at_rest + middle - end))
+        return hanging + tether - cross(line.point, self._external_force(values, up))
 
-    def _pull(self, values: TracedValues, up: Traced) -> Traced:
-        """(3, n) constant horizontal force on the base's origin, in base axes [N]."""
+    def _external_force(self, values: TracedValues, up: Traced) -> Traced:
+        """Return the (3, n) constant horizontal force on the base's origin, in base axes [N]."""
         forward = cross(np.array([[0.0], [1.0], [0.0]]), up)
         forward = forward / length(forward)
-        pull = facing(values["external_force"], self.heading)
-        return pull[0] * forward + pull[1] * cross(up, forward)
+        force = facing(values["external_force"], self.heading)
+        return force[0] * forward + force[1] * cross(up, forward)
 
 
 def _joint_readings(robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> JointReadings:
-    """Of all samples of some lifts, with the torques that they carry."""
+    """Return the joint readings of all lifts, with torques from statics."""
     torque = carried_torque(robot, legs, lifts)
     position, velocity, acceleration = (
         np.concatenate([getattr(lift, f"joint_{name}") for lift in lifts])
@@ -257,15 +258,15 @@ def _joint_readings(robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamp
 
 
 def _rates(readings: Sequence[FloatArray], lifts: Sequence[LiftSamples]) -> FloatArray:
-    """(n, k) rates of change of the readings of some lifts."""
+    """Return (n, k) rates of change of the readings of several lifts."""
     return np.concatenate([np.gradient(part, lift.step, axis=0) for part, lift in zip(readings, lifts, strict=True)])
 
 
 def carried_torque(robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> FloatArray:
-    """(n, nj) joint torques by which the standing legs carry the robot's weight [Nm]; zero in the lifted ones.
+    """Return the (n, nj) joint torques of standing legs that carry the robot's weight [Nm]; zero in lifted legs.
 
-    The floor pushes with the robot's mass times the specific force, near enough for how far joints give: by the model's mass
-    and CoM, and without what the two feet push against each other, which hardly changes in a lift.
+    The contact force is the model's mass times the specific force, and its distribution follows from the model's CoM. This is
+    accurate enough for joint deflections. Internal forces between the two feet hardly change in a lift and are neglected.
     """
     counts, kinematics = [len(lift.joint_position) for lift in lifts], Kinematics(robot)
     position = np.concatenate([lift.joint_position for lift in lifts])
@@ -289,7 +290,7 @@ def carried_torque(robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSampl
 
 
 def _stance_feet(lifts: Sequence[LiftSamples]) -> Feet:
-    """(n,) indices of the left stance foot of each sample of some lifts, and of the right one."""
+    """Return (n,) indices of the left stance foot of each sample of several lifts, and of the right one."""
     return tuple(
         np.repeat([lift.stance_feet for lift in lifts], [len(lift.joint_position) for lift in lifts], axis=0).T
     )

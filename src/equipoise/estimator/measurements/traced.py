@@ -1,8 +1,8 @@
-"""Arrays that remember how they were computed, so that an equation is written once and gives its derivatives too.
+"""Arrays with reverse-mode automatic differentiation.
 
-Reverse-mode differentiation (Griewank and Walther, Evaluating Derivatives, 2nd ed., chapter 3): walking back from a result
-costs about two evaluations, whatever the number of inputs. Equations here hold sample by sample: with an input's value laid
-out once per sample, the gradient of the sum over samples is the derivative of every sample by its own value.
+The backward pass costs about two evaluations, for any number of inputs (Griewank and Walther, Evaluating Derivatives, 2nd
+ed., chapter 3). Equations here apply to each sample separately. If an input's value is repeated for each sample, the gradient
+of the sum over samples is therefore the derivative of every sample by its own value.
 
 Components come first and samples last, (3, ..., n), so that numpy works on long contiguous rows.
 """
@@ -21,12 +21,12 @@ from equipoise.conventions import FloatArray
 _numbers = itertools.count()
 _NONE = np.empty(0)
 
-Pull = Callable[[FloatArray], FloatArray]
-"""From the gradient by a result to that by one of what it was computed from."""
+Pullback = Callable[[FloatArray], FloatArray]
+"""Function from the gradient by a result to that by one of its operands."""
 
 
 class Traced:
-    """An array in an equation. What no input enters forgets at once how it was computed.
+    """Array in an equation. Arrays that do not depend on an input keep no record of their operands.
 
     Attributes:
         value: array itself.
@@ -34,25 +34,25 @@ class Traced:
 
     __array_ufunc__ = None  # numpy leaves operators to this class
 
-    def __init__(self, value: FloatArray, *origins: tuple[Traced | FloatArray, Pull]) -> None:
+    def __init__(self, value: FloatArray, *origins: tuple[Traced | FloatArray, Pullback]) -> None:
         self.value = value
-        self._number = next(_numbers)  # an array's number is above those of all that it was computed from
+        self._number = next(_numbers)  # above the numbers of all operands
         self._origins = [(of, pull) for of, pull in origins if isinstance(of, Traced) and of._varies]
         self._varies = bool(self._origins)
 
     @classmethod
     def input(cls, value: FloatArray) -> Traced:
-        """An array that derivatives are taken by."""
-        made = cls(value)
-        made._varies = True
-        return made
+        """Create an independent variable."""
+        variable = cls(value)
+        variable._varies = True
+        return variable
 
     def gradients(self, seed: FloatArray, inputs: Sequence[Traced]) -> list[FloatArray]:
-        """Gradients of the sum of seed * value by inputs, each of its input's shape."""
+        """Return the gradients of the sum of seed * value by the inputs, each of its input's shape."""
         pulls: dict[int, tuple[Traced, FloatArray]] = {self._number: (self, seed)}
         waiting = [-self._number]
         while waiting:
-            result, by_result = pulls[-heapq.heappop(waiting)]  # all that was computed from it has been walked through
+            result, by_result = pulls[-heapq.heappop(waiting)]  # all its uses have been processed
             for origin, pull in result._origins:
                 share = pull(by_result)
                 if origin._number in pulls:
@@ -89,7 +89,7 @@ class Traced:
         return Traced(result, (self, lambda g: _like(g / b, a)), (other, lambda g: _like(-g * result / b, b)))
 
     def __getitem__(self, index: Any) -> Traced:
-        """A part, in which no element may be twice."""
+        """Return a part; no element may occur twice."""
 
         def pull(by_part: FloatArray) -> FloatArray:
             whole = np.zeros(self.value.shape)
@@ -100,7 +100,7 @@ class Traced:
 
 
 def contract(subscripts: str, a: Traced | FloatArray, b: Traced | FloatArray) -> Traced:
-    """`numpy.einsum` of two arrays, as "ij...,j...->i..."; what stands for the dots has equally many axes in both."""
+    """Return `numpy.einsum` of two arrays, as "ij...,j...->i..."; the ellipsis has equally many axes in both."""
     of_a, of_b, of_result = subscripts.replace("->", ",").split(",")
     x, y = _value(a), _value(b)
 
@@ -114,47 +114,47 @@ def contract(subscripts: str, a: Traced | FloatArray, b: Traced | FloatArray) ->
 
 
 def dot(a: Traced | FloatArray, b: Traced | FloatArray) -> Traced:
-    """Scalar product along the first axis."""
+    """Return the scalar product along the first axis."""
     return contract("i...,i...->...", a, b)
 
 
 def turned(matrix: Traced | FloatArray, vector: Traced | FloatArray) -> Traced:
-    """Matrices times vectors, along the first axes."""
+    """Return products of matrices and vectors, along the first axes."""
     return contract("ij...,j...->i...", matrix, vector)
 
 
 def cross(a: Traced | FloatArray, b: Traced | FloatArray) -> Traced:
-    """Cross product along the first axis."""
+    """Return the cross product along the first axis."""
     x, y = _value(a), _value(b)
     return Traced(_cross(x, y), (a, lambda g: _like(_cross(y, g), x)), (b, lambda g: _like(_cross(g, x), y)))
 
 
 def sin(angle: Traced) -> Traced:
-    """Sine."""
+    """Return the sine."""
     return Traced(np.sin(angle.value), (angle, lambda g: g * np.cos(angle.value)))
 
 
 def cos(angle: Traced) -> Traced:
-    """Cosine."""
+    """Return the cosine."""
     return Traced(np.cos(angle.value), (angle, lambda g: -g * np.sin(angle.value)))
 
 
 def tanh(of: Traced) -> Traced:
-    """Hyperbolic tangent."""
-    found = np.tanh(of.value)
-    return Traced(found, (of, lambda g: g * (1 - found**2)))
+    """Return the hyperbolic tangent."""
+    result = np.tanh(of.value)
+    return Traced(result, (of, lambda g: g * (1 - result**2)))
 
 
 def length(vector: Traced) -> Traced:
-    """Length along the first axis."""
-    found = np.sqrt(np.einsum("i...,i...->...", vector.value, vector.value))
-    return Traced(found, (vector, lambda g: g / found * vector.value))
+    """Return the length along the first axis."""
+    result = np.sqrt(np.einsum("i...,i...->...", vector.value, vector.value))
+    return Traced(result, (vector, lambda g: g / result * vector.value))
 
 
 def stacked(parts: Sequence[Traced], axis: int) -> Traced:
-    """Arrays of one shape as one, along a new axis."""
+    """Stack arrays of one shape along a new axis."""
 
-    def pull_of(number: int) -> Pull:
+    def pull_of(number: int) -> Pullback:
         return lambda g: np.take(g, number, axis)
 
     whole = np.stack([part.value for part in parts], axis)
@@ -170,7 +170,7 @@ def _origin(of: Traced | FloatArray | float) -> Traced | FloatArray:
 
 
 def _like(gradient: FloatArray, value: FloatArray) -> FloatArray:
-    """A gradient summed over all that a value was broadcast to."""
+    """Sum a gradient over the axes along which a value was broadcast."""
     if gradient.shape == value.shape:
         return gradient
     gradient = gradient.sum(axis=tuple(range(gradient.ndim - value.ndim)))

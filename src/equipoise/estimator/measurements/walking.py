@@ -1,8 +1,8 @@
-"""Walking as the Bayesian estimators read it: every step's time on two feet, as that of a lift.
+"""Samples on two feet of every step of a walk, in the form of lift samples.
 
-The tilt equation needs no rest and no attitude: contact forces have no moment about the line of two standing feet, whatever
-the robot does, and the accelerometer feels gravity and motion in one. Up is needed only to say where on its sphere a foot
-touches the floor, and which feet are off it: the mean of the specific force over more than a step, carried by the gyroscope.
+The tilt equation needs neither rest nor attitude: contact forces never have a moment about the line of two standing feet, and
+the accelerometer measures gravity and motion together. The upward direction only determines the contact points and the feet
+in the air. It is the mean of the specific force over more than a step, propagated by the gyroscope.
 """
 
 from __future__ import annotations
@@ -25,76 +25,76 @@ from equipoise.robot.stance import Stance
 
 # On an A1; times are multiplied by that of the stance's scale.
 CONTEXT = 1.0
-"""[s] around a walk, that its readings of up are means over."""
+"""Time around a walk over which the upward direction is averaged [s]."""
 _SHORTEST = 0.02  # [s] between the means at both ends
 _FEWEST = 8  # samples
-# Perfect sensors of a robot whose feet land fit no better than ordinary ones, in two engines: [rad], [rad/s], [rad/s], [m/s2].
+# With foot impacts, perfect sensors fit no better than these, in two engines: [rad], [rad/s], [rad/s], [m/s2].
 _ORDINARY = SensorNoise(1e-4, 0.02, 2e-3, 0.04)
 _LONGEST_PIECE = 20.0  # [s]
 _USUAL_BIAS = 0.01  # [rad/s] of a gyroscope
-_SPEEDING_UP = 0.03  # of gravity, over a second
+_MEAN_ACCELERATION = 0.03  # of gravity, over a second
 
 
 def up_between_steps(
     time: FloatArray, angular_velocity: FloatArray, acceleration: FloatArray, reach: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Direction against gravity of something that walks: what it is accelerated by is nothing, over some steps.
+    """Estimate the upward direction of a walking robot, whose mean acceleration over some steps is zero.
 
     Args:
         time: (n,) times, about evenly spaced [s].
-        angular_velocity: (n, 3) by the gyroscope, less its bias [rad/s].
+        angular_velocity: (n, 3) gyroscope readings minus their bias [rad/s].
         acceleration: (n, 3) specific force, in the same axes [m/s2].
         reach: standard deviation of the mean's weights over time [s].
 
     Returns:
-        (n, 3) directions against gravity, and (n,) how far it has turned about them since the first one, to its left [rad].
+        (n, 3) upward directions, and (n,) rotations to the left about them since the first sample [rad].
     """
     path = attitudes(time, angular_velocity).as_matrix()
-    felt = np.einsum("nij,nj->ni", path, acceleration)
-    felt = gaussian_filter1d(felt, reach / float(np.median(np.diff(time))), axis=0, mode="nearest")
-    up: FloatArray = np.einsum("nji,nj->ni", path, felt / np.linalg.norm(felt, axis=1, keepdims=True))
+    force = np.einsum("nij,nj->ni", path, acceleration)
+    force = gaussian_filter1d(force, reach / float(np.median(np.diff(time))), axis=0, mode="nearest")
+    up: FloatArray = np.einsum("nji,nj->ni", path, force / np.linalg.norm(force, axis=1, keepdims=True))
     turning = np.einsum("ni,ni->n", angular_velocity, up)
     return up, np.asarray(cumulative_trapezoid(turning, time, initial=0), dtype=float)
 
 
 def gyro_bias_of_walks(walks: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> FloatArray:
-    """(3,) bias with which what the gyroscope carries stays with gravity, over walks in which nothing stands still [rad/s].
+    """Estimate the (3,) gyroscope bias from the direction of gravity, over walks without a rest [rad/s].
 
-    To first order in the bias: it turns what is carried from the middle of a walk away from the mean. What it is about the
-    vertical no walk tells, and it is drawn to zero.
+    The estimate is of first order in the bias, which rotates the integrated direction of gravity away from its mean. The
+    component about the vertical is not observable, and its prior keeps it near zero.
 
     Args:
-        walks: times, angular velocities and specific forces of each, as of `up_between_steps`, the first without its bias.
+        walks: times, uncorrected angular velocities and specific forces of each, see `up_between_steps`.
     """
     information, moment = np.eye(3) / _USUAL_BIAS**2, np.zeros(3)
     for time, angular_velocity, acceleration in _pieces(walks):
         path = attitudes(time, angular_velocity).as_matrix()
-        felt: FloatArray = np.einsum("nij,nj->ni", path, acceleration)
-        felt = felt / np.linalg.norm(felt.mean(axis=0))
+        force: FloatArray = np.einsum("nij,nj->ni", path, acceleration)
+        force = force / np.linalg.norm(force.mean(axis=0))
         turned = cumulative_trapezoid(path, time, axis=0, initial=0)
-        # R f is R_true f_true turned by the integral of R b: u = u0 + (integral of R b) x u0.
-        columns = -cross_matrix(felt.mean(axis=0)) @ turned
+        # R f is R_true f_true rotated by the integral of R b: u = u0 + (integral of R b) x u0.
+        columns = -cross_matrix(force.mean(axis=0)) @ turned
         columns = columns - columns.mean(axis=0)
-        off = felt - felt.mean(axis=0)
-        weight = 1 / _SPEEDING_UP**2 * float(np.median(np.diff(time))) / CONTEXT
+        off = force - force.mean(axis=0)
+        weight = 1 / _MEAN_ACCELERATION**2 * float(np.median(np.diff(time))) / CONTEXT
         information += weight * np.einsum("nij,nik->jk", columns, columns)
         moment += weight * np.einsum("nij,ni->j", columns, off)
     return np.asarray(np.linalg.solve(information, moment), dtype=float)
 
 
 def _pieces(walks: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Iterator[tuple[FloatArray, ...]]:
-    """Short enough for the first order in the bias."""
+    """Split walks into pieces short enough for the first order in the bias."""
     for walk in walks:
         count = max(1, round(float(walk[0][-1] - walk[0][0]) / _LONGEST_PIECE)) if len(walk[0]) else 0
         yield from zip(*(np.array_split(column, count) for column in walk), strict=True) if count else ()
 
 
 def read_walk(recording: Recording, trial: WalkTrial, stance: Stance, gyro_bias: FloatArray) -> list[StepSamples]:
-    """Every step's time on two feet that can be read.
+    """Return the samples on two feet of every readable step.
 
     Args:
         recording: recording of the walk and of some time around it.
-        trial: trial that the recording is of.
+        trial: trial of the recording.
         stance: nominal stance of the robot.
         gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
 
@@ -118,7 +118,7 @@ def read_walk(recording: Recording, trial: WalkTrial, stance: Stance, gyro_bias:
         except RecordingError as error:
             reasons.append(str(error))
     if not steps:
-        raise RecordingError(reasons[0] if reasons else "no step in it")
+        raise RecordingError(reasons[0] if reasons else "the walk has no steps")
     begin = float(np.interp(trial.steps[0].start, imu.time, turned))
     turns = [float(np.interp(step.start, imu.time, turned)) - begin for step in steps]
     return [replace(step, heading=trial.heading + turn) for step, turn in zip(steps, turns, strict=True)]
