@@ -7,7 +7,7 @@ from equipoise import Calibration, calibrate, nominal_stance, simulate
 from equipoise.estimator.motors.equations import motor_samples
 from equipoise.estimator.motors.fit import fit_motors, fit_swings
 from equipoise.estimator.motors.legs import legs_in_swing
-from equipoise.estimator.motors.stribeck import is_wanted
+from equipoise.estimator.motors.stribeck import is_significant
 from equipoise.exports.parameters import MOTORS, columns_of
 from equipoise.figures.parts import parts_of
 from equipoise.motors.method import Motors
@@ -28,7 +28,7 @@ def test_friction_at_rest_is_told_and_leaves_the_others_right(a1, swung, monkeyp
     assert np.mean([one.stribeck_friction.missed for one in joints]) < 0.15
     shares = [one.stribeck_friction.value / one.stribeck_friction.truth for one in joints]
     assert np.mean(shares) == pytest.approx(1.0, abs=0.6)  # 0.9 to 1.8 in other seeds, all intervals hold
-    monkeypatch.setattr("equipoise.estimator.motors.fit.is_wanted", lambda *_: False)
+    monkeypatch.setattr("equipoise.estimator.motors.fit.is_significant", lambda *_: False)
     fit_swings.cache_clear()
     without = Motors().estimate(a1, [recording], nominal_stance(a1)).joints
     assert without["FL_hip_joint"].stribeck_friction.value is None
@@ -60,7 +60,7 @@ def test_one_joint_out_of_many_is_seen_and_chance_is_not():
     def found(stds):
         left = noise.copy()
         left[:, 4] += stds / 20.0 * terms[2, :, 4]  # 400 averages: the deviation of an amount is a twentieth
-        return is_wanted(terms, design, left, covariance, 10.0)
+        return is_significant(terms, design, left, covariance, 10.0)
 
     assert not found(0.0)
     assert not found(3.5)
@@ -74,7 +74,7 @@ def test_what_an_unknown_of_the_fit_could_be_as_well_is_no_sign_of_it():
     for known, wanted in ((4e6, True), (4.0, False)):
         left = 0.5 * known / (400 + known) * term
         covariance = np.array([[1 / (400 + known)]])
-        assert is_wanted(term[None], term[..., None], left, covariance, 10.0) == wanted
+        assert is_significant(term[None], term[..., None], left, covariance, 10.0) == wanted
 
 
 def test_it_is_solved_for_where_legs_are_looked_for(a1, swung):
@@ -107,4 +107,4 @@ def test_a_term_that_the_fit_has_by_another_name_tells_nothing():
     term = rng.normal(size=(1, 300, 1))
     covariance = np.array([[(1 + 1e-6) / (term**2).sum()]])
     design = np.moveaxis(term, 0, -1)
-    assert not is_wanted(term, design, 100 * rng.normal(size=(300, 1)), covariance, prior=np.inf)
+    assert not is_significant(term, design, 100 * rng.normal(size=(300, 1)), covariance, prior=np.inf)

@@ -1,1 +1,1 @@
-"""What moves the legs: friction, rotor inertia, torque gain and delay of each joint."""
+"""Method that estimates friction, rotor inertia, torque gain and delay of each joint."""

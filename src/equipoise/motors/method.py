@@ -1,4 +1,4 @@
-"""The motors by themselves: friction, rotor inertia, relative torque gain and delay of each joint."""
+"""Motors method: friction, rotor inertia, relative torque gain and delay of each joint."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import static_torques
 
-_SHORTEST_OF_LEG = 1.2  # [s] on an A1: fifty averages and what is left out at the ends
+_SHORTEST_OF_LEG = 1.2  # [s] on an A1: fifty averages and the excluded ends
 _FOUND = (
     ("relative_gain", "1"), ("coulomb_friction", "Nm"), ("viscous_friction", "Nm s/rad"), ("armature", "kg m2"),
-    ("stribeck_friction", "Nm"),  # where the data want it
+    ("stribeck_friction", "Nm"),  # if the data require it
 )  # fmt: skip
-_BELIEVED_GAIN, _BELIEVED_DELAY = 0.05, 5e-3  # what gains [] and delays [s] are judged beside
+_REFERENCE_GAIN, _REFERENCE_DELAY = 0.05, 5e-3  # gain [1] and delay [s] that verdicts compare the std with
 
 
 @dataclass(frozen=True)
 class Motors(MotorsSettings, Method):
-    """Friction, rotor inertia, torque gain and delay of each joint, without a stand.
+    """Method that estimates friction, rotor inertia, torque gain and delay of each joint, without a stand.
 
-    The robot lies on its belly, turns its legs up and swings all joints at once, their gains at a quarter; or it stands on
-    three feet and swings those of the fourth leg, each leg in turn. Its settings are those of `MotorsSettings`.
+    The robot lies on its belly, turns its legs up and swings all joints at once with a quarter of their gains. Otherwise it
+    stands on three feet and swings the fourth leg, each leg in turn. See `MotorsSettings` for its settings.
     """
 
     name: ClassVar[str] = "motors"
@@ -71,21 +71,21 @@ class Motors(MotorsSettings, Method):
             )
 
     def lies(self, robot: RobotModel, stance: Stance) -> bool:
-        """Whether the robot lies on its belly while it swings; else it stands on three feet.
+        """Return True if the robot lies on its belly while it swings, False if it stands on three feet.
 
         Raises:
-            ReachError: it can do neither, or not what is asked.
+            ReachError: it cannot do either, or not the requested one.
         """
         if self.motor_stance == "three-feet":
             return False
-        if (refused := _why_not_lying(robot, stance)) is None:
+        if (reason := _why_not_lying(robot, stance)) is None:
             return True
         if self.motor_stance == "belly":
-            raise ReachError(f"{refused}, or let it stand on three-feet")
+            raise ReachError(f"{reason}, or set motor_stance to three-feet")
         try:
             legs_in_turn(robot, stance)
         except ReachError as standing:
-            raise ReachError(f"{refused}; {standing}") from standing
+            raise ReachError(f"{reason}; {standing}") from standing
         return False
 
     def run(
@@ -98,16 +98,16 @@ class Motors(MotorsSettings, Method):
         """Lie down, swing, stand up; or stand on three feet and swing, four times."""
         done = len(recordings)
 
-        def tell(what: str, number: int, of: int) -> None:
+        def announce(what: str, number: int, of: int) -> None:
             if report is not None:
                 report(Progress(what, done + number, done + of))
 
         if self.lies(standing.robot, stance):
-            tell("swing all legs in the air, lying", 0, 1)
+            announce("swing all legs in the air, lying", 0, 1)
             swing_legs(standing, stance, self.motor_time)
             return
         for number, up in enumerate(legs_in_turn(standing.robot, stance)):
-            tell(f"swing the {up.leg} leg, on three feet", number, len(LEG_NAMES))
+            announce(f"swing the {up.leg} leg, on three feet", number, len(LEG_NAMES))
             swing_leg(standing, stance, up, self.motor_time / len(LEG_NAMES))
         move_to(standing, stance.feet_in_base)
 
@@ -130,14 +130,14 @@ class Motors(MotorsSettings, Method):
         return Course(doing, swing_time_on_three(robot, stance, self.motor_time), tuple(chain(*on_three)))
 
     def predicted_recordings(self, robot: RobotModel, stance: Stance) -> tuple[Recording, ...]:
-        """A swing lying; none on three feet, where a swaying base is not predicted."""
+        """Predict the recording of a swing lying; none on three feet, where the base's motion is not predicted."""
         return (nominal_swing(robot, stance, self.motor_time),) if self.lies(robot, stance) else ()
 
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
-        """What the last complete swing of each leg says.
+        """Estimate the motors from the last complete swing of each leg.
 
         Raises:
-            RecordingError: there is none, or it is too short.
+            RecordingError: it is missing or too short.
         """
         samples, fit = fit_swings(robot, stance, tuple(last_swings(recordings)))
         nominal = nominal_inertia(robot, stance.joint_position)
@@ -149,7 +149,7 @@ class Motors(MotorsSettings, Method):
             stance_effective=Body.partly(nominal.stance_effective),
             excitations={},
             support_lines={},
-            trials=tuple(_told(recording) for recording in complete_swings(recordings)),
+            trials=tuple(_trial_of(recording) for recording in complete_swings(recordings)),
             settings=self.to_dict(),
             warnings=_warnings(fit),
             evidence=Evidence(tuple(recordings)),
@@ -157,9 +157,9 @@ class Motors(MotorsSettings, Method):
         )
 
 
-@lru_cache(maxsize=16)  # a robot that is refused is so after a search of seconds
+@lru_cache(maxsize=16)  # the search takes seconds
 def _why_not_lying(robot: RobotModel, stance: Stance) -> str | None:
-    """Why the robot cannot swing its legs lying; None: it can."""
+    """Return the reason why the robot cannot swing its legs lying, or None."""
     try:
         legs_up(robot, stance)
     except ReachError as error:
@@ -167,7 +167,7 @@ def _why_not_lying(robot: RobotModel, stance: Stance) -> str | None:
     return None
 
 
-def _told(recording: Recording) -> Trial:
+def _trial_of(recording: Recording) -> Trial:
     leg = motor_trial(recording).leg
     what = "all joints" if leg is None else f"{leg} leg"
     return Trial(MotorTrial.kind, what, None, None, None, None, recording.duration)
@@ -180,7 +180,7 @@ _SIDES = ((_MIDDLE, 0.0), ("forward", 1.0), ("back", -1.0))
 def _swung(
     what: str, robot: RobotModel, middle: FloatArray, swing: FloatArray, standing: tuple[str, ...]
 ) -> tuple[RehearsedPosture, ...]:
-    """The middle and both ends of a swing."""
+    """Return the middle and both ends of a swing."""
     postures = [(f"{what}, {side}", middle + sign * swing, int(side == _MIDDLE)) for side, sign in _SIDES]
     return tuple(
         RehearsedPosture(name, position, static_torques(robot, position, standing), times)
@@ -195,11 +195,11 @@ def _motors(robot: RobotModel, fit: MotorFit, delays: tuple[np.ndarray, np.ndarr
         quantities: dict[str, Quantity] = {}
         for (what, unit), values, sds in zip(_FOUND[: len(fit.values)], fit.values, stds, strict=True):
             value, std = float(values[joint]), float(sds[joint])
-            beside = _BELIEVED_GAIN if what == "relative_gain" else abs(value)
-            quantities[what] = Quantity(what, unit, value, std, verdict_of(std, beside))
-        told = fit.delay if delays is None else (float(delays[0][joint]), float(delays[1][joint]))
-        if told is not None:
-            quantities["delay"] = Quantity("delay", "s", *told, verdict_of(told[1], _BELIEVED_DELAY))
+            reference = _REFERENCE_GAIN if what == "relative_gain" else abs(value)
+            quantities[what] = Quantity(what, unit, value, std, verdict_of(std, reference))
+        delay = fit.delay if delays is None else (float(delays[0][joint]), float(delays[1][joint]))
+        if delay is not None:
+            quantities["delay"] = Quantity("delay", "s", *delay, verdict_of(delay[1], _REFERENCE_DELAY))
         found[name] = Motor(**quantities, normalized_residual=float(fit.normalized_residual[joint]))
     return found
 
@@ -208,6 +208,6 @@ def _warnings(fit: MotorFit) -> tuple[str, ...]:
     if fit.delay_and_friction is None:
         return ()
     return (
-        "the robot reports no torques, so that they were taken from the commands: delay and viscous friction are told apart "
-        f"by the motion alone, their correlation is {fit.delay_and_friction:.2f}",
+        "the robot does not report torques, so they were computed from the commands: only the motion separates delay from "
+        f"viscous friction; their correlation is {fit.delay_and_friction:.2f}",
     )

@@ -1,8 +1,7 @@
-"""A swing as it would be recorded, of a robot that is as its model file says: what a plan foretells with.
+"""Simulated swing recording of the nominal robot, for the predictions of a plan.
 
-Legs are rigid and hang from a base that rests; motors obey their law without steps, and have half the friction and rotor
-inertia that may be thought of them. The values are never looked at: the recording goes through the estimate's own code, which
-makes of it how sure a run will be.
+Legs are rigid and hang from a resting base. Motors obey their control law without steps, with half the prior standard
+deviation as friction and rotor inertia. Only the standard deviations of an estimate from this recording are used.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ import pinocchio as pin
 
 from equipoise.bayesian.predict import ACCELEROMETER_NOISE, ENCODER_NOISE, GYRO_NOISE, RATE, VELOCITY_NOISE
 from equipoise.conventions import GRAVITY, FloatArray
-from equipoise.estimator.motors.delay import THOUGHT_DELAY
+from equipoise.estimator.motors.delay import NOMINAL_DELAY
 from equipoise.estimator.unknowns import Priors
 from equipoise.experiments.legs_up import legs_up
 from equipoise.experiments.swing import RAMP_TIME, SOFTER, swing_angles
@@ -28,7 +27,7 @@ _TURNING = 0.01  # [rad/s]: sgn(v) = tanh(v / v_0)
 
 
 def nominal_swing(robot: RobotModel, stance: Stance, duration: float) -> Recording:
-    """What `swing_legs` would record at 500 Hz.
+    """Simulate the recording of `swing_legs` at 500 Hz.
 
     Args:
         duration: time of the steady part [s].
@@ -65,12 +64,12 @@ def nominal_swing(robot: RobotModel, stance: Stance, duration: float) -> Recordi
 def _follow(
     robot: RobotModel, stance: Stance, trial: MotorTrial, command: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n, nj) positions [rad], velocities [rad/s] and motor torques [Nm] of joints that follow (n, nj) targets [rad]."""
+    """Simulate joints that follow (n, nj) targets [rad]: positions [rad], velocities [rad/s] and motor torques [Nm]."""
     assert trial.kp is not None
     assert trial.kd is not None
     model, priors, strong = robot.pinocchio, Priors(), stance.scale.torque / 2
     data, step, still, at_rest = model.createData(), 1 / RATE, np.zeros(6), np.zeros(model.nv)
-    late = round(THOUGHT_DELAY * RATE)
+    late = round(NOMINAL_DELAY * RATE)
     q: FloatArray = command[0]
     v: FloatArray = np.zeros_like(q)
     states: list[tuple[FloatArray, FloatArray, FloatArray]] = []
@@ -82,10 +81,10 @@ def _follow(
         inertia: FloatArray = upper + np.triu(upper, 1).T + priors.armature * strong * np.eye(len(q))
         sign = np.tanh(v / _TURNING)
         drag = strong * (priors.coulomb_friction * sign + priors.viscous_friction * v)
-        # What slows joints acts at a step's end, which keeps light legs behind stiff motors stable.
+        # Implicit damping, at the end of the step, keeps light legs behind stiff motors stable.
         damping = trial.kd + strong * (priors.coulomb_friction * (1 - sign**2) / _TURNING + priors.viscous_friction)
-        held = np.asarray(pin.rnea(model, data, configuration, np.concatenate([still, v]), at_rest), dtype=float)[6:]
-        v = v + step * np.asarray(np.linalg.solve(inertia + np.diag(step * damping), torque - drag - held), dtype=float)
+        bias = np.asarray(pin.rnea(model, data, configuration, np.concatenate([still, v]), at_rest), dtype=float)[6:]
+        v = v + step * np.asarray(np.linalg.solve(inertia + np.diag(step * damping), torque - drag - bias), dtype=float)
         q = q + step * v
     position, velocity, torques = (np.array(column) for column in zip(*states, strict=True))
     return position, velocity, torques

@@ -10,7 +10,7 @@ from equipoise.errors import SettingsError
 _SHORTEST, _LONGEST = 3.0, 300.0  # [s]
 
 MotorStance = Literal["auto", "belly", "three-feet"]
-"""How a robot is while its joints swing."""
+"""Stance of the robot while its joints swing."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,8 @@ class MotorsSettings:
     """Settings of the method that estimates motors.
 
     Attributes:
-        motor_time: time for which joints swing, all at once or a quarter of it each leg [s].
-        motor_stance: on its belly with all legs up, or on three-feet with one; auto: on its belly, if its legs turn up.
+        motor_time: duration of the swing of all joints, or of the four legs' swings together [s].
+        motor_stance: "belly" with all legs up, "three-feet" with one leg up, or "auto": belly if its legs can turn up.
     """
 
     judging: ClassVar[tuple[str, ...]] = ()
@@ -30,5 +30,5 @@ class MotorsSettings:
     def __post_init__(self) -> None:
         if not _SHORTEST <= self.motor_time <= _LONGEST:
             raise SettingsError(f"motor_time is {self.motor_time}; it must be from {_SHORTEST:g} to {_LONGEST:g}")
-        if self.motor_stance not in (known := get_args(MotorStance)):
-            raise SettingsError(f"motor_stance is {self.motor_stance!r}; it must be one of {', '.join(known)}")
+        if self.motor_stance not in (stances := get_args(MotorStance)):
+            raise SettingsError(f"motor_stance is {self.motor_stance!r}; it must be one of {', '.join(stances)}")

@@ -1,1 +1,1 @@
-"""What lifts, moves and torques say: the measurement equations of the Bayesian method."""
+"""Measurement models of lifts, stance motions and torques for the Bayesian method."""

@@ -1,1 +1,1 @@
-"""What swings of the legs determine of friction, armature, gain and delay of each joint, and of the links."""
+"""Estimation of friction, armature, gain and delay of each joint, and of leg links, from leg swings."""

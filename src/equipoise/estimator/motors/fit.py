@@ -1,6 +1,6 @@
-"""Unknowns of all motors from one weighted least squares, with what was believed before (a MAP estimate).
+"""MAP estimate of the parameters of all motors, by weighted least squares with priors.
 
-Friction that grows toward rest is among them where the data want it (`stribeck.py`); elsewhere the fit is made without.
+Stribeck friction is included if the data require it (`stribeck.py`).
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from scipy.optimize import lsq_linear
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.estimator.motors.delay import THOUGHT_DELAY, motor_trial
+from equipoise.estimator.motors.delay import NOMINAL_DELAY, motor_trial
 from equipoise.estimator.motors.equations import MotorSamples, motor_samples
-from equipoise.estimator.motors.stribeck import SPEEDS, is_wanted
+from equipoise.estimator.motors.stribeck import SPEEDS, is_significant
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial
 from equipoise.robot.model import LEG_NAMES, RobotModel
@@ -24,39 +24,38 @@ from equipoise.robot.scale import Scale
 from equipoise.robot.stance import Stance
 
 _ROUNDS = 6
-# Standard deviations before the run: legs may be off the file's as those of `bayesian` may.
+# Prior standard deviations; those of legs are as in `bayesian`.
 _MASS_COMMON, _MASS, _COM_COMMON, _COM = 0.10, 0.05, 4e-3, 2e-3  # of a link's mass; [m] on an A1
 _GAIN = 0.05
 _COULOMB, _VISCOUS, _ARMATURE, _OFFSET = 2.0, 1.0, 0.1, 0.3  # [Nm], [Nm s/rad], [kg m2], [Nm] on an A1
 _STRIBECK = 1.0  # [Nm] on an A1
-_UNEVEN = 0.01  # of Coulomb friction: a turn's smoothing leaves that, which shows where there is no noise
-# Of friction that grows toward rest: laws that say nearly the same where joints slide differ by that at rest, and in motion.
+_UNEVEN = 0.01  # of Coulomb friction: residual of a smoothed reversal, which dominates without noise
+# Differences between friction laws that fit sliding joints equally well, relative to Stribeck friction: at rest, in motion.
 _AT_REST, _IN_MOTION = 0.3, 0.03
 _SPIN = 1.5e-3  # [kg m2] on an A1: an armature of 0.01 over gear ratios of six to ten
-_LAG_SHARE = 0.1  # of a control period: how well it is known when in it a command is taken and a torque sampled
-_DELAY = 3e-3  # [s], where it is only told by the motion
-_INSTANT = 0.03  # of a control period, by which a board may feel a joint's position earlier or later than it says
-_LIKE = 3.0  # times a misfit that is seen is one that is not, where friction follows load
+_LAG_SHARE = 0.1  # of a control period: prior of the time in it at which a command is read and a torque sampled
+_DELAY = 3e-3  # [s], if torques are not reported
+_INSTANT = 0.03  # of a control period: time between a board's own position sample and the reported one
+_MODEL_ERROR = 3.0  # ratio of the total model error to its visible part, if friction depends on load
 
 
 @dataclass(frozen=True, eq=False)
 class MotorFit:
-    """What was found. Joint quantities are in the unit in which motors report torques on average.
+    """Estimated motor parameters. Torques are in the mean unit of the reported ones.
 
     Attributes:
-        values: (4, nj) gain less one, relative to the mean; Coulomb [Nm], viscous friction [Nm s/rad], armature [kg m2]. Where
-            friction grows toward rest (5, nj), the last being what it is at rest beyond Coulomb's [Nm].
-        covariance: (4 nj, 4 nj) or (5 nj, 5 nj) posterior covariance of the same, row by row.
-        stribeck_speed: speed with which that falls [rad/s]; None: the data do not want it.
-        delay: delay of the position loop and its standard deviation [s], where the motion alone tells it; else None.
+        values: (4, nj) gain relative to the mean, minus one; Coulomb friction [Nm], viscous friction [Nm s/rad], armature
+            [kg m2]. With Stribeck friction (5, nj), the last being the friction at rest beyond Coulomb's [Nm].
+        covariance: (4 nj, 4 nj) or (5 nj, 5 nj) posterior covariance of `values`, row by row.
+        stribeck_speed: speed at which Stribeck friction decays [rad/s]; None without it.
+        delay: delay of the position loop and its standard deviation [s], if torques are not reported; else None.
         delay_and_friction: correlation of that delay with the mean viscous friction, or None.
-        noise: (nj,) standard deviation of what is left of the averaged torques [Nm].
-        normalized_residual: (nj,) how much of that repeats with a joint's speed or its load: the rms of its means in bins of
-            either [Nm].
-        unseen: (nj,) what may be of that kind and look like an unknown [Nm].
-        repetition: number of averages that say what one says.
-        gain: (nj,) true over reported torque by the fit, what all have in common with it, which nothing but legs tells.
-        carried: (n, nj) true torques by the fit, of legs, friction and rotors [Nm].
+        noise: (nj,) standard deviation of the residual of the averaged torques [Nm].
+        normalized_residual: (nj,) systematic part of the residual: rms of its means in bins of speed or load [Nm].
+        model_error: (nj,) standard deviation of model errors that can bias parameters [Nm].
+        repetition: number of averages with the same error.
+        gain: (nj,) ratio of true to reported torque, including the common factor, which only the legs' masses determine.
+        carried: (n, nj) estimated true torques of legs, friction and rotors [Nm].
     """
 
     values: FloatArray
@@ -66,7 +65,7 @@ class MotorFit:
     delay_and_friction: float | None
     noise: FloatArray
     normalized_residual: FloatArray
-    unseen: FloatArray
+    model_error: FloatArray
     repetition: float
     gain: FloatArray
     carried: FloatArray
@@ -74,9 +73,9 @@ class MotorFit:
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """Columns of the unknowns: links first, then each joint's gain, terms and offset, then the rotors' spin and the lag."""
+    """Columns of the parameters: links, each joint's gain, terms and offset, the rotors' spin and the lag."""
 
-    model: FloatArray  # (n, nj): torques by the model file
+    model: FloatArray  # (n, nj): torques according to the model file
     links: FloatArray  # (n, nj, k)
     terms: dict[str, FloatArray]  # (n, nj) each
     prior: FloatArray  # (u,)
@@ -88,34 +87,34 @@ class _Table:
         return self.model.shape[1]
 
     def of(self, name: str) -> slice:
-        """Where a quantity of all joints is."""
+        """Return the slice of a quantity of all joints."""
         start = self.links.shape[-1] + ("gain", *self.terms, "offset").index(name) * self.joints
         return slice(start, start + self.joints)
 
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Unknowns that fit best."""
+    """Best-fit parameters."""
 
     x: FloatArray  # (u,)
-    covariance: FloatArray  # (u, u), did no average resemble its neighbours
-    residual: FloatArray  # (n, nj): what is left of the torques [Nm]
+    covariance: FloatArray  # (u, u), for uncorrelated averages
+    residual: FloatArray  # (n, nj): residual of the torques [Nm]
 
 
 def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorFit:
-    """Gauss-Newton from the model file's legs; the residual's size is found on the way."""
+    """Fit the motors by Gauss-Newton, from the model file's legs; the noise is estimated from the residual."""
     table = _table(robot, samples, scale, None)
     solution = _solve(table, samples)
-    if _wants_stribeck(table, samples, scale, solution):
+    if _needs_stribeck(table, samples, scale, solution):
         tables = [_table(robot, samples, scale, speed) for speed in SPEEDS]
         solved = [(table, _solve(table, samples)) for table in tables]
-        table, solution = min(solved, key=lambda one: _left(samples, one[1]))
+        table, solution = min(solved, key=lambda candidate: _deviance(samples, candidate[1]))
     return _fit(table, samples, solution)
 
 
 @lru_cache(maxsize=2)  # a run for base and motors uses its swings for both
 def fit_swings(robot: RobotModel, stance: Stance, swings: tuple[Recording, ...]) -> tuple[MotorSamples, MotorFit]:
-    """The samples of all swings, and their fit.
+    """Return the samples of all swings and their fit.
 
     Raises:
         RecordingError: a swing is too short.
@@ -125,12 +124,16 @@ def fit_swings(robot: RobotModel, stance: Stance, swings: tuple[Recording, ...])
 
 
 def complete_swings(recordings: Sequence[Recording]) -> list[Recording]:
-    """The recordings of swings that were not interrupted."""
+    """Return the recordings of swings that were not interrupted."""
     return [recording for recording in recordings if isinstance(recording.trial, MotorTrial) and recording.complete]
 
 
 def last_swings(recordings: Sequence[Recording]) -> list[Recording]:
-    """The last complete swing of all joints, or of each leg, whichever came last; raises RecordingError if one is missing."""
+    """Return the last complete swing of all joints or of each leg, whichever is later.
+
+    Raises:
+        RecordingError: a swing is missing.
+    """
     complete = complete_swings(recordings)
     if complete and motor_trial(complete[-1]).leg is None:
         return [complete[-1]]
@@ -138,14 +141,14 @@ def last_swings(recordings: Sequence[Recording]) -> list[Recording]:
     if missing := [leg for leg in LEG_NAMES if leg not in of_leg]:
         of_what = f"the {' and '.join(missing)} leg" if complete else "all joints"
         raise RecordingError(
-            f"the recordings hold no complete swing of {of_what}, and motors are told apart by all; `equipoise calibrate "
-            "--resume RUN` does what is missing"
+            f"there is no complete swing of {of_what}, and the motors' estimate needs all; record it with "
+            "`equipoise calibrate --resume RUN`"
         )
     return [of_leg[leg] for leg in LEG_NAMES]
 
 
-def _left(samples: MotorSamples, solution: _Solution) -> float:
-    """Twice the negative logarithm of the likelihood of noise that is as large as what is left."""
+def _deviance(samples: MotorSamples, solution: _Solution) -> float:
+    """Return minus twice the log-likelihood, with noise as large as the residual."""
     used = samples.slides
     return float((used.sum(axis=0) * np.log(positive_size(solution.residual, used) ** 2)).sum())
 
@@ -167,21 +170,21 @@ def _solve(table: _Table, samples: MotorSamples) -> _Solution:
     return _Solution(x, covariance, residual)
 
 
-def _wants_stribeck(table: _Table, samples: MotorSamples, scale: Scale, without: _Solution) -> bool:
-    """Whether a solution without friction that grows toward rest wants it."""
+def _needs_stribeck(table: _Table, samples: MotorSamples, scale: Scale, without: _Solution) -> bool:
+    """Test the residual of a solution without Stribeck friction for it."""
     repetition = _repetition(without.residual / positive_size(without.residual, samples.slides), samples.slides)
     noise = np.hypot(positive_size(without.residual, samples.slides), _UNEVEN * without.x[table.of("coulomb_friction")])
     weight = samples.slides / noise / np.sqrt(repetition)
     _, design = _linearised(table, samples, without.x)
     terms = samples.stribeck * weight / (1 + without.x[table.of("gain")])
     prior = prior_stds(samples, scale)["stribeck"]
-    return is_wanted(
+    return is_significant(
         terms, design * weight[..., None], without.residual * weight, repetition * without.covariance, prior
     )
 
 
 def _nearest(table: _Table, normal: FloatArray, x: FloatArray) -> FloatArray:
-    """The likeliest unknowns of motors that could be: no friction and no rotor is less than none."""
+    """Return the most likely parameters with nonnegative friction and rotor inertia."""
     least = np.full(x.size, -np.inf)
     for name in table.terms:
         least[table.of(name)] = 0.0
@@ -199,10 +202,10 @@ def _table(robot: RobotModel, samples: MotorSamples, scale: Scale, stribeck_spee
             body, part = robot.pinocchio.inertias[joint], samples.regressor[:, :, 10 * (joint - 1) : 10 * joint]
             whole = part @ body.toDynamicParameters()
             model += whole
-            unknown = [whole, *(body.mass * part[:, :, 1 + axis] for axis in range(3))]
-            columns += unknown
+            own = [whole, *(body.mass * part[:, :, 1 + axis] for axis in range(3))]
+            columns += own
             prior += [_MASS, *[_COM * scale.length] * 3]
-            for axis, column in enumerate(unknown):
+            for axis, column in enumerate(own):
                 shared = (-1, 0) if axis == 0 else (kind, axis)  # the common error of masses is that of all links
                 of_kind[shared] = of_kind.get(shared, np.zeros_like(model)) + column
     columns += of_kind.values()
@@ -216,7 +219,7 @@ def _table(robot: RobotModel, samples: MotorSamples, scale: Scale, stribeck_spee
 
 
 def prior_stds(samples: MotorSamples, scale: Scale) -> dict[str, float]:
-    """What is believed beforehand of each joint's gain, terms and offset, of the rotors' spin and of the lag."""
+    """Return prior standard deviations of each joint's gain, terms and offset, of the rotors' spin and of the lag."""
     sizes = {
         "coulomb_friction": _COULOMB, "viscous_friction": _VISCOUS, "armature": _ARMATURE, "stribeck": _STRIBECK,
         "offset": _OFFSET,
@@ -227,7 +230,7 @@ def prior_stds(samples: MotorSamples, scale: Scale) -> dict[str, float]:
 
 
 def _linearised(table: _Table, samples: MotorSamples, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, nj) torques by the equation, and (n, nj, u) their derivatives by the unknowns."""
+    """Return predicted (n, nj) torques and their (n, nj, u) derivatives by the parameters."""
     links, joint = table.links.shape[-1], np.arange(table.joints)
     kappa = 1 / (1 + x[table.of("gain")])
     moved = table.model + table.links @ x[:links] + samples.spin * x[-2]
@@ -244,30 +247,30 @@ def _linearised(table: _Table, samples: MotorSamples, x: FloatArray) -> tuple[Fl
 
 
 def size(residual: FloatArray, used: FloatArray) -> FloatArray:
-    """(nj,) root mean square of the rows that count."""
+    """Return the (nj,) root mean square of the used rows."""
     return np.sqrt((residual**2 * used).sum(axis=0) / np.maximum(used.sum(axis=0), 1.0))
 
 
 def positive_size(residual: FloatArray, used: FloatArray) -> FloatArray:
-    """As `size`, to divide by: it is never zero, also of joints that never slide."""
+    """Return `size` as a divisor: never zero, even for joints that never slide."""
     return np.maximum(size(residual, used), np.finfo(float).tiny)
 
 
 def _repetition(residual: FloatArray, used: FloatArray, most: int = 8) -> float:
-    """How many times a row's information is counted because residuals resemble their neighbours; 1: not at all."""
-    kept = np.where(used > 0, residual, 0.0)  # of a joint that never slides it is beyond all numbers
+    """Return the factor by which autocorrelated residuals overcount information; 1 for uncorrelated ones."""
+    kept = np.where(used > 0, residual, 0.0)  # it is not finite for a joint that never slides
     power = float((kept**2).sum())
     alike = sum(float((kept[:-lag] * kept[lag:]).sum()) for lag in range(1, most))
     return max(1.0, 1.0 + 2.0 * alike / power) if power > 0 else 1.0
 
 
 def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
-    """Relative to the mean gain, which nothing but the legs' masses tells."""
+    """Express a solution relative to the mean gain, which only the legs' masses determine."""
     x, residual = solution.x, solution.residual
     sigma = positive_size(residual, samples.slides)
     repetition = _repetition(residual / sigma, samples.slides)
     covariance, normalized_residual = repetition * solution.covariance, _residual_scale(samples, residual, repetition)
-    unseen = _unseen(samples, normalized_residual)
+    model_error = _model_error(samples, normalized_residual)
     gain = 1 + x[table.of("gain")]
     mean, joints = gain.mean(), table.joints
     values = np.array([gain / mean - 1, *(x[table.of(name)] / mean for name in table.terms)])
@@ -278,51 +281,55 @@ def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
     flat = turn.reshape(values.size, -1)
     delay = correlation = None
     if not samples.reported:
-        known = _LAG_SHARE * samples.period
-        delay = THOUGHT_DELAY + x[-1] - samples.period / 2, float(np.sqrt(covariance[-1, -1] + known**2))
+        lag_std = _LAG_SHARE * samples.period
+        delay = NOMINAL_DELAY + x[-1] - samples.period / 2, float(np.sqrt(covariance[-1, -1] + lag_std**2))
         viscous_friction = flat[2 * joints : 3 * joints].mean(axis=0)
         shared = float(viscous_friction @ covariance[:, -1])
         correlation = shared / float(np.sqrt(viscous_friction @ covariance @ viscous_friction * covariance[-1, -1]))
-    found = flat @ covariance @ flat.T
-    found[np.diag_indices_from(found)] += _unlike_law(table, samples, unseen, values).ravel()
+    relative_covariance = flat @ covariance @ flat.T
+    relative_covariance[np.diag_indices_from(relative_covariance)] += _model_error_variances(
+        table, samples, model_error, values
+    ).ravel()
     carried = gain * (samples.torque - residual - x[table.of("offset")] - samples.kp * samples.command_rate * x[-1])
     return MotorFit(
         values,
-        found,
+        relative_covariance,
         table.stribeck_speed,
         delay,
         correlation,
         sigma,
         normalized_residual,
-        unseen,
+        model_error,
         repetition,
         gain,
         carried,
     )
 
 
-def _unseen(samples: MotorSamples, normalized_residual: FloatArray) -> FloatArray:
-    """(nj,) what repeats and looks like an unknown, by what repeats and does not [Nm].
+def _model_error(samples: MotorSamples, normalized_residual: FloatArray) -> FloatArray:
+    """Return (nj,) model errors that can bias parameters, from the systematic residuals [Nm].
 
-    A robot's gears are of one kind. What some joints show of theirs, as a share of what they carry, others have as well and
-    happen not to show: a joint counts for half, and all of them for the other.
+    All gears of a robot are similar. An error visible in some joints, relative to their load, is assumed in all. A joint's own
+    residual and the mean over all joints have equal weights.
     """
     carried = size(samples.torque, samples.slides)
     loaded = carried > 0
     common = np.sqrt(np.mean((normalized_residual[loaded] / carried[loaded]) ** 2)) if loaded.any() else 0.0
-    return _LIKE * np.sqrt((normalized_residual**2 + (common * carried) ** 2) / 2)
+    return _MODEL_ERROR * np.sqrt((normalized_residual**2 + (common * carried) ** 2) / 2)
 
 
-def _unlike_law(table: _Table, samples: MotorSamples, unseen: FloatArray, values: FloatArray) -> FloatArray:
-    """(k, nj) variances of `values`, of gains first, for motors that do not obey the equation.
+def _model_error_variances(
+    table: _Table, samples: MotorSamples, model_error: FloatArray, values: FloatArray
+) -> FloatArray:
+    """Return (k, nj) variances of `values` due to model errors, gains first.
 
-    What is unseen may be in each term. And a board may feel position at another instant than it reports it, which looks like
-    viscous friction. What friction grows to at rest is beyond what is seen.
+    The model error may be in each term. A time difference between a board's own position sample and the reported one acts
+    like viscous friction. Friction at rest is extrapolated from sliding joints.
     """
     used = samples.slides
     terms = samples.torque, *(table.terms | {"coulomb_friction": np.ones_like(used)}).values()
     sizes = np.array([positive_size(term, used) for term in terms])
-    variance = (unseen / sizes) ** 2
+    variance = (model_error / sizes) ** 2
     variance[2] += (samples.kp * _INSTANT * samples.period) ** 2
     if table.stribeck_speed is not None:
         variance[4] += (_AT_REST * values[4]) ** 2
@@ -331,12 +338,12 @@ def _unlike_law(table: _Table, samples: MotorSamples, unseen: FloatArray, values
 
 
 def _residual_scale(samples: MotorSamples, residual: FloatArray, repetition: float, bins: int = 8) -> FloatArray:
-    """(nj,) rms of the residual's means in bins of speed or of load, whichever is more, beyond what noise makes them [Nm]."""
-    found = np.zeros(residual.shape[1])
+    """Return (nj,) rms of the residual's means in bins of speed or load, the larger one, beyond noise [Nm]."""
+    largest = np.zeros(residual.shape[1])
     slowing, load = residual * np.sign(samples.sign), np.abs(samples.torque)
     for joint, used in enumerate(samples.slides.T > 0):
         for what, left in ((samples.velocity, residual), (load, slowing)):
             parts = np.array_split(left[used, joint][np.argsort(what[used, joint])], bins)
             squares = [part.mean() ** 2 - repetition * part.var() / len(part) for part in parts if len(part)]
-            found[joint] = max(found[joint], sum(squares) / bins)
-    return np.sqrt(found)
+            largest[joint] = max(largest[joint], sum(squares) / bins)
+    return np.sqrt(largest)

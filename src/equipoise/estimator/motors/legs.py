@@ -1,15 +1,14 @@
-"""What the swing says of the legs' links, for an estimate that looks for them too.
+"""Information of leg swings on the links' inertial parameters and the gains, for an estimate of both.
 
-The motors' fit and that estimate share two kinds of unknowns: the links' inertial parameters and the gains. In both the
-swing's equation is all but linear near the fit, so that a linear system holds all that it says of them: the motors' other
-unknowns are solved for on the way, which leaves fewer rows (a square-root information filter's; Bierman 1977, chapter II).
+The swing's equation is almost linear in them near the motor fit, so that a linear system contains its information. The
+motors' other parameters are eliminated, which leaves fewer rows (square-root information filter; Bierman 1977, chapter II).
 
-What the equation does not have is among these too, or a robot whose gears rattle and rub would get wrong legs:
+Model errors are nuisance parameters too, because otherwise imperfect gears would bias the legs:
 
-- friction that follows load, of each joint;
-- inertias of the links that do not follow from their masses;
-- whatever repeats with speed or load and is not seen (`MotorFit.unseen`): so much may be in a gain, and in what a joint feels
-  of its own link's first moment.
+- load-dependent friction of each joint;
+- inertias of the links that are not proportional to their masses;
+- other errors that depend on speed or load (`MotorFit.model_error`), in a gain and in the torque of a link's first moment on
+  its own joint.
 """
 
 from __future__ import annotations
@@ -27,28 +26,28 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 
 _LOAD = 0.05  # friction over the torque that a gear carries
-_OWN_INERTIA = 0.1  # of a link's about its CoM, beside what goes with its mass
-_ASKEW = 0.01  # of what a joint carries [rad]: by how much zeros and the IMU's mounting turn gravity against the legs
+_OWN_INERTIA = 0.1  # of a link's inertia about its CoM, not proportional to its mass
+_MISALIGNMENT = 0.01  # [rad] of gravity relative to the legs, by joint offsets and the IMU's mounting
 _TENSOR = ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])  # Pinocchio's order
 
 
 @dataclass
 class _Nuisances:
-    """Columns of unknowns that are solved for on the way, and what is believed of them."""
+    """Columns of nuisance parameters, and their priors."""
 
     columns: list[FloatArray] = field(default_factory=list[FloatArray])
     mean: list[float] = field(default_factory=list[float])
     std: list[float] = field(default_factory=list[float])
 
     def add(self, column: FloatArray, std: float, mean: float = 0.0) -> None:
-        """One unknown's (n, nj) column; none that is known."""
+        """Add a parameter with an (n, nj) column, unless its standard deviation is zero."""
         if std > 0:
             self.columns.append(column)
             self.mean.append(mean)
             self.std.append(std)
 
     def add_each(self, columns: FloatArray, std: FloatArray | float) -> None:
-        """One unknown of each joint, (n, nj) columns of the torque of that joint alone."""
+        """Add one parameter of each joint, with the joint's column of (n, nj) torques."""
         for joint, sd in enumerate(np.broadcast_to(std, columns.shape[1]).tolist()):
             self.add(_alone(columns, joint), sd)
 
@@ -56,62 +55,62 @@ class _Nuisances:
 def legs_in_swing(
     robot: RobotModel, samples: MotorSamples, fit: MotorFit, scale: Scale
 ) -> tuple[FloatArray, FloatArray]:
-    """A linear system in the links' inertial parameters and the gains that says the same of them as the swings; whitened.
+    """Build the whitened linear system of the swings in the links' inertial parameters and the gains.
 
     Returns:
-        (r, 4 links + nj) columns of the links' inertial parameters, as of `momenta`, and of the gain of each joint, true over
-        reported torque, less one; (r,) what they add up to.
+        (r, 4 links + nj) columns of the links' inertial parameters, as in `momenta`, and of each joint's gain, the ratio of
+        true to reported torque minus one; (r,) right-hand side.
 
     Raises:
-        RecordingError: torques are not reported, whose gains would be others.
+        RecordingError: torques are not reported, so that there are no gains.
     """
     if not samples.reported:
-        raise RecordingError("joint torques are not reported, so that swings determine no masses of links")
+        raise RecordingError("joint torques are not reported: swings do not determine the masses of links")
     per_gain, prior = 1 / fit.gain, prior_stds(samples, scale)
     links = per_gain[:, None] * columns_of_links(robot, samples.regressor)
     own = per_gain[:, None] * _own_inertias(robot, samples)
     by_gain = -(per_gain**2) * fit.carried
     gains = np.stack([_alone(by_gain, joint) for joint in range(by_gain.shape[1])], axis=-1)
 
-    beside = _Nuisances()
+    nuisances = _Nuisances()
     shapes = {name: per_gain * term for name, term in samples.terms(fit.stribeck_speed).items()}
     shapes["offset"] = np.ones_like(samples.torque)
     for name, shape in shapes.items():
-        beside.add_each(shape, prior[name])
-    beside.add_each(samples.sign * np.abs(samples.torque), _LOAD)
-    beside.add(per_gain * samples.spin, prior["spin"])
-    beside.add(samples.kp * samples.command_rate, prior["lag"], samples.period / 2)
+        nuisances.add_each(shape, prior[name])
+    nuisances.add_each(samples.sign * np.abs(samples.torque), _LOAD)
+    nuisances.add(per_gain * samples.spin, prior["spin"])
+    nuisances.add(samples.kp * samples.command_rate, prior["lag"], samples.period / 2)
     for joint, column in zip(_joints(robot), np.moveaxis(own, -1, 0), strict=True):
-        felt = size(column, samples.slides)[joint]
-        beside.add(column, float(np.hypot(_OWN_INERTIA, fit.unseen[joint] / felt)) if felt > 0 else 0.0)
-    askew = np.hypot(fit.unseen, _ASKEW * size(fit.carried, samples.slides))
-    beside.add_each(by_gain, fit.unseen / positive_size(samples.torque, samples.slides))
+        rms = size(column, samples.slides)[joint]
+        nuisances.add(column, float(np.hypot(_OWN_INERTIA, fit.model_error[joint] / rms)) if rms > 0 else 0.0)
+    moment_error = np.hypot(fit.model_error, _MISALIGNMENT * size(fit.carried, samples.slides))
+    nuisances.add_each(by_gain, fit.model_error / positive_size(samples.torque, samples.slides))
     moments = np.moveaxis(links[..., own.shape[-1] :], -1, 0).reshape(own.shape[-1], 3, *samples.torque.shape)
     for joint, of_link in zip(_joints(robot), moments, strict=True):
         for column in of_link:
-            felt = size(column, samples.slides)[joint]
-            beside.add(_alone(column, joint), float(askew[joint] / felt) if felt > 0 else 0.0)
+            rms = size(column, samples.slides)[joint]
+            nuisances.add(_alone(column, joint), float(moment_error[joint] / rms) if rms > 0 else 0.0)
 
     target = samples.torque + by_gain * (fit.gain - 1)
-    found = _solved_for(beside, np.concatenate([links, gains, target[..., None]], axis=-1), samples, fit)
-    return found[:, :-1], found[:, -1]
+    system = _eliminated(nuisances, np.concatenate([links, gains, target[..., None]], axis=-1), samples, fit)
+    return system[:, :-1], system[:, -1]
 
 
-def _solved_for(beside: _Nuisances, system: FloatArray, samples: MotorSamples, fit: MotorFit) -> FloatArray:
-    """(r, k) rows of an (n, nj, k) system that say the same of its unknowns as all rows, the nuisances solved for."""
-    whole = np.concatenate([np.stack(beside.columns, axis=-1), system], axis=-1)
+def _eliminated(nuisances: _Nuisances, system: FloatArray, samples: MotorSamples, fit: MotorFit) -> FloatArray:
+    """Eliminate the nuisance parameters from an (n, nj, k) system; returns (r, k) rows with the same information."""
+    whole = np.concatenate([np.stack(nuisances.columns, axis=-1), system], axis=-1)
     weight = samples.slides / fit.noise / np.sqrt(fit.repetition)
-    count = len(beside.mean)
-    believed = np.zeros((count, whole.shape[-1]))
-    believed[:, :count] = np.diag(1 / np.array(beside.std))
-    believed[:, -1] = np.array(beside.mean) / beside.std
-    rows = np.concatenate([believed, (whole * weight[..., None]).reshape(-1, whole.shape[-1])])
+    count = len(nuisances.mean)
+    prior = np.zeros((count, whole.shape[-1]))
+    prior[:, :count] = np.diag(1 / np.array(nuisances.std))
+    prior[:, -1] = np.array(nuisances.mean) / nuisances.std
+    rows = np.concatenate([prior, (whole * weight[..., None]).reshape(-1, whole.shape[-1])])
     triangle = np.asarray(np.linalg.qr(rows, mode="r"), dtype=float)
-    return triangle[count:-1, count:]  # the last row is what no unknown explains
+    return triangle[count:-1, count:]  # the last row is the norm of the residual
 
 
 def _own_inertias(robot: RobotModel, samples: MotorSamples) -> FloatArray:
-    """(n, nj, links) torques by factors on the links' inertias about their CoMs."""
+    """Return (n, nj, links) torques of the links' inertias about their CoMs."""
     joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
     parts = [samples.regressor[:, :, 10 * (joint - 1) + 4 : 10 * joint] for joint in joints]
     bodies = [robot.pinocchio.inertias[joint] for joint in joints]
@@ -119,12 +118,12 @@ def _own_inertias(robot: RobotModel, samples: MotorSamples) -> FloatArray:
 
 
 def _joints(robot: RobotModel) -> list[int]:
-    """Of each leg link, the index of the joint that moves it."""
+    """Return the index of the joint that moves each leg link."""
     return [int(joint) for leg in robot.legs.values() for joint in leg.joints]
 
 
 def _alone(columns: FloatArray, joint: int) -> FloatArray:
-    """(n, nj) the torques of one joint, others zero."""
+    """Return (n, nj) torques of one joint, with zeros for the others."""
     alone = np.zeros_like(columns)
     alone[:, joint] = columns[:, joint]
     return alone
