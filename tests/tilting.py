@@ -1,4 +1,4 @@
-"""Motions whose physics is known: what tests of the Bayesian method hold its equations against."""
+"""Motions with exact physics, the reference of tests of the Bayesian method's equations."""
 
 from dataclasses import dataclass
 
@@ -17,18 +17,18 @@ SAMPLES = 4
 
 
 def about(axis, angles):
-    """(n, 3, 3) rotations about an axis."""
+    """Return (n, 3, 3) rotations about an axis."""
     return Rotation.from_rotvec(np.outer(angles, axis)).as_matrix()
 
 
 def sides(diagonal):
-    """Indices of the left and the right foot of a diagonal."""
+    """Return the indices of the left and the right foot of a diagonal."""
     left, right = DIAGONALS[diagonal] if DIAGONALS[diagonal][0][1] == "L" else DIAGONALS[diagonal][::-1]
     return LEG_NAMES.index(left), LEG_NAMES.index(right)
 
 
 def lift_samples(robot, diagonal, position, velocity, turning, **changes):
-    """Samples in an IMU mounted as the robot says, level and at rest if nothing else is said; noise of no interest."""
+    """Return lift samples with the model's IMU mounting, by default level and at rest, and with arbitrary noise levels."""
     count = len(position)
     mounting = np.array(robot.imu_in_base.rotation)
     up_in_imu = changes.pop("up_in_imu", np.tile(mounting[2], (count, 1)))
@@ -51,13 +51,13 @@ def lift_samples(robot, diagonal, position, velocity, turning, **changes):
 
 @dataclass(frozen=True)
 class Swing:
-    """Joints of the lifted legs go to and fro, each with a phase of its own; those of the stance legs are locked."""
+    """Oscillation of the lifted legs' joints, each with its own phase; joints of the stance legs are locked."""
 
     size: float = 0.0  # [rad]
     frequency: float = 3.0  # [Hz]
 
     def joints(self, robot, joint_position, diagonal, time):
-        """(n, nj) positions, velocities and accelerations."""
+        """Return (n, nj) positions, velocities and accelerations."""
         way, pace = np.zeros(len(joint_position)), 2 * np.pi * self.frequency
         for leg in set(LEG_NAMES) - set(DIAGONALS[diagonal]):
             way[list(robot.legs[leg].joints)] = self.size
@@ -66,14 +66,14 @@ class Swing:
 
 
 @dataclass(frozen=True)
-class Give:
-    """Springs that no encoder sees: the base sways on its stance feet [m], as a sine along a direction in base axes."""
+class Compliance:
+    """Deflection that encoders do not measure: a sinusoidal motion of the base on its stance feet, in base axes [m]."""
 
     way: tuple = (0.0, 0.0, 0.0)
     frequency: float = 15.0  # [Hz]
 
     def feet(self, time):
-        """(3,) place of the feet beside that of the encoders, and its first two derivatives."""
+        """Return the (3,) shift of the feet from the encoders' positions, and its first two derivatives."""
         pace = 2 * np.pi * self.frequency
         way = -np.array(self.way)
         return way * np.sin(pace * time), way * pace * np.cos(pace * time), -way * pace**2 * np.sin(pace * time)
@@ -81,24 +81,24 @@ class Give:
 
 def pendulum(
     robot, joint_position, diagonal, up, rate=0.2, radius=None, duration=0.3, late=0.0, step=0.005, resistance=0.0,
-    swing=Swing(), give=Give(),
+    swing=Swing(), compliance=Compliance(),
 ):  # fmt: skip
-    """A lift trial of a robot that topples about its line, its two feet rolling as one cylinder.
+    """Simulate a lift trial of a robot that topples about its support line, its two feet rolling as one cylinder.
 
-    By the principle of virtual work, with the tilt as the only coordinate: Pinocchio says which force and moment the base
-    would need, and rolling must do no work on it. Nothing of it is how the estimator does it, by a moment balance.
+    The principle of virtual work gives the acceleration of the tilt, the only coordinate: rolling does no work on the force
+    and moment of the base from Pinocchio. The estimator uses a moment balance instead.
 
     Args:
-        up: (3,) against gravity at rest, in base axes; the line must be level there.
-        rate: about the line at the start, where the robot leans as at rest [rad/s].
-        radius: of the feet; default the robot's [m].
-        late: by how much IMU samples are younger than the joints' [s].
-        resistance: by which length behind its weight the feet carry the rolling robot [m].
-        swing: how the joints of the lifted legs move.
-        give: how the base sways on its feet.
+        up: (3,) upward direction at rest, in base axes; the line must be level there.
+        rate: initial angular velocity about the line [rad/s].
+        radius: radius of the feet; default the robot's [m].
+        late: delay of the IMU's samples relative to the joints' [s].
+        resistance: lever arm of the rolling resistance [m].
+        swing: motion of the lifted legs' joints.
+        compliance: motion of the base on its feet.
     """
     data, model = robot.pinocchio.createData(), robot.pinocchio.copy()
-    model.gravity.linear = np.zeros(3)  # accelerations are what an accelerometer feels
+    model.gravity.linear = np.zeros(3)  # accelerations are specific forces
     pin.framesForwardKinematics(model, data, robot.configuration(joint_position))
     left_foot, right_foot = (
         np.array(data.oMf[robot.legs[LEG_NAMES[i]].foot_frame_id].translation) for i in sides(diagonal)
@@ -111,10 +111,10 @@ def pendulum(
     def upward(angle):
         return about(left, [-angle])[0] @ up
 
-    def felt(time, angle, speed, change):
-        """Specific force at the base's origin: from the rolling centres of the feet to the moving origin."""
-        beside, velocity, acceleration = give.feet(time)
-        foot = right_foot + beside
+    def specific_force(time, angle, speed, change):
+        """Return the specific force at the base's origin, from the rolling centres of the feet."""
+        shift, velocity, acceleration = compliance.feet(time)
+        foot = right_foot + shift
         of_foot = radius * change * np.cross(left, upward(angle))
         turned = np.cross(change * left, foot) + speed**2 * np.cross(left, np.cross(left, foot))
         return of_foot - turned - 2 * speed * np.cross(left, velocity) - acceleration + GRAVITY * upward(angle)
@@ -125,11 +125,11 @@ def pendulum(
         )
         q, v = robot.configuration(position), np.concatenate([np.zeros(3), speed * left, velocity])
         rolling = np.concatenate(
-            [radius * np.cross(left, upward(angle)) - np.cross(left, right_foot + give.feet(time)[0]), left]
+            [radius * np.cross(left, upward(angle)) - np.cross(left, right_foot + compliance.feet(time)[0]), left]
         )
 
         def work(change):
-            a = np.concatenate([felt(time, angle, speed, change), change * left, joint_acceleration])
+            a = np.concatenate([specific_force(time, angle, speed, change), change * left, joint_acceleration])
             return rolling @ pin.rnea(model, data, q, v, a)[:6] + resistance * mass * GRAVITY
 
         return work(0.0) / (work(0.0) - work(1.0))
@@ -143,7 +143,9 @@ def pendulum(
     rates = [acceleration(*state) for state in states]
     mounting, arm = np.array(robot.imu_in_base.rotation), np.array(robot.imu_in_base.translation)
     at_imu = [
-        felt(*state, change) + np.cross(change * left, arm) + state[2] ** 2 * np.cross(left, np.cross(left, arm))
+        specific_force(*state, change)
+        + np.cross(change * left, arm)
+        + state[2] ** 2 * np.cross(left, np.cross(left, arm))
         for state, change in zip(states, rates, strict=True)
     ]
     position, velocity, joint_acceleration = swing.joints(robot, joint_position, diagonal, time)
@@ -156,9 +158,9 @@ def pendulum(
 
 
 def rolling_feet(robot, diagonal, position, velocity, turning, normal):
-    """Places of the left and the right contact in base axes, their velocities over the floor, and the base's own.
+    """Compute both contact points, their velocities over the floor and the base's velocity, in base axes, with Pinocchio.
 
-    Of a robot whose two stance feet roll on the floor as spheres, by Pinocchio.
+    The two stance feet roll on the floor as spheres.
     """
     model, data = robot.pinocchio, robot.pinocchio.createData()
     pin.forwardKinematics(model, data, robot.configuration(position), np.concatenate([np.zeros(3), turning, velocity]))
@@ -175,14 +177,14 @@ def rolling_feet(robot, diagonal, position, velocity, turning, normal):
 
 
 def wandering(momentum):
-    """Root mean square of what should be constant."""
+    """Return the root mean square variation of a constant of motion."""
     return float(np.std(momentum))
 
 
 def contact_jacobian(robot, q, down=None, lifted=None):
-    """(12, 6 + nj) of the points where the feet touch, as frames of the legs there; by default on a floor of their own.
+    """Return the (12, 6 + nj) Jacobian of the contact points, by default on the plane of the standing feet.
 
-    A lifted leg, by name, touches nothing: its rows are zero.
+    The rows of a lifted leg, given by name, are zero.
     """
     model = robot.pinocchio.copy()
     data = model.createData()
@@ -206,14 +208,14 @@ def contact_jacobian(robot, q, down=None, lifted=None):
 
 
 def moving_robot(robot, seed, still=False, lifted=None):
-    """Samples of a robot that moves anyhow on feet that carry it with random forces, and the links' torques.
+    """Return random samples of a moving robot with random contact forces, and the links' torques.
 
-    A lifted leg, by name, carries nothing.
+    A lifted leg, given by name, has no contact force.
     """
     generator, joints = np.random.default_rng(seed), len(robot.joint_names)
     mounting, arm = np.array(robot.imu_in_base.rotation), np.array(robot.imu_in_base.translation)
     model = robot.pinocchio.copy()
-    model.gravity.linear = np.zeros(3)  # accelerations are what an accelerometer feels
+    model.gravity.linear = np.zeros(3)  # accelerations are specific forces
     data = model.createData()
     rows = []
     for _ in range(SAMPLES):
@@ -221,11 +223,12 @@ def moving_robot(robot, seed, still=False, lifted=None):
         size = 0.0 if still else 1.0
         velocity, acceleration = size * generator.standard_normal(joints), 10 * size * generator.standard_normal(joints)
         turning, turning_rate = size * generator.standard_normal(3), 8 * size * generator.standard_normal(3)
-        felt = np.array([0.3, -0.5, 9.7]) + size * generator.standard_normal(3)
-        at_imu = felt + np.cross(turning_rate, arm) + np.cross(turning, np.cross(turning, arm))
+        force_at_base = np.array([0.3, -0.5, 9.7]) + size * generator.standard_normal(3)
+        at_imu = force_at_base + np.cross(turning_rate, arm) + np.cross(turning, np.cross(turning, arm))
         q = robot.configuration(position)
         v, a = (
-            np.concatenate(parts) for parts in ((np.zeros(3), turning, velocity), (felt, turning_rate, acceleration))
+            np.concatenate(parts)
+            for parts in ((np.zeros(3), turning, velocity), (force_at_base, turning_rate, acceleration))
         )
         needed = pin.rnea(model, data, q, v, a)
         jacobian = contact_jacobian(robot, q, lifted=lifted)

@@ -1,4 +1,4 @@
-"""The tilt equation against Pinocchio's momenta, and on motions that obey Newton's and Euler's laws."""
+"""Tilt equation, compared with Pinocchio's momenta and on exact motions."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
-from tilting import GRAVITY, Give, Swing, lift_samples, pendulum, rolling_feet, sides, wandering
+from tilting import GRAVITY, Compliance, Swing, lift_samples, pendulum, rolling_feet, sides, wandering
 
 from equipoise import load_robot, nominal_stance
 from equipoise.estimator.measurements.leg_motion import LegChains
@@ -30,7 +30,7 @@ def robot(request):
 
 
 def parameters(robot):
-    """Of the tilt equation, by the model."""
+    """Return the tilt equation's inertial parameters of the model."""
     vector, links = base_parameters(robot).to_pinocchio().toDynamicParameters(), len(robot.joint_names)
     return np.concatenate([vector, np.ones(links), np.zeros(3 * links)])
 
@@ -48,7 +48,7 @@ def rows_of(robot, *lifts, biases=None):
 
 
 def random_state(robot, seed):
-    """Joint positions and velocities, angular velocity, up, and what an accelerometer at the base's origin feels."""
+    """Return joint positions and velocities, angular velocity, upward direction and specific force of the base."""
     generator, joints = np.random.default_rng(seed), len(robot.joint_names)
     position = np.array(nominal_stance(robot).joint_position) + 0.2 * generator.standard_normal(joints)
     up = np.array([0, 0, 1]) + 0.2 * generator.standard_normal(3)
@@ -58,11 +58,11 @@ def random_state(robot, seed):
 
 
 def frozen_lift(robot, diagonal, state):
-    """Three samples alike. Where the integral begins y is the momentum, and one step on it lacks a step of the rate."""
-    position, velocity, turning, up, felt = state
+    """Return a lift of three equal samples: y is the momentum at first, minus one step of the rate at the second."""
+    position, velocity, turning, up, force = state
     mounting, arm = np.array(robot.imu_in_base.rotation), np.array(robot.imu_in_base.translation)
     turning_rate = np.array([8.0, -5.0, 3.0])
-    at_imu = felt + np.cross(turning_rate, arm) + np.cross(turning, np.cross(turning, arm))
+    at_imu = force + np.cross(turning_rate, arm) + np.cross(turning, np.cross(turning, arm))
     columns = position, velocity, turning, up @ mounting, at_imu @ mounting, turning_rate @ mounting
     position, velocity, turning, up_in_imu, acceleration, turning_rate = (np.tile(part, (3, 1)) for part in columns)
     return lift_samples(
@@ -72,10 +72,10 @@ def frozen_lift(robot, diagonal, state):
 
 
 class Moving:
-    """Pinocchio's account of a robot whose two stance feet roll on the floor as spheres, as seen from the base's origin."""
+    """Momentum and its rate from Pinocchio, of a robot whose stance feet roll on the floor as spheres."""
 
     def __init__(self, robot, diagonal, state, normal=None):
-        position, velocity, turning, self.up, self.felt = state
+        position, velocity, turning, self.up, self.force = state
         normal = self.up if normal is None else normal
         self.contacts, self.speeds, base = rolling_feet(robot, diagonal, position, velocity, turning, normal)
         self.of_point = self.speeds[1] - base
@@ -101,13 +101,13 @@ class Moving:
     @property
     def rate(self):
         """The right side of the tilt equation."""
-        rate = -self.left @ np.cross(self.data.com[0] - self.point, self.mass * self.felt)
+        rate = -self.left @ np.cross(self.data.com[0] - self.point, self.mass * self.force)
         rate -= self.left @ np.cross(self.of_point, self.data.hg.linear)
         return rate + (self.direction(1e-6) - self.direction(-1e-6)) / 2e-6 @ self.about_point
 
 
 def with_other_links(robot, generator):
-    """The robot with another base, other leg masses and CoMs, and its parameters; the chains' own stay the model's."""
+    """Return a robot with another base, other leg masses and CoMs, and its parameters."""
     factors = generator.uniform(0.5, 1.5, len(robot.joint_names))
     base = pin.Inertia(generator.uniform(3, 9), 0.1 * generator.standard_normal(3), pin.Inertia.Random().inertia)
     other = robot.with_base(base)
@@ -122,13 +122,12 @@ def with_other_links(robot, generator):
 
 
 def point_mass(place):
-    """Of one kilogram: two of them, of which one is taken off, are a first moment."""
+    """Return a point mass of 1 kg: the difference of two is a first moment."""
     return pin.Inertia(1.0, place, np.zeros((3, 3))).toDynamicParameters()
 
 
 @pytest.mark.parametrize("diagonal", DIAGONALS)
-def test_columns_are_pinocchios_momentum_about_the_line_and_its_rate(robot, diagonal):
-    """For as many bodies as there are columns: each column is right, and y is linear in them."""
+def test_columns_match_pinocchio(robot, diagonal):
     pin.seed(5)
     generator = np.random.default_rng(5)
     state = random_state(robot, 5)
@@ -164,29 +163,27 @@ def test_the_inertia_about_the_line_is_the_composites_with_its_parallel_axis(rob
 
 
 @pytest.mark.parametrize("diagonal", DIAGONALS)
-def test_readings_reach_y_as_pinocchio_says(robot, diagonal):
-    """Those of the accelerometer, of the gyroscope's axes, and of the joints' velocities, one by one."""
-    position, velocity, turning, up, felt = state = random_state(robot, 8)
+def test_sensor_levers_match_pinocchio(robot, diagonal):
+    position, velocity, turning, up, force = state = random_state(robot, 8)
     lift = frozen_lift(robot, diagonal, state)
     _, levers = equation_of(robot, lift).evaluate(nothing_wrong(robot), parameters(robot))
     moving = Moving(robot, diagonal, state)
     expected = [moving.mass * up @ (moving.data.com[0] - moving.point)]
     for axis in np.array(robot.imu_in_base.rotation).T:
-        expected.append(Moving(robot, diagonal, (position, 0 * velocity, axis, up, felt)).momentum)
+        expected.append(Moving(robot, diagonal, (position, 0 * velocity, axis, up, force)).momentum)
     for unit in np.eye(len(robot.joint_names)):
-        expected.append(Moving(robot, diagonal, (position, unit, 0 * turning, up, felt)).momentum)
+        expected.append(Moving(robot, diagonal, (position, unit, 0 * turning, up, force)).momentum)
     assert levers.shape == (5 + len(robot.joint_names), 1)
     np.testing.assert_allclose(levers[1:, 0], expected, rtol=1e-9, atol=1e-12)
 
 
-def test_the_height_of_the_com_is_what_an_error_of_the_specific_force_is_multiplied_by(a1):
-    """Level, and across the line: y drifts by that times the integral of the error."""
-    _, velocity, turning, _, felt = random_state(a1, 9)
-    state = nominal_stance(a1).joint_position, 0 * velocity, 0 * turning, np.array([0.0, 0.0, 1.0]), felt
+def test_the_com_height_is_the_lever_of_the_specific_force(a1):
+    _, velocity, turning, _, force = random_state(a1, 9)
+    state = nominal_stance(a1).joint_position, 0 * velocity, 0 * turning, np.array([0.0, 0.0, 1.0]), force
     lift = frozen_lift(a1, "FL_RR", state)
     equation, moving = equation_of(a1, lift), Moving(a1, "FL_RR", state)
     across = np.cross(moving.left, state[3])
-    pushed = frozen_lift(a1, "FL_RR", (*state[:4], felt + 0.1 * across))
+    pushed = frozen_lift(a1, "FL_RR", (*state[:4], force + 0.1 * across))
     (exact, levers), (y, _) = (
         one.evaluate(nothing_wrong(a1), parameters(a1)) for one in (equation, equation_of(a1, pushed))
     )
@@ -197,7 +194,7 @@ def test_the_height_of_the_com_is_what_an_error_of_the_specific_force_is_multipl
 
 
 def toppling(robot, diagonal="FL_RR", posture=None, **kind):
-    """A pendulum with the CoM 6 mm off its line, in a posture."""
+    """Return a pendulum in a posture, with its CoM 6 mm from the line."""
     stance = nominal_stance(robot)
     com = composite_parameters(robot, stance.joint_position).com
     posture = posture or BodyPosture()
@@ -207,7 +204,7 @@ def toppling(robot, diagonal="FL_RR", posture=None, **kind):
 
 
 def residual(robot, lift, shift=(0.0, 0.0, 0.0), biases=None):
-    """How y wanders, over the moment of inertia about the line [rad/s].
+    """Return the variation of y, divided by the moment of inertia about the line [rad/s].
 
     Args:
         shift: of the whole robot's CoM from the model's [m].
@@ -228,7 +225,7 @@ POSTURES = {
 @pytest.mark.parametrize("diagonal", DIAGONALS)
 @pytest.mark.parametrize("posture", POSTURES.values(), ids=POSTURES)
 @pytest.mark.parametrize("name", ["a1", "skewed"])
-def test_y_is_constant_while_a_robot_topples_on_rolling_feet_and_not_for_another_com(request, name, posture, diagonal):
+def test_y_is_constant_on_rolling_feet_only_for_the_true_com(request, name, posture, diagonal):
     robot = request.getfixturevalue(name)
     lift = toppling(robot, diagonal, posture)
     assert np.linalg.norm(lift.up_in_imu[-1] - lift.up_in_imu[0]) > 0.02  # it did topple
@@ -239,13 +236,13 @@ def test_y_is_constant_while_a_robot_topples_on_rolling_feet_and_not_for_another
     assert residual(robot, lift, 2e-3 * normal / np.linalg.norm(normal)) > 5e-3
 
 
-def test_y_is_constant_on_feet_of_no_size_too_and_the_size_tells(a1):
+def test_y_is_constant_only_for_the_true_foot_radius(a1):
     without = toppling(a1, radius=0.0)
     assert residual(a1, without, biases=nothing_wrong(a1) | {"foot_radius": np.array([-1.0])}) < 1e-6
     assert residual(a1, without) > 1e-3
 
 
-def test_y_is_constant_on_feet_that_resist_rolling_and_the_resistance_tells(a1):
+def test_y_is_constant_only_for_the_true_rolling_resistance(a1):
     resisted = toppling(a1, resistance=1e-3)
     assert residual(a1, resisted, biases=nothing_wrong(a1) | {"rolling_resistance": np.array([1e-3])}) < 1e-5
     assert residual(a1, resisted) > 1e-3
@@ -256,7 +253,7 @@ def test_y_is_constant_for_legs_of_two_joints(two_jointed):
 
 
 def with_other_legs(robot, factor):
-    """Parameters with the links of the legs that much heavier."""
+    """Return parameters with heavier leg links."""
     vector = parameters(robot)
     vector[10 : 10 + len(robot.joint_names)] = factor
     return vector
@@ -264,7 +261,7 @@ def with_other_legs(robot, factor):
 
 @pytest.mark.parametrize("diagonal", DIAGONALS)
 @pytest.mark.parametrize("name", ["a1", "skewed"])
-def test_y_is_constant_while_legs_swing_and_not_for_legs_of_another_mass(request, name, diagonal):
+def test_y_is_constant_with_swinging_legs_only_for_the_true_masses(request, name, diagonal):
     robot = request.getfixturevalue(name)
     lift = toppling(robot, diagonal, POSTURES["rolled"], swing=Swing(0.3))
     assert np.abs(lift.joint_velocity).max() > 4
@@ -274,13 +271,12 @@ def test_y_is_constant_while_legs_swing_and_not_for_legs_of_another_mass(request
 
 
 @pytest.mark.parametrize("way", ["across", "up"])
-def test_springs_that_no_encoder_sees_leave_y_constant(a1, way):
-    """Of a base that sways by 0.3 mm, the encoders miss a velocity. With its momentum y would wander far more."""
+def test_y_is_constant_with_unmeasured_compliance(a1, way):
     stance, pace = nominal_stance(a1), 2 * np.pi * 15.0
     left, right = (stance.feet_in_base[foot] for foot in sides("FL_RR"))
     line = (left - right) / np.linalg.norm(left - right)
     direction = {"across": np.cross(line, [0, 0, 1]), "up": np.array([0.0, 0.0, 1.0])}[way]
-    lift = toppling(a1, give=Give(tuple(3e-4 * direction), 15.0))
+    lift = toppling(a1, compliance=Compliance(tuple(3e-4 * direction), 15.0))
     _, inertia = equation_of(a1, lift).rows(nothing_wrong(a1))
     body = composite_parameters(a1, lift.joint_position[0])
     arm = body.com - LegChains(a1).feet(lift.joint_position[:1])[0, lift.stance_feet[1]]
@@ -294,7 +290,7 @@ def with_far_imu():
     return load_robot("unitree_a1", RobotDescription(imu_position=(0.2, -0.1, 0.15)))
 
 
-def test_an_imu_away_from_the_bases_origin_is_carried_round_by_turns(a1):
+def test_the_position_of_the_imu_is_corrected_for(a1):
     far = with_far_imu()
     np.testing.assert_array_equal(far.imu_in_base.rotation, a1.imu_in_base.rotation)
     lift = toppling(far, rate=0.6)
@@ -302,8 +298,7 @@ def test_an_imu_away_from_the_bases_origin_is_carried_round_by_turns(a1):
     assert residual(a1, lift) > 5e-3  # what thinks that it is elsewhere
 
 
-def test_the_height_of_the_com_shows_in_a_tilted_posture(a1):
-    """What a level line cannot see: 5 mm up or down."""
+def test_a_tilted_posture_determines_the_com_height(a1):
     level, rolled = (toppling(a1, posture=POSTURES[name]) for name in ("nominal", "rolled"))
     up = [0, 0, 5e-3]
     assert residual(a1, rolled, up) > 5 * residual(a1, level, up)
@@ -323,7 +318,7 @@ def test_a_simulated_lift_with_the_body_turning_agrees_with_the_truth_and_not_wi
 
 
 def seen_by(robot, lift, biases):
-    """The lift as sensors with these biases record it (their clock apart)."""
+    """Return the lift as recorded by sensors with these biases, without clock offset."""
     tilt = Rotation.from_rotvec(biases["imu_tilt"]).as_matrix()
     error = np.diag(biases["gyro_gain"])
     error[~np.eye(3, dtype=bool)] = biases["gyro_misalignment"]
@@ -339,8 +334,7 @@ def seen_by(robot, lift, biases):
 
 
 @pytest.mark.parametrize("name", ["a1", "skewed", "far"])
-def test_known_biases_of_sensors_are_taken_off(request, name):
-    """Also where the IMU is far from the base's origin, and its errors reach what is felt there."""
+def test_known_sensor_biases_are_subtracted(request, name):
     robot, generator = with_far_imu() if name == "far" else request.getfixturevalue(name), np.random.default_rng(4)
     biases = nothing_wrong(robot) | {
         "joint_offset": 5e-3 * generator.standard_normal(len(robot.joint_names)),
@@ -357,8 +351,7 @@ def test_known_biases_of_sensors_are_taken_off(request, name):
 
 
 @pytest.mark.parametrize("late", [2e-3, -2e-3])
-def test_a_known_offset_of_the_clocks_is_taken_off(a1, late):
-    """The IMU's samples are younger than the joints' by as much."""
+def test_a_known_clock_offset_is_corrected(a1, late):
     lift = toppling(a1, late=late, swing=Swing(0.3))
 
     def miss(offset):
@@ -368,7 +361,7 @@ def test_a_known_offset_of_the_clocks_is_taken_off(a1, late):
     assert miss(late) < 0.05 * miss(0.0)
 
 
-def test_trials_are_kept_apart(a1):
+def test_trials_are_evaluated_separately(a1):
     lifts = [toppling(a1, diagonal, step=0.01) for diagonal in DIAGONALS]
     equation = equation_of(a1, *lifts)
     rows, inertia = equation.rows(nothing_wrong(a1))
@@ -383,7 +376,7 @@ def test_trials_are_kept_apart(a1):
 
 @pytest.mark.parametrize("diagonal", DIAGONALS)
 @pytest.mark.parametrize("distance", [-0.012, 0.0, 0.004])
-def test_the_distance_of_the_com_from_where_it_is_thought_to_be_is_found(a1, diagonal, distance):
+def test_centre_shift_estimates_the_com_error(a1, diagonal, distance):
     stance = nominal_stance(a1)
     left, right = (stance.feet_in_base[foot] for foot in sides(diagonal))
     normal = np.cross(left - right, [0, 0, 1])

@@ -1,4 +1,4 @@
-"""What legs that swing in the air say of their links, against simulated legs that are not the file's."""
+"""Estimation of leg links from swings of a simulated robot whose legs differ from the file."""
 
 import dataclasses
 from copy import copy
@@ -23,7 +23,7 @@ HEAVY = {"leg_mass_common": 0.15, "leg_com_common": 4e-3, "cable": 0.0}
 
 @pytest.fixture(scope="module")
 def run(a1, coarse_engine):
-    """The recordings of a short run for base, legs and motors, the truth, and the settings."""
+    """Recordings, truth and settings of a short run for base, legs and motors."""
     with simulate(a1, "realistic", seed=5, effects=HEAVY, timestep=1e-3) as simulation:
         mass = simulation.truth.composite.mass
         both = CombinedMethod(
@@ -36,13 +36,13 @@ def run(a1, coarse_engine):
 
 @pytest.fixture(scope="module")
 def on_three_feet(a1, coarse_engine):
-    """The recordings of the same robot that swings one leg after the other."""
+    """Recordings of the same robot swinging one leg after the other."""
     with simulate(a1, "realistic", seed=5, effects=HEAVY, timestep=1e-3) as simulation:
         return perform(simulation.platform, a1, Motors(motor_time=20.0, motor_stance="three-feet")).recordings
 
 
 @pytest.mark.parametrize("lying", [True, False], ids=["lying", "on three feet"])
-def test_true_legs_fit_and_the_files_do_not(a1, run, on_three_feet, lying):
+def test_only_the_true_legs_fit(a1, run, on_three_feet, lying):
     kept, _, parts, _ = run
     swings = [one for one in kept if isinstance(one.trial, MotorTrial)] if lying else on_three_feet
     scale = nominal_stance(a1).scale
@@ -67,7 +67,7 @@ def test_true_legs_fit_and_the_files_do_not(a1, run, on_three_feet, lying):
     assert normalized_residual(by_the_file) > 1.15 * true
 
 
-def test_legs_are_told_better_with_the_swing(a1, run):
+def test_swings_improve_the_legs_estimate(a1, run):
     kept, truth, parts, both = run
     lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
     alone, together = (
@@ -85,20 +85,19 @@ def test_legs_are_told_better_with_the_swing(a1, run):
     assert any("swing in the air" in source.name for source in together.uncertainty_budget)
 
 
-def test_the_plan_foretells_what_the_swing_says_of_legs(a1, run):
-    """A recording made up of the model file goes through the estimate's own code: as sure as the run, to a third."""
+def test_the_plan_predicts_the_swings_standard_deviations_of_legs(a1, run):
     kept, _, _, both = run
     stance = nominal_stance(a1)
     swings = both.motors.predicted_recordings(a1, stance), (kept[-1],)
     links = 4 * len(a1.joint_names)
 
     def stds(rows):
-        believed = np.repeat([0.1, 0.02, 0.03], [links // 4, 3 * links // 4, rows.shape[1] - links])
-        return np.sqrt(np.diag(np.linalg.inv(rows.T @ rows + np.diag(believed**-2))))
+        prior = np.repeat([0.1, 0.02, 0.03], [links // 4, 3 * links // 4, rows.shape[1] - links])
+        return np.sqrt(np.diag(np.linalg.inv(rows.T @ rows + np.diag(prior**-2))))
 
-    foretold, found = (stds(legs_in_swing(a1, *fit_swings(a1, stance, swing), stance.scale)[0]) for swing in swings)
-    assert (found / foretold > 1 / 1.3).all()
-    assert (found / foretold < 1.3).all()
+    predicted, actual = (stds(legs_in_swing(a1, *fit_swings(a1, stance, swing), stance.scale)[0]) for swing in swings)
+    assert (actual / predicted > 1 / 1.3).all()
+    assert (actual / predicted < 1.3).all()
     plan, lifts = both.forecast(a1, stance), both.base.forecast(a1, stance)
     assert plan.visits == lifts.visits
     assert (plan.std <= lifts.std).all()
@@ -107,7 +106,7 @@ def test_the_plan_foretells_what_the_swing_says_of_legs(a1, run):
     assert (alone.forecast(a1, stance).std == alone.base.forecast(a1, stance).std).all()
 
 
-def test_a_swing_that_broke_off_costs_the_motors_alone(a1, run):
+def test_an_interrupted_swing_affects_only_the_motors(a1, run):
     kept, _, _, both = run
     lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
     found = both.estimate(a1, lifts, nominal_stance(a1))
@@ -116,12 +115,12 @@ def test_a_swing_that_broke_off_costs_the_motors_alone(a1, run):
     assert any("no complete swing" in warning and "--resume" in warning for warning in found.warnings)
 
 
-def test_delta_passes_over_swings(run):
+def test_compare_ignores_swings(run):
     kept, _, _, _ = run
     assert [one.trial for one in of_the_base(kept)] == [one.trial for one in kept[:-1]]
 
 
-def test_a_joint_that_never_slides_ends_no_fit(a1, run):
+def test_a_joint_that_never_slides_does_not_stop_the_fit(a1, run):
     kept, _, _, _ = run
     scale = nominal_stance(a1).scale
     samples = motor_samples(a1, [kept[-1]], scale.time)
@@ -133,13 +132,13 @@ def test_a_joint_that_never_slides_ends_no_fit(a1, run):
     assert np.isfinite(legs_in_swing(a1, stuck, fit, scale)[0]).all()
 
 
-def test_quiet_feet_are_not_taken_for_quieter_than_they_may_be(a1, run):
+def test_noise_of_stance_motions_has_a_lower_limit(a1, run):
     kept, _, _, both = run
     lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
     posterior = both.base.estimate(a1, lifts, nominal_stance(a1)).evidence.posterior
     moves = posterior.problem.equation(StanceMotions)
     allowed = moves.scale / moves._noise_factor
-    loose = np.zeros_like(posterior.covariance)  # as if no unknown took a freedom
+    loose = np.zeros_like(posterior.covariance)  # no degrees of freedom are subtracted
     quiet = moves.at_residual_noise(posterior.x, loose)
     assert (quiet.scale <= allowed).all()
     assert (quiet.scale >= 0.3 * allowed - 1e-12).all()
@@ -154,7 +153,7 @@ def test_quiet_feet_are_not_taken_for_quieter_than_they_may_be(a1, run):
     ]
 
 
-def test_who_does_not_look_for_legs_gets_the_base_of_before(a1, run):
+def test_without_leg_parameters_swings_do_not_change_the_base(a1, run):
     kept, _, _, both = run
     lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
     base = both.base.having({"swings": False})

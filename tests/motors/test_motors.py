@@ -1,4 +1,4 @@
-"""Motors of a simulated robot that swings its legs, against what was simulated."""
+"""Motor estimates of a simulated robot that swings its legs."""
 
 import dataclasses
 import warnings
@@ -28,14 +28,14 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 @pytest.fixture(scope="module")
 def swung(a1):
-    """A result, and the recordings, of an A1 whose joints differ in friction."""
+    """Result and recordings of an A1 whose joints differ in friction."""
     kept = []
     with simulate(a1, "realistic", seed=5, effects={"friction_spread": 0.3}) as simulation:
         result = calibrate(simulation.platform, a1, Motors(motor_time=5.0), keep=kept.append)
         return result.with_truth_of_parts(simulation.truth_of_parts), kept
 
 
-def test_what_was_simulated_is_found(swung):
+def test_motors_match_the_simulation(swung):
     result, _ = swung
     for name, most in (("coulomb_friction", 0.05), ("armature", 0.1), ("viscous_friction", 0.15)):
         found = [getattr(joint, name) for joint in result.joints.values()]
@@ -46,8 +46,7 @@ def test_what_was_simulated_is_found(swung):
     assert np.mean([one.missed for one in everything]) < 0.15
 
 
-def test_rotors_that_spin_are_told_from_their_inertia(a1):
-    """A ratio of nine: the calf's rotor turns with the thigh, which by itself looks like a fifth of the armature."""
+def test_spinning_rotors_do_not_bias_armatures(a1):
     with simulate(a1, "ideal", effects={"armature": None, "rotor_spin": 1 / 9}) as simulation:
         result = calibrate(simulation.platform, a1, Motors(motor_time=5.0))
         result = result.with_truth_of_parts(simulation.truth_of_parts)
@@ -55,8 +54,7 @@ def test_rotors_that_spin_are_told_from_their_inertia(a1):
     assert np.sqrt(np.mean(np.square(errors))) < 0.05
 
 
-def test_no_friction_is_less_than_none(a1):
-    """Joints without any: noise makes none of them push."""
+def test_friction_is_never_negative(a1):
     with simulate(a1, "realistic", seed=3, effects={"coulomb_friction": 0.0, "viscous_friction": 0.0}) as simulation:
         result = calibrate(simulation.platform, a1, Motors(motor_time=5.0))
         result = result.with_truth_of_parts(simulation.truth_of_parts)
@@ -65,8 +63,7 @@ def test_no_friction_is_less_than_none(a1):
     assert np.mean([one.missed for one in found]) < 0.15
 
 
-def test_the_motors_law_stands_for_torques_that_obey_it(a1, swung):
-    """Its noise is the encoders'; a motor that reports something else is taken at its word."""
+def test_the_control_law_replaces_torques_that_obey_it(a1, swung):
     recording, scale = swung[1][0], nominal_stance(a1).scale.time
     other = recording.joints.torque.copy()
     other[:, 2] += 1.5 * np.sin(7 * recording.joints.time)
@@ -78,13 +75,13 @@ def test_the_motors_law_stands_for_torques_that_obey_it(a1, swung):
 
 
 def _taken_less_reported(robot, recording, scale):
-    """(nj,) mean distances of the torques that count from the averages of those that were reported [Nm]."""
+    """Return (nj,) mean distances of the used torques from the averages of the reported ones [Nm]."""
     samples, joints = motor_samples(robot, [recording], scale), recording.phase(Phase.SWING).joints
     reported = averages(joints.time, samples.time, SPACING * scale) @ joints.torque
     return np.abs(samples.torque - reported).mean(axis=0)
 
 
-def test_a_swing_that_broke_off_at_once_says_how_long_one_must_be(a1, swung):
+def test_too_short_a_swing_raises(a1, swung):
     recording = swung[1][0]
     start = recording.phase(Phase.SWING).joints.time[0]
     early = [replace_time(event, start) for event in recording.events]
@@ -93,11 +90,11 @@ def test_a_swing_that_broke_off_at_once_says_how_long_one_must_be(a1, swung):
 
 
 def replace_time(event, start):
-    """The same, or sooner: whatever comes behind the swing's start comes a tenth of a second behind it."""
+    """Move events after the start of the swing to 0.1 s after it."""
     return dataclasses.replace(event, time=start + 0.1) if event.time > start else event
 
 
-def test_joints_of_more_friction_are_told(swung):
+def test_joints_with_more_friction_are_identified(swung):
     frictions = [joint.coulomb_friction for joint in swung[0].joints.values()]
     truth, found = np.array([(one.truth, one.value) for one in frictions]).T
     assert np.corrcoef(truth, found)[0, 1] > 0.9
@@ -112,8 +109,7 @@ def test_legs_touch_nothing_while_they_swing(a1, swung):
     assert not clearance.kept(low)
 
 
-def test_legs_that_would_meet_turn_up_one_pair_after_the_other(a1):
-    """A Mini Cheetah's knees are between its legs; an A1's all point one way."""
+def test_legs_that_would_collide_turn_up_in_pairs(a1):
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -134,7 +130,7 @@ def test_gains_are_a_quarter_and_recorded(a1, swung):
     assert swung[1][0].trial == MotorTrial(kp=kp / 4, kd=kd / 4)
 
 
-def test_without_torques_the_commands_tell(a1, swung):
+def test_without_torques_the_commands_replace_them(a1, swung):
     (recording,) = swung[1]
     blind = dataclasses.replace(recording, joints=dataclasses.replace(recording.joints, torque=None))
     result = Motors().estimate(a1, [blind], nominal_stance(a1))
@@ -145,7 +141,7 @@ def test_without_torques_the_commands_tell(a1, swung):
 
 
 def cut(stream, start, end):
-    """A stream without its samples between two times [s]."""
+    """Remove the samples of a stream between two times [s]."""
     kept = (stream.time < start) | (stream.time > end)
     return dataclasses.replace(
         stream,
@@ -158,8 +154,7 @@ def cut(stream, start, end):
 
 
 @pytest.mark.parametrize("streams", [("imu",), ("imu", "joints")])
-def test_what_is_near_a_gap_does_not_count(a1, swung, streams):
-    """The guard ends nothing for 0.1 s without a sample; a spline goes where it will meanwhile."""
+def test_samples_near_a_gap_are_excluded(a1, swung, streams):
     result, (recording,) = swung
     middle = recording.phase(Phase.SWING).joints.time.mean()
     gapped = dataclasses.replace(
@@ -173,7 +168,7 @@ def test_what_is_near_a_gap_does_not_count(a1, swung, streams):
 
 
 @pytest.mark.parametrize("factor", [0.9, 1.1])
-def test_torques_of_another_constant_are_no_other_delay(a1, swung, factor):
+def test_another_torque_constant_does_not_bias_the_delay(a1, swung, factor):
     result, (recording,) = swung
     joints = dataclasses.replace(recording.joints, torque=factor * recording.joints.torque)
     other = Motors().estimate(a1, [dataclasses.replace(recording, joints=joints)], nominal_stance(a1))
@@ -181,8 +176,7 @@ def test_torques_of_another_constant_are_no_other_delay(a1, swung, factor):
         assert other.joints[name].delay.value == pytest.approx(joint.delay.value, abs=0.3e-3)  # 10 % looked like 1.2 ms
 
 
-def test_noise_of_velocities_is_no_other_constant(a1, swung):
-    """It is in the law that torques are held against, and would draw its share of them towards zero."""
+def test_velocity_noise_does_not_bias_the_torque_constant(a1, swung):
     result, (recording,) = swung
     joints = recording.joints
     noise = 0.15 * np.random.default_rng(0).standard_normal(joints.velocity.shape)
@@ -195,7 +189,7 @@ def test_noise_of_velocities_is_no_other_constant(a1, swung):
 
 
 @pytest.mark.parametrize("name", ["torque", "velocity"])
-def test_zeros_are_nothing_reported(a1, swung, name):
+def test_constant_zeros_count_as_unreported(a1, swung, name):
     (recording,) = swung[1]
     blind, zeros = (
         dataclasses.replace(recording, joints=dataclasses.replace(recording.joints, **{name: column}))
@@ -206,8 +200,7 @@ def test_zeros_are_nothing_reported(a1, swung, name):
     assert found.warnings == expected.warnings
 
 
-def test_a_joint_that_never_slides_does_not_make_the_others_surer():
-    """What is left of it over a noise of none is beyond all numbers."""
+def test_a_joint_that_never_slides_does_not_narrow_other_intervals():
     rng = np.random.default_rng(1)
     residual, used = np.cumsum(rng.normal(size=(400, 2)), axis=0), np.ones((400, 2))
     used[:, 1] = 0.0
@@ -217,8 +210,8 @@ def test_a_joint_that_never_slides_does_not_make_the_others_surer():
     assert expected > 2
 
 
-def test_what_the_other_joints_gears_show_is_in_the_interval_of_one_that_shows_none(a1, swung):
-    """Friction that follows load, in all reported torques but the last calf's."""
+def test_model_errors_of_other_joints_widen_every_interval(a1, swung):
+    """All reported torques except the last calf's have load-dependent friction."""
     result, (recording,) = swung
     joints = recording.joints
     friction = 0.15 * np.sign(joints.velocity) * np.abs(joints.torque) * (np.arange(12) < 11)
@@ -229,8 +222,7 @@ def test_what_the_other_joints_gears_show_is_in_the_interval_of_one_that_shows_n
     assert last.armature.std > 3 * list(result.motors.values())[-1].armature.std
 
 
-def test_slow_joints_swing_from_the_end_of_the_ramp_to_its_begin(a1):
-    """A motion is stretched for joints that are slow, and its phases with it."""
+def test_slow_joints_stretch_the_phases(a1):
     slow = dataclasses.replace(a1, velocity_limit=np.full(12, 3.0))
     with simulate(a1, "realistic") as simulation:
         kept = []
@@ -243,7 +235,7 @@ def test_slow_joints_swing_from_the_end_of_the_ramp_to_its_begin(a1):
     assert not moving[after & (recording.commands.time[1:] < fold - 0.01)].any()
 
 
-def test_the_page_begins_with_the_motors_where_there_is_nothing_else(swung):
+def test_a_report_of_motors_alone_begins_with_them(swung):
     contents = run_contents(swung[0])
     (table,) = contents.first
     assert len(table.rows) == 12
@@ -259,12 +251,12 @@ def test_the_page_begins_with_the_motors_where_there_is_nothing_else(swung):
     assert "scene" not in {one.name for one in contents.sections}
 
 
-def test_a_result_is_saved_and_read(swung, tmp_path):
+def test_a_result_round_trips(swung, tmp_path):
     swung[0].save(tmp_path / "result.json")
     assert Calibration.load(tmp_path / "result.json").motors == swung[0].motors
 
 
-def test_legs_that_cannot_turn_up_are_refused_by_name():
+def test_legs_that_cannot_turn_up_raise():
     narrow = {f"{leg}_thigh_joint": (-1.0, 1.6) for leg in ("FL", "FR", "RL", "RR")}
     robot = load_robot("unitree_a1", RobotDescription(joint_limits=narrow))
     stance = nominal_stance(robot)
@@ -275,12 +267,12 @@ def test_legs_that_cannot_turn_up_are_refused_by_name():
     assert "lifts the fourth" in Motors().rehearse(robot, stance).doing
 
 
-def test_a_run_without_a_swing_says_so(a1):
+def test_a_run_without_a_swing_raises(a1):
     with pytest.raises(RecordingError, match=r"no complete swing of all joints.*--resume RUN"):
         Motors().estimate(a1, [], nominal_stance(a1))
 
 
-def test_settings_of_both_survive_a_file():
+def test_settings_of_both_methods_round_trip():
     both = CombinedMethod(BayesianMethod(duration=60.0), Motors(motor_time=7.0))
     assert method_from_dict(both.to_dict()) == both
     assert both.having({"mass": 12.0}).base.mass == 12.0

@@ -1,4 +1,4 @@
-"""Friction that grows toward rest, which the simulated robot has by another law than the estimator."""
+"""Stribeck friction, simulated with another law than the estimator's."""
 
 import numpy as np
 import pytest
@@ -15,14 +15,14 @@ from equipoise.motors.method import Motors
 
 @pytest.fixture(scope="module")
 def swung(a1):
-    """A result, and the recording, of an A1 whose joints have 30 % more friction at rest."""
+    """Result and recording of an A1 whose joints have 30 % more friction at rest."""
     kept = []
     with simulate(a1, "realistic", seed=5, effects={"stribeck": 0.3}) as simulation:
         result = calibrate(simulation.platform, a1, Motors(motor_time=5.0), keep=kept.append)
         return result.with_truth_of_parts(simulation.truth_of_parts), kept[-1]
 
 
-def test_friction_at_rest_is_told_and_leaves_the_others_right(a1, swung, monkeypatch):
+def test_stribeck_friction_is_identified_without_bias_of_other_parameters(a1, swung, monkeypatch):
     result, recording = swung
     joints = result.joints.values()
     assert np.mean([one.stribeck_friction.missed for one in joints]) < 0.15
@@ -39,8 +39,7 @@ def test_friction_at_rest_is_told_and_leaves_the_others_right(a1, swung, monkeyp
     assert mean[1] < 0.94 * truth
 
 
-def test_who_has_none_is_not_told_any(a1):
-    """Neither with noise nor without, where the least that is left is seen."""
+def test_robots_without_stribeck_friction_get_none(a1):
     motor = {"coulomb_friction": 0.3, "viscous_friction": 0.05, "armature": 0.01}
     for noise, effects in (("realistic", {}), ("ideal", motor)):
         with simulate(a1, noise, seed=6, effects=effects) as simulation:
@@ -50,8 +49,8 @@ def test_who_has_none_is_not_told_any(a1):
         assert "stribeck_friction" not in {one.name for one in motors.columns}
 
 
-def test_one_joint_out_of_many_is_seen_and_chance_is_not():
-    """Twelve joints, unit noise: amounts in deviations are known beforehand."""
+def test_one_joint_suffices_and_noise_does_not():
+    """Twelve joints with unit noise, so that normalized amounts are exact."""
     rng = np.random.default_rng(0)
     terms = rng.normal(size=(6, 400, 12))
     design, covariance = np.zeros((400, 12, 1)), np.eye(1)
@@ -68,17 +67,16 @@ def test_one_joint_out_of_many_is_seen_and_chance_is_not():
     assert not found(-10.0)  # friction that falls toward rest is none
 
 
-def test_what_an_unknown_of_the_fit_could_be_as_well_is_no_sign_of_it():
-    """A column like the term's, of an unknown that is known beforehand or not: the fit takes its part of the torque."""
+def test_a_term_that_another_parameter_explains_is_not_significant():
+    """A parameter with the term's column and a narrow or wide prior takes its share of the torque."""
     term = np.ones((400, 1))
-    for known, wanted in ((4e6, True), (4.0, False)):
-        left = 0.5 * known / (400 + known) * term
-        covariance = np.array([[1 / (400 + known)]])
+    for information, wanted in ((4e6, True), (4.0, False)):
+        left = 0.5 * information / (400 + information) * term
+        covariance = np.array([[1 / (400 + information)]])
         assert is_significant(term[None], term[..., None], left, covariance, 10.0) == wanted
 
 
-def test_it_is_solved_for_where_legs_are_looked_for(a1, swung):
-    """Or friction would be taken for legs: rows with it say less."""
+def test_legs_in_swing_eliminates_stribeck_friction(a1, swung):
     scale = nominal_stance(a1).scale
     samples = motor_samples(a1, [swung[1]], scale.time)
     fit = fit_motors(a1, samples, scale)
@@ -90,7 +88,7 @@ def test_it_is_solved_for_where_legs_are_looked_for(a1, swung):
     assert np.linalg.norm(with_it) < np.linalg.norm(without)
 
 
-def test_it_is_saved_shown_and_written(swung, tmp_path):
+def test_stribeck_friction_is_saved_shown_and_exported(swung, tmp_path):
     result, _ = swung
     result.save(tmp_path / "result.json")
     assert Calibration.load(tmp_path / "result.json").motors == result.motors
@@ -101,8 +99,7 @@ def test_it_is_saved_shown_and_written(swung, tmp_path):
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_term_that_the_fit_has_by_another_name_tells_nothing():
-    """What is left of its information is rounding, which may be below zero."""
+def test_a_term_equal_to_a_column_of_the_fit_is_not_significant():
     rng = np.random.default_rng(1)
     term = rng.normal(size=(1, 300, 1))
     covariance = np.array([[(1 + 1e-6) / (term**2).sum()]])

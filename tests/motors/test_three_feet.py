@@ -1,4 +1,4 @@
-"""Motors of a simulated robot that stands on three feet and swings one leg after the other."""
+"""Motor estimates of a simulated robot that stands on three feet and swings one leg after the other."""
 
 import dataclasses
 import warnings
@@ -45,7 +45,7 @@ def assert_found(result):
     assert np.mean([one.missed for one in everything]) < 0.15
 
 
-def test_what_was_simulated_is_found(swung):
+def test_motors_match_the_simulation(swung):
     assert_found(swung[0])
 
 
@@ -61,7 +61,7 @@ def test_a_robot_whose_legs_do_not_turn_up_stands(swung):
     assert [one.trial.leg for one in kept] == list(ORDER)
 
 
-def test_each_leg_swings_softly_while_the_others_stand(a1, swung):
+def test_each_leg_swings_with_reduced_gains(a1, swung):
     kp, kd = a1.gains(nominal_stance(a1).hip_height)
     for recording, leg in zip(swung[1], ORDER, strict=True):
         assert recording.trial == MotorTrial(kp=kp / 4, kd=kd / 4, leg=leg)
@@ -74,7 +74,7 @@ def test_each_leg_swings_softly_while_the_others_stand(a1, swung):
     assert [trial.about for trial in swung[0].trials] == [f"{leg} leg" for leg in ORDER]
 
 
-def test_the_com_is_well_inside_three_feet_all_the_while(a1, swung):
+def test_the_com_stays_inside_the_three_feet(a1, swung):
     stance = nominal_stance(a1)
     for up in legs_in_turn(a1, stance):
         assert up.margin > 0.06
@@ -95,7 +95,7 @@ def test_a_lifted_foot_does_not_tilt_the_floor():
     assert floor_normal_by_diagonals(feet)[2] < 0.97
 
 
-def test_a_place_outside_of_the_feet_has_a_negative_margin():
+def test_a_point_outside_the_feet_has_a_negative_margin():
     corners = np.array([[0.0, 0.0], [0.4, 0.0], [0.0, 0.3]])
     for turn in (corners, corners[::-1]):
         assert margin_inside(turn, np.array([0.1, 0.05])) == pytest.approx(0.05)
@@ -105,22 +105,21 @@ def test_a_place_outside_of_the_feet_has_a_negative_margin():
     assert np.allclose(over_three_feet(four, 0, 0.9), [-0.3, -0.3])
 
 
-def test_the_base_that_excitations_is_in_the_equation(a1, swung):
-    """Were it taken to rest, legs would be pushed by what nobody sees."""
+def test_the_equation_includes_the_base_motion(a1, swung):
     scale = nominal_stance(a1).scale.time
     recording = swung[1][0]
     still = np.zeros_like(recording.imu.angular_velocity_in_imu)
     resting = dataclasses.replace(recording, imu=dataclasses.replace(recording.imu, angular_velocity_in_imu=still))
-    told, untold = (motor_samples(a1, [one], scale).regressor for one in (recording, resting))
-    assert np.abs(told - untold).max() > 0.01
+    moving, still = (motor_samples(a1, [one], scale).regressor for one in (recording, resting))
+    assert np.abs(moving - still).max() > 0.01
 
 
-def test_a_leg_that_did_not_swing_is_named(a1, swung):
+def test_the_message_names_missing_legs(a1, swung):
     with pytest.raises(RecordingError, match="no complete swing of the FR and RL leg"):
         ON_THREE.estimate(a1, [swung[1][0], swung[1][2]], nominal_stance(a1))
 
 
-def test_trials_are_read_as_they_were_written_also_old_ones():
+def test_trials_round_trip_also_old_ones():
     one = MotorTrial(kp=20.0, kd=0.5, leg="RR")
     assert read_trial(one.to_data()) == one
     assert read_trial({"kind": "motors", "kp": None, "kd": None}) == MotorTrial()
@@ -129,7 +128,7 @@ def test_trials_are_read_as_they_were_written_also_old_ones():
         read_trial({"kind": "motors", "kp": None, "kd": None, "leg": "XX"})
 
 
-def test_settings_survive_and_are_judged(a1):
+def test_settings_round_trip_and_are_checked(a1):
     assert method_from_dict(ON_THREE.to_dict()) == ON_THREE
     with pytest.raises(SettingsError, match="motor_stance is 'head'; it must be one of auto, belly, three-feet"):
         Motors(motor_stance="head")
@@ -139,14 +138,13 @@ def test_settings_survive_and_are_judged(a1):
         Motors(motor_time=4.0, motor_stance="three-feet").check(a1, nominal_stance(a1))
 
 
-def test_the_plan_foretells_the_time(a1, swung):
+def test_the_plan_predicts_the_duration(a1, swung):
     course = ON_THREE.rehearse(a1, nominal_stance(a1))
     assert course.duration == pytest.approx(sum(one.duration for one in swung[1]), rel=0.1)
     assert len(course.postures) == 12
 
 
-def test_a_robot_that_cannot_stand_on_three_feet_is_refused_by_name(two_jointed):
-    """Legs of two joints cannot bring the body over them."""
+def test_a_robot_that_cannot_stand_on_three_feet_raises(two_jointed):
     with pytest.raises(
         ReachError, match=r"cannot stand on three feet and swing its FL leg: .* Leave motors out, or give"
     ):
