@@ -19,17 +19,17 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 
 @pytest.fixture(scope="module")
-def recordings(a1):
-    """Recordings of a short run with an excitation: a realistic A1 with an unknown payload."""
+def swaying(a1):
+    """Return recordings of a short run with an excitation: a realistic A1 with a payload."""
     with simulate(a1, "realistic", "2,0.1,0,0.1", seed=5) as simulation:
         return perform(simulation.platform, a1, BayesianMethod(duration=60)).recordings
 
 
 @pytest.fixture(scope="module")
-def expected(recordings):
-    """Result with the IMU at the file's position."""
+def expected(swaying):
+    """Return the result with the correct IMU position in the file."""
     robot = with_imu_at((0.0, 0.0, 0.0))
-    return BayesianMethod(duration=60).estimate(robot, recordings, nominal_stance(robot))
+    return BayesianMethod(duration=60).estimate(robot, swaying, nominal_stance(robot))
 
 
 def with_imu_at(shift):
@@ -38,10 +38,10 @@ def with_imu_at(shift):
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (0.0, 0.0, 0.02), (-0.03, 0.015, -0.01)])
-def test_the_position_is_estimated_for_any_position_in_the_file(recordings, shift):
+def test_the_position_is_found(swaying, shift):
     robot = with_imu_at(shift)
     stance = nominal_stance(robot)
-    motions = read_motions(robot, stance, recordings)
+    motions = read_motions(robot, stance, swaying)
     (excitation,) = (excitation for motion in motions for excitation in motion.of(ExcitationSamples))
     unknowns = Unknowns(robot, stance, Priors())
     values = unknowns.values(unknowns.start())
@@ -50,10 +50,10 @@ def test_the_position_is_estimated_for_any_position_in_the_file(recordings, shif
     assert np.all(std < 2e-3)
 
 
-def test_only_the_first_minute_of_a_long_excitation_is_read(recordings, a1, monkeypatch):
+def test_only_the_first_minute_of_a_long_excitation_is_read(swaying, a1, monkeypatch):
     stance = nominal_stance(a1)
     (excitation,) = (
-        excitation for motion in read_motions(a1, stance, recordings) for excitation in motion.of(ExcitationSamples)
+        excitation for motion in read_motions(a1, stance, swaying) for excitation in motion.of(ExcitationSamples)
     )
     longest = (excitation.time[-1] - excitation.time[0]) / 2
     monkeypatch.setattr(imu_position, "_LONGEST", longest / stance.scale.time)
@@ -65,10 +65,10 @@ def test_only_the_first_minute_of_a_long_excitation_is_read(recordings, a1, monk
 
 
 @pytest.mark.parametrize("up", [0.01, 0.02])
-def test_a_wrong_height_in_the_file_is_corrected(recordings, expected, up):
-    """Lifts alone would assign the error to inertia; with the excitation the result is that of a correct file."""
+def test_a_wrong_height_in_the_file_is_corrected(swaying, expected, up):
+    """Lifts alone confuse the height with inertia. With the excitation the result equals that of a correct file."""
     wrong = with_imu_at((0.0, 0.0, up))
-    found = BayesianMethod(duration=60).estimate(wrong, recordings, nominal_stance(wrong))
+    found = BayesianMethod(duration=60).estimate(wrong, swaying, nominal_stance(wrong))
     assert found.trustworthy
     assert "the run contradicts the model file: the position of the IMU differs from the file" in found.assumptions
     (height,) = (finding.value for finding in found.sensors if finding.name == "IMU position z")
@@ -79,19 +79,18 @@ def test_a_wrong_height_in_the_file_is_corrected(recordings, expected, up):
     assert sum(source.shares for source in found.uncertainty_budget) == pytest.approx(np.ones(10))
 
 
-def test_a_consistent_excitation_is_a_check_only(expected):
+def test_an_excitation_that_agrees_with_the_tilts_is_only_a_check(expected):
     (check,) = (check for check in expected.checks if check.name == "IMU position")
     assert check.passed
     assert all(source.name != "IMU position from the excitation" for source in expected.uncertainty_budget)
 
 
-def test_narrow_leg_priors_include_the_excitation(recordings):
+def test_narrow_leg_priors_always_include_the_excitation(swaying):
+    """No other parameter resembles the IMU position then, so moments depend less on its prior."""
     robot = with_imu_at((0.0, 0.0, 0.0))
     shares, stds = [], []
     for legs in ("wide", "narrow"):
-        result = BayesianMethod(duration=60, mass=14.5, leg_prior=legs).estimate(
-            robot, recordings, nominal_stance(robot)
-        )
+        result = BayesianMethod(duration=60, mass=14.5, leg_prior=legs).estimate(robot, swaying, nominal_stance(robot))
         shares.append([source.name for source in result.uncertainty_budget].count("IMU position from the excitation"))
         (height,) = (finding.std for finding in result.sensors if finding.name == "IMU position z")
         stds.append(height)
@@ -99,10 +98,10 @@ def test_narrow_leg_priors_include_the_excitation(recordings):
     assert stds[1] < 0.9 * stds[0]
 
 
-def test_a_wrong_fixed_position_fails_the_check(recordings):
+def test_a_wrong_fixed_position_fails_the_check(swaying):
     robot = with_imu_at((0.0, 0.0, 0.02))
     fixed = BayesianMethod(duration=60, priors=Priors().holding("imu_position"))
-    result = fixed.estimate(robot, recordings, nominal_stance(robot))
+    result = fixed.estimate(robot, swaying, nominal_stance(robot))
     (check,) = (check for check in result.checks if check.name == "IMU position")
     assert not check.passed
     assert not result.trustworthy
@@ -112,7 +111,7 @@ def test_a_wrong_fixed_position_fails_the_check(recordings):
     assert "imu_position" in check.message
 
 
-def test_without_an_excitation_the_check_passes(precise_run):
+def test_the_check_needs_an_excitation(precise_run):
     (check,) = (check for check in precise_run.result.checks if check.name == "IMU position")
     assert check.passed
     assert check.message == "not tested: the run has no excitation about all axes"

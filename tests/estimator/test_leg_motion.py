@@ -1,4 +1,4 @@
-"""Legs for many samples at once, against Pinocchio one by one."""
+"""Vectorised leg kinematics, compared with Pinocchio."""
 
 import cases
 import numpy as np
@@ -20,14 +20,14 @@ def robot(request):
 
 @pytest.fixture(scope="module")
 def states(robot):
-    """Joint positions, joint velocities and angular velocities of six samples."""
+    """Return joint positions, joint velocities and angular velocities of six samples."""
     generator = np.random.default_rng(1)
     joints = len(robot.joint_names)
     return tuple(size * generator.standard_normal((6, n)) for size, n in ((0.7, joints), (2.0, joints), (1.5, 3)))
 
 
 def pinocchio_at(robot, position, velocity, turning):
-    """Pinocchio's data at one sample; the base's origin does not move."""
+    """Return Pinocchio's data at one sample; the base's origin rests."""
     model = robot.pinocchio
     data = model.createData()
     q, v = robot.configuration(position), np.concatenate([np.zeros(3), turning, velocity])
@@ -38,7 +38,7 @@ def pinocchio_at(robot, position, velocity, turning):
     return data
 
 
-def test_links_move_as_pinocchios(robot, states):
+def test_links_match_pinocchio(robot, states):
     motion = LegChains(robot).motion(*states)
     for sample, state in enumerate(zip(*states, strict=True)):
         data = pinocchio_at(robot, *state)
@@ -52,7 +52,7 @@ def test_links_move_as_pinocchios(robot, states):
                 np.testing.assert_allclose(motion.spin[here], place.rotation @ body.inertia @ speed.angular, **CLOSE)
 
 
-def test_feet_move_as_pinocchios(robot, states):
+def test_feet_match_pinocchio(robot, states):
     motion = LegChains(robot).motion(*states)
     for sample, state in enumerate(zip(*states, strict=True)):
         data = pinocchio_at(robot, *state)
@@ -64,7 +64,7 @@ def test_feet_move_as_pinocchios(robot, states):
             np.testing.assert_allclose(motion.foot_angular_velocity[sample, number], speed.angular, **CLOSE)
 
 
-def test_with_the_base_all_links_have_the_whole_robots_momentum(robot, states):
+def test_momenta_of_base_and_links_add_up(robot, states):
     legs = LegChains(robot)
     motion = legs.motion(*states)
     base = robot.pinocchio.inertias[1]
@@ -79,7 +79,7 @@ def test_with_the_base_all_links_have_the_whole_robots_momentum(robot, states):
         np.testing.assert_allclose(about_com, data.hg.angular, **CLOSE)
 
 
-def test_velocities_are_the_positions_derivatives(robot, states):
+def test_velocities_match_differences(robot, states):
     position, velocity, _ = states
     legs, none, dt = LegChains(robot), np.zeros((len(position), 3)), 1e-6
     ahead, behind = (legs.motion(position + s * dt * velocity, velocity, none) for s in (1, -1))
@@ -88,12 +88,12 @@ def test_velocities_are_the_positions_derivatives(robot, states):
     np.testing.assert_allclose(here.foot_velocity, (ahead.foot - behind.foot) / (2 * dt), atol=1e-7)
 
 
-def test_feet_are_where_the_kinematics_have_them(robot, states):
+def test_feet_match_the_kinematics(robot, states):
     feet = LegChains(robot).feet(states[0])
     np.testing.assert_allclose(feet, [foot_positions(robot, position) for position in states[0]], **CLOSE)
 
 
-def test_masses_and_joints_are_those_of_the_legs(robot):
+def test_masses_and_joints_match_the_model(robot):
     legs = LegChains(robot)
     assert legs.links == legs.joints.size == len(robot.joint_names)
     assert sorted(legs.joints.ravel()) == list(range(len(robot.joint_names)))
@@ -104,7 +104,7 @@ def test_masses_and_joints_are_those_of_the_legs(robot):
 
 
 @pytest.mark.parametrize("offset", ["0 0 0", "0 1e-18 0", "0.05 0 0", "0 1e-4 0", "0 0 1e-4"])
-def test_links_have_directions_where_the_next_joint_lies_on_the_axis_too(tmp_path, offset):
+def test_axes_exist_if_the_next_joint_lies_on_the_axis(tmp_path, offset):
     robot = load_text(tmp_path, cases.urdf(offset))
     legs = LegChains(robot)
     np.testing.assert_allclose(
@@ -117,14 +117,14 @@ def test_links_have_directions_where_the_next_joint_lies_on_the_axis_too(tmp_pat
         np.testing.assert_allclose(legs.axes[:, 0, :, 0], np.tile([0.0, 0, -1], (4, 1)), atol=1e-12)
 
 
-def test_a_link_of_a_leg_of_two_joints_may_have_no_length(tmp_path):
+def test_a_link_may_have_zero_length(tmp_path):
     locked = cases.with_limits(cases.urdf("0 0 0"), "calf", 'lower="-1" upper="-1"')
     legs = LegChains(load_text(tmp_path, locked))  # abduction and hip pitch, whose axes meet
     assert np.isfinite(legs.axes).all()
     np.testing.assert_allclose(legs.reach[:, 0], 0, atol=1e-12)
 
 
-def test_the_cross_product_is_numpys():
+def test_the_cross_product_matches_numpy():
     a, b = np.random.default_rng(2).standard_normal((2, 4, 5, 3))
     np.testing.assert_allclose(cross(a, b), np.cross(a, b), atol=1e-15)
     np.testing.assert_allclose((cross_matrix(a) @ b[..., None])[..., 0], np.cross(a, b), atol=1e-15)

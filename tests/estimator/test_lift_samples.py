@@ -1,4 +1,4 @@
-"""The time on two feet, from recordings whose times, motions and noise are known."""
+"""Samples on two feet, from recordings with known times, motions and noise."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def stance(a1):
 
 
 def made_lift(a1, stance, diagonal="FL_RR", height=UP, noise=0.0, velocities=True, up_for=0.58, seed=0):
-    """Two feet go up at LIFT, in RISE, and come down again; the base does not move. Its gyroscope is biased."""
+    """Return a lift: two feet rise at LIFT within RISE and return; the base rests and its gyroscope is biased."""
     time, generator = np.arange(round(1.5 * RATE)) / RATE, np.random.default_rng(seed)
     raised = np.array(stance.feet_in_base)
     raised[[leg not in DIAGONALS[diagonal] for leg in LEG_NAMES], 2] += height
@@ -38,8 +38,8 @@ def made_lift(a1, stance, diagonal="FL_RR", height=UP, noise=0.0, velocities=Tru
         time, position + noise * generator.standard_normal(position.shape), velocity if velocities else None
     )
     gyro = BIAS + 10 * noise * generator.standard_normal((len(time), 3))
-    felt = [0, 0, 9.81] + 100 * noise * generator.standard_normal((len(time), 3))
-    imu = ImuStream(time, gyro, felt)
+    acceleration = [0, 0, 9.81] + 100 * noise * generator.standard_normal((len(time), 3))
+    imu = ImuStream(time, gyro, acceleration)
     phases = {"move": 0.0, "rest": REST, "unload": 0.4, "lift": LIFT, "lower": LOWER}
     events = [Event(0.0, TRIAL, {"kind": "lift", "diagonal": diagonal})]
     events += [Event(start, PHASE, {"name": name}) for name, start in phases.items()]
@@ -58,7 +58,7 @@ def read(a1, stance, recording):
 # --- attitudes
 
 
-def test_a_steady_turn_is_integrated_exactly():
+def test_a_constant_rotation_is_integrated_exactly():
     time, turning = np.linspace(2.0, 3.0, 101), np.array([0.8, -1.1, 0.5])
     found = attitudes(time, np.tile(turning, (101, 1)))
     np.testing.assert_allclose(
@@ -66,7 +66,7 @@ def test_a_steady_turn_is_integrated_exactly():
     )
 
 
-def test_a_turn_about_changing_axes_is_scipys():
+def test_a_rotation_about_changing_axes_matches_scipy():
     time = np.linspace(0, 0.6, 601)
     path = Rotation.from_euler("ZYX", np.column_stack([0.7 * time, 0.3 * np.sin(5 * time), 0.4 * time**2]))
     ahead, behind = (
@@ -110,8 +110,8 @@ def test_the_samples_are_those_with_both_feet_in_the_air(a1, stance, diagonal):
     assert 0 <= last - REACH - (lift.start + lift.step * (len(lift.joint_position) - 1)) < 0.025
 
 
-def test_joints_and_their_derivatives_are_smoothed_and_the_gyroscopes_bias_is_taken_off(a1, stance):
-    """Means about each moment; here by weights of the shape of a bell that is as wide as theirs."""
+def test_joints_are_smoothed_and_the_gyroscope_bias_is_subtracted(a1, stance):
+    """Means are compared with Gaussian weights of the same width."""
     recording = made_lift(a1, stance)
     lift = read(a1, stance, recording)
     time = lift.start + lift.step * np.arange(len(lift.joint_position))
@@ -134,8 +134,7 @@ def test_joints_and_their_derivatives_are_smoothed_and_the_gyroscopes_bias_is_ta
 
 
 @pytest.mark.parametrize("velocities", [True, False])
-def test_the_noise_of_velocities_is_what_it_is(a1, stance, velocities):
-    """Three draws of twelve joints: enough for a quarter."""
+def test_the_noise_of_velocities_matches_draws(a1, stance, velocities):
     exact = read(a1, stance, made_lift(a1, stance, velocities=velocities))
     misses, expected = [], []
     for seed in (1, 2, 3):
@@ -149,30 +148,30 @@ def test_the_noise_of_velocities_is_what_it_is(a1, stance, velocities):
     assert 0.75 < ratio < 1.33
 
 
-def test_the_noise_of_the_imu_is_what_it_is(a1, stance):
+def test_the_noise_of_the_imu_matches_draws(a1, stance):
     lifts = [read(a1, stance, made_lift(a1, stance, noise=3e-4, seed=seed)) for seed in range(8)]
-    for drawn, told in (
+    for drawn, covariances in (
         ([lift.angular_velocity_in_imu for lift in lifts], [lift.angular_velocity_noise for lift in lifts]),
         ([lift.acceleration_in_imu - [0, 0, 9.81] for lift in lifts], [lift.acceleration_noise for lift in lifts]),
     ):
-        expected = np.mean([np.diag(noise).mean() for noise in told])
+        expected = np.mean([np.diag(noise).mean() for noise in covariances])
         assert 0.75 < np.sqrt(np.mean(np.concatenate(drawn) ** 2) / expected) < 1.33
 
 
 # --- what cannot be read
 
 
-def test_feet_that_never_rise_are_a_reason(a1, stance):
+def test_feet_that_never_rise_raise(a1, stance):
     with pytest.raises(RecordingError, match="the lifted feet did not leave the floor"):
         read(a1, stance, made_lift(a1, stance, height=0.001))
 
 
-def test_feet_that_rise_for_an_instant_are_a_reason(a1, stance):
+def test_feet_that_rise_too_briefly_raise(a1, stance):
     with pytest.raises(RecordingError, match=r"^two feet were up for only 0\.0"):
         read(a1, stance, made_lift(a1, stance, up_for=0.04))
 
 
-def test_one_foot_in_the_air_is_not_two(a1, stance):
+def test_a_single_foot_in_the_air_raises(a1, stance):
     lifted = made_lift(a1, stance)
     position = np.array(lifted.joints.position)
     position[:, list(a1.legs["FR"].joints)] = stance.joint_position[list(a1.legs["FR"].joints)]
@@ -182,7 +181,7 @@ def test_one_foot_in_the_air_is_not_two(a1, stance):
 
 
 @pytest.mark.parametrize("stream", ["joints", "imu"])
-def test_samples_that_are_missing_are_a_reason(a1, stance, stream):
+def test_missing_samples_raise(a1, stance, stream):
     lifted = made_lift(a1, stance)
     kept = np.arange(len(lifted.imu.time)) % 50 == 0
     kept |= lifted.imu.time < 0.4
@@ -197,7 +196,7 @@ def test_samples_that_are_missing_are_a_reason(a1, stance, stream):
         read(a1, stance, replace(lifted, **thin))
 
 
-def test_a_simulated_lift_is_read_with_its_turn(a1, ideal_motions):
+def test_a_simulated_lift_is_read_with_its_rotation(a1, ideal_motions):
     recording = ideal_motions.lift
     lift = read_lift(a1, LegChains(a1), recording, recording.trial.diagonal, ideal_motions.stance, np.zeros(3))
     assert isinstance(lift, LiftSamples)

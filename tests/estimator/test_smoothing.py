@@ -1,4 +1,4 @@
-"""Splines through samples whose course, or whose noise, is known."""
+"""Splines through samples with known signals or noise."""
 
 import tracemalloc
 
@@ -27,15 +27,14 @@ def test_quintics_are_reproduced_with_their_derivatives(with_rates):
         np.testing.assert_allclose(found, at(QUINTICS, BETWEEN, derivative), atol=tolerance)
 
 
-def test_what_a_quintic_cannot_follow_is_followed_by_narrower_knots():
+def test_narrower_knots_follow_faster_signals():
     wave = np.sin(2 * np.pi * 12 * TIME)[:, None]
     misses = [np.abs(fit_spline(TIME, wave, knot).spline(TIME) - wave).max() for knot in (0.4, 0.01)]
     assert misses[0] > 0.3
     assert misses[1] < 1e-4
 
 
-def test_rates_count_by_their_weight():
-    """Positions that stand still and rates of one: what wins is what weighs more."""
+def test_rates_are_weighted():
     still, rates = np.zeros((len(TIME), 1)), np.ones((len(TIME), 1))
     light, heavy = (fit_spline(TIME, still, 0.05, rates, w).spline.derivative()(BETWEEN) for w in (1e-4, 1e2))
     assert np.abs(light).max() < 1e-2
@@ -43,8 +42,8 @@ def test_rates_count_by_their_weight():
 
 
 @pytest.mark.parametrize("derivative", [0, 1, 2])
-def test_a_mean_about_a_moment_keeps_what_is_slow_and_takes_off_what_is_fast(derivative):
-    """Of a line and a wave: 2 Hz stay, 14 Hz are halved, 60 Hz are gone; nothing is shifted in time."""
+def test_the_mean_is_a_low_pass_filter(derivative):
+    """A line and waves: 2 Hz stay, 14 Hz are halved, 60 Hz vanish, without a delay."""
     inner = BETWEEN[(BETWEEN > 0.35) & (BETWEEN < 0.65)]
     for frequency, kept in ((2.0, 0.98), (14.0, 0.5), (60.0, 0.0)):
         turn = 2j * np.pi * frequency
@@ -60,7 +59,7 @@ def test_a_mean_about_a_moment_keeps_what_is_slow_and_takes_off_what_is_fast(der
 
 @pytest.mark.parametrize("derivative", [0, 1])
 @pytest.mark.parametrize(("with_rates", "reach"), [(False, 0.0), (True, 0.0), (True, 0.02)])
-def test_noise_is_that_of_many_draws(derivative, with_rates, reach):
+def test_noise_matches_many_draws(derivative, with_rates, reach):
     generator = np.random.default_rng(3)
     draws, sd, rate_sd, few = 6000, 0.3, 4.0, TIME[:60]
     values = sd * generator.standard_normal((len(few), draws))
@@ -73,7 +72,7 @@ def test_noise_is_that_of_many_draws(derivative, with_rates, reach):
     np.testing.assert_allclose(np.cov(drawn) / scale, expected / scale, atol=0.07)
 
 
-def test_rates_make_velocities_surer():
+def test_rates_reduce_the_noise_of_velocities():
     blank = np.zeros((len(TIME), 1))
     without, with_rates = fit_spline(TIME, blank, 0.02), fit_spline(TIME, blank, 0.02, blank, 0.01)
     assert (np.diag(with_rates.noise(BETWEEN, 1)) < 0.5 * np.diag(without.noise(BETWEEN, 1))).all()
@@ -89,8 +88,7 @@ def test_a_gap_wider_than_the_knots_stays_finite():
 
 
 @pytest.mark.parametrize("weight", [0.0, 0.01])
-def test_the_band_is_the_dense_problem(weight):
-    """Against least squares that know nothing of bands: the spline, and what noise does to it."""
+def test_the_banded_fit_matches_a_dense_one(weight):
     generator, few = np.random.default_rng(4), TIME[:80]
     values, rates = generator.standard_normal((2, len(few), 3))
     fit = fit_spline(few, values, 0.02, rates if weight else None, weight)
@@ -103,7 +101,7 @@ def test_the_band_is_the_dense_problem(weight):
     np.testing.assert_allclose(fit.noise(few, 2), expected, atol=1e-6 * np.abs(expected).max())
 
 
-def test_a_motion_of_many_minutes_costs_as_much_memory_as_its_samples():
+def test_memory_is_proportional_to_the_samples():
     time = np.arange(0, 300, 1 / 500)
     waves = np.column_stack([np.sin(2 * time), np.cos(3 * time)])
     tracemalloc.start()

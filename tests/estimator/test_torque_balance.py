@@ -1,4 +1,4 @@
-"""The torque balance on motions whose torques Pinocchio gives, with arbitrary forces at the feet."""
+"""Torque balance of motions with torques from Pinocchio and arbitrary contact forces."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ def nothing_wrong(robot):
 
 
 def balance(robot, rows, torque, factors=None):
-    """What is left: (n, r)."""
+    """Return the (n, r) residual."""
     base = base_parameters(robot).to_pinocchio().toDynamicParameters()
     count = rows.links.shape[2] // 4
     links = np.concatenate([np.ones(count) if factors is None else factors, np.zeros(3 * count)])
@@ -38,7 +38,7 @@ def balance(robot, rows, torque, factors=None):
 
 
 @pytest.mark.parametrize("still", [True, False])
-def test_the_balance_holds_whatever_the_feet_carry(robot, still):
+def test_the_balance_holds_for_any_contact_forces(robot, still):
     samples = moving_robot(robot, 1, still)
     rows = torque_rows(robot, samples, nothing_wrong(robot))
     assert rows.base.shape == (SAMPLES, 6 if len(robot.joint_names) == 12 else 2, 10)
@@ -46,7 +46,7 @@ def test_the_balance_holds_whatever_the_feet_carry(robot, still):
     assert np.abs(left).max() < 1e-8
 
 
-def test_the_balance_breaks_for_other_torques_masses_and_links(robot):
+def test_the_balance_fails_for_wrong_torques_masses_and_links(robot):
     samples = moving_robot(robot, 2)
     rows = torque_rows(robot, samples, nothing_wrong(robot))
     count = len(robot.joint_names)
@@ -58,8 +58,7 @@ def test_the_balance_breaks_for_other_torques_masses_and_links(robot):
     assert np.linalg.matrix_rank(rows.base.reshape(-1, 10)) == min(10, rows.base.shape[0] * rows.base.shape[1])
 
 
-def test_a_change_of_the_feets_forces_is_not_seen(robot):
-    """By the rows alone: they leave out any force."""
+def test_contact_forces_are_eliminated(robot):
     samples = moving_robot(robot, 3)
     rows = torque_rows(robot, samples, nothing_wrong(robot))
     for index in range(SAMPLES):
@@ -71,7 +70,7 @@ def test_a_change_of_the_feets_forces_is_not_seen(robot):
 
 
 @pytest.mark.parametrize("lifted", ["FL", "RR"])
-def test_on_three_feet_the_balance_holds_whatever_swings_the_fourth(robot, lifted):
+def test_the_balance_holds_on_three_feet(robot, lifted):
     samples = moving_robot(robot, 11, lifted=lifted)
     rows = torque_rows(robot, samples, nothing_wrong(robot))
     assert np.abs(balance(robot, rows, samples.joint_torque)).max() < 1e-8
@@ -83,12 +82,12 @@ def test_on_three_feet_the_balance_holds_whatever_swings_the_fourth(robot, lifte
         assert np.abs(rows.torque[:, :, joint]).max() > 0.05
 
 
-def test_samples_on_three_feet_and_on_four_go_together(a1):
+def test_samples_on_three_and_four_feet_can_be_joined(a1):
     both = TorqueSamples.joined([moving_robot(a1, 8), moving_robot(a1, 9, lifted="FR")])
     assert np.abs(balance(a1, torque_rows(a1, both, nothing_wrong(a1)), both.joint_torque)).max() < 1e-8
 
 
-def test_friction_and_armature_take_from_the_motors_torque(robot):
+def test_friction_and_armature_reduce_the_link_torque(robot):
     """tau_link = g tau - F_c tanh(v / v_0) - F_v v - A a, with the module's v_0 of 0.03 rad/s."""
     samples = moving_robot(robot, 4)
     coulomb_friction, viscous_friction, armature, gain = 0.4, 0.07, 0.015, 1.05
@@ -104,7 +103,7 @@ def test_friction_and_armature_take_from_the_motors_torque(robot):
 
 
 @pytest.mark.parametrize("name", ["a1", "skewed"])
-def test_known_biases_of_sensors_are_taken_off(request, name):
+def test_known_sensor_biases_are_subtracted(request, name):
     robot, generator = request.getfixturevalue(name), np.random.default_rng(5)
     biases = nothing_wrong(robot) | {
         "joint_offset": 0.01 * generator.standard_normal(len(robot.joint_names)),
@@ -124,7 +123,7 @@ def test_known_biases_of_sensors_are_taken_off(request, name):
     assert np.abs(balance(robot, torque_rows(robot, seen, nothing_wrong(robot)), seen.joint_torque)).max() > 0.1
 
 
-def test_worn_feet_touch_elsewhere(a1):
+def test_worn_feet_shift_the_contact_points(a1):
     samples = moving_robot(a1, 7)
     worn = torque_rows(a1, samples, nothing_wrong(a1) | {"foot_radius": -0.5})
     assert np.abs(balance(a1, worn, samples.joint_torque)).max() > 0.05
@@ -145,7 +144,7 @@ def recorded(a1, duration=1.0, torque=True):
     return Recording(a1.joint_names, joints, imu)
 
 
-def test_a_rest_is_its_means(a1):
+def test_a_rest_is_averaged(a1):
     recording = recorded(a1)
     rest = TorqueSamples.of_rest(recording)
     np.testing.assert_allclose(rest.joint_torque, [recording.joints.torque.mean(axis=0)])
@@ -174,7 +173,7 @@ def test_a_motion_is_smoothed_with_its_derivatives(a1):
         np.testing.assert_allclose(getattr(samples, name), values, atol=1e-4 * np.abs(values).max(), err_msg=name)
 
 
-def test_without_torques_or_too_short_there_is_nothing(a1):
+def test_missing_torques_or_short_motions_give_no_samples(a1):
     assert TorqueSamples.of_rest(recorded(a1, torque=False)) is None
     assert TorqueSamples.of_motion(recorded(a1, torque=False), np.zeros(3), 1.0) is None
     assert TorqueSamples.of_motion(recorded(a1, duration=0.18), np.zeros(3), 1.0) is None
@@ -193,7 +192,7 @@ def test_joined_samples_follow_each_other(a1):
 
 
 def rocking(a1, period):
-    """An ideal robot that turns its body over planted feet, in MuJoCo."""
+    """Return the recording of an ideal robot in MuJoCo that rotates its body over fixed feet."""
     stance = nominal_stance(a1)
     com = composite_parameters(a1, stance.joint_position).com
     time = np.arange(0, 1.0, period)
@@ -207,7 +206,7 @@ def rocking(a1, period):
     return platform.play(Trajectory(position))
 
 
-def test_a_rocking_robot_balances_but_for_its_control_period(a1):
+def test_the_residual_of_a_rocking_robot_is_the_sawtooth(a1):
     left, allowed = {}, {}
     for period in (0.5e-3, 2e-3):
         samples = TorqueSamples.of_motion(rocking(a1, period), np.zeros(3), 1.0)

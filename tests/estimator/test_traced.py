@@ -1,4 +1,4 @@
-"""Derivatives of equations, sample by sample, against differences."""
+"""Derivatives of equations, compared with finite differences."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ EQUATIONS = {
 
 
 @pytest.mark.parametrize("equation", EQUATIONS.values(), ids=EQUATIONS)
-def test_gradients_are_differences_of_every_sample(equation):
+def test_gradients_match_differences(equation):
     value = np.random.default_rng(1).standard_normal((3, COUNT))
     entry = Traced.input(value)
     result = equation(entry)
@@ -43,7 +43,7 @@ def test_gradients_are_differences_of_every_sample(equation):
         np.testing.assert_allclose(found[component], (ahead - behind) / (2 * STEP), rtol=1e-6, atol=1e-8)
 
 
-def test_a_seed_weighs_and_what_is_not_an_origin_has_no_gradient():
+def test_seeds_scale_gradients_and_other_inputs_have_none():
     entry, other = Traced.input(CONSTANT), Traced.input(CONSTANT)
     of_entry, of_other = (2.0 * entry[0]).gradients(np.arange(COUNT), [entry, other])
     np.testing.assert_array_equal(of_entry, [2.0 * np.arange(COUNT), np.zeros(COUNT), np.zeros(COUNT)])
@@ -51,7 +51,7 @@ def test_a_seed_weighs_and_what_is_not_an_origin_has_no_gradient():
     assert not of_other.any()
 
 
-def test_two_results_of_one_equation_have_each_their_own_gradients():
+def test_two_results_have_separate_gradients():
     entry = Traced.input(CONSTANT)
     shared = sin(entry)
     for row, result in enumerate((shared[0], shared[1])):
@@ -61,7 +61,7 @@ def test_two_results_of_one_equation_have_each_their_own_gradients():
 
 
 @pytest.mark.parametrize("size", [0.0, 0.02, 1.0])
-def test_a_mounting_and_its_derivatives_are_the_rotation_vectors(size):
+def test_the_mounting_and_its_derivatives_are_correct(size):
     nominal = mounting(np.eye(3), np.array([0.3, -1.0, 0.5]))
     vector = size * np.array([0.6, -0.3, 0.7])
     entry = Traced.input(np.repeat(vector[:, None], COUNT, axis=1))
