@@ -61,6 +61,6 @@ def test_a_standard_deviation_without_a_mass_raises():
     assert str(caught.value) == "a standard deviation is given for the scale's mass, and no mass; give both, or neither"
 
 
-def test_confirm_mass_without_a_mass_raises():
+def test_there_is_nothing_to_confirm_without_a_mass():
     with pytest.raises(SettingsError, match="confirm_mass confirms a given mass, and there is none"):
         BayesianMethod(confirm_mass=True)
