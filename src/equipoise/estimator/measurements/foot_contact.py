@@ -1,6 +1,6 @@
 """Contact point of a foot on the floor: under the centre of a spherical foot, nearer to an edge of a wide or worn one.
 
-With n the floor's normal, R the radius and u a direction of the foot that is level in the nominal stance, the vector from the
+n is the floor's normal, R the radius, and u a direction of the foot that is level in the nominal stance. The vector from the
 contact point to the foot's centre is
 
     e = R n + sum of w tanh(n . u / s) u.

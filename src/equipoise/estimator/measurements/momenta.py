@@ -1,7 +1,7 @@
 """Momenta of a whole robot, linear in its inertial parameters.
 
-These are the base's ten, a factor on those of each leg link, and an additional first moment of each link about its model CoM,
-in the link's frame. A CoM error d is a moment m d; the resulting change of inertia, m d^2, is neglected.
+These are the base's ten, a factor on each leg link's, and each link's additional first moment about its model CoM, in the
+link's frame. A CoM error d is a moment m d; the resulting change of inertia, m d^2, is neglected.
 """
 
 from __future__ import annotations

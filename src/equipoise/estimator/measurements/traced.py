@@ -37,7 +37,7 @@ class Traced:
     def __init__(self, value: FloatArray, *origins: tuple[Traced | FloatArray, Pullback]) -> None:
         self.value = value
         self._number = next(_numbers)  # above the numbers of all operands
-        self._origins = [(of, pull) for of, pull in origins if isinstance(of, Traced) and of._varies]
+        self._origins = [(of, pullback) for of, pullback in origins if isinstance(of, Traced) and of._varies]
         self._varies = bool(self._origins)
 
     @classmethod
@@ -49,20 +49,22 @@ class Traced:
 
     def gradients(self, seed: FloatArray, inputs: Sequence[Traced]) -> list[FloatArray]:
         """Return the gradients of the sum of seed * value by the inputs, each of its input's shape."""
-        pulls: dict[int, tuple[Traced, FloatArray]] = {self._number: (self, seed)}
+        totals: dict[int, tuple[Traced, FloatArray]] = {self._number: (self, seed)}
         waiting = [-self._number]
         while waiting:
-            result, by_result = pulls[-heapq.heappop(waiting)]  # all its uses have been processed
-            for origin, pull in result._origins:
-                share = pull(by_result)
-                if origin._number in pulls:
-                    share = share + pulls[origin._number][1]
+            result, by_result = totals[-heapq.heappop(waiting)]  # all its uses have been processed
+            for origin, pullback in result._origins:
+                share = pullback(by_result)
+                if origin._number in totals:
+                    share = share + totals[origin._number][1]
                 else:
                     heapq.heappush(waiting, -origin._number)
-                pulls[origin._number] = (origin, share)
+                totals[origin._number] = (origin, share)
             if result._origins:
-                del pulls[result._number]
-        return [pulls[entry._number][1] if entry._number in pulls else np.zeros(entry.value.shape) for entry in inputs]
+                del totals[result._number]
+        return [
+            totals[entry._number][1] if entry._number in totals else np.zeros(entry.value.shape) for entry in inputs
+        ]
 
     def __add__(self, other: Traced | FloatArray | float) -> Traced:
         a, b = self.value, _value(other)
@@ -91,12 +93,12 @@ class Traced:
     def __getitem__(self, index: Any) -> Traced:
         """Return a part; no element may occur twice."""
 
-        def pull(by_part: FloatArray) -> FloatArray:
+        def pullback(by_part: FloatArray) -> FloatArray:
             whole = np.zeros(self.value.shape)
             whole[index] = by_part
             return whole
 
-        return Traced(self.value[index], (self, pull))
+        return Traced(self.value[index], (self, pullback))
 
 
 def contract(subscripts: str, a: Traced | FloatArray, b: Traced | FloatArray) -> Traced:
@@ -154,11 +156,11 @@ def length(vector: Traced) -> Traced:
 def stacked(parts: Sequence[Traced], axis: int) -> Traced:
     """Stack arrays of one shape along a new axis."""
 
-    def pull_of(number: int) -> Pullback:
+    def pullback_of(number: int) -> Pullback:
         return lambda g: np.take(g, number, axis)
 
     whole = np.stack([part.value for part in parts], axis)
-    return Traced(whole, *((part, pull_of(number)) for number, part in enumerate(parts)))
+    return Traced(whole, *((part, pullback_of(number)) for number, part in enumerate(parts)))
 
 
 def _value(of: Traced | FloatArray | float) -> FloatArray:

@@ -7,9 +7,9 @@ leg's links and pi their parameters, each joint obeys
     tau = kappa (Y(q, v, a) pi + F_c sgn(v) + F_v v + A a + B s) + o + kp lag v_cmd,    kappa = 1 / g,
 
 tau is the reported torque, g the ratio of true to reported torque, and o the torque's offset. If the data require it, the
-bracket has another term for Stribeck friction (`stribeck.py`). A rotor that turns N times as fast as its joint in a rotating
-link adds B q' w to the energy, where w is the link's velocity about the joint's axis. B s is the corresponding torque: the
-inertia B is moved from the carrying link and the armature to the driven link.
+bracket has another term for Stribeck friction (`stribeck.py`). A geared rotor in a rotating link adds B q' w to the energy,
+where w is the link's velocity about the joint's axis. B s is the corresponding torque: the inertia B is moved from the
+carrying link and the armature to the driven link.
 
 If reported torques obey a known control law, tau = kp (q_cmd(t - d) - q) - kd v (`delay.py`), the law's torque is used: it
 has no current-sensor noise.
