@@ -155,10 +155,7 @@ def _fit(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 class ImuPosition(Equation[ExcitationSamples]):
-    """Rows of the IMU position minus its estimate from each excitation.
-
-    The estimate depends weakly on joint offsets and the IMU's mounting.
-    """
+    """Rows of the IMU position minus its excitation estimate, which hardly depends on joint offsets and mounting."""
 
     depends_on = ("imu_position",)
     name = "excitation"

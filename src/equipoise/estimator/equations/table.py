@@ -23,7 +23,4 @@ EQUATIONS: tuple[type[Equation[Any]], ...] = (
 """All equations; the samples of a motion are in this order."""
 
 USUAL = tuple(equation for equation in EQUATIONS if equation is not ImuPosition)
-"""Equations of most estimates.
-
-The IMU position from an excitation is used if the lifts contradict it, or with `leg_prior` narrow.
-"""
+"""Equations of most estimates; `ImuPosition` is added if the lifts contradict it or `leg_prior` is narrow."""

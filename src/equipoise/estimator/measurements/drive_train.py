@@ -78,20 +78,18 @@ class JointReadings:
     def link_position(self, values: TracedValues) -> Traced:
         """Return (nj, n) joint positions of the links [rad]."""
         side = np.tanh(self.torque / self.small)
-        deflection = self._of_joints(values["compliance"]) * self.torque
-        deflection = deflection + 0.5 * self._of_joints(values["backlash"]) * side
+        bent = self._of_joints(values["compliance"]) * self.torque + 0.5 * self._of_joints(values["backlash"]) * side
         sine, cosine = _eccentricity(values)
         eccentric = sine * np.sin(self.position) + cosine * np.cos(self.position)
-        return self.position - values["joint_offset"] - deflection - eccentric
+        return self.position - values["joint_offset"] - bent - eccentric
 
     def link_velocity(self, values: TracedValues) -> Traced:
         """Return (nj, n) joint velocities of the links [rad/s]."""
         side_rate = (1 - np.tanh(self.torque / self.small) ** 2) * self.torque_rate / self.small
-        deflection_rate = self._of_joints(values["compliance"]) * self.torque_rate
+        rate = self._of_joints(values["compliance"]) * self.torque_rate
         sine, cosine = _eccentricity(values)
         eccentric_rate = (sine * np.cos(self.position) - cosine * np.sin(self.position)) * self.velocity
-        backlash_rate = 0.5 * self._of_joints(values["backlash"]) * side_rate
-        return Traced(self.velocity) - deflection_rate - backlash_rate - eccentric_rate
+        return Traced(self.velocity) - rate - 0.5 * self._of_joints(values["backlash"]) * side_rate - eccentric_rate
 
     def _of_joints(self, of_kinds: Traced) -> Traced:
         return contract("jk,k...->j...", self.by_kind, of_kinds)

@@ -129,11 +129,7 @@ def complete_swings(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def last_swings(recordings: Sequence[Recording]) -> list[Recording]:
-    """Return the last complete swing of all joints or of each leg, whichever is later.
-
-    Raises:
-        RecordingError: a swing is missing.
-    """
+    """Return the later of the last complete swings of all joints or of each leg; raises RecordingError if one is missing."""
     complete = complete_swings(recordings)
     if complete and motor_trial(complete[-1]).leg is None:
         return [complete[-1]]
@@ -286,14 +282,12 @@ def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
         viscous_friction = flat[2 * joints : 3 * joints].mean(axis=0)
         shared = float(viscous_friction @ covariance[:, -1])
         correlation = shared / float(np.sqrt(viscous_friction @ covariance @ viscous_friction * covariance[-1, -1]))
-    relative_covariance = flat @ covariance @ flat.T
-    relative_covariance[np.diag_indices_from(relative_covariance)] += _model_error_variances(
-        table, samples, model_error, values
-    ).ravel()
+    spread = flat @ covariance @ flat.T
+    spread[np.diag_indices_from(spread)] += _error_variances(table, samples, model_error, values).ravel()
     carried = gain * (samples.torque - residual - x[table.of("offset")] - samples.kp * samples.command_rate * x[-1])
     return MotorFit(
         values,
-        relative_covariance,
+        spread,
         table.stribeck_speed,
         delay,
         correlation,
@@ -318,9 +312,7 @@ def _model_error(samples: MotorSamples, normalized_residual: FloatArray) -> Floa
     return _MODEL_ERROR * np.sqrt((normalized_residual**2 + (common * carried) ** 2) / 2)
 
 
-def _model_error_variances(
-    table: _Table, samples: MotorSamples, model_error: FloatArray, values: FloatArray
-) -> FloatArray:
+def _error_variances(table: _Table, samples: MotorSamples, model_error: FloatArray, values: FloatArray) -> FloatArray:
     """Return (k, nj) variances of `values` due to model errors, gains first.
 
     The model error may be in each term. A time difference between a board's own position sample and the reported one acts
