@@ -62,7 +62,7 @@ def legs_in_swing(
         true to reported torque minus one; (r,) right-hand side.
 
     Raises:
-        RecordingError: torques are not reported, so that there are no gains.
+        RecordingError: torques are not reported, and gains are undefined.
     """
     if not samples.reported:
         raise RecordingError("joint torques are not reported: swings do not determine the masses of links")
