@@ -1,4 +1,4 @@
-"""Plans of the Bayesian method, and the motions they expect."""
+"""Plans of the Bayesian method, and their predicted motions."""
 
 import dataclasses
 import itertools
@@ -36,7 +36,7 @@ BUDGETS = (30.0, 45.0, 60.0, 90.0, 120.0)
 
 
 def candidates_of(robot, aside=0.0, combined_priors=None):
-    """With the CoM that far to the left of the model's [m]."""
+    """Return candidates with the CoM that far to the left of the model's [m]."""
     stance = nominal_stance(robot)
     com = composite_parameters(robot, stance.joint_position).com + [0, aside, 0]
     return Candidates.of(robot, stance, com, combined_priors or Priors())
@@ -48,8 +48,8 @@ def candidates(a1):
 
 
 @pytest.fixture(scope="module")
-def trusted(a1):
-    """Of an A1 whose legs and IMU are as its file says, without a cable."""
+def narrow(a1):
+    """Candidates of an A1 whose legs and IMU equal its model file, without a cable."""
     return candidates_of(
         a1, combined_priors=BayesianMethod(leg_prior="narrow", cable="none").combined_priors.holding("imu_position")
     )
@@ -62,18 +62,18 @@ def plans(candidates):
 
 @pytest.fixture(scope="module")
 def solo_like(tmp_path_factory):
-    """Legs of two joints and a CoM in the middle."""
+    """Robot with two joints per leg and a CoM in the middle."""
     text = quadruped_urdf(joints_per_leg=2)
     assert 'xyz="0.01 0.002 0.005"' in text
     return load_text(tmp_path_factory.mktemp("solo"), text.replace('xyz="0.01 0.002 0.005"', 'xyz="0.01 0 0.005"'))
 
 
 def worth(plan, stance):
-    """Sum of variances over goals: what plans make small."""
+    """Return the sum of variances over squared goals, which plans minimize."""
     return float(np.sum((plan.std / Goals().vector(plan.body, stance)) ** 2))
 
 
-# --- what a plan promises
+# --- predicted accuracy
 
 
 def test_a_larger_budget_never_predicts_worse(plans, candidates):
@@ -93,12 +93,12 @@ def test_a_plan_fits_its_budget_and_uses_it(plans, candidates):
 
 
 @pytest.mark.parametrize("budget", [5.0, 12.0])
-def test_too_small_a_budget_is_refused_with_what_it_takes(candidates, budget):
+def test_too_small_a_budget_is_rejected_with_the_smallest(candidates, budget):
     with pytest.raises(SettingsError, match=rf"{budget:.0f} s allows no lift after the search; give \d+ s or more"):
         make_plan(candidates, budget)
 
 
-def test_the_least_budget_that_is_named_is_enough(candidates):
+def test_the_smallest_budget_of_the_error_is_sufficient(candidates):
     with pytest.raises(SettingsError) as error:
         make_plan(candidates, 10.0, aside=3.3)
     least = float(str(error.value).split("give ")[1].split(" s")[0])
@@ -107,7 +107,7 @@ def test_the_least_budget_that_is_named_is_enough(candidates):
         make_plan(candidates, least - 1, aside=3.3)
 
 
-def test_steps_that_were_taken_count_as_if_all_were_looked_at_anew(candidates):
+def test_updated_steps_equal_new_steps(candidates):
     size = candidates.unknowns.size
     random = np.random.default_rng(4)
     weights, covariance = random.normal(size=(10, size)), np.eye(size)
@@ -119,29 +119,29 @@ def test_steps_that_were_taken_count_as_if_all_were_looked_at_anew(candidates):
         visited.add(steps._posture[best])
         steps.learn(taken, covariance)
         covariance = np.linalg.inv(np.linalg.inv(covariance) + taken.T @ taken)
-        anew, same = Steps(candidates, covariance, weights).best(costs, visited)
+        expected, same = Steps(candidates, covariance, weights).best(costs, visited)
         gain, best = steps.best(costs, visited)
-        assert (best, gain) == (same, pytest.approx(anew, rel=1e-7))
+        assert (best, gain) == (same, pytest.approx(expected, rel=1e-7))
 
 
-def test_lifts_are_sure_to_tell_what_the_model_cannot(plans, trusted):
-    for plan, most in ((plans[120.0], 0.22), (make_plan(trusted, 120.0), 0.1)):
+def test_lifts_reduce_the_prior_std(plans, narrow):
+    for plan, most in ((plans[120.0], 0.22), (make_plan(narrow, 120.0), 0.1)):
         assert (plan.std < plan.prior_std).all()
-        told = dict(zip(COMPONENTS, plan.std / plan.prior_std, strict=True))
-        assert max(told[name] for name in ("com_x", "com_y", "com_z")) < 0.1
-        assert max(told[name] for name in ("Ixx", "Iyy", "Izz")) < most
+        ratios = dict(zip(COMPONENTS, plan.std / plan.prior_std, strict=True))
+        assert max(ratios[name] for name in ("com_x", "com_y", "com_z")) < 0.1
+        assert max(ratios[name] for name in ("Ixx", "Iyy", "Izz")) < most
         # Mass shows in no lift: it is taken from a scale.
         assert plan.std[0] == pytest.approx(0.005 * plan.body[0], rel=0.2)
 
 
-def test_trusted_legs_and_no_cable_promise_more(plans, trusted):
-    surer = make_plan(trusted, 120.0).std / plans[120.0].std
-    assert (surer < 1).all()
-    assert (surer[1:7] < 0.9).all()
-    assert surer[3] < 0.5  # the height of the CoM
+def test_narrow_legs_and_no_cable_improve_the_accuracy(plans, narrow):
+    ratios = make_plan(narrow, 120.0).std / plans[120.0].std
+    assert (ratios < 1).all()
+    assert (ratios[1:7] < 0.9).all()
+    assert ratios[3] < 0.5  # the height of the CoM
 
 
-def test_no_lift_is_planned_twice_and_done_ones_never_again(candidates, plans):
+def test_no_lift_is_repeated(candidates, plans):
     lifts = [lift for visit in plans[120.0].visits for lift in visit.lifts]
     assert len(lifts) == len(set(lifts)) == plans[120.0].lifts
     assert all(lift.posture == visit.posture for visit in plans[120.0].visits for lift in visit.lifts)
@@ -149,7 +149,7 @@ def test_no_lift_is_planned_twice_and_done_ones_never_again(candidates, plans):
     assert not {lift for visit in again.visits for lift in visit.lifts} & set(lifts)
 
 
-def test_few_possible_lifts_are_done_more_than_once(candidates):
+def test_few_possible_lifts_are_repeated(candidates):
     few = dataclasses.replace(
         candidates,
         lifts=candidates.lifts[:2],
@@ -164,24 +164,24 @@ def test_few_possible_lifts_are_done_more_than_once(candidates):
 def test_visits_with_lifts_come_first(plans):
     has_lifts = [bool(visit.lifts) for visit in plans[120.0].visits]
     assert has_lifts == sorted(has_lifts, reverse=True)
-    assert not all(has_lifts)  # moves over planted feet are worth their time too
+    assert not all(has_lifts)  # stance motions are worth their time too
 
 
-def test_plans_seek_what_their_goals_are_about(trusted):
-    """The CoM alone, or the moments of inertia alone: each plan is the better one for its own."""
-    centre = make_plan(trusted, 60.0, Goals(com_planar=1e-4, com_height=1e-4, mass=1e3, inertia=1e3, products=1e3))
-    moments = make_plan(trusted, 60.0, Goals(com_planar=1.0, com_height=1.0, mass=1e3, inertia=1e-3, products=1e3))
+def test_plans_depend_on_their_goals(narrow):
+    """Each of two plans, for the CoM and for the moments of inertia, is better for its own goal."""
+    centre = make_plan(narrow, 60.0, Goals(com_planar=1e-4, com_height=1e-4, mass=1e3, inertia=1e3, products=1e3))
+    moments = make_plan(narrow, 60.0, Goals(com_planar=1.0, com_height=1.0, mass=1e3, inertia=1e-3, products=1e3))
     assert np.linalg.norm(centre.std[1:4]) < 0.95 * np.linalg.norm(moments.std[1:4])
     whole = centre.body[4:7]
     assert np.linalg.norm(moments.std[4:7] / whole) < 0.95 * np.linalg.norm(centre.std[4:7] / whole)
 
 
-def test_what_is_known_already_counts(candidates, plans):
+def test_current_information_is_used(candidates, plans):
     after = make_plan(candidates, 30.0, known=1e12 * np.eye(candidates.unknowns.size), searched=True)
     assert (after.std < 1e-3 * plans[30.0].std).all()
 
 
-def test_a_replan_without_time_is_empty_and_no_error(candidates):
+def test_a_replan_without_time_is_empty(candidates):
     known = np.eye(candidates.unknowns.size)
     assert make_plan(candidates, 1.0, known=known, searched=True).visits == ()
 
@@ -194,15 +194,14 @@ def test_the_plan_is_json(plans):
 
 
 class FittedTiltEquation(TiltEquation):
-    """Of predicted lifts, as plans look at them."""
+    """Tilt equation of predicted lifts."""
 
     def __init__(self, unknowns, samples):
         super().__init__(unknowns, samples)
         self.fit(unknowns.start())
 
 
-def test_predicted_lifts_tell_no_scale_of_all_masses(candidates):
-    """Twice the masses make twice the momentum over twice the inertia."""
+def test_predicted_lifts_do_not_determine_the_common_scale_of_all_masses(candidates):
     unknowns, predictor = candidates.unknowns, candidates.predictor
     x, lifts = unknowns.start(), [(k, predictor.lift(lift)) for k, lift in enumerate(candidates.lifts[:20])]
     equation = FittedTiltEquation(unknowns, lifts)
@@ -216,8 +215,8 @@ def test_predicted_lifts_tell_no_scale_of_all_masses(candidates):
     assert np.abs(jacobian @ scaled[equation.columns]).max() < 1e-6 * np.abs(jacobian).max()
 
 
-def test_a_plan_says_about_what_a_run_then_finds(a1, precise_run, candidates):
-    """The run's own lifts and moves, predicted: within a factor of two for what lifts tell."""
+def test_the_predicted_std_is_near_that_of_the_run(a1, precise_run, candidates):
+    """The std predicted for the run's lifts and moves is within a factor of 2.5."""
     lifts = [
         LiftDesign(trial.posture, trial.diagonal, trial.side, trial.turn)
         for trial in (recording.trial for recording in precise_run.recordings)
@@ -287,18 +286,18 @@ def test_legs_of_two_joints_get_a_plan_without_roll_and_yaw(solo_like):
         assert all(lift.turn in (None, "pitch") for lift in visit.lifts)
     assert any(visit.posture.pitch for visit in plan.visits)
     assert any(text.startswith("roll +13 deg") and "foot misses its place" in text for text in plan.left_out)
-    told = dict(zip(COMPONENTS, plan.std / plan.prior_std, strict=True))
-    assert max(told[name] for name in ("com_x", "com_y", "com_z", "Iyy")) < 0.3
+    ratios = dict(zip(COMPONENTS, plan.std / plan.prior_std, strict=True))
+    assert max(ratios[name] for name in ("com_x", "com_y", "com_z", "Iyy")) < 0.3
 
 
 def test_legs_of_two_joints_get_a_plan_with_the_com_aside_too(solo_like):
     assert make_plan(candidates_of(solo_like, aside=3e-3), 60.0).lifts > 4
 
 
-def test_a_robot_that_can_lift_nothing_is_told_why(tmp_path):
+def test_a_robot_without_possible_lifts_is_rejected(tmp_path):
     heavy = load_text(tmp_path, quadruped_urdf(trunk_mass=90.0))
     with pytest.raises(
-        ReachError, match=r"no lift of the Bayesian method is within reach: nominal: joint .* torque limit"
+        ReachError, match=r"the robot can do no lift of the Bayesian method: nominal: joint .* torque limit"
     ):
         candidates_of(heavy)
 
@@ -315,7 +314,7 @@ def test_postures_beyond_reach_are_tried_smaller(tmp_path):
 
 
 def predictor_of(robot):
-    """Of a robot as its file has it."""
+    """Return the predictor of a robot that equals its model file."""
     stance = nominal_stance(robot)
     return Predictor(robot, stance, composite_parameters(robot, stance.joint_position).com)
 
@@ -323,7 +322,7 @@ def predictor_of(robot):
 @pytest.mark.parametrize("turn", [None, "roll", "pitch", "yaw"])
 @pytest.mark.parametrize("name", ["a1", "skewed"])
 def test_a_predicted_lift_keeps_its_stance_feet_where_they_are(request, name, turn):
-    """In the world, by the attitude that the gyroscope would tell; feet roll by a few millimetres at most."""
+    """In the world frame, from the predicted gyroscope; feet roll by a few millimetres at most."""
     robot = request.getfixturevalue(name)
     predictor = predictor_of(robot)
     posture = BodyPosture(roll=0.1, yaw=0.1, crouch=0.1)
@@ -347,14 +346,14 @@ def test_a_predicted_lift_keeps_its_stance_feet_where_they_are(request, name, tu
 
 @pytest.mark.parametrize("turn", [None, "roll", "pitch", "yaw"])
 @pytest.mark.parametrize("name", ["a1", "skewed"])
-def test_the_accelerometer_of_a_predicted_lift_feels_how_its_feet_roll(request, name, turn):
-    """Within 0.4 m/s2 of up to 1.8: feet of 2 cm that turn at 20 rad/s2 roll, and are predicted as points."""
+def test_the_accelerometer_of_a_predicted_lift_agrees_with_rolling_feet(request, name, turn):
+    """Within 0.4 of up to 1.8 m/s2: feet are predicted as points, and spheres of 2 cm roll at 20 rad/s2."""
     robot = request.getfixturevalue(name)
     predictor = predictor_of(robot)
     lift = predictor.lift(LiftDesign(BodyPosture(roll=0.1, yaw=0.1, crouch=0.1), "FL_RR", 1, turn))
     mounting, time = np.array(robot.imu_in_base.rotation), lift.step * np.arange(len(lift.joint_position))
     to_rest = mounting @ attitudes(time, lift.angular_velocity_in_imu).as_matrix() @ mounting.T
-    turning, up, felt = (
+    turning, up, acceleration = (
         part @ mounting.T for part in (lift.angular_velocity_in_imu, lift.up_in_imu, lift.acceleration_in_imu)
     )
     velocities = [
@@ -362,13 +361,13 @@ def test_the_accelerometer_of_a_predicted_lift_feels_how_its_feet_roll(request, 
         for sample in zip(lift.joint_position, lift.joint_velocity, turning, up, strict=True)
     ]
     of_base = np.gradient(np.einsum("nij,nj->ni", to_rest, velocities), time, axis=0)
-    felt = np.einsum("nij,nj->ni", to_rest, felt - 9.81 * up)
-    np.testing.assert_allclose(felt[2:-2], of_base[2:-2], atol=0.4)  # less where differences are of one side
+    acceleration = np.einsum("nij,nj->ni", to_rest, acceleration - 9.81 * up)
+    np.testing.assert_allclose(acceleration[2:-2], of_base[2:-2], atol=0.4)  # without one-sided differences
 
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_predicted_robot_tips_to_where_its_com_is(a1, side):
-    """Side 1: the line is ahead, so the robot tips backward; an A1 leans away by Mgh over I."""
+    """With side 1 the line is ahead of the CoM, so the robot tips backward."""
     predictor = predictor_of(a1)
     lift = predictor.lift(LiftDesign(BodyPosture(), "FL_RR", side))
     assert np.sign(lift.angular_velocity_in_imu[-1, 1]) == -side  # pitch

@@ -1,4 +1,4 @@
-"""The Bayesian method as users meet it: the result, the terminal, the picture, the plan."""
+"""User interface of the Bayesian method: result, terminal, plan."""
 
 import json
 from dataclasses import replace
@@ -43,8 +43,8 @@ def test_the_result_gives_a_pinocchio_model_with_the_base_found(precise_run):
 
 
 @pytest.mark.usefixtures("coarse_engine")
-def test_a_new_plan_without_lifts_is_not_followed_while_there_are_too_few(a1, monkeypatch):
-    """Moves over planted feet may teach more per second, and are no result."""
+def test_a_replan_without_lifts_is_ignored_while_lifts_are_too_few(a1, monkeypatch):
+    """Stance motions may add more information per second, but are not sufficient alone."""
     recordings, replanned = [], []
 
     def replan(routine, posterior, done):
@@ -62,19 +62,19 @@ def test_a_new_plan_without_lifts_is_not_followed_while_there_are_too_few(a1, mo
     assert sum(isinstance(recording.trial, LiftTrial) for recording in recordings) >= searched + 4
 
 
-def test_estimating_again_gives_the_same_numbers(a1, precise_run):
+def test_repeated_estimates_are_equal(a1, precise_run):
     again = estimate(a1, precise_run.recordings, precise_run.settings)
     assert again.composite.to_dict() == precise_run.result.composite.to_dict()
 
 
-def test_recordings_of_another_method_are_refused(a1, precise_run):
+def test_recordings_of_another_method_are_rejected(a1, precise_run):
     moves = [recording for recording in precise_run.recordings if isinstance(recording.trial, PostureTrial)]
     with pytest.raises(RecordingError, match="no lift trial can be used"):
         estimate(a1, moves)
 
 
-def test_a_failed_check_is_told_before_any_number(precise_run, a1, capsys):
-    # Twice its mass: motors that give 1.3 times what they report are nothing unheard of.
+def test_a_failed_check_is_printed_before_the_numbers(precise_run, a1, capsys):
+    # Twice the mass: torque gains of 1.3 are plausible, so a smaller error would pass.
     heavy = BayesianMethod(duration=40, mass=2 * a1.mass, mass_std=0.01, excitation=False)
     result = estimate(a1, precise_run.recordings, heavy)
     assert not result.trustworthy
@@ -87,26 +87,26 @@ def test_a_failed_check_is_told_before_any_number(precise_run, a1, capsys):
         assert not any(quantity.verdict == "doubtful" for quantity in well)
 
 
-# --- what somebody says who knows more
+# --- prior choices of the user
 
 
 @pytest.mark.parametrize(("cable", "factor"), [("none", 0.0), ("light", 1.0), ("heavy", 5.0)])
-def test_a_cable_pulls_as_hard_as_is_said(cable, factor):
+def test_the_cable_setting_scales_the_priors(cable, factor):
     usual = Priors()
     hanging, tether = {"none": (0.0, 0.0), "light": (1.0, 1.0), "heavy": (10.0, 2.0)}[cable]
-    believed = Priors(
+    expected = Priors(
         external_force=factor * usual.external_force,
         hanging_load=hanging * usual.hanging_load,
         tether_stiffness=tether * usual.tether_stiffness,
     )
-    assert BayesianMethod(cable=cable, rotate_halfway=True).combined_priors == believed
-    told = BayesianMethod(
+    assert BayesianMethod(cable=cable, rotate_halfway=True).combined_priors == expected
+    custom = BayesianMethod(
         cable=cable, rotate_halfway=True, priors=Priors(external_force=0.3, backlash=0.1)
     ).combined_priors
-    assert told == replace(believed, external_force=factor * 0.3, backlash=0.1)
+    assert custom == replace(expected, external_force=factor * 0.3, backlash=0.1)
 
 
-def test_a_carpet_may_be_uneven_and_hold_feet_back():
+def test_a_carpet_widens_the_floor_priors():
     usual, soft = (
         BayesianMethod(rotate_halfway=True).combined_priors,
         BayesianMethod(rotate_halfway=True, surface="carpet").combined_priors,
@@ -116,20 +116,20 @@ def test_a_carpet_may_be_uneven_and_hold_feet_back():
     assert replace(soft, **{name: getattr(usual, name) for name in wider}) == usual
 
 
-def test_legs_that_are_trusted_are_the_files_but_for_a_little_mass():
-    held = ("leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position",
+def test_a_narrow_leg_prior_fixes_all_but_leg_masses():
+    fixed = ("leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position",
             "foot_radius_each", "foothold_change")  # fmt: skip
-    assert BayesianMethod(leg_prior="narrow").combined_priors == Priors(leg_mass=0.03).holding(*held)
-    for surer in (0.01, 0.0):
-        assert BayesianMethod(leg_prior="narrow", priors=Priors(leg_mass=surer)).combined_priors.leg_mass == surer
+    assert BayesianMethod(leg_prior="narrow").combined_priors == Priors(leg_mass=0.03).holding(*fixed)
+    for narrower in (0.01, 0.0):
+        assert BayesianMethod(leg_prior="narrow", priors=Priors(leg_mass=narrower)).combined_priors.leg_mass == narrower
     assert BayesianMethod(priors=Priors(leg_mass=0.2), rotate_halfway=True).combined_priors == Priors(leg_mass=0.2)
 
 
-def test_what_was_said_is_told_in_words():
-    assert "a cable may pull with 0.2 N to a side and 0.2 N down" in BayesianMethod().assumptions[0]
-    assert "a cable may pull with 1 N to a side and 2 N down" in BayesianMethod(cable="heavy").assumptions[0]
+def test_assumptions_are_described():
+    assert "a cable may pull with 0.2 N sideways and 0.2 N down" in BayesianMethod().assumptions[0]
+    assert "a cable may pull with 1 N sideways and 2 N down" in BayesianMethod(cable="heavy").assumptions[0]
     assert (
-        "with 0 N to a side and 0.4 N down"
+        "with 0 N sideways and 0.4 N down"
         in BayesianMethod(priors=Priors(external_force=0.0, hanging_load=0.16)).assumptions[0]
     )
     cable, legs = BayesianMethod(cable="none").assumptions, BayesianMethod(leg_prior="narrow").assumptions
@@ -144,25 +144,25 @@ def test_what_was_said_is_told_in_words():
     ("field", "choices"),
     [("cable", "none or light or heavy"), ("leg_prior", "wide or narrow"), ("surface", "hard or carpet")],
 )
-def test_nothing_else_can_be_said(field, choices):
+def test_other_choices_are_rejected(field, choices):
     with pytest.raises(SettingsError, match=f"{field} is 'wooden'; it must be {choices}"):
         BayesianMethod(**{field: "wooden"})
 
 
-def test_assumptions_make_a_result_surer_and_stand_beside_it(a1, precise_run, tmp_path, capsys):
+def test_assumptions_reduce_the_std_and_are_printed(a1, precise_run, tmp_path, capsys):
     plain = precise_run.result
-    said = replace(precise_run.settings, cable="none", leg_prior="narrow")
-    result = estimate(a1, precise_run.recordings, said)
+    narrow = replace(precise_run.settings, cable="none", leg_prior="narrow")
+    result = estimate(a1, precise_run.recordings, narrow)
     assert (result.composite.com_in_base.stds < plain.composite.com_in_base.stds).all()
     assert not result.evidence.posterior.unknowns.estimates("external_force")
     assert plain.evidence.posterior.unknowns.estimates("external_force")
     assert plain.assumptions == precise_run.settings.assumptions
-    assert result.assumptions == said.assumptions
+    assert result.assumptions == narrow.assumptions
     result.save(tmp_path / "a1.json")
-    assert Calibration.load(tmp_path / "a1.json").assumptions == said.assumptions
+    assert Calibration.load(tmp_path / "a1.json").assumptions == narrow.assumptions
     print_calibration(result, [])
     shown = " ".join(capsys.readouterr().out.split())
-    assert all(f"assumed: {assumption}" in shown for assumption in said.assumptions)
+    assert all(f"assumed: {assumption}" in shown for assumption in narrow.assumptions)
 
 
 def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):
@@ -182,12 +182,12 @@ def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):
 @pytest.mark.parametrize(
     ("text", "expected"), [("60", 60), ("60s", 60), ("1.5min", 90), ("2m", 120), ("1h", 3600), (None, None)]
 )
-def test_times_are_read(text, expected):
+def test_durations_are_parsed(text, expected):
     assert seconds(text, "budget") == expected
 
 
 @pytest.mark.parametrize("text", ["", "soon", "-5s", "1d"])
-def test_what_is_no_time_is_refused(text):
+def test_an_invalid_duration_is_rejected(text):
     with pytest.raises(SettingsError, match="is not a time"):
         seconds(text, "budget")
 
@@ -211,11 +211,11 @@ def test_the_plan_is_printed_without_moving_anything(capsys):
         (["--duration", "25s"], "a duration of 25 s allows no lift after the search; give"),
         (
             ["--mass-std", "0.1"],
-            "a standard deviation is given for the scale's mass, and no mass; give both, or neither",
+            "mass_std is given without a mass; give both or neither",
         ),
     ],
 )
-def test_flags_that_do_not_belong_are_refused(flags, message, capsys, tmp_path):
+def test_flags_of_another_method_are_rejected(flags, message, capsys, tmp_path):
     assert main(["calibrate", *flags, "--out", str(tmp_path / "run")]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "run").exists()

@@ -1,4 +1,4 @@
-"""Lifts in which the lifted feet swing, and what they tell of the legs."""
+"""Lifts in which the lifted feet swing, and the leg parameters they determine."""
 
 import dataclasses
 
@@ -27,7 +27,7 @@ WRONG_LEGS = {"leg_mass_common": 0.1, "leg_com_common": 8e-3, "leg_length": 1.5e
 
 @pytest.fixture(scope="module")
 def found(a1, coarse_engine):
-    """What a minute finds of a robot whose legs are not its file's, and the recordings."""
+    """Result and recordings of a run on a robot whose legs differ from the model file."""
     kept = []
     with simulate(a1, "realistic", seed=4, effects=WRONG_LEGS, without=("cable",), timestep=1e-3) as simulation:
         weighed = simulation.truth.composite.mass
@@ -50,14 +50,14 @@ def test_lifted_feet_swing_to_and_fro_at_one_height_and_the_others_stand(a1, swi
     assert (feet[:, standing] == 0).all()
     level = feet[:, ~np.array(standing)] @ LEANING.rotation.T
     assert np.abs(level[..., 2]).max() < 1e-12
-    along, beside = (level[..., axis] for axis in ((0, 1) if swing == "ahead" else (1, 0)))
-    assert np.abs(beside).max() < 1e-12
+    along, across = (level[..., axis] for axis in ((0, 1) if swing == "ahead" else (1, 0)))
+    assert np.abs(across).max() < 1e-12
     assert along.max() == pytest.approx(-along.min(), rel=1e-3)
     assert 0.04 < along.max() < 0.07
     assert np.abs(feet[-1]).max() < 1e-12
 
 
-def test_a_plan_with_swings_foretells_a_surer_height_and_inertia(a1):
+def test_swings_reduce_the_predicted_std_of_height_and_inertia(a1):
     stance = nominal_stance(a1)
     com = composite_parameters(a1, stance.joint_position).com
     plans = [
@@ -81,21 +81,21 @@ def test_links_are_found_within_their_intervals(found):
     assert sum(one.missed for one in result.composite) <= 1  # of ten at 95 %
 
 
-def test_swings_are_what_tells_it(a1, found):
-    """The same run without them is less sure of every thigh, by more than the lifts that are left out."""
+def test_swings_reduce_the_std_of_thighs(a1, found):
+    """The reduction is larger than that from the number of lifts alone."""
     result, kept = found
     settings = BayesianMethod.from_dict({name: value for name, value in result.settings.items() if name != "method"})
     passive = [recording for recording in kept if getattr(recording.trial, "swing", None) is None]
     without = estimate(a1, passive, settings)
     for name, link in result.links.items():
         if name.endswith("thigh"):
-            sds = np.array([[one.std for one in other.moment] for other in (link, without.links[name])])
-            assert (sds[0] < sds[1]).all()
-            assert sds[0, 2] < 0.85 * sds[1, 2]
+            stds = np.array([[one.std for one in other.moment] for other in (link, without.links[name])])
+            assert (stds[0] < stds[1]).all()
+            assert stds[0, 2] < 0.85 * stds[1, 2]
 
 
-def test_what_cannot_be_seen_is_said(found, capsys):
-    """A hip's link moves too little to be weighed."""
+def test_unidentified_links_are_reported(found, capsys):
+    """A hip link moves too little."""
     result, _ = found
     hips = [link for name, link in result.links.items() if name.endswith("hip")]
     assert {one.verdict for hip in hips for one in hip.moment} == {"not identified"}
@@ -109,9 +109,9 @@ def test_what_cannot_be_seen_is_said(found, capsys):
 
 def test_links_of_a_run_whose_checks_fail_are_doubtful(found):
     link = found[0].links["FL_thigh"].doubted()
-    told = {name: one.verdict for name, one in found[0].links["FL_thigh"].quantities.items()}
+    verdicts = {name: one.verdict for name, one in found[0].links["FL_thigh"].quantities.items()}
     assert {name: one.verdict for name, one in link.quantities.items()} == {
-        name: "doubtful" if verdict in ("identified", "weak") else verdict for name, verdict in told.items()
+        name: "doubtful" if verdict in ("identified", "weak") else verdict for name, verdict in verdicts.items()
     }
     assert link.moment_z.value == found[0].links["FL_thigh"].moment_z.value
 
@@ -140,12 +140,12 @@ def test_a_lift_with_a_swing_is_read_as_it_was_recorded():
     assert trial.meanwhile == "swing aside"
 
 
-def test_legs_that_are_known_are_not_looked_for():
-    with pytest.raises(SettingsError, match="legs that are trusted to be as the file says are not looked for"):
+def test_legs_cannot_be_estimated_with_a_narrow_prior():
+    with pytest.raises(SettingsError, match="legs cannot be estimated with leg_prior 'narrow'; omit one of them"):
         dataclasses.replace(BayesianMethod(leg_prior="narrow"), swings=True)
 
 
-def test_the_command_line_plans_swings_and_refuses_them_to_other_methods(capsys):
+def test_the_command_line_plans_swings_for_the_bayesian_method_only(capsys):
     assert main(["plan", "unitree_a1", "--parameters", "legs", "--duration", "60s"]) == 0
     shown = capsys.readouterr().out
     assert "swing aside" in shown

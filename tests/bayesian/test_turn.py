@@ -1,4 +1,4 @@
-"""A run in which the robot is turned to face the other way: what is fixed in the room is told from what is not."""
+"""Runs with --rotate-halfway, which separates effects fixed in the world from those fixed to the robot."""
 
 import os
 import shutil
@@ -49,7 +49,7 @@ WORLD = {
 
 @pytest.fixture(scope="module")
 def run(a1, tmp_path_factory):
-    """A turned run on a robot with a cable: its folder, its result and what the cable really does."""
+    """Run with a rotation on a robot with a cable: folder, result and true cable force."""
     path, sizes = tmp_path_factory.mktemp("turned") / "run", []
 
     class Sized(PlatformWrapper):
@@ -66,16 +66,16 @@ def run(a1, tmp_path_factory):
     return SimpleNamespace(path=path, result=result, cable=cable, recordings=recordings, turned=sizes[turn + 1][0])
 
 
-def test_a_force_in_the_room_is_told_from_the_com(run):
+def test_an_external_force_is_separated_from_the_com(run):
     posterior = run.result.evidence.posterior
-    pull, std = posterior.unknowns.value(posterior.x, "external_force"), posterior.std("external_force")
+    force, std = posterior.unknowns.value(posterior.x, "external_force"), posterior.std("external_force")
     assert (std < 0.12).all()
-    assert np.abs(pull - run.cable[:2]).max() < 3 * std.max()
+    assert np.abs(force - run.cable[:2]).max() < 3 * std.max()
     assert np.abs(run.result.composite.com_in_base.errors[:2]).max() < 1e-3
     assert run.result.trustworthy
 
 
-def test_recordings_alone_say_which_way_the_robot_faced(a1, run):
+def test_recordings_determine_the_heading(a1, run):
     evidence = read_motions(a1, nominal_stance(a1), run.recordings)
     headings = [abs(motion.lift.heading) for motion in evidence if motion.lift is not None]
     assert headings[0] == 0.0
@@ -83,13 +83,13 @@ def test_recordings_alone_say_which_way_the_robot_faced(a1, run):
     assert sorted(headings) == headings
 
 
-def test_estimating_again_gives_the_same_numbers(a1, run):
+def test_repeated_estimates_are_equal(a1, run):
     again = estimate(a1, run.recordings, SETTINGS)
     assert [one.value for one in again.composite] == [one.value for one in run.result.composite]
     assert np.array_equal(again.composite.covariance, run.result.composite.covariance)
 
 
-def test_both_halves_have_lifts_and_one_turn_is_between(run):
+def test_lifts_precede_and_follow_one_rotation(run):
     kinds = [type(recording.trial) for recording in run.recordings]
     turned = kinds.index(TurnTrial)
     assert kinds.count(TurnTrial) == 1
@@ -99,8 +99,8 @@ def test_both_halves_have_lifts_and_one_turn_is_between(run):
     assert read_trial(TurnTrial().to_data()) == TurnTrial()
 
 
-def test_a_turned_run_is_gone_on_with(a1, run, tmp_path):
-    """As a kill leaves it that comes after it was turned, when it is about to stand up."""
+def test_a_run_is_resumed_after_the_rotation(a1, run, tmp_path):
+    """The run was killed after the rotation, before the robot stands up."""
     path = shutil.copytree(run.path, tmp_path / "run")
     os.truncate(path / LOG, run.turned)
     folder, content = RunFolder.resume(path, repeats=True)
@@ -112,8 +112,7 @@ def test_a_turned_run_is_gone_on_with(a1, run, tmp_path):
     assert [one.value for one in result.composite] == [one.value for one in run.result.composite]
 
 
-def test_a_real_robot_that_was_turned_is_spared_the_turn(a1, run):
-    """All is recorded: nobody has to turn it again, and it moves no more than to stand up and to end."""
+def test_a_resumed_run_does_not_repeat_the_rotation(a1, run):
     content, asked = RunFolder.open(run.path).read(), []
     with simulate(a1, **WORLD) as simulation:
         robot = ResumedRobot(simulation.platform, content)
@@ -122,13 +121,13 @@ def test_a_real_robot_that_was_turned_is_spared_the_turn(a1, run):
     assert [one.value for one in result.composite] == [one.value for one in run.result.composite]
 
 
-def test_the_room_turns_the_other_way_round():
-    room, headings = Traced(np.array([[3.0], [1.0]])), np.array([0.0, np.pi / 2, np.pi])
-    seen = facing(Traced(np.repeat(room.value, 3, axis=1)), headings)
+def test_world_vectors_rotate_opposite_to_the_heading():
+    world, headings = Traced(np.array([[3.0], [1.0]])), np.array([0.0, np.pi / 2, np.pi])
+    seen = facing(Traced(np.repeat(world.value, 3, axis=1)), headings)
     assert np.allclose(seen.value, [[3, 1, -3], [1, -3, -1]])
 
 
-def test_what_is_fixed_in_the_room_enters_the_equations_the_other_way_round(a1, ideal_motions):
+def test_world_effects_change_sign_in_the_equations(a1, ideal_motions):
     stance, legs = ideal_motions.stance, LegChains(a1)
     motions = read_motions(a1, stance, [ideal_motions.move, ideal_motions.lift])
     there, back = model_values(a1), model_values(a1)
@@ -162,7 +161,7 @@ def test_new_footholds_have_heights_of_their_own(a1, ideal_motions):
     assert np.allclose(heights(np.pi), 1e-3 * np.array([-0.75, 0.25, 0.25, 0.25]))
 
 
-def test_the_planner_knows_what_a_turn_buys(a1):
+def test_a_planned_rotation_reduces_the_std(a1):
     candidates = candidates_of(a1, combined_priors=BayesianMethod(rotate_halfway=True).combined_priors)
     turned, unknowns = candidates.turned(), candidates.unknowns
     there, back = candidates.rows[3], turned.rows[3]
@@ -172,11 +171,11 @@ def test_the_planner_knows_what_a_turn_buys(a1):
     assert both.std[2] < 0.85 * once.std[2]
     assert both.std[1] < once.std[1]
     assert both.robot_time < 110.0
-    half = both.visits[: both.turn_after]
-    assert 0 < len(half) < len(both.visits)
+    first = both.visits[: both.turn_after]
+    assert 0 < len(first) < len(both.visits)
     assert once.turn_after is None
-    assert [what for what, _ in both.trials()].index("turned by 180 deg") == 1 + len(half)
-    assert both.to_dict()["turn_after"] == len(half)
+    assert [name for name, _ in both.trials()].index("turned by 180 deg") == 1 + len(first)
+    assert both.to_dict()["turn_after"] == len(first)
     with pytest.raises(SettingsError, match=r"30 s allows no lift after the search; give (3[5-9]|40) s or more"):
         make_plan(candidates, 30.0, turn=True)
 
@@ -188,34 +187,35 @@ def test_only_a_turned_robot_has_new_footholds():
 
 def test_a_robot_that_cannot_lie_is_not_turned(a1, monkeypatch):
     monkeypatch.setattr(precise_method, "lies", lambda *_: False)
-    with pytest.raises(ReachError, match="'unitree_a1' cannot lie down over its feet to be turned; leave the turn out"):
+    with pytest.raises(
+        ReachError, match="'unitree_a1' cannot lie down over its feet to be turned; omit --rotate-halfway"
+    ):
         SETTINGS.check(a1, nominal_stance(a1))
 
 
-class Someone(PlatformWrapper):
-    """A robot that nobody turns but somebody."""
+class ManualRotation(PlatformWrapper):
+    """Robot that an operator has to turn."""
 
     def __init__(self, inner):
         super().__init__(inner)
         self.accepts = inner.accepts - {TURNS}
 
 
-def test_a_robot_without_anybody_is_not_turned(a1):
+def test_a_robot_without_an_operator_is_not_turned(a1):
     with simulate(a1, "ideal") as simulation, pytest.raises(SettingsError) as caught:
-        calibrate(Someone(simulation.platform), a1, SETTINGS)
+        calibrate(ManualRotation(simulation.platform), a1, SETTINGS)
     assert str(caught.value) == (
         "somebody has to turn the robot and say when it is done, and nobody is asked: give `told` to calibrate(), or leave "
         "the turn out"
     )
 
 
-def test_the_angle_is_what_the_gyroscope_says(a1, run):
+def test_the_gyroscope_measures_the_rotation(a1, run):
     turned = next(recording for recording in run.recordings if isinstance(recording.trial, TurnTrial))
     assert abs(angle_turned(a1, turned)) == pytest.approx(np.pi, abs=np.radians(2))
 
 
-def test_another_engine_turns_the_robot_in_its_room_too(a1):
-    """And its gyroscope feels it; what it stands on stays where it is."""
+def test_dart_turns_the_robot(a1):
     pytest.importorskip("dartpy")
     stance = nominal_stance(a1)
     with simulate(a1, "realistic", engine="dart", timestep=1e-3) as simulation:
@@ -229,19 +229,19 @@ def test_another_engine_turns_the_robot_in_its_room_too(a1):
     assert abs(off) < np.radians(2)
 
 
-def test_footholds_stay_in_the_room(a1):
+def test_footholds_are_fixed_in_the_world(a1):
     errors = DrawnErrors.draw(SensorErrors(foothold_height=1e-3), 12, 3)
     fl, fr, rl, rr = foothold_heights(errors, 0.0)
     assert np.allclose(foothold_heights(errors, np.pi), [rr, rl, fr, fl])
 
 
 @pytest.mark.parametrize("method", ["paper", "static"])
-def test_other_methods_do_not_know_the_turn(capsys, method):
+def test_other_methods_reject_rotate_halfway(capsys, method):
     assert main(["calibrate", "--method", method, "--rotate-halfway"]) == 2
     assert f"--rotate-halfway belongs to --method bayesian; this is --method {method}" in capsys.readouterr().err
 
 
-def test_the_plan_and_the_rehearsal_say_that_it_is_turned(a1, capsys):
+def test_plan_and_rehearsal_contain_the_rotation(a1, capsys):
     assert main(["plan", "--rotate-halfway", "--duration", "60s"]) == 0
     assert "turned by 180 deg" in capsys.readouterr().out
-    assert "is turned by hand half-way, lying limp" in SETTINGS.rehearse(a1, nominal_stance(a1)).doing
+    assert "is turned by hand half-way, motors off" in SETTINGS.rehearse(a1, nominal_stance(a1)).doing

@@ -233,7 +233,7 @@ def test_settings_beyond_all_sense_are_refused_before_a_run_begins(flags, tmp_pa
         (["calibrate", "--duration", "2h"], "duration is 7200 s; it must be above zero, up to 3600 s"),
         (["calibrate", "--duration", "1s"], "a duration of 1 s allows no lift after the search; give 28 s or more"),
         (["calibrate", "--duration", "2"], "a duration of 2 s allows no lift after the search; give 28 s or more, or minutes"),
-        (["payload", "unitree_a1", "--mass-std", "1"], "a standard deviation is given for the scale's mass, and no mass"),
+        (["payload", "unitree_a1", "--mass-std", "1"], "mass_std is given without a mass"),
         (["calibrate", "--locked-joints", "foo=1"], "leg joint or none; this robot has no others, so leave it out"),
         (["calibrate", "--payload", "1500,0,0,0"], "a payload of 1500 kg is 120 times what 'unitree_a1' weighs"),
         (["calibrate", "--payload", "1.5,100,0,80"], "a payload 128 m from the base's origin is not on 'unitree_a1'"),

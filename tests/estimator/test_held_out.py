@@ -114,7 +114,7 @@ def test_an_estimate_that_predicts_worse_than_the_model_file_is_refused(precise_
     _refuse_worse_than_file(predicted, [failed])
     _refuse_worse_than_file(exchanged, [passed])  # worse by chance
     with pytest.raises(
-        RecordingError, match=f"no estimate is shown.*within {found} mm rms, the model file within {file}"
+        RecordingError, match=f"the estimate is rejected.*within {found} mm rms, the model file within {file}"
     ):
         _refuse_worse_than_file(exchanged, [failed])
     with pytest.raises(

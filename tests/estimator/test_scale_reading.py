@@ -58,9 +58,9 @@ def test_invalid_standard_deviations_raise(std):
 def test_a_standard_deviation_without_a_mass_raises():
     with pytest.raises(SettingsError) as caught:
         BayesianMethod(mass_std=0.1)
-    assert str(caught.value) == "a standard deviation is given for the scale's mass, and no mass; give both, or neither"
+    assert str(caught.value) == "mass_std is given without a mass; give both or neither"
 
 
 def test_there_is_nothing_to_confirm_without_a_mass():
-    with pytest.raises(SettingsError, match="confirm_mass confirms a given mass, and there is none"):
+    with pytest.raises(SettingsError, match="confirm_mass is given without a mass"):
         BayesianMethod(confirm_mass=True)

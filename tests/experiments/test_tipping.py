@@ -243,7 +243,7 @@ def test_a_lift_that_could_tip_the_robot_over_is_left_out_and_told(soft_trials):
     trials.doubt = found_doubt(trials.stance, 0.7)
     trials.take_posture(LEANING)
     with pytest.raises(
-        ReachError, match=r"the robot could tip over: with its centre of mass \d+ mm beside the line, and perhaps"
+        ReachError, match=r"the robot could tip over: its centre of mass is \d+ mm from the support line, uncertain by"
     ):
         trials.lift(LiftDesign(LEANING, "FR_RL", 1))
     assert not recordings[-1].has_phase("unload")

@@ -1,1 +1,1 @@
-"""The Bayesian method: 3-D CoM, mass and the whole inertia, with the sensors calibrated on the way."""
+"""Bayesian method: mass, 3-D CoM and inertia, with the sensors calibrated in the same estimate."""

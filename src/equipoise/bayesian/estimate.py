@@ -1,4 +1,4 @@
-"""From a run's recordings to its result: read, estimate, check."""
+"""Estimation of a run's result from its recordings: read, estimate, check."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ def estimate_run(
     stance: Stance,
     lifts_needed: bool = True,
 ) -> Calibration:
-    """Return what the recordings of a run of the Bayesian method say.
+    """Estimate the inertial parameters from the recordings of a Bayesian run.
 
     Args:
-        table: method and settings as JSON values, which the result states.
-        lifts_needed: whether recordings without a usable lift are refused; else joint torques tell what they can.
+        table: method and settings as JSON values, stored in the result.
+        lifts_needed: True to reject recordings without a usable lift; False to estimate from joint torques then.
 
     Raises:
-        RecordingError: they hold nothing that can be used, sensors contradict each other, or the estimate predicts
+        RecordingError: no recording can be used, sensors contradict each other, or the estimate predicts
             held-out motions worse than the model file does.
     """
     timings: dict[str, float] = {}
@@ -75,28 +75,30 @@ def estimate_run(
         predictions = predict_held_out(posterior, settings.prior_run)
         predicted = held_out(predictions)
         masses = compare_estimate(posterior, settings.scale, settings.prior_run)
-        looked_at = run_checks(posterior, predicted, masses)
-        looked_at += [] if settings.prior_run is None else [prior_run_check(changes, settings.prior_run)]
-        checks = tuple(sorted(looked_at, key=lambda check: check.passed))
+        unsorted = judge(posterior, predicted, masses)
+        unsorted += [] if settings.prior_run is None else [check_of_changes(changes, settings.prior_run)]
+        checks = tuple(sorted(unsorted, key=lambda check: check.passed))
         _refuse_worse_than_file(predicted, checks)
         findings = (*map(Change.finding, changes), *sensor_findings(posterior))
     nominal = nominal_inertia(robot, stance.joint_position)
     unknowns = posterior.unknowns
     bodies = unknowns.robot_body, unknowns.base_body, unknowns.stance_effective_body
     before, base_before, stance_effective_before = map(posterior.std_before, bodies)
-    well = all(check.passed for check in checks)
+    passed = all(check.passed for check in checks)
 
-    apart = None if well else half_difference(posterior)
+    difference = None if passed else half_difference(posterior)
 
-    def judged(body: Body, of: Callable[[FloatArray], InertialParameters]) -> Body:
-        return body if apart is None else body.doubted(np.abs(body_jacobian(unknowns, posterior.x, of) @ apart))
+    def widened(body: Body, of: Callable[[FloatArray], InertialParameters]) -> Body:
+        if difference is None:
+            return body
+        return body.doubted(np.abs(body_jacobian(unknowns, posterior.x, of) @ difference))
 
     links = link_findings(unknowns, posterior.x, posterior.covariance) if settings.swings else {}
 
     return Calibration(
         **model_facts(robot, stance.joint_position),
         method=table["method"],
-        composite=judged(
+        composite=widened(
             Body.known(
                 posterior.robot_body,
                 posterior.robot_covariance,
@@ -105,7 +107,7 @@ def estimate_run(
             ),
             unknowns.robot_body,
         ),
-        base=judged(
+        base=widened(
             Body.known(
                 posterior.base_body,
                 posterior.base_covariance,
@@ -114,7 +116,7 @@ def estimate_run(
             ),
             unknowns.base_body,
         ),
-        stance_effective=judged(
+        stance_effective=widened(
             Body.known(
                 posterior.stance_effective_body,
                 posterior.stance_effective_covariance,
@@ -139,8 +141,8 @@ def estimate_run(
         evidence=PosteriorEvidence(tuple(recordings), posterior, changes, predictions),
         held_out=predicted,
         mass_comparison=masses,
-        uncertainty_budget=uncertainty_budget(posterior),
-        links=links if well else {name: link.doubted() for name, link in links.items()},
+        uncertainty_budget=budget_of(posterior),
+        links=links if passed else {name: link.doubted() for name, link in links.items()},
         timings=timings,
     )
 
@@ -151,14 +153,14 @@ def _posterior(
     if settings.prior_run is None:
 
         def estimate(priors: Priors, equations: Sequence[type[Equation[Any]]] | None = None) -> Posterior:
-            # Lengths of legs come from stance motions, which say how quiet feet are where legs are looked for.
+            # Leg lengths are estimated from stance motions, so these determine the foot noise if legs are estimated.
             return estimate_posterior(
                 robot, stance, motions, priors, settings.scale,
                 lifts_needed=lifts_needed, quiet_feet=settings.swings, equations=equations,
             )  # fmt: skip
 
         with_excitation = partial(estimate, equations=EQUATIONS)
-        # What looks like an IMU that sits elsewhere is lengths of legs that are off, unless they are trusted.
+        # An apparent IMU position error is due to wrong leg lengths, unless their prior is narrow.
         if settings.leg_prior == "narrow":
             return resolve_prior_conflicts(with_excitation, settings.combined_priors), ()
         posterior = resolve_prior_conflicts(estimate, settings.combined_priors)
@@ -172,25 +174,22 @@ def _posterior(
 
 
 def _refuse_worse_than_file(predicted: HeldOut | None, checks: Sequence[Check]) -> None:
-    """Refuse an estimate that predicts unseen motions worse than the model file does, and worse than chance explains.
-
-    Of a short run of a robot that is nearly its file's the one that predicts worse is a matter of chance.
-    """
+    """Raise RecordingError if the model file predicts unseen motions significantly better than the estimate."""
     if predicted is None or all(check.passed for check in checks if check.name == HELD_OUT_CHECK):
         return
     found, file = (1000 * predicted.error(body) for body in (FOUND, MODEL))
     if found > file:
         failed = "; ".join(f"{check.name}: {check.message}" for check in checks if not check.passed)
         raise RecordingError(
-            f"no estimate is shown: it predicts {predicted.counted} from {predicted.others} within {found:.2f} mm rms, the "
-            f"model file within {file:.2f} mm. Something acted on the robot that no equation has, or sensors, joint order or "
+            f"the estimate is rejected: it predicts {predicted.counted} from {predicted.others} within {found:.2f} mm rms, "
+            f"the model file within {file:.2f} mm. An unmodelled force acted on the robot, or sensors, joint order or "
             f"model file are wrong. Checks that failed: {failed}"
         )
 
 
 @contextmanager
 def _timed(timings: dict[str, float], stage: str) -> Generator[None]:
-    """Measure a stage [s]."""
+    """Measure the duration of a stage [s]."""
     start = time.perf_counter()
     yield
     timings[stage] = time.perf_counter() - start

@@ -1,4 +1,4 @@
-"""An excitation about all axes at once: what friction and the inertia about the vertical are told by."""
+"""Excitation about all axes at once, which determines friction and the inertia about the vertical."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from equipoise.recording.trials import ExcitationTrial
 from equipoise.robot.kinematics import feet_under_base
 from equipoise.robot.stance import Stance
 
-# Each axis has its own frequency, so that the dominant sinusoid of its angular velocity is its
-# own; friction's direction then changes at many moments of the motion.
+# Each axis has its own frequency, so that its angular velocity has a distinct dominant sinusoid.
+# The direction of friction then changes often during the motion.
 _ALL_AXES_FREQUENCIES = (2.3, 1.9, 1.5)  # [Hz] of roll, pitch and yaw on an A1
 _ALL_AXES_AMPLITUDE = 0.04  # [rad]
 _ALL_AXES_PERIODS = 8  # of the slowest
@@ -31,12 +31,12 @@ _KNOTS_PER_PERIOD = 12
 
 
 def excitation_all_axes(standing: StandingRobot, stance: Stance, com: FloatArray) -> None:
-    """Oscillate the base about all axes that planted feet allow, at once, through the CoM.
+    """Oscillate the base through the CoM, at once about all axes that the feet on the floor allow.
 
     The recording has the phases "settle", "ramp", "excitation" and "end".
 
     Args:
-        com: (3,) CoM in the base frame, as far as it is known [m].
+        com: (3,) current estimate of the CoM in the base frame [m].
     """
     robot = standing.robot
     settings = ExcitationSettings(amplitude=_ALL_AXES_AMPLITUDE)
@@ -75,6 +75,6 @@ def excitation_all_axes(standing: StandingRobot, stance: Stance, com: FloatArray
 
 
 def excitation_time(stance: Stance) -> float:
-    """Robot time of `excitation_all_axes` [s]."""
+    """Return the robot time of `excitation_all_axes` [s]."""
     slowest = min(_ALL_AXES_FREQUENCIES) / stance.scale.time
     return (_ALL_AXES_PERIODS + 2 * RAMP_PERIODS) / slowest + 3 * SETTLE_TIME

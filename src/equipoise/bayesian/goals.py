@@ -1,4 +1,4 @@
-"""Accuracy that a calibration by the Bayesian method is meant to reach."""
+"""Accuracy goals of a calibration by the Bayesian method."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Goals:
-    """Posterior standard deviations at which a calibration is good enough, for an A1; lengths scale with the leg.
+    """Posterior standard deviations at which a calibration may stop, for an A1; lengths scale with the leg.
 
     Attributes:
         com_planar, com_height: [m].
@@ -31,7 +31,7 @@ class Goals:
     products: float = 0.01
 
     def vector(self, body: FloatArray, stance: Stance) -> FloatArray:
-        """(10,) in the order of COMPONENTS, for a body with those parameters."""
+        """Return the (10,) goals of a body in the order of COMPONENTS."""
         lengths = stance.scale.length * np.array([self.com_planar, self.com_planar, self.com_height])
         return np.concatenate(
             [[self.mass * body[0]], lengths, self.inertia * body[4:7], np.full(3, self.products * body[4])]

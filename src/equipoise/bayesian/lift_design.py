@@ -1,4 +1,4 @@
-"""Lifts as the Bayesian method designs them: where the line is, how high and how long, how the body turns meanwhile."""
+"""Design of a lift trial: support line, height, duration, and rotation of the body or swing of the lifted feet."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from equipoise.robot.stance import Stance
 
 # On an A1; lengths scale with the stance's size, times with its clock.
 _LIFT = 0.024  # [m]
-_OFFSET = 0.006  # [m] of the CoM from the line: the robot tips within the time on two feet
+_OFFSET = 0.006  # [m] from CoM to support line: the robot tips within the time on two feet
 _TILT_LIMIT = 0.06  # [rad]
-_STILL = 0.004  # [rad/s]; a base that sways at 6 mrad/s moves the accelerometer's vertical by a milliradian
-_TURN_TIME = 1 / 3  # [s] of one turn of the body and back, or of the lifted feet's swing
+_STILL = 0.004  # [rad/s]; a base that oscillates at 6 mrad/s moves the accelerometer's vertical by a milliradian
+_TURN_TIME = 1 / 3  # [s] of one rotation of the body and back, or of the lifted feet's swing
 _SWING = 0.07  # [m] of the lifted feet, to and fro
 AMPLITUDES: dict[Axis, float] = {"roll": 0.10, "pitch": 0.05, "yaw": 0.06}
-"""Of the body's rotation on two feet [rad]; more makes the feet flicker."""
+"""Amplitudes of the body's rotation on two feet [rad]; with larger ones, feet lose contact."""
 _AXES: dict[Axis, FloatArray] = {"roll": np.eye(3)[0], "pitch": np.eye(3)[1], "yaw": np.eye(3)[2]}
 _DIRECTIONS: dict[Swing, FloatArray] = {"ahead": np.eye(3)[0], "aside": np.eye(3)[1]}
 
@@ -37,11 +37,11 @@ class LiftDesign:
     """One lift trial of the Bayesian method.
 
     Attributes:
-        posture: posture of the base over its planted feet.
+        posture: posture of the base with all feet on the floor.
         diagonal: diagonal to stand on.
-        side: side of the CoM that the support line is on: 1 ahead, -1 behind, 0 under it.
-        turn: rotation of the body about its own CoM while on two feet, or None.
-        swing: direction in which the lifted feet swing meanwhile, or None.
+        side: side of the support line relative to the CoM: 1 ahead, -1 behind, 0 under it.
+        turn: axis of the body's rotation about its CoM on two feet, or None.
+        swing: swing direction of the lifted feet, or None.
     """
 
     posture: BodyPosture
@@ -52,28 +52,28 @@ class LiftDesign:
 
     @property
     def passive(self) -> bool:
-        """Whether the robot only tips."""
+        """True if the robot only tips."""
         return self.turn is None and self.swing is None
 
     @property
     def meanwhile(self) -> str:
-        """What the robot does on two feet, in words."""
+        """Description of the motion on two feet."""
         return meanwhile(self.turn, self.swing)
 
     def amplitude(self, stance: Stance) -> float:
-        """Of what the robot does on two feet: [rad] of a turn, [m] of a swing, zero of a passive lift."""
+        """Return the amplitude of the motion on two feet: rotation [rad], swing [m], or zero for a passive lift."""
         if self.turn is not None:
             return AMPLITUDES[self.turn]
         return 0.0 if self.swing is None else _SWING * stance.scale.length
 
     def amounts(self, stance: Stance, control_period: float) -> FloatArray:
-        """(n,) how much of it at each control period: once to and fro, starting and ending at rest."""
+        """Return the (n,) displacements at each control period: once to and fro, from rest to rest."""
         count = round(Times.of(stance).turn / control_period)
         phase = np.arange(1, count + 1) / count
         return self.amplitude(stance) * np.sin(2 * np.pi * phase) * np.sin(np.pi * phase)
 
     def feet(self, lifted: FloatArray, com: FloatArray, amount: float) -> FloatArray:
-        """(4, 3) feet at an amount of it, of those that a passive lift would have, in the base frame [m]."""
+        """Return the (4, 3) feet in the base frame [m] at a displacement, from those of a passive lift."""
         if self.turn is not None:
             return turned_feet(lifted, com, self.turn, amount)
         feet = lifted.copy()
@@ -85,7 +85,7 @@ class LiftDesign:
 
 @dataclass(frozen=True)
 class Times:
-    """How long the parts of a trial take on a robot of a certain size [s]."""
+    """Durations of the parts of a trial [s]."""
 
     settle: float
     move: float
@@ -94,13 +94,13 @@ class Times:
 
     @classmethod
     def of(cls, stance: Stance) -> Times:
-        """For a robot of a stance's size."""
+        """Return the durations for a robot of the stance's size."""
         clock = stance.scale.time
         return cls(settle=0.12 * clock, move=0.3 * clock, watch=0.35 * clock, turn=_TURN_TIME * clock)
 
 
 def lift_settings(stance: Stance) -> LiftSettings:
-    """Heights and times of the Bayesian method's lifts."""
+    """Return the heights and times of the lifts."""
     times, clock = Times.of(stance), stance.scale.time
     return replace(
         LiftSettings.of(stance, _LIFT * stance.scale.length),
@@ -119,17 +119,17 @@ def lift_settings(stance: Stance) -> LiftSettings:
 
 
 def offset_of(stance: Stance, side: int) -> float:
-    """Distance of the line from the CoM [m]."""
+    """Return the signed distance of the support line from the CoM [m]."""
     return side * _OFFSET * stance.scale.length
 
 
 def lift_feet(
     stance: Stance, com: FloatArray, design: LiftDesign, height: float, drift: float = 0.0
 ) -> tuple[FloatArray, FloatArray]:
-    """(4, 3) planted and lifted feet in the base frame [m].
+    """Return the (4, 3) feet in the base frame [m], on the floor and lifted.
 
     Args:
-        drift: distance by which the CoM comes to be ahead of where it is sent [m].
+        drift: distance of the CoM ahead of its commanded position [m].
     """
     feet = feet_in_posture(stance, com, design.posture, design.diagonal, offset_of(stance, design.side) + drift)
     lifted = feet.copy()
@@ -139,71 +139,71 @@ def lift_feet(
 
 
 def turned_feet(feet: FloatArray, com: FloatArray, turn: Axis, angle: float) -> FloatArray:
-    """Feet in the base frame of a body that turned about its CoM over them."""
+    """Return the feet in the base frame after a rotation of the body about its CoM."""
     return (feet - com) @ np.array(pin.exp3(_AXES[turn] * angle)) + com
 
 
 def check_lift(
     robot: RobotModel, stance: Stance, com: FloatArray, design: LiftDesign, doubt: FloatArray | None = None
 ) -> None:
-    """Refuse a lift that is out of reach, too weak or not safe, before anything moves.
+    """Check that a lift is within reach, joint torque limits and the safe tilt.
 
     Args:
         doubt: (3, 3) covariance of the CoM in the base frame [m2]; default `found_doubt`.
 
     Raises:
-        ReachError: says what is wrong.
+        ReachError: the lift is not possible or not safe.
     """
     LiftChecks(robot, stance, com, doubt).check(design)
 
 
 class LiftChecks:
-    """`check_lift` of many lifts of one robot: what those that differ in their turn alone share is looked at once."""
+    """`check_lift` for many lifts of one robot; results that do not depend on turn and swing are cached."""
 
     def __init__(self, robot: RobotModel, stance: Stance, com: FloatArray, doubt: FloatArray | None = None) -> None:
         self._robot, self._stance, self._com = robot, stance, com
         self._doubt = found_doubt(stance) if doubt is None else doubt
         self._settings = lift_settings(stance)
-        self._known: dict[tuple[str, LiftDesign], FloatArray | ReachError] = {}
+        self._cache: dict[tuple[str, LiftDesign], FloatArray | ReachError] = {}
 
     def check(self, design: LiftDesign) -> None:
-        """See `check_lift`."""
+        """Raise ReachError as `check_lift`."""
         passive = replace(design, turn=None, swing=None)
-        standing = self._once(self._planted, passive)
+        standing = self._cached(self._standing_joints, passive)
         _, lifted = lift_feet(self._stance, self._com, design, self._settings.height)
         amplitude = design.amplitude(self._stance)
         for amount in (0.0,) if design.passive else (amplitude, -amplitude):
             feet = design.feet(lifted, self._com, amount)
             check_posture(self._robot, self._stance, feet, DIAGONALS[design.diagonal], near=standing)
-        self._once(self._safe, passive)
+        self._cached(self._safe_tilt, passive)
 
-    def _once(self, look: Callable[[LiftDesign], FloatArray], design: LiftDesign) -> FloatArray:
-        """What a look finds, or raises, without looking again."""
-        key = look.__name__, design
-        if key not in self._known:
+    def _cached(self, compute: Callable[[LiftDesign], FloatArray], design: LiftDesign) -> FloatArray:
+        """Return the cached result of a computation, or raise its cached error."""
+        key = compute.__name__, design
+        if key not in self._cache:
             try:
-                self._known[key] = look(design)
+                self._cache[key] = compute(design)
             except ReachError as error:
-                self._known[key] = error
-        found = self._known[key]
+                self._cache[key] = error
+        found = self._cache[key]
         if isinstance(found, ReachError):
             raise found
         return found
 
-    def _planted(self, design: LiftDesign) -> FloatArray:
-        """(nj,) joint positions over the line, on four feet [rad]."""
+    def _standing_joints(self, design: LiftDesign) -> FloatArray:
+        """Return the (nj,) joint positions over the line on four feet [rad]."""
         feet, _ = lift_feet(self._stance, self._com, design, self._settings.height)
         return check_posture(self._robot, self._stance, feet)
 
-    def _safe(self, design: LiftDesign) -> FloatArray:
-        """(2,) how far the robot may tip, either way [rad]."""
+    def _safe_tilt(self, design: LiftDesign) -> FloatArray:
+        """Return the (2,) safe tilt backward and forward [rad]."""
         up, settings = design.posture.rotation[2], self._settings
         feet, _ = lift_feet(self._stance, self._com, design, settings.height)
         height = float(self._com @ up - (feet @ up).mean())
         half_width = float(np.abs(self._stance.feet_in_base[:, 1]).mean())
         if settings.height > half_width or height <= 0:
             raise ReachError(
-                f"a lift of {settings.height * 1000:.0f} mm is too high for feet {half_width * 2000:.0f} mm apart"
+                f"a lift height of {settings.height * 1000:.0f} mm is too large for feet {half_width * 2000:.0f} mm apart"
             )
-        tipping = Pendulum.of(self._robot, self._once(self._planted, design), up, design.diagonal)
+        tipping = Pendulum.of(self._robot, self._cached(self._standing_joints, design), up, design.diagonal)
         return np.array(safe_stop(tipping, settings, self._stance, self._doubt))

@@ -1,4 +1,4 @@
-"""The Bayesian method: 3-D CoM, mass and the whole inertia, with the sensors calibrated on the way."""
+"""Bayesian method: mass, 3-D CoM and inertia, with the sensors calibrated in the same estimate."""
 
 from __future__ import annotations
 
@@ -32,16 +32,15 @@ from equipoise.robot.stance import Stance, lies, lying_posture
 
 @dataclass(frozen=True)
 class BayesianMethod(BayesianSettings, Method):
-    """3-D CoM, mass and the whole inertia, with the sensors calibrated on the way.
+    """Estimation of mass, 3-D CoM and inertia, with the sensors calibrated in the same estimate.
 
-    The robot lifts two diagonal feet in many postures, at rest and turning its body, and feels how it tips. Its settings are
-    those of `BayesianSettings`.
+    The robot lifts two diagonal feet in many postures, at rest and rotating its body, and measures how it tips.
     """
 
     name: ClassVar[str] = "bayesian"
     summary: ClassVar[str] = (
-        "the robot lifts two diagonal feet in many postures, at rest and turning its body, and feels how it tips; mass, 3-D "
-        "centre of mass and inertia with intervals, its sensors calibrated on the way"
+        "the robot lifts two diagonal feet in many postures, at rest and rotating its body, and measures how it tips; mass, "
+        "3-D centre of mass and inertia with intervals; sensors are calibrated too"
     )
     estimates: ClassVar[tuple[str, ...]] = COMPONENTS
 
@@ -60,11 +59,9 @@ class BayesianMethod(BayesianSettings, Method):
         return {} if self.prior_run is None else {"prior_run": self.prior_run.to_dict()}
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
-        """Refuse a budget that is too small, a mass that is no such robot's (SettingsError), and a robot that can do no
-        lift, or not lie (ReachError).
-        """
+        """Check that duration and mass suit the robot (SettingsError), and that it can lift and lie down (ReachError)."""
         if self.rotate_halfway and not lies(robot, stance, lying_posture(robot, stance)[0]):
-            raise ReachError(f"{robot.name!r} cannot lie down over its feet to be turned; leave the turn out")
+            raise ReachError(f"{robot.name!r} cannot lie down over its feet to be turned; omit --rotate-halfway")
         if self.mass is not None:
             check_mass_of(robot, self.mass)
         self.forecast(robot, stance)
@@ -90,7 +87,7 @@ class BayesianMethod(BayesianSettings, Method):
         recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
     ) -> None:
-        """Search, planned trials, excitation."""
+        """Run the search, the planned trials and the excitation."""
         kind = BayesianRoutine if self.prior_run is None else ShortRoutine
         kind(standing, standing.robot, stance, self, recordings, report).run()
 
@@ -103,5 +100,5 @@ class BayesianMethod(BayesianSettings, Method):
     def estimate(
         self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance, lifts_needed: bool = True
     ) -> Calibration:
-        """Return what the recordings of a run of this method say; see `estimate_run`."""
+        """Estimate the inertial parameters from a run's recordings, as `estimate_run`."""
         return estimate_run(self, self.to_dict(), robot, recordings, stance, lifts_needed)

@@ -1,6 +1,6 @@
-"""Where the CoM is, roughly and fast: a momentum Newton step per lift, about two lifts a diagonal.
+"""Fast, coarse search of the CoM: a momentum Newton step per lift, about two lifts per diagonal.
 
-Where a Newton step cannot be taken (the feet hardly leave the floor, the steps do not settle) Algorithm 1's bisection does.
+If no Newton step is possible (feet hardly leave the floor, steps do not converge), Algorithm 1's bisection replaces it.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from equipoise.robot.statics import carried_mass
 
 _LEAST_BASE = 0.3  # of the model's
 _MOST_LIFTS = 4  # per diagonal
-_SETTLED = 0.003  # [m] on an A1: a step this small places the rest of the lifts well enough
-_NEAR = 0.010  # [m] on an A1: a step this small is right to a millimetre where sensors are known
-_FARTHEST = 0.08  # [m] on an A1: a CoM farther off than this is no Newton step
-_MASS_KNOWN = 0.04  # what joint torques at rest say of the mass counts beyond this fraction: gains and friction
+_SETTLED = 0.003  # [m] on an A1: after a step this small, the CoM is accurate enough for the other lifts
+_NEAR = 0.010  # [m] on an A1: a step this small is accurate within a millimetre with calibrated sensors
+_FARTHEST = 0.08  # [m] on an A1: largest Newton step that is accepted
+_MASS_TOLERANCE = 0.04  # smaller differences of the mass from the torques are attributed to gains and friction
 
 
 def find_com_fast(trials: BayesianTrials, report: Callable[[str], None], sure: bool = False) -> None:
-    """The planar CoM by lifts on both diagonals; `trials.com` and the robot under command follow as it is found.
+    """Find the planar CoM by lifts on both diagonals, and update `trials.com` and the commanded robot model.
 
     Args:
-        report: function that is told the diagonal before every lift.
-        sure: whether the sensors are known: one lift a diagonal does then, unless the CoM was far from where it was thought.
+        report: function that is called with the diagonal before every lift.
+        sure: True if the sensors are calibrated: one lift per diagonal suffices then, unless its step is large.
     """
     model, size = trials.standing.robot, trials.stance.scale.length
     for diagonal in DIAGONALS:
@@ -45,7 +45,7 @@ def find_com_fast(trials: BayesianTrials, report: Callable[[str], None], sure: b
             except ReachError:
                 if attempt == 0:
                     raise
-                break  # the step before has to do
+                break  # the previous step has to suffice
             shift = _newton_step(trials, recording)
             if shift is None or abs(shift.distance) > _FARTHEST * size:
                 _bisect(trials, diagonal)
@@ -62,9 +62,9 @@ def _newton_step(trials: BayesianTrials, recording: Recording) -> CentreShift | 
 
 
 def _follow(trials: BayesianTrials, model: RobotModel, recording: Recording, shift: CentreShift) -> None:
-    """Move the CoM that is commanded with to where the lift says, and take the mass that the torques carry."""
+    """Move the assumed CoM by the measured shift, and set the mass to that carried by the joint torques."""
     horizontal = shift.normal * [1, 1, 0]
-    # Only what lies across the line was measured: the shift goes along its horizontal normal.
+    # A lift measures the CoM across the line only: the shift is along the line's horizontal normal.
     trials.com = trials.com + shift.distance * horizontal / float(horizontal @ horizontal)
     trials.doubt = doubt_after_a_lift(trials.stance, trials.doubt, horizontal)
     trials.standing.robot = loaded_robot(model, trials, _carried(model, recording))
@@ -75,14 +75,14 @@ def _carried(model: RobotModel, recording: Recording) -> float:
     if rest.torque is None:
         return model.mass
     mass = carried_mass(model, rest.position.mean(axis=0), rest.torque.mean(axis=0))
-    return mass if abs(mass / model.mass - 1) > _MASS_KNOWN and mass > 0.5 * model.mass else model.mass
+    return mass if abs(mass / model.mass - 1) > _MASS_TOLERANCE and mass > 0.5 * model.mass else model.mass
 
 
 def loaded_robot(model: RobotModel, trials: BayesianTrials, mass: float) -> RobotModel:
-    """The model with a base that gives the whole robot a mass and, at the nominal stance, a CoM."""
+    """Return the model with its base changed so that the whole robot has `mass` and, at the nominal stance, `trials.com`."""
     base = base_parameters(model)
     whole = composite_parameters(model, trials.stance.joint_position)
-    # Without a scale little is known of the mass: of the base something is left.
+    # Without a scale the mass is uncertain; the base must keep a positive mass.
     base_mass = max(base.mass + mass - whole.mass, _LEAST_BASE * base.mass)
     mass = whole.mass + base_mass - base.mass
     moment = mass * trials.com - (whole.mass * whole.com - base.mass * base.com)
@@ -91,7 +91,7 @@ def loaded_robot(model: RobotModel, trials: BayesianTrials, mass: float) -> Robo
 
 
 def _bisect(trials: BayesianTrials, diagonal: str) -> None:
-    """Algorithm 1 on one diagonal; the CoM moves to the plane that it finds."""
+    """Run Algorithm 1 on one diagonal, and move the CoM onto the plane that it finds."""
     from equipoise.paper.com_search import find_support_vector  # noqa: PLC0415 - few robots need it
     from equipoise.paper.settings import ComSearchSettings  # noqa: PLC0415
     from equipoise.paper.trial_runner import TrialRunner  # noqa: PLC0415

@@ -1,9 +1,9 @@
-"""Which trials the Bayesian method does, and why these: those that teach most about what is reported, per second.
+"""Greedy A-optimal selection of trials: the largest reduction of the reported variances per second of robot time.
 
 Candidates (planning/candidates.py) are postures over height, roll, pitch and yaw, and in each posture lifts on both
-diagonals, passive and with the body turning. Each is predicted (predict.py) and adds its Fisher information to what the
-priors, the search and earlier motions give. Greedily the one is taken that lowers most, per second of robot time, the sum
-over reported quantities of posterior variance over the square of its goal (A-optimal design; planning/gains.py).
+diagonals, passive and with a body rotation. Each is predicted (predict.py). Its Fisher information is added to that of
+the priors, the search and earlier motions. Each step minimizes the sum of the posterior variances of the reported
+quantities, each divided by its squared goal (planning/gains.py).
 """
 
 from __future__ import annotations
@@ -30,45 +30,43 @@ from equipoise.robot.model import DIAGONALS
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
 
-_SCALE_OF_MASS = 0.005  # as a fraction: the plan takes the mass to be known, from a scale or about so from torques
-# Robot time on an A1, as measured, settling included [s]; others' is longer with the square root of their height.
+_SCALE_OF_MASS = 0.005  # std as a fraction: the plan assumes a mass from a scale, or one as accurate from torques
+# Measured robot time on an A1, settling included [s]; it scales with the square root of the robot's height.
 _LIFT_TIME, _POSTURE_TIME, _REPLANT_TIME = 2.6, 2.1, 1.5
 FEW_LIFTS = 10
-"""Fewer different lifts are done more than once: motors too weak for most, or too little known of the robot."""
-_END_TIME = 2.0  # [s] for the way back, on an A1
-_TURN_TIME = (
-    11.0  # [s] to lie down, to stand up and to rest, on an A1: how long somebody takes to turn it does not count
-)
+"""Number of possible lifts below which each is repeated: motors too weak for most, or a robot too uncertain."""
+_END_TIME = 2.0  # [s] to return to the stance, on an A1
+_TURN_TIME = 11.0  # [s] to lie down, stand up and rest, on an A1, without the operator's time to turn it
 
 
 @dataclass(frozen=True)
 class Visit:
-    """A posture, and the lifts that are done in it."""
+    """Posture and the lifts in it."""
 
     posture: BodyPosture
     lifts: tuple[LiftDesign, ...] = ()
 
     def turns(self, diagonal: str) -> str:
-        """The lifts on a diagonal, in words."""
+        """Return a description of the lifts on a diagonal."""
         return ", ".join(lift.meanwhile for lift in self.lifts if lift.diagonal == diagonal)
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What will be done.
+    """Planned trials and their predicted accuracy.
 
     Attributes:
         visits: postures with their lifts, in order.
-        robot_time: expected time on the robot, search and way back included [s].
+        robot_time: expected robot time, with search and return to the stance [s].
         std: (10,) predicted posterior standard deviations of the whole robot, in the order of COMPONENTS.
-        prior_std: (10,) standard deviations of these before any motion.
-        body: (10,) parameters of the whole robot as it was thought to be, in the order of COMPONENTS.
-        left_out: postures and lifts that the robot cannot do, and why.
-        turn_after: number of visits after which the robot is turned to face the other way; None: it is not.
+        prior_std: (10,) prior standard deviations of these.
+        body: (10,) assumed parameters of the whole robot, in the order of COMPONENTS.
+        left_out: postures and lifts that the robot cannot do, with reasons.
+        turn_after: number of visits after which the robot is turned to face the other way; None: not turned.
         before_search: number of visits before the search.
-        search: lifts of the search on each diagonal, in words.
-        without: (10,) standard deviations that the same time would give if no earlier run were known; None: none is.
-        links: leg links by name, with predicted standard deviations; none unless feet may swing.
+        search: description of the search's lifts on each diagonal.
+        without: (10,) predicted standard deviations for the same duration without the prior run; None: no prior run.
+        links: leg links by name, with predicted standard deviations; empty unless lifted feet may swing.
     """
 
     visits: tuple[Visit, ...]
@@ -85,11 +83,11 @@ class Plan:
 
     @property
     def lifts(self) -> int:
-        """Number of lifts, those of the search not counted."""
+        """Number of lifts without those of the search."""
         return sum(len(visit.lifts) for visit in self.visits)
 
     def trials(self) -> list[tuple[str, dict[str, str]]]:
-        """Postures in order, and the lifts in each by diagonal, in words."""
+        """Return the postures in order, each with descriptions of its lifts by diagonal."""
         rows = [(describe(visit.posture), {name: visit.turns(name) for name in DIAGONALS}) for visit in self.visits]
         rows.insert(self.before_search, ("search, nominal", dict.fromkeys(DIAGONALS, self.search)))
         if self.turn_after is not None:
@@ -97,7 +95,7 @@ class Plan:
         return rows
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         return {
             "robot_time": self.robot_time,
             "lifts": self.lifts,
@@ -122,9 +120,9 @@ _IN_JSON = ("diagonal", "side", "turn", "swing")
 
 @dataclass(frozen=True)
 class Durations:
-    """Robot time of the parts of a calibration [s]; `replant` comes on top of a posture that follows lifts.
+    """Robot time of the parts of a calibration [s].
 
-    How long somebody takes to turn the robot is not part of `turn`.
+    `replant` is added to the first posture after lifts. `turn` excludes the operator's time to turn the robot.
     """
 
     posture: float
@@ -136,7 +134,7 @@ class Durations:
 
     @classmethod
     def of(cls, stance: Stance) -> Durations:
-        """For a robot of a stance's size."""
+        """Return the durations for a robot of the stance's size."""
         clock = stance.scale.time
         return cls(
             clock * _POSTURE_TIME, clock * _REPLANT_TIME, clock * _LIFT_TIME, clock * 4 * _LIFT_TIME, clock * _END_TIME,
@@ -155,17 +153,17 @@ def make_plan(
     aside: float = 0.0,
     after: FloatArray | None = None,
 ) -> Plan:
-    """The best set of trials within a budget of robot time.
+    """Plan trials within a budget of robot time.
 
     Args:
-        budget: time on the robot that is left [s].
-        goals: standard deviations that accuracy is measured by.
-        known: (size, size) information that there is already; default: the priors, a mass, and a search to come.
-        used: lifts that were done already; they are done again only if there are few.
-        searched: whether the search was done (and is part of `known`).
-        turn: whether the robot is turned half-way; what is done before that may be done again after it.
-        aside: part of the budget that is for what is not planned here [s].
-        after: (size, size) information that comes when all is done, which no choice looks at; none by default.
+        budget: remaining robot time [s].
+        goals: standard deviations by which variances are weighted.
+        known: (size, size) current information; default: that of the priors, a mass, and the search.
+        used: completed lifts; they are repeated only if few lifts are possible.
+        searched: True if the search is done and part of `known`.
+        turn: True if the robot is turned half-way; trials before it may be repeated after it.
+        aside: part of the budget that is reserved for other motions [s].
+        after: (size, size) information from later motions, which does not affect the selection; default none.
 
     Raises:
         SettingsError: the budget allows no lift.
@@ -208,8 +206,7 @@ def make_plan(
         least += turn * (least - durations.search - durations.end + durations.turn)
         raise SettingsError(
             f"a duration of {budget + aside:.0f} s allows no lift after the search; give {math.ceil(least + aside)} s "
-            f"or more, "
-            "or minutes as 2min"
+            "or more, or minutes, such as 2min"
         )
     everything = np.asarray(np.linalg.inv(information if after is None else information + after), dtype=float)
     covariance = to_body @ everything @ to_body.T
@@ -223,12 +220,12 @@ def make_plan(
 
 
 class _Part:
-    """What is planned for a robot that faces one way.
+    """Part of a plan in which the robot faces one way.
 
     Args:
-        steps: what each of the candidates would teach.
-        left: robot time for it [s].
-        used: lifts that were done already.
+        steps: information gains of the candidates.
+        left: robot time of this part [s].
+        used: completed lifts.
     """
 
     def __init__(self, candidates: Candidates, steps: Steps, left: float, used: Sequence[LiftDesign]) -> None:
@@ -240,17 +237,17 @@ class _Part:
 
     @property
     def lifts(self) -> int:
-        """Number of lifts that are planned."""
+        """Number of planned lifts."""
         return sum(map(len, self._visited.values()))
 
     @property
     def visits(self) -> tuple[Visit, ...]:
-        """Postures with lifts first, the most telling first, so that a run cut short has done the best part of it."""
+        """Visits by information gain, those with lifts first, so that an interrupted run has the best of them."""
         order = sorted(self._visited.items(), key=lambda item: len(item[1]) == 0)
         return tuple(Visit(posture, tuple(lifts)) for posture, lifts in order)
 
     def best(self) -> tuple[float, int | None]:
-        """As of `Steps.best`, of what there is time for; zero and None if there is nothing."""
+        """Return `Steps.best` of the candidates that fit the remaining time; zero and None if there are none."""
         count = len(self._candidates.lifts)
         possible = [index for index, times in self._remaining.items() if times > 0]
         costs = {
@@ -261,7 +258,7 @@ class _Part:
         return self.steps.best(costs, self._visited) or (0.0, None)
 
     def take(self, index: int) -> tuple[float, FloatArray]:
-        """Plan a candidate; its robot time, the way to its posture included [s], and (m, size) rows of what it tells."""
+        """Add a candidate, and return its robot time with the move to its posture [s] and its (m, size) information rows."""
         candidates, cost = self._candidates, self._cost(index) or 0.0
         count = len(candidates.lifts)
         rows = self.steps.rows(self.steps.parts(index, self._visited))
@@ -274,7 +271,7 @@ class _Part:
         return cost, rows
 
     def _cost(self, index: int) -> float | None:
-        """Robot time of a candidate, the way to its posture included [s]; None if it is done already."""
+        """Return the robot time of a candidate with the move to its posture [s]; None if it is planned already."""
         durations, count = self._durations, len(self._candidates.lifts)
         if index >= count:
             return None if self._candidates.postures[index - count] in self._visited else durations.posture
@@ -286,5 +283,5 @@ class _Part:
 
 
 def name_components(values: FloatArray) -> dict[str, float]:
-    """By name, in the order of COMPONENTS."""
+    """Return (10,) values by the names of COMPONENTS."""
     return {name: float(value) for name, value in zip(COMPONENTS, values, strict=True)}

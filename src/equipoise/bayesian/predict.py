@@ -1,7 +1,7 @@
-"""What a motion would feel like, near enough to tell what it would teach: evidence that has not been gathered yet.
+"""Predicted measurements of motions, accurate enough for their Fisher information.
 
-Rigid legs, a body that tips about its line as an inverted pendulum does and turns about its CoM as it is told, and the
-noise that an A1's sensors have. Only the derivatives of the residuals are used, never their values.
+The model has rigid legs, a body that tips about its line as an inverted pendulum and rotates about its CoM as commanded,
+and the sensor noise of an A1. Only the derivatives of the residuals are used, never their values.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ from equipoise.robot.statics import loads_on_feet
 RATE = 500.0  # [Hz]
 ENCODER_NOISE, VELOCITY_NOISE, GYRO_NOISE = 3e-4, 0.03, 3e-3  # [rad], [rad/s], [rad/s]
 ACCELEROMETER_NOISE = 0.05  # [m/s2]
-_IN_AIR_AFTER = 0.4  # of the lift time, the feet are off the floor
-_STEP = 0.020  # [s] on an A1; half as many samples as are read teach as much
+_IN_AIR_AFTER = 0.4  # fraction of the lift time after which the feet are off the floor
+_STEP = 0.020  # [s] on an A1; half the sampling rate of the estimator gives the same information
 
 
 @dataclass(frozen=True, eq=False)
 class _OnTwoFeet:
-    """A robot with two feet up, before it tips or turns.
+    """State of a robot with two feet up, before it tips or rotates.
 
     Attributes:
         feet: (4, 3) feet in the base frame [m].
         position: (nj,) joint positions [rad].
-        inverse_jacobians: (4, n, 3) joints of each leg by its foot [rad/m].
+        inverse_jacobians: (4, n, 3) derivatives of each leg's joints with respect to its foot [rad/m].
         left: (3,) direction of the line, in base axes.
         height: height of the CoM over the line [m].
         about_com, about_line: moments of inertia about that direction, through the CoM and through the line [kg m2].
@@ -61,13 +61,13 @@ class _OnTwoFeet:
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """Predicts motions of a robot.
+    """Predictor of a robot's measurements.
 
     Attributes:
-        robot: robot as it is thought to be.
+        robot: assumed robot model.
         stance: nominal stance.
         com: (3,) CoM in the base frame [m].
-        heading: angle by which the robot was turned in the room since the run began, to its left [rad].
+        heading: yaw of the robot in the world since the run began [rad].
     """
 
     robot: RobotModel
@@ -79,7 +79,7 @@ class Predictor:
 
     @cached_property
     def _noise(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Sample times of a lift; covariances of smoothed joint and angular velocities and specific forces there."""
+        """Sample times of a lift, and covariances of smoothed joint velocities, angular velocities and specific forces."""
         times, clock = Times.of(self.stance), self.stance.scale.time
         sensed = np.arange(-0.06 * clock, times.watch + 0.06 * clock, 1 / RATE)
         time = np.arange(REACH, times.watch - REACH, _STEP * clock)
@@ -90,7 +90,7 @@ class Predictor:
         return time, joints_move, GYRO_NOISE**2 * of_imu, ACCELEROMETER_NOISE**2 * of_imu
 
     def lift(self, design: LiftDesign) -> LiftSamples:
-        """What the time on two feet would look like."""
+        """Predict the samples of the time on two feet."""
         robot, stance = self.robot, self.stance
         settings = lift_settings(stance)
         time, velocity_noise, angular_velocity_noise, acceleration_noise = self._noise
@@ -109,13 +109,13 @@ class Predictor:
             axis[("roll", "pitch", "yaw").index(design.turn)] = 1.0
         turned_by = axis - (axis @ left) * left * about_com / about_line
         angular_velocity_in_base = np.outer(tilt_rate, left) + np.outer(amount_rate, turned_by)
-        # The base's origin goes round the line with the robot, and round the CoM with the body's turn.
+        # The base's origin rotates about the line with the robot, and about the CoM with the body.
         round_line = tilt_rate - amount_rate * (axis @ left) * about_com / about_line
         origin = np.outer(round_line, np.cross(left, height * design.posture.rotation[2] - self.com))
         origin -= np.outer(amount_rate, np.cross(axis, self.com))
-        # Small motions of the feet in the base frame, through each leg's Jacobian.
-        nearby = 1e-3
-        moved = (design.feet(lifted, self.com, nearby) - lifted) / nearby
+        # Joint motions follow from small motions of the feet through each leg's Jacobian.
+        step = 1e-3
+        moved = (design.feet(lifted, self.com, step) - lifted) / step
         per_amount = np.zeros(len(position))
         per_amount[robot.leg_joints] = np.einsum("lji,li->lj", stands.inverse_jacobians, moved)
         mounting = np.array(robot.imu_in_base.rotation)
@@ -140,7 +140,7 @@ class Predictor:
         )
 
     def _stands(self, design: LiftDesign) -> _OnTwoFeet:
-        """What lifts that differ in their turn alone share."""
+        """Return the state on two feet, which does not depend on turn and swing."""
         if design not in self._stood:
             robot, stance = self.robot, self.stance
             _, feet = lift_feet(stance, self.com, design, lift_settings(stance).height)
@@ -156,16 +156,16 @@ class Predictor:
         return self._stood[design]
 
     def move(self, before: BodyPosture, after: BodyPosture) -> StanceMotion:
-        """What a move over planted feet would look like; how the feet roll does not matter for what it teaches."""
+        """Predict a stance motion, without the rolling of the feet, which does not affect the information."""
         mounting = np.array(self.robot.imu_in_base.rotation)
         turned = mounting.T @ before.rotation.T @ after.rotation @ mounting
         return StanceMotion(self.rest(before), self.rest(after), turned, np.zeros((4, 3)), heading=self.heading)
 
     def rest(self, posture: BodyPosture) -> RestReading:
-        """What a rest over planted feet would look like; raises ReachError."""
+        """Predict the readings at rest on four feet; raises ReachError."""
         if posture not in self._rested:
             feet = feet_in_posture(self.stance, self.com, posture)
             position = check_posture(self.robot, self.stance, feet)
-            felt = GRAVITY * posture.rotation[2] @ np.array(self.robot.imu_in_base.rotation)
-            self._rested[posture] = RestReading(position, felt, loads_on_feet(self.robot, position))
+            specific_force = GRAVITY * posture.rotation[2] @ np.array(self.robot.imu_in_base.rotation)
+            self._rested[posture] = RestReading(position, specific_force, loads_on_feet(self.robot, position))
         return self._rested[posture]

@@ -1,4 +1,4 @@
-"""What a run of the Bayesian method does, before it is done."""
+"""Predicted course of a Bayesian run."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from equipoise.robot.stance import Stance
 
 
 def rehearse(robot: RobotModel, stance: Stance, settings: BayesianSettings, plan: Plan) -> Course:
-    """Return what a run does by its plan: in words, how long, and through which postures."""
+    """Return the description, duration and postures of a run with this plan."""
     postures, time = _planned_postures(robot, stance, plan), plan.robot_time
     search, excitation = (4, settings.excitation) if settings.prior_run is None else (2, False)
     if excitation:
         time += excitation_time(stance)
         postures += excitation_postures(robot, stance, ExcitationSettings())
     doing = (
-        f"moves its body over planted feet through {len(plan.visits)} postures, lifts two diagonal feet "
-        f"{plan.lifts + search} times{', is turned by hand half-way, lying limp' if settings.rotate_halfway else ''}"
+        f"moves its body through {len(plan.visits)} postures with all feet on the floor, lifts two diagonal feet "
+        f"{plan.lifts + search} times{', is turned by hand half-way, motors off' if settings.rotate_halfway else ''}"
         f"{', excitations' if excitation else ''}"
     )
     return Course(doing, time, tuple(postures))
@@ -34,13 +34,15 @@ def _planned_postures(robot: RobotModel, stance: Stance, plan: Plan) -> list[Reh
     com, height = composite_parameters(robot, stance.joint_position).com, lift_settings(stance).height
     found: list[RehearsedPosture] = []
     for visit in plan.visits:
-        where = describe(visit.posture)
-        found.append(held_posture(robot, where, feet_in_posture(stance, com, visit.posture), stance.joint_position))
+        name = describe(visit.posture)
+        found.append(held_posture(robot, name, feet_in_posture(stance, com, visit.posture), stance.joint_position))
         for lift in visit.lifts:
             _, lifted = lift_feet(stance, com, lift, height)
-            what = f"{where}: two feet up, on {lift.diagonal}"
+            lift_name = f"{name}: two feet up, on {lift.diagonal}"
             ends = (0.0,) if lift.passive else (lift.amplitude(stance), -lift.amplitude(stance))
             for times, amount in zip((1, 0), ends, strict=False):
                 feet = lift.feet(lifted, com, amount)
-                found.append(held_posture(robot, what, feet, stance.joint_position, DIAGONALS[lift.diagonal], times))
+                found.append(
+                    held_posture(robot, lift_name, feet, stance.joint_position, DIAGONALS[lift.diagonal], times)
+                )
     return found

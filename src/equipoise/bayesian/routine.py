@@ -1,4 +1,4 @@
-"""The Bayesian method's experiment: search, then the planned trials, then an excitation about all axes, in one sequence."""
+"""Experiment of the Bayesian method: search, planned trials, then an excitation about all axes."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 _REPLAN_AT = 0.55  # of the visits
-_SURE = 2.0  # standard deviations
-_FEWEST_LIFTS = 4  # below, and if it was not for want of time, something is in the robot's way
+_SAFETY_FACTOR = 2.0  # standard deviations
+_FEWEST_LIFTS = 4  # fewer lifts, except for lack of time, are an error
 
 
-@lru_cache(maxsize=4)  # asked for before a robot is moved, and again by whoever shows it
+@lru_cache(maxsize=4)  # computed before the robot moves, and again for display
 def plan_ahead(robot: RobotModel, stance: Stance, settings: BayesianSettings, swings: Sequence[Recording] = ()) -> Plan:
-    """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none.
+    """Plan the trials of a robot that equals its model; raises SettingsError or ReachError if no plan is possible.
 
     Args:
-        swings: predicted recordings of legs that swing in the air after it.
+        swings: predicted recordings of legs that swing in the air afterwards.
     """
     return plan_for(nominal_candidates(robot, settings.combined_priors, settings.swings), stance, settings, swings)
 
@@ -48,7 +48,7 @@ def plan_ahead(robot: RobotModel, stance: Stance, settings: BayesianSettings, sw
 def plan_for(
     candidates: Candidates, stance: Stance, settings: BayesianSettings, swings: Sequence[Recording] = ()
 ) -> Plan:
-    """The plan for a robot of which nothing is measured yet; raises SettingsError if the budget allows none."""
+    """Plan the trials before any measurement; raises SettingsError if the duration is too short."""
     aside, after = _excitation_time(stance, settings), None
     swung = LegSwings.of(candidates.unknowns, [MotionSamples(0, samples=tuple(swings))])
     if swung is not None:
@@ -68,7 +68,7 @@ def _excitation_time(stance: Stance, settings: BayesianSettings) -> float:
 
 
 class BayesianRoutine:
-    """Runs the experiment. Recordings go where `planted.keep` takes them; decisions depend on them alone."""
+    """Experiment on a standing robot; `standing.keep` stores the recordings, and decisions depend on them alone."""
 
     def __init__(
         self,
@@ -87,17 +87,17 @@ class BayesianRoutine:
         self._expected = 0
 
     def run(self) -> None:
-        """All of it.
+        """Run the whole experiment.
 
         Raises:
-            MotionError: the robot could not do, or did not do, what was asked.
+            MotionError: a motion failed.
         """
         if self.settings.rotate_halfway:
             check_turn(self.standing)
         self._expected = round(self.settings.duration_for(self.stance) / Durations.of(self.stance).lift)
         find_com_fast(self.trials, self._search_on)
         self.trials.doubt = found_doubt(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
-        self._tell("planning the lifts that teach most")
+        self._report_progress("planning the most informative lifts")
         candidates = self._candidates()
         plan = plan_for(candidates, self.stance, self.settings)
         self._expected = (
@@ -108,7 +108,7 @@ class BayesianRoutine:
             + self.settings.excitation
         )
         done: list[LiftDesign] = []
-        # A robot of which too little is known for most lifts first learns more of itself.
+        # With too few safe lifts, replan after the first visit, when the CoM is more certain.
         turning_point = round(_REPLAN_AT * len(plan.visits)) if len(candidates.lifts) >= FEW_LIFTS else 1
         if plan.turn_after is not None:
             turning_point = plan.turn_after
@@ -117,25 +117,25 @@ class BayesianRoutine:
         if posterior is None or not self._good_enough(posterior):
             self._follow(posterior)
             if self.settings.rotate_halfway:
-                self._tell("turn it to face the other way")
+                self._report_progress("turn the robot to face the other way")
                 self.trials.turn()
-            self._tell("planning what is left")
+            self._report_progress("planning the remaining trials")
             rest = self._replan(posterior, done)
-            if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # moves over planted feet alone are no result
+            if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # stance motions alone are not sufficient
                 rest = plan
             self._visit(rest, 0 if rest is not plan else turning_point, len(rest.visits), done)
         if len(done) < _FEWEST_LIFTS and self._obstacles:
             raise MotionError(
-                f"only {len(done)} of the planned lifts could be done: {'; '.join(self._obstacles)}",
+                f"only {len(done)} of the planned lifts were possible: {'; '.join(self._obstacles)}",
                 tuple(self._recordings),
             )
         if self.settings.excitation:
-            self._tell("excitation about all axes")
+            self._report_progress("excitation about all axes")
             excitation_all_axes(self.standing, self.stance, self.trials.com)
 
     def _search_on(self, diagonal: str) -> None:
         """Report a lift of the search."""
-        self._tell(f"search on {diagonal}")
+        self._report_progress(f"search on {diagonal}")
 
     def _visit(self, plan: Plan, first: int, last: int, done: list[LiftDesign]) -> None:
         durations = Durations.of(self.stance)
@@ -148,23 +148,23 @@ class BayesianRoutine:
             for design in visit.lifts:
                 if self._time() + durations.lift > budget:
                     return
-                what = f"lift on {design.diagonal}, {design.meanwhile}: {describe(design.posture)}"
-                if self._do(what, lambda design=design: self.trials.lift(design)):
+                name = f"lift on {design.diagonal}, {design.meanwhile}: {describe(design.posture)}"
+                if self._do(name, lambda design=design: self.trials.lift(design)):
                     done.append(design)
 
-    def _do(self, what: str, motion: Callable[[], object]) -> bool:
-        """Do a motion; one that turns out to be out of reach is left out and noted."""
-        self._tell(what)
+    def _do(self, name: str, motion: Callable[[], object]) -> bool:
+        """Do a motion; return False and note the reason if it is out of reach."""
+        self._report_progress(name)
         try:
             motion()
         except ReachError as error:
             self.standing.take()
-            self._obstacles.append(f"{what}: {error}")
+            self._obstacles.append(f"{name}: {error}")
             return False
         return True
 
     def _posterior(self) -> Posterior | None:
-        """What is known so far; None if that cannot be told."""
+        """Return the posterior of the recordings so far; None if it cannot be estimated."""
         try:
             motions = read_motions(self.robot, self.stance, self._recordings)
             return estimate_posterior(
@@ -178,24 +178,24 @@ class BayesianRoutine:
         return bool((np.sqrt(np.diag(posterior.robot_covariance)) <= goals).all())
 
     def _follow(self, posterior: Posterior | None) -> None:
-        """Lines under the CoM as it is known now, torques for the mass as it is known now."""
+        """Use the current estimates of CoM and mass for support lines and torques."""
         if posterior is None:
             return
         body = posterior.robot_body
         if np.linalg.norm(body.com - self.trials.com) < 0.1 * self.stance.hip_height:
             self.trials.com = body.com
-            self.trials.doubt = _SURE**2 * posterior.robot_covariance[1:4, 1:4] + found_doubt(self.stance)
+            self.trials.doubt = _SAFETY_FACTOR**2 * posterior.robot_covariance[1:4, 1:4] + found_doubt(self.stance)
             self.standing.robot = loaded_robot(self.robot, self.trials, body.mass)
 
     def _candidates(self) -> Candidates:
-        """What may be done with the robot as it is known now."""
+        """Return the candidates for the current estimate of the robot."""
         trials, settings = self.trials, self.settings
         return Candidates.of(
             self.standing.robot, self.stance, trials.com, settings.combined_priors, trials.doubt, settings.swings
         )
 
     def _replan(self, posterior: Posterior | None, done: list[LiftDesign]) -> Plan | None:
-        """The best use of the time that is left, given what was really learnt."""
+        """Plan the remaining time with the information of the recordings so far."""
         if posterior is None:
             return None
         _, rows = prior_rows(posterior.unknowns, posterior.x, self.settings.scale)
@@ -210,11 +210,11 @@ class BayesianRoutine:
         return self.settings.duration_for(self.stance) - _excitation_time(self.stance, self.settings)
 
     def _time(self) -> float:
-        """Robot time so far, without that in which somebody turned the robot [s]."""
+        """Return the robot time so far, without the time in which the operator turned the robot [s]."""
         waited = [r.phase(Phase.TURN).duration for r in self._recordings if r.has_phase(Phase.TURN)]
         return sum(recording.duration for recording in self._recordings) - sum(waited)
 
-    def _tell(self, doing: str) -> None:
+    def _report_progress(self, doing: str) -> None:
         if self._report is not None:
             done = len(self._recordings)
             self._report(Progress(doing, done, max(self._expected, done + 1)))

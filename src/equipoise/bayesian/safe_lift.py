@@ -1,8 +1,8 @@
-"""Whether a lift of the Bayesian method may be done with what is known of the CoM then, and when it has to end.
+"""Safety of a lift with an uncertain CoM: whether it may start, and the tilt at which it must end.
 
-What is not known is a doubt: a (3, 3) matrix in base axes, as a covariance of two standard deviations [m2]. Before anything
-is measured a payload of 30 % of the robot may be on it; a lift of the search tells where the CoM is across its line; how high
-a payload is nobody knows before the plan's first half is done.
+`doubt` is a (3, 3) covariance of the CoM in base axes, scaled to two standard deviations [m2]. Before any measurement it
+allows for a payload of 30 % of the robot's mass. A lift of the search measures the CoM across its line. The height of a
+payload is uncertain until the plan's first half is done.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from equipoise.experiments.lift import LiftSettings
 from equipoise.experiments.tipping import Pendulum
 from equipoise.robot.stance import Stance
 
-_LEAST_UP = 0.18  # [s] on an A1 that two feet must be up, or the lift tells nothing
-# Of the CoM, over the hip height.
+_LEAST_UP = 0.18  # [s] on an A1: shortest time on two feet that is informative
+# Uncertainty of the CoM (two standard deviations), as a fraction of the hip height.
 _UNKNOWN, _FOUND = (0.05, 0.05, 0.12), (0.012, 0.012, 0.02)
-_PAYLOAD_HEIGHT = 0.5  # over the hip height: of a payload above the base's origin, or below
+_PAYLOAD_HEIGHT = 0.5  # largest distance of a payload above or below the base's origin, over the hip height
 
 
 def unknown_doubt(stance: Stance) -> FloatArray:
-    """Before anything is measured."""
+    """Return the covariance of the CoM before any measurement [m2]."""
     return np.diag(stance.hip_height * np.array(_UNKNOWN)) ** 2
 
 
 def found_doubt(stance: Stance, payload: float = 0.0) -> FloatArray:
-    """After a search.
+    """Return the covariance of the CoM after the search [m2].
 
     Args:
         payload: mass of the payload that the search found, as a fraction of the robot's.
@@ -36,7 +36,7 @@ def found_doubt(stance: Stance, payload: float = 0.0) -> FloatArray:
 
 
 def doubt_after_a_lift(stance: Stance, doubt: FloatArray, across: FloatArray) -> FloatArray:
-    """After a lift of the search.
+    """Return the covariance of the CoM after a lift of the search [m2].
 
     Args:
         doubt: (3, 3) covariance of the CoM in the base frame before the lift [m2].
@@ -48,18 +48,17 @@ def doubt_after_a_lift(stance: Stance, doubt: FloatArray, across: FloatArray) ->
 
 
 def safe_stop(tipping: Pendulum, settings: LiftSettings, stance: Stance, doubt: FloatArray) -> tuple[float, float]:
-    """How far a robot may be about to tip, backward and forward, for the feet to catch it: x of `tipping` [rad].
+    """Return the tilts, backward and forward, up to which the feet can catch the robot: x of `tipping` [rad].
 
     Raises:
-        ReachError: it is there before the lift tells anything.
+        ReachError: the robot reaches them before the lift is informative.
     """
-    farther = float(np.sqrt(tipping.normal_in_base @ doubt @ tipping.normal_in_base))
-    stop = tipping.stop(settings.height, settings.lower_time, settings.stop_delay, farther)
+    margin = float(np.sqrt(tipping.normal_in_base @ doubt @ tipping.normal_in_base))
+    stop = tipping.stop(settings.height, settings.lower_time, settings.stop_delay, margin)
     time, least = tipping.time_until(stop), _LEAST_UP * stance.scale.time
     if time < least:
         raise ReachError(
-            f"the robot could tip over: with its centre of mass {abs(tipping.ahead) * 1000:.0f} mm beside the line, and "
-            f"perhaps {farther * 1000:.0f} mm more, two feet may be up for {max(time, 0):.2f} s of the {least:.2f} s that a "
-            "lift takes to tell anything"
+            f"the robot could tip over: its centre of mass is {abs(tipping.ahead) * 1000:.0f} mm from the support line, "
+            f"uncertain by {margin * 1000:.0f} mm, so two feet may be up for {max(time, 0):.2f} s; a lift needs {least:.2f} s"
         )
     return stop

@@ -1,7 +1,7 @@
-"""The plan of a run of which an earlier one is known: whether a zero moved first, then few lifts, for the CoM.
+"""Plan of a run with a prior run: stance motions that detect changed joint offsets, then few lifts for the CoM.
 
-Moves over planted feet tell whether the robot is as it was; with sensors that are known one lift a diagonal is search enough,
-and the time that is left goes into the lifts that tell most of the centre of mass.
+With calibrated sensors, one lift per diagonal suffices as search. The remaining time is used for the lifts that determine
+the CoM best.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
 
-_OPENING = 3  # moves
+_OPENING = 3  # stance motions
 _FEWEST_LIFTS = 2
 
 
 def com_goals(goals: Goals) -> Goals:
-    """Those of the CoM alone."""
+    """Return the goals with those of the CoM alone."""
     return replace(goals, mass=math.inf, inertia=math.inf, products=math.inf)
 
 
 def short_plan(robot: RobotModel, stance: Stance, settings: BayesianSettings, known: PriorRun) -> Plan:
-    """The plan for a robot that carries nothing else than its model says.
+    """Plan the trials of a robot whose load equals its model's.
 
     Raises:
-        SettingsError: the earlier run is of another robot; the budget allows too few lifts.
-        ReachError: the robot can do no lift.
+        SettingsError: the prior run is of another robot, or the duration allows too few lifts.
+        ReachError: no lift is possible.
     """
     known.check(robot)
     candidates, durations = nominal_candidates(robot, settings.combined_priors), Durations.of(stance)
     opening = opening_moves(candidates, known)
-    # The mass is taken to be known, from a scale or about so from torques, as in other plans.
+    # As in other plans, the mass is assumed to come from a scale, or to be as accurate from torques.
     information = information_before(candidates, known, {}, settings.scale or (robot.mass, SCALE_GAIN * robot.mass))
     for index in (*_moves(candidates, opening), *_search(candidates)):
         information = information + candidates.information(index)
@@ -66,31 +66,31 @@ def short_plan(robot: RobotModel, stance: Stance, settings: BayesianSettings, kn
 
 
 def plan_after_search(candidates: Candidates, left: float, goals: Goals, information: FloatArray) -> Plan:
-    """The best use of the time that is left [s], given (size, size) information that there is.
+    """Plan the remaining time [s] from the current (size, size) information.
 
-    Moves come before lifts: feet that were lifted are put back before a move, which the search before them asks for anyway.
+    Stance motions come first: they need replanted feet, as after the search, and every lift would require that again.
     """
     plan = make_plan(candidates, left, com_goals(goals), information, searched=True)
     return replace(plan, visits=tuple(sorted(plan.visits, key=lambda visit: len(visit.lifts) > 0)))
 
 
 def forecast_after(robot: RobotModel, stance: Stance, settings: BayesianSettings, known: PriorRun) -> Plan:
-    """The plan, and what the same time would give without the earlier run; raises as `short_plan`."""
+    """Return the plan with the accuracy of the same duration without the prior run; raises as `short_plan`."""
     plan = short_plan(robot, stance, settings, known)
     alone = replace(
         settings, prior_run=None, leg_prior=known.leg_prior, excitation=False, duration=settings.duration_for(stance)
     )  # type: ignore[arg-type]
     try:
         without = plan_ahead(robot, stance, alone)
-    except SettingsError:  # too little time for a run that knows nothing
+    except SettingsError:  # too short for a run without a prior run
         return plan
     return replace(plan, without=without.std)
 
 
 def opening_moves(candidates: Candidates, known: PriorRun) -> tuple[BodyPosture, ...]:
-    """Postures whose moves tell most of how far joint offsets may have moved, in order.
+    """Return the postures, in order, whose stance motions best determine changes of the joint offsets.
 
-    Of changes d of variance q the posterior has q - q^2 (W - W C W), with W and C as in changes.py.
+    Changes of prior variance q have the posterior variance q - q^2 (W - W C W), with W and C as in changes.py.
     """
     unknowns, count = candidates.unknowns, len(candidates.lifts)
     zeros = unknowns.columns("joint_offset")
@@ -112,7 +112,7 @@ def opening_moves(candidates: Candidates, known: PriorRun) -> tuple[BodyPosture,
 
 
 def _longest_step(postures: tuple[BodyPosture, ...]) -> float:
-    """The largest turn between postures in order [rad]: feet roll and gyroscopes err over a large one."""
+    """Return the largest rotation between consecutive postures [rad]: feet roll and gyroscopes drift over large ones."""
     turns = [np.array([posture.roll, posture.pitch, posture.yaw]) for posture in (BodyPosture(), *postures)]
     return max((float(np.linalg.norm(b - a)) for a, b in itertools.pairwise(turns)), default=0.0)
 
@@ -120,7 +120,7 @@ def _longest_step(postures: tuple[BodyPosture, ...]) -> float:
 def information_before(
     candidates: Candidates, known: PriorRun, anew: dict[int, float], mass: tuple[float, float] | None
 ) -> FloatArray:
-    """(size, size) information that there is before a run."""
+    """Return the (size, size) information before a run."""
     unknowns = candidates.unknowns
     weighed = None if mass is None else (candidates.predictor.robot.mass, mass[1])
     _, rows = prior_rows(unknowns.with_prior(known.distribution(unknowns, anew)), unknowns.start(), weighed)

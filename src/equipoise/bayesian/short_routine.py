@@ -1,4 +1,4 @@
-"""The experiment of a run of which an earlier one is known: moves over planted feet, a short search, few lifts."""
+"""Experiment of a run with a prior run: stance motions, a short search, few lifts."""
 
 from __future__ import annotations
 
@@ -20,34 +20,37 @@ from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.estimator.problem import Posterior
 from equipoise.robot.inertial import InertialParameters, composite_parameters
 
-_MORE_TIME = 15.0  # [s] on an A1, where something changed and no budget was given
+_MORE_TIME = 15.0  # [s] on an A1, if a parameter changed and no duration is given
 _FEWEST_LIFTS = 2
-_TOLD = 0.05  # of the hip height: standard deviation of a planar CoM that the search begins with
+_LARGEST_STD = 0.05  # of the hip height: largest std of a planar CoM from stance motions that the search starts at
 
 
 class ShortRoutine(BayesianRoutine):
-    """Runs the experiment. The search begins where the CoM was in the earlier run; that is all that is taken of its base."""
+    """Experiment on a standing robot; of the prior run's base it uses only the CoM, as the start of the search."""
 
     _changes: tuple[Change, ...] = ()
 
     @property
-    def _known(self) -> PriorRun:
+    def _prior_run(self) -> PriorRun:
         assert self.settings.prior_run is not None
         return self.settings.prior_run
 
     def run(self) -> None:
-        """All of it.
+        """Run the whole experiment.
 
         Raises:
-            MotionError: the robot could not do, or did not do, what was asked.
+            MotionError: a motion failed.
         """
         self._expected = round(self._budget / Durations.of(self.stance).lift)
-        self._begin_with(self._known.base_body)
-        for posture in opening_moves(nominal_candidates(self.robot, self.settings.combined_priors), self._known):
+        self._begin_with(self._prior_run.base_body)
+        for posture in opening_moves(nominal_candidates(self.robot, self.settings.combined_priors), self._prior_run):
             self._do(describe(posture), lambda posture=posture: self.trials.take_posture(posture))
-        felt = self._posterior(lifts_needed=False)
-        if felt is not None and felt.robot_covariance[1:3, 1:3].trace() < (_TOLD * self.stance.hip_height) ** 2:
-            self._follow(felt)
+        early = self._posterior(lifts_needed=False)
+        if (
+            early is not None
+            and early.robot_covariance[1:3, 1:3].trace() < (_LARGEST_STD * self.stance.hip_height) ** 2
+        ):
+            self._follow(early)
         find_com_fast(self.trials, self._search_on, sure=True)
         self.trials.doubt = found_doubt(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
         posterior = self._posterior()
@@ -57,7 +60,7 @@ class ShortRoutine(BayesianRoutine):
         self._visit(plan, 0, len(plan.visits), done)
         if len(done) < _FEWEST_LIFTS and self._obstacles:
             raise MotionError(
-                f"only {len(done)} of the planned lifts could be done: {'; '.join(self._obstacles)}",
+                f"only {len(done)} of the planned lifts were possible: {'; '.join(self._obstacles)}",
                 tuple(self._recordings),
             )
 
@@ -74,7 +77,7 @@ class ShortRoutine(BayesianRoutine):
                 motions,
                 self.settings.combined_priors,
                 self.settings.scale,
-                self._known,
+                self._prior_run,
                 lifts_needed,
             )
         except (EquipoiseError, np.linalg.LinAlgError):
@@ -82,14 +85,14 @@ class ShortRoutine(BayesianRoutine):
         return posterior
 
     def _rest(self, posterior: Posterior | None) -> Plan:
-        """The best use of the time that is left."""
+        """Plan the remaining time."""
         candidates = self._candidates()
         known = np.linalg.inv(posterior.covariance) if posterior is not None else self._before(candidates)
         left, goals = self._budget - self._time(), self.settings.goals
         return plan_after_search(candidates, left, goals, np.asarray(known, dtype=float))
 
     def _before(self, candidates: Candidates) -> FloatArray:
-        return information_before(candidates, self._known, {}, self.settings.scale)
+        return information_before(candidates, self._prior_run, {}, self.settings.scale)
 
     @property
     def _budget(self) -> float:

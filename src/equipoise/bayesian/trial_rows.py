@@ -1,4 +1,4 @@
-"""A row of a result for each trial of a run of the Bayesian method."""
+"""Rows of a result, one for each trial of a Bayesian run."""
 
 from __future__ import annotations
 
@@ -20,22 +20,14 @@ from equipoise.result.calibration import Trial
 
 
 def trial_row(motion: MotionSamples, posterior: Posterior) -> Trial:
-    """Return what is said of a motion: what it was, how well it fits, and why it was left out."""
+    """Return the row of a motion, with its largest normalized residual and the reason if it was left out."""
     fitted = *posterior.residuals_of(TiltEquation), *posterior.residuals_of(StanceMotions)
-    normalized_residuals = [
-        normalized_residual for normalized_residual in fitted if normalized_residual.motion == motion.index
-    ]
-    used = [
-        normalized_residual.normalized_residual
-        for normalized_residual in normalized_residuals
-        if normalized_residual.used
-    ]
-    worst = max(
-        used or [normalized_residual.normalized_residual for normalized_residual in normalized_residuals], default=None
-    )
+    residuals = [residual for residual in fitted if residual.motion == motion.index]
+    used = [residual.normalized_residual for residual in residuals if residual.used]
+    worst = max(used or [residual.normalized_residual for residual in residuals], default=None)
     trial = motion.trial
     note = motion.left_out
-    if normalized_residuals and not used:
+    if residuals and not used:
         note = "left out: it does not fit the others"
     return Trial(
         "motion" if trial is None else trial.kind, _about(trial), None,
@@ -45,7 +37,7 @@ def trial_row(motion: MotionSamples, posterior: Posterior) -> Trial:
 
 
 def _about(trial: RecordedTrial | None) -> str:
-    """What a trial is about, in words."""
+    """Return a short description of a trial."""
     if trial is None:
         return ""
     words = [trial.diagonal] if isinstance(trial, LiftTrial) else []

@@ -1,4 +1,4 @@
-"""The motions of the Bayesian method: a posture is taken up over planted feet, and two feet are lifted in it."""
+"""Motions of the Bayesian method: stance motions to a posture, and lifts of two feet in it."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ from equipoise.robot.stance import Stance
 
 # On an A1; lengths scale with the stance's size, times with its clock.
 _STEP_RATIO = 0.5  # height of a replanting step over that of a lift
-_AIMED, _AIMS = 0.003, 3  # [m] that the CoM may miss its place over the line; moves until it is there
+_AIMED, _AIMS = 0.003, 3  # largest error of the CoM's distance from the line [m]; largest number of moves to reach it
 _RECOVERED, _LONGEST_RECOVERY, _RECOVERY_LOOK = 0.06, 8, 0.5  # [rad], times settling, of settling
-# Off half a turn [rad]: a force in the room is then told almost as well, and the angle is known.
-_TURNED_WELL = np.radians(30)
-_ACCELERATION = 1.2  # [m/s2] of the body over planted feet; turning it moves its CoM less than its feet
+# Largest difference from 180 deg [rad]: an external force is then determined almost as well, and the angle is measured.
+_TURN_TOLERANCE = np.radians(30)
+_ACCELERATION = 1.2  # [m/s2] of the body in a stance motion; its rotation moves the CoM less than the feet
 
 
 class BayesianTrials:
-    """Does the Bayesian method's motions on a planted robot.
+    """Motions of the Bayesian method on a standing robot.
 
     Attributes:
-        com: (3,) CoM in the base frame as far as it is known: lines are placed under it, bodies turn about it [m].
-        doubt: (3, 3) covariance of that CoM, as `safe_lift` has it [m2].
+        com: (3,) current estimate of the CoM in the base frame, for support lines and rotations of the body [m].
+        doubt: (3, 3) covariance of that CoM, as in `safe_lift` [m2].
     """
 
     def __init__(self, standing: StandingRobot, stance: Stance, com: FloatArray) -> None:
@@ -63,13 +63,13 @@ class BayesianTrials:
         self.settings, self.times = lift_settings(stance), Times.of(stance)
         self.doubt = unknown_doubt(stance)
         self._lifted = False
-        self._drift = np.zeros(2)  # of the CoM over the feet from where it was sent, in the stance's axes [m]
+        self._drift = np.zeros(2)  # CoM over the feet minus its commanded position, in the stance's axes [m]
 
     def take_posture(self, posture: BodyPosture) -> Recording:
-        """Rest, move over planted feet, rest again. Phases: ready, settle, before, move, settle, rest.
+        """Rest, do a stance motion to the posture, rest again. Phases: ready, settle, before, move, settle, rest.
 
-        Feet that were lifted since the last posture do not stand quite where they should: legs that pull at each other
-        would make them slip on the move. They are put back first, at the nominal stance.
+        Feet that were lifted since the last posture are first replanted at the nominal stance: their position errors
+        cause internal forces, which would make them slip during the motion.
 
         Raises:
             ReachError: the posture is out of reach.
@@ -87,25 +87,25 @@ class BayesianTrials:
 
         Raises:
             MotionError: the robot was not turned, or not by about 180 deg, or did not come to rest.
-            FallError: it does not stand upright.
+            FallError: the robot is not upright.
         """
         standing, level = self.standing, feet_in_posture(self.stance, self.com, BodyPosture())
-        self._lifted = True  # the angle counts from where the body does not yaw over its feet
+        self._lifted = True  # replant: the angle is measured from a body without yaw relative to its feet
         rested = self._get_ready(TurnTrial(), "before a turn")
         lain = lie_down(standing, self.stance)
         whole = Recording.concatenate([rested, lain, be_turned(standing, self.stance)])
         angle = abs(angle_turned(standing.robot, whole))
-        if angle < np.pi - _TURNED_WELL:
+        if angle < np.pi - _TURN_TOLERANCE:
             raise MotionError(
-                f"by its gyroscope the robot was turned by {np.degrees(angle):.0f} deg; it must be 150 to 210. Put it back as "
-                "it stood at the run's beginning, and resume the run",
+                f"the robot was turned by {np.degrees(angle):.0f} deg according to its gyroscope; it must be 150 to 210. Put "
+                "it back as it stood at the start of the run, and resume the run",
                 (whole,),
             )
         rise(standing, self.stance)
         return self._move_over(level, BodyPosture(), "after a turn")
 
     def _get_ready(self, trial: RecordedTrial, when: str) -> Recording:
-        """Rest on feet that stand where they should; the rest, and what came before it."""
+        """Replant the feet if they were lifted, come to rest, and return the recording."""
         motion = self.standing.motion().begin(trial).phase(Phase.READY)
         if self._lifted:
             level = feet_in_posture(self.stance, self.com, BodyPosture())
@@ -115,7 +115,7 @@ class BayesianTrials:
         return come_to_rest(self.standing, motion, self.settings, when, rest_phase=Phase.BEFORE)
 
     def _move_over(self, feet: FloatArray, posture: BodyPosture, when: str) -> Recording:
-        """Move to where the feet are planted in a posture, rest, and look where the CoM is; the whole trial."""
+        """Move to a posture, rest, update the drift of the CoM, and return the whole trial."""
         motion = self.standing.motion().phase(Phase.MOVE)
         motion.move_feet(feet, self._move_time(feet, self.times.move))
         rested = come_to_rest(self.standing, motion, self.settings, when)
@@ -125,14 +125,14 @@ class BayesianTrials:
         return self.standing.finish()
 
     def lift(self, design: LiftDesign) -> Recording:
-        """Move over the line, rest, lift two feet, perhaps turn the body, come down and replant.
+        """Move over the line, rest, lift two feet, rotate the body if designed, lower and replant.
 
         Phases: move, settle, rest, unload, lift, watch, lower, replant.
 
         Raises:
             ReachError: the lift is out of reach.
             MotionError: the robot did not come to rest.
-            FallError: it does not stand upright.
+            FallError: the robot is not upright.
         """
         stance_legs, settings = DIAGONALS[design.diagonal], self.settings
         trial = DesignedLift(
@@ -160,13 +160,13 @@ class BayesianTrials:
         down.shift_load(LEG_NAMES, settings.unload_time)
         landed = self.standing.play(down)
         if self._stands_up_again(landed, design.posture):
-            # The robot has tipped onto its lifted feet: they stand where they landed, and the legs pull. Step once.
+            # The robot tipped onto its lifted feet. Step once to release the internal forces of misplaced feet.
             stepped = feet + _STEP_RATIO * (lifted - feet)
             self.standing.play(step_pair(self.standing.motion().phase(Phase.REPLANT), stance_legs, stepped, settings))
         return self.standing.finish()
 
     def _aim(self, motion: Motion, design: LiftDesign) -> tuple[FloatArray, FloatArray]:
-        """Move over the line until the CoM is where the design wants it, by what the sensors say; feet as `lift_feet`."""
+        """Move until the measured CoM is at its designed distance from the line; return feet as `lift_feet`."""
         feet, lifted = self._feet(design)
         for left in reversed(range(_AIMS)):
             motion.phase(Phase.MOVE).move_feet(feet, self._move_time(feet, self.times.move * 2 / 3))
@@ -179,7 +179,7 @@ class BayesianTrials:
         return feet, lifted
 
     def _limit(self, diagonal: str, settings: LiftSettings) -> TiltLimit:
-        """Rest, and say when the lift must end."""
+        """Rest, and return the tilt limit of the lift."""
         tipping = tipping_from(self.standing, rest(self.standing, self.settings), diagonal)
         return tilt_limit(self.standing, tipping, settings, safe_stop(tipping, settings, self.stance, self.doubt))
 
@@ -188,14 +188,14 @@ class BayesianTrials:
         return lift_feet(self.stance, self.com, design, self.settings.height, float(normal[:2] @ self._drift))
 
     def _drift_of(self, tipping: Pendulum, diagonal: str, posture: BodyPosture) -> FloatArray:
-        """(2,) of the CoM over the feet from where it was sent, as joints sag and feet creep, in the stance's axes [m]."""
+        """Return the (2,) CoM minus its commanded position, from compliance and creep, in the stance's axes [m]."""
         left, normal, _ = stance_line(self.stance, diagonal)
         found = tipping.ahead * normal + tipping.along * left
         middle = self.standing.target.feet_in_base[[leg in DIAGONALS[diagonal] for leg in LEG_NAMES]].mean(axis=0)
         return (found - posture.rotation @ (self.com - middle))[:2]
 
     def _stands_up_again(self, landed: Recording, posture: BodyPosture) -> bool:
-        """Wait until the robot leans as it was sent, after it tipped; to step before would tip it over."""
+        """Wait until the robot that tipped is back in its posture; return False if it is not: a step would tip it over."""
         rotation = np.array(self.standing.robot.imu_in_base.rotation)
         for _ in range(_LONGEST_RECOVERY):
             end = landed.imu.time[-1] - _RECOVERY_LOOK * self.times.settle

@@ -1,1 +1,1 @@
-"""What may be done, and what each would teach: what plan.py chooses from."""
+"""Candidates of a plan and their information gains, from which plan.py selects."""

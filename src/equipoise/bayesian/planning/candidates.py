@@ -1,4 +1,4 @@
-"""Candidates of a plan: postures, lifts in them, and what each would teach, as far as a robot can do them."""
+"""Candidates of a plan: possible postures and lifts, with the information of each."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
 
-# Asked for at full size first, then smaller, until the legs reach them.
+# Scale factors of a posture, tried in order until the legs reach it.
 _SIZES = (1.0, 0.75, 0.5, 0.3)
 _LIFT_POSTURES = (
     BodyPosture(),
@@ -55,14 +55,14 @@ _PLANTED_POSTURES = (
 
 @dataclass(eq=False)
 class Candidates:
-    """Everything that may be done, and what each would teach.
+    """Possible lifts and stance motions, with the information of each.
 
     Attributes:
-        doubt: (3, 3) covariance of the CoM in the base frame, as `check_lift` takes it [m2].
-        swings: whether lifted feet may swing, which teaches what the legs weigh.
+        doubt: (3, 3) covariance of the CoM in the base frame, as for `check_lift` [m2].
+        swings: True if lifted feet may swing, which determines the leg masses.
         lifts: possible lifts.
         postures: postures of stance motions, from the first posture.
-        rows: (m, size) rows of each lift, then of each posture's move: what they add to the information is rows^T rows.
+        rows: (m, size) rows of each lift, then of each posture's move; their information is rows^T rows.
         left_out: reasons why others are not possible.
     """
 
@@ -80,7 +80,7 @@ class Candidates:
         cls, robot: RobotModel, stance: Stance, com: FloatArray, priors: Priors, doubt: FloatArray | None = None,
         swings: bool = False,
     ) -> Candidates:  # fmt: skip
-        """Of a robot as it is thought to be."""
+        """Return the candidates for an assumed robot model."""
         found = cls(Predictor(robot, stance, com), Unknowns(robot, stance, priors), doubt, swings)
         for wanted in _LIFT_POSTURES:
             posture = found._largest(wanted, found._check_lifts)
@@ -91,19 +91,19 @@ class Candidates:
             if posture is not None:
                 found.postures.append(posture)
         if not found.lifts:
-            raise ReachError(f"no lift of the Bayesian method is within reach: {found.left_out[0]}")
+            raise ReachError(f"the robot can do no lift of the Bayesian method: {found.left_out[0]}")
         found.postures = list(dict.fromkeys([*(lift.posture for lift in found.lifts), *found.postures]))
         found._inform()
         return found
 
     def turned(self) -> Candidates:
-        """The same after the robot was turned to face the other way: what is fixed in the room is the other way round."""
+        """Return the candidates after a turn by 180 deg, which reverses effects that are fixed in the world."""
         found = replace(self, predictor=replace(self.predictor, heading=math.pi), rows=[])
         found._inform()
         return found
 
     def information(self, index: int) -> FloatArray:
-        """(size, size) information of a lift, or of a posture's move, by its number in `rows`."""
+        """Return the (size, size) information of a lift, or of a posture's move, by its index in `rows`."""
         return self.rows[index].T @ self.rows[index]
 
     def _check_lifts(self, posture: BodyPosture) -> None:
@@ -116,7 +116,7 @@ class Candidates:
         return LiftChecks(self.predictor.robot, self.predictor.stance, self.predictor.com, self.doubt)
 
     def _largest(self, wanted: BodyPosture, check: Callable[[BodyPosture], object]) -> BodyPosture | None:
-        """The posture, or a smaller one in its direction, that passes a check."""
+        """Return the posture, or the largest scaled-down one that passes a check; None if none does."""
         reason = ""
         for size in _SIZES:
             posture = BodyPosture(*(size * value for value in vars(wanted).values()))
@@ -132,9 +132,9 @@ class Candidates:
     def _add_lifts(self, posture: BodyPosture) -> None:
         side = 1
         passive = LiftDesign(posture, next(iter(DIAGONALS)), side)
-        stirred = [passive, *(replace(passive, turn=turn) for turn in AMPLITUDES)]
-        stirred += [replace(passive, swing=swing) for swing in SWINGS if self.swings]
-        for lift in stirred:
+        variants = [passive, *(replace(passive, turn=turn) for turn in AMPLITUDES)]
+        variants += [replace(passive, swing=swing) for swing in SWINGS if self.swings]
+        for lift in variants:
             for diagonal in DIAGONALS:
                 side = -side
                 design = replace(lift, diagonal=diagonal, side=side)
@@ -163,7 +163,7 @@ class Candidates:
 
 
 def describe(posture: BodyPosture) -> str:
-    """In words, short."""
+    """Return a short description of a posture."""
     parts = [
         f"{name} {math.degrees(value):+.0f} deg" if name in AMPLITUDES else f"{name} {value:+.2f}"
         for name, value in vars(posture).items()

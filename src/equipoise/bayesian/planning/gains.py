@@ -1,4 +1,4 @@
-"""What each step of a plan would lower the variances by, all candidates at once."""
+"""Variance reductions of a plan's next step, for all candidates at once."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from equipoise.bayesian.planning.candidates import Candidates
 from equipoise.conventions import FloatArray
 from equipoise.robot.posture import BodyPosture
 
-_TELLING = 1e-6  # of a row, in units of its noise, for a prior's standard deviation: less tells nothing
+_NEGLIGIBLE = 1e-6  # size of a row, in units of its noise, per prior standard deviation
 
 
 class Steps:
-    """The next step of a plan: a lift, with the move to its posture where that was not taken before, or a move.
+    """Gains of the next step of a plan: a move, or a lift with the move to its posture unless that is planned.
 
-    An addition J^T J to the information whose inverse is C lowers the weighted covariance W C W^T by
+    An addition J^T J to the information C^-1 lowers the weighted covariance W C W^T by
 
-        W C J^T (1 + J C J^T)^-1 J C W^T,
+        W C J^T (1 + J C J^T)^-1 J C W^T.
 
-    which takes systems of as many equations as J has rows instead of as there are unknowns. What is kept of each candidate,
-    J C J^T and J C W^T, follows C as steps are taken.
+    Its linear systems have as many equations as J has rows. J C J^T and J C W^T of each candidate are stored and
+    updated after each step.
 
     Args:
-        covariance: (size, size) covariance C of the unknowns before the first step.
-        weights: (10, size) weights W of these.
+        covariance: (size, size) covariance C of the parameters before the first step.
+        weights: (10, size) weights W of the parameters.
     """
 
     def __init__(self, candidates: Candidates, covariance: FloatArray, weights: FloatArray) -> None:
@@ -39,37 +39,34 @@ class Steps:
         self._effect = self._times(covariance @ weights.T)
 
     def parts(self, index: int, visited: Container[BodyPosture]) -> tuple[int, ...]:
-        """What is done for a candidate: the lift, and before it the move to its posture; or a move."""
+        """Return the indices of a candidate: a move, or a lift with the move to its posture unless that is visited."""
         if index >= self._count or self._posture[index] in visited:
             return (index,)
         return (index, self._move[index])
 
     def rows(self, parts: Sequence[int]) -> FloatArray:
-        """(m, size) J of what is done, as few rows as say the same."""
+        """Return the (m, size) J of `parts`, reduced to the fewest equivalent rows."""
         return np.concatenate([self._rows[part] for part in parts])
 
     def learn(self, taken: FloatArray, covariance: FloatArray) -> None:
-        """Follow a step that is taken.
+        """Update the stored matrices after a step.
 
         Args:
             taken: (m, size) J of that step.
-            covariance: (size, size) covariance of the unknowns before it.
+            covariance: (size, size) covariance of the parameters before it.
         """
         across = covariance @ taken.T
         seen = self._times(across)
-        told = seen @ np.linalg.inv(np.eye(len(taken)) + taken @ across)
-        self._noise -= told @ _transposed(seen)
-        self._shared -= told[: self._count] @ _transposed(seen[self._move])
-        self._effect -= told @ (self._weights @ across).T
+        gain = seen @ np.linalg.inv(np.eye(len(taken)) + taken @ across)
+        self._noise -= gain @ _transposed(seen)
+        self._shared -= gain[: self._count] @ _transposed(seen[self._move])
+        self._effect -= gain @ (self._weights @ across).T
 
     def best(self, costs: Mapping[int, float], visited: Container[BodyPosture]) -> tuple[float, int] | None:
-        """The candidate that lowers the sum of the weighted variances most per second; None if there is none.
-
-        Returns:
-            by how much per second, and its index.
+        """Return the largest reduction of the weighted variances per second, and its candidate's index; None without one.
 
         Args:
-            costs: robot time of those that are possible, by their index [s].
+            costs: robot time of the possible candidates by index [s].
         """
         noise, effect = self._noise, self._effect
         alone = [index for index in costs if len(self.parts(index, visited)) == 1]
@@ -87,7 +84,7 @@ class Steps:
         return (gains[best], best) if best is not None and gains[best] > 0 else None
 
     def _times(self, columns: FloatArray) -> FloatArray:
-        """(k, m, c) of all candidates' rows and (size, c) columns."""
+        """Return the (k, m, c) products of all candidates' rows with (size, c) columns."""
         flat = self._rows.reshape(-1, len(columns)) @ columns
         return flat.reshape(*self._rows.shape[:2], -1)
 
@@ -97,16 +94,16 @@ def _transposed(matrices: FloatArray) -> FloatArray:
 
 
 def _lowered(noise: FloatArray, effect: FloatArray) -> list[float]:
-    """The traces of what is lowered, of (k, m, m) matrices 1 + J C J^T and (k, m, 10) J C W^T."""
+    """Return the traces of the reductions, from (k, m, m) matrices 1 + J C J^T and (k, m, 10) J C W^T."""
     return np.sum(np.linalg.solve(noise, effect) * effect, axis=(1, 2)).tolist()
 
 
 def _as_few_rows(rows: Sequence[FloatArray]) -> FloatArray:
-    """(k, m, size) rows with the same squares and products, each as few as they tell something: zeros fill up the others."""
+    """Return (k, m, size) rows with the same information, with m as small as possible; zeros pad the others."""
     longest = max(map(len, rows))
     padded = np.zeros((len(rows), longest, rows[0].shape[1]))
     for index, each in enumerate(rows):
         padded[index, : len(each)] = each
     _, sizes, directions = np.linalg.svd(padded, full_matrices=False)
-    telling = int((sizes > _TELLING).sum(axis=1).max(initial=1))
-    return np.asarray(sizes[:, :telling, None] * directions[:, :telling], dtype=float)
+    count = int((sizes > _NEGLIGIBLE).sum(axis=1).max(initial=1))
+    return np.asarray(sizes[:, :count, None] * directions[:, :count], dtype=float)

@@ -1,7 +1,6 @@
-"""What may be done with a robot that is as its model says: computed once for a model, and kept in the user's cache.
+"""Candidates of a robot that equals its model, cached on disk because they take half the planning time.
 
-Half of the time of a plan goes into what depends on the model alone. The file's name is the hash of all that it depends on:
-the model, what the user said of it, the priors, and the code that made it.
+The file name is a hash of all inputs: the model, its robot configuration, the priors, and the code.
 """
 
 from __future__ import annotations
@@ -31,12 +30,12 @@ from equipoise.robot.stance import nominal_stance
 from equipoise.user_cache import keep_cached, read_cached
 
 _FORMAT = "equipoise.candidates/1"
-_ROOMS = ("robot", "experiments", "bayesian")  # whose code decides
+_PACKAGES = ("robot", "experiments", "bayesian")  # whose code the candidates depend on
 
 
 @lru_cache(maxsize=2)
 def nominal_candidates(robot: RobotModel, priors: Priors, swings: bool = False) -> Candidates:
-    """What may be done with a robot at its nominal stance, and what it would teach; raises ReachError if there is nothing."""
+    """Return the candidates of a robot at its nominal stance; raises ReachError if no lift is possible."""
     name = f"candidates-{_key(robot, priors, swings)}.npz"
     empty = _empty(robot, priors, swings)
     content = read_cached(name)
@@ -55,7 +54,7 @@ def _empty(robot: RobotModel, priors: Priors, swings: bool) -> Candidates:
 
 def _written(candidates: Candidates) -> bytes:
     file = io.BytesIO()
-    told = {
+    content = {
         "format": _FORMAT,
         "lifts": [dataclasses.asdict(lift) for lift in candidates.lifts],
         "postures": [dataclasses.asdict(posture) for posture in candidates.postures],
@@ -63,7 +62,7 @@ def _written(candidates: Candidates) -> bytes:
     }
     np.savez(
         file,
-        told=np.array(json.dumps(told)),
+        told=np.array(json.dumps(content)),
         counts=np.array([len(rows) for rows in candidates.rows]),
         rows=np.concatenate(candidates.rows),
     )
@@ -71,27 +70,27 @@ def _written(candidates: Candidates) -> bytes:
 
 
 def _read(empty: Candidates, content: bytes) -> Candidates | None:
-    """Candidates as they were written; None if the file is damaged."""
+    """Return the stored candidates; None if the file is damaged."""
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
-            told: dict[str, Any] = json.loads(str(file["told"]))
+            table: dict[str, Any] = json.loads(str(file["told"]))
             counts, rows = file["counts"], np.asarray(file["rows"], dtype=float)
         lifts = [
             LiftDesign(BodyPosture(**lift["posture"]), lift["diagonal"], lift["side"], lift["turn"], lift["swing"])
-            for lift in told["lifts"]
+            for lift in table["lifts"]
         ]
-        postures = [BodyPosture(**posture) for posture in told["postures"]]
+        postures = [BodyPosture(**posture) for posture in table["postures"]]
         whole = rows.shape == (counts.sum(), empty.unknowns.size) and len(counts) == len(lifts) + len(postures)
-        if told["format"] != _FORMAT or not whole or not lifts or not np.isfinite(rows).all():
+        if table["format"] != _FORMAT or not whole or not lifts or not np.isfinite(rows).all():
             return None
         parts = np.split(rows, np.cumsum(counts)[:-1])
-        return dataclasses.replace(empty, lifts=lifts, postures=postures, rows=parts, left_out=list(told["left_out"]))
+        return dataclasses.replace(empty, lifts=lifts, postures=postures, rows=parts, left_out=list(table["left_out"]))
     except (OSError, EOFError, ValueError, KeyError, TypeError, AttributeError, BadZipFile):
         return None
 
 
 def _key(robot: RobotModel, priors: Priors, swings: bool) -> str:
-    """Hash of all that the candidates depend on."""
+    """Return the hash of all inputs of the candidates."""
     model = (
         robot.source.xml,
         repr(robot.source.effort_limits),
@@ -104,9 +103,9 @@ def _key(robot: RobotModel, priors: Priors, swings: bool) -> str:
 
 @lru_cache(maxsize=1)
 def _code() -> str:
-    """Hash of the code that makes them, which changes between versions too."""
+    """Return the hash of the code, which may change within a version."""
     digest = hashlib.sha256()
-    for room in _ROOMS:
-        for path in sorted((Path(equipoise.__file__).parent / room).rglob("*.py")):
+    for package in _PACKAGES:
+        for path in sorted((Path(equipoise.__file__).parent / package).rglob("*.py")):
             digest.update(path.read_bytes())
     return digest.hexdigest()
