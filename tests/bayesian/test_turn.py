@@ -205,8 +205,7 @@ def test_a_robot_without_an_operator_is_not_turned(a1):
     with simulate(a1, "ideal") as simulation, pytest.raises(SettingsError) as caught:
         calibrate(ManualRotation(simulation.platform), a1, SETTINGS)
     assert str(caught.value) == (
-        "somebody has to turn the robot and say when it is done, and nobody is asked: give `told` to calibrate(), or leave "
-        "the turn out"
+        "an operator has to turn the robot and confirm it: give `told` to calibrate(), or omit `rotate_halfway`"
     )
 
 

@@ -123,7 +123,7 @@ def test_a_planned_motion_in_which_links_touch_is_refused_before_it_begins(a1, h
     standing = StandingRobot(Still(), a1, Target.standing(a1, home), stance.feet_in_base)
     crossed = with_joints(a1, FL_hip_joint=-0.45, FR_hip_joint=0.45)
     with pytest.raises(
-        ReachError, match=r"^link 'FL_foot' would come within \d\.\d mm of link 'FR_foot': the motion is "
+        ReachError, match=r"^link 'FL_foot' would come within \d\.\d mm of link 'FR_foot'; the robot was not moved"
     ):
         standing.play(standing.motion().move_joints(crossed, 1.0))
 

@@ -1,4 +1,4 @@
-"""Motions: what is planned, before anything moves."""
+"""Motions under construction."""
 
 import numpy as np
 import pytest
@@ -65,12 +65,12 @@ def test_phases_are_noted_when_they_begin(motion):
     ]
 
 
-def test_a_foot_out_of_reach_is_refused_with_the_leg_and_the_miss(motion):
+def test_a_foot_out_of_reach_is_rejected_with_leg_and_distance(motion):
     with pytest.raises(ReachError, match=r"the (FL|FR|RL|RR) foot misses its place by \d+\.\d mm"):
         motion.move_feet(motion.target.feet_in_base - [0, 0, 0.2], 1.0)
 
 
-def test_a_motion_faster_than_a_joint_may_turn_takes_longer_on_the_same_path(a1, motion):
+def test_a_motion_above_a_speed_limit_is_slowed_on_the_same_path(a1, motion):
     up = motion.target.feet_in_base + [0, 0, 0.05]
     usual = motion.move_feet(up, 0.5).build().position
     fast = Motion(a1, PERIOD, Target.standing(a1, nominal_stance(a1).joint_position)).phase("move").move_feet(up, 0.03)
@@ -82,7 +82,7 @@ def test_a_motion_faster_than_a_joint_may_turn_takes_longer_on_the_same_path(a1,
     assert fast.slowed == pytest.approx(len(position) * PERIOD / 0.03)
     np.testing.assert_allclose(position[-1], usual[-1], atol=1e-5)
     farthest = np.abs(position[:, None] - usual[None]).max(axis=2).min(axis=1).max()
-    assert farthest < 0.01  # rad: every posture of the one is nearly one of the other
+    assert farthest < 0.01  # rad: both paths have nearly the same postures
 
 
 def test_times_within_a_path_that_was_slowed_are_slowed_too(motion):
@@ -94,9 +94,9 @@ def test_times_within_a_path_that_was_slowed_are_slowed_too(motion):
     assert half.time == pytest.approx((begin + motion.time) / 2)
 
 
-def test_a_motion_much_faster_than_a_joint_may_turn_is_refused(motion):
+def test_a_motion_far_above_a_speed_limit_is_rejected(motion):
     motion.move_feet(motion.target.feet_in_base + [0, 0, 0.1], 0.004)
     with pytest.raises(
-        ReachError, match=r"would have to turn at .* rad/s; it is planned with 80% of its limit of 21.00"
+        ReachError, match=r"would have to turn at .* rad/s; plans use at most 80% of its limit of 21.00"
     ):
         motion.build()

@@ -1,4 +1,4 @@
-"""A trial has one id from its beginning to its log; what belongs to no trial has none."""
+"""Ids of trials in the log."""
 
 import pytest
 
@@ -51,7 +51,7 @@ def test_a_trial_has_an_id_from_its_beginning_to_its_recording(standing, log):
     assert all(one.equals(other) for one, other in zip(kept, content.recordings, strict=True))
 
 
-def test_an_attempt_has_an_id_of_its_own(standing, log):
+def test_each_attempt_has_its_own_id(standing, log):
     hold(standing, begins=True)
     assert standing.take().trial_id == 1
     hold(standing, begins=True)
@@ -60,7 +60,7 @@ def test_an_attempt_has_an_id_of_its_own(standing, log):
     assert [recording.trial_id for recording in read_log(log.path).recordings] == [2]
 
 
-def test_a_motion_that_is_not_made_begins_no_trial(standing, log, monkeypatch):
+def test_a_rejected_motion_begins_no_trial(standing, log, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(standing._clearance, "first_contact", lambda position: "a link touches another")
         with pytest.raises(ReachError):

@@ -1,4 +1,4 @@
-"""Where the base goes over planted feet, and what is refused."""
+"""Postures of the base with all feet on the floor, and rejected postures."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def distances(feet):
 @pytest.mark.parametrize("offset", [-0.02, 0.0, 0.006])
 @pytest.mark.parametrize("diagonal", DIAGONALS)
 @pytest.mark.parametrize("posture", POSTURES)
-def test_the_support_line_is_as_far_ahead_of_the_com_as_asked(stance, com, posture, diagonal, offset):
+def test_the_support_line_is_at_the_requested_offset(stance, com, posture, diagonal, offset):
     feet = feet_in_posture(stance, com, posture, diagonal, offset)
     left, right = (feet[foot] for foot in sides(diagonal))
     ahead = np.cross(left - right, posture.rotation[2])  # level, across the line
@@ -56,19 +56,19 @@ def test_the_support_line_is_as_far_ahead_of_the_com_as_asked(stance, com, postu
 
 @pytest.mark.parametrize("diagonal", [None, *DIAGONALS])
 @pytest.mark.parametrize("posture", POSTURES)
-def test_planted_feet_stay_where_they_are_and_the_com_is_as_low_as_asked(stance, com, posture, diagonal):
+def test_feet_stay_in_place_and_the_com_is_at_the_requested_height(stance, com, posture, diagonal):
     feet = feet_in_posture(stance, com, posture, diagonal, 0.01)
     np.testing.assert_allclose(distances(feet), distances(stance.feet_in_base), atol=1e-12)
     in_world = (feet - com) @ posture.rotation.T
     assert in_world[:, 2] == pytest.approx(stance.feet_in_base[:, 2] - com[2] + posture.crouch * stance.hip_height)
-    # The base is turned as asked: feet keep their directions in the world.
+    # The base has the requested rotation: feet keep their directions in the world.
     world = in_world - in_world.mean(axis=0)
     np.testing.assert_allclose(world, stance.feet_in_base - stance.feet_in_base.mean(axis=0), atol=1e-12)
 
 
 @pytest.mark.parametrize("posture", POSTURES)
-def test_without_a_line_the_com_is_over_the_feets_middle_lengthwise_or_off_it_as_asked(stance, com, posture):
-    """Sideways it stays where it is at the nominal stance, which legs of two joints cannot change."""
+def test_without_a_line_the_com_is_at_the_requested_position_along_x(stance, com, posture):
+    """It does not move sideways, which legs with two joints cannot do."""
     aside = com[1] - stance.feet_in_base[:, 1].mean()
     moved = BodyPosture(posture.roll, posture.pitch, posture.yaw, posture.crouch, ahead=0.1, aside=-0.05)
     for wanted, expected in ((posture, (0, 0)), (moved, (0.1, -0.05))):
@@ -94,7 +94,7 @@ def test_a_posture_within_reach_has_its_feet_where_they_should_be(robot, stance,
     np.testing.assert_allclose(foot_positions(robot, position), feet, atol=1e-5)
 
 
-# --- what is refused
+# --- rejected postures
 
 
 def synthetic(tmp_path, hip_limit=0.9, **changes):
@@ -148,7 +148,7 @@ def test_a_joint_near_its_limit_is_named(tmp_path):
     knee = robot.legs["RL"].joints[-1]
     bounds = (-2.7, wanted[knee] + 0.01) if wanted[knee] < 0 else (wanted[knee] - 0.01, 2.7)
     name = robot.joint_names[knee]
-    # The stance needs a straighter knee still: it is given by hand.
+    # The nominal stance needs a straighter knee, so this one is given explicitly.
     limited = RobotDescription(joint_limits={name: bounds})
     robot = load_text(tmp_path, quadruped_urdf(), limited)
     feet = feet_in_posture(stance, com, BodyPosture(crouch=0.2))
@@ -163,7 +163,7 @@ def test_a_motor_too_weak_is_named(tmp_path):
     assert message.endswith("% of its torque limit")
     percent = int(message.split("% of its torque")[0].split()[-1])
     assert percent > 90
-    # On two legs sooner than on four.
+    # Two legs reach the torque limit before four.
     robot, stance, com = synthetic(tmp_path, trunk_mass=40.0)
     feet = feet_in_posture(stance, com, BodyPosture())
     check_posture(robot, stance, feet)
@@ -175,6 +175,6 @@ def test_a_motor_too_weak_is_named(tmp_path):
     ("posture", "where"),
     [(BodyPosture(ahead=0.62, crouch=0.3), "front or rear"), (BodyPosture(aside=0.52, crouch=0.3), "left or right")],
 )
-def test_a_com_near_the_edge_of_the_feet_is_refused(tmp_path, posture, where):
+def test_a_com_near_the_edge_of_the_feet_is_rejected(tmp_path, posture, where):
     robot, stance, com = synthetic(tmp_path, hip_limit=1.4)
     assert f"the {where} feet" in refusal(robot, stance, com, posture)

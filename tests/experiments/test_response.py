@@ -1,4 +1,4 @@
-"""The response test: a robot that is wired as its model passes, another one is refused with what is wrong, on any robot."""
+"""Response test: correctly wired robots pass, and miswired ones are rejected with the cause."""
 
 import dataclasses
 import re
@@ -31,19 +31,19 @@ def robot(request):
     if not CATALOG[request.param].installed:
         pytest.skip(f"{request.param} is not installed")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)  # on the defects of their files
+        warnings.simplefilter("ignore", ModelWarning)  # about defects of the model files
         return load_robot(request.param)
 
 
 def turned(platform, robot):
-    """The recording of a robot that turns its base."""
+    """Return the recording of a robot that turns its base."""
     stance = nominal_stance(robot)
     standing, _ = stand_up(platform, robot, stance)
     return turn_base(standing, stance)[0]
 
 
 @pytest.mark.parametrize("preset", ["ideal", "realistic", "stress"])
-def test_a_robot_that_is_wired_as_its_model_passes(robot, preset):
+def test_a_correctly_wired_robot_passes(robot, preset):
     with simulate(robot, preset, seed=7, start="lying") as simulation:
         answered = check_joints(simulation.platform, robot, nominal_stance(robot))
         found = find_orientation(robot, turned(simulation.platform, robot))
@@ -55,7 +55,7 @@ def test_a_robot_that_is_wired_as_its_model_passes(robot, preset):
     assert np.degrees(found.std) < 0.8
 
 
-def test_a_robot_that_stands_is_not_moved_joint_by_joint(a1):
+def test_a_standing_robot_is_not_moved_joint_by_joint(a1):
     with simulate(a1, "ideal") as simulation:
         before = simulation.platform.read().time
         assert check_joints(simulation.platform, a1, nominal_stance(a1)) == 0
@@ -63,7 +63,7 @@ def test_a_robot_that_stands_is_not_moved_joint_by_joint(a1):
 
 
 @pytest.mark.parametrize("joint", [0, 4, 8])
-def test_a_joint_whose_commands_have_the_wrong_sign_is_refused(robot, joint):
+def test_a_joint_with_the_wrong_sign_is_rejected(robot, joint):
     sign = np.ones(12)
     sign[joint] = -1
     with simulate(robot, "realistic", seed=2, start="lying") as simulation:
@@ -78,7 +78,7 @@ def test_a_joint_whose_commands_have_the_wrong_sign_is_refused(robot, joint):
 
 
 @pytest.mark.parametrize("pair", [(0, 3), (1, 2), (7, 10)])
-def test_joints_that_are_commanded_in_another_order_are_refused(robot, pair):
+def test_joints_in_the_wrong_order_are_rejected(robot, pair):
     order = np.arange(12)
     order[list(pair)] = order[list(pair)][::-1]
     with simulate(robot, "realistic", seed=2, start="lying") as simulation:

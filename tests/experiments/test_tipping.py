@@ -1,4 +1,4 @@
-"""How far a robot may tip on two feet: the pendulum, the room that its feet leave it, and the moment to put them down."""
+"""Safe tilt of a robot on two feet: pendulum, edge of the feet, and time to lower them."""
 
 import itertools
 import warnings
@@ -40,7 +40,7 @@ LIFT, LOWER, DELAY = 0.03, 0.2, 0.05
 
 @pytest.fixture(params=[*itertools.product(("a1", "skewed", "two_jointed"), DIAGONALS)], ids="-".join)
 def case(request):
-    """Robot, joint positions of a posture with the CoM beside the line, diagonal."""
+    """Robot, joint positions of a posture with the CoM off the line, and diagonal."""
     name, diagonal = request.param
     robot = request.getfixturevalue(name)
     stance = nominal_stance(robot)
@@ -55,8 +55,8 @@ def model(case):
     return Pendulum.of(robot, position, UP, diagonal)
 
 
-def test_a_robot_with_locked_joints_topples_at_that_rate(case, model):
-    """x grows exponentially, by a simulation that does not know x; feet that roll slow it down by some percent."""
+def test_a_robot_with_locked_joints_tips_at_the_rate_of_the_pendulum(case, model):
+    """In simulation x grows exponentially; rolling feet slow it down by some percent."""
     robot, position, diagonal = case
     lift = pendulum(robot, position, diagonal, UP, rate=0.5 * model.lean * model.rate, duration=0.2)
     left = line_axes(robot, position, UP, diagonal)[0]
@@ -66,8 +66,8 @@ def test_a_robot_with_locked_joints_topples_at_that_rate(case, model):
     np.testing.assert_allclose(x[-1] / x[0], np.exp(model.rate * 0.2), rtol=0.08)
 
 
-def test_the_lean_is_what_the_base_and_the_joints_make_of_it(case, model):
-    """The CoM over the middle of the standing feet, in the world, as base and joints turn a little."""
+def test_the_lean_is_linear_in_base_rotation_and_joints(case, model):
+    """The reference is the CoM over the middle of the standing feet, in the world frame."""
     robot, position, diagonal = case
     generator = np.random.default_rng(1)
     _, normal, _ = line_axes(robot, position, UP, diagonal)
@@ -102,12 +102,12 @@ def test_the_room_ends_at_the_edge_of_the_feet(case, model):
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_a_robot_that_is_stopped_there_is_caught_within_the_safe_share_of_its_room(case, side):
-    """From rest to the stop, on for the delay, and down while the foot is lowered: the linear pendulum, integrated."""
+def test_a_stopped_robot_stays_within_the_safe_fraction_of_the_room(case, side):
+    """The linear pendulum is integrated from rest to the stop, through the delay, and while the foot is lowered."""
     robot, position, diagonal = case
     model = Pendulum.of(robot, position, UP, diagonal)
     start, room, arm = 0.01, model.room[side], model.arm[side]
-    lower = 0.8 * model.height * SAFE * room / arm / model.height  # so high that it does not land by itself
+    lower = 0.8 * model.height * SAFE * room / arm / model.height  # so high that it does not land without a stop
     leaning = Pendulum(**{**vars(model), "lean": start if side else -start})
     height = max(LIFT, lower * arm)
     stop = leaning.stop(height, LOWER, DELAY)[side]
@@ -126,7 +126,7 @@ def test_a_robot_that_is_stopped_there_is_caught_within_the_safe_share_of_its_ro
     assert x[landed] * model.height == pytest.approx(SAFE * room, rel=0.12)
 
 
-def test_what_is_not_known_of_the_com_is_kept_clear(model):
+def test_the_uncertainty_of_the_com_is_a_margin(model):
     sure, unsure = model.stop(1.0, LOWER, DELAY), model.stop(1.0, LOWER, DELAY, 0.01)
     assert np.all(np.array(unsure) < np.array(sure) - 0.01 / model.height + 1e-9)
 
@@ -144,10 +144,10 @@ def test_the_time_to_a_stop_is_that_of_the_pendulum(model):
     assert abs(model.lean) * np.exp(model.rate * time) == pytest.approx(stop[model.lean > 0])
 
 
-# --- what is not known of the CoM
+# --- uncertainty of the CoM
 
 
-def test_a_lift_of_the_search_tells_where_the_com_is_across_its_line(a1):
+def test_a_lift_of_the_search_determines_the_com_across_its_line(a1):
     stance = nominal_stance(a1)
     before, across = unknown_doubt(stance), np.array([0.6, 0.8, 0.0])
     after = doubt_after_a_lift(stance, before, 3 * across)
@@ -157,7 +157,7 @@ def test_a_lift_of_the_search_tells_where_the_com_is_across_its_line(a1):
     assert after[2, 2] == before[2, 2]
 
 
-def test_after_both_diagonals_only_the_height_of_a_payload_is_not_known(a1):
+def test_after_both_diagonals_only_the_height_of_a_payload_is_uncertain(a1):
     stance = nominal_stance(a1)
     left, right = (doubt_after_a_lift(stance, np.zeros((3, 3)), np.array([0.6, y, 0.0])) for y in (0.8, -0.8))
     assert np.trace(left + right) < 2 * np.trace(found_doubt(stance))
@@ -179,7 +179,7 @@ def narrow(tmp_path, monkeypatch):
 
 
 def tilt_after_a_lift(robot, share, monkeypatch):
-    """Of a robot with 30 % more mass than it knows of, high up, and drives 30 % softer, its CoM well beside the line [rad]."""
+    """Return the tilt [rad] of a robot with an unmodelled 30 % payload, 30 % softer drives and its CoM far off the line."""
     monkeypatch.setattr(tipping, "SAFE", share)
     monkeypatch.setattr(safe_lift, "_LEAST_UP", -np.inf)  # such a lift is not planned
     monkeypatch.setattr(lift_design, "_TILT_LIMIT", 0.3)
@@ -205,7 +205,7 @@ def test_a_narrow_robot_stays_on_its_feet_with_that_margin_and_not_with_twice_of
 
 @pytest.fixture
 def soft_trials(a1):
-    """Trials on a realistic A1 with drives 30 % softer than its model, its CoM known; the recordings that are kept."""
+    """Trials on a realistic A1 with drives 30 % softer than its model and a known CoM, and their recordings."""
     stance = nominal_stance(a1)
     with simulate(a1, "realistic", seed=1) as simulation:
         simulation.errors.torque_gain[:] *= 0.7
@@ -222,23 +222,23 @@ def soft_trials(a1):
 LEANING = BodyPosture(roll=0.22, pitch=-0.22, crouch=0.12)
 
 
-def beside_the_line(trials, recording, design):
-    """How far the CoM is from where the design wants it, by the rest before the lift [m]."""
+def aim_error(trials, recording, design):
+    """Return the distance of the CoM from its designed position, from the rest before the lift [m]."""
     tipping = tipping_from(trials.standing, recording.phase("rest"), design.diagonal)
     return tipping.ahead + offset_of(trials.stance, design.side)
 
 
 @pytest.mark.parametrize("aimed", [True, False])
-def test_the_com_is_where_it_is_wanted_also_on_legs_that_give_way(soft_trials, aimed, monkeypatch):
+def test_the_com_is_at_its_designed_position_on_soft_legs(soft_trials, aimed, monkeypatch):
     trials, _ = soft_trials
     if not aimed:
         monkeypatch.setattr(BayesianTrials, "_drift_of", lambda *_: np.zeros(2))
     trials.take_posture(LEANING)
     design = LiftDesign(LEANING, "FR_RL", 1)
-    assert (abs(beside_the_line(trials, trials.lift(design), design)) < 5e-3) == aimed
+    assert (abs(aim_error(trials, trials.lift(design), design)) < 5e-3) == aimed
 
 
-def test_a_lift_that_could_tip_the_robot_over_is_left_out_and_told(soft_trials):
+def test_a_lift_that_could_tip_the_robot_over_is_rejected(soft_trials):
     trials, recordings = soft_trials
     trials.doubt = found_doubt(trials.stance, 0.7)
     trials.take_posture(LEANING)
@@ -254,7 +254,7 @@ def test_a_lift_that_could_tip_the_robot_over_is_left_out_and_told(soft_trials):
 
 
 def test_a_plan_leaves_out_what_could_tip_the_robot_over(narrow):
-    """Nothing is left of a robot's lifts once its CoM is not known to 5 cm."""
+    """No lift is possible if the CoM is uncertain by 5 cm."""
     stance = nominal_stance(narrow)
     com = composite_parameters(narrow, stance.joint_position).com
     for side in (1, -1):
@@ -265,7 +265,7 @@ def test_a_plan_leaves_out_what_could_tip_the_robot_over(narrow):
 
 
 class EnoughError(Exception):
-    """So many motions have been done."""
+    """Raised after a number of motions."""
 
 
 @pytest.mark.parametrize(("name", "seed", "motions"), [("laikago", 0, 8), ("laikago", 1, 20), ("mini_cheetah", 1, 25)])

@@ -91,7 +91,7 @@ def test_nobody_turns_it(a1, monkeypatch):
     with pytest.raises(MotionError) as caught:
         turned(a1, 0.0, told=lambda: False)
     assert str(caught.value) == (
-        "nobody said within 1 s that the robot was turned; resume the run when somebody is there"
+        "the rotation of the robot was not confirmed within 1 s; resume the run with an operator present"
     )
 
 

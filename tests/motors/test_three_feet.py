@@ -146,7 +146,5 @@ def test_the_plan_predicts_the_duration(a1, swung):
 
 def test_a_robot_that_cannot_stand_on_three_feet_raises(two_jointed):
     """Legs of two joints cannot bring the body over them."""
-    with pytest.raises(
-        ReachError, match=r"cannot stand on three feet and swing its FL leg: .* Leave motors out, or give"
-    ):
+    with pytest.raises(ReachError, match=r"cannot stand on three feet and swing its FL leg: .* Omit motors, or give"):
         Motors(motor_stance="three-feet").check(two_jointed, nominal_stance(two_jointed))

@@ -1,1 +1,1 @@
-"""Motions and parts of trials that all methods use: standing up, planted feet, lifts, excitations, and when a lift ends."""
+"""Motions that all methods share: standing up, stance motions, lifts, excitations, and the end of a lift."""

@@ -1,4 +1,4 @@
-"""A short move down and up over four planted feet, with a rest after each: joint friction has opposite signs in the two."""
+"""Short stance motion down and up, with a rest after each: joint friction has opposite signs in the two rests."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.stance import Stance
 
-_DEPTH = 0.03  # of the hip height: joints turn by several times what friction deflects their position control
+_DEPTH = 0.03  # of the hip height: joints move several times farther than friction deflects their position control
 
 
 def dip(standing: StandingRobot, stance: Stance) -> tuple[Recording, Recording]:
-    """Lower the body, rest, raise it again, rest. Nothing of it is kept among the recordings of the run.
+    """Lower the body, rest, raise it again, rest. The recordings are not stored in the run.
 
     Returns:
-        the rest below, reached downward, and the rest at the stance, reached upward.
+        recordings of the lower rest, reached downward, and of the rest at the stance, reached upward.
 
     Raises:
         MotionError: the robot does not come to rest.

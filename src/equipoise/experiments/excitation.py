@@ -1,4 +1,4 @@
-"""Excitations over planted feet: how far and how fast the base may oscillate about an axis."""
+"""Amplitudes and frequencies of excitations of the base with all feet on the floor."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 RAMP_PERIODS = 1.5
-"""Of an excitation, in which it grows and in which it fades."""
+"""Number of periods in which an excitation grows, and in which it fades."""
 SETTLE_TIME = 0.3
-"""Before and after an excitation [s]."""
-_LOAD_MARGIN = 0.2  # of a foot's static load must remain at the peak of a planned excitation
+"""Pause before and after an excitation [s]."""
+_LOAD_MARGIN = 0.2  # fraction of a foot's static load that must remain at the peak of a planned excitation
 
 
 def why_unreachable(robot: RobotModel, stance: Stance, axis: Axis, settings: ExcitationSettings) -> str | None:
-    """Why planted feet do not allow an excitation about an axis, or None if they do."""
+    """Return the reason why an excitation about an axis is out of reach, or None if it is within reach."""
     for feet in extreme_feet(robot, stance, axis, settings):
         try:
             check_clear(robot, inverse_kinematics(robot, feet, stance.joint_position))
@@ -36,13 +36,13 @@ def why_unreachable(robot: RobotModel, stance: Stance, axis: Axis, settings: Exc
 def extreme_feet(
     robot: RobotModel, stance: Stance, axis: Axis, settings: ExcitationSettings
 ) -> tuple[FloatArray, FloatArray]:
-    """(4, 3) planted feet in the base frame, at either end of an excitation [m]."""
+    """Return the (4, 3) feet in the base frame at either end of an excitation [m]."""
     amplitude, feet_at = amplitude_for(robot, stance, axis, settings), feet_during_excitation(robot, stance, axis)
     return feet_at(amplitude), feet_at(-amplitude)
 
 
 def feet_during_excitation(robot: RobotModel, stance: Stance, axis: Axis) -> Callable[[float], FloatArray]:
-    """(4, 3) planted feet in the base frame, with the base turned by an angle about the model's CoM."""
+    """Return a function from the base's rotation about the model's CoM [rad] to the (4, 3) feet in the base frame [m]."""
     pivot = composite_parameters(robot, stance.joint_position).com
 
     def feet_at(angle: float) -> FloatArray:
@@ -53,14 +53,14 @@ def feet_during_excitation(robot: RobotModel, stance: Stance, axis: Axis) -> Cal
 
 
 def axis_rotation(axis: Axis, angle: float) -> FloatArray:
-    """(3, 3) rotation about a base axis."""
+    """Return the (3, 3) rotation about a base axis."""
     vector = np.zeros(3)
     vector[AXES.index(axis)] = angle
     return np.array(pin.exp3(vector))
 
 
 def amplitude_for(robot: RobotModel, stance: Stance, axis: Axis, settings: ExcitationSettings) -> float:
-    """The amplitude asked for, or the largest at which every foot keeps a margin of its static load, by the model."""
+    """Return the requested amplitude, limited so that every foot keeps a margin of its static load [rad]."""
     composite = composite_parameters(robot, stance.joint_position)
     feet = stance.feet_in_base[:, :2] - composite.com[:2]
     index = AXES.index(axis)

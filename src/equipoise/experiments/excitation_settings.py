@@ -35,16 +35,16 @@ class ExcitationSettings:
                 raise SettingsError(f"excitation {name} is {value}; it must be from {least} to {most}")
 
     def duration_for(self, stance: Stance) -> float:
-        """[s]; raises SettingsError if it is too short for a frequency."""
+        """Return the duration of the steady part [s]; raises SettingsError if it has too few periods."""
         frequency = self.frequency_for(stance)
         duration = self.duration or _PERIODS / frequency
         if duration * frequency < _FEWEST_PERIODS:
             raise SettingsError(
-                f"an excitation of {duration} s at {frequency:.2f} Hz is {duration * frequency:.1f} periods long; it takes "
-                f"{_FEWEST_PERIODS} at least"
+                f"an excitation of {duration} s at {frequency:.2f} Hz has {duration * frequency:.1f} periods; it needs "
+                f"{_FEWEST_PERIODS} or more"
             )
         return duration
 
     def frequency_for(self, stance: Stance) -> float:
-        """[Hz]."""
+        """Return the given frequency, or the default for the stance's size [Hz]."""
         return self.frequency or 2.0 / stance.scale.time

@@ -1,4 +1,4 @@
-"""Orientation of the IMU by Wahba's problem, from rotations of the base over four feet that stay."""
+"""Orientation of the IMU by Wahba's problem, from rotations of the base with four feet on the floor."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 
 REST_TIME = 0.15
-"""At the end of each rest, in which samples are averaged [s]."""
-_FLOOR_STD = np.radians(0.5)  # of gravity in the base frame: slope of a floor, joint offsets, bias of an accelerometer
-_TURN_STD = np.radians(0.1)  # of a rotation, across its axis: feet roll and give, gyroscopes are misaligned
+"""Time at the end of each rest over which samples are averaged [s]."""
+_FLOOR_STD = np.radians(0.5)  # of gravity in the base frame: floor slope, joint offsets, accelerometer bias
+_TURN_STD = np.radians(0.1)  # of a rotation, across its axis: rolling and compliant feet, misaligned gyroscope
 _EXCHANGES = {
     "": (0, 1, 2, 3),
     "left and right legs are exchanged": (1, 0, 3, 2),
@@ -34,8 +34,8 @@ class Wiring:
     """Hypothesis on how the model's joints are connected to the robot's.
 
     Attributes:
-        cause: deviation from the model, in words; "" if there is none.
-        legs: index of the model's leg that each leg FL FR RL RR is moved as.
+        cause: description of the difference from the model; "" if there is none.
+        legs: index of the model's leg that each leg FL FR RL RR is connected as.
         hips: (4,) signs of the hips of the legs FL FR RL RR.
     """
 
@@ -44,7 +44,7 @@ class Wiring:
     hips: tuple[float, ...]
 
     def applied(self, robot: RobotModel, joint_position: FloatArray) -> FloatArray:
-        """Return (n, nj) joint positions of the robot that the (n, nj) reported ones stand for [rad]."""
+        """Return the (n, nj) actual joint positions from the (n, nj) reported ones [rad]."""
         actual = joint_position.copy()
         for leg, source, sign in zip(robot.leg_joints, self.legs, self.hips, strict=True):
             actual[:, leg] = joint_position[:, robot.leg_joints[source]]
@@ -70,15 +70,15 @@ class Orientation:
 
 
 def wirings(robot: RobotModel) -> Iterator[Wiring]:
-    """Generate all hypotheses, the model's own first, then those with the fewest deviations."""
+    """Generate all hypotheses, the model's own first, then those with the fewest differences."""
     signs = [(1.0,) * 4] if robot.leg_joints.shape[1] < 3 else product((1.0, -1.0), repeat=4)
-    for hips, (exchange, legs) in sorted(product(signs, _EXCHANGES.items()), key=_stds):
+    for hips, (exchange, legs) in sorted(product(signs, _EXCHANGES.items()), key=_differences):
         flipped = [leg for leg, sign in zip(LEG_NAMES, hips, strict=True) if sign < 0]
         sign = f"the signs of the hips {', '.join(flipped)} are wrong" if flipped else ""
         yield Wiring(" and ".join(filter(None, (exchange, sign))), legs, hips)
 
 
-def _stds(candidate: tuple[tuple[float, ...], tuple[str, tuple[int, ...]]]) -> tuple[int, int]:
+def _differences(candidate: tuple[tuple[float, ...], tuple[str, tuple[int, ...]]]) -> tuple[int, int]:
     hips, (exchange, _) = candidate
     flipped = hips.count(-1.0)
     return bool(exchange) + bool(flipped), flipped % 4
@@ -87,8 +87,8 @@ def _stds(candidate: tuple[tuple[float, ...], tuple[str, tuple[int, ...]]]) -> t
 def fit_orientation(robot: RobotModel, recording: Recording, wiring: Wiring) -> Orientation:
     """Fit the rotation from IMU to base under a hypothesis on the joints.
 
-    Between two rests the base turns by what the encoders of a robot on four resting feet determine, and by the integral of
-    the gyroscope, whatever the delays of either. Gravity in the first rest is one more vector.
+    The encoders and the integral of the gyroscope each measure the base's rotation between two rests, independent of
+    delays. Gravity in the first rest is one more vector.
 
     Args:
         recording: recording with phases "rest", the first one before the base turns.
@@ -99,12 +99,12 @@ def fit_orientation(robot: RobotModel, recording: Recording, wiring: Wiring) -> 
     predicted, up = _turns_of_base(robot, wiring.applied(robot, positions))
     weights = np.array([_TURN_STD**-2] * len(measured) + [_FLOOR_STD**-2])
     rotation, bias = Rotation.identity(), np.zeros(3)
-    for _ in range(3):  # the bias follows from the rotation, and the other way around
+    for _ in range(3):  # the bias depends on the rotation, and the rotation on the bias
         turned = measured - np.diff(times)[:, None] * bias
         rotation = Rotation.align_vectors(np.vstack([predicted, up]), np.vstack([turned, gravity]), weights)[0]
         bias = (measured - rotation.inv().apply(predicted)).sum(axis=0) / (times[-1] - times[0])
     difference = rotation.apply(measured - np.diff(times)[:, None] * bias) - predicted
-    # Along a rotation only its angle differs, by gains and compliance, which determines no orientation.
+    # Differences along the rotation axis are due to gains and compliance, and do not depend on the orientation.
     across = np.cross(difference, predicted) / np.linalg.norm(predicted, axis=1, keepdims=True)
     std = max(_TURN_STD, float(np.sqrt((across**2).sum() / (2 * len(across) - 3))))
     vectors = np.vstack([predicted / std, up / _FLOOR_STD])
@@ -134,7 +134,7 @@ def _turns_of_base(robot: RobotModel, joint_position: FloatArray) -> tuple[Float
     turns: list[FloatArray] = []
     for k in range(len(feet) - 1):
         turn, rolled = Rotation.identity(), np.zeros((4, 3))
-        for _ in range(2):  # how far feet roll depends on how the base turns
+        for _ in range(2):  # the rolling of the feet depends on the base's rotation
             turn = Rotation.align_vectors(centred[k] + rolled - rolled.mean(axis=0), centred[k + 1])[0]
             rolled = np.cross((turn * shanks[k + 1] * shanks[k].inv()).as_rotvec(), radii * normals[k])
         turns.append(turn.as_rotvec())
@@ -142,7 +142,7 @@ def _turns_of_base(robot: RobotModel, joint_position: FloatArray) -> tuple[Float
 
 
 def _between_rests(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Joint positions in the n rests, rotations between them, and gravity.
+    """Return the joint positions in the n rests, the rotations between them, and gravity.
 
     Returns:
         (n,) times [s], (n, nj) joint positions [rad], (n - 1, 3) integrals of the gyroscope in between [rad], and (1, 3) unit

@@ -1,4 +1,4 @@
-"""Legs turned up: where a robot that lies on its belly may swing all of them, touching nothing, and how far."""
+"""Postures of a robot lying on its belly with its legs up, in which all legs can swing without contact."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, lying_posture
 
 SWING = (0.22, 0.4, 0.45)
-"""Angles to either side that a hip, a thigh and a calf are commanded through at most [rad]."""
+"""Largest commanded swing angles to either side of a hip, a thigh and a calf [rad]."""
 SHARES = (1.0, 0.85, 0.7, 0.6, 0.5)
-"""Of that, the largest for which there is room."""
+"""Fractions of these angles, tried in order until the legs have room."""
 OVERSHOOT = 1.15
-"""Of soft joints over what they are sent through."""
-_GRID = (5, 21, 9)  # postures tried of a hip, a thigh and a calf
-_HIP_RANGE = 0.6  # [rad] from where it is when the robot lies
+"""Ratio of the largest angle of soft joints to the commanded one."""
+_GRID = (5, 21, 9)  # numbers of angles tried of a hip, a thigh and a calf
+_HIP_RANGE = 0.6  # [rad] from the angle of the lying robot
 _LIMIT_MARGIN = 0.08  # [rad] from a joint's limit
 _CLEAR = 0.01  # [m] on an A1, all through the motion
-_WAY = 25  # postures looked at on the way up
-_STEPS = 250  # in which links are looked for that meet: as near to each other as a platform's commands
-_DEEPER = 0.04  # of the leg length: by so much a foot on its way up may push the lying body up
+_WAY = 25  # number of postures checked on the way up
+_STEPS = 250  # number of postures checked for contact: spaced about as a platform's commands
+_DEEPER = 0.04  # of the leg length: largest height by which a foot may push the lying body up
 _ORDERS = ((LEG_NAMES,), (("RL", "RR"), ("FL", "FR")), (("FL", "FR"), ("RL", "RR")))
-"""Which legs turn up together, and after which: all, unless front and hind legs would meet on their way."""
+"""Groups of legs that turn up one after another; all at once unless front and hind legs would touch."""
 _CALVES_LAST = (True, False)
-"""Whether calves turn up after thighs: if they turn together, feet press on the floor, and jam there on the way back."""
-_FOLDED = 0.9  # of the distance from hip to foot when it lies: no leg is folded further
+"""True to turn calves up after thighs: together, the feet press on the floor and jam on the way back."""
+_FOLDED = 0.9  # smallest distance from hip to foot, as a fraction of that of the lying robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +41,10 @@ class LegsUp:
     """A posture around which all legs may swing at once.
 
     Attributes:
-        folded: (nj,) joint positions of the robot lying over its feet, where it comes from [rad].
+        folded: (nj,) initial joint positions of the robot lying over its feet [rad].
         joint_position: (nj,) joint positions with all legs up [rad].
-        swing: (nj,) angles to either side that joints may be commanded through [rad].
-        way: postures to go through from `folded`, of which the last is `joint_position`, (nj,) each [rad].
+        swing: (nj,) largest commanded swing angles to either side [rad].
+        way: (nj,) waypoints from `folded`; the last is `joint_position` [rad].
     """
 
     folded: FloatArray
@@ -54,13 +54,13 @@ class LegsUp:
 
     @property
     def way_back(self) -> tuple[FloatArray, ...]:
-        """The same from `joint_position` to `folded`."""
+        """Waypoints from `joint_position` to `folded`."""
         return (*self.way[-2::-1], self.folded)
 
 
 @lru_cache(maxsize=16)
 def legs_up(robot: RobotModel, stance: Stance) -> LegsUp:
-    """The posture nearest to the lying one around which every leg may swing, and touch neither floor, trunk nor leg.
+    """Return the posture nearest to the lying one in which every leg can swing without touching floor, trunk or leg.
 
     Raises:
         ReachError: a leg cannot be turned up far enough.
@@ -77,13 +77,13 @@ def legs_up(robot: RobotModel, stance: Stance) -> LegsUp:
             if (way := _free_way(robot, folded, position)) is not None:
                 return LegsUp(folded, position, swing, way)
     raise ReachError(
-        f"{robot.name!r} cannot turn its legs up and swing them lying on its belly: within its joints' limits they would "
-        "touch the floor, the trunk or each other, by the shapes of its model file. Leave motors out"
+        f"{robot.name!r} cannot turn its legs up and swing them lying on its belly: within the joint limits they would "
+        "touch the floor, the trunk or each other, according to the shapes of the model file. Omit motors"
     )
 
 
 def _free_way(robot: RobotModel, folded: FloatArray, up: FloatArray) -> tuple[FloatArray, ...] | None:
-    """Postures to go through on which no links meet; None: they meet, whichever legs turn up first."""
+    """Return waypoints without contact between links; None if links touch in every order of the legs."""
     for calves_last, order in product(_CALVES_LAST, _ORDERS):
         way = _in_order(robot, folded, up, order, calves_last)
         if Clearance(robot, folded).first_contact(_steps(folded, way)) is None:
@@ -104,7 +104,7 @@ def _in_order(
 
 
 def _steps(start: FloatArray, way: tuple[FloatArray, ...]) -> FloatArray:
-    """(n, nj) postures close to each other [rad]."""
+    """Return (n, nj) finely spaced postures along waypoints [rad]."""
     share = np.linspace(0.0, 1.0, _STEPS)[:, None]
     return np.concatenate([before + share * (after - before) for before, after in pairwise((start, *way))])
 
@@ -112,7 +112,7 @@ def _steps(start: FloatArray, way: tuple[FloatArray, ...]) -> FloatArray:
 def _with_leg_up(
     robot: RobotModel, stance: Stance, leg: str, before: FloatArray, swing: FloatArray
 ) -> FloatArray | None:
-    """Joint positions with one more leg up; None: it finds no room."""
+    """Return the joint positions with one more leg up; None if it has no room."""
     joints = list(robot.legs[leg].joints)
     clearance = LegsInTheAir(robot, stance, _CLEAR * stance.scale.length, (leg,))
     corners = np.array([(0.0,) * len(joints), *product((-1.0, 1.0), repeat=len(joints))]) * swing
@@ -125,7 +125,7 @@ def _with_leg_up(
 
 
 def nearest_first(robot: RobotModel, joints: list[int], start: FloatArray, swing: FloatArray) -> list[FloatArray]:
-    """Postures of one leg on a grid within its limits, those first in which no joint has turned far."""
+    """Return grid postures of one leg within its limits, by their largest joint displacement from `start`."""
     reach = np.array([_HIP_RANGE, np.pi, np.pi])[-len(joints) :]
     lower = np.maximum(robot.lower_limit[joints] + _LIMIT_MARGIN + swing, start - reach)
     upper = np.minimum(robot.upper_limit[joints] - _LIMIT_MARGIN - swing, start + reach)
@@ -140,11 +140,11 @@ def nearest_first(robot: RobotModel, joints: list[int], start: FloatArray, swing
 
 
 def _way_is_free(robot: RobotModel, leg: str, start: FloatArray, postures: FloatArray) -> bool:
-    """Whether a leg that turns up joint by joint does not push the body up on its way, nor folds into itself.
+    """Return True if a leg can turn up without pushing the body up or folding into itself.
 
     Args:
         start: (nj,) joint positions of the lying robot [rad].
-        postures: (n, nj) joint positions when it is up, and to all sides of that [rad].
+        postures: (n, nj) joint positions with the leg up, then at the corners of its swing [rad].
     """
     kinematics, index, hip = Kinematics(robot), LEG_NAMES.index(leg), robot.legs[leg].joint_ids[-2]
 

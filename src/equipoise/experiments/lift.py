@@ -1,4 +1,4 @@
-"""What all lifts of two diagonal feet have in common: rest before them, when they end, replanted feet after them."""
+"""Common parts of all lifts of two diagonal feet: rest before, end, and replanted feet after."""
 
 from __future__ import annotations
 
@@ -20,28 +20,27 @@ from equipoise.robot.stance import Stance
 
 _STEP_RATIO = 0.6  # height of a replanting step over that of a lift
 _STILL_PARTS = 5
-_UPRIGHT = float(np.cos(np.radians(25)))  # a planted robot leans less, also on a slope
+_UPRIGHT = float(np.cos(np.radians(25)))  # a standing robot leans less, also on a slope
 
 
 @dataclass(frozen=True)
 class LiftSettings:
-    """How a lift trial is done; lengths and times for a robot of a certain size.
+    """Settings of a lift trial, for a robot of a certain size.
 
     Attributes:
         height: height of the first lift [m].
-        growth: factor by which a lift grows when no tilt was seen.
-        max_lifts: number of lifts of one trial; none of them tilting, the robot is balanced.
+        growth: factor on the height after a lift without a tilt.
+        max_lifts: number of lifts in a trial; the robot is balanced if none of them tilts.
         move_time, settle_time, rest_time, unload_time, lift_time, watch_time, lower_time: durations of the phases [s];
             a longer move takes longer; watch is the paper's t_thres.
-        step_time: duration of a foot's way up, and of its way down, when feet are replanted [s].
+        step_time: duration of a foot's motion up, and of that down, when feet are replanted [s].
         tilt_threshold: smallest rotation that counts as a tilt [rad].
-        tilt_limit: lean of the CoM at which the tilt is plain and the feet come down [rad].
-        stop_delay: delay from the moment at which a lift should end until the feet come down: samples, commands, drives
-            [s].
-        rate_time: time over which the lean is differentiated to foresee how far the robot will tip [s].
+        tilt_limit: lean of the CoM at which the tilt is certain and the feet are lowered [rad].
+        stop_delay: delay from the end of a lift until the feet move, due to sampling, commands and drives [s].
+        rate_time: time over which the lean is differentiated to predict the tipping [s].
         reached_tolerance: largest distance of joints from their targets (soft position control sags) [rad].
         still_speed: change of the base's angular velocity below which the robot is at rest [rad/s].
-        max_settling: largest number of times that settling is repeated until the robot is at rest.
+        max_settling: largest number of settling periods until the robot is at rest.
     """
 
     height: float
@@ -65,7 +64,7 @@ class LiftSettings:
 
     @classmethod
     def of(cls, stance: Stance, height: float) -> LiftSettings:
-        """A lift by a height [m], with times that fit the robot's size."""
+        """Return the settings of a lift by a height [m], with times for the robot's size."""
         usual = cls(height)
         times = (
             "move_time",
@@ -81,16 +80,16 @@ class LiftSettings:
 
 
 def tipping_from(standing: StandingRobot, still: Recording, diagonal: str) -> Pendulum:
-    """How the robot would tip on a diagonal from where it rests.
+    """Return the pendulum of the robot at rest on a diagonal.
 
     Raises:
-        FallError: it does not stand upright.
+        FallError: the robot is not upright.
     """
     rest = still_means(standing.robot, still)
     if rest.up_in_base[2] < _UPRIGHT:
         raise FallError(
-            f"the robot leans by {np.degrees(np.arccos(rest.up_in_base[2])):.0f} deg when it should stand on four feet: it "
-            "has fallen, or the IMU is mounted turned (give its pose under imu_rpy in a robot description)",
+            f"the robot leans by {np.degrees(np.arccos(rest.up_in_base[2])):.0f} deg on four feet: it has fallen, or the IMU "
+            "is mounted in another orientation (give its pose as imu_rpy in the robot configuration)",
             (still,),
         )
     return Pendulum.of(standing.robot, rest.joint_position, rest.up_in_base, diagonal)
@@ -99,7 +98,7 @@ def tipping_from(standing: StandingRobot, still: Recording, diagonal: str) -> Pe
 def tilt_limit(
     standing: StandingRobot, tipping: Pendulum, settings: LiftSettings, stop: tuple[float, float]
 ) -> TiltLimit:
-    """When a lift ends: at a plain tilt, or where the robot is about to tip farther than to `stop` [rad]."""
+    """Return the end condition of a lift: a certain tilt, or a predicted tilt beyond `stop` [rad]."""
     axis = tipping.axis_in_base @ np.array(standing.robot.imu_in_base.rotation)
     back, ahead = stop
     return TiltLimit(
@@ -116,7 +115,7 @@ def tilt_limit(
 def in_time(
     standing: StandingRobot, feet_in_base: FloatArray, lifted: FloatArray, settings: LiftSettings
 ) -> LiftSettings:
-    """The settings with the time that lowering takes: more than was asked, where joints may not turn so fast.
+    """Return the settings with the actual lowering time, which joint speed limits may increase.
 
     Args:
         feet_in_base, lifted: (4, 3) feet in the base frame, down and up [m].
@@ -129,17 +128,13 @@ def in_time(
 def come_to_rest(
     standing: StandingRobot, motion: Motion, settings: LiftSettings, when: str, rest_phase: str = Phase.REST
 ) -> Recording:
-    """Play a motion, settle as `settle` does, and rest.
-
-    Args:
-        rest_phase: name of the rest.
-    """
+    """Play a motion, settle as `settle`, and rest in the phase `rest_phase`."""
     settled = settle(standing, motion, settings, when)
     return Recording.concatenate([settled, rest(standing, settings, rest_phase)])
 
 
 def rest(standing: StandingRobot, settings: LiftSettings, phase: str = Phase.REST) -> Recording:
-    """Do nothing for a while."""
+    """Hold the posture for the rest time."""
     return standing.play(standing.motion().phase(phase).hold(settings.rest_time))
 
 
@@ -147,8 +142,8 @@ def settle(standing: StandingRobot, motion: Motion, settings: LiftSettings, when
     """Play a motion, and wait until the joints are near their targets and the base is still.
 
     Args:
-        motion: recording of the motion; it gets a phase "settle" appended.
-        when: moment in words, for the error.
+        motion: motion, to which a phase "settle" is appended.
+        when: description of the moment, for the error.
 
     Raises:
         MotionError: the robot did not come to rest near its targets.
@@ -162,17 +157,16 @@ def settle(standing: StandingRobot, motion: Motion, settings: LiftSettings, when
             return recording
         parts.append(standing.play(standing.motion().hold(settings.settle_time)))
     raise MotionError(
-        f"the robot did not come to rest {when}: {problem}; is something in its way, are the gains too low?",
+        f"the robot did not come to rest {when}: {problem}; remove obstacles, or increase the gains",
         (Recording.concatenate(parts),),
     )
 
 
 def replant(motion: Motion, home: FloatArray, diagonal: str, settings: LiftSettings) -> None:
-    """Step with each pair of feet once, in the nominal stance, so that feet stand where they are sent.
+    """Step with each pair of feet once, in the nominal stance, so that feet are at their commanded positions.
 
-    A robot that has tipped onto its lifted feet drags them; friction then holds the legs away from their targets, by
-    several millimetres on an A1, and the next trial would not stand where the search means it to. Stepping where the
-    trial is to be would tip the robot as the trial does, and with higher feet.
+    A robot that tipped onto its lifted feet drags them. Friction then holds the feet several millimetres (A1) from their
+    targets. Stepping in the posture of the next trial would tip the robot as the trial does, with higher feet.
     """
     for standing in (DIAGONALS[diagonal], tuple(leg for leg in LEG_NAMES if leg not in DIAGONALS[diagonal])):
         raised = home.copy()
@@ -191,21 +185,21 @@ def step_pair(motion: Motion, standing: tuple[str, ...], raised: FloatArray, set
 
 
 def still_part(recording: Recording, settings: LiftSettings) -> Recording:
-    """The end of a recording, in which the robot is still if it has settled."""
+    """Return the end of a recording, in which a settled robot is still."""
     return recording.between(recording.joints.time[-1] - settings.rest_time, np.inf)
 
 
 def _not_at_rest(standing: StandingRobot, recording: Recording, settings: LiftSettings) -> str | None:
-    """Why the robot is not at rest at its targets at the end of a recording, or None."""
+    """Return the reason why the robot is not at rest at its targets at the end of a recording, or None."""
     tail = still_part(recording, settings)
     miss = np.abs(tail.joints.position.mean(axis=0) - standing.target.joint_position)
     worst = int(np.argmax(miss))
     if miss[worst] > settings.reached_tolerance:
         return f"joint {recording.joint_names[worst]!r} is {miss[worst]:.2f} rad from its target"
-    # Means over a fraction of the tail: noise of single samples does not show in them, nor does a gyroscope's bias in how
-    # they differ. A swaying base also disturbs the vertical of the accelerometer.
+    # Means over parts of the tail average out the noise, and their differences do not depend on the gyroscope's bias.
+    # An oscillating base also disturbs the accelerometer's vertical.
     parts = np.array_split(tail.imu.angular_velocity_in_imu, _STILL_PARTS)
-    excitation = float(np.ptp([part.mean(axis=0) for part in parts], axis=0).max())
-    if excitation > settings.still_speed:
-        return f"its base still excitations by {excitation:.3f} rad/s"
+    change = float(np.ptp([part.mean(axis=0) for part in parts], axis=0).max())
+    if change > settings.still_speed:
+        return f"its base still oscillates at {change:.3f} rad/s"
     return None

@@ -1,4 +1,4 @@
-"""Open-loop motions as sequences of foot paths in the base frame, turned into joint targets."""
+"""Open-loop motions as sequences of foot paths in the base frame, converted to joint targets."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from equipoise.robot.statics import static_torques
 
 # Planned joint speeds stay below this fraction of the model's limit.
 _SPEED_MARGIN = 0.8
-# A motion that is too fast for a joint is slowed, up to so many times; on two feet, where the robot tips meanwhile, less.
+# Largest factors by which a motion is slowed if it is too fast for a joint; less on two feet, where the robot tips.
 _SLOWEST, _SLOWEST_ON_TWO_FEET = 10.0, 5.0
-# Inverse kinematics runs at knots; a cubic spline between knots this far apart misses a foot by some micrometres.
+# Inverse kinematics runs at knots; the error of a cubic spline between knots at this distance is some micrometres.
 _KNOT_SPACING_RATIO = 0.05  # of the leg length
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Where a planted robot is commanded to be.
+    """Commanded posture of a robot.
 
     Attributes:
         joint_position: (nj,) joint position targets [rad].
-        feet_in_base: (4, 3) foot positions in the base frame that belong to it [m].
+        feet_in_base: (4, 3) foot positions in the base frame at these targets [m].
         torque: (nj,) feed-forward torques [Nm].
         legs: legs that are meant to stand.
     """
@@ -47,23 +47,23 @@ class Target:
 
     @classmethod
     def standing(cls, robot: RobotModel, joint_position: FloatArray) -> Target:
-        """At rest on four feet with given joint positions."""
+        """Return the target at rest on four feet with given joint positions."""
         torque = static_torques(robot, joint_position, LEG_NAMES)
         return cls(joint_position, foot_positions(robot, joint_position), torque)
 
     @classmethod
     def lying(cls, robot: RobotModel, joint_position: FloatArray) -> Target:
-        """At rest on the belly: the legs carry themselves."""
+        """Return the target at rest on the belly: the legs carry only their own weight."""
         return cls(joint_position, foot_positions(robot, joint_position), static_torques(robot, joint_position, ()), ())
 
 
 class Motion:
-    """A motion under construction: where the feet are commanded to, phase by phase.
+    """Motion under construction: commanded foot paths, phase by phase.
 
-    Every command carries the torques that hold its posture against gravity, by the model, on the legs that are meant to
-    stand: with position control alone an A1 sags by 15 mm when it lifts two feet, and the feet stay on the floor.
+    Every command has feed-forward torques that hold the model's posture against gravity on the standing legs. With
+    position control alone, an A1 sags by 15 mm when it lifts two feet, and the feet stay on the floor.
 
-    What would turn a joint faster than it may takes longer than is asked.
+    A motion that exceeds a joint's speed limit is slowed.
 
     Args:
         robot: the robot.
@@ -71,8 +71,8 @@ class Motion:
         start: targets that the motion starts from.
 
     Attributes:
-        target: targets at the present moment.
-        slowed: by how much its last path is slower than was asked; 1 if it is not.
+        target: targets at the end of the motion so far.
+        slowed: factor by which the last path is slower than requested.
     """
 
     def __init__(self, robot: RobotModel, control_period: float, start: Target) -> None:
@@ -98,12 +98,12 @@ class Motion:
         return self._periods * self.control_period
 
     def event(self, name: str, /, **data: Any) -> Motion:
-        """Note an event at the present moment."""
+        """Add an event at the end of the motion so far."""
         self._events.append(Event(self.time, name, data))
         return self
 
     def begin(self, trial: RecordedTrial) -> Motion:
-        """Say what the motion's recording is."""
+        """Mark the beginning of a trial."""
         return self.event(TRIAL, **trial.to_data())
 
     def phase(self, name: str) -> Motion:
@@ -111,7 +111,7 @@ class Motion:
         return self.event(PHASE, name=name)
 
     def phase_at(self, name: str, time: float) -> Motion:
-        """Begin a phase at a time of the motion, in or behind its last path, if that went as fast as was asked [s]."""
+        """Begin a phase at a time [s] within or after the last path, which is stretched if that path was slowed."""
         if self.slowed > 1:
             time = self._path_start + self.slowed * (time - self._path_start)
         self._events.append(Event(time, PHASE, {"name": name}))
@@ -124,31 +124,31 @@ class Motion:
         return self
 
     def hold_limp(self, duration: float) -> Motion:
-        """Let the joints only resist being moved, all through this motion, which is nothing else."""
+        """Damp the joints without position control; a motion with this has no other parts."""
         self.target, self._limp = replace(self.target, torque=np.zeros_like(self.target.torque)), True
         return self.hold(duration)
 
     def with_gains(self, kp: FloatArray, kd: FloatArray) -> Motion:
-        """Control all joints with other gains, (nj,) kp [Nm/rad] and kd [Nm s/rad], all through this motion."""
+        """Use other gains, (nj,) kp [Nm/rad] and kd [Nm s/rad], in the whole motion."""
         self._gains = kp, kd
         return self
 
     def swing_joints(self, swing: FloatArray) -> Motion:
-        """Add (n, nj) joint angles that end at nought to the present posture [rad]."""
+        """Add (n, nj) joint angles that end at zero to the present posture [rad]."""
         self._append(self.target.joint_position + swing, self.target.torque[None])
         return self
 
     def relax(self, duration: float, joints: Sequence[int] | None = None) -> Motion:
-        """Keep the posture, joints by position control alone: let go of the torques of some, by index; default all."""
-        let_go = np.ones_like(self.target.torque) if joints is None else np.zeros_like(self.target.torque)
-        let_go[[] if joints is None else list(joints)] = 1.0
-        fading = 1 - smooth_step(self._count(duration))[:, None] * let_go
+        """Keep the posture, and fade out the feed-forward torques of some joints, by index; default all."""
+        faded = np.ones_like(self.target.torque) if joints is None else np.zeros_like(self.target.torque)
+        faded[[] if joints is None else list(joints)] = 1.0
+        fading = 1 - smooth_step(self._count(duration))[:, None] * faded
         self._append(np.repeat(self.target.joint_position[None], len(fading), axis=0), fading * self.target.torque)
         return self
 
     def shift_load(self, legs: tuple[str, ...], duration: float) -> Motion:
         """Keep the posture, and shift the load to some of the legs by their torques."""
-        torque = _held(self.robot, self.target.joint_position.tobytes(), legs)
+        torque = _cached_torques(self.robot, self.target.joint_position.tobytes(), legs)
         step = smooth_step(self._count(duration))[:, None]
         self._append(
             np.repeat(self.target.joint_position[None], len(step), axis=0),
@@ -166,12 +166,12 @@ class Motion:
         return self._move_along_lines(feet_in_base, smooth_step(self._count(duration)))
 
     def step_feet(self, feet_in_base: FloatArray, duration: float) -> Motion:
-        """Move the feet as `move_feet` does, and back, each within the duration."""
+        """Move the feet as `move_feet`, and back, each in the duration."""
         there = smooth_step(self._count(duration))
         return self._move_along_lines(feet_in_base, np.concatenate([there, 1 - there]))
 
     def move_joints(self, joint_position: FloatArray, duration: float) -> Motion:
-        """Move every joint straight to (nj,) where it is to be [rad], starting and ending at rest; feet go where they go."""
+        """Move every joint on a straight path to its (nj,) position [rad], starting and ending at rest."""
         step = smooth_step(self._count(duration))[:, None]
         position = self.target.joint_position + step * (joint_position - self.target.joint_position)
         torque = np.array([static_torques(self.robot, row, self.target.legs) for row in position])
@@ -183,19 +183,19 @@ class Motion:
         """Move the feet along a one-parameter family of positions.
 
         Args:
-            feet_at: function that gives (4, 3) foot positions in the base frame at a parameter value [m].
+            feet_at: function from a parameter value to (4, 3) foot positions in the base frame [m].
             knots: number of parameter values at which inverse kinematics runs.
-            parameter: (n,) values of the parameter, one a control period.
+            parameter: (n,) values of the parameter, one per control period.
         """
         self._append(*_path(self.robot, self.target.joint_position, feet_at, knots, parameter, self.target.legs))
         self.target = replace(self.target, feet_in_base=feet_at(float(parameter[-1])))
         return self
 
     def build(self) -> Trajectory:
-        """The motion as a trajectory.
+        """Return the motion as a trajectory.
 
         Raises:
-            ReachError: a joint would have to move much faster than it may.
+            ReachError: a joint would exceed its speed limit by far.
         """
         position = np.concatenate(self._positions)
         self._check_speed(position)
@@ -224,7 +224,7 @@ class Motion:
         self.target = replace(self.target, joint_position=position[-1], torque=self._torques[-1][-1])
 
     def _slow_enough(self, position: FloatArray, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same path, in as many more periods as its fastest joint needs."""
+        """Return the path, slowed to the speed limit of its fastest joint."""
         self._path_start, self.slowed = self.time, 1.0
         start = np.concatenate([[self.target.joint_position], position])
         excess = float(self._speeds(start)[1].max())
@@ -237,7 +237,7 @@ class Motion:
         return _at_rows(start, rows, at), _at_rows(torques, rows, at)
 
     def _speeds(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(nj,) largest speeds [rad/s], and what they are of those that are planned with."""
+        """Return the (nj,) largest speeds [rad/s], and their ratios to the speeds allowed in plans."""
         speed = np.abs(np.diff(position, axis=0)).max(axis=0, initial=0.0) / self.control_period
         return speed, speed / (_SPEED_MARGIN * self.robot.velocity_limit)
 
@@ -246,14 +246,14 @@ class Motion:
         worst = int(np.argmax(excess))
         if excess[worst] > 1:
             raise ReachError(
-                f"joint {self.robot.joint_names[worst]!r} would have to turn at {speed[worst]:.2f} rad/s; it is planned "
-                f"with {_SPEED_MARGIN:.0%} of its limit of {self.robot.velocity_limit[worst]:.2f} rad/s at most: "
-                "ask for a smaller or slower motion"
+                f"joint {self.robot.joint_names[worst]!r} would have to turn at {speed[worst]:.2f} rad/s; plans use at most "
+                f"{_SPEED_MARGIN:.0%} of its limit of {self.robot.velocity_limit[worst]:.2f} rad/s: "
+                "use a smaller or slower motion"
             )
 
 
 def _at_rows(path: FloatArray, rows: FloatArray, at: FloatArray) -> FloatArray:
-    """(m, nj) rows of a path (n, nj) between those that it has."""
+    """Return (m, nj) rows of an (n, nj) path, interpolated at fractional row numbers."""
     columns: list[FloatArray] = [np.interp(at, rows, column) for column in path.T]
     return np.array(columns).T
 
@@ -262,7 +262,7 @@ def _path(
     robot: RobotModel, guess: FloatArray, feet_at: Callable[[float], FloatArray], knots: int, parameter: FloatArray,
     legs: tuple[str, ...],
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """(n, nj) joint positions and torques along a family of foot positions; `guess` is near its start."""
+    """Return (n, nj) joint positions and torques along a family of foot positions; `guess` is near its start."""
     grid = np.linspace(float(parameter.min()), float(parameter.max()), knots)
     first = int(np.argmin(np.abs(grid - parameter[0])))
     solved = np.empty((knots, len(guess)))
@@ -278,18 +278,18 @@ def _path(
 
 
 @lru_cache(maxsize=512)
-def _held(robot: RobotModel, joint_position: bytes, legs: tuple[str, ...]) -> FloatArray:
-    """`static_torques`, looked up."""
+def _cached_torques(robot: RobotModel, joint_position: bytes, legs: tuple[str, ...]) -> FloatArray:
+    """Return the cached `static_torques`."""
     torque = static_torques(robot, np.frombuffer(joint_position), legs)
     torque.setflags(write=False)
     return torque
 
 
-@lru_cache(maxsize=512)  # a search makes the same moves again and again: half of one run's, nearly all of many runs'
+@lru_cache(maxsize=512)  # a search repeats its moves: half of those in one run, nearly all in many runs
 def _line(
     robot: RobotModel, guess: bytes, start: bytes, end: bytes, parameter: bytes, legs: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """`_path` on straight lines of the feet; arrays as bytes, so that they can be looked up."""
+    """Return `_path` on straight lines of the feet; arrays are bytes, which can be cache keys."""
     begin, goal = (np.frombuffer(feet).reshape(4, 3) for feet in (start, end))
     longest = float(np.linalg.norm(goal - begin, axis=1).max())
     knots = 3 + math.ceil(longest / (_KNOT_SPACING_RATIO * robot.leg_length))

@@ -1,4 +1,4 @@
-"""One leg up: where a robot that stands on its other three feet may swing it, touching nothing, and how far."""
+"""Postures of a robot on three feet in which the fourth leg can swing without contact."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 
 SOFTER = 0.25
-"""Gains while joints swing, over the platform's own: the legs' own dynamics then show in what the joints do."""
+"""Gains while joints swing, as a fraction of the platform's: low gains let the leg dynamics affect the motion."""
 ORDER = ("FL", "FR", "RR", "RL")
-"""In which legs swing: the body goes around, and never across."""
-_OVER = (1.0, 0.85, 0.7)  # of the way from the middle of four feet to that of three, the farthest that legs reach
-# [m] on an A1 from the CoM to the edge of the three feet, at least: errors of the model file, and sway of the body.
+"""Order in which legs swing, so that the body moves around and never across."""
+_OVER = (1.0, 0.85, 0.7)  # fractions of the way from the middle of four feet to that of three, tried in order
+# Smallest distance [m] on an A1 from the CoM to the edge of the three feet: model errors and oscillation of the body.
 _MARGIN = 0.03
-_ROOM = 0.02  # [m] on an A1 between the leg and all that it must not touch: soft feet and a body that sways
-_TORQUE_SHARE = 0.9  # of what a motor can give: the most that it pulls a joint back with that stays behind by a swing
+_ROOM = 0.02  # [m] on an A1 between the leg and other bodies: soft feet and oscillation of the body
+_TORQUE_SHARE = 0.9  # of the torque limit: largest control torque on a joint that lags by its whole swing
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +35,10 @@ class OneLegUp:
 
     Attributes:
         leg: name of the leg that swings.
-        feet: (4, 3) foot positions in the base frame, all planted, the CoM over the three that will stand [m].
-        raised: (4, 3) the same with one foot up [m].
+        feet: (4, 3) foot positions in the base frame, all on the floor, with the CoM over the three that will stand [m].
+        raised: (4, 3) foot positions in the base frame with one foot up [m].
         joint_position: (nj,) joint positions with that foot up [rad].
-        swing: (nj,) angles to either side that joints may be commanded through; zero where legs stand [rad].
+        swing: (nj,) largest commanded swing angles to either side; zero for standing legs [rad].
         margin: smallest distance of the CoM from the edges of the three feet while the leg swings [m].
     """
 
@@ -57,10 +57,10 @@ class OneLegUp:
 
 @lru_cache(maxsize=16)
 def legs_in_turn(robot: RobotModel, stance: Stance) -> tuple[OneLegUp, ...]:
-    """A posture for each leg, in the order in which they swing.
+    """Return a posture for each leg, in the order in which they swing.
 
     Args:
-        robot: model by whose CoM it is over its feet: of the file, or with a body that the run has found.
+        robot: model that determines the CoM: that of the file, or the one estimated in the run.
 
     Raises:
         ReachError: the robot cannot stand on three feet and swing a leg.
@@ -76,8 +76,8 @@ def _one_leg_up(robot: RobotModel, stance: Stance, leg: str) -> OneLegUp:
         except ReachError as error:
             refused = refused or error
     raise ReachError(
-        f"{robot.name!r} cannot stand on three feet and swing its {leg} leg: {refused}. Leave motors out, or give another "
-        "stance in a robot description"
+        f"{robot.name!r} cannot stand on three feet and swing its {leg} leg: {refused}. Omit motors, or give another "
+        "stance in a robot configuration"
     ) from refused
 
 
@@ -95,18 +95,18 @@ def _over_three(robot: RobotModel, stance: Stance, leg: str, share: float) -> On
     margin = min(margin_inside(standing, kinematics.com(end)[:2]) for end in (posture, *ends))
     if margin < (least := _MARGIN * stance.scale.length):
         raise ReachError(
-            f"the centre of mass would be {1000 * margin:.0f} mm inside the edge of the other three feet, and "
-            f"{1000 * least:.0f} mm are needed"
+            f"the centre of mass would be {1000 * margin:.0f} mm inside the edge of the other three feet; "
+            f"{1000 * least:.0f} mm are required"
         )
     return OneLegUp(leg, feet, raised, position, swing, margin)
 
 
 def _with_room(robot: RobotModel, stance: Stance, leg: str, standing: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(nj,) joint positions nearest to the planted ones around which a leg has room, and (nj,) angles of its swing [rad]."""
+    """Return the (nj,) joint positions nearest to `standing` in which a leg has room, and its (nj,) swing angles [rad]."""
     joints = list(robot.legs[leg].joints)
     clearance = LegsInTheAir(robot, stance, _ROOM * stance.scale.length, (leg,), -stance.base_height)
-    pull = SOFTER * robot.gains(stance.hip_height)[0]
-    most = np.minimum(SWING[-len(joints) :], _TORQUE_SHARE * robot.effort_limit[joints] / pull)
+    stiffness = SOFTER * robot.gains(stance.hip_height)[0]
+    most = np.minimum(SWING[-len(joints) :], _TORQUE_SHARE * robot.effort_limit[joints] / stiffness)
     for share in SHARES:
         swing = OVERSHOOT * share * most
         corners = np.array([(0.0,) * len(joints), *product((-1.0, 1.0), repeat=len(joints))]) * swing
@@ -117,4 +117,4 @@ def _with_room(robot: RobotModel, stance: Stance, leg: str, standing: FloatArray
                 of_all = np.zeros_like(standing)
                 of_all[joints] = share * most
                 return postures[0], of_all
-    raise ReachError("within its joints' limits it would touch the floor, the trunk or another leg")
+    raise ReachError("within the joint limits it would touch the floor, the trunk or another leg")

@@ -1,4 +1,4 @@
-"""Postures of a planted robot: where the base is over four feet that stay where they are."""
+"""Postures of the base over four feet on the floor."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import static_torques
 
-_LONGEST_LEG = 0.95  # hip to foot over thigh plus shank: beyond, inverse kinematics and control are at a loss
+_LONGEST_LEG = 0.95  # hip to foot over thigh plus shank: near 1, inverse kinematics and control are singular
 _SHORTEST_LEG = 0.35
 _LIMIT_MARGIN = 0.03  # [rad]
 _TORQUE_MARGIN = 0.9  # of the effort limit
-_INSIDE = 0.15  # of the stance's half width and length: the CoM of a planted robot stays that far inside its feet
+_INSIDE = 0.15  # smallest distance of the CoM from the edge of the feet, over the stance's half width or length
 
 
 def feet_in_posture(
     stance: Stance, com: FloatArray, posture: BodyPosture, diagonal: str | None = None, offset: float = 0.0
 ) -> FloatArray:
-    """(4, 3) the nominal stance's feet in the base frame of a posture [m].
+    """Return the (4, 3) feet of the nominal stance in the base frame of a posture [m].
 
     Args:
-        com: (3,) centre of mass in the base frame, as far as it is known [m].
+        com: (3,) assumed CoM in the base frame [m].
         posture: posture of the base.
-        diagonal: diagonal to whose support line the CoM is moved along x, or None; with one, `posture.ahead` and
-            `aside` do not count.
-        offset: distance by which the line is then ahead of the CoM, along the line's normal [m].
+        diagonal: diagonal to whose support line the CoM is moved along x, or None. With a diagonal, `posture.ahead`
+            and `aside` are ignored.
+        offset: distance of the line ahead of the CoM, along the line's normal [m].
     """
     feet = stance.feet_in_base
-    # Sideways the base stays where it is: legs of two joints cannot move it.
+    # The base does not move sideways: legs with two joints cannot do that.
     over = np.array([feet[:, 0].mean(), com[1]]) + stance.hip_height * np.array([posture.ahead, posture.aside])
     if diagonal is not None:
         _, normal, point = stance_line(stance, diagonal)
@@ -50,7 +50,7 @@ def feet_in_posture(
 
 @lru_cache(maxsize=16)
 def stance_line(stance: Stance, diagonal: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Left direction, forward normal and midpoint of a support line of the nominal stance, in the base frame."""
+    """Return the left direction, forward normal and midpoint of a nominal stance's support line, in the base frame."""
     right, left = sorted(DIAGONALS[diagonal], key=lambda leg: leg[1], reverse=True)
     a, b = stance.feet_in_base[LEG_NAMES.index(left)], stance.feet_in_base[LEG_NAMES.index(right)]
     direction = (a - b) / np.linalg.norm(a - b)
@@ -65,12 +65,12 @@ def check_posture(
     standing: tuple[str, ...] = LEG_NAMES,
     near: FloatArray | None = None,
 ) -> FloatArray:
-    """Joint positions of a posture that is within reach, limits and torques.
+    """Return the joint positions of a posture after checking reach, joint limits, torques and contacts.
 
     Args:
         feet_in_base: (4, 3) foot positions in the base frame [m].
-        standing: legs that carry the robot there.
-        near: (nj,) joint positions of a posture near by, from which this one is sooner found; default the nominal ones [rad].
+        standing: legs that carry the robot.
+        near: (nj,) initial guess of the joint positions; default the nominal ones [rad].
 
     Raises:
         ReachError: a leg is too long or too short, a joint too near its limit, a motor too weak, or links touch each other
@@ -100,15 +100,15 @@ def check_posture(
 
 
 def check_clear(robot: RobotModel, joint_position: FloatArray) -> None:
-    """Refuse (nj,) joint positions [rad] in which links touch (ReachError)."""
+    """Raise ReachError if links touch at (nj,) joint positions [rad]."""
     if (contact := contact_in(robot, joint_position)) is not None:
         raise ReachError(str(contact))
 
 
 def _turn_to_level(stance: Stance, feet_in_base: FloatArray) -> FloatArray:
-    """(3, 3) matrix that turns rows from the base frame of a posture into that of the nominal stance, whose base is level.
+    """Return the (3, 3) matrix that rotates row vectors from a posture's base frame to the level one of the nominal stance.
 
-    The feet in the posture are those of the stance, moved rigidly; two of a diagonal that are lifted alike turn nothing.
+    The posture's feet are those of the stance, moved rigidly. Lifting two diagonal feet equally does not change it.
     """
     before, after = stance.feet_in_base, feet_in_base
     left, _, right = np.linalg.svd((after - after.mean(axis=0)).T @ (before - before.mean(axis=0)))
@@ -116,13 +116,13 @@ def _turn_to_level(stance: Stance, feet_in_base: FloatArray) -> FloatArray:
 
 
 def _check_inside(stance: Stance, feet_in_base: FloatArray, turn: FloatArray, com: FloatArray) -> None:
-    """A CoM near the edge of the feet tips the robot over."""
+    """Raise ReachError if the CoM is near the edge of the feet, where the robot could tip over."""
     before = stance.feet_in_base
     over = (com - feet_in_base.mean(axis=0)) @ turn + before.mean(axis=0)
     for axis, name in ((0, "front or rear"), (1, "left or right")):
-        half = float(np.ptp(before[:, axis])) / 2
+        half_width = float(np.ptp(before[:, axis])) / 2
         room = min(before[:, axis].max() - over[axis], over[axis] - before[:, axis].min())
-        if room < _INSIDE * half:
+        if room < _INSIDE * half_width:
             raise ReachError(f"the centre of mass would be {room * 1000:.0f} mm inside the {name} feet")
 
 
@@ -133,7 +133,7 @@ def _check_above_floor(
     up_in_base: FloatArray,
     standing: tuple[str, ...],
 ) -> None:
-    """Knees and trunk of a robot that crouches and leans are over the plane that its feet stand on."""
+    """Raise ReachError if knees or trunk would touch the plane of the feet."""
     soles = [feet_in_base[LEG_NAMES.index(leg)] @ up_in_base - robot.legs[leg].foot_radius for leg in standing]
     if (contact := floor_contact(robot, joint_poses, up_in_base, float(np.mean(soles)))) is not None:
         raise ReachError(str(contact))

@@ -1,4 +1,4 @@
-"""How a calibration tells what it is doing."""
+"""Progress of a calibration, for display."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Progress:
-    """What a calibration is about to do: in words, and how many trials are done of how many expected."""
+    """Description of the next motion, number of completed trials, and number of expected trials."""
 
     doing: str
     done: int

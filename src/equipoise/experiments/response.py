@@ -1,4 +1,4 @@
-"""Response test, before any foot is lifted: joints answer at their own encoders, and the gyroscope shows the base's turns."""
+"""Response test before any foot is lifted: check of joints with their encoders, and of the gyroscope with turns of the base."""
 
 from __future__ import annotations
 
@@ -26,21 +26,20 @@ from equipoise.robot.imu import rpy_flag
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
-_STEPS = np.radians(
-    (2.0, -2.0, 4.0, -4.0, 6.0, -6.0)
-)  # of one joint until it answers [rad]; the guard calls 0.12 rad stuck
+# Steps of one joint [rad], tried in order until it responds; the guard treats 0.12 rad as stuck.
+_STEPS = np.radians((2.0, -2.0, 4.0, -4.0, 6.0, -6.0))
 _STEP_TIME, _HOLD_TIME = 0.3, 0.15  # [s]
-_ANSWER = 0.05  # of the commanded angle: less is noise; a leg that the floor holds answers with a tenth
-_LIMP_TIME, _LIMP_TIMES, _STILL = 0.5, 8, 0.01  # [s], at most so often, until no joint moves by more [rad]
-_GAINS = (0.02, 0.1, 0.3, 1.0)  # of holds, over the usual ones
-_YIELD = 0.25  # [rad] by which no joint moves in a hold
+_RESPONSE = 0.05  # of the commanded angle: less is noise; a leg whose foot the floor blocks moves by a tenth
+_LIMP_TIME, _LIMP_TIMES, _STILL = 0.5, 8, 0.01  # period [s], largest number of periods, smallest motion [rad]
+_GAINS = (0.02, 0.1, 0.3, 1.0)  # of holds, as a fraction of the usual ones
+_YIELD = 0.25  # [rad] largest motion of a joint in a hold
 _TURN, _TURN_TIME, _REST_TIME = np.radians(3.0), 0.6, 0.3  # of the base [rad], [s] on an A1
 _KNOTS = 5  # of inverse kinematics on a turn
-_SMALLER = (1.0, 0.5, 0.25)  # amplitudes that are tried until one is within reach
+_SMALLER = (1.0, 0.5, 0.25)  # scale factors, tried in order until a turn is within reach
 _RESIDUAL, _EXPLAINED = 0.1, 0.05  # largest residual; the same if another wiring explains the gyroscope
-_CLEARLY = 0.65  # residual of a wiring that explains the gyroscope, over the model's
-_ALIKE = 1.5  # residual of a wiring that is named too, over the smallest
-_NAMED = 3  # wirings at most
+_CLEARLY = 0.65  # largest residual of a wiring that explains the gyroscope, over the model's
+_ALIKE = 1.5  # largest residual of a wiring that is reported, over the smallest
+_NAMED = 3  # largest number of reported wirings
 _AGREES = np.radians(5.0)  # between the measured orientation and the model's
 
 
@@ -48,10 +47,10 @@ def check_joints(platform: Platform, robot: RobotModel, stance: Stance) -> int:
     """Move every joint of a lying robot by 2 deg and back, one after another.
 
     Returns:
-        number of joints that answered, without those that limits or other links leave no room; 0 and not moved: it stands.
+        number of joints that responded, without those that have no room; 0 for a standing robot, which is not moved.
 
     Raises:
-        MotionError: a joint answers with the wrong sign, at another encoder, or not at all.
+        MotionError: a joint responds with the wrong sign, at another encoder, or not at all.
     """
     standing = take_over(platform, robot, stance)
     if standing.target.legs:
@@ -62,16 +61,16 @@ def check_joints(platform: Platform, robot: RobotModel, stance: Stance) -> int:
         for share in _GAINS:
             if refusal := judge_hold(hold(standing, stance, share), standing.target.joint_position):
                 raise refusal
-    answered = sum(_answers(standing, joint) for joint in range(len(robot.joint_names)))
+    responded = sum(_responds(standing, joint) for joint in range(len(robot.joint_names)))
     standing.take()
-    return answered
+    return responded
 
 
-def _answers(standing: StandingRobot, joint: int) -> bool:
-    """Step with one joint, either way and farther, until it answers: on a robot that lies the floor may hold the foot.
+def _responds(standing: StandingRobot, joint: int) -> bool:
+    """Step with one joint, by growing angles to either side, until it responds: the floor may block the foot.
 
     Returns:
-        whether it answered; False: its limits and other links leave it no room.
+        True if it responded; False if its limits and other links leave it no room.
     """
     robot, here, refusal = standing.robot, standing.target.joint_position[joint], None
     leg = next(leg.joints for leg in robot.legs.values() if joint in leg.joints)
@@ -88,7 +87,7 @@ def _answers(standing: StandingRobot, joint: int) -> bool:
 
 
 def sink(standing: StandingRobot) -> None:
-    """Let the joints only resist being moved, until the belly of a robot that crouches carries it."""
+    """Damp the joints without position control until a crouching robot lies on its belly."""
     for _ in range(_LIMP_TIMES):
         moved = standing.play(standing.motion().phase(Phase.LIE).hold_limp(_LIMP_TIME)).joints.position
         if np.abs(moved[-1] - moved[0]).max() < _STILL:
@@ -96,13 +95,13 @@ def sink(standing: StandingRobot) -> None:
 
 
 def hold(standing: StandingRobot, stance: Stance, share: float) -> Recording:
-    """Hold the joint positions with a share of the usual gains: a joint whose command has the wrong sign moves gently."""
+    """Hold the joint positions with a fraction of the usual gains: a joint with the wrong sign moves gently."""
     kp, kd = (np.full(len(standing.robot.joint_names), gain) for gain in standing.robot.gains(stance.hip_height))
     return standing.play(standing.motion().with_gains(share * kp, kd).hold(_STEP_TIME))
 
 
 def judge_hold(recording: Recording, target: FloatArray) -> MotionError | None:
-    """Return why a robot is refused that was commanded to hold (nj,) joint positions [rad]; None: it held them."""
+    """Return the error of a robot that did not hold (nj,) joint positions [rad]; None if it did."""
     moved = recording.joints.position[-1] - target
     worst = int(np.argmax(np.abs(moved)))
     if abs(moved[worst]) <= _YIELD:
@@ -120,32 +119,32 @@ def step_joint(standing: StandingRobot, joint: int, angle: float) -> Recording:
 
 
 def judge_step(recording: Recording, joint: int, angle: float, leg: Collection[int] = ()) -> MotionError | None:
-    """Return why a joint did not answer to an angle [rad]; None: its own encoder followed, and farther than other legs'.
+    """Return the error of a joint that did not respond to an angle [rad]; None if its encoder moved farthest.
 
-    Where the floor holds the foot, the other joints of its leg, whose indices `leg` holds, may move farther.
+    If the floor blocks the foot, the other joints of its leg, with indices `leg`, may move farther.
     """
     before, during = (recording.phase(name).joints.position for name in (Phase.BEFORE, Phase.REST))
     moved = during[len(during) // 2 :].mean(axis=0) - before.mean(axis=0)
     largest = int(np.argmax(np.abs(moved)))
-    if largest in (joint, *leg) and moved[joint] / angle > _ANSWER:
+    if largest in (joint, *leg) and moved[joint] / angle > _RESPONSE:
         return None
-    if abs(moved[largest]) < _ANSWER * abs(angle):
-        cause = "no joint answered; its motor is off, or the leg is blocked"
+    if abs(moved[largest]) < _RESPONSE * abs(angle):
+        cause = "no joint responded; its motor is off, or the leg is blocked"
     elif largest != joint:
-        cause = f"{recording.joint_names[largest]!r} answered; the order of joints is wrong, or legs are exchanged"
+        cause = f"{recording.joint_names[largest]!r} responded; the order of joints is wrong, or legs are exchanged"
     else:
         cause = "the sign of the joint is wrong"
     return _refused(recording, joint, angle, moved, cause)
 
 
 def turn_base(standing: StandingRobot, stance: Stance) -> tuple[Recording, tuple[Axis, ...]]:
-    """Turn the base of a robot at its stance by 3 deg about each axis to either side, over feet that stay.
+    """Turn the base of a standing robot by 3 deg about each axis to either side, with all feet on the floor.
 
     Returns:
-        recording with the phases move and rest in turn, rest first; and the axes about which the feet allow it.
+        recording with alternating phases rest and move, and the axes about which the base turned.
 
     Raises:
-        ReachError: the feet allow no turn in roll or pitch.
+        ReachError: no turn in roll or pitch is within reach.
     """
     robot, motion = standing.robot, standing.motion().phase(Phase.REST).hold(2 * REST_TIME)
     reachable: dict[Axis, float] = {
@@ -179,7 +178,7 @@ def find_orientation(robot: RobotModel, recording: Recording) -> Orientation:
     """Find the orientation of the IMU from turns of the base.
 
     Raises:
-        MotionError: the gyroscope contradicts the joints; names the wirings that explain it.
+        MotionError: the gyroscope contradicts the joints; the message lists the wirings that explain it.
     """
     candidates = wirings(robot)
     model = fit_orientation(robot, recording, next(candidates))
@@ -193,7 +192,9 @@ def find_orientation(robot: RobotModel, recording: Recording) -> Orientation:
     alike = sorted((other for other in others if other.residual < _ALIKE * best), key=lambda other: other.residual)
     causes = [f"{other.wiring.cause} (residual {other.residual:.0%})" for other in alike[:_NAMED]]
     likely = (
-        " or ".join(causes) if explained else "a foot slipped or hangs, or the signs or the order of joints are wrong"
+        " or ".join(causes)
+        if explained
+        else "a foot slipped or is in the air, or the signs or the order of joints are wrong"
     )
     raise MotionError(
         f"the gyroscope contradicts the joints: the base was turned over four feet, and the residual is {model.residual:.0%} "
@@ -207,11 +208,11 @@ def find_orientation(robot: RobotModel, recording: Recording) -> Orientation:
 def check_base(
     standing: StandingRobot, stance: Stance, joints: int, confirm: Callable[[str], bool] | None
 ) -> ResponseTest:
-    """Turn the base over four feet and measure the orientation of the IMU; from then on the robot has the confirmed one.
+    """Turn the base over four feet, measure the orientation of the IMU, and use it in the robot model if it is confirmed.
 
     Args:
-        joints: number of joints that answered before.
-        confirm: function that asks the operator a question. None: there is no operator.
+        joints: number of joints that responded before.
+        confirm: function that asks the operator a question; None without an operator.
 
     Raises:
         MotionError: the gyroscope contradicts the joints, or the orientation differs from the model's and is not confirmed.
@@ -226,8 +227,8 @@ def check_base(
     message = f"{test.orientation}, {np.degrees(test.angle):.1f} deg from the model's ({source})"
     if confirm is None or not confirm(f"{message}. Is the measured orientation right? It is then used for this run."):
         raise MotionError(
-            f"{message}; not confirmed, and no foot was lifted. If the measurement is right: {rpy_flag(found.rotation)} "
-            "(imu_rpy in a robot description); else examine its mounting",
+            f"{message}; not confirmed, and no foot was lifted. If the measurement is right, use {rpy_flag(found.rotation)} "
+            "(imu_rpy in a robot configuration); if not, examine its mounting",
             (recording,),
             to_json(test),
         )
@@ -245,7 +246,7 @@ def _refused(recording: Recording, joint: int, commanded: float, moved: FloatArr
         name: round(float(angle), 2) for name, angle in zip(recording.joint_names, np.degrees(moved), strict=True)
     }
     return MotionError(
-        f"joint {recording.joint_names[joint]!r} was commanded by {np.degrees(commanded):+.1f} deg, and encoders moved by "
+        f"joint {recording.joint_names[joint]!r} was commanded by {np.degrees(commanded):+.1f} deg; encoders moved by "
         f"{', '.join(f'{name} {angle:+.1f}' for name, angle in degrees.items())} deg: {cause}. No foot was lifted. "
         "Correct the joint map, then run 'equipoise doctor'",
         (recording,),

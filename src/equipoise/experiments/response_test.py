@@ -1,4 +1,4 @@
-"""Result of the response test: whether joints and gyroscope answered as the model predicts."""
+"""Result of the response test of joints and gyroscope."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ class ResponseTest:
     """Result of a response test that the robot passed.
 
     Attributes:
-        joints: number of joints that answered one by one while the robot lay; 0: it stood, or links had no room.
+        joints: number of joints that responded one by one while the robot lay; 0 if it stood or had no room.
         axes: axes about which the base turned over four feet: "roll", "pitch", "yaw".
         residual: difference between predicted and measured rotations of the base, RMS, as a fraction of the rotations.
         measured_rpy: measured orientation of the IMU in the base frame, roll pitch yaw [rad].
         std: standard deviation of the measured orientation about its least certain axis [rad].
         model_rpy: orientation of the IMU according to the model [rad].
-        uses_measurement: whether the run uses the measured orientation; False: the model's.
+        uses_measurement: True if the run uses the measured orientation; False if it uses the model's.
     """
 
     COMPUTED: ClassVar = ("angle",)
@@ -46,11 +46,11 @@ class ResponseTest:
 
     @property
     def message(self) -> str:
-        """Joints that answered, the measured orientation of the IMU, and the orientation that is used."""
+        """Number of joints that responded, measured orientation of the IMU, and orientation in use."""
         joints = (
-            f"{self.joints} joints answered one by one"
+            f"{self.joints} joints responded one by one"
             if self.joints
-            else "no joint was tested alone, the robot stood or had no room"
+            else "no joint was tested alone, because the robot stood or had no room"
         )
         used = "the measured orientation is used" if self.uses_measurement else "the model's is used"
         return (

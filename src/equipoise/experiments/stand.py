@@ -1,4 +1,4 @@
-"""How a routine begins and ends: up from wherever the robot is, and gently back; and how it lies down in between."""
+"""Motions at the beginning and end of a routine: standing up, returning, and lying down."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ _SPEED_RATIO = 0.35  # leg lengths a second, for feet that carry the robot up or
 _SHORTEST = 0.5  # [s]
 _BEFORE_STOP = 0.003  # of a joint's range
 _FOLDING_SPEED = 0.6  # [rad/s], mean
-_ELSEWHERE_RATIO = 0.15  # of the leg length: a robot whose feet are farther from its stance ends where it began
+_ELSEWHERE_RATIO = 0.15  # of the leg length: a robot whose feet are farther from its stance returns to them
 
 
 def stand_up(platform: Platform, robot: RobotModel, stance: Stance) -> tuple[StandingRobot, FloatArray]:
-    """From where the joints are to the nominal stance, the feet on straight lines in the base frame.
+    """Move from the present joint positions to the nominal stance, with feet on straight lines in the base frame.
 
     Returns:
-        the planted robot, and the (4, 3) feet in the base frame to end with: those over which it lies if it lay, those that
-        it began with if it stood elsewhere, else the stance's.
+        the standing robot, and the (4, 3) feet in the base frame to end with [m]: those over which it lies if it lay, the
+        initial ones if it stood elsewhere, else the stance's.
 
     Raises:
         SettingsError: the platform's joints are not the robot's.
-        ReachError: the way is out of the legs' reach.
+        ReachError: the path is out of the legs' reach.
     """
     standing = take_over(platform, robot, stance)
     if not standing.target.legs:
@@ -46,7 +46,7 @@ def stand_up(platform: Platform, robot: RobotModel, stance: Stance) -> tuple[Sta
 
 
 def take_over(platform: Platform, robot: RobotModel, stance: Stance) -> StandingRobot:
-    """Return the robot as it stands or lies, its present joint positions as its targets; nothing is sent.
+    """Return the standing or lying robot with its present joint positions as targets; no command is sent.
 
     Raises:
         SettingsError: the platform's joints are not the robot's.
@@ -62,19 +62,16 @@ def take_over(platform: Platform, robot: RobotModel, stance: Stance) -> Standing
 
 
 def before_stops(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
-    """Joint positions that may be commanded.
-
-    A robot that lies limp hangs in its joints' stops, and its encoders' zeros are off.
-    """
+    """Return joint positions within the limits: a limp robot rests on its joint stops, and encoders have offsets."""
     inside = _BEFORE_STOP * (robot.upper_limit - robot.lower_limit)
     return np.clip(joint_position, robot.lower_limit + inside, robot.upper_limit - inside)
 
 
 def lie_down(standing: StandingRobot, stance: Stance, trial: RecordedTrial | None = None) -> Recording:
-    """Bring the body down over its feet, until the legs carry nothing. Phase: lie.
+    """Lower the body over its feet until the legs carry no load. Phase: lie.
 
     Args:
-        trial: trial that this begins, if it begins one.
+        trial: trial that begins with this motion, or None.
     """
     robot = standing.robot
     folded, _ = lying_posture(robot, stance)
@@ -85,10 +82,10 @@ def lie_down(standing: StandingRobot, stance: Stance, trial: RecordedTrial | Non
 
 
 def rise(standing: StandingRobot, stance: Stance) -> FloatArray:
-    """Fold the legs under the lying robot, joint by joint; take its weight on them; stand up.
+    """Fold the legs under the lying robot, load them, and stand up.
 
     Returns:
-        the (4, 3) feet in the base frame over which it lies.
+        the (4, 3) feet in the base frame over which it lies [m].
     """
     robot = standing.robot
     folded, _ = lying_posture(robot, stance)
@@ -100,7 +97,7 @@ def rise(standing: StandingRobot, stance: Stance) -> FloatArray:
 
 
 def move_to(standing: StandingRobot, feet_in_base: FloatArray) -> None:
-    """Move the feet in the base frame slowly enough for feet that carry the robot; nothing of it is kept."""
+    """Move the feet in the base frame slowly enough to carry the robot; the recording is discarded."""
     _move(standing, feet_in_base)
     standing.take()
 
@@ -111,6 +108,6 @@ def _move(standing: StandingRobot, feet_in_base: FloatArray) -> None:
 
 
 def _carrying_time(standing: StandingRobot, feet_in_base: FloatArray) -> float:
-    """[s]."""
+    """Return the duration of a motion of feet that carry the robot [s]."""
     distance = float(np.linalg.norm(feet_in_base - standing.target.feet_in_base, axis=1).max())
     return max(_SHORTEST, 2 * distance / (_SPEED_RATIO * standing.robot.leg_length))

@@ -1,4 +1,4 @@
-"""A robot that stands on its feet and is moved: what was sent last, and what was recorded since."""
+"""Standing robot under command: its last targets and its current recordings."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _PEAK_OF_SMOOTH_STEP = 5.77  # peak acceleration of a minimum-jerk move of unit 
 
 
 class StandingRobot:
-    """A robot on four feet under command: the platform, where it was last sent, and its feet in the nominal stance.
+    """Robot on four feet under command, with its platform, last target and nominal feet.
 
-    What was recorded since the last `take` is held, so that an interruption loses none of it.
+    Recordings since the last `take` are stored, so that an interruption does not lose them.
 
     Attributes:
-        keep: function called with every recording as soon as its motion is complete, before anybody judges it.
-        told: function that says whether somebody at the robot has said that what was asked is done; None: nobody is there.
+        keep: function called with every recording as soon as its motion is complete, before it is evaluated.
+        told: function that returns True once the operator has confirmed the requested action; None without an operator.
     """
 
     def __init__(self, platform: Platform, robot: RobotModel, target: Target, home: FloatArray) -> None:
@@ -36,24 +36,24 @@ class StandingRobot:
         self.keep: Callable[[Recording], None] = lambda recording: None
         self.told: Callable[[], bool] | None = None
         self._recorded: list[Recording] = []
-        self._trials = 0  # begun so far; the number of each is its id
-        self._trial: int | None = None  # the present one, from its beginning until its recording is made
+        self._trials = 0  # number of trials so far, and id of the last one
+        self._trial: int | None = None  # id of the present trial, until its recording is complete
         self._clearance = Clearance(robot, target.joint_position)
 
     def start_from(self, target: Target) -> None:
-        """The robot was moved by somebody else meanwhile."""
+        """Set the target of a robot that was moved by hand."""
         self.target = target
         self._clearance.begin(target.joint_position)
 
     def motion(self) -> Motion:
-        """A new motion from where the robot was last sent."""
+        """Return a new motion from the last target."""
         return Motion(self.robot, self.platform.control_period, self.target)
 
     @staticmethod
     def move_time(
         feet_in_base: FloatArray, start: FloatArray, least: float, acceleration: float = _PLANTED_ACCELERATION
     ) -> float:
-        """How long to take for a move over planted feet, so that it does not tip the robot over [s]."""
+        """Return the duration of a stance motion that does not tip the robot over [s]."""
         distance = float(np.linalg.norm(feet_in_base - start, axis=1).max())
         return max(least, float(np.sqrt(_PEAK_OF_SMOOTH_STEP * distance / acceleration)))
 
@@ -61,7 +61,7 @@ class StandingRobot:
         """Play a motion; the next one starts where this one ended or was stopped.
 
         Raises:
-            ReachError: links would touch; nothing is moved.
+            ReachError: links would touch; the robot does not move.
         """
         trajectory = motion.build()
         self._check_clear(trajectory)
@@ -88,17 +88,17 @@ class StandingRobot:
 
     def _check_clear(self, trajectory: Trajectory) -> None:
         if (contact := self._clearance.first_contact(trajectory.position)) is not None:
-            raise ReachError(f"{contact}: the motion is not made")
+            raise ReachError(f"{contact}; the robot was not moved")
 
     def finish(self) -> Recording:
-        """Keep what was recorded since the last call as one recording, and return it."""
+        """Pass the recordings since the last call to `keep` as one, and return it."""
         recording = self._whole()
         self.keep(recording)
         self._recorded, self._trial = [], None
         return recording
 
     def take(self) -> Recording | None:
-        """Return what was recorded since the last call as one recording; None if that is nothing."""
+        """Return the recordings since the last call as one; None without any."""
         whole = self._whole() if self._recorded else None
         self._recorded, self._trial = [], None
         return whole

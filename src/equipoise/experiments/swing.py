@@ -1,6 +1,4 @@
-"""Joints that swing in the air, which tells motors apart: all at once, the legs of a lying robot turned up; or leg by leg, the
-robot on its other three feet.
-"""
+"""Swing trials that identify the motors: all legs of a lying robot at once, or one leg at a time on three feet."""
 
 from __future__ import annotations
 
@@ -23,10 +21,10 @@ from equipoise.robot.stance import Stance
 
 _FREQUENCIES = (0.5, 0.85, 1.4, 2.3, 3.7, 6.0)  # [Hz] on an A1
 RAMP_TIME = 0.5
-"""In which a swing grows and in which it fades [s] on an A1."""
+"""Time in which a swing grows, and in which it fades, on an A1 [s]."""
 _RAISING_SPEED = 1.0  # [rad/s], mean
 _SHORTEST, _REST = 1.0, 0.4  # [s]
-# Of a robot on three feet, on an A1 [s]: the body is slow between its stances, and waits until it is still.
+# On three feet, on an A1 [s]: the body moves slowly between its stances, and then waits until it is still.
 _SHIFT_TIME, _UNLOAD_TIME, _LIFT_TIME = 1.0, 0.2, 0.6
 _RAMP_ON_THREE = 0.25
 
@@ -58,7 +56,7 @@ def swing_leg(standing: StandingRobot, stance: Stance, up: OneLegUp, duration: f
     Phases: move, settle, unload, lift, rest, ramp, swing, end, lower.
 
     Args:
-        up: the leg, and where the robot is meanwhile.
+        up: leg and posture of the robot.
         duration: time of the steady part [s].
 
     Raises:
@@ -78,7 +76,7 @@ def swing_leg(standing: StandingRobot, stance: Stance, up: OneLegUp, duration: f
 
 
 def _trial(standing: StandingRobot, stance: Stance, leg: str | None = None) -> MotorTrial:
-    """With the gains of the joints that swing, if the platform takes any."""
+    """Return the trial, with the gains of the swinging joints if the platform accepts gains."""
     if "gains" not in standing.platform.accepts:
         return MotorTrial(leg=leg)
     kp, kd = standing.robot.gains(stance.hip_height)
@@ -88,13 +86,13 @@ def _trial(standing: StandingRobot, stance: Stance, leg: str | None = None) -> M
 def _swing(
     standing: StandingRobot, stance: Stance, joints: Sequence[int], swing: FloatArray, duration: float, ramp: float
 ) -> Motion:
-    """Let go of the joints' torques, swing them with soft gains, and wait until nothing swings any more.
+    """Fade out the joints' torques, swing them with soft gains, and wait until the motion has decayed.
 
     Args:
-        joints: indices of the joints that swing; the others stand, with gains of their own.
+        joints: indices of the joints that swing; the others keep the platform's gains.
         swing: (nj,) angles to either side [rad].
         duration: time of the steady part [s].
-        ramp: time in which it grows, and in which it fades, on an A1 [s].
+        ramp: time in which the swing grows, and in which it fades, on an A1 [s].
     """
     robot, period, motion = standing.robot, standing.platform.control_period, standing.motion()
     if "gains" in standing.platform.accepts:
@@ -111,14 +109,14 @@ def _swing(
 
 
 def swing_time(robot: RobotModel, stance: Stance, duration: float) -> float:
-    """Robot time of `swing_legs`, roughly [s]."""
+    """Return the approximate robot time of `swing_legs` [s]."""
     up, around = legs_up(robot, stance), 4.0 * stance.scale.time  # lying down, standing up
     turning = sum(_turning_time(before, after) for before, after in pairwise((up.folded, *up.way)))
     return duration + 2 * (RAMP_TIME * stance.scale.time + _REST + turning) + around
 
 
 def swing_time_on_three(robot: RobotModel, stance: Stance, duration: float) -> float:
-    """Robot time of `swing_leg` of all legs, roughly; `duration` is what they swing for together [s]."""
+    """Return the approximate robot time of `swing_leg` for all legs [s]; `duration` is their total swing time."""
     ups, least = legs_in_turn(robot, stance), LiftSettings.of(stance, 0.0)
     places = (stance.feet_in_base, *(up.feet for up in ups), stance.feet_in_base)
     shifting = sum(_shift_time(stance, before, after) for before, after in pairwise(places))
@@ -129,13 +127,13 @@ def swing_time_on_three(robot: RobotModel, stance: Stance, duration: float) -> f
 def swing_angles(
     robot: RobotModel, stance: Stance, swing: FloatArray, time: FloatArray, ramp: float = RAMP_TIME
 ) -> FloatArray:
-    """(n, nj) angles at (n,) times, which end when the swing does [rad].
+    """Return (n, nj) swing angles at (n,) times, the last of which ends the swing [rad].
 
-    Each joint swings by six sines, faster ones less far, with phases of its own, scaled to what there is room for.
+    Each joint's swing is a sum of six sines with distinct phases and amplitudes that decrease with frequency.
 
     Args:
-        swing: (nj,) angles to either side [rad].
-        ramp: time in which it grows, and in which it fades, on an A1 [s].
+        swing: (nj,) largest angles to either side [rad].
+        ramp: time in which the swing grows, and in which it fades, on an A1 [s].
     """
     frequencies = np.array(_FREQUENCIES) / stance.scale.time
     order = np.arange(1, len(frequencies) + 1)
@@ -155,10 +153,10 @@ def _turn_legs(standing: StandingRobot, phase: str, start: FloatArray, way: tupl
 
 
 def _turning_time(before: FloatArray, after: FloatArray) -> float:
-    """[s]."""
+    """Return the duration of a joint motion [s]."""
     return max(_SHORTEST, float(np.abs(after - before).max()) / _RAISING_SPEED)
 
 
 def _shift_time(stance: Stance, before: FloatArray, after: FloatArray) -> float:
-    """[s]."""
+    """Return the duration of a stance motion [s]."""
     return StandingRobot.move_time(after, before, _SHIFT_TIME * stance.scale.time)

@@ -1,4 +1,4 @@
-"""What a lift trial says: which way the robot tipped, and where the support plane was in the base frame.
+"""Evaluation of a lift trial: direction of the tilt, and support plane in the base frame.
 
 Conventions: a support line runs through the contact points of the two stance feet; its direction l points to the robot's
 left, and its normal n = l x up points forward. A positive turn about l is tipping forward: the CoM is ahead of the line.
@@ -27,14 +27,14 @@ _LAST = 0.02  # [s] at the end of a trial, over which the encoders are averaged
 
 @dataclass(frozen=True)
 class Tilt:
-    """How the robot turned while two feet were up.
+    """Rotation of the robot while two feet were up.
 
     Attributes:
         about_line: rotation of the CoM about l [rad]; positive: the robot tipped forward.
-        across_line: size of the base's rotation about the normal [rad]; a robot on a line hardly turns that way.
-        verdict: outcome, "forward" or "backward", or "balanced" if it turned by less than the threshold.
-        rise: height by which the lifted feet rose above the standing ones, by the encoders [m].
-        lifted: whether that is at least half of what they were sent; a robot whose feet stay down is not balanced.
+        across_line: size of the base's rotation about the normal [rad], which is small for a robot on a line.
+        verdict: "forward", "backward", or "balanced" if the rotation is below the threshold.
+        rise: height of the lifted feet above the standing ones, from the encoders [m].
+        lifted: True if `rise` is at least half of the commanded height; otherwise the robot is not balanced.
     """
 
     about_line: float
@@ -46,7 +46,7 @@ class Tilt:
 
 @dataclass(frozen=True, eq=False)
 class SupportPlane:
-    """The plane that holds a support line and gravity, in the base frame. A balanced robot's CoM lies in it.
+    """Plane through a support line and along gravity, in the base frame. It contains the CoM of a balanced robot.
 
     Attributes:
         point: (3,) point on the line in the base frame, midway between the contact points [m].
@@ -57,26 +57,26 @@ class SupportPlane:
     normal: FloatArray
 
     def distance_to(self, com_in_base: FloatArray) -> float:
-        """Signed distance of a CoM from the plane [m]; positive: ahead of it, the robot tips forward."""
+        """Return the signed distance of a CoM from the plane [m]; positive: ahead of it, the robot tips forward."""
         return float(self.normal @ (com_in_base - self.point))
 
     def moved(self, distance: float) -> SupportPlane:
-        """The plane so far ahead [m]."""
+        """Return the plane moved forward by a distance [m]."""
         return SupportPlane(self.point + distance * self.normal, self.normal)
 
     def towards(self, other: SupportPlane, share: float) -> SupportPlane:
-        """The plane between this one and another that is nearly parallel: at 0 this one, at 1 the other."""
+        """Interpolate between this plane (share 0) and another that is nearly parallel (share 1)."""
         normal = (1 - share) * self.normal + share * other.normal
         return SupportPlane((1 - share) * self.point + share * other.point, normal / np.linalg.norm(normal))
 
 
 @dataclass(frozen=True, eq=False)
 class RestMeans:
-    """What the sensors say of a robot at rest.
+    """Mean sensor readings of a robot at rest.
 
     Attributes:
         joint_position: (nj,) mean joint positions [rad].
-        up_in_base: (3,) unit vector against gravity in base axes, by the accelerometer.
+        up_in_base: (3,) unit vector against gravity in base axes, from the accelerometer.
         gyro_bias: (3,) mean angular velocity in the IMU frame [rad/s].
     """
 
@@ -86,21 +86,21 @@ class RestMeans:
 
 
 def rest_of(robot: RobotModel, recording: Recording, phase: str = "rest") -> RestMeans:
-    """Means over a phase in which nothing moves; raises what `still_means` raises."""
+    """Return the means over a phase at rest; raises as `still_means`."""
     return still_means(robot, recording.phase(phase))
 
 
 def still_means(robot: RobotModel, still: Recording) -> RestMeans:
-    """Means over a recording in which nothing moves.
+    """Return the means over a recording at rest.
 
     Raises:
-        RecordingError: the accelerometer does not read about GRAVITY.
+        RecordingError: the accelerometer's magnitude is far from GRAVITY.
     """
     acceleration = still.imu.acceleration_in_imu.mean(axis=0)
     size = float(np.linalg.norm(acceleration))
     if not ACCELERATION_AT_REST[0] < size < ACCELERATION_AT_REST[1]:
         raise RecordingError(
-            f"the accelerometer reads {size:.3g} at rest; it must read about {GRAVITY}, in m/s2 (is it in units of g?)"
+            f"the accelerometer reads {size:.3g} at rest; it must read about {GRAVITY} m/s2 (is it in units of g?)"
         )
     rotation_imu_to_base = np.array(robot.imu_in_base.rotation)
     return RestMeans(
@@ -111,16 +111,16 @@ def still_means(robot: RobotModel, still: Recording) -> RestMeans:
 
 
 def tilt_of(robot: RobotModel, recording: Recording, trial: CommandedLift) -> Tilt:
-    """Which way the robot tipped in a lift trial.
+    """Return the tilt of the robot in a lift trial.
 
-    On soft legs the base turns by two degrees when two feet lift, whichever way the robot then tips. So what counts is how
-    the CoM of the leg model turned about the line, from rest until the feet came down: encoders give the posture, the
-    gyroscope (less its mean at rest) the attitude.
+    On soft legs the base rotates by two degrees when two feet lift, independent of the tilt. The tilt is therefore the
+    rotation of the leg model's CoM about the line, from rest until the feet are lowered. Encoders give the posture; the
+    gyroscope, minus its mean at rest, gives the attitude.
 
     Args:
         robot: the robot.
-        recording: recording with phases "rest", "unload" and "lower"; the robot tips in between.
-        trial: trial that was commanded.
+        recording: recording with phases "rest", "unload" and "lower"; the robot tips between the last two.
+        trial: commanded trial.
     """
     rest = rest_of(robot, recording)
     lifted = recording.phase(Phase.UNLOAD, until=Phase.LOWER)
@@ -140,7 +140,7 @@ def tilt_of(robot: RobotModel, recording: Recording, trial: CommandedLift) -> Ti
 
 
 def tilt_curve(robot: RobotModel, recording: Recording, diagonal: str, points: int) -> tuple[FloatArray, FloatArray]:
-    """How the robot tipped while two feet were up: what `tilt_of` judges the end of, over time.
+    """Return the rotation about the support line over time, whose end is the result of `tilt_of`.
 
     Args:
         recording: recording with phases "rest", "unload" and "lower".
@@ -167,12 +167,11 @@ def tilt_curve(robot: RobotModel, recording: Recording, diagonal: str, points: i
 
 
 def support_plane_of(robot: RobotModel, recording: Recording, diagonal: str, stance: FloatArray) -> SupportPlane:
-    """The support plane of a lift trial, carried to the nominal stance, as the robot's own sensors place it.
+    """Return the measured support plane of a lift trial, transferred to the nominal stance.
 
-    Feet come from the encoders at rest, just before the lift, through forward kinematics; gravity from the accelerometer
-    at rest. That posture counts, not the lifted one: the legs move within a fifth of a second, and in so short a time
-    hardly any force moves the CoM over the floor, whatever the joints do. The trial's posture is not the nominal stance,
-    so that its CoM is elsewhere in the base frame: the plane is moved by how far the leg model says.
+    Feet are computed from the encoders at rest before the lift, and gravity from the accelerometer. The lifted posture is
+    not used: the legs move within a fifth of a second, in which the CoM hardly moves over the floor. The trial's posture
+    differs from the nominal stance, so the plane is moved by the difference of the leg model's CoMs.
 
     Args:
         diagonal: diagonal that the robot stood on.
@@ -185,21 +184,21 @@ def support_plane_of(robot: RobotModel, recording: Recording, diagonal: str, sta
 
 
 def _rise(robot: RobotModel, before: FloatArray, after: FloatArray, up_in_base: FloatArray, diagonal: str) -> float:
-    """How far the feet off the diagonal rose above those on it [m]."""
+    """Return the rise of the feet off the diagonal relative to those on it [m]."""
     rose = (foot_positions(robot, after) - foot_positions(robot, before)) @ up_in_base
     standing = np.array([leg in DIAGONALS[diagonal] for leg in LEG_NAMES])
     return float(rose[~standing].mean() - rose[standing].mean())
 
 
 def _lean(robot: RobotModel, joint_position: FloatArray, up_in_base: FloatArray, diagonal: str) -> tuple[float, float]:
-    """How far the model's CoM is ahead of the line, and how high above it [m]."""
+    """Return the distance of the model's CoM ahead of the line, and its height above the line [m]."""
     _, normal, point = line_axes(robot, joint_position, up_in_base, diagonal)
     arm = composite_parameters(robot, joint_position).com - point
     return float(arm @ normal), float(arm @ up_in_base)
 
 
 def _turned(robot: RobotModel, recording: Recording, rest: RestMeans) -> FloatArray:
-    """(3,) integrated angular velocity in the base frame [rad]; small rotations."""
+    """Return the (3,) integral of the angular velocity in the base frame [rad], for small rotations."""
     imu = recording.imu
     turning = (imu.angular_velocity_in_imu - rest.gyro_bias) @ np.array(robot.imu_in_base.rotation).T
     return np.sum((turning[1:] + turning[:-1]) / 2 * np.diff(imu.time)[:, None], axis=0)
@@ -208,7 +207,7 @@ def _turned(robot: RobotModel, recording: Recording, rest: RestMeans) -> FloatAr
 def line_axes(
     robot: RobotModel, joint_position: FloatArray, up_in_base: FloatArray, diagonal: str
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Left direction l, forward normal n and midpoint of a support line, in the base frame.
+    """Return the left direction l, forward normal n and midpoint of a support line, in the base frame.
 
     Args:
         joint_position: (nj,) joint positions [rad].

@@ -1,7 +1,7 @@
-"""A robot that lies is turned to face the other way: by somebody who then says so, or by its simulator.
+"""Rotation of a lying robot by 180 deg, by the operator or by the simulator.
 
-Its joints only resist being moved meanwhile. It is one motion, which ends when somebody says so: the gyroscope is recorded
-all the time, and what is decided afterwards depends on the recording alone.
+The joints are damped without position control. The motion ends when the operator confirms. The gyroscope is recorded
+throughout, and later decisions depend on the recording alone.
 """
 
 from __future__ import annotations
@@ -17,16 +17,15 @@ from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.stance import Stance, lies
 
-_PATIENCE = 120.0  # [s] for somebody who turns it
-_SIMULATED = 2.0  # [s] that a simulator takes
+_PATIENCE = 120.0  # [s] for the operator
+_SIMULATED = 2.0  # [s] for a simulator
 
 
 def check_turn(standing: StandingRobot) -> None:
-    """Refuse where nobody is there to turn the robot (SettingsError)."""
+    """Raise SettingsError if neither simulator nor operator can turn the robot."""
     if TURNS not in standing.platform.accepts and standing.told is None:
         raise SettingsError(
-            "somebody has to turn the robot and say when it is done, and nobody is asked: give `told` to calibrate(), or "
-            "leave the turn out"
+            "an operator has to turn the robot and confirm it: give `told` to calibrate(), or omit `rotate_halfway`"
         )
 
 
@@ -34,21 +33,21 @@ def be_turned(standing: StandingRobot, stance: Stance) -> Recording:
     """Wait until the lying robot was turned. Phase: turn.
 
     Raises:
-        MotionError: nobody said in time that it was, or it does not lie any more.
+        MotionError: the operator did not confirm in time, or the robot no longer lies.
     """
-    by_itself = TURNS in standing.platform.accepts
-    said = None if by_itself else TiltLimit(math.inf, (0.0, 0.0, 0.0), told=standing.told)
-    motion = standing.motion().phase(Phase.TURN).hold_limp(_SIMULATED if by_itself else _PATIENCE)
-    recording = standing.play(motion, said)
-    if not by_itself and (recording.commands is None or recording.commands.time.size == motion.count):
+    simulated = TURNS in standing.platform.accepts
+    confirmed = None if simulated else TiltLimit(math.inf, (0.0, 0.0, 0.0), told=standing.told)
+    motion = standing.motion().phase(Phase.TURN).hold_limp(_SIMULATED if simulated else _PATIENCE)
+    recording = standing.play(motion, confirmed)
+    if not simulated and (recording.commands is None or recording.commands.time.size == motion.count):
         raise MotionError(
-            f"nobody said within {_PATIENCE:.0f} s that the robot was turned; resume the run when somebody is there",
+            f"the rotation of the robot was not confirmed within {_PATIENCE:.0f} s; resume the run with an operator present",
             (recording,),
         )
     here = before_stops(standing.robot, recording.joints.position[-1])
     if not lies(standing.robot, stance, here):
         raise MotionError(
-            "the robot does not lie any more: its legs hang or stand. Put it on its belly before you say that it is turned",
+            "the robot no longer lies: its legs hang or stand. Put it on its belly before you confirm the rotation",
             (recording,),
         )
     standing.start_from(Target.lying(standing.robot, here))
