@@ -1,4 +1,4 @@
-"""Links that are held apart: what shapes they have, how near they come, and that looking seldom misses nothing."""
+"""Distances between links: shapes, contacts, and few distance computations without missed contacts."""
 
 import coal
 import numpy as np
@@ -37,7 +37,7 @@ def way(start, end, count=150):
     return start + np.linspace(0, 1, count)[:, None] * (end - start)
 
 
-def test_where_it_stands_and_lies_a_robot_is_clear_of_itself(a1, home):
+def test_the_standing_and_lying_postures_have_no_contact(a1, home):
     assert contact_in(a1, home) is None
     assert contact_in(a1, lying_posture(a1, nominal_stance(a1))[0]) is None
     assert pairs_of(a1).left_out == ()
@@ -53,8 +53,8 @@ def test_legs_that_cross_are_named(a1, home):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_whatever_is_gone_through_nothing_touches(a1, home, seed):
-    """Against looking at every posture, on ways all over the joints' ranges, most of which end in a contact."""
+def test_no_contact_is_missed(a1, home, seed):
+    """The reference checks every posture, on random paths that mostly end in a contact."""
     random = np.random.default_rng(seed)
     pairs = pairs_of(a1)
     target = home + 0.7 * (random.uniform(a1.lower_limit, a1.upper_limit) - home)
@@ -71,16 +71,16 @@ def test_whatever_is_gone_through_nothing_touches(a1, home, seed):
     assert (at_once is None) == (gone == len(positions))
 
 
-def test_it_looks_seldom(a1, home, monkeypatch):
-    clearance, looks = Clearance(a1, home), []
-    look = clearance._look
-    monkeypatch.setattr(clearance, "_look", lambda *where: looks.append(where) or look(*where))
+def test_few_distances_are_computed(a1, home, monkeypatch):
+    clearance, checks = Clearance(a1, home), []
+    check = clearance._check_due
+    monkeypatch.setattr(clearance, "_check_due", lambda *at: checks.append(at) or check(*at))
     crouched, _ = lying_posture(a1, nominal_stance(a1))
     assert clearance.first_contact(way(home, crouched, 2000)) is None
-    assert len(looks) < 150
+    assert len(checks) < 150
 
 
-def test_what_touches_at_first_may_part_and_not_touch_more(a1, home):
+def test_links_that_touch_initially_may_separate_but_not_come_nearer(a1, home):
     crossed = with_joints(a1, FL_hip_joint=-0.38, FR_hip_joint=0.38)
     assert contact_in(a1, crossed).distance < -0.01
     assert Clearance(a1, crossed).first_contact(way(crossed, home)) is None
@@ -91,7 +91,7 @@ def test_what_touches_at_first_may_part_and_not_touch_more(a1, home):
     assert parted.first_contact(way(home, crossed)).distance > 0
 
 
-def test_links_without_shapes_get_capsules_and_an_arm_too(skewed):
+def test_links_without_shapes_get_capsules(skewed):
     shapes = pairs_of(skewed).shapes.geometryObjects
     capsules = [link_of(shape) for shape in shapes if isinstance(shape.geometry, coal.Capsule)]
     assert sorted(name for name in capsules if name.startswith("arm")) == ["arm_link_0", "arm_link_1"]
@@ -99,7 +99,7 @@ def test_links_without_shapes_get_capsules_and_an_arm_too(skewed):
     assert sum(isinstance(shape.geometry, coal.Box) for shape in shapes) == 1
 
 
-def test_a_held_arm_is_where_it_is_held(tmp_path):
+def test_an_arm_with_locked_joints_is_at_its_angles(tmp_path):
     text = quadruped_urdf(arm_joints=2)
     ends = []
     for angle in (0.0, 1.0):
@@ -110,7 +110,7 @@ def test_a_held_arm_is_where_it_is_held(tmp_path):
 
 
 class Still:
-    """A platform that must not be moved."""
+    """Platform that must not move."""
 
     control_period = 2e-3
 
@@ -118,7 +118,7 @@ class Still:
         raise AssertionError("it was moved")
 
 
-def test_a_planned_motion_in_which_links_touch_is_refused_before_it_begins(a1, home):
+def test_a_motion_in_which_links_touch_is_rejected(a1, home):
     stance = nominal_stance(a1)
     standing = StandingRobot(Still(), a1, Target.standing(a1, home), stance.feet_in_base)
     crossed = with_joints(a1, FL_hip_joint=-0.45, FR_hip_joint=0.45)
@@ -141,8 +141,8 @@ def test_postures_in_which_links_touch_are_out_of_reach(a1, home):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_floor_is_as_near_as_the_shapes_say(a1, skewed, seed):
-    """Against how far each shape reaches down, on floors that lean every way."""
+def test_floor_contact_agrees_with_the_shapes(a1, skewed, seed):
+    """The reference is the lowest point of each shape, on floors with random slopes."""
     random = np.random.default_rng(seed)
     for robot in (a1, skewed):
         position = random.uniform(robot.lower_limit, robot.upper_limit)

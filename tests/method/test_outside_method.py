@@ -1,4 +1,4 @@
-"""A method that another package brings by entry point works in every verb, and one that is broken takes nothing else down."""
+"""Methods of other packages: they work in every verb, and a broken one does not affect others."""
 
 import json
 import shutil
@@ -18,7 +18,7 @@ QUICK = ["--method", "hefty", "--seed", "2", "--pause-time", "0.5s", "--pause-co
 
 @pytest.fixture(scope="module", autouse=True)
 def installed():
-    """The package as good as installed, in this process and in those that it starts."""
+    """Make the package importable in this process and its children."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(OUTSIDE))
         patch.setenv("PYTHONPATH", str(OUTSIDE), prepend=":")
@@ -29,13 +29,13 @@ def installed():
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A run of it by the command line, with its report and pictures."""
+    """Run of the method by the command line, with its report and pictures."""
     folder = tmp_path_factory.mktemp("runs") / "run"
     assert main(["calibrate", *QUICK, "--payload", "2,0,0,0.08", "--quiet", "--out", str(folder)]) == 0
     return folder
 
 
-def test_a_run_has_its_settings_its_page_and_its_result(run, a1):
+def test_a_run_has_settings_report_and_result(run, a1):
     method = RunFolder.open(run).method()
     assert (method.name, method.pauses.time, method.pauses.count) == ("hefty", 0.5, 3)
     result = Calibration.load(run / "calibration.json")
@@ -45,12 +45,12 @@ def test_a_run_has_its_settings_its_page_and_its_result(run, a1):
     assert "hefty" in (run / "report.html").read_text(encoding="utf-8")
 
 
-def test_it_estimates_what_it_says(run):
+def test_it_estimates_its_declared_parameters(run):
     found = Calibration.load(run / "calibration.json").composite
     assert {quantity.name for quantity in found if quantity.value is not None} == set(method_named("hefty").estimates)
 
 
-def test_what_it_found_is_printed(run, capsys):
+def test_its_result_is_printed(run, capsys):
     assert main(["estimate", str(run), "--no-report"]) == 0
     printed = capsys.readouterr().out
     assert "method hefty" in printed
@@ -69,7 +69,7 @@ def test_it_is_estimated_again_with_its_own_flag(run, capsys):
     assert "--mass belongs to --method bayesian; this is --method hefty" in capsys.readouterr().err
 
 
-def test_a_run_that_was_cut_off_goes_on(run, tmp_path, capsys):
+def test_an_interrupted_run_is_resumed(run, tmp_path, capsys):
     cut = tmp_path / "cut"
     shutil.copytree(run, cut)
     for name in ("calibration.json", "metadata.yaml"):
@@ -83,14 +83,14 @@ def test_a_run_that_was_cut_off_goes_on(run, tmp_path, capsys):
     )
 
 
-def test_its_plan_is_what_it_rehearses(capsys):
+def test_its_plan_is_its_rehearsal(capsys):
     assert main(["plan", *QUICK[:2], "--pause-count", "5"]) == 0
     assert "stands still 5 times" in " ".join(capsys.readouterr().out.split())
     assert main(["calibrate", *QUICK, "--dry-run", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["method"] == "hefty"
 
 
-def test_a_study_counts_it_beside_ours(tmp_path, capsys):
+def test_a_study_includes_it(tmp_path, capsys):
     flags = ["--methods", "hefty,static", "--pause-count", "1", "--trials", "2", "--workers", "1"]
     assert main(["lab", "monte-carlo", *flags, "--out", str(tmp_path / "study"), "--json"]) == 0
     methods = json.loads(capsys.readouterr().out)["methods"]
@@ -127,7 +127,7 @@ def test_its_result_is_exported_and_compared(run, tmp_path):
     assert main(["report", str(run), str(copy), "--out", str(tmp_path / "both.html"), "--quiet"]) == 0
 
 
-def test_help_lists_it_and_who_is_broken(capsys):
+def test_help_lists_it_and_the_broken_one(capsys):
     assert main(["calibrate", "--method", "hefty", "--help"]) == 0
     shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
     assert "hefty: stands still now and then, and weighs itself." in shown
@@ -143,7 +143,7 @@ def test_help_lists_it_and_who_is_broken(capsys):
         ("nothing", "method 'nothing' of the package hefty 1.0 cannot be used: 'hefty:stand' is of type function"),
     ],
 )
-def test_a_method_that_cannot_be_used_is_refused_by_name(name, words, capsys):
+def test_a_method_that_cannot_be_used_is_rejected_by_name(name, words, capsys):
     with pytest.raises(MissingDependencyError) as caught:
         method_named(name)
     assert str(caught.value).startswith(words)

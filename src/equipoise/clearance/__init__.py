@@ -1,1 +1,1 @@
-"""Clearance between a robot's links: simple bodies on them, and the distances between these."""
+"""Distances between a robot's links, from simple shapes on them."""

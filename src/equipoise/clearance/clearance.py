@@ -1,7 +1,7 @@
-"""Distances between a robot's links along a motion, computed no more often than they could meet.
+"""Distances between a robot's links along a motion, computed only when contact is possible.
 
-While a joint turns by an angle, what hangs at it moves by that times its reach at most. Two shapes that are d apart cannot
-touch before both together have moved by d; until then nothing is computed.
+A body's displacement is at most the joint's rotation times the body's reach from it. Two shapes at a distance d cannot
+touch before their displacements add up to d; until then no distance is computed.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from equipoise.robot.model import RobotModel
 from equipoise.thread_memory import ThreadMemory
 
 FLOOR = "the floor"
-_ROUNDING = 1e-4  # [m] by which shapes that are too near already may come nearer
-_PART = 60  # postures that are gone through at once
+_ROUNDING = 1e-4  # [m] by which shapes that are too near initially may come nearer
+_PART = 60  # number of postures processed at once
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Two links that come too near to each other, or one to the floor.
+    """Two links, or a link and the floor, below the smallest allowed distance.
 
     Attributes:
-        links: names of the links; `FLOOR` stands for one.
-        distance: distance between them [m]; negative: they are in each other.
+        links: names of the links, one of which may be `FLOOR`.
+        distance: distance between them [m]; negative: they overlap.
     """
 
     links: tuple[str, str]
@@ -47,20 +47,20 @@ _distances = ThreadMemory(_distances_of)
 
 
 def contact_in(robot: RobotModel, joint_position: FloatArray) -> Contact | None:
-    """The nearest two links at (nj,) joint positions [rad], if they are nearer than they may be."""
+    """Return the nearest two links at (nj,) joint positions [rad] if they are below the smallest allowed distance."""
     pairs = pairs_of(robot)
     found = _distances.of(robot).nearest(joint_position, pairs.least)
     return None if found is None else Contact(pairs.links[found[0]], found[1])
 
 
 class Clearance:
-    """Follows a robot from posture to posture. What is too near at first may stay as near, and come no nearer.
+    """Contact checker along a motion. Links that are too near initially may not come nearer.
 
-    It owns the memory that it computes in: one thread at a time may use it.
+    It is not thread-safe.
 
     Args:
-        robot: model of the robot; what `pairs_of` raises for it is raised.
-        joint_position: (nj,) joint positions to begin with [rad].
+        robot: model of the robot; raises as `pairs_of`.
+        joint_position: (nj,) initial joint positions [rad].
     """
 
     def __init__(self, robot: RobotModel, joint_position: FloatArray) -> None:
@@ -69,27 +69,27 @@ class Clearance:
         self.begin(joint_position)
 
     def begin(self, joint_position: FloatArray) -> None:
-        """Begin again, at another place."""
+        """Restart at other joint positions."""
         distance, pairs = self._distances.all(joint_position), self._pairs
         self._here, self._travelled = joint_position, np.zeros(len(pairs.first))  # [m] along each route
         self._allowed = np.minimum(distance - _ROUNDING, pairs.least)  # [m] of each pair
-        self._due = np.maximum(distance, pairs.least)  # [m] travelled by when to look at each pair again
+        self._due = np.maximum(distance, pairs.least)  # [m] travelled before each pair is checked again
         self._soonest = self._soonest_of_routes()
 
     def first_contact(self, joint_positions: FloatArray) -> Contact | None:
-        """Go through (n, nj) postures [rad]; the first contact ends the way.
+        """Return the first contact along (n, nj) postures [rad], or None.
 
-        Between postures that follow each other joints move straight; between looks shapes that keep their distance may come
-        nearer than it, but do not touch.
+        Joints move linearly between postures. Between checks, shapes may come nearer than the smallest allowed distance,
+        but do not touch.
         """
         parts = (joint_positions[start : start + _PART] for start in range(0, len(joint_positions), _PART))
         return next((contact for part in parts if (contact := self._go(part)) is not None), None)
 
     def next_contact(self, joint_position: FloatArray) -> Contact | None:
-        """`first_contact` of the next (nj,) posture alone [rad], as a control loop asks at every step."""
+        """Return `first_contact` of the next (nj,) posture [rad], for a control loop."""
         travelled = self._travelled + np.abs(joint_position - self._here) @ self._pairs.reach
         if (travelled > self._soonest).any():
-            return self._look(joint_position, travelled)
+            return self._check_due(joint_position, travelled)
         self._here, self._travelled = joint_position, travelled
         return None
 
@@ -99,17 +99,17 @@ class Clearance:
         index = 0
         while (late := (travelled[index:] > self._soonest).any(axis=1)).any():
             index += int(np.argmax(late))
-            if (contact := self._look(joint_positions[index], travelled[index])) is not None:
+            if (contact := self._check_due(joint_positions[index], travelled[index])) is not None:
                 return contact
         self._here, self._travelled = joint_positions[-1], travelled[-1]
         return None
 
     def _soonest_of_routes(self) -> FloatArray:
-        """(routes,) distance travelled at which to look at a pair of each route again [m]."""
+        """Return the (routes,) distance travelled before a pair of each route is checked again [m]."""
         return np.minimum.reduceat(self._due, self._pairs.first)
 
-    def _look(self, joint_position: FloatArray, travelled: FloatArray) -> Contact | None:
-        """Look at the pairs that are due."""
+    def _check_due(self, joint_position: FloatArray, travelled: FloatArray) -> Contact | None:
+        """Return a contact among the pairs that are due, or None."""
         self._here, self._travelled = joint_position, travelled
         self._distances.take(joint_position)
         least, along = self._pairs.least, travelled[self._pairs.route]

@@ -1,4 +1,4 @@
-"""Heights of a standing robot's links above the floor that its feet stand on."""
+"""Heights of a standing robot's links above the floor."""
 
 from __future__ import annotations
 
@@ -19,13 +19,11 @@ from equipoise.robot.model import RobotModel
 def floor_contact(
     robot: RobotModel, joint_poses: Sequence[pin.SE3], up_in_base: FloatArray, floor_height: float
 ) -> Contact | None:
-    """The lowest link, if it is nearer to the floor than links may be to each other.
-
-    Lower legs are left out: they end on the floor.
+    """Return the lowest link, without shanks, if it is nearer to the floor than links may be to each other.
 
     Args:
-        joint_poses: poses of the joints' frames in the base frame, as of `Kinematics`.
-        up_in_base: (3,) the floor's unit normal in the base frame.
+        joint_poses: poses of the joints' frames in the base frame, from `Kinematics`.
+        up_in_base: (3,) unit normal of the floor in the base frame.
         floor_height: height of the floor over the base frame's origin, along the normal [m].
     """
     least, (shapes, spheres) = pairs_of(robot).least, _off_the_floor(robot)
@@ -49,7 +47,7 @@ def _off_the_floor(robot: RobotModel) -> tuple[list[pin.GeometryObject], Spheres
 
 
 def _distance(shape: pin.GeometryObject, joint_pose: pin.SE3, floor: coal.Halfspace) -> float:
-    """[m]; negative: the shape reaches into the floor."""
+    """Return the distance of a shape from the floor [m]; negative: they overlap."""
     pose = joint_pose * shape.placement
     placed = coal.Transform3s(pose.rotation, pose.translation)
     result = coal.DistanceResult()

@@ -1,4 +1,4 @@
-"""Legs in the air: how far a robot's legs are from all that they must not touch: the floor, the trunk, each other."""
+"""Clearance of legs in the air from the floor, the trunk and each other."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from equipoise.conventions import FloatArray
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import BELLY_RATIO, Stance
 
-_FLOOR = 0  # in the place of a joint
-_VAST = 10.0  # [m], the floor's edges
-_BOTH_SWING = 5.0  # times the room is kept between two legs
+_FLOOR = 0  # id of the floor among joint ids
+_VAST = 10.0  # [m] edge length of the floor
+_BOTH_SWING = 5.0  # factor on the room between two legs
 
 
 class LegsInTheAir:
-    """Room around the legs of a robot that lies on its belly or stands on others, from its model file's shapes.
+    """Clearance of swinging legs of a robot that lies on its belly or stands on the other legs.
 
-    A link is not held against the one that it hangs on; two that are near each
-    other in the nominal stance may come to a quarter of that, and shapes that overlap there say nothing.
+    Adjacent links are not checked. For two links that are near each other in the nominal stance, a quarter of that
+    distance is sufficient; links that overlap there are ignored.
 
     Args:
-        robot: the robot.
+        robot: model of the robot.
         stance: nominal stance of the robot.
-        room: distance that is to be kept; a multiple of it between legs, which all swing [m].
-        legs: names of the legs that are checked.
-        floor: height of the floor in the base frame; default a belly's depth under the hips [m].
+        room: smallest allowed distance; a multiple of it between legs, which all swing [m].
+        legs: names of the checked legs.
+        floor: height of the floor in the base frame; default: at the belly [m].
     """
 
     def __init__(
@@ -60,16 +60,16 @@ class LegsInTheAir:
         self._room = np.where(usual > 0, np.minimum(rooms, usual / 4), -np.inf)
 
     def kept(self, joint_position: FloatArray) -> bool:
-        """Return whether all distances are kept at (nj,) joint positions [rad], by a level base on a level floor."""
+        """Return True if all distances are kept at (nj,) joint positions [rad], for a level base on a level floor."""
         return bool((self._distances.all(joint_position) > self._room).all())
 
 
 def _pairs(robot: RobotModel, carried: list[int], legs: tuple[str, ...]) -> list[tuple[int, int]]:
-    """Numbers of shapes that must not touch: of moving links and what they do not hang on."""
+    """Return the indices of pairs of shapes that must not touch, without those of adjacent links."""
     chains = {name: robot.legs[name].joint_ids for name in legs}
     of_leg = {joint: name for name, chain in chains.items() for joint in chain}
     on_base = {BASE_JOINT, *(chain[0] for chain in chains.values())}
-    hips = {_FLOOR, *(joint for chain in chains.values() for joint in chain[:-2])}  # turn about themselves
+    hips = {_FLOOR, *(joint for chain in chains.values() for joint in chain[:-2])}  # hips rotate about their own axes
     return [
         (first, second)
         for (first, one), (second, other) in combinations(enumerate(carried), 2)

@@ -1,7 +1,8 @@
-"""Which shapes of a robot are held apart, two by two.
+"""Pairs of a robot's shapes whose distance is checked.
 
-Left out are links that are neighbours; the trunk and what is above the knees, which joint limits keep apart; and what touches
-where the robot stands or lies: there shapes are larger than the links, or it rests on itself.
+Pairs are excluded if their links are adjacent, or are the trunk and a part above the knees (separated by joint limits).
+Pairs that touch in the standing or lying posture are excluded too: their shapes are larger than the links, or rest on
+each other.
 """
 
 from __future__ import annotations
@@ -15,27 +16,27 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from equipoise.clearance.shapes import Spheres, held_links, link_of, robot_shapes
+from equipoise.clearance.shapes import Spheres, link_of, locked_links, robot_shapes
 from equipoise.clearance.stand_ins import BASE_JOINT
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import lying_posture, nominal_stance
 
-_LEAST = 0.005  # [m] between two shapes, on an A1, whose feet are that far from where they are sent at times
+_LEAST = 0.005  # [m] between two shapes on an A1, whose feet may be that far from their targets
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Pairs of shapes that are held apart.
+    """Pairs of shapes whose distance is checked.
 
     Attributes:
         shapes: shapes with the pairs, on the joints of the robot's model.
         links: names of the two links of each pair.
-        least: distance that is kept between the shapes of a pair [m].
-        route: (pairs,) number of the two joints that the shapes of each pair hang at, a column of `reach`, ascending.
-        first: (routes,) number of the first pair of each route.
-        reach: (nj, routes) how much nearer the shapes of a route can come while a joint turns [m/rad].
-        left_out: names of the links that touch where the robot stands or lies, two by two.
+        least: smallest allowed distance between the shapes of a pair [m].
+        route: (pairs,) index of the route (pair of parent joints) of each pair, a column of `reach`, ascending.
+        first: (routes,) index of the first pair of each route.
+        reach: (nj, routes) largest approach of a route's shapes per rotation of each joint [m/rad].
+        left_out: pairs of names of the links that touch in the standing or lying posture.
     """
 
     shapes: pin.GeometryModel
@@ -57,21 +58,21 @@ class Distances:
         self._pairs = np.array([[pair.first, pair.second] for pair in shapes.collisionPairs])
 
     def take(self, joint_position: FloatArray) -> None:
-        """Put the shapes where (nj,) joint positions put them [rad]."""
+        """Place the shapes at (nj,) joint positions [rad]."""
         model, configuration = self._robot.pinocchio, self._robot.configuration(joint_position)
         pin.updateGeometryPlacements(model, self._data, self._shapes, self._placed, configuration)
 
     def of(self, pair: int) -> float:
-        """Between the two shapes of a pair [m]; negative: they are in each other."""
+        """Return the distance between the shapes of a pair [m]; negative: they overlap."""
         return float(pin.computeDistance(self._shapes, self._placed, pair).min_distance)
 
     def all(self, joint_position: FloatArray) -> FloatArray:
-        """(pairs,) at (nj,) joint positions [rad]."""
+        """Return the (pairs,) distances at (nj,) joint positions [rad]."""
         self.take(joint_position)
         return np.array([self.of(pair) for pair in range(len(self._pairs))])
 
     def nearest(self, joint_position: FloatArray, least: float) -> tuple[int, float] | None:
-        """The pair that is nearest to each other at (nj,) joint positions [rad], and how near, if nearer than this [m]."""
+        """Return the nearest pair at (nj,) joint positions [rad] and its distance if that is below `least` [m]."""
         self.take(joint_position)
         centre, (first, second) = self._spheres.placed(list(self._data.oMi)), self._pairs.T
         apart = np.linalg.norm(centre[first] - centre[second], axis=1)
@@ -82,7 +83,7 @@ class Distances:
 
 @lru_cache(maxsize=16)
 def pairs_of(robot: RobotModel) -> Pairs:
-    """The pairs of a robot; raises what `nominal_stance` raises."""
+    """Return the pairs of a robot; raises as `nominal_stance`."""
     shapes, stance = robot_shapes(robot), nominal_stance(robot)
     least = _LEAST * stance.scale.length
     _pair_up(robot, shapes)
@@ -97,8 +98,8 @@ def pairs_of(robot: RobotModel) -> Pairs:
 
 
 def _pair_up(robot: RobotModel, shapes: pin.GeometryModel) -> None:
-    """All shapes that nothing else keeps apart, route by route."""
-    found, near, arms = shapes.geometryObjects, _near(robot), held_links(robot)
+    """Add the collision pairs, sorted by route, without adjacent links."""
+    found, near, arms = shapes.geometryObjects, _near(robot), locked_links(robot)
     by_joints = sorted(range(len(found)), key=lambda index: found[index].parentJoint)
     routes = sorted((found[a].parentJoint, found[b].parentJoint, a, b) for a, b in combinations(by_joints, 2))
     for upper, lower, first, second in routes:
@@ -107,7 +108,7 @@ def _pair_up(robot: RobotModel, shapes: pin.GeometryModel) -> None:
 
 
 def _near(robot: RobotModel) -> set[tuple[int, int]]:
-    """Pairs of joints, the upper first, whose links are neighbours, or the trunk and a part of a leg above its knee."""
+    """Return pairs of joints, the upper first, with adjacent links, or with the trunk and a part of a leg above its knee."""
     neighbours = {(int(robot.pinocchio.parents[joint]), joint) for joint in range(2, robot.pinocchio.njoints)}
     return neighbours | {(BASE_JOINT, joint) for leg in robot.legs.values() for joint in leg.joint_ids[:-1]}
 
@@ -118,7 +119,7 @@ def _links(shapes: pin.GeometryModel) -> tuple[tuple[str, str], ...]:
 
 
 def _routes(robot: RobotModel, shapes: pin.GeometryModel) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
-    """`route`, `first` and `reach` of pairs."""
+    """Return `route`, `first` and `reach` of the pairs."""
     found, reaches = shapes.geometryObjects, _joint_reaches(robot, shapes)
     joints = np.array([[found[p.first].parentJoint, found[p.second].parentJoint] for p in shapes.collisionPairs])
     routes, first, route = np.unique(joints, axis=0, return_index=True, return_inverse=True)
@@ -126,7 +127,7 @@ def _routes(robot: RobotModel, shapes: pin.GeometryModel) -> tuple[NDArray[np.in
 
 
 def _joint_reaches(robot: RobotModel, shapes: pin.GeometryModel) -> dict[int, FloatArray]:
-    """Return by joint the (nj,) largest travel of its bodies while each joint above it, and itself, turns [m/rad]."""
+    """Return by joint the (nj,) largest displacement of its bodies per rotation of each joint up to it [m/rad]."""
     reaches = {joint: np.zeros(len(robot.joint_names)) for joint in range(robot.pinocchio.njoints)}
     spheres = Spheres.around(shapes.geometryObjects)
     for parent, centre, radius in zip(spheres.joint, spheres.centre, spheres.radius, strict=True):
@@ -138,7 +139,7 @@ def _joint_reaches(robot: RobotModel, shapes: pin.GeometryModel) -> dict[int, Fl
 
 
 def _above(robot: RobotModel, joint: int) -> Iterator[tuple[int, float]]:
-    """A joint and those above it in its leg, and how far from each the first one is [m]."""
+    """Generate a joint and those above it in its leg, with the largest distance of the first from each [m]."""
     model, distance = robot.pinocchio, 0.0
     while joint > 1:
         yield joint, distance

@@ -1,6 +1,6 @@
-"""Simple bodies on a robot's links: those of its model file, and stand-ins for links that have none there.
+"""Simple shapes on a robot's links: those of its model file, and stand-ins for links without any.
 
-Meshes are not read: they are made for pictures, and a robot has to be kept from itself where they are missing, too.
+Meshes are not read: they are made for display, and may be missing.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ _ARM_SHARE = 0.6  # of a limb's radius
 
 
 def robot_shapes(robot: RobotModel) -> pin.GeometryModel:
-    """Bodies on the joints of `robot.pinocchio`; their names are those of their links, and a number."""
-    held = _held_configuration(robot)
-    of_file, shapes = _of_the_file(robot, held), pin.GeometryModel()
-    for link, shape in (*of_file, *_stand_ins(robot, held, of_file)):
+    """Return shapes on the joints of `robot.pinocchio`, each named by its link and a number."""
+    locked = _locked_configuration(robot)
+    of_file, shapes = _of_the_file(robot, locked), pin.GeometryModel()
+    for link, shape in (*of_file, *_stand_ins(robot, locked, of_file)):
         shape.name = f"{link} {shapes.ngeoms}"
         shapes.addGeometryObject(shape)
     return shapes
 
 
 def link_of(shape: pin.GeometryObject) -> str:
-    """Name of the link that a shape of `robot_shapes` is on."""
+    """Return the name of the link of a shape from `robot_shapes`."""
     return shape.name.rpartition(" ")[0]
 
 
 @dataclass(frozen=True, eq=False)
 class Spheres:
-    """Spheres around shapes: a look at them spares most looks at the shapes.
+    """Bounding spheres of shapes, for fast rejection of pairs.
 
     Attributes:
-        joint: (n,) number of the joint that each shape hangs at.
-        centre: (n, 3) their centres in these joints' frames [m].
-        radius: (n,) [m].
+        joint: (n,) id of the parent joint of each shape.
+        centre: (n, 3) centres in the parent joints' frames [m].
+        radius: (n,) radii [m].
     """
 
     joint: NDArray[np.intp]
@@ -53,12 +53,12 @@ class Spheres:
 
     @classmethod
     def around(cls, shapes: Iterable[pin.GeometryObject]) -> Spheres:
-        """Those of shapes of `robot_shapes`."""
+        """Return the bounding spheres of shapes."""
         joints, centres, radii = zip(*((shape.parentJoint, *_sphere(shape)) for shape in shapes), strict=True)
         return cls(np.array(joints), np.array(centres), np.array(radii))
 
     def placed(self, joint_poses: Sequence[pin.SE3]) -> FloatArray:
-        """(n, 3) centres where joints have these poses, by their numbers, in the frame of the poses [m]."""
+        """Return the (n, 3) centres in the frame of `joint_poses`, which are indexed by joint id [m]."""
         used = [int(joint) for joint in np.unique(self.joint)]
         rotation, translation = np.zeros((used[-1] + 1, 3, 3)), np.zeros((used[-1] + 1, 3))
         for joint in used:
@@ -72,8 +72,8 @@ def _sphere(shape: pin.GeometryObject) -> tuple[FloatArray, float]:
     return shape.placement.act(geometry.aabb_center), geometry.aabb_radius
 
 
-def held_links(robot: RobotModel) -> set[str]:
-    """Names of the links that held joints move, as an arm's: they are on the base's joint, and no part of the trunk."""
+def locked_links(robot: RobotModel) -> set[str]:
+    """Return the names of links behind locked joints, such as an arm's, which are fixed to the base but not to the trunk."""
     model = robot.full_pinocchio
     joints = {model.getJointId(name) for name in robot.locked_joints}
     return {str(f.name) for f in model.frames if f.parentJoint in joints and f.type == pin.FrameType.BODY}
@@ -82,8 +82,8 @@ def held_links(robot: RobotModel) -> set[str]:
 Named = tuple[str, pin.GeometryObject]
 
 
-def _held_configuration(robot: RobotModel) -> FloatArray:
-    """Configuration of the full model with its base at the origin and the held joints where they are held."""
+def _locked_configuration(robot: RobotModel) -> FloatArray:
+    """Return the configuration of the full model with its base at the origin and locked joints at their angles."""
     model = robot.full_pinocchio
     configuration = pin.neutral(model)
     for name, angle in robot.locked_joints.items():
@@ -93,17 +93,17 @@ def _held_configuration(robot: RobotModel) -> FloatArray:
     return configuration
 
 
-def _of_the_file(robot: RobotModel, held: FloatArray) -> list[Named]:
+def _of_the_file(robot: RobotModel, locked: FloatArray) -> list[Named]:
     model, shapes = read_shapes(robot.source)
-    to_hold = [model.getJointId(name) for name in robot.locked_joints]
-    if to_hold:
-        model, (shapes,) = pin.buildReducedModel(model, [shapes], to_hold, held)
+    to_lock = [model.getJointId(name) for name in robot.locked_joints]
+    if to_lock:
+        model, (shapes,) = pin.buildReducedModel(model, [shapes], to_lock, locked)
     simple = (shape for shape in shapes.geometryObjects if type(shape.geometry).__name__ in _SIMPLE)
     return [(str(model.frames[shape.parentFrame].name), shape) for shape in simple]
 
 
-def _stand_ins(robot: RobotModel, held: FloatArray, of_file: list[Named]) -> Iterator[Named]:
-    """For the base, leg links and held links of which the file shows nothing, or only a foot's sphere; and for feet."""
+def _stand_ins(robot: RobotModel, locked: FloatArray, of_file: list[Named]) -> Iterator[Named]:
+    """Generate stand-ins for feet, and for the base, leg links and locked links without shapes in the file."""
     solid = [(link, shape) for link, shape in of_file if not isinstance(shape.geometry, coal.Sphere)]
     shown = {shape.parentJoint for _, shape in solid}
     if not any(shape.parentJoint == BASE_JOINT for _, shape in of_file):
@@ -114,15 +114,15 @@ def _stand_ins(robot: RobotModel, held: FloatArray, of_file: list[Named]) -> Ite
     for foot in robot.legs.values():
         frame, sphere = robot.pinocchio.frames[foot.foot_frame_id], coal.Sphere(foot.foot_radius)
         yield _link_name(robot.pinocchio, frame.parentJoint), _shape(frame.parentJoint, sphere, frame.placement)
-    for name, limb in _held_limbs(robot, held, {link for link, _ in of_file}):
+    for name, limb in _locked_limbs(robot, locked, {link for link, _ in of_file}):
         yield name, _capsule(limb)
 
 
-def _held_limbs(robot: RobotModel, held: FloatArray, shown: set[str]) -> Iterator[tuple[str, Limb]]:
-    """Capsules along links of held joints, to the next one or, of the last, as far beyond its CoM again; on the base."""
+def _locked_limbs(robot: RobotModel, locked: FloatArray, shown: set[str]) -> Iterator[tuple[str, Limb]]:
+    """Generate capsules on the base along links of locked joints: to the next joint, or to twice the distance of the CoM."""
     model = robot.full_pinocchio
     data, radius = model.createData(), _ARM_SHARE * LIMB_RADIUS_RATIO * robot.leg_length
-    pin.forwardKinematics(model, data, held)
+    pin.forwardKinematics(model, data, locked)
     joints = [model.getJointId(name) for name in robot.locked_joints]
     for joint in joints:
         link, place = _link_name(model, joint), data.oMi[joint]

@@ -1,4 +1,4 @@
-"""Stand-ins for links without simple shapes in the model file: capsules along them, a box around the hips."""
+"""Stand-ins for links without simple shapes in the model file: capsules along them, and a box around the hips."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from equipoise.robot.model import RobotModel
 
 BASE_JOINT = 1
 """Pinocchio's id of the floating joint, which carries the base."""
-LIMB_RADIUS_RATIO = 0.09  # of the leg length: what a link without any shape is taken for
-_SHANK_SHARE = 0.6  # of that: shanks are thinner
+LIMB_RADIUS_RATIO = 0.09  # of the leg length: assumed radius of a link without shapes
+_SHANK_SHARE = 0.6  # of that radius, for shanks
 
 
 @dataclass(frozen=True, eq=False)
 class Limb:
-    """A capsule along a link.
+    """Capsule along a link.
 
     Attributes:
         joint: Pinocchio's id of the joint that moves the link.
@@ -41,7 +41,7 @@ class Limb:
 
     @property
     def placement(self) -> pin.SE3:
-        """Pose of its middle in the joint's frame, z along it."""
+        """Pose of the capsule's middle in the joint's frame, with z along the capsule."""
         z = (self.end - self.start) / self.length
         x = np.cross(z, [1.0, 0, 0] if abs(z[0]) < 0.9 else [0, 1.0, 0])
         x /= np.linalg.norm(x)
@@ -49,7 +49,7 @@ class Limb:
 
 
 def leg_limbs(robot: RobotModel, shown: Container[int]) -> Iterator[Limb]:
-    """Capsules along the leg links of joints that are not shown; links shorter than thick have none."""
+    """Generate capsules along the leg links whose joint is not in `shown`; links shorter than their radius have none."""
     radius = LIMB_RADIUS_RATIO * robot.leg_length
     for leg in robot.legs.values():
         for joint, end in _links(robot, leg):
@@ -58,10 +58,10 @@ def leg_limbs(robot: RobotModel, shown: Container[int]) -> Iterator[Limb]:
 
 
 def trunk_box(robot: RobotModel, around: float = 0.0) -> tuple[tuple[float, float, float], FloatArray]:
-    """Edges of a box that holds the hips, and its (3,) centre in the base frame [m].
+    """Return the edges of a box around the hips, and its (3,) centre in the base frame [m].
 
     Args:
-        around: how much larger it is on each side, over a limb's radius.
+        around: margin on each side, over a limb's radius.
     """
     hips, radius = hip_positions(robot), LIMB_RADIUS_RATIO * robot.leg_length
     x, y, z = (np.ptp(hips, axis=0) + 2 * radius * np.array([around, around, 1 + around])).tolist()
@@ -69,7 +69,7 @@ def trunk_box(robot: RobotModel, around: float = 0.0) -> tuple[tuple[float, floa
 
 
 def _links(robot: RobotModel, leg: Leg) -> Iterator[tuple[int, FloatArray]]:
-    """Each joint of a leg, and where in its frame its link ends."""
+    """Generate each joint of a leg with the end of its link in the joint's frame [m]."""
     for joint, following in zip(leg.joint_ids, leg.joint_ids[1:], strict=False):
         yield joint, np.array(robot.pinocchio.jointPlacements[following].translation)
     yield leg.joint_ids[-1], np.array(robot.pinocchio.frames[leg.foot_frame_id].placement.translation)

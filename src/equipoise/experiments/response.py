@@ -1,4 +1,4 @@
-"""Response test before any foot is lifted: check of joints with their encoders, and of the gyroscope with turns of the base."""
+"""Response test before any foot is lifted: checks joints with their encoders, and the gyroscope with turns of the base."""
 
 from __future__ import annotations
 

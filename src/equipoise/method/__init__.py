@@ -1,1 +1,1 @@
-"""Methods of calibration: their base class, and the table of all."""
+"""Calibration methods: base class and table of methods."""

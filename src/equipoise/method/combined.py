@@ -1,4 +1,4 @@
-"""A method and the motors in one run: the base first, then the robot swings its legs."""
+"""Combination of a method for the base and the method for the motors in one run."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 AND_MOTORS = "and_motors"
-"""Key of the motors' settings, which a run estimates after its method."""
+"""Key of the motors' settings in those of a combined method."""
 
 
 def of_the_base(recordings: Sequence[Recording]) -> list[Recording]:
-    """Return the recordings that depend on the base: those of a robot that lies and swings its legs do not."""
+    """Return the recordings that depend on the base: all but those of swinging legs."""
     return [recording for recording in recordings if not isinstance(recording.trial, MotorTrial)]
 
 
 @dataclass(frozen=True)
 class CombinedMethod(Method):
-    """A method, and the motors after it.
+    """Method for the base, followed by the method for the motors.
 
-    What it says of the base is the method's own, to the last bit, unless legs are looked for: of these the swing says more.
+    The base's result equals that of the base method alone, unless legs are estimated, which use the swings too.
 
     Attributes:
         base: method for the base.
@@ -46,7 +46,7 @@ class CombinedMethod(Method):
     motors: Method
 
     def __post_init__(self) -> None:
-        for name in ("name", "summary", "estimates", "judging", "timestep"):  # of the class, elsewhere
+        for name in ("name", "summary", "estimates", "judging", "timestep"):  # class attributes of other methods
             object.__setattr__(self, name, getattr(self.base, name))
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
@@ -68,21 +68,21 @@ class CombinedMethod(Method):
 
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
         try:
-            beside = self.motors.estimate(robot, recordings, stance)
-        except (RecordingError, LinAlgError) as error:  # what was measured of the base is not lost with it
+            motors = self.motors.estimate(robot, recordings, stance)
+        except (RecordingError, LinAlgError) as error:  # the base can still be estimated
             found = self.base.estimate(robot, of_the_base(recordings), stance)
             return dataclasses.replace(found, warnings=(*found.warnings, f"motors: {error}"), settings=self.to_dict())
         found = self.base.estimate(robot, self._for_the_base(recordings), stance)
         return dataclasses.replace(
             found,
-            motors=beside.motors,
-            trials=(*found.trials, *beside.trials),
-            warnings=(*found.warnings, *beside.warnings),
+            motors=motors.motors,
+            trials=(*found.trials, *motors.trials),
+            warnings=(*found.warnings, *motors.warnings),
             settings=self.to_dict(),
         )
 
     def _for_the_base(self, recordings: Sequence[Recording]) -> Sequence[Recording]:
-        """Return the recordings that the method uses: those of the base, and swings if it uses them."""
+        """Return the recordings that the base method uses."""
         return recordings if self.base.uses_swings else of_the_base(recordings)
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
@@ -91,7 +91,7 @@ class CombinedMethod(Method):
         return Course(doing, duration, (*first.postures, *second.postures))
 
     def forecast(self, robot: RobotModel, stance: Stance, swings: Sequence[Recording] = ()) -> Forecast | None:
-        """Return the method's forecast, with the predicted swing where it uses that."""
+        """Return the base method's forecast, with predicted swings if it uses them."""
         predicted = self.motors.predicted_recordings(robot, stance) if self.base.uses_swings else ()
         return self.base.forecast(robot, stance, (*swings, *predicted))
 

@@ -1,4 +1,4 @@
-"""A method of calibration: its settings, and what it does with them."""
+"""Base class of calibration methods."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ Self = TypeVar("Self", bound="Method")
 
 @dataclasses.dataclass(frozen=True)
 class Method(ABC):
-    """A method with its settings: the fields of a frozen dataclass.
+    """Calibration method; its settings are the fields of a frozen dataclass.
 
-    A field can be a dataclass of settings. Each field is a command-line flag; its help is the docstring's "Attributes".
-    Metadata of a field change its flags:
+    A field can be a dataclass of settings. Each field is a command-line flag; its help is from the docstring's
+    "Attributes". Metadata of a field change its flags:
 
     - `{"prefix": "excitation_"}` prefixes the flags of the nested settings; None omits these flags.
     - `{"file": read}` makes one flag: a file that `read` parses. `"metavar"` names the file in the help.
     - `{"flag": False}` omits the flag.
 
     Attributes:
-        name: name that users choose it by, as in `--method bayesian`.
-        summary: sentence that says what it does.
-        estimates: names of the parameters of the whole robot that it estimates: "mass", "com_x", "com_y", "com_z",
+        name: name on the command line, such as `--method bayesian`.
+        summary: description in one sentence.
+        estimates: names of the estimated parameters of the whole robot: "mass", "com_x", "com_y", "com_z",
             "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz".
-        judging: names of the settings that matter to `estimate` alone, and with which recordings may be estimated again.
-        timestep: largest time step of a simulation that leaves the method's results as they are [s].
+        judging: names of the settings that affect only `estimate`, and may differ when recordings are estimated again.
+        timestep: largest simulation time step that does not affect the method's results [s].
     """
 
     name: ClassVar[str]
@@ -50,10 +50,10 @@ class Method(ABC):
     timestep: ClassVar[float] = 0.5e-3
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
-        """Refuse settings that do not fit a robot, before anything moves.
+        """Check the settings against a robot, before any motion.
 
         Raises:
-            SettingsError: a setting does not fit the robot's size.
+            SettingsError: a setting does not suit the robot.
             ReachError: a posture is out of reach or not safe.
         """
         return None
@@ -62,7 +62,7 @@ class Method(ABC):
         """Compare a given mass with the joint torques of the standing robot, before `run`.
 
         Returns:
-            the comparison that the operator has to confirm; None: there is nothing to confirm.
+            the comparison that the operator has to confirm, or None.
         """
         del standing, stance
         return None
@@ -75,16 +75,16 @@ class Method(ABC):
         recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
     ) -> None:
-        """Do the trials, from the stance; recordings go where `planted.keep` takes them.
+        """Do the trials, from the stance; `standing.keep` stores the recordings.
 
         Args:
-            standing: robot, on four feet at its stance.
+            standing: robot on four feet at its stance.
             stance: nominal stance of the robot.
-            recordings: recordings that were kept so far: decisions depend on them alone.
+            recordings: stored recordings so far; decisions depend on them alone.
             report: function that is called before every trial.
 
         Raises:
-            MotionError: the robot could not do, or did not do, what was asked.
+            MotionError: a motion failed.
         """
 
     @abstractmethod
@@ -92,7 +92,7 @@ class Method(ABC):
         """Estimate from the recordings of a run of this method.
 
         Raises:
-            RecordingError: they do not hold what the method needs.
+            RecordingError: the recordings are not sufficient.
         """
 
     @abstractmethod
@@ -100,33 +100,33 @@ class Method(ABC):
         """Return the motions of `run`, from the model alone.
 
         Raises:
-            SettingsError: a setting does not fit the robot.
-            ReachError: something is out of reach.
+            SettingsError: a setting does not suit the robot.
+            ReachError: a posture is out of reach.
         """
 
     def forecast(self, robot: RobotModel, stance: Stance, swings: Sequence[Recording] = ()) -> Forecast | None:
-        """Predict the accuracy of `estimate` after the trials of `run`; None from a method that cannot.
+        """Predict the accuracy of `estimate` after the trials of `run`; None if the method cannot.
 
         Args:
-            swings: predicted recordings of legs that swing in the same run, for a method that uses them.
+            swings: predicted recordings of swinging legs in the same run, for a method that uses them.
         """
         return None
 
     def predicted_recordings(self, robot: RobotModel, stance: Stance) -> tuple[Recording, ...]:
-        """Predict the recordings that `run` makes for another method of the same run, from the model.
+        """Predict the recordings of `run` from the model, for another method of the same run.
 
         Raises:
-            ReachError: something is out of reach.
+            ReachError: a posture is out of reach.
         """
         del robot, stance
         return ()
 
     def expected_trials(self, stance: Stance) -> int | None:
-        """Return the approximate number of trials of `run`; None if it is not known."""
+        """Return the approximate number of trials of `run`, or None."""
         return None
 
     def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> Reading | None:
-        """Return the estimates of the CoM after each trial, for display; None from a method without them.
+        """Return the estimates of the CoM after each trial, for display; None if the method has none.
 
         Raises:
             RecordingError: the recordings cannot be read.
@@ -134,7 +134,7 @@ class Method(ABC):
         return None
 
     def weighed(self: Self, mass: float, std: float) -> Self:
-        """Return the method with the mass from a scale; itself if it does not use that.
+        """Return the method with the mass from a scale, or itself if it does not use a mass.
 
         Args:
             mass: mass of the whole robot [kg].
@@ -145,31 +145,31 @@ class Method(ABC):
 
     @property
     def uses_swings(self) -> bool:
-        """True if `estimate` uses the recordings of legs that swing in the same run."""
+        """True if `estimate` uses the recordings of swinging legs in the same run."""
         return False
 
     def having(self: Self, settings: Mapping[str, Any]) -> Self:
-        """Return the method with other values of some settings, by field name; raises SettingsError."""
+        """Return a copy with other values of some settings, by field name; raises SettingsError."""
         return dataclasses.replace(self, **settings)
 
     def study_columns(self, result: Calibration, stance: Stance) -> Mapping[str, Any]:
-        """Columns of a study's table that only this method fills, of a result with its evidence."""
+        """Return the columns of a study's table that are specific to this method, for a result with evidence."""
         del result, stance
         return {}
 
     def attachments(self) -> Mapping[str, Mapping[str, Any]]:
-        """Settings that are too large to stand among the others, whole, as JSON values by name; a run has a file of each."""
+        """Return large settings as JSON values by name; a run stores each in its own file."""
         return {}
 
     def to_dict(self) -> dict[str, Any]:
-        """Name and settings as JSON values."""
+        """Return name and settings as JSON values."""
         return {"method": self.name, **fields_to_json(self)}
 
     @classmethod
     def from_dict(cls: type[Self], table: Mapping[str, Any]) -> Self:
-        """From the settings in `to_dict`; those that are missing are the default ones.
+        """Return a method from the settings in `to_dict`; missing ones have their default.
 
         Raises:
-            SettingsError: a setting is not known, or is none that can be.
+            SettingsError: a setting is unknown or invalid.
         """
         return from_json(cls, {name: value for name, value in table.items() if name != "method"})

@@ -1,4 +1,4 @@
-"""Estimates of the CoM during a run: one after each trial, and the plane that each lift adds."""
+"""Estimates of the CoM during a run, after each trial, and the plane from each lift."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class LiftPlane:
     Attributes:
         trial: index of the lift's recording.
         diagonal: diagonal that the robot stood on.
-        plane: plane in the base frame at the nominal stance, that holds the CoM, or, with a verdict, the support line.
-        verdict: direction in which the robot tipped, so the side that the CoM is on; None: the plane holds the CoM.
+        plane: plane in the base frame at the nominal stance; it contains the CoM, or, with a verdict, the support line.
+        verdict: direction in which the robot tipped, and so the side of the CoM; None: the plane contains the CoM.
     """
 
     trial: int
@@ -31,11 +31,11 @@ class ComEstimate:
     """Estimate of the CoM after a number of trials.
 
     Attributes:
-        trials: number of complete recordings that it is from.
+        trials: number of complete recordings used.
         com: (3,) CoM of the whole robot at the nominal stance, in the base frame [m].
-        half_width: (3,) half width of the 95 % interval, or of the bracket [m]; nan where the method does not estimate it.
+        half_width: (3,) half width of the 95 % interval, or of the bracket [m]; nan if not estimated.
         covariance: (3, 3) covariance of the CoM [m2], or None.
-        brackets: bounds of the offset, by diagonal [m], where the method has them.
+        brackets: bounds of the offset by diagonal [m], if the method has them.
     """
 
     trials: int
@@ -46,12 +46,12 @@ class ComEstimate:
 
 
 class Reading(Protocol):
-    """A method's reading of the trials so far."""
+    """Interface to a method's estimates during a run."""
 
     def planes(self) -> list[LiftPlane]:
         """Return the planes of all lifts, in order."""
         ...
 
     def estimate(self, trials: int) -> ComEstimate:
-        """After the first trials; raises EquipoiseError where they do not tell."""
+        """Return the estimate from the first `trials` trials; raises EquipoiseError if they are not sufficient."""
         ...

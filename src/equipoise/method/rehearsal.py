@@ -20,13 +20,13 @@ from equipoise.robot.statics import static_torques
 
 @dataclass(frozen=True, eq=False)
 class RehearsedPosture:
-    """One posture.
+    """Posture of a rehearsal.
 
     Attributes:
-        what: description of the posture in words.
+        what: description of the posture.
         joint_position: (nj,) joint positions [rad].
-        torque: (nj,) joint torques that hold the posture, by the model [Nm].
-        times: number of times it is taken; 0 at the far end of a turn or an excitation, which is counted at the near one.
+        torque: (nj,) joint torques that hold the model's posture [Nm].
+        times: number of times it is reached; 0 at the far end of a rotation or excitation, counted at the near end.
     """
 
     what: str
@@ -40,8 +40,8 @@ class Course:
     """Motions of a method between standing up and lying down.
 
     Attributes:
-        doing: motions in words, as in "the robot stands up, ... and ends where it began".
-        duration: time that it takes on the robot [s].
+        doing: description of the motions, for "the robot stands up, ... and ends where it began".
+        duration: robot time [s].
         postures: postures in order, without the nominal stance.
     """
 
@@ -51,16 +51,15 @@ class Course:
 
 
 class Forecast(Protocol):
-    """Predicted accuracy of a result, and the trials that it takes.
+    """Predicted accuracy of a result, and its trials.
 
     Attributes:
-        robot_time: expected time on the robot [s].
-        body: (10,) mass [kg], CoM in the base frame [m] and inertia about it [kg m2] of the whole robot, as thought of
-            before.
+        robot_time: expected robot time [s].
+        body: (10,) assumed mass [kg], CoM in the base frame [m] and inertia about it [kg m2] of the whole robot.
         std: (10,) predicted standard deviations of these.
-        left_out: motions that the robot cannot do, and why.
-        without: (10,) what the same time would give if no earlier run were known; None: none is.
-        links: leg links by name, with predicted standard deviations; none unless the method looks at them.
+        left_out: motions that the robot cannot do, with reasons.
+        without: (10,) predicted standard deviations for the same duration without the prior run; None: no prior run.
+        links: leg links by name, with predicted standard deviations; empty unless the method estimates them.
     """
 
     @property
@@ -77,11 +76,11 @@ class Forecast(Protocol):
     def left_out(self) -> tuple[str, ...]: ...
 
     def trials(self) -> Sequence[tuple[str, Mapping[str, str]]]:
-        """Postures in order, and the lifts in each by diagonal, in words."""
+        """Return the postures in order, each with descriptions of its lifts by diagonal."""
         ...
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         ...
 
 
@@ -93,15 +92,15 @@ def held_posture(
     legs: Sequence[str] = LEG_NAMES,
     times: int = 1,
 ) -> RehearsedPosture:
-    """A posture with the torques that hold it.
+    """Return a posture with the torques that hold it.
 
     Args:
         feet: (4, 3) centres of the feet in the base frame [m].
         guess: (nj,) joint positions near the posture [rad].
-        legs: names of the legs that stand.
+        legs: names of the standing legs.
 
     Raises:
-        ReachError: the legs do not reach it, or links touch in it.
+        ReachError: the posture is out of reach, or links touch.
     """
     position = inverse_kinematics(robot, feet, guess)
     check_clear(robot, position)
@@ -109,7 +108,7 @@ def held_posture(
 
 
 def excitation_postures(robot: RobotModel, stance: Stance, settings: ExcitationSettings) -> list[RehearsedPosture]:
-    """Both ends of an excitation about each axis that planted feet allow."""
+    """Return the postures at both ends of the excitation about each reachable axis."""
     found: list[RehearsedPosture] = []
     for axis in AXES:
         if why_unreachable(robot, stance, axis, settings) is not None:

@@ -1,4 +1,4 @@
-"""Methods by name: ours, and those that other packages add with an entry point in the group `equipoise.methods`.
+"""Table of methods: built-in ones, and those of other packages with an entry point in the group `equipoise.methods`.
 
 [project.entry-points."equipoise.methods"]
 wiggle = "my_package.wiggle:Wiggle"
@@ -33,36 +33,36 @@ _SETTINGS = {
 
 
 def settings_of(name: str) -> type[Any]:
-    """Return the class of a method's settings, from which flags are read: without an estimator where it is one of ours.
+    """Return the class of a method's settings, which for built-in methods does not import an estimator.
 
     Raises:
-        SettingsError: there is no such method, or two.
-        MissingDependencyError: the package that brings it cannot be imported, or brings something else.
+        SettingsError: the name is unknown or ambiguous.
+        MissingDependencyError: the package of the method cannot be imported, or does not define a method.
     """
     return resolve(_SETTINGS[name]) if name in _SETTINGS else method_named(name)
 
 
 def method_named(name: str) -> type[Method]:
-    """The method of a name.
+    """Return the class of a method.
 
     Raises:
-        SettingsError: there is none, or two.
-        MissingDependencyError: the package that brings it cannot be imported, or brings something else.
+        SettingsError: the name is unknown or ambiguous.
+        MissingDependencyError: the package of the method cannot be imported, or does not define a method.
     """
     kind = METHODS[name]
     if not issubclass(kind, Method):
         raise MissingDependencyError(
-            f"method {name!r} cannot be used: {kind.__name__} is no subclass of equipoise.Method"
+            f"method {name!r} cannot be used: {kind.__name__} is not a subclass of equipoise.Method"
         )
-    said = getattr(kind, "name", None)
-    if said != name or kind.__abstractmethods__:
-        lacks = ", ".join(sorted(kind.__abstractmethods__)) or f"the name {name!r}; it says {said!r}"
+    own_name = getattr(kind, "name", None)
+    if own_name != name or kind.__abstractmethods__:
+        lacks = ", ".join(sorted(kind.__abstractmethods__)) or f"the name {name!r}; its name is {own_name!r}"
         raise MissingDependencyError(f"method {name!r} cannot be used: {kind.__name__} lacks {lacks}")
     return kind
 
 
 def method_from_dict(table: Mapping[str, Any]) -> Method:
-    """A method with its settings, from `Method.to_dict`; raises SettingsError and MissingDependencyError."""
+    """Return a method from `Method.to_dict`; raises SettingsError and MissingDependencyError."""
     from equipoise.method.combined import AND_MOTORS, CombinedMethod  # noqa: PLC0415 - flags need no robot model
 
     own = {name: value for name, value in table.items() if name != AND_MOTORS}
