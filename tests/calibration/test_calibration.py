@@ -1,4 +1,4 @@
-"""The whole routine on simulated robots."""
+"""Calibration routine on simulated robots."""
 
 import dataclasses
 
@@ -40,7 +40,7 @@ def ideal(a1):
 
 @pytest.fixture(scope="module")
 def realistic(a1, coarse_engine):
-    """A run with realistic sensors; its seed is 5."""
+    """Run with realistic sensors and seed 5."""
     with simulate(a1, "realistic", seed=5) as simulation:
         return calibrate(simulation.platform, a1, QUICK).with_truth(simulation.truth)
 
@@ -73,7 +73,7 @@ def test_what_the_paper_does_not_estimate_is_none(ideal):
     assert result.base.mass.value is None
 
 
-def test_estimating_again_from_the_recordings_gives_the_same_numbers(ideal, a1):
+def test_repeated_estimates_are_equal(ideal, a1):
     result, recordings = ideal
     again = estimate(a1, recordings, PAPER).with_truth(result.truth)
     assert again.to_dict() == result.to_dict()
@@ -103,7 +103,7 @@ def test_a_seed_gives_the_same_result_and_another_seed_another(a1, realistic):
     assert not np.array_equal(found[1], first, equal_nan=True)
 
 
-def test_a_robot_that_lay_lies_again_at_the_end(a1):
+def test_a_lying_robot_lies_again_at_the_end(a1):
     with simulate(a1, "ideal", start="lying") as simulation:
         before = simulation.platform.read().joint_position
         result = calibrate(simulation.platform, a1, QUICK).with_truth(simulation.truth)
@@ -121,7 +121,7 @@ def test_an_interrupted_run_is_estimated_from_what_is_complete(ideal, a1):
     assert partial.excitations["yaw"].note == "not recorded"
 
 
-def test_a_run_without_a_complete_search_is_refused(ideal, a1):
+def test_a_run_without_a_complete_search_is_rejected(ideal, a1):
     with pytest.raises(RecordingError, match="no complete search on FR_RL"):
         estimate(a1, [recording for recording in ideal[1] if recording.trial.about != "FR_RL"], PAPER)
 
@@ -133,14 +133,14 @@ def test_both_readings_of_the_feet_come_from_the_same_trials(ideal, a1):
     assert (read != found).any()
 
 
-def test_a_search_that_did_not_converge_is_no_result(ideal, a1):
+def test_a_search_that_did_not_converge_is_rejected(ideal, a1):
     lifts = [recording for recording in ideal[1] if recording.trial.kind == "lift"]
     without_the_last = [recording for recording in lifts if recording is not lifts[4]]
     with pytest.raises(RecordingError, match="no complete search on FL_RR"):
         estimate(a1, without_the_last, PAPER)
 
 
-def test_a_excitation_that_cannot_be_fitted_does_not_cost_the_com(ideal, a1):
+def test_an_excitation_without_a_fit_does_not_affect_the_com(ideal, a1):
     result, recordings = ideal
     roll = next(r for r in recordings if r.trial.about == "roll")
     start = roll.phase("excitation").joints.time[0]
@@ -151,13 +151,13 @@ def test_a_excitation_that_cannot_be_fitted_does_not_cost_the_com(ideal, a1):
     assert "needs at least 8" in again.excitations["roll"].note
 
 
-def test_feet_that_do_not_rise_are_no_balance(a1):
+def test_feet_that_do_not_rise_are_not_balanced(a1):
     stuck = load_robot("unitree_a1", RobotDescription(kd=1e9))
     with simulate(stuck, "ideal") as simulation, pytest.raises(MotionError):
         calibrate(simulation.platform, stuck, QUICK)
 
 
-def test_a_payload_that_the_torques_betray_is_warned_of(a1, realistic):
+def test_a_payload_seen_by_the_torques_is_reported(a1, realistic):
     with simulate(a1, "ideal", payload="4,0.05,0,0.05") as simulation:
         heavy = calibrate(simulation.platform, a1, QUICK)
     assert heavy.warnings[0].startswith("the joint torques give a mass of about 16.")
@@ -172,7 +172,7 @@ def test_lifts_grow_to_a_bound(a1):
     assert max(heights) <= 1.6**2 * heights[0] * 1.001
 
 
-def test_settings_that_are_unknown_are_refused():
+def test_unknown_settings_are_rejected():
     with pytest.raises(SettingsError, match="method 'magic' is not known"):
         method_named("magic")
     with pytest.raises(SettingsError, match="'measured' or 'commanded'"):
@@ -194,8 +194,8 @@ def test_progress_names_the_trial_and_the_bracket(a1):
     assert all(progress.done < progress.expected for progress in said)
 
 
-def test_progress_counts_lifts_that_are_done_again_higher(a1):
-    """In the middle of these bounds the robot balances on the first diagonal."""
+def test_progress_counts_repeated_lifts(a1):
+    """The robot is balanced in the middle of these bounds on the first diagonal."""
     said, bounds = [], ComSearchSettings(lower=-0.0666, upper=0.0534)
     with simulate(a1, "ideal", timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, a1, dataclasses.replace(QUICK, com_search=bounds), report=said.append)
@@ -222,7 +222,7 @@ def test_every_robot_of_the_catalogue_is_calibrated_unattended(name, recwarn):
     assert nominal.com == pytest.approx(result.truth.composite.com, abs=1e-9)
 
 
-def test_axes_that_two_joint_legs_cannot_excitation_about_are_skipped_with_the_reason(recwarn):
+def test_unreachable_excitation_axes_are_skipped_with_the_reason(recwarn):
     try:
         robot = load_robot("solo8")
     except MissingDependencyError as error:

@@ -1,4 +1,4 @@
-"""What was added to a robot between two calibrations."""
+"""Payload added to a robot between two calibrations."""
 
 import dataclasses
 import json
@@ -33,7 +33,7 @@ PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `precise_run`
 
 @pytest.fixture(scope="module")
 def bare(a1):
-    """The same robot as in `precise_run`, without its payload and with other noise: recordings and truth."""
+    """Recordings and truth of the robot of `precise_run` without its payload and with other noise."""
     settings = BayesianMethod(duration=40, excitation=False)
     with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
         return perform(simulation.platform, a1, settings).recordings, simulation.truth
@@ -41,7 +41,7 @@ def bare(a1):
 
 @pytest.fixture(scope="module")
 def scale(bare, precise_run):
-    """A scale that reads half a percent too much, to ten grams."""
+    """Readings of a scale with a gain error of half a percent and a resolution of ten grams."""
     return ScaleReadings(tuple(round(1.005 * truth.composite.mass, 2) for truth in (bare[1], precise_run.truth)))
 
 
@@ -66,7 +66,7 @@ def test_a_payload_is_found_within_its_intervals(weighed):
     assert payload.inertia.Ixx.verdict != "identified"  # a point has none
 
 
-def test_errors_in_common_cancel(a1, bare, precise_run, weighed):
+def test_common_errors_cancel(a1, bare, precise_run, weighed):
     apart = precise_run.result.composite.mass.std
     alone = find_payload_change(a1, bare[0], precise_run.recordings)
     assert alone.payload.mass.std < apart
@@ -74,7 +74,7 @@ def test_errors_in_common_cancel(a1, bare, precise_run, weighed):
     assert abs(alone.payload.mass.value - PAYLOAD[0]) < 2 * alone.payload.mass.std
 
 
-def test_what_is_taken_off_is_the_same_body(a1, bare, precise_run, scale, weighed):
+def test_a_removed_payload_is_the_same_body(a1, bare, precise_run, scale, weighed):
     removed = find_payload_change(
         a1, precise_run.recordings, bare[0], dataclasses.replace(scale, masses=scale.masses[::-1])
     )
@@ -86,7 +86,7 @@ def test_what_is_taken_off_is_the_same_body(a1, bare, precise_run, scale, weighe
     assert removed.change.mass.value < 0
 
 
-def test_of_nothing_only_the_mass_is_said(a1, bare):
+def test_without_a_payload_only_the_mass_is_estimated(a1, bare):
     nothing = find_payload_change(a1, bare[0], bare[0])
     mass, *others = nothing.payload
     assert all(quantity.value is quantity.std is quantity.verdict is None for quantity in others)
@@ -96,7 +96,7 @@ def test_of_nothing_only_the_mass_is_said(a1, bare):
     assert {quantity.verdict for quantity in nothing.change} <= {"no change", "not identified"}
 
 
-def test_a_sure_zero_is_no_change_and_an_unsure_one_is_not():
+def test_only_a_certain_zero_is_no_change():
     values, stds = np.array([0.01, *9 * [1e-4]]), np.array([0.02, 5e-4, 5e-4, 5e-3, 1e-3, *5 * [0.1]])
     typical = np.abs(values)
     change = Body.of(values, np.diag(stds**2), typical).with_sure_zeros(np.repeat([0.1, 2e-3, 0.02], [1, 3, 6]))
@@ -104,7 +104,7 @@ def test_a_sure_zero_is_no_change_and_an_unsure_one_is_not():
         "not identified"
     ]
     sure = Body.of(10 * values, np.diag(stds**2), typical).with_sure_zeros(np.full(10, 0.1))
-    assert sure.mass.verdict != "no change"  # 0.1 kg to 0.04 kg: there is one
+    assert sure.mass.verdict != "no change"  # 0.1 +- 0.04 kg is a change
 
 
 def test_derivatives_of_two_runs_are_those_of_their_cost(a1, bare, precise_run):
@@ -118,13 +118,13 @@ def test_derivatives_of_two_runs_are_those_of_their_cost(a1, bare, precise_run):
     gradient = problem.normal_equations(z).gradient
     for index in (0, 7, 12, problem.unknowns.size, problem.unknowns.size + 5, len(z) - 1):
         step = np.zeros_like(z)
-        step[index] = 2e-4  # much smaller ones drown in rounding: the cost is in the millions
+        step[index] = 2e-4  # smaller steps are below the rounding error of the cost
         ahead, behind = (problem.normal_equations(z + sign * step).cost for sign in (1, -1))
         slope = (ahead - behind) / 4e-4
         assert 2 * gradient[index] == pytest.approx(slope, rel=1e-3, abs=1e-2), index
 
 
-def test_bodies_come_back_from_what_adds_up():
+def test_bodies_are_recovered_from_base_vectors():
     body = InertialParameters(0.8, [0.1, -0.02, 0.05], [[3e-3, 1e-4, 0], [1e-4, 4e-3, -2e-4], [0, -2e-4, 5e-3]])
     found = InertialParameters.from_vector(body.vector)
     assert found.mass == pytest.approx(body.mass)
@@ -132,7 +132,7 @@ def test_bodies_come_back_from_what_adds_up():
     assert np.allclose(found.inertia, body.inertia)
 
 
-def test_verdicts_are_by_what_a_quantity_is_like():
+def test_verdicts_depend_on_the_size_of_a_quantity():
     vector = np.array([1.0, 0.1, 0, 0, 0.01, 0, 0.02, 0, 0, 0.02])
     covariance = np.diag(np.array([0.05, 1e-3, 0.04, 0.2, *6 * [1e-3]]) ** 2)
     mass, *others = _payload(vector, covariance, length=0.18)
@@ -144,14 +144,14 @@ def test_verdicts_are_by_what_a_quantity_is_like():
     ]
 
 
-def test_scales_that_cannot_be_are_refused():
-    with pytest.raises(SettingsError, match=r"a mass of 0 kg is too small; pass at least 0\.05 kg"):
+def test_invalid_scales_are_rejected():
+    with pytest.raises(SettingsError, match=r"a scale's mass is 0 kg; it must be 0\.05 kg or more"):
         ScaleReadings((0.0, 1.0))
     with pytest.raises(SettingsError, match=r"noise of the scale is -1; it must be above 0 and below 1"):
         ScaleReadings(noise=-1)
 
 
-def test_a_run_without_lifts_is_named(a1, bare, precise_run):
+def test_a_run_without_lifts_is_rejected(a1, bare, precise_run):
     no_lifts = [recording for recording in bare[0] if not isinstance(recording.trial, LiftTrial)]
     with pytest.raises(RecordingError, match="the second run: no lift trial can be used"):
         find_payload_change(a1, precise_run.recordings, no_lifts)
@@ -173,7 +173,7 @@ def folders(a1, bare, precise_run, tmp_path_factory):
     return path
 
 
-def test_the_command_says_what_was_added(folders, scale, weighed, capsys):
+def test_the_command_prints_the_payload(folders, scale, weighed, capsys):
     before, after = (str(mass) for mass in scale.masses)
     runs = [str(folders / "before"), str(folders / "after"), "--mass", before, after]
     out = folders / "delta.json"
@@ -190,7 +190,7 @@ def test_the_command_says_what_was_added(folders, scale, weighed, capsys):
     assert f"{weighed.payload.mass.value:.3f}" in text
 
 
-def test_runs_that_cannot_be_compared_are_refused(folders, tmp_path, capsys):
+def test_incomparable_runs_are_rejected(folders, tmp_path, capsys):
     paper = tmp_path / "paper"
     header = json.loads((folders / "before" / "run.json").read_text(encoding="utf-8"))
     paper.mkdir()

@@ -1,4 +1,4 @@
-"""A calibration thought through: what it foretells is what a calibration then does."""
+"""Rehearsals, compared with calibrations."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ SETTINGS = {
 
 
 @pytest.mark.parametrize("method", SETTINGS)
-def test_joints_stay_within_the_range_that_was_foretold(a1, method, request):
+def test_joints_stay_within_the_predicted_range(a1, method, request):
     rehearsal = rehearse(a1, SETTINGS[method])
     kept = []
     if method == "paper":
@@ -40,6 +40,6 @@ def test_torques_are_those_of_a_robot_of_its_weight(a1):
     assert rehearsal.postures[0].what == "lying"
 
 
-def test_what_cannot_be_done_is_refused(a1):
+def test_impossible_settings_are_rejected(a1):
     with pytest.raises(SettingsError, match="allows no lift after the search"):
         rehearse(a1, BayesianMethod(duration=20))

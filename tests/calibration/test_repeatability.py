@@ -1,4 +1,4 @@
-"""Calibrations of one robot, one after the other."""
+"""Repeated calibrations of one robot."""
 
 import numpy as np
 import pytest
@@ -29,13 +29,13 @@ def test_the_spread_is_that_of_the_results(results):
     assert by_name["mass"].ratio is None
 
 
-def test_the_spread_is_compared_with_what_results_say_of_themselves(precise_run):
+def test_the_spread_is_compared_with_the_std(precise_run):
     repeated = repeatability([precise_run.result, precise_run.result])
     assert len(repeated) == 10
     assert all(one.ratio == 0 and one.quantity.std > 0 for one in repeated)
     assert to_dict(repeated, 2)["parameters"]["Ixx"]["ratio"] == 0
 
 
-def test_one_calibration_shows_no_spread(results):
-    with pytest.raises(SettingsError, match="1 calibrations show no spread; repeat at least twice"):
+def test_one_calibration_has_no_repeatability(results):
+    with pytest.raises(SettingsError, match="repeatability needs two or more calibrations, not 1; repeat"):
         repeatability(results[:1])

@@ -1,4 +1,4 @@
-"""Runs on disk: kept as they happen, found again, and estimated again anywhere."""
+"""Run folders."""
 
 import dataclasses
 import json
@@ -46,7 +46,7 @@ PROVENANCE = {
 
 @pytest.fixture(scope="module")
 def calibrated(a1, tmp_path_factory):
-    """A run and the calibration that it was kept of."""
+    """Run folder and its calibration."""
     with (
         RunFolder.create(tmp_path_factory.mktemp("runs") / "run", a1, SETTINGS, PROVENANCE) as folder,
         simulate(a1, "realistic", payload="1.5,0.05,0,0.06", seed=2, timestep=1e-3) as simulation,
@@ -60,13 +60,13 @@ def calibrated(a1, tmp_path_factory):
 
 @pytest.fixture
 def run(calibrated, tmp_path):
-    """A copy of the run, to do harm to."""
+    """Copy of the run that a test may damage."""
     return Path(shutil.copytree(calibrated[0].path, tmp_path / "copy"))
 
 
 @pytest.fixture
 def new(tmp_path, a1):
-    """Makes run folders that hold nothing yet."""
+    """Factory of run folders without recordings."""
 
     def make(robot=a1, settings=SETTINGS, name="run"):
         with RunFolder.create(tmp_path / name, robot, settings, {}) as folder:
@@ -82,7 +82,7 @@ def still(kind=None, time=0.0, **about):
 
 
 def rewritten(run, choose):
-    """Write a run's log anew, with some of its recordings only."""
+    """Rewrite a run's log with a selection of its recordings."""
     recordings = [recording for recording in RunFolder.open(run).recordings() if choose(recording)]
     (run / "recording_0.mcap").unlink()
     with RunLog(run / "recording_0.mcap") as log:
@@ -90,10 +90,10 @@ def rewritten(run, choose):
             log.keep(recording)
 
 
-# --- there and back
+# --- write and read
 
 
-def test_a_run_is_its_model_its_settings_its_recordings_and_its_result(calibrated):
+def test_a_run_has_model_settings_recordings_and_result(calibrated):
     folder, calibration = calibrated
     assert {file.name for file in folder.path.iterdir()} == {
         "run.json", "model.xml", "recording_0.mcap", "metadata.yaml", "truth.json", "calibration.json",
@@ -119,14 +119,14 @@ def test_a_run_folder_is_a_bag_for_ros(calibrated):
     assert time == 0
 
 
-def test_estimating_again_gives_the_same_numbers_bit_for_bit(calibrated):
+def test_repeated_estimates_are_equal(calibrated):
     folder, calibration = calibrated
     again = RunFolder.open(folder.path).estimate()
     assert again.to_json() == calibration.to_json()
     assert Calibration.load(folder.path / "calibration.json").to_dict() == json.loads(calibration.to_json())
 
 
-def test_estimating_again_may_take_other_settings(calibrated):
+def test_runs_can_be_estimated_with_other_settings(calibrated):
     folder, calibration = calibrated
     commanded = folder.estimate(dataclasses.replace(SETTINGS, feet="commanded"))
     assert commanded.feet == "commanded"
@@ -134,7 +134,7 @@ def test_estimating_again_may_take_other_settings(calibrated):
     assert commanded.truth is not None
 
 
-def test_estimating_again_works_where_mujoco_does_not(calibrated):
+def test_runs_are_estimated_without_mujoco(calibrated):
     folder, calibration = calibrated
     script = (
         "import sys; sys.modules['mujoco'] = None\n"
@@ -162,13 +162,13 @@ def test_recordings_come_back_in_order(calibrated):
     assert recordings[0].trial.kind == "lift"
 
 
-def test_a_run_that_was_opened_is_only_read(new):
+def test_an_opened_run_is_read_only(new):
     folder = RunFolder.open(new().path)
-    with pytest.raises(OutputError, match="is not open for writing; make a new one, or resume it"):
+    with pytest.raises(OutputError, match="is not open for writing; create a new one, or resume it"):
         folder.keep(still())
 
 
-def test_recordings_are_kept_as_they_come(tmp_path, a1):
+def test_recordings_are_stored_immediately(tmp_path, a1):
     with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}) as folder:
         assert folder.recordings() == []
         for count in range(1, 4):
@@ -180,7 +180,7 @@ def test_recordings_are_kept_as_they_come(tmp_path, a1):
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), FallError("x")])
-def test_a_run_that_ends_early_is_closed_properly(tmp_path, a1, error):
+def test_a_run_that_ends_early_is_closed(tmp_path, a1, error):
     def run():
         with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}) as folder:
             folder.keep(still())
@@ -235,7 +235,7 @@ def test_settings_come_back(new, method):
         ({"method": "paper", "feet": "guessed"}, "feet is 'guessed'; it must be 'measured'"),
     ],
 )
-def test_settings_that_are_damaged_are_refused_by_name(new, settings, words):
+def test_damaged_settings_are_rejected(new, settings, words):
     path = new().path
     header = json.loads((path / "run.json").read_text(encoding="utf-8"))
     (path / "run.json").write_text(json.dumps({**header, "settings": settings}), encoding="utf-8")
@@ -265,7 +265,7 @@ def test_the_robot_comes_back_as_it_was_read(tmp_path, new):
     assert again.pinocchio == robot.pinocchio
 
 
-def test_what_was_repaired_in_a_model_is_not_said_again(tmp_path, a1_urdf, new):
+def test_repairs_of_a_model_are_not_reported_again(tmp_path, a1_urdf, new):
     mesh = '<collision><geometry><mesh filename="x.stl"/></geometry></collision></link>'
     robot = load_text(tmp_path, a1_urdf.replace("</link>", mesh, 1))
     assert robot.source.repairs
@@ -281,7 +281,7 @@ def test_a_real_robot_has_no_truth(run):
     assert calibration.to_dict()["errors"] is None
 
 
-def test_an_interrupted_trial_is_passed_over(run, calibrated):
+def test_an_interrupted_trial_is_ignored(run, calibrated):
     recordings = calibrated[0].recordings()
     start = recordings[0].joints.time[0]
     (run / "recording_0.mcap").unlink()
@@ -293,13 +293,13 @@ def test_an_interrupted_trial_is_passed_over(run, calibrated):
     assert folder.estimate().to_json() == calibrated[1].to_json()
 
 
-def test_a_run_without_a_complete_search_says_what_it_lacks(run):
+def test_a_run_without_a_complete_search_is_rejected(run):
     rewritten(run, lambda recording: recording.trial.about != "FR_RL")
     with pytest.raises(RecordingError, match="no complete search on FR_RL with a tolerance of 10 mm: of 0 lifts"):
         RunFolder.open(run).estimate()
 
 
-# --- where a run may not be
+# --- output folders
 
 
 def test_another_run_is_not_overwritten(run, a1):
@@ -334,7 +334,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path, a1, below):
         RunFolder.create(tmp_path / "file" / below, a1, SETTINGS, {})
 
 
-def test_a_run_that_is_gone_cannot_be_written_to(new, calibrated):
+def test_a_deleted_run_cannot_be_written(new, calibrated):
     folder = new()
     shutil.rmtree(folder.path)
     with pytest.raises(OutputError, match=r"cannot write .*truth.json': No such file"):
@@ -346,7 +346,7 @@ def test_a_run_that_is_gone_cannot_be_written_to(new, calibrated):
 
 
 @pytest.mark.parametrize("raised", [True, False])
-def test_a_run_that_is_gone_when_it_ends_is_told_unless_another_error_says_why(tmp_path, a1, raised):
+def test_a_deleted_run_raises_on_close_unless_another_error_is_raised(tmp_path, a1, raised):
     def run():
         with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}) as folder:
             shutil.rmtree(folder.path)
@@ -357,7 +357,7 @@ def test_a_run_that_is_gone_when_it_ends_is_told_unless_another_error_says_why(t
         run()
 
 
-def test_whoever_finds_a_header_finds_the_rest(tmp_path, a1, monkeypatch):
+def test_the_header_is_written_last(tmp_path, a1, monkeypatch):
     seen = []
     replace = Path.replace
 
@@ -370,16 +370,16 @@ def test_whoever_finds_a_header_finds_the_rest(tmp_path, a1, monkeypatch):
         assert seen == [("model.xml", set()), ("run.json", {"model.xml", "recording_0.mcap"})]
 
 
-# --- gone on with
+# --- resumed runs
 
 
-def test_a_run_that_is_gone_on_with_takes_what_it_has_and_then_more(run, calibrated):
+def test_a_resumed_run_replays_its_recordings_and_adds_more(run, calibrated):
     expected = calibrated[0].recordings()
     rewritten(run, lambda recording: recording.joints.time[0] < expected[3].joints.time[0])
     folder, content = RunFolder.resume(run, repeats=True)
     with folder:
         assert len(content.recordings) == 3
-        assert not (run / "metadata.yaml").exists()  # of a log that is not as it was
+        assert not (run / "metadata.yaml").exists()  # the recordings will change
         for recording in expected:
             folder.keep(recording)
     assert (run / "metadata.yaml").exists()
@@ -387,11 +387,11 @@ def test_a_run_that_is_gone_on_with_takes_what_it_has_and_then_more(run, calibra
     assert folder.estimate().to_json() == calibrated[1].to_json()
 
 
-def test_a_broken_recording_does_not_stand_for_one_that_is_known(run, calibrated):
+def test_an_incomplete_recording_does_not_replace_a_stored_one(run, calibrated):
     folder, content = RunFolder.resume(run, repeats=True)
     with folder:
         folder.keep(content.recordings[0])
-        folder.keep(content.recordings[1].broken_off())  # Ctrl-C while what is known is repeated
+        folder.keep(content.recordings[1].broken_off())  # Ctrl-C during the replay
     assert len(folder.recordings()) == len(content.recordings)
 
 
@@ -405,7 +405,7 @@ def test_a_run_is_complete_when_it_has_a_result(run):
 
 
 @pytest.mark.parametrize(("name", "kind"), [("missing", "does not exist"), ("empty", "is a folder without run.json")])
-def test_a_folder_without_a_run_is_no_run(tmp_path, name, kind):
+def test_a_folder_without_a_run_is_rejected(tmp_path, name, kind):
     (tmp_path / "empty").mkdir()
     with pytest.raises(RecordingError, match=rf"'.*{name}' {kind}; name the run folder of a calibration"):
         RunFolder.open(tmp_path / name)
@@ -417,8 +417,8 @@ def test_a_folder_without_a_run_is_no_run(tmp_path, name, kind):
         (b"", "is not a run folder of a calibration: .*run.json' is not JSON"),
         (b'{"schema": ', "is not a run folder of a calibration: .*run.json' is not JSON"),
         (b"\xff\xfe\x00", "is not a run folder of a calibration: .*run.json' is not JSON"),
-        (b"[1, 2]", "is not a run folder of a calibration: .*run.json' holds no JSON object"),
-        (b"{}", "is damaged: its run.json lacks 'schema'; copy it again from where it is whole"),
+        (b"[1, 2]", "is not a run folder of a calibration: .*run.json' is not a JSON object"),
+        (b"{}", "is damaged: its run.json lacks 'schema'; copy it again from an intact run folder"),
         (b'{"schema": [2]}', r"is \[2\]; this version reads 'equipoise.run/1'"),
         (
             b'{"schema": "equipoise.run/3"}',
@@ -428,7 +428,7 @@ def test_a_folder_without_a_run_is_no_run(tmp_path, name, kind):
         (b'{"schema": "equipoise.run/1"}', "is damaged: its run.json lacks 'model'"),
     ],
 )
-def test_a_damaged_header_is_told(run, content, message):
+def test_a_damaged_header_is_reported(run, content, message):
     (run / "run.json").write_bytes(content)
     with pytest.raises(RecordingError, match=message):
         RunFolder.open(run)
@@ -447,7 +447,7 @@ def test_a_damaged_header_is_told(run, content, message):
         ("settings", {}, "settings of run .* are damaged: method 'None' is not known"),
     ],
 )
-def test_a_header_with_damaged_content_is_told(run, key, value, message):
+def test_a_header_with_damaged_content_is_reported(run, key, value, message):
     header = json.loads((run / "run.json").read_text())
     header[key] = value
     (run / "run.json").write_text(json.dumps(header))
@@ -456,33 +456,32 @@ def test_a_header_with_damaged_content_is_told(run, key, value, message):
 
 
 @pytest.mark.parametrize("content", [None, "", "<robot", "<robot/>", "<mujoco/>"])
-def test_a_damaged_model_is_told(run, content):
+def test_a_damaged_model_is_reported(run, content):
     if content is None:
         (run / "model.xml").unlink()
     else:
         (run / "model.xml").write_text(content)
-    with pytest.raises(
-        RecordingError, match=r"the run '.*copy' is damaged: its .*model.xml .*; copy it again from where"
-    ):
+    with pytest.raises(RecordingError, match=r"the run '.*copy' is damaged: its .*model.xml .*; copy it again from an"):
         RunFolder.open(run).estimate()
 
 
 @pytest.mark.parametrize("missing", [1, 99])
-def test_a_recording_that_was_cut_is_told_also_to_who_reads_it_alone(run, missing):
+def test_a_cut_recording_is_reported(run, missing):
     (run / "recording_0.mcap").write_bytes((run / "recording_0.mcap").read_bytes()[:-missing])
     folder = RunFolder.open(run)
     with pytest.warns(
-        UserWarning, match=r"lack motions that the run's calibration.json was made of.* copy recording_0.mcap again"
+        UserWarning,
+        match=r"lack motions that the stored calibration.json is estimated from.* copy recording_0.mcap again",
     ):
         folder.recordings()
     with pytest.warns(UserWarning, match="ends in the middle: it was cut"):
         assert folder.shown().to_json() == folder.result().to_json()
     (run / "calibration.json").unlink()
-    with pytest.warns(UserWarning, match="was killed, or is not over; go on with: equipoise calibrate --resume"):
+    with pytest.warns(UserWarning, match="was killed, or is not over; resume it: equipoise calibrate --resume"):
         assert folder.shown().to_json() == folder.estimate().to_json()
 
 
-def test_a_damaged_recording_is_named(run):
+def test_a_damaged_recording_is_reported(run):
     content = bytearray((run / "recording_0.mcap").read_bytes())
     content[len(content) // 2] ^= 8
     (run / "recording_0.mcap").write_bytes(content)
@@ -491,7 +490,7 @@ def test_a_damaged_recording_is_named(run):
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", '{"composite": {"mass": 1}}', '{"composite": 3}'])
-def test_a_damaged_truth_is_told(run, content):
+def test_a_damaged_truth_is_reported(run, content):
     (run / "truth.json").write_text(content)
     with pytest.raises(RecordingError, match=r"the run '.*copy' is damaged: .*truth.json"):
         RunFolder.open(run).estimate()

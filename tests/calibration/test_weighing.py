@@ -1,4 +1,4 @@
-"""How the answer of a robot that is weighed again is made of intervals."""
+"""Answers of a payload measurement from intervals."""
 
 from types import SimpleNamespace
 
@@ -13,10 +13,10 @@ from equipoise.terminal.several_runs import print_payload_change
 SIZES = np.repeat([0.125, 2e-3, 5e-3], [1, 3, 6])  # of an A1
 
 
-def found(mass, half, shift=0.0, shift_half=5e-4):
-    """A difference with halves of 95 % intervals, all of its mass at one place."""
+def found(mass, half_width, shift=0.0, shift_half_width=5e-4):
+    """Return a difference with given half_width widths of 95 % intervals, with its mass at one point."""
     values = np.array([mass, shift, *8 * [0.0]])
-    halves = np.array([half, *3 * [shift_half], *6 * [1e-3]])
+    halves = np.array([half_width, *3 * [shift_half_width], *6 * [1e-3]])
     covariance = np.diag((halves / 1.96) ** 2)
     change = Body.of(values, covariance, np.abs(values)).with_sure_zeros(SIZES)
     nothing = np.array([abs(mass), *9 * [np.nan]])
@@ -31,38 +31,38 @@ def found(mass, half, shift=0.0, shift_half=5e-4):
         (found(0.06, 0.05), "nothing"),  # there, and too little
         (found(0.43, 0.56), "unsure"),
         (found(0.02, 0.56), "unsure"),
-        (found(0.02, 0.05, shift=1e-3, shift_half=5e-3), "unsure"),
+        (found(0.02, 0.05, shift=1e-3, shift_half_width=5e-3), "unsure"),
         (found(0.43, 0.56, shift=3e-3), "moved"),
         (found(0.43, 0.1), "added"),
         (found(-0.43, 0.1), "removed"),
     ],
 )
-def test_what_cannot_be_told_is_not_called_too_small(a1, delta, answer):
+def test_an_uncertain_change_is_not_called_too_small(a1, delta, answer):
     assert _answer(a1, delta) == answer
 
 
 @pytest.mark.parametrize(
-    ("delta", "said"),
+    ("delta", "words"),
     [
         (found(0.43, 0.56), "cannot tell whether anything changed: +0.430 +- 0.560 kg, CoM x +0.0 +- 0.5 mm"),
         (found(0.02, 0.05), "too small to matter: +0.020 +- 0.050 kg"),
-        (found(0.43, 0.56, shift=3e-3), "its centre of mass moved: CoM x +3.0 +- 0.5 mm"),
+        (found(0.43, 0.56, shift=3e-3), "the centre of mass moved: CoM x +3.0 +- 0.5 mm"),
     ],
 )
-def test_its_sentence_says_which(a1, delta, said):
+def test_the_message_has_the_answer(a1, delta, words):
     message = _message(a1, SimpleNamespace(name="runs/last"), delta, _answer(a1, delta), 26.0)
-    assert message.startswith(f"unitree_a1: {said}")
+    assert message.startswith(f"unitree_a1: {words}")
     assert "since runs/last; 26 s of robot time" in message
     assert ("--mass KG" in message) == ("cannot tell" in message)
 
 
 @pytest.mark.parametrize(
-    ("delta", "said"),
+    ("delta", "words"),
     [
         (found(0.43, 0.56), "cannot be told whether anything was added"),
         (found(0.02, 0.05), "Nothing that matters was added"),
     ],
 )
-def test_two_runs_tell_nothing_from_unsure(delta, said, capsys):
+def test_two_runs_distinguish_nothing_from_unsure(delta, words, capsys):
     print_payload_change(delta)
-    assert said in " ".join(capsys.readouterr().out.split())
+    assert words in " ".join(capsys.readouterr().out.split())

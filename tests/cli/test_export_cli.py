@@ -165,7 +165,7 @@ def test_errors_name_the_remedy(run, a1, tmp_path, capsys):
     )
     with RunFolder.create(tmp_path / "begun", a1, BayesianMethod(), {}):
         pass
-    assert "came to no result; go on with: equipoise calibrate --resume" in fails(
+    assert "has no result; resume it: equipoise calibrate --resume" in fails(
         capsys, 5, "export", str(tmp_path / "begun"), "--to", "urdf"
     )
     lone = tmp_path / "calibration.json"

@@ -52,8 +52,8 @@ def test_a_wrong_mass_is_refused_before_a_foot_is_lifted(a1):
     assert carried == pytest.approx(16.95, rel=0.03)
     assert str(caught.value) == (
         f"the given mass is 12 kg, and the joint torques carry {carried:.2f} kg ({12 / carried - 1:+.0%}, limit 15%); no "
-        "foot was lifted. Weigh the robot again, or give no mass; if the mass is right (torque constants may be "
-        "off by so much), confirm it: --confirm-mass (in Python confirm_mass=True)"
+        "foot was lifted. Weigh the robot again, or omit the mass; if the mass is correct (torque constants may be "
+        "this wrong), confirm it: --confirm-mass (in Python confirm_mass=True)"
     )
     assert caught.value.details["mass_comparison"]["given"] == 12.0
     assert caught.value.exit_code == 2

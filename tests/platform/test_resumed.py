@@ -147,7 +147,7 @@ def test_recordings_that_the_routine_does_not_come_to_again_are_told(a1, tmp_pat
     folder, content = RunFolder.resume(tmp_path / "run", repeats=True)
     with folder:
         folder.keep(content.recordings[0])
-        with pytest.raises(RecordingError, match="does not come to the recordings that it has"):
+        with pytest.raises(RecordingError, match="does not reproduce its recordings"):
             folder.keep(content.recordings[0])
 
 

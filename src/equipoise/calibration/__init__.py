@@ -1,1 +1,1 @@
-"""A calibration from its settings to its run folder, and what several of them say together."""
+"""Calibration from settings to run folder, and comparison of several calibrations."""

@@ -1,7 +1,7 @@
-"""Mass that was added to a robot or taken off between two calibrations: errors of sensors and of a scale cancel.
+"""Payload added to a robot or removed between two calibrations, in which errors of sensors and scale cancel.
 
-Both runs are estimated together (estimator/known/two_runs.py). Of bodies that are rigidly joined, mass, first moment and
-inertia about the base's origin add up: those of the second run's base less those of the first one's are the payload's.
+Both runs are estimated together (estimator/prior_runs/two_runs.py). Mass, first moment and inertia about the base's
+origin of rigidly joined bodies add up. The payload's are therefore those of the second base minus those of the first.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 
 SCHEMA = "equipoise.payload_change/1"
-# Of the robot's mass, of a metre on an A1, of the largest moment: a zero that is as sure as this is none to any controller.
-_UNFELT = np.array([0.01, 2e-3, 0.05])
+# Changes that are negligible for a controller: of the robot's mass, of a metre on an A1, of the largest moment.
+_NEGLIGIBLE = np.array([0.01, 2e-3, 0.05])
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +40,14 @@ class PayloadChange:
 
     Attributes:
         robot: name of the robot.
-        payload: mass, CoM in the base frame and inertia about its own CoM of what was added. Of what was taken off, if
-            `removed`. CoM and inertia are not estimated if the mass may be zero. Verdicts compare the deviation of a mass
-            with the mass, of a CoM with the robot's size, of an inertia with the payload's largest moment.
-        change: differences of the whole robot's ten quantities at its stance, after less before. Verdicts say whether a
-            change can be told from none, or none from a change: "no change".
-        removed: whether the robot became lighter.
-        warnings: objections to the result.
-        provenance: version, time, runs, readings of a scale.
+        payload: mass, CoM in the base frame and inertia about its own CoM of the added (or `removed`) payload. CoM and
+            inertia are not estimated if the mass may be zero. Verdicts compare the std of a mass with the mass, of a CoM
+            with the robot's size, of an inertia with the payload's largest moment.
+        change: differences of the whole robot's ten quantities at its stance, second run minus first. The verdict
+            "no change" means that a significant change is excluded.
+        removed: True if the robot became lighter.
+        warnings: warnings about the result.
+        provenance: version, time, runs, scale readings.
     """
 
     robot: str
@@ -64,7 +64,7 @@ class PayloadChange:
         return replace(self, payload=self.payload.with_truth(truth))
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         return {
             "schema": SCHEMA,
             "robot": self.robot,
@@ -86,36 +86,36 @@ def find_payload_change(
     scale: ScaleReadings | None = None,
     priors: Priors | None = None,
 ) -> PayloadChange:
-    """Estimate what was added between two runs of the method `bayesian`.
+    """Estimate the payload added between two runs of the method `bayesian`.
 
     Args:
         before, after: recordings of each run.
-        scale: readings of a scale in each run.
-        priors: standard deviations of the unknowns before anything is measured.
+        scale: scale readings in each run.
+        priors: prior standard deviations of the parameters.
 
     Raises:
-        RecordingError: a run has nothing that can be used.
+        RecordingError: a run has no usable recording.
     """
     stance = nominal_stance(robot)
     for recordings in (before, after):
         screen(robot, recordings)
     motions = read_motions(robot, stance, before), read_motions(robot, stance, after)
     runs = estimate_two_runs(robot, stance, motions, priors, scale)
-    warnings = () if runs.converged else ("the estimate did not settle: something does not fit at all",)
+    warnings = () if runs.converged else ("the estimate did not converge: some recordings contradict the model",)
     return _payload_change(robot, stance, runs, warnings)
 
 
-def find_payload_change_since(robot: RobotModel, known: PriorRun, evidence: PosteriorEvidence) -> PayloadChange:
-    """Estimate what was added since a prior run, from a run that uses it.
+def find_payload_change_since(robot: RobotModel, prior_run: PriorRun, evidence: PosteriorEvidence) -> PayloadChange:
+    """Estimate the payload added since a prior run, from a run that uses it.
 
     Args:
         evidence: evidence of the result of such a run.
 
     Raises:
-        SettingsError: the earlier run is of another robot.
+        SettingsError: the prior run is of another robot.
     """
-    known.check(robot)
-    runs = both_runs(known, evidence.posterior, evidence.changes)
+    prior_run.check(robot)
+    runs = both_runs(prior_run, evidence.posterior, evidence.changes)
     return _payload_change(robot, nominal_stance(robot), runs, tuple(change.message for change in evidence.changes))
 
 
@@ -136,23 +136,23 @@ def _payload_change(robot: RobotModel, stance: Stance, runs: TwoRuns, warnings: 
     vector = -vector if removed else vector
     payload = _payload(vector, covariance, float(np.ptp(stance.feet_in_base[:, 0])) / 2)
     whole = composite_parameters(robot, stance.joint_position)
-    unfelt = np.repeat(_UNFELT * [whole.mass, stance.scale.length, whole.principal_moments[-1]], [1, 3, 6])
+    negligible = np.repeat(_NEGLIGIBLE * [whole.mass, stance.scale.length, whole.principal_moments[-1]], [1, 3, 6])
     if payload.com_in_base.x.value is None:
-        payload = payload.with_sure_zeros(unfelt)
-    difference = Body.of(change, change_covariance, np.abs(change)).with_sure_zeros(unfelt)
+        payload = payload.with_sure_zeros(negligible)
+    difference = Body.of(change, change_covariance, np.abs(change)).with_sure_zeros(negligible)
     return PayloadChange(robot.name, payload, difference, removed, warnings)
 
 
 def _payload(vector: FloatArray, covariance: FloatArray, length: float) -> Body:
-    """A body from (10,) parameters about the base's origin; of nothing, only the mass.
+    """Return a body from (10,) parameters about the base's origin; only its mass if that may be zero.
 
     Args:
-        length: length that a position is compared with [m].
+        length: reference length for the verdict of a position [m].
     """
     if vector[0] <= NORMAL_95 * np.sqrt(covariance[0, 0]):
-        alone, variance = np.full(10, np.nan), np.full((10, 10), np.nan)
-        alone[0], variance[0, 0] = vector[0], covariance[0, 0]
-        return Body.of(alone, variance, np.abs(alone))
+        mass_only, variance = np.full(10, np.nan), np.full((10, 10), np.nan)
+        mass_only[0], variance[0, 0] = vector[0], covariance[0, 0]
+        return Body.of(mass_only, variance, np.abs(mass_only))
     values, spread = _propagated(lambda at: components(InertialParameters.from_vector(at)), vector, covariance)
     largest = float(np.abs(values[4:]).max())
     typical = np.concatenate([values[:1], np.full(3, length), np.full(6, largest)])
@@ -162,7 +162,7 @@ def _payload(vector: FloatArray, covariance: FloatArray, length: float) -> Body:
 def _propagated(
     function: Callable[[FloatArray], FloatArray], at: FloatArray, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """A function's value and its covariance, to first order, from those of its argument."""
+    """Return a function's value and its first-order covariance from those of its argument."""
     steps = 1e-3 * np.sqrt(np.diag(covariance))
     columns = [
         (function(at + step) - function(at - step)) / (2 * step[index]) if step[index] else np.zeros(10)

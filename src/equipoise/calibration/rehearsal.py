@@ -1,6 +1,6 @@
-"""A calibration thought through before anything moves: which postures, how far the joints go, what torques that takes.
+"""Rehearsal of a calibration from the model alone: postures, joint ranges and torques.
 
-From the model alone. A robot that carries what its model does not know needs more torque than is predicted here.
+A robot with an unmodelled payload needs more torque than predicted here.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from equipoise.method.rehearsal import RehearsedPosture, held_posture
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import lying_posture, nominal_stance
 
-_AROUND = 12.0  # [s] on an A1: looking, standing up, lying down, damping
+_AROUND = 12.0  # [s] on an A1: initial checks, standing up, lying down, damping
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +27,9 @@ class Rehearsal:
     Attributes:
         robot: model of the robot.
         method: method of the calibration.
-        doing: motions between standing up and lying down, in words.
+        doing: description of the motions between standing up and lying down.
         postures: postures in order; lying first.
-        duration: time that all of it takes on the robot [s].
+        duration: robot time [s].
     """
 
     robot: RobotModel
@@ -50,7 +50,7 @@ class Rehearsal:
         return np.abs([posture.torque for posture in self.postures]).max(axis=0)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         names, (lower, upper) = self.robot.joint_names, self.joint_range.tolist()
         torques, limits = self.largest_torque.tolist(), self.robot.effort_limit.tolist()
         rows = zip(names, lower, upper, torques, limits, strict=True)
@@ -67,11 +67,11 @@ class Rehearsal:
 
 
 def rehearse(robot: RobotModel, method: Method) -> Rehearsal:
-    """Think a calibration through; moves nothing.
+    """Rehearse a calibration without a robot.
 
     Raises:
-        SettingsError: a setting does not fit the robot.
-        ReachError: something is out of reach.
+        SettingsError: a setting does not suit the robot.
+        ReachError: a posture is out of reach.
     """
     stance = nominal_stance(robot)
     lying, _ = lying_posture(robot, stance)

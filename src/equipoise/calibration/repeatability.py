@@ -1,4 +1,4 @@
-"""Calibrations of one robot, one after the other: how much they differ, against how much they say they may."""
+"""Repeatability: spread of repeated calibrations of one robot, compared with their standard deviations."""
 
 from __future__ import annotations
 
@@ -17,11 +17,10 @@ SCHEMA = "equipoise.repeatability/1"
 
 @dataclass(frozen=True)
 class Repeated:
-    """One parameter of the whole robot, over the repetitions; SI units.
+    """Parameter of the whole robot over the repetitions, in SI units.
 
     Attributes:
-        quantity: quantity whose value is the mean over the repetitions, with the median of the standard deviations that
-            they state.
+        quantity: mean value over the repetitions, with the median of their standard deviations.
         spread: standard deviation of the values over the repetitions.
     """
 
@@ -30,10 +29,9 @@ class Repeated:
 
     @property
     def ratio(self) -> float | None:
-        """Spread over deviation: at most about one for an honest interval.
+        """Ratio of spread to standard deviation: at most about one for a valid interval.
 
-        Less is not a sign of caution: an interval also covers what is the same each time, as joint offsets and a scale's
-        error.
+        It is often smaller, because an interval also covers errors common to all runs, such as joint offsets.
         """
         return self.spread / self.quantity.std if self.quantity.std else None
 
@@ -42,31 +40,31 @@ def repeatability(results: Sequence[Calibration]) -> list[Repeated]:
     """Compare the spread of several calibrations of one robot with their intervals.
 
     Raises:
-        SettingsError: fewer than two.
-        NotEstimatedError: they share no parameter.
+        SettingsError: there are fewer than two calibrations.
+        NotEstimatedError: no parameter is estimated in all of them.
     """
     if len(results) < 2:
-        raise SettingsError(f"{len(results)} calibrations show no spread; repeat at least twice")
+        raise SettingsError(f"repeatability needs two or more calibrations, not {len(results)}; repeat at least twice")
     found: list[Repeated] = []
     for same in zip(*(result.composite for result in results), strict=True):
-        known = [quantity.value for quantity in same if quantity.value is not None]
-        if len(known) < len(results):
+        values = [quantity.value for quantity in same if quantity.value is not None]
+        if len(values) < len(results):
             continue
         stds = [quantity.std for quantity in same if quantity.std is not None]
         mean = replace(
             same[0],
-            value=float(np.mean(known)),
+            value=float(np.mean(values)),
             std=float(np.median(stds)) if stds else None,
             verdict=None,
         )
-        found.append(Repeated(mean, float(np.std(known, ddof=1))))
+        found.append(Repeated(mean, float(np.std(values, ddof=1))))
     if not found:
         raise NotEstimatedError("no parameter was estimated in every repetition")
     return found
 
 
 def to_dict(repeated: Sequence[Repeated], count: int) -> dict[str, Any]:
-    """JSON form."""
+    """Return the JSON form."""
     return {
         "schema": SCHEMA,
         "repetitions": count,

@@ -1,4 +1,4 @@
-"""The routine: experiments on a robot, estimates from their recordings, and the two joined."""
+"""Calibration routine: experiments on a robot, estimates from their recordings, and both together."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from equipoise.result.mass_comparison import MassComparison
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
-_BAD_SAMPLES = 0.01  # share of the samples
+_BAD_SAMPLES = 0.01  # largest fraction of the samples
 
 
 def calibrate(
@@ -37,29 +37,28 @@ def calibrate(
     confirm: Callable[[str], bool] | None = None,
     on_response: Callable[[ResponseTest], None] | None = None,
 ) -> Calibration:
-    """Run a calibration on a robot and estimate from what it felt.
+    """Run a calibration on a robot and estimate its parameters from the recordings.
 
-    The robot may stand or lie when it begins; it ends where it began.
+    The robot may stand or lie initially, and returns to that posture at the end.
 
     Args:
         platform: robot, real or simulated.
         robot: model of the robot.
         method: method with its settings; default: `BayesianMethod()`.
-        keep: function that gets every recording as soon as it is complete, and the last, broken one if the routine ends
-            early.
+        keep: function that gets every recording as soon as it is complete, and the incomplete last one if the routine
+            ends early.
         report: function that is called before every trial, and before the estimate.
-        told: function that returns whether the operator has confirmed a request, as turning the robot; it must not
-            wait. None: there is no operator.
-        confirm: function that asks the operator a question while the robot stands: whether a given mass is right that
-            disagrees with the joint torques, or a measured orientation of the IMU that differs from the model's. None:
-            there is no operator, and either raises.
+        told: function that returns True once the operator has confirmed a request, such as turning the robot; it must
+            not wait. None: there is no operator.
+        confirm: function that asks the operator a question while the robot stands, and returns True for yes. It is
+            called if a given mass disagrees with the joint torques, or a measured orientation of the IMU with the
+            model's. None: there is no operator, and both raise.
         on_response: function that gets the result of the response test, before the first trial. None: no response test,
             as in simulation.
 
     Raises:
         UnconfirmedMassError: the given mass disagrees with the joint torques of the standing robot, and is not confirmed.
-        MotionError: joints or gyroscope do not answer as the model predicts, and no foot was lifted; or the robot could not
-            do, or did not do, what was asked.
+        MotionError: joints or gyroscope do not respond as the model predicts (no foot was lifted), or a motion failed.
     """
     method = method or BayesianMethod()
     experiment = perform(platform, robot, method, keep, report, told, confirm, on_response)
@@ -68,7 +67,7 @@ def calibrate(
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """An experiment that was made.
+    """Completed experiment.
 
     Attributes:
         robot: model of the robot, with the orientation of the IMU that is used.
@@ -81,7 +80,7 @@ class Experiment:
     facts: dict[str, Any]
 
     def estimate(self, method: Method, report: Callable[[Progress], None] | None = None) -> Calibration:
-        """Estimate from the recordings; the robot is not needed any more."""
+        """Estimate the parameters from the recordings, without the robot."""
         if report is not None:
             report(Progress("estimating", len(self.recordings), len(self.recordings) + 1))
         return method.estimate(self.robot, self.recordings, nominal_stance(self.robot)).with_provenance(**self.facts)
@@ -114,7 +113,7 @@ def perform(
     try:
         if on_response is not None:
             response = check_base(standing, stance, joints, confirm)
-            robot = standing.robot  # methods put robots of other masses there later
+            robot = standing.robot  # methods replace it by models with other masses later
             on_response(response)
             facts["response_test"] = to_json(response)
         _confirm_mass(method.mass_in_doubt(standing, stance), confirm)
@@ -129,53 +128,53 @@ def perform(
 
 
 def with_guard_report(result: Calibration, report: GuardReport) -> Calibration:
-    """Return a result with what the guard of a real robot reports, and a check of the samples that arrived."""
+    """Return a result with the guard's report, and a check of the received samples."""
     counts = report.samples
     bad = counts.rejected + counts.repeated + counts.out_of_order
     share = bad / max(counts.fresh + bad, 1)
     message = (
-        f"{bad} of {counts.fresh + bad} samples ({share:.1%}) were left out: {counts.rejected} with a wrong checksum, length "
+        f"{bad} of {counts.fresh + bad} samples ({share:.1%}) were rejected: {counts.rejected} with a wrong checksum, length "
         f"or sender, {counts.repeated} repeated, {counts.out_of_order} out of order"
     )
     if report.unchecked:
-        message += "; their checksums were not checked, as the platform's settings ask"
+        message += "; checksums were not checked, as set for the platform"
     if share > _BAD_SAMPLES:
-        message += f". More than {_BAD_SAMPLES:.0%} is suspect: check the cable, and what else sends to this computer"
+        message += f". The limit is {_BAD_SAMPLES:.0%}: check the cable, and other senders to this computer"
     checks = sorted([*result.checks, Check("samples", share <= _BAD_SAMPLES, message)], key=lambda check: check.passed)
     return dataclasses.replace(result, checks=tuple(checks)).with_provenance(guard=to_json(report))
 
 
 def _confirm_mass(doubt: MassComparison | None, confirm: Callable[[str], bool] | None) -> None:
-    question = "Mass in doubt: {}. Mass and inertia scale with the given mass. Is it right?"
+    question = "Mass in doubt: {}. Mass and inertia scale with the given mass. Is it correct?"
     if doubt is not None and not (confirm is not None and confirm(question.format(doubt.message))):
         raise UnconfirmedMassError(
-            f"{doubt.message}; no foot was lifted. Weigh the robot again, or give no mass; if the mass is "
-            "right (torque constants may be off by so much), confirm it: --confirm-mass (in Python confirm_mass=True)",
+            f"{doubt.message}; no foot was lifted. Weigh the robot again, or omit the mass; if the mass is "
+            "correct (torque constants may be this wrong), confirm it: --confirm-mass (in Python confirm_mass=True)",
             doubt,
             {"mass_comparison": to_json(doubt)},
         )
 
 
 def check(robot: RobotModel, method: Method) -> None:
-    """Refuse settings that do not fit a robot, before anything moves; `calibrate` begins with this.
+    """Check the settings of a method against a robot, as `calibrate` does first.
 
     Raises:
-        SettingsError: a setting does not fit the robot's size.
+        SettingsError: a setting does not suit the robot.
         ReachError: a posture is out of reach or not safe.
     """
     method.check(robot, nominal_stance(robot))
 
 
 def estimate(robot: RobotModel, recordings: Sequence[Recording], method: Method | None = None) -> Calibration:
-    """Estimate from the recordings of a calibration. Moves nothing and needs no platform.
+    """Estimate the parameters from the recordings of a calibration, without a platform.
 
     Args:
-        robot: model of the robot that was recorded.
-        recordings: recordings of one run, in order; broken ones (of an interrupted trial) are passed over.
+        robot: model of the recorded robot.
+        recordings: recordings of one run, in order; incomplete ones (of an interrupted trial) are ignored.
         method: method of the run; default: `BayesianMethod()`.
 
     Raises:
-        RecordingError: they do not hold what the method needs.
+        RecordingError: the recordings are not sufficient.
     """
     method = method or BayesianMethod()
     return method.estimate(robot, recordings, nominal_stance(robot))

@@ -1,15 +1,15 @@
-"""A run on disk: the robot's model, the settings, every recording, and the result.
+"""Run folder: robot model, settings, recordings and result of a run on disk.
 
 run.json            robot, settings, provenance
-model.xml           the robot model as it was read (URDF or MJCF, cleaned)
-recording_0.mcap    everything that was sensed and sent, written while it happens; recording_1.mcap once it was resumed, ...
-ending.txt          how a real robot was put down
-metadata.yaml       rosbag2's metadata of these, once the run is over
-truth.json          simulation only
-calibration.json    the result
-posterior.json      what the next run of this robot may know, of a method that keeps such
-known.json          that of an earlier run, where this one began with it
-report.html         all of it on a page
+model.xml           robot model (URDF or MJCF, cleaned)
+recording_0.mcap    samples and commands, written during the run; recording_1.mcap after it was resumed, ...
+ending.txt          how a real robot was lowered at the end
+metadata.yaml       rosbag2 metadata of the recordings, once the run is over
+truth.json          ground truth (simulation only)
+calibration.json    result
+posterior.json      posterior for later runs of this robot, if the method provides it
+prior_run.json      posterior of the prior run, if there is one
+report.html         report
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ from equipoise.user_file import read_text, typed, write_file
 
 POSTERIOR = "posterior.json"
 _MODEL, _TRUTH = "model.xml", "truth.json"
-_RESPONSE = "response_test"  # of the provenance
+_RESPONSE = "response_test"  # key in the provenance
 
 
 class RunFolder:
-    """A run on disk. Made by `create`, found again by `open`, continued by `resume`.
+    """Run on disk, made by `create`, `open` or `resume`.
 
-    A run that was made or resumed is open for writing: use it as a context manager, or close it.
+    A created or resumed run is open for writing: use it as a context manager, or close it.
 
     Attributes:
         path: path of the folder.
@@ -64,14 +64,14 @@ class RunFolder:
         self.path = path
         self._header: Mapping[str, Any] = header
         self._log = log
-        self._known = deque[Recording]()  # recordings that the routine comes to again before it goes on
+        self._replayed = deque[Recording]()  # stored recordings that a resumed routine repeats first
 
     @classmethod
     def create(cls, path: str | Path, robot: RobotModel, method: Method, provenance: Mapping[str, Any]) -> RunFolder:
-        """A new run.
+        """Create a new run.
 
         Raises:
-            OutputError: the folder holds something already, or cannot be written.
+            OutputError: the folder is not empty, or cannot be written.
         """
         path = Path(path)
         header = {
@@ -92,7 +92,7 @@ class RunFolder:
             for name, table in method.attachments().items():
                 write_file(path / f"{name}.json", json.dumps(table) + "\n")
             log = RunLog(log_file(path, 0))
-            write_file(path / HEADER, json.dumps(header, indent=2) + "\n")  # whoever finds a header finds the rest
+            write_file(path / HEADER, json.dumps(header, indent=2) + "\n")  # last, so that a header implies the rest
         except OutputError:
             raise
         except OSError as error:
@@ -102,39 +102,39 @@ class RunFolder:
         return cls(path, header, log)
 
     def discard(self) -> None:
-        """Remove the folder of a run that was refused before its first trial; its path is free again."""
+        """Remove the folder of a run that was rejected before its first trial."""
         shutil.rmtree(self.path, ignore_errors=True)
 
     @classmethod
     def open(cls, path: str | Path) -> RunFolder:
-        """A run that exists; raises RecordingError if it is none."""
+        """Open an existing run; raises RecordingError if the folder is not a run."""
         path = Path(path)
         return cls(path, read_header(path))
 
     @classmethod
     def resume(cls, path: str | Path, repeats: bool) -> tuple[RunFolder, LogContent]:
-        """A run that was interrupted, to go on with behind its last complete recording; and what its log held.
+        """Open an interrupted run to resume it after its last complete recording; return it with its log's content.
 
         Args:
             path: path of the folder.
-            repeats: whether what was played behind that will be played again exactly, as a simulation does. A real robot's
-                motion stays in the log.
+            repeats: True if later motions will be repeated exactly, as in simulation. False to keep them in the log, as
+                those of a real robot.
 
         Raises:
-            RecordingError: it is not a run, or its log is damaged.
-            OutputError: it cannot be written, or another process writes it.
+            RecordingError: the folder is not a run, or its log is damaged.
+            OutputError: the run cannot be written, or another process writes it.
         """
         folder = cls.open(path)
         folder._log, content = resume_log(folder.path, repeats)
-        (folder.path / METADATA).unlink(missing_ok=True)  # of what is about to change
-        folder._known = deque(content.recordings)
+        (folder.path / METADATA).unlink(missing_ok=True)  # the recordings will change
+        folder._replayed = deque(content.recordings)
         return folder, content
 
     @property
     def log(self) -> RunLog:
         """Log that the platform writes to; raises OutputError if the run is not open for writing."""
         if self._log is None:
-            raise OutputError(f"the run {str(self.path)!r} is not open for writing; make a new one, or resume it")
+            raise OutputError(f"the run {str(self.path)!r} is not open for writing; create a new one, or resume it")
         return self._log
 
     @property
@@ -144,7 +144,7 @@ class RunFolder:
 
     @property
     def cut(self) -> bool:
-        """True if the recording lost its end after the run had a result, as where a copy of it broke off."""
+        """True if the recording lost its end after the run had a result, as in an incomplete copy."""
         return self.complete and self._ends_early
 
     @property
@@ -157,58 +157,57 @@ class RunFolder:
         return self._header["provenance"]
 
     def save_response(self, found: ResponseTest) -> None:
-        """Keep the result of the response test, with the IMU's orientation of this run; a resumed run keeps its first one.
+        """Store the result of the response test, with the IMU's orientation in this run; a resumed run keeps its first one.
 
         Raises:
-            RecordingError: the orientation is not that of the recorded trials.
+            RecordingError: the orientation differs from that of the recorded trials.
         """
-        if found.uses_measurement and self._known:
+        if found.uses_measurement and self._replayed:
             raise RecordingError(
-                f"{found.orientation}, {np.degrees(found.angle):.1f} deg from the orientation of the trials that the run "
-                f"{str(self.path)!r} has: was the IMU moved? Begin a new run"
+                f"{found.orientation}, {np.degrees(found.angle):.1f} deg from the orientation of the trials in the run "
+                f"{str(self.path)!r}; the IMU may have moved: start a new run"
             )
         if found.uses_measurement or _RESPONSE not in self.provenance:
             self._header = {**self._header, "provenance": {**self.provenance, _RESPONSE: to_json(found)}}
             write_file(self.path / HEADER, json.dumps(self._header, indent=2) + "\n")
 
     def keep(self, recording: Recording) -> None:
-        """Keep the next recording: of motions that the log has, or, where it has not, as it is.
+        """Store the next recording in the log; in a resumed run, first compare it with the stored ones.
 
         Raises:
-            RecordingError: a resumed run comes to another recording than before.
+            RecordingError: a resumed run repeats a recording with a difference.
         """
-        if not self._known:
+        if not self._replayed:
             self.log.keep(recording)
-        elif not recording.broken and not recording.equals(self._known.popleft()):
+        elif not recording.broken and not recording.equals(self._replayed.popleft()):
             raise RecordingError(
-                f"the run {str(self.path)!r} does not come to the recordings that it has: by another version of equipoise?"
+                f"the run {str(self.path)!r} does not reproduce its recordings; resume it with the version of equipoise "
+                "that made it"
             )
 
     def recordings(self) -> list[Recording]:
-        """All complete recordings, in order; warns if the log ends in the middle."""
+        """Return all complete recordings in order; warns if the log ends in the middle."""
         recordings = list(self.read().recordings)
         if self._ends_early:
-            warnings.warn(self._told_of_end(), stacklevel=2)
+            warnings.warn(self._end_warning(), stacklevel=2)
         return recordings
 
     def read(self) -> LogContent:
-        """All that was logged."""
+        """Return the content of the log."""
         return read_log(self.path)
 
-    def _told_of_end(self) -> str:
+    def _end_warning(self) -> str:
         """Return the warning about a log that was not closed."""
         ends = f"the recording of the run {str(self.path)!r} ends in the middle"
         if self.cut:
             return (
-                f"{ends}: it was cut, and may lack motions that the run's {RESULT} was made of, which stays as it is; copy "
-                f"{log_files(self.path)[-1].name} again from where it is whole"
+                f"{ends}: it was cut, and may lack motions that the stored {RESULT} is estimated from; copy "
+                f"{log_files(self.path)[-1].name} again from a complete run folder"
             )
-        return (
-            f"{ends}: the run was killed, or is not over; go on with: equipoise calibrate --resume {typed(self.path)}"
-        )
+        return f"{ends}: the run was killed, or is not over; resume it: equipoise calibrate --resume {typed(self.path)}"
 
     def close(self) -> None:
-        """End the log. May be called twice."""
+        """Close the log; may be called twice."""
         if self._log is None:
             return
         log, self._log = self._log, None
@@ -219,11 +218,11 @@ class RunFolder:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        with suppress(OutputError) if exception[0] else nullcontext():  # the first error says why
+        with suppress(OutputError) if exception[0] else nullcontext():  # the first error is the cause
             self.close()
 
     def robot(self) -> RobotModel:
-        """The robot as it was read for the run. What was repaired then is not said again."""
+        """Return the robot model of the run; repairs of its model file are not reported again."""
         model = self._header["model"]
         description: dict[str, Any] = dict(self._header["description"])
         if (response := self.provenance.get(_RESPONSE)) and response["uses_measurement"]:
@@ -231,7 +230,9 @@ class RunFolder:
         try:
             xml = read_text(self.path / _MODEL)
             if _sha256(xml) != model["xml_sha256"]:
-                raise RecordingError("the model is not the one that it was recorded with")
+                raise RecordingError(
+                    f"the {_MODEL} of the run {str(self.path)!r} was changed after the recording; {REMEDY}"
+                )
             own = {name: value for name, value in model.items() if name != "xml_sha256"}
             source = from_json(ModelSource, {**own, "path": Path(own["path"]), "xml": xml})
             with warnings.catch_warnings():
@@ -240,29 +241,29 @@ class RunFolder:
         except OSError as error:
             raise damaged(self.path, f"its {_MODEL} cannot be read ({error.strerror})") from error
         except (KeyError, TypeError, ValueError) as error:
-            raise damaged(self.path, f"its {HEADER} and {_MODEL} make no robot ({reason(error)})") from error
+            raise damaged(self.path, f"its {HEADER} and {_MODEL} do not define a robot ({reason(error)})") from error
 
     def method(self) -> Method:
-        """Return the method of the run; raises MissingDependencyError if the package that brings it cannot be used."""
+        """Return the method of the run; raises MissingDependencyError if its package cannot be used."""
         try:
             return method_from_dict({**self._header["settings"], **self._attached()})
         except (AttributeError, TypeError, SettingsError) as error:
             raise RecordingError(
-                f"the settings of run {str(self.path)!r} are damaged: {reason(error)}; they stand in its {HEADER}: {REMEDY}; "
+                f"the settings of run {str(self.path)!r} are damaged: {reason(error)} (in its {HEADER}); {REMEDY}; "
                 "or, if another version of equipoise made the run, estimate it with that version"
             ) from error
 
     def _attached(self) -> dict[str, Any]:
-        """Settings that have a file each."""
+        """Return the settings that are stored in files of their own."""
         return {name: self._read_table(f"{name}.json") for name in self._header.get("attachments", ())}
 
     def save_truth(self, truth: RobotInertia, of_parts: PartsTruth | None = None) -> None:
-        """Keep a simulated robot's ground truth with its recordings; only `estimate` reads it, and after estimating."""
+        """Store a simulated robot's ground truth; only `estimate` reads it, after estimating."""
         table = {**to_json(truth), **(of_parts or {})}
         write_file(self.path / _TRUTH, json.dumps(table, indent=2) + "\n")
 
     def estimate(self, method: Method | None = None) -> Calibration:
-        """Estimate again from the recordings, without a robot or a simulator; by default as in the run."""
+        """Estimate again from the recordings, without a robot or a simulator; default: the method of the run."""
         from equipoise.calibration.routine import estimate  # noqa: PLC0415 - a stored result needs no estimator
 
         calibration = estimate(self.robot(), self.recordings(), method or self.method())
@@ -275,14 +276,14 @@ class RunFolder:
         return calibration.with_truth(truth).with_truth_of_parts(of_parts)
 
     def truth(self) -> RobotInertia | None:
-        """Return a simulated robot's ground truth; None for a real one. Only for comparison with an estimate without it."""
+        """Return a simulated robot's ground truth, for comparison with an estimate; None for a real robot."""
         if not (self.path / _TRUTH).exists():
             return None
         try:
             table = self._truth_table()
             return from_json(RobotInertia, {name: table[name] for name in BODIES})
         except (KeyError, TypeError, ValueError) as error:
-            raise damaged(self.path, f"its {_TRUTH} holds no truth ({reason(error)})") from error
+            raise damaged(self.path, f"its {_TRUTH} is not a ground truth ({reason(error)})") from error
 
     def _truth_table(self) -> dict[str, Any]:
         return self._read_table(_TRUTH)
@@ -291,35 +292,35 @@ class RunFolder:
         return read_json(self.path / name, f"the run {str(self.path)!r} is damaged", f"; {REMEDY}")
 
     def result(self) -> Calibration:
-        """The result that was saved, with the robot's model; raises RecordingError if the run came to none."""
+        """Return the saved result with the robot's model; raises RecordingError if the run has none."""
         if not self.complete:
             raise RecordingError(
-                f"the run {str(self.path)!r} came to no result; go on with: equipoise calibrate --resume {typed(self.path)}"
+                f"the run {str(self.path)!r} has no result; resume it: equipoise calibrate --resume {typed(self.path)}"
             )
         return dataclasses.replace(Calibration.load(self.path / RESULT), robot_model=self.robot())
 
     def shown(self) -> Calibration:
-        """The result with all that a page can show of its recordings; where these were cut, which is warned of, without."""
+        """Return the result with its evidence, for display; if the recordings were cut, warn and return it without."""
         if not self.cut:
             return self.estimate()
-        warnings.warn(self._told_of_end(), stacklevel=2)
+        warnings.warn(self._end_warning(), stacklevel=2)
         return self.result()
 
     def save(self, calibration: Calibration) -> Path:
-        """Write the result, and what the next run may know of this one."""
-        self.keep_for_the_next(calibration)
+        """Write the result, and the posterior for later runs."""
+        self.save_posterior(calibration)
         calibration.save(self.path / RESULT)
         return self.path / RESULT
 
-    def keep_for_the_next(self, calibration: Calibration) -> None:
-        """Write what the next run of this robot may know, if the result has its evidence and the method keeps such."""
+    def save_posterior(self, calibration: Calibration) -> None:
+        """Write the posterior for later runs of this robot, if the result has evidence and the method provides it."""
         kept = None if calibration.evidence is None else calibration.evidence.keepsake(calibration.settings)
         if kept is not None:
             write_file(self.path / POSTERIOR, json.dumps(kept) + "\n")
 
 
 def _model_table(source: ModelSource) -> dict[str, Any]:
-    """Return what a run says of its model; the cleaned model itself has a file of its own."""
+    """Return the JSON form of the model's source without the XML, which has its own file."""
     table = {**fields_to_json(source), "path": str(source.path), "xml_sha256": _sha256(source.xml)}
     del table["xml"]
     return table

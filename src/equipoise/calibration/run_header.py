@@ -1,4 +1,4 @@
-"""The header of a run on disk, run.json. Reading it loads neither NumPy nor a robot model."""
+"""Header of a run folder, run.json. Reading it does not import NumPy or a robot model."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from equipoise.user_file import check_schema, json_value, kind_of, read_text
 SCHEMA = "equipoise.run/1"
 HEADER = "run.json"
 RESULT = "calibration.json"
-REMEDY = "copy it again from where it is whole"
+REMEDY = "copy it again from an intact run folder"
 
 
 def read_header(path: Path) -> dict[str, Any]:
     """Return the header of a run folder; raises RecordingError if it is not one."""
     if path.is_file() and (path.parent / HEADER).is_file():
-        raise RecordingError(f"{str(path)!r} is a file of a run; give the run's folder, {str(path.parent)!r}")
+        raise RecordingError(f"{str(path)!r} is a file in a run folder; give the folder, {str(path.parent)!r}")
     if not (path / HEADER).exists():
         without = f" without {HEADER}" if path.is_dir() else ""
         raise RecordingError(f"{str(path)!r} {kind_of(path)}{without}; name the run folder of a calibration")
@@ -31,20 +31,20 @@ def read_header(path: Path) -> dict[str, Any]:
     return header
 
 
-def damaged(path: Path, what: str) -> RecordingError:
-    """Return the error about a run folder with something that is not as it was written."""
-    return RecordingError(f"the run {str(path)!r} is damaged: {what}; {REMEDY}")
+def damaged(path: Path, defect: str) -> RecordingError:
+    """Return the error about a damaged run folder."""
+    return RecordingError(f"the run {str(path)!r} is damaged: {defect}; {REMEDY}")
 
 
 def read_json(path: Path, otherwise: str, remedy: str = "") -> dict[str, Any]:
     """Return the JSON object in a file of a run.
 
     Args:
-        otherwise: beginning of the message where there is none.
-        remedy: end of that message.
+        otherwise: beginning of the error message.
+        remedy: end of the error message.
 
     Raises:
-        RecordingError: the file cannot be read, or does not hold a JSON object.
+        RecordingError: the file cannot be read, or is not a JSON object.
     """
     try:
         table = json_value(read_text(path))
@@ -53,5 +53,5 @@ def read_json(path: Path, otherwise: str, remedy: str = "") -> dict[str, Any]:
     except ValueError as error:
         raise RecordingError(f"{otherwise}: {str(path)!r} is not JSON ({error}){remedy}") from error
     if not isinstance(table, dict):
-        raise RecordingError(f"{otherwise}: {str(path)!r} holds no JSON object{remedy}")
+        raise RecordingError(f"{otherwise}: {str(path)!r} is not a JSON object{remedy}")
     return cast("dict[str, Any]", table)

@@ -168,7 +168,7 @@ def _estimate_run(folder: RunFolder, given: Mapping[str, Any], output: EstimateO
     own = asked == method and not folder.cut  # the run's page, and what the next run may know, are of the run's result
     files = output.save(result, folder.path if own else None)
     if own and folder.complete:
-        folder.keep_for_the_next(result)
+        folder.save_posterior(result)
     if output.json:
         print(result.to_json(), end="")
         return result
