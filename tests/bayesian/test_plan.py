@@ -100,11 +100,11 @@ def test_too_small_a_budget_is_rejected_with_the_smallest(candidates, budget):
 
 def test_the_smallest_budget_of_the_error_is_sufficient(candidates):
     with pytest.raises(SettingsError) as error:
-        make_plan(candidates, 10.0, aside=3.3)
+        make_plan(candidates, 10.0, reserved=3.3)
     least = float(str(error.value).split("give ")[1].split(" s")[0])
-    assert make_plan(candidates, least, aside=3.3).lifts >= 1
+    assert make_plan(candidates, least, reserved=3.3).lifts >= 1
     with pytest.raises(SettingsError):
-        make_plan(candidates, least - 1, aside=3.3)
+        make_plan(candidates, least - 1, reserved=3.3)
 
 
 def test_updated_steps_equal_new_steps(candidates):
@@ -117,7 +117,7 @@ def test_updated_steps_equal_new_steps(candidates):
         gain, best = steps.best(costs, visited)
         taken = steps.rows(steps.parts(best, visited))
         visited.add(steps._posture[best])
-        steps.learn(taken, covariance)
+        steps.update(taken, covariance)
         covariance = np.linalg.inv(np.linalg.inv(covariance) + taken.T @ taken)
         expected, same = Steps(candidates, covariance, weights).best(costs, visited)
         gain, best = steps.best(costs, visited)

@@ -116,7 +116,7 @@ def test_a_resumed_run_does_not_repeat_the_rotation(a1, run):
     content, asked = RunFolder.open(run.path).read(), []
     with simulate(a1, **WORLD) as simulation:
         robot = ResumedRobot(simulation.platform, content)
-        result = calibrate(robot, a1, SETTINGS, told=lambda: asked.append(1))
+        result = calibrate(robot, a1, SETTINGS, operator_done=lambda: asked.append(1))
     assert not asked
     assert [one.value for one in result.composite] == [one.value for one in run.result.composite]
 
@@ -205,7 +205,7 @@ def test_a_robot_without_an_operator_is_not_turned(a1):
     with simulate(a1, "ideal") as simulation, pytest.raises(SettingsError) as caught:
         calibrate(ManualRotation(simulation.platform), a1, SETTINGS)
     assert str(caught.value) == (
-        "an operator has to turn the robot and confirm it: give `told` to calibrate(), or omit `rotate_halfway`"
+        "an operator has to turn the robot and confirm it: give `operator_done` to calibrate(), or omit `rotate_halfway`"
     )
 
 

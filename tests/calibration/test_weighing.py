@@ -14,7 +14,7 @@ SIZES = np.repeat([0.125, 2e-3, 5e-3], [1, 3, 6])  # of an A1
 
 
 def found(mass, half_width, shift=0.0, shift_half_width=5e-4):
-    """Return a difference with given half_width widths of 95 % intervals, with its mass at one point."""
+    """Return a difference with given half widths of 95 % intervals, with its mass at one point."""
     values = np.array([mass, shift, *8 * [0.0]])
     halves = np.array([half_width, *3 * [shift_half_width], *6 * [1e-3]])
     covariance = np.diag((halves / 1.96) ** 2)

@@ -13,7 +13,7 @@ from equipoise.estimator.equations.stance_motion import StanceMotions
 from equipoise.estimator.motors.equations import motor_samples
 from equipoise.estimator.motors.fit import fit_motors, fit_swings
 from equipoise.estimator.motors.legs import legs_in_swing
-from equipoise.method.combined import CombinedMethod, of_the_base
+from equipoise.method.combined import CombinedMethod, base_recordings
 from equipoise.motors.method import Motors
 from equipoise.recording.trials import MotorTrial
 from equipoise.robot.links import link_names
@@ -117,7 +117,7 @@ def test_an_interrupted_swing_affects_only_the_motors(a1, run):
 
 def test_compare_ignores_swings(run):
     kept, _, _, _ = run
-    assert [one.trial for one in of_the_base(kept)] == [one.trial for one in kept[:-1]]
+    assert [one.trial for one in base_recordings(kept)] == [one.trial for one in kept[:-1]]
 
 
 def test_a_joint_that_never_slides_does_not_stop_the_fit(a1, run):

@@ -34,7 +34,7 @@ from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.prior_runs.changes import Change, estimate_with_prior_run, prior_run_check
 from equipoise.estimator.problem import Posterior, body_jacobian, estimate_posterior
 from equipoise.estimator.unknowns import Priors
-from equipoise.method.combined import of_the_base
+from equipoise.method.combined import base_recordings
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial
 from equipoise.result.body import Body
@@ -66,7 +66,7 @@ def estimate_run(
     """
     timings: dict[str, float] = {}
     with _timed(timings, "screen the sensors"):
-        screen(robot, of_the_base(recordings))
+        screen(robot, base_recordings(recordings))
     with _timed(timings, "read the recordings"):
         motions = read_motions(robot, stance, recordings)
     with _timed(timings, "estimate"):

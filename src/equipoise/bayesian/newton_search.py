@@ -28,12 +28,12 @@ _FARTHEST = 0.08  # [m] on an A1: largest Newton step that is accepted
 _MASS_TOLERANCE = 0.04  # smaller differences of the mass from the torques are attributed to gains and friction
 
 
-def find_com_fast(trials: BayesianTrials, report: Callable[[str], None], sure: bool = False) -> None:
+def find_com_fast(trials: BayesianTrials, report: Callable[[str], None], calibrated: bool = False) -> None:
     """Find the planar CoM by lifts on both diagonals, and update `trials.com` and the commanded robot model.
 
     Args:
         report: function that is called with the diagonal before every lift.
-        sure: True if the sensors are calibrated: one lift per diagonal suffices then, unless its step is large.
+        calibrated: True if the sensors are calibrated: one lift per diagonal suffices then, unless its step is large.
     """
     model, size = trials.standing.robot, trials.stance.scale.length
     for diagonal in DIAGONALS:
@@ -51,7 +51,7 @@ def find_com_fast(trials: BayesianTrials, report: Callable[[str], None], sure: b
                 _bisect(trials, diagonal)
                 break
             _follow(trials, model, recording, shift)
-            if (sure or attempt > 0) and abs(shift.distance) < (_NEAR if sure else _SETTLED) * size:
+            if (calibrated or attempt > 0) and abs(shift.distance) < (_NEAR if calibrated else _SETTLED) * size:
                 break
 
 

@@ -30,7 +30,7 @@ from equipoise.robot.model import DIAGONALS
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
 
-_SCALE_OF_MASS = 0.005  # std as a fraction: the plan assumes a mass from a scale, or one as accurate from torques
+_MASS_STD = 0.005  # std as a fraction: the plan assumes a mass from a scale, or one as accurate from torques
 # Measured robot time on an A1, settling included [s]; it scales with the square root of the robot's height.
 _LIFT_TIME, _POSTURE_TIME, _REPLANT_TIME = 2.6, 2.1, 1.5
 FEW_LIFTS = 10
@@ -150,7 +150,7 @@ def make_plan(
     used: Sequence[LiftDesign] = (),
     searched: bool = False,
     turn: bool = False,
-    aside: float = 0.0,
+    reserved: float = 0.0,
     after: FloatArray | None = None,
 ) -> Plan:
     """Plan trials within a budget of robot time.
@@ -162,7 +162,7 @@ def make_plan(
         used: completed lifts; they are repeated only if few lifts are possible.
         searched: True if the search is done and part of `known`.
         turn: True if the robot is turned half-way; trials before it may be repeated after it.
-        aside: part of the budget that is reserved for other motions [s].
+        reserved: part of the budget for other motions [s].
         after: (size, size) information from later motions, which does not affect the selection; default none.
 
     Raises:
@@ -172,13 +172,13 @@ def make_plan(
     x = unknowns.start()
     durations = Durations.of(candidates.predictor.stance)
     mass = candidates.predictor.robot.mass
-    _, rows = prior_rows(unknowns, x, (mass, _SCALE_OF_MASS * mass))
+    _, rows = prior_rows(unknowns, x, (mass, _MASS_STD * mass))
     prior = rows.T @ rows
     to_body = body_jacobian(unknowns, x, unknowns.robot_body)
     body = components(unknowns.robot_body(x))
     weights = to_body / goals.vector(body, candidates.predictor.stance)[:, None]
     information = prior.copy() if known is None else known.copy()
-    budget = budget - aside
+    budget = budget - reserved
     left = budget - durations.end - turn * durations.turn
     if not searched:
         left -= durations.search
@@ -198,14 +198,14 @@ def make_plan(
         cost, taken = part.take(best[1])
         information = information + taken.T @ taken
         for each in parts:
-            each.steps.learn(taken, covariance)
+            each.steps.update(taken, covariance)
         covariance = np.asarray(np.linalg.inv(information), dtype=float)
         total += cost
     if not any(part.lifts for part in parts) and not searched:
         least = durations.search + durations.posture + durations.replant + durations.lift + durations.end
         least += turn * (least - durations.search - durations.end + durations.turn)
         raise SettingsError(
-            f"a duration of {budget + aside:.0f} s allows no lift after the search; give {math.ceil(least + aside)} s "
+            f"a duration of {budget + reserved:.0f} s allows no lift after the search; give {math.ceil(least + reserved)} s "
             "or more, or minutes, such as 2min"
         )
     everything = np.asarray(np.linalg.inv(information if after is None else information + after), dtype=float)

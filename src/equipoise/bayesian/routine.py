@@ -49,7 +49,7 @@ def plan_for(
     candidates: Candidates, stance: Stance, settings: BayesianSettings, swings: Sequence[Recording] = ()
 ) -> Plan:
     """Plan the trials before any measurement; raises SettingsError if the duration is too short."""
-    aside, after = _excitation_time(stance, settings), None
+    reserved, after = _excitation_time(stance, settings), None
     swung = LegSwings.of(candidates.unknowns, [MotionSamples(0, samples=tuple(swings))])
     if swung is not None:
         ((_, after, _),) = swung.by_motion(candidates.unknowns.start())
@@ -58,7 +58,7 @@ def plan_for(
         settings.duration_for(stance),
         settings.goals,
         turn=settings.rotate_halfway,
-        aside=aside,
+        reserved=reserved,
         after=after,
     )
 
@@ -199,11 +199,11 @@ class BayesianRoutine:
         if posterior is None:
             return None
         _, rows = prior_rows(posterior.unknowns, posterior.x, self.settings.scale)
-        known = rows.T @ rows + sum(posterior.information.values())
+        information = rows.T @ rows + sum(posterior.information.values())
         left, candidates = self._budget - self._time(), self._candidates()
         if self.settings.rotate_halfway:
-            return make_plan(candidates.turned(), left, self.settings.goals, known, searched=True)
-        return make_plan(candidates, left, self.settings.goals, known, done, searched=True)
+            return make_plan(candidates.turned(), left, self.settings.goals, information, searched=True)
+        return make_plan(candidates, left, self.settings.goals, information, done, searched=True)
 
     @property
     def _budget(self) -> float:

@@ -37,18 +37,18 @@ def com_goals(goals: Goals) -> Goals:
     return replace(goals, mass=math.inf, inertia=math.inf, products=math.inf)
 
 
-def short_plan(robot: RobotModel, stance: Stance, settings: BayesianSettings, known: PriorRun) -> Plan:
+def short_plan(robot: RobotModel, stance: Stance, settings: BayesianSettings, prior_run: PriorRun) -> Plan:
     """Plan the trials of a robot whose load equals its model's.
 
     Raises:
         SettingsError: the prior run is of another robot, or the duration allows too few lifts.
         ReachError: no lift is possible.
     """
-    known.check(robot)
+    prior_run.check(robot)
     candidates, durations = nominal_candidates(robot, settings.combined_priors), Durations.of(stance)
-    opening = opening_moves(candidates, known)
+    opening = opening_moves(candidates, prior_run)
     # As in other plans, the mass is assumed to come from a scale, or to be as accurate from torques.
-    information = information_before(candidates, known, {}, settings.scale or (robot.mass, SCALE_GAIN * robot.mass))
+    information = information_before(candidates, prior_run, {}, settings.scale or (robot.mass, SCALE_GAIN * robot.mass))
     for index in (*_moves(candidates, opening), *_search(candidates)):
         information = information + candidates.information(index)
     spent = len(opening) * durations.posture + len(DIAGONALS) * durations.lift
@@ -74,11 +74,15 @@ def plan_after_search(candidates: Candidates, left: float, goals: Goals, informa
     return replace(plan, visits=tuple(sorted(plan.visits, key=lambda visit: len(visit.lifts) > 0)))
 
 
-def forecast_after(robot: RobotModel, stance: Stance, settings: BayesianSettings, known: PriorRun) -> Plan:
+def forecast_after(robot: RobotModel, stance: Stance, settings: BayesianSettings, prior_run: PriorRun) -> Plan:
     """Return the plan with the accuracy of the same duration without the prior run; raises as `short_plan`."""
-    plan = short_plan(robot, stance, settings, known)
+    plan = short_plan(robot, stance, settings, prior_run)
     alone = replace(
-        settings, prior_run=None, leg_prior=known.leg_prior, excitation=False, duration=settings.duration_for(stance)
+        settings,
+        prior_run=None,
+        leg_prior=prior_run.leg_prior,
+        excitation=False,
+        duration=settings.duration_for(stance),
     )  # type: ignore[arg-type]
     try:
         without = plan_ahead(robot, stance, alone)
@@ -87,14 +91,14 @@ def forecast_after(robot: RobotModel, stance: Stance, settings: BayesianSettings
     return replace(plan, without=without.std)
 
 
-def opening_moves(candidates: Candidates, known: PriorRun) -> tuple[BodyPosture, ...]:
+def opening_moves(candidates: Candidates, prior_run: PriorRun) -> tuple[BodyPosture, ...]:
     """Return the postures, in order, whose stance motions best determine changes of the joint offsets.
 
     Changes of prior variance q have the posterior variance q - q^2 (W - W C W), with W and C as in changes.py.
     """
     unknowns, count = candidates.unknowns, len(candidates.lifts)
     zeros = unknowns.columns("joint_offset")
-    information = information_before(candidates, known, {int(place): FREE for place in zeros}, None)
+    information = information_before(candidates, prior_run, {int(place): FREE for place in zeros}, None)
     left = {count + index: 1.0 for index in range(1, len(candidates.postures))}
     covariance = np.asarray(np.linalg.inv(information), dtype=float)
     steps = Steps(candidates, covariance, information[zeros])
@@ -105,7 +109,7 @@ def opening_moves(candidates: Candidates, known: PriorRun) -> tuple[BodyPosture,
             break
         del left[best[1]]
         chosen.append(candidates.postures[best[1] - count])
-        steps.learn(steps.rows((best[1],)), covariance)
+        steps.update(steps.rows((best[1],)), covariance)
         information = information + candidates.information(best[1])
         covariance = np.asarray(np.linalg.inv(information), dtype=float)
     return min(itertools.permutations(chosen), key=_longest_step)
@@ -118,12 +122,12 @@ def _longest_step(postures: tuple[BodyPosture, ...]) -> float:
 
 
 def information_before(
-    candidates: Candidates, known: PriorRun, anew: dict[int, float], mass: tuple[float, float] | None
+    candidates: Candidates, prior_run: PriorRun, variances: dict[int, float], mass: tuple[float, float] | None
 ) -> FloatArray:
     """Return the (size, size) information before a run."""
     unknowns = candidates.unknowns
     weighed = None if mass is None else (candidates.predictor.robot.mass, mass[1])
-    _, rows = prior_rows(unknowns.with_prior(known.distribution(unknowns, anew)), unknowns.start(), weighed)
+    _, rows = prior_rows(unknowns.believing(prior_run.belief(unknowns, variances)), unknowns.start(), weighed)
     return rows.T @ rows
 
 

@@ -51,7 +51,7 @@ class ShortRoutine(BayesianRoutine):
             and early.robot_covariance[1:3, 1:3].trace() < (_LARGEST_STD * self.stance.hip_height) ** 2
         ):
             self._follow(early)
-        find_com_fast(self.trials, self._search_on, sure=True)
+        find_com_fast(self.trials, self._search_on, calibrated=True)
         self.trials.doubt = found_doubt(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
         posterior = self._posterior()
         self._follow(posterior)
@@ -87,9 +87,9 @@ class ShortRoutine(BayesianRoutine):
     def _rest(self, posterior: Posterior | None) -> Plan:
         """Plan the remaining time."""
         candidates = self._candidates()
-        known = np.linalg.inv(posterior.covariance) if posterior is not None else self._before(candidates)
+        information = np.linalg.inv(posterior.covariance) if posterior is not None else self._before(candidates)
         left, goals = self._budget - self._time(), self.settings.goals
-        return plan_after_search(candidates, left, goals, np.asarray(known, dtype=float))
+        return plan_after_search(candidates, left, goals, np.asarray(information, dtype=float))
 
     def _before(self, candidates: Candidates) -> FloatArray:
         return information_before(candidates, self._prior_run, {}, self.settings.scale)

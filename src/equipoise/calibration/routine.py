@@ -33,7 +33,7 @@ def calibrate(
     method: Method | None = None,
     keep: Callable[[Recording], None] | None = None,
     report: Callable[[Progress], None] | None = None,
-    told: Callable[[], bool] | None = None,
+    operator_done: Callable[[], bool] | None = None,
     confirm: Callable[[str], bool] | None = None,
     on_response: Callable[[ResponseTest], None] | None = None,
 ) -> Calibration:
@@ -48,8 +48,8 @@ def calibrate(
         keep: function that gets every recording as soon as it is complete, and the incomplete last one if the routine
             ends early.
         report: function that is called before every trial, and before the estimate.
-        told: function that returns True once the operator has confirmed a request, such as turning the robot; it must
-            not wait. None: there is no operator.
+        operator_done: function that returns True once the operator has confirmed a request, such as turning the robot;
+            it must not wait. None: there is no operator.
         confirm: function that asks the operator a question while the robot stands, and returns True for yes. It is
             called if a given mass disagrees with the joint torques, or a measured orientation of the IMU with the
             model's. None: there is no operator, and both raise.
@@ -61,7 +61,7 @@ def calibrate(
         MotionError: joints or gyroscope do not respond as the model predicts (no foot was lifted), or a motion failed.
     """
     method = method or BayesianMethod()
-    experiment = perform(platform, robot, method, keep, report, told, confirm, on_response)
+    experiment = perform(platform, robot, method, keep, report, operator_done, confirm, on_response)
     return experiment.estimate(method, report)
 
 
@@ -92,7 +92,7 @@ def perform(
     method: Method,
     keep: Callable[[Recording], None] | None = None,
     report: Callable[[Progress], None] | None = None,
-    told: Callable[[], bool] | None = None,
+    operator_done: Callable[[], bool] | None = None,
     confirm: Callable[[str], bool] | None = None,
     on_response: Callable[[ResponseTest], None] | None = None,
 ) -> Experiment:
@@ -108,7 +108,7 @@ def perform(
     method.check(robot, stance)
     joints = 0 if on_response is None else check_joints(platform, robot, stance)
     standing, feet_at_end = stand_up(platform, robot, stance)
-    standing.keep, standing.told = store, told
+    standing.keep, standing.operator_done = store, operator_done
     facts: dict[str, Any] = {}
     try:
         if on_response is not None:

@@ -49,13 +49,13 @@ def compare(
     headers = read_header(before), read_header(after)
     from equipoise.calibration.payload_change import find_payload_change
     from equipoise.calibration.run_folder import RunFolder
-    from equipoise.method.combined import of_the_base
+    from equipoise.method.combined import base_recordings
     from equipoise.terminal.several_runs import print_payload_change
 
     folders = RunFolder(before, headers[0]), RunFolder(after, headers[1])
     robot, methods = _shared_robot(*folders), (_precise(folders[0]), _precise(folders[1]))
     scale = _scale(methods, mass or (None, None), scale_gain_std, scale_noise_std)
-    first, second = (of_the_base(folder.recordings()) for folder in folders)
+    first, second = (base_recordings(folder.recordings()) for folder in folders)
     found = find_payload_change(robot, first, second, scale, methods[0].combined_priors)
     truths = [folder.truth() for folder in folders]
     if truths[0] is not None and truths[1] is not None:

@@ -13,7 +13,7 @@ from equipoise.estimator.equations.table import EQUATIONS
 from equipoise.estimator.measurements.heading import angle_turned
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.walking import gyro_bias_of_walks
-from equipoise.method.combined import of_the_base
+from equipoise.method.combined import base_recordings
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial, SteppingTrial, TurnTrial
@@ -27,7 +27,7 @@ def read_motions(robot: RobotModel, stance: Stance, recordings: Sequence[Recordi
     Raises:
         RecordingError: no recording has a rest or a walk.
     """
-    bias = _gyro_bias(of_the_base(recordings))
+    bias = _gyro_bias(base_recordings(recordings))
     legs, headings = LegChains(robot), _headings(robot, recordings)
     ends = np.cumsum([0.0 if isinstance(one.trial, MotorTrial) else one.duration for one in recordings])
     when = (ends - ends[-1] / 2) / ends[-1]

@@ -38,7 +38,7 @@ _FOLDED = 0.9  # smallest distance from hip to foot, as a fraction of that of th
 
 @dataclass(frozen=True, eq=False)
 class LegsUp:
-    """A posture around which all legs may swing at once.
+    """Posture in which all legs may swing at once.
 
     Attributes:
         folded: (nj,) initial joint positions of the robot lying over its feet [rad].

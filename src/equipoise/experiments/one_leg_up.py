@@ -31,7 +31,7 @@ _TORQUE_SHARE = 0.9  # of the torque limit: largest control torque on a joint th
 
 @dataclass(frozen=True, eq=False)
 class OneLegUp:
-    """A posture on three feet around which the fourth leg may swing.
+    """Posture on three feet in which the fourth leg may swing.
 
     Attributes:
         leg: name of the leg that swings.

@@ -28,13 +28,13 @@ class StandingRobot:
 
     Attributes:
         keep: function called with every recording as soon as its motion is complete, before it is evaluated.
-        told: function that returns True once the operator has confirmed the requested action; None without an operator.
+        operator_done: function that returns True once the operator has confirmed a request; None without an operator.
     """
 
     def __init__(self, platform: Platform, robot: RobotModel, target: Target, home: FloatArray) -> None:
         self.platform, self.robot, self.target, self.home = platform, robot, target, home
         self.keep: Callable[[Recording], None] = lambda recording: None
-        self.told: Callable[[], bool] | None = None
+        self.operator_done: Callable[[], bool] | None = None
         self._recorded: list[Recording] = []
         self._trials = 0  # number of trials so far, and id of the last one
         self._trial: int | None = None  # id of the present trial, until its recording is complete

@@ -23,9 +23,9 @@ _SIMULATED = 2.0  # [s] for a simulator
 
 def check_turn(standing: StandingRobot) -> None:
     """Raise SettingsError if neither simulator nor operator can turn the robot."""
-    if TURNS not in standing.platform.accepts and standing.told is None:
+    if TURNS not in standing.platform.accepts and standing.operator_done is None:
         raise SettingsError(
-            "an operator has to turn the robot and confirm it: give `told` to calibrate(), or omit `rotate_halfway`"
+            "an operator has to turn the robot and confirm it: give `operator_done` to calibrate(), or omit `rotate_halfway`"
         )
 
 
@@ -36,7 +36,7 @@ def be_turned(standing: StandingRobot, stance: Stance) -> Recording:
         MotionError: the operator did not confirm in time, or the robot no longer lies.
     """
     simulated = TURNS in standing.platform.accepts
-    confirmed = None if simulated else TiltLimit(math.inf, (0.0, 0.0, 0.0), told=standing.told)
+    confirmed = None if simulated else TiltLimit(math.inf, (0.0, 0.0, 0.0), told=standing.operator_done)
     motion = standing.motion().phase(Phase.TURN).hold_limp(_SIMULATED if simulated else _PATIENCE)
     recording = standing.play(motion, confirmed)
     if not simulated and (recording.commands is None or recording.commands.time.size == motion.count):

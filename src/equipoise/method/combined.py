@@ -26,7 +26,7 @@ AND_MOTORS = "and_motors"
 """Key of the motors' settings in those of a combined method."""
 
 
-def of_the_base(recordings: Sequence[Recording]) -> list[Recording]:
+def base_recordings(recordings: Sequence[Recording]) -> list[Recording]:
     """Return the recordings that depend on the base: all but those of swinging legs."""
     return [recording for recording in recordings if not isinstance(recording.trial, MotorTrial)]
 
@@ -70,7 +70,7 @@ class CombinedMethod(Method):
         try:
             motors = self.motors.estimate(robot, recordings, stance)
         except (RecordingError, LinAlgError) as error:  # the base can still be estimated
-            found = self.base.estimate(robot, of_the_base(recordings), stance)
+            found = self.base.estimate(robot, base_recordings(recordings), stance)
             return dataclasses.replace(found, warnings=(*found.warnings, f"motors: {error}"), settings=self.to_dict())
         found = self.base.estimate(robot, self._for_the_base(recordings), stance)
         return dataclasses.replace(
@@ -83,7 +83,7 @@ class CombinedMethod(Method):
 
     def _for_the_base(self, recordings: Sequence[Recording]) -> Sequence[Recording]:
         """Return the recordings that the base method uses."""
-        return recordings if self.base.uses_swings else of_the_base(recordings)
+        return recordings if self.base.uses_swings else base_recordings(recordings)
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
         first, second = self.base.rehearse(robot, stance), self.motors.rehearse(robot, stance)

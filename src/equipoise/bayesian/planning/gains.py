@@ -48,7 +48,7 @@ class Steps:
         """Return the (m, size) J of `parts`, reduced to the fewest equivalent rows."""
         return np.concatenate([self._rows[part] for part in parts])
 
-    def learn(self, taken: FloatArray, covariance: FloatArray) -> None:
+    def update(self, taken: FloatArray, covariance: FloatArray) -> None:
         """Update the stored matrices after a step.
 
         Args:
