@@ -65,7 +65,7 @@ def test_moments_are_of_the_size_of_the_truths(ideal):
     assert all(excitation.damping > 0 for excitation in ideal[0].excitations.values())
 
 
-def test_what_the_paper_does_not_estimate_is_none(ideal):
+def test_parameters_outside_the_paper_are_none(ideal):
     result, _ = ideal
     assert result.composite.mass.value is None
     assert all(quantity.value is None for quantity in result.composite.inertia)
@@ -112,7 +112,7 @@ def test_a_lying_robot_lies_again_at_the_end(a1):
     assert planar_error_mm(result) < 15
 
 
-def test_an_interrupted_run_is_estimated_from_what_is_complete(ideal, a1):
+def test_an_interrupted_run_is_estimated_from_complete_recordings(ideal, a1):
     result, recordings = ideal
     broken = recordings[-1].between(0, recordings[-1].joints.time[50])
     partial = estimate(a1, [*recordings[:-1], broken], PAPER)
@@ -180,31 +180,33 @@ def test_unknown_settings_are_rejected():
 
 
 def test_progress_names_the_trial_and_the_bracket(a1):
-    said = []
+    progresses = []
     with simulate(a1, "ideal", timestep=1e-3) as simulation:
-        calibrate(simulation.platform, a1, QUICK, report=said.append)
-    assert said[0].doing.startswith("lift on FL_RR: offset +0.0 mm, bracket -61.5 to +61.5 mm")
-    *_, roll, pitch, yaw, last = (progress.doing for progress in said)
+        calibrate(simulation.platform, a1, QUICK, report=progresses.append)
+    assert progresses[0].doing.startswith("lift on FL_RR: offset +0.0 mm, bracket -61.5 to +61.5 mm")
+    *_, roll, pitch, yaw, last = (progress.doing for progress in progresses)
     assert [roll, pitch, yaw, last] == [
         "excitation about roll",
         "excitation about pitch",
         "excitation about yaw",
         "estimating",
     ]
-    assert all(progress.done < progress.expected for progress in said)
+    assert all(progress.done < progress.expected for progress in progresses)
 
 
 def test_progress_counts_repeated_lifts(a1):
     """The robot is balanced in the middle of these bounds on the first diagonal."""
-    said, bounds = [], ComSearchSettings(lower=-0.0666, upper=0.0534)
+    progresses, bounds = [], ComSearchSettings(lower=-0.0666, upper=0.0534)
     with simulate(a1, "ideal", timestep=1e-3) as simulation:
-        result = calibrate(simulation.platform, a1, dataclasses.replace(QUICK, com_search=bounds), report=said.append)
+        result = calibrate(
+            simulation.platform, a1, dataclasses.replace(QUICK, com_search=bounds), report=progresses.append
+        )
     lifts = [trial for trial in result.trials if trial.kind == "lift"]
-    assert len(lifts) > sum(progress.doing.startswith("lift") for progress in said)
-    done = [progress.done for progress in said]
+    assert len(lifts) > sum(progress.doing.startswith("lift") for progress in progresses)
+    done = [progress.done for progress in progresses]
     assert done == sorted(set(done))
     assert done[-1] == len(result.trials)
-    assert all(progress.done < progress.expected for progress in said)
+    assert all(progress.done < progress.expected for progress in progresses)
 
 
 @pytest.mark.parametrize("name", sorted(set(CATALOG) - {"unitree_a1"}))

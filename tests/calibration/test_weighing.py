@@ -63,6 +63,6 @@ def test_the_message_has_the_answer(a1, delta, words):
         (found(0.02, 0.05), "Nothing that matters was added"),
     ],
 )
-def test_two_runs_distinguish_nothing_from_unsure(delta, words, capsys):
+def test_two_runs_distinguish_no_change_from_an_uncertain_one(delta, words, capsys):
     print_payload_change(delta)
     assert words in " ".join(capsys.readouterr().out.split())

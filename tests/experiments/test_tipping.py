@@ -253,7 +253,7 @@ def test_a_lift_that_could_tip_the_robot_over_is_rejected(soft_trials):
     assert trials.lift(LiftDesign(BodyPosture(), "FR_RL", 1)).has_phase("lower")
 
 
-def test_a_plan_leaves_out_what_could_tip_the_robot_over(narrow):
+def test_a_plan_excludes_lifts_that_could_tip_the_robot_over(narrow):
     """No lift is possible if the CoM is uncertain by 5 cm."""
     stance = nominal_stance(narrow)
     com = composite_parameters(narrow, stance.joint_position).com

@@ -1,4 +1,4 @@
-"""A method that another package brings: the robot stands, its joint torques say what it weighs, the model says the rest."""
+"""Method of another package: the mass is from the joint torques of a standing robot, the rest from the model."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from equipoise.robot.statics import carried_mass
 
 @dataclass(frozen=True)
 class Pauses:
-    """When it stands still.
+    """Settings of the stands.
 
     Attributes:
         time: time of each stand [s]; default 1.5 s.
@@ -38,11 +38,11 @@ class Pauses:
 
 @dataclass(frozen=True)
 class Hefty(Method):
-    """Stands still and weighs itself.
+    """Estimation of the mass from stands.
 
     Attributes:
-        average: how the stands are put together.
-        pauses: the stands.
+        average: combination of the stands.
+        pauses: settings of the stands.
     """
 
     name: ClassVar[str] = "hefty"
@@ -84,7 +84,7 @@ class Hefty(Method):
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
         stands = [r for r in recordings if isinstance(r.trial, StandTrial) and r.complete]
         if not stands:
-            raise RecordingError("the recordings hold no robot that stands still")
+            raise RecordingError("the recordings contain no complete stand")
         rests = [recording.phase(Phase.REST).joints for recording in stands]
         masses = [carried_mass(robot, rest.position.mean(axis=0), rest.torque.mean(axis=0)) for rest in rests]
         mass = masses[-1] if self.average == "last" else float(np.mean(masses))
@@ -105,7 +105,7 @@ class Hefty(Method):
 
 @dataclass(frozen=True)
 class ModelReading:
-    """What is known of the CoM while it stands: what the model says."""
+    """CoM of the model, as the estimate after each trial."""
 
     com: np.ndarray
 
@@ -117,7 +117,7 @@ class ModelReading:
 
 
 def stand(standing: StandingRobot, stance: Stance, time: float) -> None:
-    """A stand is a trial."""
+    """Record a stand as a trial."""
     motion = standing.motion().begin(StandTrial()).phase(Phase.MOVE).move_feet(stance.feet_in_base, 0.2)
     come_to_rest(standing, motion, LiftSettings(height=0.0, rest_time=time), "standing")
     standing.finish()
