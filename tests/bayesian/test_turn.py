@@ -243,4 +243,4 @@ def test_other_methods_reject_rotate_halfway(capsys, method):
 def test_plan_and_rehearsal_contain_the_rotation(a1, capsys):
     assert main(["plan", "--rotate-halfway", "--duration", "60s"]) == 0
     assert "turned by 180 deg" in capsys.readouterr().out
-    assert "is turned by hand half-way, motors off" in SETTINGS.rehearse(a1, nominal_stance(a1)).doing
+    assert "is turned by hand half-way, joints damped" in SETTINGS.rehearse(a1, nominal_stance(a1)).doing

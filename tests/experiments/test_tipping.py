@@ -15,7 +15,7 @@ from tilting import pendulum
 from equipoise import BayesianMethod, calibrate, load_robot, nominal_stance, simulate
 from equipoise.bayesian import lift_design, safe_lift
 from equipoise.bayesian.lift_design import LiftDesign, check_lift, offset_of
-from equipoise.bayesian.safe_lift import doubt_after_a_lift, found_doubt, unknown_doubt
+from equipoise.bayesian.safe_lift import covariance_after_lift, initial_covariance, search_covariance
 from equipoise.bayesian.trials import BayesianTrials
 from equipoise.errors import MissingDependencyError, ReachError
 from equipoise.estimator.motions import read_motions
@@ -149,9 +149,9 @@ def test_the_time_to_a_stop_is_that_of_the_pendulum(model):
 
 def test_a_lift_of_the_search_determines_the_com_across_its_line(a1):
     stance = nominal_stance(a1)
-    before, across = unknown_doubt(stance), np.array([0.6, 0.8, 0.0])
-    after = doubt_after_a_lift(stance, before, 3 * across)
-    assert across @ after @ across == pytest.approx(across @ found_doubt(stance) @ across)
+    before, across = initial_covariance(stance), np.array([0.6, 0.8, 0.0])
+    after = covariance_after_lift(stance, before, 3 * across)
+    assert across @ after @ across == pytest.approx(across @ search_covariance(stance) @ across)
     along = np.array([0.8, -0.6, 0.0])
     assert along @ after @ along == pytest.approx(along @ before @ along)
     assert after[2, 2] == before[2, 2]
@@ -159,10 +159,10 @@ def test_a_lift_of_the_search_determines_the_com_across_its_line(a1):
 
 def test_after_both_diagonals_only_the_height_of_a_payload_is_uncertain(a1):
     stance = nominal_stance(a1)
-    left, right = (doubt_after_a_lift(stance, np.zeros((3, 3)), np.array([0.6, y, 0.0])) for y in (0.8, -0.8))
-    assert np.trace(left + right) < 2 * np.trace(found_doubt(stance))
-    assert found_doubt(stance, 0.3)[2, 2] > 10 * found_doubt(stance)[2, 2]
-    np.testing.assert_array_equal(found_doubt(stance, 0.3)[:2, :2], found_doubt(stance)[:2, :2])
+    left, right = (covariance_after_lift(stance, np.zeros((3, 3)), np.array([0.6, y, 0.0])) for y in (0.8, -0.8))
+    assert np.trace(left + right) < 2 * np.trace(search_covariance(stance))
+    assert search_covariance(stance, 0.3)[2, 2] > 10 * search_covariance(stance)[2, 2]
+    np.testing.assert_array_equal(search_covariance(stance, 0.3)[:2, :2], search_covariance(stance)[:2, :2])
 
 
 # --- in simulation
@@ -191,7 +191,7 @@ def tilt_after_a_lift(robot, share, monkeypatch):
             simulation.platform, robot, Target.standing(robot, stance.joint_position), stance.feet_in_base
         )
         trials = BayesianTrials(standing, stance, np.array(simulation.truth.composite.com))
-        trials.doubt = found_doubt(stance)
+        trials.com_covariance = search_covariance(stance)
         trials.lift(LiftDesign(BodyPosture(), "FL_RR", 1))
         standing.play(standing.motion().hold(1.0))
         return simulation.witness.look().tilt
@@ -215,7 +215,7 @@ def soft_trials(a1):
         recordings = []
         standing.keep = recordings.append
         trials = BayesianTrials(standing, stance, np.array(simulation.truth.composite.com))
-        trials.doubt = found_doubt(stance)
+        trials.com_covariance = search_covariance(stance)
         yield trials, recordings
 
 
@@ -240,7 +240,7 @@ def test_the_com_is_at_its_designed_position_on_soft_legs(soft_trials, aimed, mo
 
 def test_a_lift_that_could_tip_the_robot_over_is_rejected(soft_trials):
     trials, recordings = soft_trials
-    trials.doubt = found_doubt(trials.stance, 0.7)
+    trials.com_covariance = search_covariance(trials.stance, 0.7)
     trials.take_posture(LEANING)
     with pytest.raises(
         ReachError, match=r"the robot could tip over: its centre of mass is \d+ mm from the support line, uncertain by"

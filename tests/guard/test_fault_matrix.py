@@ -12,7 +12,7 @@ from guarded import SLOW, hold, simulated
 
 from equipoise import BayesianMethod, RunFolder, calibrate, load_robot, nominal_stance, simulate
 from equipoise.bayesian.lift_design import LiftDesign
-from equipoise.bayesian.safe_lift import found_doubt
+from equipoise.bayesian.safe_lift import search_covariance
 from equipoise.bayesian.trials import BayesianTrials
 from equipoise.clearance.clearance import contact_in
 from equipoise.errors import (
@@ -128,7 +128,7 @@ class OneSwing(BayesianMethod):
 
     def run(self, standing, stance, recordings, report=None):
         trials = BayesianTrials(standing, stance, composite_parameters(standing.robot, stance.joint_position).com)
-        trials.doubt = found_doubt(stance)
+        trials.com_covariance = search_covariance(stance)
         trials.lift(LiftDesign(BodyPosture(), "FR_RL", 1, swing="ahead"))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from equipoise.bayesian.safe_lift import found_doubt, safe_stop
+from equipoise.bayesian.safe_lift import safe_stop, search_covariance
 from equipoise.conventions import Axis, FloatArray, Swing
 from equipoise.errors import ReachError
 from equipoise.experiments.lift import LiftSettings
@@ -144,25 +144,27 @@ def turned_feet(feet: FloatArray, com: FloatArray, turn: Axis, angle: float) -> 
 
 
 def check_lift(
-    robot: RobotModel, stance: Stance, com: FloatArray, design: LiftDesign, doubt: FloatArray | None = None
+    robot: RobotModel, stance: Stance, com: FloatArray, design: LiftDesign, com_covariance: FloatArray | None = None
 ) -> None:
     """Check that a lift is within reach, joint torque limits and the safe tilt.
 
     Args:
-        doubt: (3, 3) covariance of the CoM in the base frame [m2]; default `found_doubt`.
+        com_covariance: (3, 3) covariance of the CoM in the base frame [m2]; default `search_covariance`.
 
     Raises:
         ReachError: the lift is not possible or not safe.
     """
-    LiftChecks(robot, stance, com, doubt).check(design)
+    LiftChecks(robot, stance, com, com_covariance).check(design)
 
 
 class LiftChecks:
     """`check_lift` for many lifts of one robot; results that do not depend on turn and swing are cached."""
 
-    def __init__(self, robot: RobotModel, stance: Stance, com: FloatArray, doubt: FloatArray | None = None) -> None:
+    def __init__(
+        self, robot: RobotModel, stance: Stance, com: FloatArray, com_covariance: FloatArray | None = None
+    ) -> None:
         self._robot, self._stance, self._com = robot, stance, com
-        self._doubt = found_doubt(stance) if doubt is None else doubt
+        self._com_covariance = search_covariance(stance) if com_covariance is None else com_covariance
         self._settings = lift_settings(stance)
         self._cache: dict[tuple[str, LiftDesign], FloatArray | ReachError] = {}
 
@@ -206,4 +208,4 @@ class LiftChecks:
                 f"a lift height of {settings.height * 1000:.0f} mm is too large for feet {half_width * 2000:.0f} mm apart"
             )
         tipping = Pendulum.of(self._robot, self._cached(self._standing_joints, design), up, design.diagonal)
-        return np.array(safe_stop(tipping, settings, self._stance, self._doubt))
+        return np.array(safe_stop(tipping, settings, self._stance, self._com_covariance))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from equipoise.bayesian.lift_design import LiftDesign
-from equipoise.bayesian.safe_lift import doubt_after_a_lift
+from equipoise.bayesian.safe_lift import covariance_after_lift
 from equipoise.bayesian.trials import BayesianTrials
 from equipoise.errors import ReachError
 from equipoise.estimator.measurements.support_planes import CentreShift, centre_shift
@@ -66,7 +66,7 @@ def _follow(trials: BayesianTrials, model: RobotModel, recording: Recording, shi
     horizontal = shift.normal * [1, 1, 0]
     # A lift measures the CoM across the line only: the shift is along the line's horizontal normal.
     trials.com = trials.com + shift.distance * horizontal / float(horizontal @ horizontal)
-    trials.doubt = doubt_after_a_lift(trials.stance, trials.doubt, horizontal)
+    trials.com_covariance = covariance_after_lift(trials.stance, trials.com_covariance, horizontal)
     trials.standing.robot = loaded_robot(model, trials, _carried(model, recording))
 
 

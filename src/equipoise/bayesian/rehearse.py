@@ -24,7 +24,7 @@ def rehearse(robot: RobotModel, stance: Stance, settings: BayesianSettings, plan
         postures += excitation_postures(robot, stance, ExcitationSettings())
     doing = (
         f"moves its body through {len(plan.visits)} postures with all feet on the floor, lifts two diagonal feet "
-        f"{plan.lifts + search} times{', is turned by hand half-way, motors off' if settings.rotate_halfway else ''}"
+        f"{plan.lifts + search} times{', is turned by hand half-way, joints damped' if settings.rotate_halfway else ''}"
         f"{', excitations' if excitation else ''}"
     )
     return Course(doing, time, tuple(postures))

@@ -13,7 +13,7 @@ from equipoise.bayesian.newton_search import find_com_fast, loaded_robot
 from equipoise.bayesian.plan import FEW_LIFTS, Durations, Plan, make_plan
 from equipoise.bayesian.planning.candidates import Candidates, describe
 from equipoise.bayesian.planning.nominal import nominal_candidates
-from equipoise.bayesian.safe_lift import found_doubt
+from equipoise.bayesian.safe_lift import search_covariance
 from equipoise.bayesian.settings import BayesianSettings
 from equipoise.bayesian.trials import BayesianTrials
 from equipoise.errors import EquipoiseError, MotionError, ReachError
@@ -96,7 +96,7 @@ class BayesianRoutine:
             check_turn(self.standing)
         self._expected = round(self.settings.duration_for(self.stance) / Durations.of(self.stance).lift)
         find_com_fast(self.trials, self._search_on)
-        self.trials.doubt = found_doubt(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
+        self.trials.com_covariance = search_covariance(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
         self._report_progress("planning the most informative lifts")
         candidates = self._candidates()
         plan = plan_for(candidates, self.stance, self.settings)
@@ -184,14 +184,20 @@ class BayesianRoutine:
         body = posterior.robot_body
         if np.linalg.norm(body.com - self.trials.com) < 0.1 * self.stance.hip_height:
             self.trials.com = body.com
-            self.trials.doubt = _SAFETY_FACTOR**2 * posterior.robot_covariance[1:4, 1:4] + found_doubt(self.stance)
+            com_covariance = posterior.robot_covariance[1:4, 1:4]
+            self.trials.com_covariance = _SAFETY_FACTOR**2 * com_covariance + search_covariance(self.stance)
             self.standing.robot = loaded_robot(self.robot, self.trials, body.mass)
 
     def _candidates(self) -> Candidates:
         """Return the candidates for the current estimate of the robot."""
         trials, settings = self.trials, self.settings
         return Candidates.of(
-            self.standing.robot, self.stance, trials.com, settings.combined_priors, trials.doubt, settings.swings
+            self.standing.robot,
+            self.stance,
+            trials.com,
+            settings.combined_priors,
+            trials.com_covariance,
+            settings.swings,
         )
 
     def _replan(self, posterior: Posterior | None, done: list[LiftDesign]) -> Plan | None:

@@ -1,8 +1,8 @@
 """Safety of a lift with an uncertain CoM: whether it may start, and the tilt at which it must end.
 
-`doubt` is a (3, 3) covariance of the CoM in base axes, scaled to two standard deviations [m2]. Before any measurement it
-allows for a payload of 30 % of the robot's mass. A lift of the search measures the CoM across its line. The height of a
-payload is uncertain until the plan's first half is done.
+`com_covariance` is a (3, 3) covariance of the CoM in base axes, scaled to two standard deviations [m2]. Before any
+measurement it allows for a payload of 30 % of the robot's mass. A lift of the search measures the CoM across its line.
+The height of a payload is uncertain until the plan's first half is done.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ _UNKNOWN, _FOUND = (0.05, 0.05, 0.12), (0.012, 0.012, 0.02)
 _PAYLOAD_HEIGHT = 0.5  # largest distance of a payload above or below the base's origin, over the hip height
 
 
-def unknown_doubt(stance: Stance) -> FloatArray:
+def initial_covariance(stance: Stance) -> FloatArray:
     """Return the covariance of the CoM before any measurement [m2]."""
     return np.diag(stance.hip_height * np.array(_UNKNOWN)) ** 2
 
 
-def found_doubt(stance: Stance, payload: float = 0.0) -> FloatArray:
+def search_covariance(stance: Stance, payload: float = 0.0) -> FloatArray:
     """Return the covariance of the CoM after the search [m2].
 
     Args:
@@ -35,25 +35,27 @@ def found_doubt(stance: Stance, payload: float = 0.0) -> FloatArray:
     return np.diag(stance.hip_height * np.array([*_FOUND[:2], _FOUND[2] + _PAYLOAD_HEIGHT * payload])) ** 2
 
 
-def doubt_after_a_lift(stance: Stance, doubt: FloatArray, across: FloatArray) -> FloatArray:
+def covariance_after_lift(stance: Stance, com_covariance: FloatArray, across: FloatArray) -> FloatArray:
     """Return the covariance of the CoM after a lift of the search [m2].
 
     Args:
-        doubt: (3, 3) covariance of the CoM in the base frame before the lift [m2].
+        com_covariance: (3, 3) covariance of the CoM in the base frame before the lift [m2].
         across: (3,) horizontal vector across the lift's support line, in the base frame.
     """
     measured = np.outer(across, across) / float(across @ across)
     rest = np.eye(3) - measured
-    return rest @ doubt @ rest + measured @ found_doubt(stance) @ measured
+    return rest @ com_covariance @ rest + measured @ search_covariance(stance) @ measured
 
 
-def safe_stop(tipping: Pendulum, settings: LiftSettings, stance: Stance, doubt: FloatArray) -> tuple[float, float]:
+def safe_stop(
+    tipping: Pendulum, settings: LiftSettings, stance: Stance, com_covariance: FloatArray
+) -> tuple[float, float]:
     """Return the tilts, backward and forward, up to which the feet can catch the robot: x of `tipping` [rad].
 
     Raises:
         ReachError: the robot reaches them before the lift is informative.
     """
-    margin = float(np.sqrt(tipping.normal_in_base @ doubt @ tipping.normal_in_base))
+    margin = float(np.sqrt(tipping.normal_in_base @ com_covariance @ tipping.normal_in_base))
     stop = tipping.stop(settings.height, settings.lower_time, settings.stop_delay, margin)
     time, least = tipping.time_until(stop), _LEAST_UP * stance.scale.time
     if time < least:

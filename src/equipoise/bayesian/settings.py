@@ -41,8 +41,8 @@ class BayesianSettings:
         confirm_mass: accept a mass that disagrees with the joint torques by more than 15 %, or 5 % with the torque
             constants of a prior run; by default the command asks before it lifts a foot. The result is doubtful.
         excitation: excitation about all axes at the end, which improves friction and Izz.
-        rotate_halfway: pause half-way, motors off, for you to turn the robot by 180 deg; this separates external forces,
-            an uneven floor and the accelerometer bias from the planar CoM.
+        rotate_halfway: pause half-way with damped joints, for you to turn the robot by 180 deg; this separates external
+            forces, an uneven floor and the accelerometer bias from the planar CoM.
         surface: floor; `carpet` widens the priors of rolling resistance, foot compliance and unevenness three times.
         goals: standard deviations at which the calibration may stop early.
         cable: cable on the robot, `light` as an Ethernet cable; `none` reduces the uncertainty of the planar CoM.

@@ -10,7 +10,7 @@ from equipoise.bayesian.plan import Durations, Plan
 from equipoise.bayesian.planning.candidates import Candidates, describe
 from equipoise.bayesian.planning.nominal import nominal_candidates
 from equipoise.bayesian.routine import BayesianRoutine
-from equipoise.bayesian.safe_lift import found_doubt
+from equipoise.bayesian.safe_lift import search_covariance
 from equipoise.bayesian.short_plan import information_before, opening_moves, plan_after_search
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError, MotionError
@@ -52,7 +52,7 @@ class ShortRoutine(BayesianRoutine):
         ):
             self._follow(early)
         find_com_fast(self.trials, self._search_on, calibrated=True)
-        self.trials.doubt = found_doubt(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
+        self.trials.com_covariance = search_covariance(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
         posterior = self._posterior()
         self._follow(posterior)
         plan, done = self._rest(posterior), list[LiftDesign]()

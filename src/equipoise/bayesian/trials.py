@@ -11,7 +11,7 @@ from equipoise.bayesian.lift_design import (
     lift_settings,
     offset_of,
 )
-from equipoise.bayesian.safe_lift import safe_stop, unknown_doubt
+from equipoise.bayesian.safe_lift import initial_covariance, safe_stop
 from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError, ReachError
 from equipoise.estimator.measurements.heading import angle_turned
@@ -55,13 +55,13 @@ class BayesianTrials:
 
     Attributes:
         com: (3,) current estimate of the CoM in the base frame, for support lines and rotations of the body [m].
-        doubt: (3, 3) covariance of that CoM, as in `safe_lift` [m2].
+        com_covariance: (3, 3) covariance of that CoM, as in `safe_lift` [m2].
     """
 
     def __init__(self, standing: StandingRobot, stance: Stance, com: FloatArray) -> None:
         self.standing, self.stance, self.com = standing, stance, com
         self.settings, self.times = lift_settings(stance), Times.of(stance)
-        self.doubt = unknown_doubt(stance)
+        self.com_covariance = initial_covariance(stance)
         self._lifted = False
         self._drift = np.zeros(2)  # CoM over the feet minus its commanded position, in the stance's axes [m]
 
@@ -181,7 +181,9 @@ class BayesianTrials:
     def _limit(self, diagonal: str, settings: LiftSettings) -> TiltLimit:
         """Rest, and return the tilt limit of the lift."""
         tipping = tipping_from(self.standing, rest(self.standing, self.settings), diagonal)
-        return tilt_limit(self.standing, tipping, settings, safe_stop(tipping, settings, self.stance, self.doubt))
+        return tilt_limit(
+            self.standing, tipping, settings, safe_stop(tipping, settings, self.stance, self.com_covariance)
+        )
 
     def _feet(self, design: LiftDesign) -> tuple[FloatArray, FloatArray]:
         _, normal, _ = stance_line(self.stance, design.diagonal)

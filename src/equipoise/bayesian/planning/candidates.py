@@ -58,7 +58,7 @@ class Candidates:
     """Possible lifts and stance motions, with the information of each.
 
     Attributes:
-        doubt: (3, 3) covariance of the CoM in the base frame, as for `check_lift` [m2].
+        com_covariance: (3, 3) covariance of the CoM in the base frame, as for `check_lift` [m2].
         swings: True if lifted feet may swing, which determines the leg masses.
         lifts: possible lifts.
         postures: postures of stance motions, from the first posture.
@@ -68,7 +68,7 @@ class Candidates:
 
     predictor: Predictor
     unknowns: Unknowns
-    doubt: FloatArray | None = None
+    com_covariance: FloatArray | None = None
     swings: bool = False
     lifts: list[LiftDesign] = field(default_factory=list[LiftDesign])
     postures: list[BodyPosture] = field(default_factory=list[BodyPosture])
@@ -77,11 +77,11 @@ class Candidates:
 
     @classmethod
     def of(
-        cls, robot: RobotModel, stance: Stance, com: FloatArray, priors: Priors, doubt: FloatArray | None = None,
+        cls, robot: RobotModel, stance: Stance, com: FloatArray, priors: Priors, com_covariance: FloatArray | None = None,
         swings: bool = False,
     ) -> Candidates:  # fmt: skip
         """Return the candidates for an assumed robot model."""
-        found = cls(Predictor(robot, stance, com), Unknowns(robot, stance, priors), doubt, swings)
+        found = cls(Predictor(robot, stance, com), Unknowns(robot, stance, priors), com_covariance, swings)
         for wanted in _LIFT_POSTURES:
             posture = found._largest(wanted, found._check_lifts)
             if posture is not None:
@@ -113,7 +113,7 @@ class Candidates:
 
     @cached_property
     def _checks(self) -> LiftChecks:
-        return LiftChecks(self.predictor.robot, self.predictor.stance, self.predictor.com, self.doubt)
+        return LiftChecks(self.predictor.robot, self.predictor.stance, self.predictor.com, self.com_covariance)
 
     def _largest(self, wanted: BodyPosture, check: Callable[[BodyPosture], object]) -> BodyPosture | None:
         """Return the posture, or the largest scaled-down one that passes a check; None if none does."""
