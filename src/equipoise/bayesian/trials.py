@@ -44,7 +44,7 @@ from equipoise.robot.stance import Stance
 # On an A1; lengths scale with the stance's size, times with its clock.
 _STEP_RATIO = 0.5  # height of a replanting step over that of a lift
 _AIMED, _AIMS = 0.003, 3  # largest error of the CoM's distance from the line [m]; largest number of moves to reach it
-_RECOVERED, _LONGEST_RECOVERY, _RECOVERY_LOOK = 0.06, 8, 0.5  # [rad], times settling, of settling
+_RECOVERED, _LONGEST_RECOVERY, _RECOVERY_LOOK = 0.06, 8, 0.5  # largest lean [rad]; periods; averaged part of one
 # Largest difference from 180 deg [rad]: an external force is then determined almost as well, and the angle is measured.
 _TURN_TOLERANCE = np.radians(30)
 _ACCELERATION = 1.2  # [m/s2] of the body in a stance motion; its rotation moves the CoM less than the feet

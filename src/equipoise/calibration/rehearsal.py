@@ -40,13 +40,13 @@ class Rehearsal:
 
     @property
     def joint_range(self) -> FloatArray:
-        """(2, nj) lowest and highest joint positions, lying included [rad]."""
+        """Lowest and highest joint positions (2, nj), with the lying posture [rad]."""
         positions = np.array([posture.joint_position for posture in self.postures])
         return np.array([positions.min(axis=0), positions.max(axis=0)])
 
     @property
     def largest_torque(self) -> FloatArray:
-        """(nj,) largest torque either way [Nm]."""
+        """Largest absolute joint torques (nj,) [Nm]."""
         return np.abs([posture.torque for posture in self.postures]).max(axis=0)
 
     def to_dict(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-import coal  # Pinocchio's own: shapes and the distances between them
+import coal  # the collision library of Pinocchio
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray

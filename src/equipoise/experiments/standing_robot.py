@@ -17,7 +17,7 @@ from equipoise.recording.recording import Recording
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
 
-_PLANTED_ACCELERATION = 0.6  # [m/s2]; shifts an A1's load by 2 cm of the 18 between its CoM and its front feet
+_STANCE_ACCELERATION = 0.6  # [m/s2]; shifts an A1's load by 2 cm of the 18 between its CoM and its front feet
 _PEAK_OF_SMOOTH_STEP = 5.77  # peak acceleration of a minimum-jerk move of unit length and duration
 
 
@@ -51,7 +51,7 @@ class StandingRobot:
 
     @staticmethod
     def move_time(
-        feet_in_base: FloatArray, start: FloatArray, least: float, acceleration: float = _PLANTED_ACCELERATION
+        feet_in_base: FloatArray, start: FloatArray, least: float, acceleration: float = _STANCE_ACCELERATION
     ) -> float:
         """Return the duration of a stance motion that does not tip the robot over [s]."""
         distance = float(np.linalg.norm(feet_in_base - start, axis=1).max())

@@ -37,7 +37,7 @@ _LIFT_POSTURES = (
     BodyPosture(roll=0.22, pitch=-0.22, crouch=0.12),
     BodyPosture(roll=-0.22, pitch=-0.22, crouch=0.12),
 )
-_PLANTED_POSTURES = (
+_STANCE_POSTURES = (
     BodyPosture(crouch=0.15, yaw=0.3, ahead=0.15, aside=0.1),
     BodyPosture(crouch=0.15, yaw=-0.3, ahead=0.15, aside=-0.1),
     BodyPosture(crouch=0.25, roll=0.25, ahead=-0.15),
@@ -86,7 +86,7 @@ class Candidates:
             posture = found._largest(wanted, found._check_lifts)
             if posture is not None:
                 found._add_lifts(posture)
-        for wanted in _PLANTED_POSTURES:
+        for wanted in _STANCE_POSTURES:
             posture = found._largest(wanted, found.predictor.rest)
             if posture is not None:
                 found.postures.append(posture)
