@@ -26,7 +26,7 @@ _LARGEST_STD = 0.05  # of the hip height: largest std of a planar CoM from stanc
 
 
 class ShortRoutine(BayesianRoutine):
-    """Experiment on a standing robot; of the prior run's base it uses only the CoM, as the start of the search."""
+    """Experiment on a standing robot; the prior run's base is used only to start the search."""
 
     _changes: tuple[Change, ...] = ()
 
@@ -46,10 +46,8 @@ class ShortRoutine(BayesianRoutine):
         for posture in opening_moves(nominal_candidates(self.robot, self.settings.combined_priors), self._prior_run):
             self._do(describe(posture), lambda posture=posture: self.trials.take_posture(posture))
         early = self._posterior(lifts_needed=False)
-        if (
-            early is not None
-            and early.robot_covariance[1:3, 1:3].trace() < (_LARGEST_STD * self.stance.hip_height) ** 2
-        ):
+        largest = _LARGEST_STD * self.stance.hip_height
+        if early is not None and early.robot_covariance[1:3, 1:3].trace() < largest**2:
             self._follow(early)
         find_com_fast(self.trials, self._search_on, calibrated=True)
         self.trials.com_covariance = search_covariance(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
