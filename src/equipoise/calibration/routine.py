@@ -49,10 +49,10 @@ def calibrate(
             ends early.
         report: function that is called before every trial, and before the estimate.
         operator_done: function that returns True once the operator has confirmed a request, such as turning the robot;
-            it must not wait. None: there is no operator.
+            it must not wait. None without an operator.
         confirm: function that asks the operator a question while the robot stands, and returns True for yes. It is
             called if a given mass disagrees with the joint torques, or a measured orientation of the IMU with the
-            model's. None: there is no operator, and both raise.
+            model's. None without an operator; both cases then raise.
         on_response: function that gets the result of the response test, before the first trial. None: no response test,
             as in simulation.
 
