@@ -119,7 +119,7 @@ def test_a_simulation_that_goes_otherwise_is_told(a1, tmp_path):
     with folder, simulate(a1, "realistic", PAYLOAD.replace("1,", "1.0001,"), seed=5, timestep=1e-3) as simulation:
         platform = RepeatedSimulation(Logged(simulation.platform, folder.log), simulation.platform, content)
         with pytest.raises(
-            RecordingError, match="standing up went otherwise than it was recorded: a simulation repeats with"
+            RecordingError, match="standing up differs from its recording: a simulation repeats exactly only with"
         ):
             calibrate(platform, a1, SETTINGS, folder.keep)
     assert len(RunFolder.open(tmp_path / "run").recordings()) == len(content.recordings)  # and nothing is lost
@@ -137,7 +137,7 @@ def test_other_settings_are_told_with_the_trial_that_they_change(a1, tmp_path, r
         if robot == "real":
             platform = ResumedRobot(live, content)
         with pytest.raises(
-            RecordingError, match=r"trial 1 \(lift FL_RR\) would be commanded otherwise now than when it was"
+            RecordingError, match=r"the commands of trial 1 \(lift FL_RR\) differ from the recorded ones"
         ):
             calibrate(platform, a1, other, folder.keep)
 

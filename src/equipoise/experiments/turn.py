@@ -35,11 +35,11 @@ def be_turned(standing: StandingRobot, stance: Stance) -> Recording:
     Raises:
         MotionError: the operator did not confirm in time, or the robot no longer lies.
     """
-    simulated = TURNS in standing.platform.accepts
-    confirmed = None if simulated else TiltLimit(math.inf, (0.0, 0.0, 0.0), told=standing.operator_done)
-    motion = standing.motion().phase(Phase.TURN).hold_limp(_SIMULATED if simulated else _PATIENCE)
-    recording = standing.play(motion, confirmed)
-    if not simulated and (recording.commands is None or recording.commands.time.size == motion.count):
+    by_itself = TURNS in standing.platform.accepts
+    said = None if by_itself else TiltLimit(math.inf, (0.0, 0.0, 0.0), stop_requested=standing.told)
+    motion = standing.motion().phase(Phase.TURN).hold_limp(_SIMULATED if by_itself else _PATIENCE)
+    recording = standing.play(motion, said)
+    if not by_itself and (recording.commands is None or recording.commands.time.size == motion.count):
         raise MotionError(
             f"the rotation of the robot was not confirmed within {_PATIENCE:.0f} s; resume the run with an operator present",
             (recording,),

@@ -1,1 +1,1 @@
-"""The seam between experiments and robots: what a platform is, and platforms around platforms."""
+"""Interface between experiments and robots: the platform protocol, and wrappers of platforms."""

@@ -1,4 +1,4 @@
-"""Physics engines by name: MuJoCo, and those that the lab and other packages add with an entry point.
+"""Physics engines by name: MuJoCo, and the entry points of the lab and other packages.
 
 [project.entry-points."equipoise.engines"]
 dart = "equipoise.lab.dart.engine:build"
@@ -14,5 +14,5 @@ from equipoise.plugins import Table
 ENGINES: Table[Any] = Table(
     "engine", "equipoise.engines", FunctionType, {"mujoco": "equipoise.simulation.simulation:build"}
 )
-"""An engine is a function of the robot, its stance, its drawn errors, the payload, the posture that it starts in, the time
-step and the contacts, which returns a `Simulation`; see `equipoise.simulation.simulation.build`."""
+"""Engines: functions of the robot, its stance, its drawn errors, the payload, the initial posture, the time step and the
+contacts that return a `Simulation`; see `equipoise.simulation.simulation.build`."""

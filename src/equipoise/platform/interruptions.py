@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and a closed terminal: when they may interrupt, when they wait, and when they are only noted."""
+"""Handling of Ctrl-C, SIGTERM and a closed terminal while a robot is under command."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _DEADLY = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasat
 
 
 class Terminated(KeyboardInterrupt):
-    """The process was asked to end by a signal other than Ctrl-C's.
+    """Request to end the process by a signal other than Ctrl-C's.
 
     Attributes:
         number: number of the signal.
@@ -25,15 +25,14 @@ class Terminated(KeyboardInterrupt):
 
 
 class Interruptions:
-    """Effects of signals while a robot is under command.
+    """Signal handlers while a robot is under command.
 
-    As a rule they raise: KeyboardInterrupt, or `Terminated`. Within `held`, a motion, the first one waits until `check` is
-    called: an exception in the middle of it would leave lists half done. Within `noted`, the ending, they interrupt nothing.
-    Python runs handlers in the main thread; in other threads none is changed. Signals that the process ignores (`nohup`) stay
-    ignored.
+    By default, signals raise KeyboardInterrupt or `Terminated`. Within `held` (a motion), the first one waits for `check`: an
+    exception in the middle would leave lists incomplete. Within `noted` (the ending), signals do not interrupt. Python runs
+    handlers in the main thread; other threads change none. Signals that the process ignores (`nohup`) stay ignored.
 
     Attributes:
-        asked: whether a signal came while the robot was put down.
+        asked: whether a signal arrived while the robot was put down.
     """
 
     def __init__(self) -> None:
@@ -56,7 +55,7 @@ class Interruptions:
 
     @contextmanager
     def held(self) -> Generator[None]:
-        """The first signal waits for `check`, or for the end; a second one interrupts at once."""
+        """Defer the first signal until `check` or the end; a second one interrupts at once."""
         self._holding = bool(self._before)
         try:
             yield
@@ -65,14 +64,14 @@ class Interruptions:
         self.check()
 
     def check(self) -> None:
-        """Raise what waits."""
+        """Raise the waiting signal, if any."""
         if self._waiting is not None:
             self._raise(self._waiting)
 
     @contextmanager
     def noted(self) -> Generator[None]:
-        """Nothing is interrupted; `asked` states whether a signal came."""
-        self._noting = True  # before handlers are installed, if they are not yet: this one store cannot be interrupted
+        """Record signals in `asked` without an interruption."""
+        self._noting = True  # before handlers are installed: this one store cannot be interrupted
         installed = not self._before
         try:
             if installed:

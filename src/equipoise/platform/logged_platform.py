@@ -1,4 +1,4 @@
-"""A robot without a process of its own, simulated as a rule, whose motions are logged as soon as they were played."""
+"""Platform in this process, usually simulated, that logs each motion as soon as it is complete."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _STEPS_TIME = 0.25  # [s] of steps that are written at once
 
 
 class Logged(PlatformWrapper):
-    """Writes every motion to a log when it is over, also one that the robot's guard ended; steps, a quarter second at once.
+    """Platform that logs complete motions, also those that the robot's guard ended, and steps in pieces of 0.25 s.
 
     Raises:
         OutputError: the log cannot be written.
@@ -25,8 +25,10 @@ class Logged(PlatformWrapper):
     def __init__(self, inner: Platform, log: RunLog) -> None:
         super().__init__(inner)
         self._log = log
-        self._steps: list[tuple[RobotState, FloatArray]] = []  # not written yet: the state before, and the targets sent
-        self._state: RobotState | None = None  # after the last step, if nothing was played since
+        self._steps: list[
+            tuple[RobotState, FloatArray]
+        ] = []  # not written yet: the previous state and the targets sent
+        self._state: RobotState | None = None  # after the last step; None after a motion
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
         self._write_steps()
@@ -42,7 +44,7 @@ class Logged(PlatformWrapper):
             raise
         try:
             self._log.add(recording)
-        except KeyboardInterrupt:  # the motion is over, and the routine will want what it gave
+        except KeyboardInterrupt:  # the motion is complete, and the routine needs its recording
             raise MotionInterrupted(recording) from None
         return recording
 

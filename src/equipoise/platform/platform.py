@@ -1,4 +1,4 @@
-"""The seam between experiments and robots: four methods, and what never changes about the robot."""
+"""Interface between experiments and robots: four methods, and the robot's constants."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from equipoise.recording.recording import Event, Recording
 
 @dataclass(frozen=True, eq=False)
 class JointCommand:
-    """Command of the joints for the next control period. None leaves a value to the platform.
+    """Joint command for the next control period. None leaves a value to the platform.
 
     Attributes:
         position: (nj,) position targets in the model's joint order [rad].
@@ -33,12 +33,12 @@ class JointCommand:
 
     @property
     def limp(self) -> bool:
-        """Return whether the joints only resist being moved."""
+        """Return whether the joints only resist motion."""
         return self.kp is not None and not self.kp.any()
 
     @classmethod
     def damping(cls, position: FloatArray, kd: FloatArray | float) -> JointCommand:
-        """Return the command with which joints only resist being moved, with a velocity gain [Nm s/rad]."""
+        """Return a command with which joints only resist motion, with a velocity gain [Nm s/rad]."""
         return cls(
             position, kp=np.zeros_like(position), kd=np.broadcast_to(np.asarray(kd, dtype=float), position.shape)
         )
@@ -55,15 +55,15 @@ class JointCommand:
         return np.array([default if row is None else row for row, default in zip(given, own, strict=True)])
 
     def held(self) -> JointCommand:
-        """Return the command that stays where this one leads."""
+        """Return the command that holds this one's position."""
         return self if self.velocity is None else replace(self, velocity=None)
 
 
 ACCEPTS_EVERYTHING = frozenset({"velocity", "torque", "gains"})
-"""`accepts` of a platform that uses all that a command can hold."""
+"""`accepts` of a platform that uses all values of a command."""
 
 TURNS = "turn"
-"""In `accepts`: in a motion's phase "turn" the platform itself turns the robot to face the other way."""
+"""Value in `accepts` of a platform that turns the robot by 180 degrees itself in a motion's phase "turn"."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Health:
         motor_temperature: (nj,) motor temperatures in the model's joint order [deg C].
         battery_voltage: voltage of the battery [V].
         battery_charge: charge of the battery, from 0, empty, to 1, full.
-        fault: fault that the robot itself reports, in its own words.
+        fault: fault that the robot itself reports, in words.
     """
 
     motor_temperature: FloatArray | None = None
@@ -88,16 +88,16 @@ class RobotState:
     """Readings of the robot's sensors at one moment. A value that the robot does not report is None.
 
     Attributes:
-        time: time by the robot's clock [s].
-        joint_position: (nj,) joint positions by the encoders, in the model's joint order [rad].
+        time: time on the robot's clock [s].
+        joint_position: (nj,) joint positions from the encoders, in the model's joint order [rad].
         joint_velocity: (nj,) joint velocities [rad/s].
         joint_torque: (nj,) joint torques as the motors report them [Nm].
-        angular_velocity_in_imu: (3,) angular velocity of the IMU in its own frame, by the gyroscope [rad/s].
-        acceleration_in_imu: (3,) specific force in the IMU frame, by the accelerometer; +g upward at rest [m/s2].
-        imu_time: time of gyroscope and accelerometer, where it is not `time` [s].
-        received: time of arrival by this computer's monotonic clock [s]; None in simulation, where nothing is late.
-        health: temperatures, battery and faults, as far as the robot reports them.
-        request: request of the robot's remote control: "" none, "damp" or "lie down".
+        angular_velocity_in_imu: (3,) angular velocity of the IMU in its own frame, from the gyroscope [rad/s].
+        acceleration_in_imu: (3,) specific force in the IMU frame, from the accelerometer; +g upward at rest [m/s2].
+        imu_time: time of gyroscope and accelerometer, if it is not `time` [s].
+        received: time of arrival on this computer's monotonic clock [s]; None in simulation.
+        health: temperatures, battery and faults.
+        request: request of the robot's remote control: "" (none), "damp" or "lie down".
     """
 
     time: float
@@ -114,17 +114,17 @@ class RobotState:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """An open-loop motion: one command per control period.
+    """Open-loop motion: one command per control period.
 
     Attributes:
         position: (n, nj) joint position targets [rad].
         velocity: (n, nj) feed-forward velocities [rad/s], or None.
         torque: (n, nj) feed-forward torques [Nm], or None.
-        events: events to note in the recording; times count from the start of the motion [s].
-        limp: whether the joints are only to resist being moved, where gains can be sent.
-        kp: (nj,) position gains all through the motion [Nm/rad], or None: the platform's own.
-        kd: (nj,) velocity gains all through the motion [Nm s/rad], or None: the platform's own.
-        trial: id of the trial that the motion is a part of, for its log; None: it is a part of none.
+        events: events for the recording; times count from the start of the motion [s].
+        limp: whether the joints only resist motion, if gains can be sent.
+        kp: (nj,) position gains throughout the motion [Nm/rad], or None: the platform's own.
+        kd: (nj,) velocity gains throughout the motion [Nm s/rad], or None: the platform's own.
+        trial: id of the motion's trial, for the log; None: it belongs to no trial.
     """
 
     position: FloatArray
@@ -155,7 +155,7 @@ class Trajectory:
         return cls(command.position[None], velocity, torque, kp=command.kp, kd=command.kd)
 
     def command(self, index: int) -> JointCommand:
-        """The command of one control period."""
+        """Return the command of one control period."""
         velocity = None if self.velocity is None else self.velocity[index]
         torque = None if self.torque is None else self.torque[index]
         kp = np.zeros(self.position.shape[1]) if self.limp else self.kp
@@ -163,13 +163,13 @@ class Trajectory:
 
 
 class Platform(Protocol):
-    """A robot, real or simulated. Use it as a context manager: leaving it ends safely.
+    """Real or simulated robot. Use it as a context manager: leaving it ends safely.
 
     Attributes:
         control_period: time between commands [s].
         joint_names: names of the joints, in the order of every joint vector.
-        accepts: those of "velocity", "torque" and "gains" that it uses of commands, the others are ignored; and "turn" if
-            the platform turns the robot in a motion's phase of that name.
+        accepts: the values that it uses of a command besides positions: "velocity", "torque", "gains"; and "turn" if the
+            platform turns the robot in a motion's phase of that name.
     """
 
     @property
@@ -182,17 +182,17 @@ class Platform(Protocol):
     def accepts(self) -> frozenset[str]: ...
 
     def read(self) -> RobotState:
-        """Sense without commanding."""
+        """Return the state without commanding."""
         ...
 
     def step(self, command: JointCommand) -> RobotState:
-        """Send a command, let one control period pass, and sense."""
+        """Send a command, let one control period pass, and return the state."""
         ...
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-        """Play an open-loop motion. Sample k of the recording is sensed as command k is sent.
+        """Play an open-loop motion. Sample k of the recording is measured when command k is sent.
 
-        `stop` is tested at every sample on hardware, and every few samples in simulation; the motion ends where it is met.
+        `stop` is tested at every sample on hardware, and every few samples in simulation; the motion ends once it is met.
 
         Raises:
             MotionInterrupted: Ctrl-C; carries the recording so far.
@@ -200,12 +200,12 @@ class Platform(Protocol):
         ...
 
     def close(self) -> None:
-        """End safely: the robot is left with its motors in a safe state. May be called twice."""
+        """Leave the motors in a safe state. May be called twice."""
         ...
 
 
 class MotionInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a motion. The recording up to then is kept in `recording` (None if it held no sample)."""
+    """Ctrl-C during a motion. `recording` holds the samples so far, or None without samples."""
 
     def __init__(self, recording: Recording | None) -> None:
         super().__init__("interrupted")

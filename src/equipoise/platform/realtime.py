@@ -1,4 +1,4 @@
-"""Real time for the robot process: what the system grants, and what it does not."""
+"""Real-time privileges of the robot process."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import gc
 import os
 import sys
 
-_PRIORITY = 50  # of 1 to 99: above what users run, below the system's own
+_PRIORITY = 50  # of 1 to 99: above user programs, below the system's own threads
 _CURRENT_AND_FUTURE = 3  # of mlockall
 _REMEDY = "docs/hardware/safety.md#real-time-priority explains how to grant it without root"
 
@@ -24,7 +24,7 @@ def claim_priority() -> bool:
 
 
 def claim_real_time() -> str:
-    """Claim real-time scheduling and locked memory, end garbage collection; return what was granted, in words."""
+    """Claim real-time scheduling and locked memory, end garbage collection; return the result in words."""
     gc.collect()
     gc.freeze()
     gc.disable()

@@ -1,7 +1,7 @@
-"""An interrupted run that is resumed: its routine begins again and is given the recordings as long as there are any.
+"""Resumption of an interrupted run: the routine begins again and first receives the recordings of the log.
 
-Decisions depend on recordings alone, so the routine asks for the same motions again. In simulation they are played again, so
-that the simulated robot, too, is where it was. A real robot stands still meanwhile.
+Decisions depend on recordings alone, so the routine requests the same motions again. A simulated robot plays them again, to
+return to its last state. A real robot stands still meanwhile.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from equipoise.recording.recording import Recording
 from equipoise.recording.run_log_reader import LogContent, Play
 
 _REJOINING_TIME = 2.0  # [s]
-# A robot does not stand up to quite the same joint positions twice; inverse kinematics begins at them.
+# A robot stands up to slightly different joint positions each time; inverse kinematics begins at them.
 _SAME_COMMAND = 1e-4  # [rad]
 
 
 class RepeatedSimulation(PlatformWrapper):
-    """A simulated robot that plays a run's motions again, and then goes on.
+    """Simulated robot that repeats a run's motions, and then continues.
 
     Args:
-        live: the simulated robot as it is to go on: logged.
+        live: simulated robot for the remaining motions, logged.
         again: the same robot, not logged.
         content: content of the run's log.
 
@@ -49,41 +49,41 @@ class RepeatedSimulation(PlatformWrapper):
         recording = self._again.play(trajectory, stop)
         if not recording.equals(stored.recording):
             raise RecordingError(
-                f"{_described(self._content, stored)} went otherwise than it was recorded: a simulation repeats with the same "
-                "versions of equipoise and MuJoCo on the same kind of machine only; begin a new run"
+                f"{_described(self._content, stored)} differs from its recording: a simulation repeats exactly only with the "
+                "same versions of equipoise and MuJoCo on the same kind of machine; begin a new run"
             )
         return recording
 
 
 class ResumedRobot(PlatformWrapper):
-    """A real robot that stands up, is spared the motions of a run that are recorded, and then goes on.
+    """Real robot that stands up, skips the recorded motions of a run, and then continues.
 
-    Before it goes on it moves smoothly from where it stands to where the next motion begins, all feet on the ground.
+    Before it continues, it moves smoothly to the beginning of the next motion, all feet on the floor.
 
     Args:
         live: the robot.
         content: content of the run's log.
 
     Raises:
-        RecordingError: the routine asks for other motions than were recorded.
+        RecordingError: the requested motions are not the recorded ones.
     """
 
     def __init__(self, live: Platform, content: LogContent) -> None:
         super().__init__(live)
         self._content = content
         self._stored = deque(play for play in content.complete_plays if play.trial is not None)
-        self._spared = False  # a motion since the robot moved last
-        self._sent: Trajectory | None = None  # what it was sent last: one command
+        self._skipped = False  # whether motions were skipped since the robot last moved
+        self._sent: Trajectory | None = None  # the last command
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-        if self._stored and (self._spared or any(event.name == TRIAL for event in trajectory.events)):
-            self._spared = True
+        if self._stored and (self._skipped or any(event.name == TRIAL for event in trajectory.events)):
+            self._skipped = True
             stored = self._stored.popleft()
             _check_commands(self._content, stored, trajectory)
             return stored.recording
-        if self._spared:
+        if self._skipped:
             self._move(self._way_to(trajectory))
-            self._spared = False
+            self._skipped = False
         return self._move(trajectory, stop)
 
     def _move(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
@@ -95,7 +95,7 @@ class ResumedRobot(PlatformWrapper):
         return recording
 
     def _way_to(self, trajectory: Trajectory) -> Trajectory:
-        """From what was sent last to the first command of a trajectory, at rest at both ends."""
+        """Return the motion from the last command to the first one of a trajectory, at rest at both ends."""
         start = self._sent or Trajectory(self.read().joint_position[None])
         share = smooth_step(round(_REJOINING_TIME / self.control_period))[:, None]
         torque = None
@@ -113,15 +113,15 @@ def _check_commands(content: LogContent, stored: Play, trajectory: Trajectory) -
     same = stored.commands == len(trajectory.position) and sent.shape == asked.shape
     if not (same and np.abs(sent - asked).max(initial=0.0) <= _SAME_COMMAND):
         raise RecordingError(
-            f"{_described(content, stored)} would be commanded otherwise now than when it was recorded: by other settings, or "
-            "by other versions of equipoise or of the simulator; go on with those, or begin a new run"
+            f"the commands of {_described(content, stored)} differ from the recorded ones: the settings, or the version of "
+            "equipoise or of the simulator, have changed; resume with the original ones, or begin a new run"
         )
 
 
 def _described(content: LogContent, play: Play) -> str:
-    """Return a play in words."""
+    """Return the name of a motion for messages."""
     if play.trial is None:
         return "standing up"
     trial = next(begun.recording.trial for begun in content.plays if begun.trial == play.trial)
-    what = "motion" if trial is None else f"{trial.kind} {trial.about}".strip()
-    return f"trial {play.trial} ({what})"
+    name = "motion" if trial is None else f"{trial.kind} {trial.about}".strip()
+    return f"trial {play.trial} ({name})"

@@ -1,4 +1,4 @@
-"""The base of platforms that people write for robots of their own."""
+"""Base class for platforms of your own robots."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ Self = TypeVar("Self", bound="SteppedPlatform")
 
 
 class SteppedPlatform(ABC):
-    """A platform that plays a motion step by step: a robot's class needs `control_period`, `read`, `step` and `close`.
+    """Platform that plays a motion step by step; subclasses need `control_period`, `read`, `step` and `close`.
 
-    `equipoise calibrate --platform MODULE:CLASS` makes it as CLASS(robot, **settings) and guards it.
+    `equipoise calibrate --platform MODULE:CLASS` creates CLASS(robot, **settings) and guards it.
 
     Args:
         robot: model of the robot.
 
     Attributes:
         control_period: time between commands [s].
-        joint_names: names of the robot's leg joints, in the model's order, which every joint vector has.
-        accepts: those of "velocity", "torque" and "gains" that it uses of commands besides positions.
+        joint_names: names of the robot's leg joints, in the model's order, the order of every joint vector.
+        accepts: the values that it uses of a command besides positions: "velocity", "torque", "gains".
     """
 
     control_period: float
@@ -35,18 +35,18 @@ class SteppedPlatform(ABC):
 
     @abstractmethod
     def read(self) -> RobotState:
-        """Sense without commanding. A real robot's state has `received`; without it time passes only when it is stepped."""
+        """Return the state without commanding. With `received`, time passes without steps, as on real robots."""
 
     @abstractmethod
     def step(self, command: JointCommand) -> RobotState:
-        """Send a command, let one control period pass, and sense."""
+        """Send a command, let one control period pass, and return the state."""
 
     @abstractmethod
     def close(self) -> None:
-        """End safely: the robot is left with its motors in a safe state. May be called twice."""
+        """Leave the motors in a safe state. May be called twice."""
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-        """Play an open-loop motion by stepping, as `play_by_stepping` says."""
+        """Play an open-loop motion by stepping; see `play_by_stepping`."""
         return play_by_stepping(self, trajectory, stop)
 
     def __enter__(self: Self) -> Self:

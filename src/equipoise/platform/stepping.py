@@ -1,4 +1,4 @@
-"""From steps to recordings: what was sensed and sent in each control period, joined for a motion."""
+"""Recordings of motions from the samples and commands of control periods."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ _PAUSE = 0.25  # [s] between two motions whose samples are recorded with the sec
 
 
 class Recorder:
-    """The samples and commands of a platform, joined to one recording a motion.
+    """Recorder of a platform's samples and commands, one recording per motion.
 
-    A recording has one row per command: the samples that arrived before it, and the command. So the samples after the last
-    command belong to the next motion.
+    A recording has one row per command: the samples that arrived before it, and the command. Samples after the last command
+    belong to the next motion.
 
     Args:
         joint_names: names of the platform's joints.
         period: control period [s].
 
     Attributes:
-        count: number of commands in the present motion.
+        count: number of commands in the current motion.
     """
 
     def __init__(self, joint_names: tuple[str, ...], period: float) -> None:
@@ -40,19 +40,19 @@ class Recorder:
         self._targets: list[FloatArray] = []
         self._sent: list[float] = []
         self._lag: float | None = None
-        self._last = -math.inf  # when the last command of all was sent, by the robot's clock [s]
-        self._recorded = (-math.inf, -math.inf)  # times of the last joint and IMU samples of the motions before [s]
+        self._last = -math.inf  # time of the last command, on the robot's clock [s]
+        self._recorded = (-math.inf, -math.inf)  # times of the last joint and IMU samples of earlier motions [s]
 
     @property
     def count(self) -> int:
         return len(self._sent)
 
     def restart(self) -> None:
-        """Forget all samples but the newest one."""
+        """Discard all samples but the newest one."""
         self._waiting = self._waiting[-1:]
 
     def begin(self) -> None:
-        """Begin a motion; samples of a longer pause before it are left out, but for the newest one."""
+        """Begin a motion; after a longer pause, discard all earlier samples but the newest one."""
         if (last := next((row for row in reversed(self._rows) if row), None)) is not None:
             self._recorded = max(sample.time for sample in last), max(map(_imu_time, last))
         if self._waiting and self._waiting[-1].time - self._recorded[0] > _PAUSE:
@@ -60,12 +60,12 @@ class Recorder:
         self._rows, self._targets, self._sent = [], [], []
 
     def take(self, target: FloatArray | None, sent: float | None, samples: Iterable[RobotState]) -> None:
-        """Take one control period: a command, and the samples that arrived after it.
+        """Add one control period: a command, and the samples that arrived after it.
 
         Args:
-            target: (nj,) joint position targets of the present motion [rad]; None: no motion moves the robot, and only the
-                samples of a short pause are recorded with the next one.
-            sent: time at which the command was sent, by this computer's monotonic clock [s]; None in simulation.
+            target: (nj,) joint position targets of the current motion [rad]; None between motions: the samples of a short
+                pause are recorded with the next motion.
+            sent: time at which the command was sent, on this computer's monotonic clock [s]; None in simulation.
             samples: samples that arrived.
         """
         if target is None:
@@ -79,11 +79,11 @@ class Recorder:
         self._waiting = list(samples)
 
     def recorded(self, events: tuple[Event, ...] = ()) -> Recording | None:
-        """Return the present motion so far, or None if no command was sent."""
+        """Return the current motion so far, or None if no command was sent."""
         return self.recording(events) if self.count else None
 
     def recording(self, events: tuple[Event, ...] = (), first: int = 0) -> Recording:
-        """Return the commands from one on, and their samples; times of events count from the motion's begin [s]."""
+        """Return the recording from command `first` on; times of events count from the motion's beginning [s]."""
         samples = [sample for row in self._rows[first:] for sample in row]
         begin = next((sample.time for row in self._rows for sample in row), 0.0)
         end = samples[-1].time if samples else begin
@@ -95,7 +95,7 @@ class Recorder:
         return recording_of(self._joint_names, samples, targets, happened, sent, latest)
 
     def _by_robot_clock(self, sent: float | None) -> float:
-        """Return when a command was sent by the robot's clock [s]; times of commands always increase."""
+        """Return the time of a command on the robot's clock [s]; these times always increase."""
         before = self._waiting[-1] if self._waiting else None
         if sent is None or before is None or before.received is None:
             at, least = (self._last + self._period if before is None else before.time), self._period
@@ -108,7 +108,7 @@ class Recorder:
 
 
 def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-    """Play a motion on a platform that has only `read` and `step`; its samples are those that these return.
+    """Play a motion on a platform with only `read` and `step`, and record the states that they return.
 
     Raises:
         MotionInterrupted: Ctrl-C; carries the recording so far.
@@ -137,12 +137,12 @@ def recording_of(
     sent: FloatArray | None = None,
     before: tuple[float, float] = (-math.inf, -math.inf),
 ) -> Recording:
-    """Return samples, each once, and the joint targets that were sent, as a recording.
+    """Return a recording of samples, each once, and of the joint targets that were sent.
 
     Args:
         targets: (n, nj) position targets [rad].
-        sent: (n,) times at which they were sent, by the robot's clock [s]; None: one for each sample, at its time.
-        before: times of the last joint and IMU samples before these [s]: what is not younger came twice.
+        sent: (n,) times at which they were sent, on the robot's clock [s]; None: one for each sample, at its time.
+        before: times of the last joint and IMU samples before these [s]; samples that are not younger are repeated.
     """
     joints = _each_once(samples, lambda sample: sample.time, before[0])
     imu = _each_once(samples, _imu_time, before[1])
@@ -174,7 +174,7 @@ def _imu_time(sample: RobotState) -> float:
 def _each_once(
     samples: Sequence[RobotState], time_of: Callable[[RobotState], float], latest: float
 ) -> list[RobotState]:
-    """Return the samples that are younger than those before them."""
+    """Return the samples that are younger than all earlier ones."""
     kept: list[RobotState] = []
     for sample in samples:
         if latest + _GRID <= time_of(sample) < math.inf:

@@ -1,12 +1,12 @@
 """Limit at which a motion on two feet is stopped: the robot has tipped far enough, or is about to tip too far.
 
-The lean of the CoM about the line between the feet, since the motion began, is linear in what the sensors tell:
+The lean of the CoM about the line between the feet, since the motion began, is linear in the sensor readings:
 
     a = axis . (integral of w) + joints . (q - q0),     r = (1 - spin) da/dt + spin (axis . w),
 
-with w the gyroscope's angular velocity and q the encoders'. r is the angular momentum about the line over the moment of
-inertia about it: a body that turns about its own CoM has momentum, and no lean. On two feet a + horizon r grows
-exponentially, whatever the body does meanwhile; where it is held against bounds, the feet come down in time.
+with w the gyroscope's angular velocity and q the joint positions. r is the angular momentum about the line over the moment
+of inertia about it: a body that turns about its own CoM has momentum, and no lean. On two feet a + horizon r grows
+exponentially, whatever the body's motion; with bounds on it, the feet come down in time.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from equipoise.conventions import FloatArray
 
 @dataclass(frozen=True)
 class TiltLimit:
-    """Stop a motion once the robot has leaned far enough about an axis since it began, or will have.
+    """Limit that stops a motion once the robot has leaned far enough about an axis, or is about to.
 
     Attributes:
-        angle: lean that counts, either way [rad].
+        angle: largest lean since the motion began, either way [rad].
         axis_in_imu: (3,) axis of the lean in the IMU frame. On two feet a robot also yaws on its soft legs; that is not a
             tilt.
         joints: (nj,) share of each joint's motion in the lean; empty: none.
-        horizon: time by which the rate is multiplied where it counts [s].
+        horizon: time by which the rate is multiplied [s].
         spin: share of the base's own angular velocity in the rate.
         bounds: limits of lean plus horizon times rate [rad].
         window: time over which the lean is differentiated [s].
-        told: function that returns whether the operator has ended the motion; None: the operator is not asked.
+        stop_requested: function that returns whether the operator has ended the motion; None: there is no operator.
     """
 
     angle: float
@@ -42,11 +42,11 @@ class TiltLimit:
     spin: float = 1.0
     bounds: tuple[float, float] = (-np.inf, np.inf)
     window: float = 0.0
-    told: Callable[[], bool] | None = None
+    stop_requested: Callable[[], bool] | None = None
 
 
 class TiltTest:
-    """A limit that is tested while a motion goes on, on samples as they come: one by one, or many at once.
+    """Test of a limit during a motion, sample by sample or for many samples at once.
 
     Args:
         limit: limit to test; None is never reached.
@@ -70,7 +70,7 @@ class TiltTest:
         """
         if self._limit is None:
             return False
-        if self._limit.told is not None and self._limit.told():
+        if self._limit.stop_requested is not None and self._limit.stop_requested():
             return True
         turning = angular_velocity_in_imu @ self._axis
         lean = self._turned + np.cumsum(turning) * self._period

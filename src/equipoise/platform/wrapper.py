@@ -1,4 +1,4 @@
-"""A platform around another one: what passes straight through."""
+"""Base class of platforms around another platform."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from equipoise.recording.recording import Recording
 
 
 class PlatformWrapper(SteppedPlatform):
-    """Does what the platform inside does; those that inherit do something besides."""
+    """Platform that forwards all calls to an inner platform; subclasses add behaviour."""
 
     def __init__(self, inner: Platform) -> None:
         self._inner = inner
