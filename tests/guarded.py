@@ -8,8 +8,8 @@ import numpy as np
 from equipoise import nominal_stance, simulate
 from equipoise.experiments.motion import Target
 from equipoise.experiments.standing_robot import StandingRobot
+from equipoise.guard.check_context import CheckContext
 from equipoise.guard.footing import feet_are_lifted
-from equipoise.guard.known import Known
 from equipoise.guard.tilt_filter import TiltFilter
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, RobotState, Trajectory
 from equipoise.platform.stepping import play_by_stepping
@@ -44,10 +44,10 @@ def at_rest(robot, index=0, **changes):
 
 def look(checks, command, state, sent=None, standing=None):
     """What the guard does with checks: each looks at a command, a state and the commands sent last, and may raise."""
-    known = Known(state, sent or command, command, standing or command, TiltFilter(np.eye(3)))
-    known.up.update(state)
+    context = CheckContext(state, sent or command, command, standing or command, TiltFilter(np.eye(3)))
+    context.up.update(state)
     for check in checks:
-        check(command, known)
+        check(command, context)
 
 
 def simulated(robot, start="standing", preset="realistic", seed=3, payload=None):

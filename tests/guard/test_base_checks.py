@@ -7,7 +7,7 @@ from guarded import at_rest, look
 from equipoise import nominal_stance
 from equipoise.errors import FallError, SensorError
 from equipoise.guard.base_checks import BaseChecks
-from equipoise.guard.known import Known
+from equipoise.guard.check_context import CheckContext
 from equipoise.guard.limits import Limits
 from equipoise.guard.tilt_filter import TiltFilter
 from equipoise.platform.platform import JointCommand
@@ -34,8 +34,8 @@ def test_before_anything_moves_gravity_is_felt(a1, checks, hold):
     with pytest.raises(SensorError) as caught:
         look(checks.at_rest, hold, at_rest(a1, acceleration_in_imu=np.array([0.0, 0.0, 1.0])))
     assert str(caught.value) == (
-        "the accelerometer reads 1.0 m/s2 before anything has moved; 9.8 is gravity. Is it in other units, is the robot "
-        "being moved?"
+        "the accelerometer reads 1.0 m/s2 before the first command; gravity is 9.8 m/s2. Check its units, and "
+        "keep the robot still"
     )
 
 
@@ -44,7 +44,7 @@ def test_before_anything_moves_the_base_is_upright(a1, checks, hold):
     with pytest.raises(FallError) as caught:
         look(checks.at_rest, hold, leaning(a1, 0.36))
     assert str(caught.value) == (
-        "the base leans by 21 deg before anything has moved: the robot has fallen, or the IMU is mounted turned: "
+        "the base leans by 21 deg before the first command: the robot has fallen, or the IMU is mounted turned: "
         "--imu-rpy 0.000 0.360 0.000 (imu_rpy in a robot description) brings gravity upright; it leaves yaw open"
     )
 
@@ -53,9 +53,7 @@ def test_on_four_feet_the_base_does_not_lean(a1, checks, hold):
     look(checks.in_motion, hold, leaning(a1, 0.34))
     with pytest.raises(FallError) as caught:
         look(checks.in_motion, hold, leaning(a1, 0.36))
-    assert str(caught.value) == (
-        "the base leans by 21 deg from the posture that it was sent to take: the robot is falling"
-    )
+    assert str(caught.value) == ("the base leans by 21 deg from its commanded posture: the robot is falling")
 
 
 def test_on_two_feet_it_may_lean_farther_and_for_a_second_after_them(a1, checks, hold):
@@ -84,7 +82,7 @@ def test_a_robot_that_lies_has_no_feet_lifted(a1, checks, hold):
     for position, lifted in ((hold.position, True), (lying, False)):
         raised = np.array(position)
         raised[[2, 11]] += 0.2  # the knees of FL and RR
-        known = Known(at_rest(a1), JointCommand(raised), JointCommand(raised), hold, TiltFilter(np.eye(3)))
+        context = CheckContext(at_rest(a1), JointCommand(raised), JointCommand(raised), hold, TiltFilter(np.eye(3)))
         for check in checks.in_motion:
-            check(known.sent, known)
-        assert known.lifted == lifted
+            check(context.sent, context)
+        assert context.lifted == lifted

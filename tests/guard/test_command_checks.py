@@ -50,20 +50,20 @@ def test_a_sound_command_passes(check, stance, a1):
 @pytest.mark.parametrize(
     ("field", "joint", "value", "message"),
     [
-        ("position", 0, np.nan, "joint 'FL_hip_joint' was sent a position that is no number"),
-        ("position", 2, -np.inf, "joint 'FL_calf_joint' was sent a position that is no number"),
-        ("velocity", 3, np.nan, "joint 'FR_hip_joint' was sent a velocity that is no number"),
-        ("torque", 11, np.inf, "joint 'RR_calf_joint' was sent a torque that is no number"),
-        ("kp", 4, np.nan, "joint 'FR_thigh_joint' was sent a kp that is no number"),
-        ("kd", 5, np.nan, "joint 'FR_calf_joint' was sent a kd that is no number"),
+        ("position", 0, np.nan, "the commanded position of joint 'FL_hip_joint' is not a finite number"),
+        ("position", 2, -np.inf, "the commanded position of joint 'FL_calf_joint' is not a finite number"),
+        ("velocity", 3, np.nan, "the commanded velocity of joint 'FR_hip_joint' is not a finite number"),
+        ("torque", 11, np.inf, "the commanded torque of joint 'RR_calf_joint' is not a finite number"),
+        ("kp", 4, np.nan, "the commanded kp of joint 'FR_thigh_joint' is not a finite number"),
+        ("kd", 5, np.nan, "the commanded kd of joint 'FR_calf_joint' is not a finite number"),
         (
             "velocity", 3, 26.0,
-            "joint 'FR_hip_joint' was sent a velocity of 26.00 rad/s; from -25.20 to 25.20 is allowed",
+            "the commanded velocity of joint 'FR_hip_joint' is 26.00 rad/s; it must be from -25.20 to 25.20",
         ),
-        ("torque", 11, -50.0, "joint 'RR_calf_joint' was sent a torque of -50.00 Nm; from -38.52 to 38.52 is allowed"),
-        ("kp", 4, -1.0, "joint 'FR_thigh_joint' was sent a kp of -1.00 Nm/rad; from 0.00 to 308.75 is allowed"),
-        ("kp", 4, 500.0, "joint 'FR_thigh_joint' was sent a kp of 500.00 Nm/rad; from 0.00 to 308.75 is allowed"),
-        ("kd", 5, 10.0, "joint 'FR_calf_joint' was sent a kd of 10.00 Nm s/rad; from 0.00 to 9.26 is allowed"),
+        ("torque", 11, -50.0, "the commanded torque of joint 'RR_calf_joint' is -50.00 Nm; it must be from -38.52 to 38.52"),
+        ("kp", 4, -1.0, "the commanded kp of joint 'FR_thigh_joint' is -1.00 Nm/rad; it must be from 0.00 to 308.75"),
+        ("kp", 4, 500.0, "the commanded kp of joint 'FR_thigh_joint' is 500.00 Nm/rad; it must be from 0.00 to 308.75"),
+        ("kd", 5, 10.0, "the commanded kd of joint 'FR_calf_joint' is 10.00 Nm s/rad; it must be from 0.00 to 9.26"),
     ],
 )  # fmt: skip
 def test_a_command_that_no_joint_should_get_is_refused(check, stance, field, joint, value, message):
@@ -78,14 +78,16 @@ def test_a_joint_is_not_sent_beyond_its_limits(check, stance):
     target = with_one(stance.joint_position, 2, -2.8)
     with pytest.raises(MotionError) as caught:
         check(JointCommand(target), before=target)
-    assert str(caught.value) == ("joint 'FL_calf_joint' was sent to -2.800 rad; its limits are -2.697 to -0.916 rad")
+    assert str(caught.value) == (
+        "the target of joint 'FL_calf_joint' is -2.800 rad; its limits are -2.697 to -0.916 rad"
+    )
 
 
 def test_a_joint_that_is_beyond_its_limits_by_itself_may_stay_there(check, stance):
     target = with_one(stance.joint_position, 2, -2.8)
     check(JointCommand(target), before=target, here=target)
     farther = with_one(target, 2, -2.81)
-    with pytest.raises(MotionError, match=r"was sent to -2\.810 rad"):
+    with pytest.raises(MotionError, match=r"is -2\.810 rad"):
         check(JointCommand(farther), before=farther, here=target)
 
 
@@ -93,7 +95,7 @@ def test_a_jump_is_refused(check, stance):
     with pytest.raises(MotionError) as caught:
         check(JointCommand(with_one(stance.joint_position, 1, stance.joint_position[1] + 0.1)))
     assert str(caught.value) == (
-        "joint 'FL_thigh_joint' was sent a jump of 0.100 rad, which is 50 rad/s; its limit is 21.0 rad/s"
+        "the target of joint 'FL_thigh_joint' jumps by 0.100 rad, at 50 rad/s; its limit is 21.0 rad/s"
     )
 
 

@@ -67,19 +67,22 @@ class Case:
 # What is wrong decides how it ends, and the phase where the feet are then: each ending is tried in every phase with one fault.
 PHASES = ("stand", "move", "rest", "unload", "lift", "watch", "lower")
 CASES = [
-    *(Case("nan", phase, SensorError, "encoder of joint 'FL_calf_joint' says what is no number") for phase in PHASES),
+    *(Case("nan", phase, SensorError, "encoder reading of joint 'FL_calf_joint' is not finite") for phase in PHASES),
     *(Case("spike", phase, SensorError, "encoder of joint 'FL_calf_joint' jumped") for phase in ("stand", "watch")),
     *(Case("kill link", phase, CommunicationError, "the link is gone") for phase in ("stand", "move", "watch")),
     *(
         Case("drop", phase, (CommunicationError, MotionError), "no sample has arrived for 1|is it on")
         for phase in PHASES
     ),
-    *(Case("repeat", phase, SensorError, "samples repeat themselves") for phase in ("stand", "watch")),
-    *(Case("delay", phase, SensorError, "out of order|repeat themselves") for phase in ("move", "watch")),
+    *(Case("repeat", phase, SensorError, "samples are repeated") for phase in ("stand", "watch")),
+    *(Case("delay", phase, SensorError, "out of order|are repeated") for phase in ("move", "watch")),
     *(Case("overheat", phase, HealthError, "motor of joint 'FL_calf_joint' has 90 deg C") for phase in PHASES),
-    *(Case("empty battery", phase, HealthError, "battery is at 8%") for phase in ("move", "watch")),
-    *(Case("remote damp", phase, StopRequestedError, "asked to damp the robot") for phase in ("move", "watch")),
-    *(Case("remote lie down", phase, StopRequestedError, "asked to lie down") for phase in ("move", "watch")),
+    *(Case("empty battery", phase, HealthError, "battery charge is 8%") for phase in ("move", "watch")),
+    *(Case("remote damp", phase, StopRequestedError, "requested to damp the robot") for phase in ("move", "watch")),
+    *(
+        Case("remote lie down", phase, StopRequestedError, "requested to lower the robot")
+        for phase in ("move", "watch")
+    ),
     *(Case("lose torque", phase, FALLS, "FL_calf_joint|falling") for phase in ("stand", "move", "watch")),
     *(
         Case("freeze encoder", phase, SensorError, "encoder of joint 'FL_calf_joint' is frozen")
@@ -89,7 +92,7 @@ CASES = [
         Case("freeze imu", phase, (SensorError, FallError), "IMU is frozen|falling")
         for phase in ("stand", "move", "lower")
     ),
-    *(Case("stick joint", phase, MotionError, "joint 'FL_calf_joint' was sent through") for phase in ("move", "lift")),
+    *(Case("stick joint", phase, MotionError, "joint 'FL_calf_joint' moved by") for phase in ("move", "lift")),
     *(
         Case("outside", phase, FALLS, "falling|FL|FR|RL|RR", push=400.0)
         for phase in ("stand", "move", "watch", "lower")
@@ -216,10 +219,10 @@ def test_a_fault_ends_in_its_error_with_the_robot_put_down(a1, case, tmp_path):
 
 
 SWINGING = [
-    Case("nan", "watch", SensorError, "encoder of joint 'FL_calf_joint' says what is no number"),
+    Case("nan", "watch", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite"),
     Case("drop", "watch", (CommunicationError, MotionError), "no sample has arrived for 1|is it on"),
     Case("lose torque", "watch", FALLS, "FL_|falling"),
-    Case("stick joint", "watch", MotionError, "joint 'FL_thigh_joint' was sent through", joint=THIGH),
+    Case("stick joint", "watch", MotionError, "joint 'FL_thigh_joint' moved by", joint=THIGH),
     Case("outside", "watch", FALLS, "falling|FL|FR|RL|RR", push=250.0),
 ]
 
@@ -236,7 +239,7 @@ def test_a_fault_while_lifted_feet_swing_ends_as_any_other(a1, case, tmp_path):
 # The robot lies on its belly and turns its legs up: nothing is left to be put down, and all joints are damped.
 LEGS_UP = Motors(motor_time=3.0)
 _NO_POWER = "FL_calf_joint.*is it on"
-_STUCK = "joint 'FL_calf_joint' was sent through"
+_STUCK = "joint 'FL_calf_joint' moved by"
 LYING = [
     Case("drop", "lie", CommunicationError, "no sample has arrived for 1"),
     Case("lose torque", "lie", MotionError, _NO_POWER),
@@ -245,8 +248,8 @@ LYING = [
     Case("kill link", "raise", CommunicationError, "the link is gone"),
     Case("freeze imu", "raise", SensorError, "IMU is frozen"),
     Case("stick joint", "raise", MotionError, _STUCK),
-    Case("nan", "swing", SensorError, "encoder of joint 'FL_calf_joint' says what is no number"),
-    Case("repeat", "swing", SensorError, "samples repeat themselves"),
+    Case("nan", "swing", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite"),
+    Case("repeat", "swing", SensorError, "samples are repeated"),
     Case("overheat", "swing", HealthError, "motor of joint 'FL_calf_joint' has 90 deg C"),
     # Limp and upright, the thigh hangs in its friction.
     Case("lose torque", "swing", MotionError, "FL_thigh_joint.* (is it on|lost power)", joint=THIGH),
@@ -255,7 +258,7 @@ LYING = [
     Case("outside", "swing", FallError, "falling", push=250.0),
     Case("lose torque", "fold", MotionError, _NO_POWER),
     Case("stick joint", "fold", MotionError, _STUCK),
-    Case("nan", "fold", SensorError, "encoder of joint 'FL_calf_joint' says what is no number", after=4.3),  # it rises
+    Case("nan", "fold", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite", after=4.3),  # it rises
 ]
 
 
@@ -293,11 +296,11 @@ THREE_FEET = Motors(motor_time=6.0, motor_stance="three-feet")
 _OTHER_CALF = 5  # of a leg that stands
 STANDING = [
     Case("drop", "move", CommunicationError, "no sample has arrived for 1"),
-    Case("stick joint", "move", MotionError, "joint 'FR_calf_joint' was sent through", joint=_OTHER_CALF),
-    Case("nan", "unload", SensorError, "encoder of joint 'FL_calf_joint' says what is no number"),
+    Case("stick joint", "move", MotionError, "joint 'FR_calf_joint' moved by", joint=_OTHER_CALF),
+    Case("nan", "unload", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite"),
     Case("lose torque", "lift", FALLS, "FL_calf_joint|falling"),
     Case("outside", "lift", FALLS, "falling|FL|FR|RL|RR", push=250.0),
-    Case("nan", "swing", SensorError, "encoder of joint 'FL_calf_joint' says what is no number"),
+    Case("nan", "swing", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite"),
     Case("overheat", "swing", HealthError, "motor of joint 'FL_calf_joint' has 90 deg C"),
     Case("kill link", "swing", CommunicationError, "the link is gone"),
     Case("lose torque", "swing", MotionError, "FL_calf_joint.*lost power|FL_calf_joint.*is it on"),
@@ -438,7 +441,8 @@ def test_self_collision_is_refused_before_links_touch(a1, how):
         sent = peer.commands[-1].position
         way = crossing(a1, sent, guard.control_period)
         with pytest.raises(
-            MotionError, match=r"^link 'FL_foot' would come within \d\.\d mm of link 'FR_foot': it was not "
+            MotionError,
+            match=r"^link 'FL_foot' would come within \d\.\d mm of link 'FR_foot': the command was not sent",
         ):
             guard.play(way) if how == "play" else play_by_stepping(guard, way)
         ended = guard.report().ending

@@ -192,7 +192,7 @@ def test_a_robot_that_cannot_be_released_is_an_error(a1, seen):
     ending, raised = use(seen, a1, lambda guard: hold(guard, seen, 0.02))
     assert type(raised) is CommunicationError
     assert str(raised) == (
-        "the robot could not be released: no route. Its motors may still hold it: use its own emergency stop"
+        "the robot was not released: no route. Its motors may still hold it: use its own emergency stop"
     )
     assert ending == ["lowered", "damped", "not released: no route"]
 
@@ -295,12 +295,12 @@ def turned(state):
     [
         (
             away, MotionError,
-            r"the first command would move joint 'FL_thigh_joint' at once from 1\.0\d\d to 0\.7\d\d rad; motions start where "
-            "the robot is$",
+            r"the first command would move joint 'FL_thigh_joint' at once from 1\.0\d\d to 0\.7\d\d rad; begin the "
+            "motion at the robot's joint positions$",
         ),
         (
             turned, FallError,
-            r"the base leans by \d\d deg before anything has moved: the robot has fallen, or the IMU is mounted turned: ",
+            r"the base leans by \d\d deg before the first command: the robot has fallen, or the IMU is mounted turned: ",
         ),
         (
             lambda state: replace(state, acceleration_in_imu=0 * state.acceleration_in_imu),

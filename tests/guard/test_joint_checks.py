@@ -22,7 +22,7 @@ def stance(a1):
 
 @pytest.fixture
 def checks(a1, stance):
-    return JointChecks(Limits(), a1, stance.hip_height, PERIOD, knows_gains=True)
+    return JointChecks(Limits(), a1, stance.hip_height, PERIOD, predictable_torque=True)
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def test_an_encoder_far_beyond_a_joints_limits_is_no_joint(a1, checks, hold):
     error, count = feel(checks, lasting(a1, change), hold)
     assert type(error) is MotionError
     assert str(error) == (
-        "joint 'FL_calf_joint' is at 0.500 rad; its limits are -2.697 to -0.916 rad. Are the joint map and the zeros right?"
+        "joint 'FL_calf_joint' is at 0.500 rad; its limits are -2.697 to -0.916 rad. Check the joint map and the offsets"
     )
     assert count == 0
 
@@ -82,12 +82,12 @@ def test_an_encoder_far_beyond_a_joints_limits_is_no_joint(a1, checks, hold):
         (
             lambda state: replace(state, joint_position=with_one(state.joint_position, 1, 1.4), joint_torque=None),
             MotionError,
-            "joint 'FL_thigh_joint' is 0.68 rad from where it was sent: is it stuck, has its motor lost power?",
+            "joint 'FL_thigh_joint' is 0.68 rad from its target: is it stuck, has its motor lost power?",
         ),
     ],
 )
 def test_what_lasts_too_long_ends_the_run(a1, stance, hold, change, kind, message):
-    checks = JointChecks(Limits(), a1, stance.hip_height, PERIOD, knows_gains=False)
+    checks = JointChecks(Limits(), a1, stance.hip_height, PERIOD, predictable_torque=False)
     error, count = feel(checks, lasting(a1, change), hold)
     assert type(error) is kind
     assert str(error) == message
@@ -106,7 +106,7 @@ def test_what_is_over_soon_does_not(a1, checks, hold):
 def test_a_joint_that_runs_away_is_not_waited_for(a1, checks, hold):
     away = replace(at_rest(a1), joint_position=with_one(hold.position, 1, 2.0))
     error, count = feel(checks, [away], hold)
-    assert str(error).startswith("joint 'FL_thigh_joint' is 1.28 rad from where it was sent")
+    assert str(error).startswith("joint 'FL_thigh_joint' is 1.28 rad from its target")
     assert count == 0
 
 
@@ -119,7 +119,7 @@ def test_a_joint_that_does_not_move_is_stuck(a1, checks, stance):
     (error,) = (error for error in errors if error is not None)
     assert type(error) is MotionError
     assert str(error) == (
-        "joint 'RL_thigh_joint' was sent through 0.18 rad and moved by 0.00 rad: is it stuck, has its motor lost power?"
+        "joint 'RL_thigh_joint' moved by 0.00 rad while its target moved by 0.18 rad: is it stuck, has its motor lost power?"
     )
 
 
@@ -129,8 +129,8 @@ def test_a_motor_that_gives_nothing_is_noticed(a1, checks, stance):
     error, count = feel(checks, lasting(a1, lambda state: state), JointCommand(stance.joint_position, torque=torque))
     assert type(error) is MotionError
     assert str(error) == (
-        "the motor of joint 'FR_calf_joint' gives 0.0 Nm where its position and what it was sent make it 8.0 Nm: is it on, "
-        "are its gains those that are sent?"
+        "the motor of joint 'FR_calf_joint' gives 0.0 Nm; its position and its command require 8.0 Nm: is it on, "
+        "does it use the commanded gains?"
     )
     assert count * PERIOD < 0.3
 
@@ -143,7 +143,7 @@ def test_a_motor_at_its_limit_gives_what_it_can(a1, checks, stance):
 
 
 def test_unknown_gains_foretell_no_torque(a1, stance):
-    checks = JointChecks(Limits(), a1, stance.hip_height, PERIOD, knows_gains=False)
+    checks = JointChecks(Limits(), a1, stance.hip_height, PERIOD, predictable_torque=False)
     torque = with_one(np.zeros(12), 5, 8.0)
     states = lasting(a1, lambda state: state)
     assert feel(checks, states, JointCommand(stance.joint_position, torque=torque))[0] is None
@@ -169,10 +169,10 @@ def test_limp_joints_are_asked_for_nothing(a1, checks, stance):
     [
         (
             Health(motor_temperature=with_one(np.full(12, 40.0), 8, 81.0)),
-            "the motor of joint 'RL_calf_joint' has 81 deg C; 75 are allowed. Let it cool down",
+            "the motor of joint 'RL_calf_joint' is at 81 deg C; 75 deg C is allowed. Let it cool down",
         ),
         (Health(fault="motor 3 lost"), "the robot reports a fault: motor 3 lost"),
-        (Health(battery_charge=0.08), "the battery is at 8%; at least 10% is needed. Charge it"),
+        (Health(battery_charge=0.08), "the battery charge is 8%; at least 10% is needed. Charge it"),
     ],
 )
 def test_the_robots_own_complaints_are_heard(a1, checks, hold, health, message):
@@ -189,7 +189,7 @@ def test_one_hot_reading_is_a_glitch(a1, checks, hold):
 
 def test_before_anything_moves_joints_are_within_their_limits(a1, checks, hold):
     look(checks.at_rest, hold, at_rest(a1))
-    with pytest.raises(MotionError, match="Are the joint map and the zeros right"):
+    with pytest.raises(MotionError, match="Check the joint map and the offsets"):
         look(checks.at_rest, hold, at_rest(a1, joint_position=np.full(12, 1.0)))
 
 

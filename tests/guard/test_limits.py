@@ -25,12 +25,12 @@ from equipoise.errors import (
 )
 from equipoise.experiments.legs_up import legs_up as turned_up
 from equipoise.guard import endings, robot_loop, second_connection
+from equipoise.guard.check_context import CheckContext
 from equipoise.guard.command_checks import CommandChecks
 from equipoise.guard.endings import NOT_CONFIRMED
 from equipoise.guard.footing import feet_are_lifted, legs_are_up
 from equipoise.guard.force_limit import ForceLimit
 from equipoise.guard.joint_checks import JointChecks, StuckDetector
-from equipoise.guard.known import Known
 from equipoise.guard.limits import Limits
 from equipoise.guard.pipe import Pipe, Setup
 from equipoise.guard.robot_loop import MotionOrder, RobotLoop
@@ -64,7 +64,7 @@ def gains(a1, stance):
 
 @pytest.fixture
 def joints(a1, stance):
-    return JointChecks(Limits(), a1, stance.hip_height, PERIOD, knows_gains=True)
+    return JointChecks(Limits(), a1, stance.hip_height, PERIOD, predictable_torque=True)
 
 
 def with_one(values, joint, value):
@@ -102,7 +102,7 @@ def test_a_torque_that_is_missing(a1, joints, home):
             look(joints.in_motion, command, at_rest(a1, index, joint_position=home))
 
     lasts(3.7)
-    with pytest.raises(MotionError, match="is it on, are its gains"):
+    with pytest.raises(MotionError, match="is it on, does it use"):
         lasts(4.6)
 
 
@@ -111,7 +111,7 @@ def test_a_joint_that_runs_away(a1, joints, home):
         look(checks, JointCommand(home), at_rest(a1, joint_position=with_one(home, THIGH, home[THIGH] + angle)))
 
     away(0.97, joints.in_motion)
-    with pytest.raises(MotionError, match="from where it was sent"):
+    with pytest.raises(MotionError, match="from its target"):
         away(1.1, joints.in_motion)
 
 
@@ -152,7 +152,7 @@ def test_targets_beyond_limits_and_first_jumps(a1, stance, home):
     with pytest.raises(MotionError, match="its limits are"):
         sent(with_one(home, KNEE, a1.upper_limit[KNEE] + 1.2e-3), checks.in_motion)
     sent(with_one(home, KNEE, home[KNEE] + 0.097), checks.at_rest)
-    with pytest.raises(MotionError, match="motions start where the robot is"):
+    with pytest.raises(MotionError, match="begin the motion at"):
         sent(with_one(home, KNEE, home[KNEE] + 0.12), checks.at_rest)
 
 
@@ -270,7 +270,7 @@ def test_a_robot_that_nothing_moves_is_put_down_after_ten_minutes(a1, home, move
         signal.signal(signal.SIGTERM, before)
         ours.close()
         theirs.close()
-    process._loop.known = object() if moved else None
+    process._loop.context = object() if moved else None
     ended, count = [], 0
     process._loop.end = lambda error: ended.append((error, count * PERIOD))
     while not ended and count < 450_000:
@@ -389,7 +389,7 @@ class Robot:
 def taken_over(platform, robot, sent, standing=None):
     loop = RobotLoop(platform, robot)
     loop.tick()
-    loop.known = Known(loop.state, sent, sent, standing or sent, loop._up)
+    loop.context = CheckContext(loop.state, sent, sent, standing or sent, loop._up)
     return loop
 
 
@@ -397,7 +397,7 @@ def put_down(platform, robot, sent, sound=True, standing=None, urgent=False, til
     """The steps of the ending of a robot that was sent somewhere last."""
     loop = taken_over(platform, robot, sent, standing)
     if tilt is not None:
-        loop.known.up = SimpleNamespace(tilt=tilt, lean=lambda floor: 0.0, update=lambda sample: None)
+        loop.context.up = SimpleNamespace(tilt=tilt, lean=lambda floor: 0.0, update=lambda sample: None)
     loop.end(None if sound else FallError("it falls"), urgent, sound)
     while not loop.over:
         loop.tick()
@@ -559,6 +559,6 @@ def test_the_second_connection_tries_for_fifteen_seconds_and_connects_again_ever
         raise OSError("no")
 
     done, took, opened = damp(a1, monkeypatch, MemoryLink(a1, act=refuse))
-    assert done == f"the robot could not be damped: no. {NOT_CONFIRMED}"
+    assert done == f"the robot was not damped: no. {NOT_CONFIRMED}"
     assert 14.5 < took < 15.5
     assert 13 <= opened - 1 <= 15

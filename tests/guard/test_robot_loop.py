@@ -20,8 +20,8 @@ from equipoise.errors import (
     StopRequestedError,
 )
 from equipoise.guard import endings, footing, robot_loop
+from equipoise.guard.check_context import CheckContext
 from equipoise.guard.endings import NOT_CONFIRMED
-from equipoise.guard.known import Known
 from equipoise.guard.limits import Limits
 from equipoise.guard.robot_loop import MotionOrder, RobotLoop
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, Health, JointCommand, Trajectory
@@ -73,7 +73,7 @@ def commanded(platform, robot, limits=None, count=1000):
     loop = RobotLoop(platform, robot, limits)
     loop.tick()
     hold = JointCommand(loop.state.joint_position)
-    loop.known = Known(loop.state, hold, hold, hold, loop._up)
+    loop.context = CheckContext(loop.state, hold, hold, hold, loop._up)
     loop.move(MotionOrder(1, Trajectory(np.repeat(hold.position[None], count, axis=0))))
     return loop
 
@@ -102,12 +102,12 @@ def broken(state):
 
 
 IN_MOTION = [
-    ("says what is no number", SensorError, with_one("joint_velocity", 0, np.nan)),
+    ("is not finite", SensorError, with_one("joint_velocity", 0, np.nan)),
     ("'FL_calf_joint' is at 0.500 rad; its limits are", MotionError, with_one("joint_position", 2, 0.5)),
     ("'FR_thigh_joint' turns at -30.0 rad/s", MotionError, with_one("joint_velocity", 4, -30.0)),
-    ("'FL_thigh_joint' is 1.28 rad from where it was sent", MotionError, with_one("joint_position", 1, 2.0)),
+    ("'FL_thigh_joint' is 1.28 rad from its target", MotionError, with_one("joint_position", 1, 2.0)),
     ("'RR_calf_joint' gives 45.0 Nm; its limit is", MotionError, with_one("joint_torque", 11, 45.0)),
-    ("the motor of joint 'RR_hip_joint' gives 30.0 Nm where", MotionError, with_one("joint_torque", 9, 30.0)),
+    ("the motor of joint 'RR_hip_joint' gives 30.0 Nm; its position", MotionError, with_one("joint_torque", 9, 30.0)),
     (
         "the base leans by 90 deg",
         FallError,
@@ -136,7 +136,7 @@ def test_a_command_that_is_refused_is_not_sent_and_the_robot_is_lowered(a1):
     home = nominal_stance(a1).joint_position
     loop.move(MotionOrder(2, Trajectory(home[None] + 0.3)))
     assert loop.tick().target is None
-    assert str(loop.trouble).startswith("joint 'FL_thigh_joint' was sent a jump of")
+    assert str(loop.trouble).startswith("the target of joint 'FL_thigh_joint' jumps by")
     assert platform.sent == []
     assert not loop.ending.unsound
     loop.tick()
@@ -146,8 +146,8 @@ def test_a_command_that_is_refused_is_not_sent_and_the_robot_is_lowered(a1):
 @pytest.mark.parametrize(
     ("moves", "error", "message"),
     [
-        (lambda index: {"time": 0.0}, SensorError, "samples repeat themselves: not a fresh one for 10"),
-        (lambda index: {"imu_time": 0.0}, CommunicationError, "no sample of the IMU has arrived for 10"),
+        (lambda index: {"time": 0.0}, SensorError, "samples are repeated: no fresh sample for 10"),
+        (lambda index: {"imu_time": 0.0}, CommunicationError, "no IMU sample has arrived for 10"),
         (lambda index: {"angular_velocity_in_imu": np.zeros(3)}, SensorError, "the IMU is frozen"),
     ],
 )
@@ -156,7 +156,7 @@ def test_sensors_that_stop_are_noticed(a1, moves, error, message):
     loop = commanded(platform, a1)
     home = nominal_stance(a1).joint_position
     way = home + 1e-3 * np.abs(np.arange(200) % 100 - 50)[:, None]
-    loop.known.sent = JointCommand(way[0])
+    loop.context.sent = JointCommand(way[0])
     loop.move(MotionOrder(2, Trajectory(way)))
     while loop.ending is None:
         loop.tick()
@@ -199,7 +199,7 @@ def test_a_robot_with_a_fault_is_not_taken_over(a1, first):
     run(loop)
     assert isinstance(loop.trouble, MotionError)
     assert AT_REST[first][0] in str(loop.trouble)
-    assert loop.known is None
+    assert loop.context is None
     assert (platform.sent, platform.closed, loop.ending.done) == ([], 1, ["released"])
 
 
@@ -222,7 +222,7 @@ def test_a_motion_that_is_stopped_ends_where_it_is(a1):
     loop = commanded(platform, a1)
     home = nominal_stance(a1).joint_position
     loop.move(MotionOrder(2, Trajectory(home + 1e-3 * np.arange(100)[:, None])))
-    loop.known.sent = JointCommand(home)
+    loop.context.sent = JointCommand(home)
     for _ in range(5):
         loop.tick()
     loop.stop_motion()
@@ -337,7 +337,7 @@ def test_the_remote_control_is_obeyed_also_while_a_hot_motor_is_lowered(a1, requ
     assert isinstance(loop.trouble, HealthError if hot else StopRequestedError)
     assert is_damped(loop._upcoming) == (request_ == "damp")
     run(loop)
-    stopped = f"lowered, stopped: the remote control asked to {'damp the robot' if request_ == 'damp' else request_}"
+    stopped = f"lowered, stopped: the remote control requested to {'damp' if request_ == 'damp' else 'lower'} the robot"
     expected = [f"{stopped}: the run was ended", "damped"] if hot and request_ == "damp" else done
     assert loop.ending.done == [*expected, "released"]
 

@@ -62,14 +62,14 @@ def test_a_sound_stream_passes(a1, sieve, home):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"joint_position": (3, np.nan)}, "the encoder of joint 'FR_hip_joint' says what is no number at t = 0.010 s"),
+        ({"joint_position": (3, np.nan)}, "the encoder reading of joint 'FR_hip_joint' is not finite at t = 0.010 s"),
         (
             {"joint_velocity": (4, np.inf)},
-            "the velocity of joint 'FR_thigh_joint' says what is no number at t = 0.010 s",
+            "the velocity reading of joint 'FR_thigh_joint' is not finite at t = 0.010 s",
         ),
-        ({"joint_torque": (5, np.nan)}, "the torque of joint 'FR_calf_joint' says what is no number at t = 0.010 s"),
-        ({"angular_velocity_in_imu": (1, np.nan)}, "the gyroscope says what is no number at t = 0.010 s"),
-        ({"acceleration_in_imu": (2, -np.inf)}, "the accelerometer says what is no number at t = 0.010 s"),
+        ({"joint_torque": (5, np.nan)}, "the torque reading of joint 'FR_calf_joint' is not finite at t = 0.010 s"),
+        ({"angular_velocity_in_imu": (1, np.nan)}, "the gyroscope reading is not finite at t = 0.010 s"),
+        ({"acceleration_in_imu": (2, -np.inf)}, "the accelerometer reading is not finite at t = 0.010 s"),
     ],
 )
 @pytest.mark.parametrize("late", [False, True])
@@ -110,8 +110,8 @@ def test_a_frozen_encoder_is_noticed_when_its_joint_is_sent_elsewhere(a1, sieve,
     error, count = run(sieve, samples, moving(home))
     assert type(error) is SensorError
     assert str(error).startswith(
-        "the encoder of joint 'FR_thigh_joint' is frozen: it has read exactly the same for 0.15 s while the joint was sent "
-        "through 0.0"
+        "the encoder of joint 'FR_thigh_joint' is frozen: its reading has not changed for 0.15 s while its target "
+        "moved by 0.0"
     )
     assert 0.15 <= count * PERIOD < 0.2
 
@@ -137,7 +137,7 @@ def test_a_frozen_imu_is_noticed_when_the_robot_moves(a1, sieve, home):
     sieve = SampleFilter(a1, PERIOD, SILENCE)
     error, count = run(sieve, samples, moving(home))
     assert type(error) is SensorError
-    assert str(error).startswith("the IMU is frozen: it has read exactly the same for 0.1")
+    assert str(error).startswith("the IMU is frozen: its readings have not changed for 0.1")
     assert count * PERIOD < 0.2
 
 
@@ -147,17 +147,17 @@ def test_a_frozen_imu_is_noticed_when_the_robot_moves(a1, sieve, home):
         (
             lambda last: last,
             CommunicationError,
-            "no sample has arrived for 102 ms: is the robot still on, is the cable in?",
+            "no sample has arrived for 102 ms: is the robot still on, is the cable plugged in?",
         ),
         (
             lambda last: replace(last, joint_position=last.joint_position.copy()),
             SensorError,
-            "samples repeat themselves: not a fresh one for 102 ms",
+            "samples are repeated: no fresh sample for 102 ms",
         ),
         (
             lambda last: replace(last, time=last.time - PERIOD, joint_position=last.joint_position.copy()),
             SensorError,
-            "samples arrive out of order: not a fresh one for 102 ms",
+            "samples arrive out of order: no fresh sample for 102 ms",
         ),
     ],
 )
@@ -175,7 +175,7 @@ def test_an_imu_that_falls_silent_alone_is_named(a1, sieve, home):
     samples = [alive(a1, index, imu_time=min(index, 30) * PERIOD) for index in range(200)]
     error, count = run(sieve, samples, holding(home))
     assert type(error) is CommunicationError
-    assert str(error) == "no sample of the IMU has arrived for 102 ms; joint samples have"
+    assert str(error) == "no IMU sample has arrived for 102 ms; joint samples have"
     assert count * PERIOD < 0.2
 
 

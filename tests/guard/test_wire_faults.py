@@ -122,7 +122,7 @@ def test_the_space_bar_damps_the_robot(a1):
     with standing(a1) as (remote, peer, *_):
         pressed = time.monotonic()
         remote.stop("damp")
-        with pytest.raises(StopRequestedError, match="the operator asked to damp the robot"):
+        with pytest.raises(StopRequestedError, match="the operator requested to damp the robot"):
             lift(remote, a1, watch=1.0)
         assert next(e["at"] for e in peer.log if e.get("mode") == "damped" and e["at"] > pressed) - pressed < 0.05
         assert remote.report().ending == ("damped", "released")
@@ -135,7 +135,7 @@ def test_the_space_bar_damps_the_robot(a1):
 def test_an_empty_battery_lowers_the_robot(a1):
     with standing(a1, dds=True) as (remote, peer, *_):
         message, _ = ended_by(HealthError, remote, a1, peer, {"charge": 0.05})
-        assert "the battery is at 5%" in message
+        assert "the battery charge is 5%" in message
         assert remote.report().ending == ("feet down", *LOWERED)
         assert fastest_descent(peer, moments(peer, fault="charge")[0]) < 0.25
     assert HealthError.exit_code == 12
@@ -337,7 +337,7 @@ def test_a_calibration_process_that_is_lost_leaves_a_robot_that_lies(tmp_path, h
     ending = ending_in(tmp_path)
     assert "feet down, lowered, damped, released" in ending
     if how in ("kill", "grip"):
-        assert ("died or closed the pipe" if how == "kill" else "gave no sign of life") in ending
+        assert ("died or closed the pipe" if how == "kill" else "sent no heartbeat") in ending
 
 
 @pytest.mark.realtime

@@ -1,4 +1,4 @@
-"""State on which the checks of a guarded robot depend."""
+"""State that the checks of a guarded robot depend on."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from equipoise.platform.platform import JointCommand, RobotState
 
 
 @dataclass(eq=False)
-class Known:
-    """State of a robot that is moved.
+class CheckContext:
+    """State of a robot under command.
 
     Attributes:
         state: newest accepted state.
         sent: the last command, before its force was bounded.
-        bounded: the last command as it was sent.
+        bounded: the last command, as sent.
         standing: the last command with all feet on the floor.
         up: filter of the vertical direction.
-        lifted: whether the last command holds feet above the floor that the others stand on; not of a robot that lies.
+        lifted: whether the last command holds feet above the floor; False for a robot that lies.
     """
 
     state: RobotState
@@ -30,9 +30,9 @@ class Known:
     lifted: bool = False
 
 
-Check = Callable[[JointCommand, Known], None]
-"""Checks a command against what is known; raises a MotionError, or a SettingsError, that says what is wrong.
+Check = Callable[[JointCommand, CheckContext], None]
+"""Check of a command; raises a MotionError or a SettingsError.
 
-Before a command is sent, `Known.sent` is the one before it, and `Known.state` the state in which it meets the robot;
-afterwards `Known.sent` is the command itself, and `Known.state` the state after it.
+Before a command is sent, the context holds the previous command and the newest state. Afterwards it holds the command itself
+and the state after it.
 """

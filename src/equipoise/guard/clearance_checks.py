@@ -1,22 +1,22 @@
-"""Checks that commands keep the robot's links apart."""
+"""Collision checks of commands between the robot's links."""
 
 from __future__ import annotations
 
 from equipoise.clearance.clearance import Clearance, Contact
 from equipoise.errors import MotionError
-from equipoise.guard.known import Check, Known
+from equipoise.guard.check_context import Check, CheckContext
 from equipoise.platform.platform import JointCommand, Trajectory
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 
 class ClearanceChecks:
-    """Refuse commands that bring links together.
+    """Checks that reject commands that bring links together.
 
-    Targets are checked, not joint positions: those follow within the guard's other limits.
+    They check targets, not joint positions: the guard's other limits bound the difference.
 
     Attributes:
-        at_rest: checks before a robot is moved; they raise nothing.
+        at_rest: checks before the robot is moved; they raise nothing.
         in_motion: checks of a command before it is sent; they raise MotionError.
     """
 
@@ -27,20 +27,20 @@ class ClearanceChecks:
         self.in_motion: tuple[Check, ...] = (self._check_command,)
 
     def check_ahead(self, trajectory: Trajectory) -> None:
-        """Refuse a whole motion before it begins (MotionError); where it begins the robot is already."""
+        """Raise MotionError if a motion, from its first position on, brings links together."""
         self._ahead.begin(trajectory.position[0])
-        _refuse(self._ahead.first_contact(trajectory.position))
+        _reject(self._ahead.first_contact(trajectory.position))
 
-    def _begin(self, command: JointCommand, known: Known) -> None:
-        self._clearance.begin(known.state.joint_position)
+    def _begin(self, command: JointCommand, context: CheckContext) -> None:
+        self._clearance.begin(context.state.joint_position)
 
-    def _check_command(self, command: JointCommand, known: Known) -> None:
-        if known.sent.limp:  # limp joints are where somebody has moved them
-            self._begin(command, known)
+    def _check_command(self, command: JointCommand, context: CheckContext) -> None:
+        if context.sent.limp:  # the operator may have moved limp joints
+            self._begin(command, context)
         if not command.limp:
-            _refuse(self._clearance.next_contact(command.position))
+            _reject(self._clearance.next_contact(command.position))
 
 
-def _refuse(contact: Contact | None) -> None:
+def _reject(contact: Contact | None) -> None:
     if contact is not None:
-        raise MotionError(f"{contact}: it was not sent there")
+        raise MotionError(f"{contact}: the command was not sent")

@@ -6,26 +6,26 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError, SettingsError
-from equipoise.guard.known import Check, Known
+from equipoise.guard.check_context import Check, CheckContext
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand
 from equipoise.robot.model import RobotModel
 
-_ROUNDING = 1e-3  # [rad] by which a command may be beyond a joint's limit
-_FIRST_JUMP = 0.1  # [rad] between where a joint is and where it is first sent
+_ROUNDING = 1e-3  # [rad] by which a command may exceed a joint's limit
+_FIRST_JUMP = 0.1  # [rad] between a joint's position and its first target
 
 
 class CommandChecks:
-    """Refuse commands that no sound experiment sends.
+    """Checks that reject commands that no valid experiment sends.
 
     Args:
         own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] of the robot's model.
         control_period: time between commands [s].
 
     Attributes:
-        at_rest: checks of the first command, before a robot is moved; they raise as the others do.
-        in_motion: checks of a command before it is sent; they raise MotionError, and SettingsError if it is for another number
-            of joints.
+        at_rest: checks of the first command, before the robot is moved; they raise the same errors.
+        in_motion: checks of a command before it is sent; they raise MotionError, and SettingsError for a wrong number of
+            joints.
     """
 
     def __init__(
@@ -45,13 +45,13 @@ class CommandChecks:
         self.in_motion: tuple[Check, ...] = (self._check_position, self._check_ranges)
         self.at_rest: tuple[Check, ...] = (*self.in_motion, self._check_start)
 
-    def _check_position(self, command: JointCommand, known: Known) -> None:
-        """Refuse targets that are not numbers, are beyond the limits and the joint, or jump from the targets before."""
+    def _check_position(self, command: JointCommand, context: CheckContext) -> None:
+        """Raise MotionError if targets are not numbers, exceed the joint limits, or jump."""
         robot, target = self._robot, command.position
-        here = known.state.joint_position
-        before = here if known.sent.limp else known.sent.position  # limp joints are where somebody has moved them
+        here = context.state.joint_position
+        before = here if context.sent.limp else context.sent.position  # the operator may have moved limp joints
         self.check_shape(target)
-        # Of what is no number nothing is true: it is refused because it is not known to be within the limits.
+        # Comparisons with NaN are false: negated, so that NaN is rejected.
         if not ((target >= robot.lower_limit) & (target <= robot.upper_limit)).all():
             self._check_beyond(target, here)
         moved = np.abs(target - before)
@@ -59,57 +59,59 @@ class CommandChecks:
             speed = moved / self._period
             joint = int(np.argmax(speed / robot.velocity_limit))
             raise MotionError(
-                f"joint {robot.joint_names[joint]!r} was sent a jump of {abs(target[joint] - before[joint]):.3f} rad, which "
-                f"is {speed[joint]:.0f} rad/s; its limit is {robot.velocity_limit[joint]:.1f} rad/s"
+                f"the target of joint {robot.joint_names[joint]!r} jumps by {abs(target[joint] - before[joint]):.3f} rad, at "
+                f"{speed[joint]:.0f} rad/s; its limit is {robot.velocity_limit[joint]:.1f} rad/s"
             )
 
     def _check_beyond(self, target: FloatArray, here: FloatArray) -> None:
-        """Refuse targets that are farther beyond a joint's limits than the joint itself."""
+        """Raise MotionError if targets are farther beyond a joint's limits than the joint itself."""
         robot = self._robot
         beyond = np.maximum(np.minimum(robot.lower_limit, here) - target, target - np.maximum(robot.upper_limit, here))
         if not (beyond <= _ROUNDING).all():
-            self._refuse_what_is_no_number("position", target)
+            self._check_finite("position", target)
             joint = int(np.argmax(beyond))
             raise MotionError(
-                f"joint {robot.joint_names[joint]!r} was sent to {target[joint]:.3f} rad; its limits are "
+                f"the target of joint {robot.joint_names[joint]!r} is {target[joint]:.3f} rad; its limits are "
                 f"{robot.lower_limit[joint]:.3f} to {robot.upper_limit[joint]:.3f} rad"
             )
 
-    def _check_ranges(self, command: JointCommand, known: Known) -> None:
+    def _check_ranges(self, command: JointCommand, context: CheckContext) -> None:
         for name, unit, least, most in self._ranges:
             values = getattr(command, name)
             if values is not None:
                 self._check_range(name, unit, values, least, most)
 
-    def _check_start(self, command: JointCommand, known: Known) -> None:
-        here = known.state.joint_position
+    def _check_start(self, command: JointCommand, context: CheckContext) -> None:
+        here = context.state.joint_position
         jump = np.abs(command.position - here)
         if jump.max() > _FIRST_JUMP:
             joint = int(np.argmax(jump))
             raise MotionError(
                 f"the first command would move joint {self._robot.joint_names[joint]!r} at once from {here[joint]:.3f} to "
-                f"{command.position[joint]:.3f} rad; motions start where the robot is"
+                f"{command.position[joint]:.3f} rad; begin the motion at the robot's joint positions"
             )
 
     def _check_range(self, name: str, unit: str, values: FloatArray, least: FloatArray, most: FloatArray) -> None:
         self.check_shape(values)
         within = (values >= least) & (values <= most)
         if not within.all():
-            self._refuse_what_is_no_number(name, values)
+            self._check_finite(name, values)
             joint = int(np.argmin(within))
             raise MotionError(
-                f"joint {self._robot.joint_names[joint]!r} was sent a {name} of {values[joint]:.2f} {unit}; from "
-                f"{least[joint]:.2f} to {most[joint]:.2f} is allowed"
+                f"the commanded {name} of joint {self._robot.joint_names[joint]!r} is {values[joint]:.2f} {unit}; it must "
+                f"be from {least[joint]:.2f} to {most[joint]:.2f}"
             )
 
     def check_shape(self, values: FloatArray) -> None:
-        """Refuse values that are not one a joint (SettingsError)."""
+        """Raise SettingsError unless there is one value per joint."""
         joints = len(self._robot.joint_names)
         if values.shape != (joints,):
             count = len(values) if values.ndim == 1 else f"{values.shape}"
             raise SettingsError(f"commands for {count} joints; {self._robot.name!r} has {joints}")
 
-    def _refuse_what_is_no_number(self, name: str, values: FloatArray) -> None:
+    def _check_finite(self, name: str, values: FloatArray) -> None:
         if not np.isfinite(values).all():
             joint = int(np.argmax(~np.isfinite(values)))
-            raise MotionError(f"joint {self._robot.joint_names[joint]!r} was sent a {name} that is no number")
+            raise MotionError(
+                f"the commanded {name} of joint {self._robot.joint_names[joint]!r} is not a finite number"
+            )

@@ -1,12 +1,12 @@
-"""The two endings of a run: a sound robot is lowered under control, an unsound one is damped at once.
+"""Endings of a run: a sound robot is lowered under control, an unsound one is damped at once.
 
-    sound     feet down       feet in the air go back to where they stood
-              lowered         the robot lies down, its base at 0.2 m/s or less; checked as any motion
-              damped          stiffness fades, then joints only resist being moved
-    unsound   damped          joints only resist being moved, from the next command on
+    sound     feet down       lifted feet return to their last positions on the floor
+              lowered         the robot lies down, its base at 0.2 m/s or less; checked like any motion
+              damped          stiffness fades, then joints only resist motion
+    unsound   damped          joints only resist motion, from the next command on
 
-A robot is unsound if it falls, does not follow, or its sensors or its connection fail. It is damped until it is at rest; what
-no sample confirms is reported as not confirmed.
+A robot is unsound if it falls, does not follow its targets, or its sensors or its connection fail. It is damped until it is
+at rest. The ending is reported as not confirmed if no sample shows the robot at rest.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ from equipoise.robot.statics import static_torques
 if TYPE_CHECKING:
     from equipoise.guard.robot_loop import RobotLoop
 
-FEET_DOWN, LIE_DOWN, FADE = 0.3, 2.5, 0.5  # [s] on an A1; a longer way takes longer
+FEET_DOWN, LIE_DOWN, FADE = 0.3, 2.5, 0.5  # [s] on an A1; a longer path takes longer
 _LOWERING = 0.2  # [m/s] of the base, at most
 _SPEED_SHARE, _PEAK = 0.5, 1.875  # of a joint's speed limit, at most; peak over mean speed of a smooth ramp
 _FALLEN = 1.0  # [rad] of tilt beyond which a robot that cannot be damped is not lowered either
-_FAR = 0.3  # [rad] from where it was sent: the joint obeys no longer, or the robot has sunk meanwhile
-_MOVED = 0.1  # [rad] by which damped joints have moved that were stiff before
+_FAR = 0.3  # [rad] from its target: the joint no longer follows, or the robot has sunk meanwhile
+_MOVED = 0.1  # [rad] by which stiff joints move once they are damped
 DAMPED_TIME = 1.5  # [s] of damping, at least
-STILL_TIME, STILL = 0.3, 0.02  # [s], [rad] that no joint moved by meanwhile
-_SILENT = 0.1  # [s] without an accepted sample: nothing is known of the robot
-_LONGEST = 3  # times the usual damping, of a robot that does not come to rest
+STILL_TIME, STILL = 0.3, 0.02  # [s], [rad]: largest motion of a joint at rest in that time
+_SILENT = 0.1  # [s] without an accepted sample: the state of the robot is not known
+_LONGEST = 3  # times the usual damping, if the robot does not come to rest
 NOT_CONFIRMED = "NOT CONFIRMED: it may be stiff; cut the battery"
 
 
 def append_ending(path: str, text: str) -> None:
-    """Append the steps of an ending to a file, now that the robot is safe; nothing if the path is empty."""
+    """Append the steps of an ending to a file; do nothing if the path is empty."""
     with contextlib.suppress(OSError):
         if path:
             with open(path, "a", encoding="utf-8") as file:
@@ -57,15 +57,15 @@ class Ending:
     """An ending that has begun.
 
     Args:
-        loop: loop whose robot is put down.
-        sound: whether the robot obeys and stands.
+        loop: loop of the robot.
+        sound: whether the robot stands and follows its targets.
         urgent: whether to skip lowering it.
-        done: steps of an ending before this one, which could not go on.
+        done: steps of an earlier ending that failed.
 
     Attributes:
         urgent: whether to skip lowering it; may be set at any time.
-        unsound: whether the robot is damped, and neither commands nor samples are checked any more.
-        done: steps that were done, in order.
+        unsound: whether the robot is damped, without checks of commands and samples.
+        done: completed steps, in order.
     """
 
     def __init__(self, loop: RobotLoop, sound: bool, urgent: bool, done: Sequence[str]) -> None:
@@ -76,20 +76,20 @@ class Ending:
         self._here: FloatArray | None = None
 
     def observe(self, samples: Sequence[RobotState]) -> None:
-        """Take the samples of one control period."""
+        """Record the samples of one control period."""
         self._silence = 0.0 if samples else self._silence + self._loop.period
         if samples:
             self._here = samples[-1].joint_position
 
     def commands(self) -> Iterator[JointCommand]:
-        """Yield the commands of the ending, one a control period."""
+        """Yield the commands of the ending, one per control period."""
         loop = self._loop
-        assert loop.known is not None
-        self._here = loop.known.state.joint_position
+        assert loop.context is not None
+        self._here = loop.context.state.joint_position
         # A robot that cannot be damped is lowered: lying is better than falling.
-        stiff = loop.own_gains is None and loop.known.up.tilt < _FALLEN
+        stiff = loop.own_gains is None and loop.context.up.tilt < _FALLEN
         if stiff or not (self.unsound or self._has_sunk()):
-            yield from self._feet_down(loop.known.sent, loop.known.standing)
+            yield from self._feet_down(loop.context.sent, loop.context.standing)
             yield from self._lowered()
             yield from self._faded()
         self.unsound = True
@@ -119,7 +119,7 @@ class Ending:
             yield command
 
     def _faded(self) -> Iterator[JointCommand]:
-        """Let the stiffness fade, so that a robot that was not lowered sinks gently."""
+        """Yield commands of fading stiffness, so that a robot that was not lowered sinks gently."""
         loop = self._loop
         if loop.own_gains is None:
             return
@@ -129,7 +129,7 @@ class Ending:
             yield softened(replace(last, torque=share * torque), loop.own_gains, share)
 
     def _damped(self) -> Iterator[JointCommand]:
-        """Damp until the robot is at rest; blindly for as long as it takes to sink where no sample arrives."""
+        """Yield damping commands until the robot is at rest; without samples, for as long as it takes to sink."""
         loop = self._loop
         if loop.own_gains is None:
             self.done.append("left to its own controller")
@@ -144,32 +144,32 @@ class Ending:
             still += loop.period
             if np.abs(self._position() - was).max() > STILL:
                 was, still = self._position(), 0.0
-            damped, heard = count * loop.period, self._silence < _SILENT
-            if heard and still > STILL_TIME and damped > DAMPED_TIME:
+            damped, observed = count * loop.period, self._silence < _SILENT
+            if observed and still > STILL_TIME and damped > DAMPED_TIME:
                 moved = np.abs(self._position() - stiff).max() > _MOVED
                 if moved or lies(loop.robot, loop.stance, self._position()) or damped > usual:
                     break
-            if not heard and damped > usual:
+            if not observed and damped > usual:
                 break
         if self._silence >= _SILENT or still <= STILL_TIME:
             self.done[-1] = f"damping commands were sent; {NOT_CONFIRMED}"
 
     @property
     def _sent(self) -> JointCommand:
-        assert self._loop.known is not None
-        return self._loop.known.sent
+        assert self._loop.context is not None
+        return self._loop.context.sent
 
     def _position(self) -> FloatArray:
         assert self._here is not None
         return self._here
 
     def _has_sunk(self) -> bool:
-        """Return whether nearly all legs are far from where they were sent: pulled back, they would lift the robot."""
+        """Return whether at most one leg is near its targets: returned to them, the legs would lift the robot."""
         away = np.abs(self._sent.position - self._position())[self._loop.robot.leg_joints].max(axis=1)
         return int((away > _FAR).sum()) >= len(away) - 1
 
     def _way_to(self, end: FloatArray, torque: FloatArray | None, duration: float) -> Iterator[JointCommand]:
-        """Yield commands from the last one to (nj,) joint positions, over a time [s] or as much longer as joints need."""
+        """Yield commands from the last one to (nj,) joint positions, over a time [s] that joint speeds may lengthen."""
         start, zeros = self._sent, np.zeros_like(end)
         way = np.abs(end - start.position) / self._loop.robot.velocity_limit
         duration = max(duration, _PEAK * float(way.max()) / _SPEED_SHARE)

@@ -1,7 +1,7 @@
-"""Which feet commands mean to be on the floor, by where the joints put them.
+"""Contact state of the feet that commands intend, from forward kinematics.
 
-Four feet on a floor lie in a plane, however the base is turned over them. No name of a phase says as much, and a
-feedback loop has none.
+Four feet on a floor lie in a plane, whatever the base's orientation. Phase names do not determine this, and feedback loops
+have no phases.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, lying_posture
 
 _LIFTED = 0.003  # [m] out of the plane of the others, on an A1; the lowest of its steps is 10 mm high
-# Damped robots of the catalogue sink to the floor in 0.9 to 2.3 s (HyQ; over its scale of time), at 0.2 to 0.9 m/s (B1: what a
-# drop of 4 cm ends with). Twice the damping takes twice as long, and HyQ rolled over.
+# Damped robots of the catalogue sink to the floor in 0.9 to 2.3 s (HyQ; over its scale of time), at 0.2 to 0.9 m/s (B1: the
+# final speed of a drop of 4 cm). Twice the damping takes twice as long, and HyQ rolled over.
 _SUNK = 4.0  # [s] on an A1
-# Legs that are up come down slower than a body sinks: an A1's hang in their friction, and fall outward at 0.2 rad/s for up to
-# 9 s. Let go after 4 s, they fell at 5 rad/s.
+# Raised legs come down slower than a body sinks: an A1's are held by friction, and fall outward at 0.2 rad/s for up to
+# 9 s. Released after 4 s, they fell at 5 rad/s.
 _LEGS_UP = 2.5  # times as long
-_RAISED = 0.1  # of the leg length by which a foot is then above where the lying robot has it
+_RAISED = 0.1  # of the leg length: height of a raised foot above its position on the lying robot
 
 
 def look_at_feet(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> tuple[bool, Vector]:
-    """Return whether joints hold feet above the floor under the others, and that floor's upward normal in the base.
+    """Return whether feet are lifted off the floor under the others, and that floor's upward normal in base axes.
 
     Args:
         stance: stance in which all feet stand.
@@ -38,35 +38,31 @@ def look_at_feet(robot: RobotModel, stance: Stance, joint_position: FloatArray) 
 
 
 def feet_are_lifted(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
-    """The first half of `look_at_feet`."""
+    """Return whether feet are lifted off the floor under the others."""
     return look_at_feet(robot, stance, joint_position)[0]
 
 
 def legs_are_up(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
-    """Return whether joints hold a foot where it is only if the robot lies with its legs turned up."""
+    """Return whether a foot is so high that the robot must lie with its legs turned up."""
     folded, _ = lying_posture(robot, stance)
     feet, lying = (foot_positions(robot, position) for position in (joint_position, folded))
     return float((feet - lying)[:, 2].max()) > _RAISED * robot.leg_length
 
 
 def damping_time(stance: Stance, legs_up: bool) -> float:
-    """Return the time after which a damped robot is at rest if no sample shows it [s]."""
+    """Return the time after which a damped robot is taken to be at rest without samples [s]."""
     return stance.scale.time * _SUNK * (_LEGS_UP if legs_up else 1.0)
 
 
 def floor_on_three_feet(
     robot: RobotModel, stance: Stance, joint_position: FloatArray, standing: FloatArray
 ) -> Vector | None:
-    """The floor's upward normal in the base where joints hold one foot elsewhere than it stood, and the others there.
+    """Return the floor's upward normal in base axes if at most one foot has moved, or None.
 
     Args:
         stance: stance in which all feet stand.
         joint_position: (nj,) joint positions [rad].
-        standing: (nj,) joint positions when all feet stood last [rad].
-
-    Returns:
-        None where more than one foot moved, as in a lift. A second one shows at once, so that one that has hardly moved is
-        taken to be alone.
+        standing: (nj,) last joint positions with all feet on the floor [rad].
     """
     feet, before = (foot_positions(robot, position) for position in (joint_position, standing))
     moved = np.abs(feet - before).max(axis=1) > _LIFTED * stance.scale.length

@@ -1,4 +1,4 @@
-"""Bounds on the force that a command can exert beyond what the motion needs: a hand in a leg, a joint that is blocked."""
+"""Bounds on the force that a command can exert beyond what the motion needs, as on a hand in a leg or a blocked joint."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _FIRST_LIFTS, _GENTLE, _RATE = 2, 0.5, 5.0  # number; share of the stiffness; it
 
 
 class ForceLimit:
-    """Bounds how far a target may be from its joint, and makes the first lifts gentle.
+    """Bound on the distance of a target from its joint, with less stiffness in the first lifts.
 
-    A command's feed-forward torque is what the motion needs according to the model; the stiffness adds kp (target - position).
-    That addition is bounded by a share of the motor's torque, or by a force at the foot if that is less. On a heavy robot it
-    may be a share of the weight at the foot: what a foot bears is predicted no better where the robot tips. A command without
-    feed-forward predicts nothing, and is not bounded. Gains that a command sets are kept: an estimate relies on them.
+    A command's feed-forward torque is the motion's torque according to the model; the stiffness adds kp (target - position).
+    That addition is bounded by a share of the motor's torque, or by a force at the foot if that is less. On a heavy robot
+    the bound may be a share of the weight at the foot: the load of a foot is not predicted better while the robot tips.
+    Commands without feed-forward are not bounded. Gains of a command are kept: the estimate relies on them.
 
     Args:
         own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] of commands without gains.
@@ -47,7 +47,7 @@ class ForceLimit:
 
         Args:
             state: newest state of the robot.
-            lifted: whether the command holds feet in the air.
+            lifted: whether the command holds feet above the floor.
         """
         self._lifts += self._up and not lifted
         self._up = lifted

@@ -1,6 +1,6 @@
-"""A guarded platform in this process: the robot loop in lockstep with a simulated robot, or with a platform that is stepped.
+"""Guarded platform in this process: the robot loop in lockstep with a simulated robot, or with a stepped platform.
 
-A real robot is moved by the robot process, which runs the same loop: see `remote_robot`.
+The robot process runs the same loop for a real robot: see `remote_robot`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Guard:
     Args:
         platform: platform to be guarded; the guard closes it.
         robot: model of the robot.
-        limits: limits that a motion must keep.
+        limits: limits of motions.
     """
 
     def __init__(self, platform: Platform, robot: RobotModel, limits: Limits | None = None) -> None:
@@ -43,13 +43,13 @@ class Guard:
 
     @property
     def phase(self) -> str:
-        """Name of the phase of the present motion."""
+        """Name of the phase of the current motion."""
         return self._loop.phase
 
     def read(self) -> RobotState:
-        """Sense without commanding; the errors are those of `step`."""
+        """Return the state without commanding; raise the errors of `step`."""
         self._require_going()
-        if self._loop.known is None:
+        if self._loop.context is None:
             self._tick()
             self._raise_trouble()
         assert self._loop.state is not None
@@ -59,10 +59,10 @@ class Guard:
         """Run one control period.
 
         Raises:
-            MotionError: a joint, a motor or a command is beyond its limits, or a joint does not follow.
+            MotionError: a joint, a motor or a command exceeds its limits, or a joint does not follow its target.
             FallError: the base tilts.
             SensorError, CommunicationError: samples are not plausible, or none arrive.
-            HealthError, StopRequestedError: a hot motor, an empty battery; the operator stopped the robot.
+            HealthError, StopRequestedError: a motor is hot or the battery empty; the operator stopped the robot.
         """
         self._move(Trajectory.of(command))
         self._recorder.restart()
@@ -70,7 +70,7 @@ class Guard:
         return self._loop.state
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-        """Play a motion; the errors are those of `step`, with what was recorded so far."""
+        """Play a motion; raise the errors of `step`, with the recording so far."""
         try:
             self._move(trajectory, stop)
         except KeyboardInterrupt as interrupt:
@@ -86,7 +86,7 @@ class Guard:
         self._end(None)
 
     def report(self) -> GuardReport:
-        """Return what the run was like so far."""
+        """Return the report of the run so far."""
         return self._loop.report()
 
     def __enter__(self) -> Guard:
@@ -103,7 +103,7 @@ class Guard:
             self._number += 1
             self._loop.move(MotionOrder(self._number, trajectory, stop))
             while self._loop.motion is not None:
-                if stop is not None and stop.told is not None and stop.told():
+                if stop is not None and stop.stop_requested is not None and stop.stop_requested():
                     self._loop.stop_motion()
                 else:
                     self._tick()

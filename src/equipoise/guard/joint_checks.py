@@ -1,4 +1,4 @@
-"""Checks of samples: joints follow their targets, and motors give the torques of their commands, within the limits."""
+"""Checks of samples: joint tracking, motor torques, limits, and the robot's health."""
 
 from __future__ import annotations
 
@@ -9,38 +9,39 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import HealthError, MotionError
-from equipoise.guard.known import Check, Known
+from equipoise.guard.check_context import Check, CheckContext
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 
 _STUCK_TIME = 0.5  # [s] over which a joint must follow
-_STUCK_MOVE, _STUCK_SHARE = 0.12, 0.25  # [rad] that it was sent through; the share to move by (sound joints: 0.66)
-_RUNAWAY = 2.0  # times the limit: a joint this far from where it was sent is not waited for
+_STUCK_MOVE, _STUCK_SHARE = 0.12, 0.25  # [rad] of target motion; share that the joint must move (sound joints: 0.66)
+_RUNAWAY = 2.0  # times the limit: a joint this far from its target fails at once
 
 
 class JointChecks:
-    """Hold joints against their limits, sample by sample.
+    """Checks of joints and motors against their limits, sample by sample.
 
     Args:
-        limits: limits that joints must keep.
-        robot: model of the robot whose joints they are.
+        limits: limits of the joints.
+        robot: model of the robot.
         hip_height: hip height that torques scale with [m].
         control_period: time between commands [s].
-        knows_gains: whether the motors run the gains that commands ask for, so that their torques can be predicted.
+        predictable_torque: whether the motors use the gains of commands, so that their torques can be predicted.
 
     Attributes:
-        at_rest: checks before a robot is moved; they raise MotionError and HealthError.
+        at_rest: checks before the robot is moved; they raise MotionError and HealthError.
         in_motion: checks of a sample against the limits and the command; they raise MotionError beyond a limit, if
-            a joint does not follow its target, or if its motor does not give the torque of the command.
+            a joint does not follow its target, or if its motor does not give the commanded torque.
         health: checks of temperatures, battery and faults; they raise HealthError.
     """
 
     def __init__(
-        self, limits: Limits, robot: RobotModel, hip_height: float, control_period: float, knows_gains: bool
+        self, limits: Limits, robot: RobotModel, hip_height: float, control_period: float, predictable_torque: bool
     ) -> None:
-        self._limits, self._robot, self._period, self._knows_gains = limits, robot, control_period, knows_gains
+        self._limits, self._robot, self._period = limits, robot, control_period
+        self._predictable_torque = predictable_torque
         self._missing_torque = limits.missing_torque * Scale.of(robot.mass, hip_height).torque
         self._kp, self._kd = robot.gains(hip_height)
         self._fastest, self._strongest = limits.speed * robot.velocity_limit, limits.torque * robot.effort_limit
@@ -62,18 +63,18 @@ class JointChecks:
         )
         self.health: tuple[Check, ...] = (self._check_health,)
 
-    def _check_position(self, command: JointCommand, known: Known) -> None:
-        robot, position = self._robot, known.state.joint_position
+    def _check_position(self, command: JointCommand, context: CheckContext) -> None:
+        robot, position = self._robot, context.state.joint_position
         beyond = np.maximum(robot.lower_limit - position, position - robot.upper_limit)
         joint = int(np.argmax(beyond))
         if beyond[joint] > self._limits.position_margin:
             raise MotionError(
                 f"joint {robot.joint_names[joint]!r} is at {position[joint]:.3f} rad; its limits are "
-                f"{robot.lower_limit[joint]:.3f} to {robot.upper_limit[joint]:.3f} rad. Are the joint map and the zeros right?"
+                f"{robot.lower_limit[joint]:.3f} to {robot.upper_limit[joint]:.3f} rad. Check the joint map and the offsets"
             )
 
-    def _check_speed(self, command: JointCommand, known: Known) -> None:
-        velocity, limit = known.state.joint_velocity, self._robot.velocity_limit
+    def _check_speed(self, command: JointCommand, context: CheckContext) -> None:
+        velocity, limit = context.state.joint_velocity, self._robot.velocity_limit
         if velocity is None:
             return
         if (joint := self._lasting(self._too_fast, np.abs(velocity) > self._fastest)) is not None:
@@ -82,36 +83,36 @@ class JointChecks:
                 f"{limit[joint]:.1f} rad/s"
             )
 
-    def _check_following(self, command: JointCommand, known: Known) -> None:
+    def _check_following(self, command: JointCommand, context: CheckContext) -> None:
         if command.limp:
             return
-        behind = np.abs(command.position - known.state.joint_position)
+        behind = np.abs(command.position - context.state.joint_position)
         joint = self._lasting(self._behind, behind > self._limits.following)
         if joint is None and behind.max() > _RUNAWAY * self._limits.following:
             joint = int(np.argmax(behind))
         if joint is not None:
             raise MotionError(
-                f"joint {self._robot.joint_names[joint]!r} is {behind[joint]:.2f} rad from where it was sent: is it "
-                "stuck, has its motor lost power?"
+                f"joint {self._robot.joint_names[joint]!r} is {behind[joint]:.2f} rad from its target: is it stuck, has its "
+                "motor lost power?"
             )
 
-    def _check_stuck(self, command: JointCommand, known: Known) -> None:
+    def _check_stuck(self, command: JointCommand, context: CheckContext) -> None:
         if command.limp:
             return
-        if (stuck := self._stuck.update(command.position, known.state.joint_position)) is not None:
+        if (stuck := self._stuck.update(command.position, context.state.joint_position)) is not None:
             joint, sent, moved = stuck
             raise MotionError(
-                f"joint {self._robot.joint_names[joint]!r} was sent through {sent:.2f} rad and moved by {moved:.2f} rad: "
+                f"joint {self._robot.joint_names[joint]!r} moved by {moved:.2f} rad while its target moved by {sent:.2f} rad: "
                 "is it stuck, has its motor lost power?"
             )
 
-    def _check_torque(self, command: JointCommand, known: Known) -> None:
-        state = known.state
-        # A sample that came again says nothing of what motors make of the newest command.
+    def _check_torque(self, command: JointCommand, context: CheckContext) -> None:
+        state = context.state
+        # A repeated sample does not show the response to the newest command.
         if state.joint_torque is not None and state.time > self._newest:
             self._check_strength(state.joint_torque)
-            if self._knows_gains:
-                self._check_obedience(state, state.joint_torque, known.bounded)
+            if self._predictable_torque:
+                self._check_commanded_torque(state, state.joint_torque, context.bounded)
         self._newest = state.time
 
     def _check_strength(self, torque: FloatArray) -> None:
@@ -121,7 +122,7 @@ class JointChecks:
                 f"joint {self._robot.joint_names[joint]!r} gives {torque[joint]:.1f} Nm; its limit is {limit[joint]:.1f} Nm"
             )
 
-    def _check_obedience(self, state: RobotState, torque: FloatArray, command: JointCommand) -> None:
+    def _check_commanded_torque(self, state: RobotState, torque: FloatArray, command: JointCommand) -> None:
         kp = self._kp if command.kp is None else command.kp
         kd = self._kd if command.kd is None else command.kd
         velocity = 0.0 if state.joint_velocity is None else state.joint_velocity
@@ -132,31 +133,31 @@ class JointChecks:
         joint = int(np.argmax(self._short))
         if self._short[joint] > self._missing_torque:
             raise MotionError(
-                f"the motor of joint {self._robot.joint_names[joint]!r} gives {torque[joint]:.1f} Nm where its position and "
-                f"what it was sent make it {sent[joint]:.1f} Nm: is it on, are its gains those that are sent?"
+                f"the motor of joint {self._robot.joint_names[joint]!r} gives {torque[joint]:.1f} Nm; its position and its "
+                f"command require {sent[joint]:.1f} Nm: is it on, does it use the commanded gains?"
             )
 
-    def _check_health(self, command: JointCommand, known: Known) -> None:
-        health = known.state.health
+    def _check_health(self, command: JointCommand, context: CheckContext) -> None:
+        health = context.state.health
         if health is None:
             return
         if health.fault is not None:
             raise HealthError(f"the robot reports a fault: {health.fault}")
         if health.battery_charge is not None and health.battery_charge < self._limits.battery:
             raise HealthError(
-                f"the battery is at {health.battery_charge:.0%}; at least {self._limits.battery:.0%} is needed. Charge it"
+                f"the battery charge is {health.battery_charge:.0%}; at least {self._limits.battery:.0%} is needed. Charge it"
             )
         temperature = health.motor_temperature
         if temperature is None:
             return
         if (joint := self._lasting(self._too_hot, temperature > self._limits.temperature)) is not None:
             raise HealthError(
-                f"the motor of joint {self._robot.joint_names[joint]!r} has {temperature[joint]:.0f} deg C; "
-                f"{self._limits.temperature:.0f} are allowed. Let it cool down"
+                f"the motor of joint {self._robot.joint_names[joint]!r} is at {temperature[joint]:.0f} deg C; "
+                f"{self._limits.temperature:.0f} deg C is allowed. Let it cool down"
             )
 
     def _lasting(self, since: FloatArray, now: NDArray[np.bool_]) -> int | None:
-        """The joint for which something has been so for too long."""
+        """Return the joint whose condition has lasted for too long, or None."""
         if not now.any():
             since.fill(0.0)
             return None
@@ -167,10 +168,10 @@ class JointChecks:
 
 
 class StuckDetector:
-    """Notices a joint that does not move while it is sent elsewhere.
+    """Detector of joints that do not move while their targets do.
 
-    It looks at one window of time after the other. What a joint did is taken from the window before, too: it may have moved
-    there on what the delayed target only shows here.
+    It compares one time window after the other. A joint's motion includes the previous window: the delayed target may show
+    that motion only in this one.
 
     Args:
         joints: number of joints.
@@ -181,12 +182,12 @@ class StuckDetector:
     def __init__(self, joints: int, delay: int, window: int) -> None:
         self._sent: deque[FloatArray] = deque(maxlen=delay + 1)
         self._window, self._count = window, 0
-        self._now = np.zeros((2, joints))  # where it was sent, and where it is
+        self._now = np.zeros((2, joints))  # target and position
         self._least, self._most = np.zeros((2, 2, joints))
-        self._before: tuple[FloatArray, FloatArray] | None = None  # least and most of the window before
+        self._before: tuple[FloatArray, FloatArray] | None = None  # least and most of the previous window
 
     def update(self, target: FloatArray, position: FloatArray) -> tuple[int, float, float] | None:
-        """Take (nj,) targets and positions in; the joint that is stuck, what it was sent through, what it did [rad]."""
+        """Add (nj,) targets and positions; return a stuck joint with the motion of its target and its own [rad], or None."""
         self._sent.append(target)
         now = self._now
         now[0], now[1] = self._sent[0], position

@@ -9,32 +9,30 @@ from equipoise.errors import SettingsError
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits beyond those of the robot's model. Each is wide enough that no calibration of a sound robot reaches it.
+    """Limits beyond those of the robot's model. No calibration of a sound robot reaches them.
 
-    In brackets: the most that was met in 26 guarded calibrations of the catalogue's robots (precise and paper, standing and
-    lying at first, realistic noise, 10 or 15 % of the robot's mass on top and off centre).
+    In brackets: the largest value in 26 guarded calibrations of the catalogue's robots (bayesian and paper, standing and
+    lying at first, realistic preset, 10 or 15 % of the robot's mass on top and off centre).
 
     Attributes:
-        position_margin: reading of an encoder beyond the model's joint limits [rad]; commands may not exceed them
+        position_margin: encoder reading beyond the model's joint limits [rad]; commands may not exceed those limits
             (0.03).
-        speed: speed of a joint, over the model's limit (0.49).
-        torque: torque of a joint, over the model's limit (1.05: a motor at its limit, misread by a few percent).
-        gains: gains of a command, over the model's (1).
-        temperature: temperature of a motor [deg C].
-        lean: angle of the base from the posture that it was sent to take on a level floor, on four feet or on three [rad]
-            (0.15).
+        speed: joint speed over the model's limit (0.49).
+        torque: joint torque over the model's limit (1.05: a motor at its limit, misread by a few percent).
+        gains: commanded gains over the model's (1).
+        temperature: motor temperature [deg C].
+        lean: angle of the base from its commanded posture on a level floor, on four feet or on three [rad] (0.15).
         lean_in_lift: the same angle while two feet are up, or coming down [rad] (0.34).
-        following: distance of a joint from its target [rad] (0.26); twice as far, not for a moment.
+        following: distance of a joint from its target [rad] (0.26); twice this distance fails at once.
         excess_torque: torque beyond the feed-forward torque of a command, over the model's limit; see `ForceLimit`.
         excess_force: force at a foot beyond that of the feed-forward torque [N].
-        excess_weight: the same force over the robot's weight, if it allows more than the two before: that is for heavy robots.
-        battery: least charge of the battery, from 0 to 1.
-        missing_torque: torque that a motor may lack of what it was sent, on a robot with an A1's m g h [Nm]
-            (0.7).
-        patience: longest time for which a speed, a torque, a temperature or a following error may last [s].
-        silence: the longest time without a fresh sample [s].
-        stall: the longest time without a command, and without a sign of life of the calibration process [s].
-        idle: the longest time to hold the robot without a motion [s].
+        excess_weight: the same force over the robot's weight; it applies where it exceeds the previous two (heavy robots).
+        battery: smallest battery charge, from 0 to 1.
+        missing_torque: largest torque error of a motor, on a robot with an A1's m g h [Nm] (0.7).
+        patience: longest time for which a speed, a torque, a temperature or a tracking error may last [s].
+        silence: longest time without a fresh sample [s].
+        stall: longest time without a command, or without a heartbeat of the calibration process [s].
+        idle: longest time to hold the robot without a motion [s].
     """
 
     position_margin: float = 0.15

@@ -1,4 +1,4 @@
-"""The private pipe between the calibration process and the robot process, and the messages that go through it.
+"""Private pipe between the calibration process and the robot process, and its messages.
 
 Objects go both ways; neither process waits for the other.
 """
@@ -20,8 +20,8 @@ from equipoise.robot.description import RobotDescription
 from equipoise.robot.source import ModelSource
 
 _LENGTH = 4  # bytes before each object
-_READ = 1 << 16  # bytes taken at once
-_BUFFER = 1 << 22  # bytes that the system may keep; it may grant less
+_READ = 1 << 16  # bytes per read
+_BUFFER = 1 << 22  # bytes of the send buffer; the system may grant less
 
 
 class Pipe:
@@ -31,7 +31,7 @@ class Pipe:
         end: socket of a pair; no other process can open it.
 
     Attributes:
-        heard: whether the last `take` received anything, if only a part of an object.
+        received: whether the last `take` received anything, even part of an object.
     """
 
     def __init__(self, end: socket.socket) -> None:
@@ -39,24 +39,24 @@ class Pipe:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
         self._socket = end
         self._coming, self._going = bytearray(), bytearray()
-        self.heard = False
+        self.received = False
 
     def fileno(self) -> int:
-        """Return the descriptor, to wait for what arrives."""
+        """Return the descriptor, to wait for data."""
         return self._socket.fileno()
 
-    def post(self, what: Any) -> None:
-        """Send an object, as far as the system takes it now; the rest goes with the next `post` or `flush`.
+    def post(self, message: Any) -> None:
+        """Send an object, as far as the buffer allows; the rest goes with the next `post` or `flush`.
 
         Raises:
             EOFError: the other end is closed.
         """
-        data = pickle.dumps(what, pickle.HIGHEST_PROTOCOL)
+        data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
         self._going += len(data).to_bytes(_LENGTH, "little") + data
         self.flush()
 
     def flush(self) -> bool:
-        """Send what is left; return whether all of it was taken. Raises EOFError if the other end is closed."""
+        """Send the rest; return whether all of it was sent. Raise EOFError if the other end is closed."""
         try:
             while self._going:
                 del self._going[: self._socket.send(self._going)]
@@ -67,15 +67,15 @@ class Pipe:
         return True
 
     def take(self) -> list[Any]:
-        """Return the objects that have arrived whole. Raises EOFError once the other end is closed and all were returned."""
-        ended = self.heard = False
+        """Return the complete objects that arrived. Raise EOFError if the other end is closed and none are left."""
+        ended = self.received = False
         with contextlib.suppress(BlockingIOError):
             try:
                 data = self._socket.recv(_READ)
             except ConnectionError:
                 data = b""
             self._coming += data
-            ended, self.heard = not data, bool(data)
+            ended, self.received = not data, bool(data)
         objects: list[Any] = []
         while len(self._coming) >= _LENGTH:
             end = _LENGTH + int.from_bytes(self._coming[:_LENGTH], "little")
@@ -97,13 +97,13 @@ class Pipe:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """The first message. Other messages of this direction: a `MotionOrder`, the number of a motion that is to end early,
-    `End`, and None as a sign of life.
+    """First message. Other messages in this direction: a `MotionOrder`, the number of a motion to end early, `End`, and
+    None as a heartbeat.
 
     Attributes:
         platform, given: name and settings of the platform.
         name, source, description: robot model.
-        limits: limits that motions must keep.
+        limits: limits of motions.
         ending_file: path of the file to which the ending is appended; empty: none.
         realtime: whether to claim real-time priority and locked memory.
         version: version of the calibration process.
@@ -122,7 +122,7 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class End:
-    """Put the robot down.
+    """Request to put the robot down.
 
     Attributes:
         urgent: whether to skip lowering the robot.
@@ -138,13 +138,13 @@ class End:
 
 @dataclass(frozen=True, eq=False)
 class Ready:
-    """The connection is open.
+    """Message that the connection is open.
 
     Attributes:
         platform: name of the platform in messages.
         joint_names, control_period, accepts: as a platform's.
-        learned: settings that a second connection needs not find out.
-        realtime: what the system granted, in words.
+        learned: detected settings, for the second connection.
+        realtime: real-time privileges that the system granted, in words.
     """
 
     platform: str
@@ -160,8 +160,8 @@ class Batch:
     """Control periods since the last batch.
 
     Attributes:
-        ticks: what happened in each.
-        done: number of the last motion that is over.
+        ticks: events of each control period.
+        done: number of the last completed motion.
     """
 
     ticks: list[Tick]
@@ -170,11 +170,11 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class Ended:
-    """The last message: the robot was put down, or never moved.
+    """Last message: the robot was put down, or never moved.
 
     Attributes:
         error: error that ended the run, or None.
-        report: what the run was like; None if the connection was never opened.
+        report: report of the run; None if the connection was never opened.
     """
 
     error: BaseException | None

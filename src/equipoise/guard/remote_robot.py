@@ -1,4 +1,4 @@
-"""A real robot as the calibration process sees it: a platform whose commands are sent by the robot process."""
+"""Platform of a real robot in the calibration process; the robot process sends its commands."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ from equipoise.robot.model import RobotModel
 from equipoise.threads import ONE_THREAD
 
 _STARTS = 60.0  # [s] on a busy computer
-_SIGN = 0.02  # [s] between signs of life
-_POLL = 0.01  # [s] between looks at the robot process
-_STOPPED, _SILENT = 0.02, 0.3  # [s] without a message: of a process that is stopped, of one that hangs
+_HEARTBEAT = 0.02  # [s] between heartbeats
+_POLL = 0.01  # [s] between checks of the robot process
+_STOPPED, _SILENT = 0.02, 0.3  # [s] without a message: of a stopped process, of one that hangs
 _FIRST = 5.0  # [s] for the first sample
 _PIECE_TIME = 0.25  # [s] of a motion that are written at once
 _ENDS = 60.0  # [s] for an ending
 
 
 class RemoteRobot:
-    """A robot that the robot process owns. Use it as a context manager, in the main thread; leaving it is the safe ending.
+    """Robot that the robot process owns. Use it as a context manager, in the main thread; leaving it is the safe ending.
 
-    A thread of this process gives the signs of life, takes what the robot process sends, and damps the robot over a second
+    A thread of this process sends heartbeats and receives the robot process's messages. It damps the robot over a second
     connection if that process is killed, stopped or hangs.
 
     Args:
@@ -62,16 +62,16 @@ class RemoteRobot:
         given: settings of the platform by name.
         log: log of motions.
         ending_file: path of the file to which the ending is appended.
-        limits: limits that motions must keep.
+        limits: limits of motions.
         realtime: whether the robot process claims real-time priority and locked memory.
 
     Attributes:
-        realtime: what the system granted the robot process, in words.
-        warning: what this computer cannot do for the robot, or empty.
+        realtime: real-time privileges that the system granted, in words.
+        warning: warning that the robot has no second connection, or empty.
 
     Raises:
         SettingsError, MissingDependencyError: the connection cannot be opened.
-        CommunicationError: the connection cannot be opened, or the robot process does not start or is of another version.
+        CommunicationError: the connection cannot be opened, or the robot process does not start or has another version.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class RemoteRobot:
             )
         self._pipe, self._posting = Pipe(ours), threading.Lock()
         gc.collect()
-        gc.freeze()  # a collection of all that was imported would hold up the signs of life for 150 ms
+        gc.freeze()  # a collection of all imported objects would delay heartbeats by 150 ms
         try:
             model = robot.name, robot.source, robot.description
             self._post(Setup(platform, dict(given), *model, self._limits, self._ending_file, realtime))
@@ -128,7 +128,7 @@ class RemoteRobot:
             self.close()
             raise
         self.warning = "" if self._second.ready else (
-            f"platform {platform!r} has no second connection that takes gains: if the robot process dies, or its step does "
+            f"platform {platform!r} has no second connection that accepts gains: if the robot process dies, or its step does "
             "not return, only the robot's own motor boards can damp it"
         )  # fmt: skip
         atexit.register(self.close)
@@ -136,9 +136,9 @@ class RemoteRobot:
     # --- the platform
 
     def read(self) -> RobotState:
-        """Return the newest state. The first call waits until the joints are at rest: limp legs slide for seconds.
+        """Return the newest state; raise the errors of `play`.
 
-        The errors are those of `play`.
+        The first call waits until the joints are at rest: limp legs slide for seconds.
         """
         until, before = time.monotonic() + _FIRST + self._limits.silence, None
         since = until
@@ -153,12 +153,14 @@ class RemoteRobot:
         self._take_messages()
         self._require_going()
         if self._state is None:
-            raise CommunicationError(f"{self.name} sent no sample for {_FIRST:g} s: is the robot on, is the cable in?")
+            raise CommunicationError(
+                f"{self.name} sent no sample for {_FIRST:g} s: is the robot on, is the cable plugged in?"
+            )
         self._read = True
         return self._state
 
     def step(self, command: JointCommand) -> RobotState:
-        """Send one command; the errors are those of `play`."""
+        """Send one command; raise the errors of `play`."""
         self.play(Trajectory.of(command))
         assert self._state is not None
         return self._state
@@ -168,20 +170,21 @@ class RemoteRobot:
 
         Raises:
             MotionInterrupted: Ctrl-C; carries the recording so far.
-            MotionError: the robot was put down; carries the recording so far. Its type says why: see `Guard.step`.
+            MotionError: the robot was put down; carries the recording so far. See `Guard.step` for its types.
             OutputError: the log cannot be written.
         """
         with self._ending_on_trouble(), self._interruptions.held():
             self._take_messages()
             self._require_going()
             self._begin(trajectory)
-            asked = None if stop is None else stop.told
-            self._post(MotionOrder(self._number, trajectory, None if stop is None else replace(stop, told=None)))
+            stop_requested = None if stop is None else stop.stop_requested
+            limit = None if stop is None else replace(stop, stop_requested=None)
+            self._post(MotionOrder(self._number, trajectory, limit))
             while self._done < self._number:
                 self._take_messages(wait=0.05)
                 self._write_piece(trajectory, whole=False)
-                if asked is not None and asked():
-                    asked = None
+                if stop_requested is not None and stop_requested():
+                    stop_requested = None
                     self._post(self._number)
                 self._raise_waiting_signal(trajectory)
                 if self._ended.is_set():
@@ -194,16 +197,16 @@ class RemoteRobot:
         self._end(None)
 
     def report(self) -> GuardReport:
-        """Return what the run was like; complete once the robot was put down."""
+        """Return the report of the run; it is complete once the robot was put down."""
         return self._report or GuardReport(realtime=self.realtime)
 
     @property
     def process_id(self) -> int:
-        """Number of the robot process."""
+        """Process id of the robot process."""
         return self._process.pid
 
     def stop(self, request: str) -> None:
-        """Put the robot down as the operator asks, as `RobotState.request` says it; from any thread."""
+        """Put the robot down at the operator's request, a value of `RobotState.request`; may be called from any thread."""
         self._post(End(request=request))
 
     def __enter__(self) -> RemoteRobot:
@@ -253,7 +256,7 @@ class RemoteRobot:
         self._log.add(piece)
 
     def _with_recording(self, error: BaseException, trajectory: Trajectory) -> BaseException:
-        """Return an error that carries what was recorded of the motion."""
+        """Add the recording of the motion to an error, and return it."""
         self._write_piece(trajectory, whole=True)
         recorded = self._recorder.recorded(trajectory.events)
         if isinstance(error, MotionError) and recorded is not None and not error.recordings:
@@ -261,7 +264,7 @@ class RemoteRobot:
         return error
 
     def _raise_waiting_signal(self, trajectory: Trajectory) -> None:
-        """Raise what a signal asked for meanwhile, with the recording so far."""
+        """Raise MotionInterrupted with the recording so far, if a signal waits."""
         try:
             self._interruptions.check()
         except KeyboardInterrupt as interrupt:
@@ -276,7 +279,7 @@ class RemoteRobot:
 
     @contextlib.contextmanager
     def _ending_on_trouble(self) -> Generator[None]:
-        """Put the robot down before the caller gets the error."""
+        """Put the robot down before an error reaches the caller."""
         try:
             yield
         except BaseException as error:
@@ -284,14 +287,14 @@ class RemoteRobot:
             raise
 
     def _end(self, error: BaseException | None) -> None:
-        """Have the robot put down, and wait until it is; a second signal skips lowering it, and so does SIGTERM."""
+        """Have the robot put down, and wait for it; a second signal or SIGTERM skips lowering it."""
         if self._closed:
             return
         with self._interruptions.noted():
             self._closed = True
             atexit.unregister(self.close)
             self._recorder.begin()
-            self._number = 0  # commands that belong to no motion are the ending's
+            self._number = 0  # the ending's commands belong to no motion
             urgent = any(isinstance(each, Terminated) for each in (error, error and error.__cause__))
             self._post(End(urgent=urgent))
             until = time.monotonic() + _ENDS
@@ -309,22 +312,22 @@ class RemoteRobot:
             self._log_ending()
 
     def _log_ending(self) -> None:
-        """Write what the robot did while it was put down."""
+        """Write the recording of the ending to the log."""
         if self._log is None or self._recorder.count < 2:
             return
-        with contextlib.suppress(Exception):  # the disk may be why the run ended
+        with contextlib.suppress(Exception):  # the run may have ended because of the disk
             self._log.begin(self._recorder.count)
             self._log.add(self._recorder.recording((Event(0.0, PHASE, {"name": Phase.ENDING}),)))
 
     # --- the robot process
 
-    def _post(self, what: Any) -> None:
-        """Send something; that the robot process is gone is for `_listen` to notice."""
+    def _post(self, message: Any) -> None:
+        """Send a message; `_listen` detects the end of the robot process."""
         with self._posting, contextlib.suppress(EOFError):
-            self._pipe.post(what)
+            self._pipe.post(message)
 
     def _wait_until_ready(self) -> Ready:
-        until, beaten = time.monotonic() + _STARTS, 0.0
+        until, last_heartbeat = time.monotonic() + _STARTS, 0.0
         while time.monotonic() < until:
             try:
                 select.select([self._pipe], [], [], _POLL)
@@ -333,27 +336,27 @@ class RemoteRobot:
                         return message
                     if isinstance(message, Ended):
                         raise message.error or CommunicationError("the robot process ended before it was ready")
-                if time.monotonic() - beaten > _SIGN:
-                    beaten = time.monotonic()
+                if time.monotonic() - last_heartbeat > _HEARTBEAT:
+                    last_heartbeat = time.monotonic()
                     self._post(None)
             except EOFError:
                 break
         raise CommunicationError(
-            f"the robot process did not start within {_STARTS:g} s (exit code {self._process.poll()}): nothing was moved; "
-            "'equipoise doctor' checks the connection"
+            f"the robot process did not start within {_STARTS:g} s (exit code {self._process.poll()}); the robot was not "
+            "moved. Check the connection with 'equipoise doctor'"
         )
 
     def _listen(self) -> None:
-        """Give signs of life and take messages, until the robot process has said that it ended, or does not answer."""
+        """Send heartbeats and receive messages until the robot process ends or does not answer."""
         claim_priority()  # of this thread alone
-        signed = 0.0
+        last_heartbeat = 0.0
         while not self._ended.is_set():
             select.select([self._pipe], [], [], _POLL)
             try:
                 messages = self._pipe.take()
                 now = time.monotonic()
-                if now - signed > _SIGN:
-                    signed = now
+                if now - last_heartbeat > _HEARTBEAT:
+                    last_heartbeat = now
                     self._post(None)
             except (EOFError, OSError, ValueError):
                 self._lose("died")
@@ -379,9 +382,9 @@ class RemoteRobot:
         return False
 
     def _lose(self, how: str) -> None:
-        """End a robot process that does not answer, so that it cannot command any more, and damp the robot."""
+        """Kill a robot process that does not answer, so that it sends no commands, and damp the robot."""
         self._process.kill()
-        done = self._second.damp() if self._commanded else "nothing had been moved"
+        done = self._second.damp() if self._commanded else "the robot had not been moved"
         error = CommunicationError(f"the robot process {how}; {done}")
         if self._commanded:
             append_ending(self._ending_file, str(error))

@@ -20,17 +20,17 @@ class GuardReport:
 
     Attributes:
         samples: counts of samples that arrived.
-        commands: number of commands that were sent.
+        commands: number of sent commands.
         overruns: number of commands more than a millisecond late; None in simulation.
-        stalls: number of deadlines that passed without a command; None in simulation.
+        stalls: number of deadlines without a command; None in simulation.
         latest: largest lateness of a command [s]; None in simulation.
-        late_999: lateness that 99.9 % of the commands stayed below [s]; None in simulation.
+        late_999: 99.9 % quantile of the commands' lateness [s]; None in simulation.
         largest_tilt: largest angle of the base from upright [rad].
-        hottest_motor: highest motor temperature [deg C]; None if motors do not say.
-        lowest_voltage: lowest voltage of the battery [V]; None if it does not say.
+        hottest_motor: highest motor temperature [deg C]; None if not reported.
+        lowest_voltage: lowest battery voltage [V]; None if not reported.
         work: median processor time of a control period [s]; None in simulation.
-        unchecked: whether samples were accepted whatever their checksum.
-        realtime: what the system granted the robot process, in words; empty in simulation.
+        unchecked: whether samples with wrong checksums were accepted.
+        realtime: real-time privileges that the system granted, in words; empty in simulation.
         ending: steps of the ending, in order; the last is "released" if the platform released the robot.
         trouble: error that ended the run, or empty.
     """
@@ -51,7 +51,7 @@ class GuardReport:
     trouble: str = ""
 
     def note(self, state: RobotState) -> None:
-        """A state that a command was answered with."""
+        """Add the state after a command."""
         self.commands += 1
         if state.health is None:
             return
@@ -63,7 +63,7 @@ class GuardReport:
     def with_end(
         self, timing: LoopTiming | None, largest_tilt: float, ending: tuple[str, ...], trouble: str
     ) -> GuardReport:
-        """Return a copy with how the run ended; `timing` is None in simulation."""
+        """Return a copy with the end of the run; `timing` is None in simulation."""
         report = replace(self, samples=replace(self.samples), largest_tilt=largest_tilt, ending=ending, trouble=trouble)
         if timing is not None and len(timing.lateness):
             report.late_999, report.work = float(np.quantile(timing.lateness, 0.999)), float(np.median(timing.work))

@@ -1,7 +1,6 @@
-"""The loop that owns a robot. `RobotLoop.tick` is one control period; nothing else commands the robot.
+"""Control loop that owns a robot. `RobotLoop.tick` is one control period; nothing else commands the robot.
 
-The same tick runs in the robot process, at a fixed rate with a real robot or an emulator, and in lockstep with a simulated
-one.
+The robot process runs it at a fixed rate with a real robot or an emulator; simulated robots are stepped in lockstep.
 """
 
 from __future__ import annotations
@@ -23,12 +22,12 @@ from equipoise.errors import (
     StopRequestedError,
 )
 from equipoise.guard.base_checks import BaseChecks
+from equipoise.guard.check_context import Check, CheckContext
 from equipoise.guard.clearance_checks import ClearanceChecks
 from equipoise.guard.command_checks import CommandChecks
 from equipoise.guard.endings import Ending
 from equipoise.guard.force_limit import ForceLimit
 from equipoise.guard.joint_checks import JointChecks
-from equipoise.guard.known import Check, Known
 from equipoise.guard.limits import Limits
 from equipoise.guard.report import GuardReport
 from equipoise.guard.sample_filter import SampleFilter
@@ -40,16 +39,16 @@ from equipoise.recording.recording import PHASE
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import lies, nominal_stance
 
-_LOOK_TIME = 0.3  # [s] of samples before anything moves
-_FRESH_TIME = 0.1  # [s] in which a sample must arrive after a while without commands
-_SOUND = (HealthError, StopRequestedError, OverrunError)  # after a command: the robot itself is well
+_LOOK_TIME = 0.3  # [s] of samples before the first command
+_FRESH_TIME = 0.1  # [s] in which a sample must arrive after a pause without commands
+_SOUND = (HealthError, StopRequestedError, OverrunError)  # errors after which the robot still follows commands
 DAMP = "damp"
-"""Request of a remote control, or of the operator, to damp the robot at once."""
+"""Request of the remote control or the operator to damp the robot at once."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionOrder:
-    """A motion that the loop is to make.
+    """Motion for the loop.
 
     Attributes:
         number: number of the motion, from 1.
@@ -67,9 +66,9 @@ class Tick:
     """Events of one control period.
 
     Attributes:
-        motion: number of the motion to which the command belongs; 0: none.
-        target: (nj,) joint position targets that were sent [rad], or None if nothing was sent.
-        sent: time at which the command was sent, by the monotonic clock [s]; None in simulation.
+        motion: number of the command's motion; 0: none.
+        target: (nj,) sent joint position targets [rad], or None if nothing was sent.
+        sent: time at which the command was sent, on the monotonic clock [s]; None in simulation.
         samples: accepted samples that arrived after the command.
     """
 
@@ -80,19 +79,19 @@ class Tick:
 
 
 class RobotLoop:
-    """A robot that is observed, moved, held and at last put down, one control period at a time.
+    """Loop that observes, moves and holds a robot, and finally puts it down, one control period at a time.
 
     Args:
         platform: platform of the robot.
         robot: model of the robot.
-        limits: limits that motions must keep.
+        limits: limits of motions.
 
     Attributes:
-        known: state of the robot under command; None before the first command.
+        context: state of the robot under command; None before the first command.
         state: newest accepted state; None before the first one.
-        motion: motion that is being made, or None: the robot is held.
+        motion: current motion, or None: the robot is held.
         phase: name of the phase of that motion.
-        ending: ending that has begun, or None.
+        ending: current ending, or None.
         trouble: error that ended the run, or None.
         over: whether the robot was put down and released.
     """
@@ -113,8 +112,8 @@ class RobotLoop:
         self._upcoming: JointCommand | None = None
         self._soft = False  # whether the upcoming command belongs to the soft start
         self._sent_at: float | None = None
-        self._request = ""  # of the remote control, in the newest samples
-        self.known: Known | None = None
+        self._request = ""  # from the remote control, in the newest samples
+        self.context: CheckContext | None = None
         self.state: RobotState | None = None
         self.motion: MotionOrder | None = None
         self.phase = ""
@@ -132,27 +131,27 @@ class RobotLoop:
     # --- orders
 
     def look_ahead(self, trajectory: Trajectory) -> None:
-        """Check a whole motion before it begins; raise MotionError, or SettingsError, if it must not be made."""
+        """Check a whole motion before it begins; raise MotionError or SettingsError if it must not be executed."""
         self._command_checks.check_shape(trajectory.position[0])
         self._clear.check_ahead(trajectory)
 
     def move(self, motion: MotionOrder) -> None:
-        """Make a motion, after a soft start if it is the first one. An ending that has begun goes on instead."""
+        """Begin a motion, after a soft start if it is the first one. A current ending continues instead."""
         if self.ending is None:
             self.motion, self._commands = motion, self._commands_of(motion)
             self._prepare()
 
     def stop_motion(self) -> None:
-        """End the present motion early; the robot is held where it was sent last."""
+        """End the current motion early; hold the robot at its last target."""
         self.motion, self._upcoming = None, None
 
     def end(self, error: BaseException | None, urgent: bool = False, sound: bool = True) -> None:
         """Begin to put the robot down.
 
         Args:
-            error: error that ends the run; None: the run is over.
+            error: error that ends the run; None: the run is complete.
             urgent: whether to skip lowering it.
-            sound: whether the robot obeys and stands. A robot that does not is damped at once.
+            sound: whether the robot stands and follows its targets. Otherwise it is damped at once.
         """
         self.trouble = self.trouble or error
         if isinstance(error, OverrunError) and self.ending is None:
@@ -176,7 +175,7 @@ class RobotLoop:
     # --- one control period
 
     def tick(self) -> Tick:
-        """Run one control period: choose a command, check, bound and send it, wait, and check the samples that arrive."""
+        """Run one control period: choose, check, bound and send a command, wait, and check the samples."""
         tick, sent, self._request = Tick(), False, ""
         due = time.monotonic() + self.period
         if self.over:
@@ -194,7 +193,7 @@ class RobotLoop:
         except BaseException as error:
             if self.ending is None and not isinstance(error, Exception):
                 raise
-            if self.clocked:  # what fails at once would use up the ending's control periods at once
+            if self.clocked:  # otherwise immediate failures would use up the ending's control periods
                 time.sleep(max(0.0, due - time.monotonic()))
             self._fail(error, sound=not sent or isinstance(error, _SOUND))
         else:
@@ -204,30 +203,30 @@ class RobotLoop:
         return tick
 
     def _choose(self) -> tuple[JointCommand | None, int]:
-        """Return the command of this period and the number of its motion; between motions the last command is held."""
+        """Return the command of this period and the number of its motion; hold the last command between motions."""
         if self._upcoming is not None:
             return self._upcoming, 0 if self.motion is None or self._soft else self.motion.number
-        return (None, 0) if self.known is None or self.ending is not None else (self.known.sent.held(), 0)
+        return (None, 0) if self.context is None or self.ending is not None else (self.context.sent.held(), 0)
 
     def _checked(self, command: JointCommand) -> JointCommand:
         """Return the command with its force bounded; raise MotionError if it must not be sent."""
-        assert self.known is not None
+        assert self.context is not None
         if self.watched:
             for check in self._before:
-                check(command, self.known)
+                check(command, self.context)
             if self.own_gains is not None:
-                return self._forces.bounded(command, self.known.state, self.known.lifted)
+                return self._forces.bounded(command, self.context.state, self.context.lifted)
         return command
 
     def _step(self, command: JointCommand, bounded: JointCommand) -> RobotState:
-        assert self.known is not None
+        assert self.context is not None
         before, now = self._sent_at, time.monotonic()
         self._check_gap(before, now)
-        self.known.sent, self.known.bounded, self._sent_at = command, bounded, now
+        self.context.sent, self.context.bounded, self._sent_at = command, bounded, now
         state = self.platform.step(bounded)
         if self._hardware is not None:
             self._sent_at = self._hardware.sent_at
-        elif before is None:  # the first command may have waited for the robot's own controller
+        elif before is None:  # the robot's own controller may have delayed the first command
             self._sent_at = time.monotonic()
         if state.received is None:
             self._sent_at = None
@@ -241,19 +240,18 @@ class RobotLoop:
         self._sent_at = now
         raise OverrunError(
             f"no command was sent for {(now - before) * 1000:.0f} ms while the robot was moved or held: the robot process was "
-            "stopped, this computer was asleep, or other programs were in the way. See "
-            "docs/hardware/safety.md#real-time-priority"
+            "stopped, this computer was suspended, or other programs used its processors. See docs/robots.md"
         )
 
     def _observe(self) -> tuple[RobotState, ...]:
-        """Sense a robot that is not commanded yet."""
+        """Read a robot that is not commanded yet."""
         if self.clocked:
             time.sleep(self.period)
         state = self.platform.read()
         silent = 0.0 if state.received is None else time.monotonic() - state.received
         if silent > self._limits.silence and self.ending is None:
             raise CommunicationError(
-                f"no sample has arrived for {silent:.1f} s: is the robot still on, is the cable in?"
+                f"no sample has arrived for {silent:.1f} s: is the robot still on, is the cable plugged in?"
             )
         self._looked += self.period
         return self._accept(state, None)
@@ -269,8 +267,8 @@ class RobotLoop:
             self._up.update(sample)
         if fresh:
             self.state = max(fresh, key=lambda sample: sample.time)
-            if self.known is not None:
-                self.known.state = self.state
+            if self.context is not None:
+                self.context.state = self.state
         if command is not None:
             self._report.note(state)
         if self.ending is not None:
@@ -279,59 +277,59 @@ class RobotLoop:
         return tuple(fresh)
 
     def obey(self, request: str, source: str) -> None:
-        """Put the robot down as the operator asks: `DAMP` at once, anything else lowers it."""
+        """Put the robot down at the operator's request: `DAMP` damps it at once, any other request lowers it."""
         damp = request == DAMP
-        how = "damp the robot" if damp else "lie down"
-        self.end(StopRequestedError(f"{source} asked to {how}: the run was ended"), sound=not damp)
+        action = "damp the robot" if damp else "lower the robot"
+        self.end(StopRequestedError(f"{source} requested to {action}: the run was ended"), sound=not damp)
 
     def _check_after(self, command: JointCommand) -> None:
-        assert self.known is not None
+        assert self.context is not None
         if self.watched:
             for check in self._after:
-                check(command, self.known)
+                check(command, self.context)
 
     @property
     def watched(self) -> bool:
-        """Return whether commands and samples are checked: not while the robot is damped."""
+        """Return whether commands and samples are checked: always, except while the robot is damped."""
         return self.ending is None or not self.ending.unsound
 
     @property
     def waits(self) -> bool:
-        """Return whether nothing has to be done: time passes only when the platform is stepped, and no motion is requested."""
+        """Return whether the loop is idle: time passes only when the platform is stepped, and no motion is requested."""
         return self.state is not None and not self.clocked and self.motion is None and self.ending is None
 
     @property
     def clocked(self) -> bool:
-        """Return whether the robot's time passes without steps: simulated platforms give no time of arrival."""
+        """Return whether the robot's time passes without steps: simulated platforms report no time of arrival."""
         return self.state is not None and self.state.received is not None
 
     @property
     def _was_commanded(self) -> bool:
-        return self.known is not None and (self._hardware is None or self._hardware.commanded)
+        return self.context is not None and (self._hardware is None or self._hardware.commanded)
 
     def _fail(self, error: BaseException, sound: bool) -> None:
-        """End by an error. An ending goes on: while the robot is damped, whatever fails; else while the robot is sound."""
+        """Begin or continue the ending after an error; a failure during lowering damps the robot."""
         if self.ending is None:
             self.end(error, sound=sound)
             return
         self.ending.observe(())
         self.ending.urgent = self.ending.urgent or isinstance(error, KeyboardInterrupt)
-        if self.ending.unsound or isinstance(error, (*_SOUND, KeyboardInterrupt)):  # the motor is still hot, say
+        if self.ending.unsound or isinstance(error, (*_SOUND, KeyboardInterrupt)):  # as by a motor that is still hot
             self._prepare()
         else:
             self.end(error, sound=False)
 
     def _look_again(self) -> None:
-        """Sense a robot to which nothing was sent for a while: it may have sunk. What had arrived meanwhile is old."""
+        """Read the robot after a pause without commands: it may have sunk, and waiting samples are old."""
         with contextlib.suppress(Exception):
             began, state = time.monotonic(), self.platform.read()
             while state.received is not None and state.received < began and time.monotonic() < began + _FRESH_TIME:
                 state = self.platform.read()
-            if self.known is not None and np.isfinite(state.joint_position).all():
-                self.known.state = self.state = state
+            if self.context is not None and np.isfinite(state.joint_position).all():
+                self.context.state = self.state = state
 
     def _prepare(self) -> None:
-        """Choose the next command of the motion or of the ending; without one, the motion or the run is over."""
+        """Choose the next command of the motion or the ending; without one, end the motion or the run."""
         if self.over or (self.motion is None and self.ending is None):
             return
         try:
@@ -341,7 +339,7 @@ class RobotLoop:
             if self.ending is not None:
                 self._release()
             self.motion = None
-        except BaseException as error:  # the robot must not be taken over; or its ending fails, and it is damped
+        except BaseException as error:  # a check before the first command fails; or the ending fails: damp the robot
             self.motion = self._upcoming = None
             self.end(error, sound=self.ending is None)
             if not isinstance(error, Exception):
@@ -349,7 +347,7 @@ class RobotLoop:
 
     def _commands_of(self, motion: MotionOrder) -> Iterator[JointCommand | None]:
         first = motion.trajectory.command(0)
-        if self.known is None:
+        if self.context is None:
             while self.state is None or (self.state.received is not None and self._looked < _LOOK_TIME):
                 yield None
             self._soft = True
@@ -365,11 +363,11 @@ class RobotLoop:
                 return
 
     def _take_over(self, state: RobotState, first: JointCommand) -> Iterator[JointCommand]:
-        """Begin to command the robot where it is, without a jolt; raise MotionError, SensorError or FallError before."""
+        """Check the robot, then yield the soft start's commands; raise MotionError, SensorError or FallError."""
         for check in self._at_rest:
-            check(first, Known(state, first, first, first, self._up))
+            check(first, CheckContext(state, first, first, first, self._up))
         here = JointCommand(state.joint_position)
-        self.known = Known(state, here, here, here, self._up)
+        self.context = CheckContext(state, here, here, here, self._up)
         limp = lies(self.robot, self.stance, state.joint_position)
         allowed = np.stack([self.robot.lower_limit, self.robot.upper_limit])
         yield from soft_start(first, state, self.own_gains, limp, self.period, allowed)
@@ -377,7 +375,7 @@ class RobotLoop:
     # --- the end
 
     def _release(self) -> None:
-        """Release the motors; nothing is commanded any more."""
+        """Release the motors; no more commands are sent."""
         assert self.ending is not None
         try:
             self.platform.close()
@@ -385,12 +383,12 @@ class RobotLoop:
         except Exception as failure:
             self.ending.done.append(f"not released: {failure}")
             self.trouble = self.trouble or CommunicationError(
-                f"the robot could not be released: {failure}. Its motors may still hold it: use its own emergency stop"
+                f"the robot was not released: {failure}. Its motors may still hold it: use its own emergency stop"
             )
         self.over = True
 
     def report(self) -> GuardReport:
-        """Return what the run was like so far."""
+        """Return the report of the run so far."""
         timing = None if self._hardware is None else self._hardware.timing
         done = () if self.ending is None else tuple(self.ending.done)
         trouble = "" if self.trouble is None else str(self.trouble)

@@ -1,9 +1,9 @@
-"""The robot process: sole owner of the bus. It observes, moves and holds the robot, and puts it down, whatever else happens.
+"""Robot process: the sole owner of the bus. It observes, moves and holds the robot, and puts it down in any case.
 
     python -m equipoise.guard.robot_process DESCRIPTOR
 
-`RemoteRobot` starts it, and is the only one it talks to, over one end of a socket pair. It ends the robot safely when the
-calibration process asks for it, dies, closes the pipe or gives no sign of life for `Limits.stall`.
+`RemoteRobot` starts it and communicates with it over a socket pair. It puts the robot down when the calibration process
+requests it, dies, closes the pipe or sends no heartbeat for `Limits.stall`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _SETUP_TIME = 20.0  # [s] in which the first message must come
 
 
 class RobotProcess:
-    """The robot loop, and the pipe to the calibration process.
+    """Robot loop with a pipe to the calibration process.
 
     Args:
         pipe: pipe to the calibration process.
@@ -51,12 +51,12 @@ class RobotProcess:
         self._batch = max(1, round(_BATCH_TIME / platform.control_period))
         self._done = self._begun = 0
         self._idle = 0.0
-        self._last_sign = time.monotonic()
+        self._last_heartbeat = time.monotonic()
         self._terminated = False
         signal.signal(signal.SIGTERM, self._terminate)
 
     def run(self, realtime: str) -> None:
-        """Run until the robot was put down and released; then say so, and append it to the ending's file."""
+        """Run until the robot was put down and released; then report the ending to the pipe and the ending's file."""
         loop = self._loop
         while not loop.over:
             self._take_orders()
@@ -67,7 +67,7 @@ class RobotProcess:
                 self._ticks.append(loop.tick())
             self._post_batch()
         report = dataclasses.replace(loop.report(), realtime=realtime)
-        if loop.known is not None:
+        if loop.context is not None:
             reason = f" ({report.trouble})" if report.trouble else ""
             append_ending(self._setup.ending_file, ", ".join(report.ending) + reason)
         with contextlib.suppress(EOFError):
@@ -80,20 +80,20 @@ class RobotProcess:
     def _take_orders(self) -> None:
         loop, orders, now = self._loop, [], time.monotonic()
         if self._terminated and loop.ending is None:
-            loop.end(MotionError("the robot process was asked to end (SIGTERM)"))
+            loop.end(MotionError("the robot process received SIGTERM"))
         try:
             orders = self._pipe.take()
         except EOFError:
             if loop.ending is None:
                 loop.end(CommunicationError("the calibration process died or closed the pipe"))
-        # A robot whose time passes only when it is stepped is never left alone.
-        if self._pipe.heard or not loop.clocked:
-            self._last_sign = now
-        elif loop.ending is None and self._is_stalled(now - self._last_sign):
+        # A robot whose time passes only when it is stepped needs no heartbeats.
+        if self._pipe.received or not loop.clocked:
+            self._last_heartbeat = now
+        elif loop.ending is None and self._is_stalled(now - self._last_heartbeat):
             loop.end(
                 OverrunError(
-                    f"the calibration process gave no sign of life for {now - self._last_sign:.2f} s: it was stopped "
-                    "(Ctrl-Z), or it does not let Python's other threads run"
+                    f"the calibration process sent no heartbeat for {now - self._last_heartbeat:.2f} s: it was stopped "
+                    "(Ctrl-Z), or it blocks Python's other threads"
                 )
             )
         for order in orders:
@@ -108,12 +108,12 @@ class RobotProcess:
                 loop.end(None, order.urgent)
 
     def _is_stalled(self, silence: float) -> bool:
-        """Return whether the calibration process is stopped, blocked, or has run for too long without a sign of life.
+        """Return whether the calibration process is stopped or blocked, or has run for too long without a heartbeat.
 
-        On a busy computer it may wait for a processor for longer than `Limits.stall`; a robot on four feet is held meanwhile.
+        On a busy computer it may wait for a processor for longer than `Limits.stall`; the robot is held if it is on four feet.
         """
-        known = self._loop.known
-        if silence < self._setup.limits.stall or (known is not None and known.lifted):
+        context = self._loop.context
+        if silence < self._setup.limits.stall or (context is not None and context.lifted):
             return silence > self._setup.limits.stall
         with contextlib.suppress(OSError, IndexError), open(f"/proc/{os.getppid()}/stat", encoding="utf-8") as file:
             if file.read().rpartition(")")[2].split()[0] == "R":  # runs, or waits for a processor
@@ -121,13 +121,13 @@ class RobotProcess:
         return True
 
     def _post_batch(self) -> None:
-        """Send the last control periods, at once if a motion is over."""
+        """Send the last control periods in batches, at once after a motion."""
         loop = self._loop
         waited = loop.motion is None and loop.ending is None and self._begun != self._done
         self._done = self._begun if waited else self._done
-        self._idle = self._idle + loop.period if loop.motion is None and loop.known is not None else 0.0
+        self._idle = self._idle + loop.period if loop.motion is None and loop.context is not None else 0.0
         if self._idle > self._setup.limits.idle and loop.ending is None:
-            loop.end(OverrunError(f"no motion was asked for in {self._idle:.0f} s; the robot was lowered"))
+            loop.end(OverrunError(f"no motion was requested for {self._idle:.0f} s; the robot was lowered"))
         if waited or len(self._ticks) >= self._batch:
             with contextlib.suppress(EOFError):
                 self._pipe.post(Batch(self._ticks, self._done))
@@ -138,7 +138,7 @@ class RobotProcess:
 
 
 def main() -> int:
-    """Open the connection, and run. Ctrl-C and a closed terminal are for the calibration process."""
+    """Open the connection and run. The calibration process handles Ctrl-C and a closed terminal."""
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -150,7 +150,7 @@ def main() -> int:
             robot = RobotModel.from_source(setup.source, setup.name, setup.description)
         robot = for_platform(setup.platform, robot)
         # First, so that the threads of the connection inherit the priority.
-        realtime = claim_real_time() if setup.realtime else "not asked for"
+        realtime = claim_real_time() if setup.realtime else "not requested"
         platform = open_platform(setup.platform, robot, setup.given)
     except EOFError:
         return 1
@@ -173,7 +173,7 @@ def main() -> int:
 
 
 def _sendable(error: BaseException | None) -> BaseException | None:
-    """Return an error that the calibration process knows."""
+    """Return an error that the calibration process can unpickle."""
     if error is None or isinstance(error, EquipoiseError):
         return error
     return MotionError(f"the robot process failed ({type(error).__name__}: {error})")
@@ -186,8 +186,8 @@ def _first_message(pipe: Pipe) -> Setup:
             if not isinstance(message, Setup) or message.version != _version.__version__:
                 found = getattr(message, "version", "unknown")
                 raise CommunicationError(
-                    f"the robot process is version {_version.__version__}, the calibration process {found}: they are two "
-                    "installations; install one"
+                    f"the robot process has version {_version.__version__}, the calibration process {found}: there are two "
+                    "installations; remove one"
                 )
             return message
         time.sleep(1e-3)

@@ -1,4 +1,4 @@
-"""Filter of plausible samples: fresh, in order, numbers, and not frozen."""
+"""Filter for plausible samples: fresh, in order, finite, and not frozen."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from equipoise.recording.encoder_steps import frozen_travel
 from equipoise.robot.model import RobotModel
 
 _FROZEN_TIME = 0.15  # [s] of identical samples
-_FROZEN_MOVE = 0.03  # [rad] that a joint was sent through meanwhile; more with coarse encoders
+_FROZEN_MOVE = 0.03  # [rad] of target motion meanwhile; more with coarse encoders
 _JUMP, _JUMP_SPEED, _FASTEST = 0.05, 2.0, 50.0  # [rad], times the joint's limit, [rad/s]: beyond, no joint moved
 
 
@@ -32,12 +32,12 @@ class SampleCounts:
 
 
 class SampleFilter:
-    """Looks at every sample before anything else does.
+    """Filter that every sample passes first.
 
     Args:
-        robot: model of the robot whose samples they are.
+        robot: model of the robot.
         control_period: time between commands [s].
-        silence: the longest time without a fresh sample [s].
+        silence: longest time without a fresh sample [s].
 
     Attributes:
         counts: counts of samples so far.
@@ -47,13 +47,13 @@ class SampleFilter:
         self._names, self._period, self._silence = robot.joint_names, control_period, silence
         self._fastest = np.minimum(_JUMP_SPEED * robot.velocity_limit, _FASTEST)
         self._last: RobotState | None = None
-        self._handed: FloatArray | None = None  # what was looked at last: the same object again is no new sample
+        self._handed: FloatArray | None = None  # of the last sample: the same object again is not a new sample
         self._counting = True
         self._joints = self._imu = -np.inf  # times of the newest samples [s]
         self._joints_without = self._imu_without = 0.0  # [s]
         self._why = "missing"
-        self._since = np.zeros(len(robot.joint_names))  # [s] that an encoder has read the same
-        self._steps = np.full(len(robot.joint_names), np.inf)  # smallest that each encoder has read [rad]
+        self._since = np.zeros(len(robot.joint_names))  # [s] of unchanged encoder readings
+        self._steps = np.full(len(robot.joint_names), np.inf)  # smallest step of each encoder so far [rad]
         self._imu_since = 0.0
         self._sent_low, self._sent_high = np.full((2, len(robot.joint_names)), [[np.inf], [-np.inf]])
         self._imu_target: FloatArray | None = None
@@ -63,15 +63,15 @@ class SampleFilter:
     def accept(
         self, arrived: Sequence[RobotState], target: FloatArray | None, tolerant: bool = False
     ) -> list[RobotState]:
-        """Return the fresh samples of those that arrived in a control period, in order, without repeated and late ones.
+        """Return the fresh samples of a control period in order, without repeated and late ones.
 
         Args:
             target: (nj,) position targets at the time [rad], or None if nothing was sent.
-            tolerant: whether to leave out what is not plausible instead of raising.
+            tolerant: whether to leave out implausible samples instead of raising.
 
         Raises:
-            SensorError: not a number, frozen, jumping, or no sample in order for too long.
-            CommunicationError: silence.
+            SensorError: samples are not finite, frozen or jump, or none was in order for too long.
+            CommunicationError: no sample arrived for too long.
         """
         joints, imu = self._joints, self._imu
         self._counting = target is not None  # a robot that is only read may give the same sample again
@@ -125,22 +125,22 @@ class SampleFilter:
     def _check_numbers(self, sample: RobotState) -> None:
         joints = (sample.joint_position, sample.joint_velocity, sample.joint_torque)
         imu = (sample.angular_velocity_in_imu, sample.acceleration_in_imu)
-        # A sum of squares is finite if all numbers are; which one is not is looked for only then.
+        # A sum of squares is finite if all numbers are; the search for the other case is slow.
         squares = 0.0
         for values in (*joints, *imu):
             if values is not None:
                 squares += values.dot(values)
         if math.isfinite(squares):
             return
-        for what, values in zip(("encoder", "velocity", "torque"), joints, strict=True):
+        for sensor, values in zip(("encoder", "velocity", "torque"), joints, strict=True):
             if values is not None and not np.isfinite(values).all():
                 joint = self._names[int(np.argmax(~np.isfinite(values)))]
-                raise SensorError(f"the {what} of joint {joint!r} says what is no number at t = {sample.time:.3f} s")
-        what = "gyroscope" if not np.isfinite(sample.angular_velocity_in_imu).all() else "accelerometer"
-        raise SensorError(f"the {what} says what is no number at t = {sample.time:.3f} s")
+                raise SensorError(f"the {sensor} reading of joint {joint!r} is not finite at t = {sample.time:.3f} s")
+        sensor = "gyroscope" if not np.isfinite(sample.angular_velocity_in_imu).all() else "accelerometer"
+        raise SensorError(f"the {sensor} reading is not finite at t = {sample.time:.3f} s")
 
     def _check_jump(self, time: float, moved: FloatArray, step: float) -> None:
-        """An encoder cannot move faster than its joint."""
+        """Raise SensorError if an encoder moves faster than a joint can."""
         wild = moved > _JUMP + self._fastest * step
         if wild.any():
             joint = int(np.argmax(moved * wild))
@@ -150,7 +150,7 @@ class SampleFilter:
             )
 
     def _check_frozen(self, target: FloatArray) -> None:
-        """Sensors that do not change while the joints are sent elsewhere."""
+        """Raise SensorError if readings do not change while the targets do."""
         self._check_frozen_joints(target)
         if self._imu_since == 0.0 or self._imu_target is None:
             self._moved, self._imu_target = 0.0, target
@@ -158,7 +158,7 @@ class SampleFilter:
         self._moved = max(self._moved, float(np.abs(target - self._imu_target).max()))
         if self._imu_since > _FROZEN_TIME and self._moved > _FROZEN_MOVE:
             raise SensorError(
-                f"the IMU is frozen: it has read exactly the same for {self._imu_since:.2f} s while the robot moved"
+                f"the IMU is frozen: its readings have not changed for {self._imu_since:.2f} s while the robot moved"
             )
 
     def _check_frozen_joints(self, target: FloatArray) -> None:
@@ -172,15 +172,15 @@ class SampleFilter:
         if frozen.any() and (frozen := frozen & (high - low > frozen_travel(_FROZEN_MOVE, self._steps))).any():
             joint = int(np.argmax(frozen))
             raise SensorError(
-                f"the encoder of joint {self._names[joint]!r} is frozen: it has read exactly the same for "
-                f"{self._since[joint]:.2f} s while the joint was sent through {high[joint] - low[joint]:.2f} rad"
+                f"the encoder of joint {self._names[joint]!r} is frozen: its reading has not changed for "
+                f"{self._since[joint]:.2f} s while its target moved by {high[joint] - low[joint]:.2f} rad"
             )
 
     def _complain(self) -> None:
         time = f"for {max(self._joints_without, self._imu_without) * 1000:.0f} ms"
         if self._joints_without <= self._silence:
-            raise CommunicationError(f"no sample of the IMU has arrived {time}; joint samples have")
+            raise CommunicationError(f"no IMU sample has arrived {time}; joint samples have")
         if self._why == "missing":
-            raise CommunicationError(f"no sample has arrived {time}: is the robot still on, is the cable in?")
-        what = "samples repeat themselves" if self._why == "repeated" else "samples arrive out of order"
-        raise SensorError(f"{what}: not a fresh one {time}")
+            raise CommunicationError(f"no sample has arrived {time}: is the robot still on, is the cable plugged in?")
+        fault = "samples are repeated" if self._why == "repeated" else "samples arrive out of order"
+        raise SensorError(f"{fault}: no fresh sample {time}")

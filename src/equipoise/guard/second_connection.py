@@ -1,4 +1,4 @@
-"""The second connection to a robot: held ready by the calibration process, it damps when the robot process cannot."""
+"""Second connection to a robot: the calibration process damps the robot over it when the robot process cannot."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from equipoise.platform.platform import JointCommand
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
-_REACHED = 15.0  # [s] in which a command must go out
-_AGAIN = 1.0  # [s] after which a connection over which nothing goes out is opened anew
+_REACHED = 15.0  # [s] in which a command must be sent
+_AGAIN = 1.0  # [s] after which a connection that sends nothing is reopened
 
 
 class SecondConnection:
-    """A second connection to the robot of the robot process.
+    """Second connection to the robot of the robot process.
 
     Args:
         robot: model of the robot.
         connect: function that opens it; it returns None if the platform has none.
 
     Attributes:
-        ready: whether it is open, and takes damping commands.
+        ready: whether it is open and accepts damping commands.
     """
 
     def __init__(self, robot: RobotModel, connect: Callable[[], RobotConnection | None]) -> None:
@@ -40,18 +40,18 @@ class SecondConnection:
         self.ready = False
 
     def open(self) -> None:
-        """Open it. The errors are those of the driver."""
+        """Open it; raise the errors of the driver."""
         self._connection = self._connect()
         self.ready = self._connection is not None and "gains" in self._connection.accepts
 
     def damp(self) -> str:
-        """Damp the joints until the robot is at rest; return what was done, in words.
+        """Damp the joints until the robot is at rest; return the result in words.
 
-        A robot of which no sample arrives is damped for as long as legs that are turned up take to come down.
+        Without samples, damp for as long as raised legs take to come down.
         """
         if not self.ready:
-            return f"no second connection takes damping commands: {NOT_CONFIRMED}"
-        sent, failure, began = 0, "nothing went out", time.monotonic()
+            return f"no second connection accepts damping commands: {NOT_CONFIRMED}"
+        sent, failure, began = 0, "no command was sent", time.monotonic()
         tried, until = began, began + _REACHED
         recent: deque[tuple[float, np.ndarray]] = deque()
         while (now := time.monotonic()) < until and not self._at_rest(recent, now - began):
@@ -77,13 +77,13 @@ class SecondConnection:
             if self._connection is not None:
                 self._connection.release()
         if not sent:
-            return f"the robot could not be damped: {failure}. {NOT_CONFIRMED}"
+            return f"the robot was not damped: {failure}. {NOT_CONFIRMED}"
         confirmed = self._at_rest(recent, time.monotonic() - began)
         return f"damped ({sent} commands)" if confirmed else f"{sent} damping commands were sent; {NOT_CONFIRMED}"
 
     @staticmethod
     def _at_rest(recent: deque[tuple[float, np.ndarray]], damped: float) -> bool:
-        """Return whether samples of a robot that was damped for a time [s] show that it is at rest."""
+        """Return whether samples show that a robot is at rest after a time of damping [s]."""
         if damped < DAMPED_TIME or len(recent) < 2 or recent[-1][0] - recent[0][0] < 0.8 * STILL_TIME:
             return False
         return bool(np.ptp([position for _, position in recent], axis=0).max() < STILL)

@@ -1,4 +1,4 @@
-"""The first second under command: targets, torques and gains go from where the robot is to what is first sent."""
+"""Soft start: transition from the robot's joint positions to the first command, in one second."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ def soft_start(
     period: float,
     allowed: FloatArray,
 ) -> Generator[JointCommand]:
-    """Commands up to the first one, none of which the joints feel as a blow.
+    """Yield commands that lead smoothly to the first one.
 
-    A standing robot is taken over as it stands: at full stiffness where its joints are, with the torques that they give
-    already, as far as the first command asks for them too. A limp one gets its stiffness by and by.
+    A standing robot begins at full stiffness at its joint positions. Its present torques are kept as far as the first command
+    requires them. A limp robot's stiffness increases gradually.
 
     Args:
         first: command that is sent next.
         state: state of the robot.
-        own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] of commands that say none; None: gains cannot be sent.
-        limp: whether the joints carry nothing yet.
+        own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] of commands without gains; None: gains cannot be sent.
+        limp: whether the joints carry no load yet.
         period: control period [s].
-        allowed: (2, nj) lower and upper joint limits [rad]; a limp robot may hang a little beyond them, and is not held there.
+        allowed: (2, nj) lower and upper joint limits [rad]; targets stay within them, also if limp joints are beyond.
     """
     here, now = np.clip(state.joint_position, *allowed), _torque_now(first, state, limp)
     for share in smooth_step(round(SOFT_START / period)):
@@ -44,9 +44,9 @@ def soft_start(
 
 
 def _torque_now(first: JointCommand, state: RobotState, limp: bool) -> FloatArray:
-    """(nj,) feed-forward to begin with [Nm]: what a joint gives, if that is between nothing and what it is to give.
+    """Return the (nj,) initial feed-forward [Nm]: measured torques, limited to between zero and the first command's.
 
-    A sensor with the wrong sign or scale can so do no more harm than none.
+    The limits keep a sensor with a wrong sign or scale harmless.
     """
     zeros = np.zeros_like(first.position)
     if first.torque is None or state.joint_torque is None or limp:
@@ -55,6 +55,6 @@ def _torque_now(first: JointCommand, state: RobotState, limp: bool) -> FloatArra
 
 
 def softened(command: JointCommand, own_gains: tuple[FloatArray, FloatArray], share: float) -> JointCommand:
-    """A command with a share of its stiffness and all of its damping."""
-    kp, kd = (own if said is None else said for own, said in zip(own_gains, (command.kp, command.kd), strict=True))
+    """Return a command with a share of its stiffness and all of its damping."""
+    kp, kd = (own if sent is None else sent for own, sent in zip(own_gains, (command.kp, command.kd), strict=True))
     return replace(command, kp=share * kp, kd=kd)

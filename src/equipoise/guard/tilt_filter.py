@@ -1,4 +1,4 @@
-"""Which way is up, from the gyroscope and slowly from the accelerometer: for a guard, not for an estimate."""
+"""Complementary filter of the vertical direction, for the guard, not for the estimate."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from equipoise.platform.platform import RobotState
 Vector = tuple[float, float, float]
 
 _TIME = 0.5  # [s] with which the accelerometer corrects the gyroscope
-_BELIEVED = 2.5  # [m/s2]; an accelerometer that reads else measures a push, not gravity
+_GRAVITY_TOLERANCE = 2.5  # [m/s2]; readings beyond it contain other accelerations
 
 
 class TiltFilter:
-    """A complementary filter. In plain numbers: for three of them NumPy takes five times as long.
+    """Complementary filter of gyroscope and accelerometer. It uses plain floats: NumPy takes five times as long for three.
 
     Args:
         rotation_imu_to_base: (3, 3) rotation matrix from IMU axes to base axes.
@@ -32,18 +32,18 @@ class TiltFilter:
         self.tilt = self.largest = 0.0
 
     def update(self, sample: RobotState) -> float:
-        """Take a sample; return the tilt [rad]."""
+        """Add a sample; return the tilt [rad]."""
         ax, ay, az = sample.acceleration_in_imu.tolist()
         size = math.hypot(ax, ay, az)
-        believed = abs(size - GRAVITY) < _BELIEVED
+        plausible = abs(size - GRAVITY) < _GRAVITY_TOLERANCE
         if self._up is None:
-            if not believed:
+            if not plausible:
                 return self.tilt
             x, y, z = ax, ay, az
         else:
             step = min(max(sample.time - self._time, 0.0), _TIME)
             x, y, z = _turned(self._up, sample.angular_velocity_in_imu.tolist(), step)
-            if believed:
+            if plausible:
                 share = step / _TIME
                 x, y, z = (
                     x + share * (ax / size - x),
@@ -58,9 +58,9 @@ class TiltFilter:
         return self.tilt
 
     def lean(self, floor_in_base: Vector) -> float:
-        """From how the base should stand: with the floor that its feet stand on level, or level itself [rad].
+        """Return the base's angle from a level floor under its feet, or from level if that is smaller [rad].
 
-        A robot that lies rests on its belly, wherever its feet are.
+        The second case is a robot that lies on its belly.
 
         Args:
             floor_in_base: (3,) upward unit normal of the floor, in base axes.
@@ -73,11 +73,11 @@ class TiltFilter:
 
 
 def _angle(a: Sequence[float], b: Sequence[float]) -> float:
-    """Between two unit vectors [rad]."""
+    """Return the angle between two unit vectors [rad]."""
     return math.acos(min(max(a[0] * b[0] + a[1] * b[1] + a[2] * b[2], -1.0), 1.0))
 
 
 def _turned(up: Vector, rate: list[float], step: float) -> Vector:
-    """A direction that stays in the world, in a frame that turns at a rate [rad/s] for a step [s]."""
+    """Return a fixed world direction in a frame that has turned at a rate [rad/s] for a step [s]."""
     (x, y, z), (wx, wy, wz) = up, rate
     return x + step * (y * wz - z * wy), y + step * (z * wx - x * wz), z + step * (x * wy - y * wx)
