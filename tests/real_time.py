@@ -5,7 +5,7 @@ import time
 from contextlib import suppress
 
 from _pytest.runner import runtestprotocol
-from peer_processes import PeerProcess
+from emulator_processes import EmulatorProcess
 
 STALL = 0.02  # [s] delay of a process without priority that a machine which keeps up does not cause
 TRIES = 3
@@ -32,7 +32,7 @@ while os.getppid() == parent:
 @functools.cache
 def watcher():
     """Start the process that records stalls of this machine; it ends with the process of the tests."""
-    return PeerProcess(None, STALL, code=_WATCHER)
+    return EmulatorProcess(None, STALL, code=_WATCHER)
 
 
 def longest_stall(since):

@@ -64,7 +64,7 @@ def test_a_broken_package_leaves_the_list_whole_with_reason_and_remedy(tmp_path,
 
 def test_a_missing_package_too():
     rows, _, error = listed("", "cyclonedds")
-    told = r"talking over DDS needs cyclonedds: pip install 'cyclonedds>=\d[\d.]*,<\d[\d.]*'$"
+    told = r"DDS needs cyclonedds: pip install 'cyclonedds>=\d[\d.]*,<\d[\d.]*'$"
     assert all(re.search(told, rows[name]) for name in ON_DDS)
     assert re.search(told, error.strip())
 
@@ -78,7 +78,7 @@ def test_a_driver_whose_own_package_is_broken():
         "except MissingDependencyError as error: print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    told = r"platform 'unitree-go1' needs a package that is broken \(ModuleNotFoundError: .*\): install it again\n"
+    told = r"platform 'unitree-go1' needs a package that is broken \(ModuleNotFoundError: .*\): reinstall it\n"
     assert re.fullmatch(told, done.stdout)
 
 

@@ -189,7 +189,7 @@ def test_what_is_no_platform_is_refused(here, a1, platform, kind, message):
             "raise KeyError('x')",
             {"port": "x"},
             MissingDependencyError,
-            "cannot be made (KeyError: 'x'): it is called as Mine(robot,",
+            "cannot be created (KeyError: 'x'): the call is Mine(robot,",
         ),
         (
             "self.joint_names = ('a',)",

@@ -65,7 +65,7 @@ def test_every_command_works_in_the_order_of_the_readme(ran):
             assert "pip install 'equipoise[robots]'" in err, command
         elif "interface=eth0" in command:
             assert code == SettingsError.exit_code, (command, out, err)
-            assert "there is no network interface 'nowhere0'" in err, command
+            assert "network interface 'nowhere0' does not exist" in err, command
         else:
             assert code == 0, (command, out, err)
     assert (folder / "runs/first/report.html").exists()

@@ -5,7 +5,7 @@ import json
 import sys
 
 import pytest
-from peer_processes import running_peer, unused_domain
+from emulator_processes import running_emulator, unused_domain
 
 pytest.importorskip("cyclonedds")
 
@@ -21,7 +21,7 @@ def test_a_hanging_robot_is_damped_and_left_alone_in_turn(monkeypatch, capsys, a
     monkeypatch.setattr(sys, "stdin", io.StringIO("unitree_a1\n"))
     monkeypatch.setattr(motor_boards.measure_hanging, "__defaults__", ((0.1, 1.5),))
     domain = unused_domain()
-    with running_peer("unitree_dds", "--domain", domain, "--sim-preset", "ideal") as peer:
+    with running_emulator("unitree_dds", "--domain", domain, "--sim-preset", "ideal") as peer:
         for number in range(30):  # hops, so that its legs move
             peer.fault(push=[0, 0, 2 * 9.81 * a1.mass], after=0.4 * number, **{"for": 0.12})
         code = main([*DOCTOR, "--set", "interface=lo", "--set", f"domain={domain}", "--json"])
@@ -51,7 +51,7 @@ def test_a_table_is_printed_and_garbage_is_counted(monkeypatch, capsys):
     monkeypatch.setattr(sys, "stdin", io.StringIO("unitree_a1\n"))
     monkeypatch.setattr(motor_boards.measure_hanging, "__defaults__", ((0.1,),))
     domain = unused_domain()
-    with running_peer("unitree_dds", "--domain", domain, "--sim-preset", "ideal", "--no-sport-mode") as peer:
+    with running_emulator("unitree_dds", "--domain", domain, "--sim-preset", "ideal", "--no-sport-mode") as peer:
         peer.fault(damage=0.5)
         assert main([*DOCTOR, "--set", "interface=lo", "--set", f"domain={domain}"]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip().startswith("damped")]

@@ -14,7 +14,7 @@ from itertools import groupby
 
 import numpy as np
 import pytest
-from peer_processes import free_port, running_peer
+from emulator_processes import free_port, running_emulator
 
 from equipoise import BayesianMethod, RunFolder, nominal_stance
 from equipoise.calibration.rehearsal import rehearse
@@ -33,7 +33,7 @@ STATIC = ["--method", "static", "--quiet", "--yes"]
 def robot(*flags, protocol="go1"):
     """A simulated Go1 or A1, and the flags that find it."""
     port = free_port()
-    with running_peer("unitree_udp", "--protocol", protocol, "--port", port, *flags) as peer:
+    with running_emulator("unitree_udp", "--protocol", protocol, "--port", port, *flags) as peer:
         found = [f"robot=127.0.0.1,port={port}", f"local_port={free_port()}", "silence=5"]
         pairs = [pair for part in found for pair in part.split(",")]
         yield peer, ["--platform", f"unitree-{protocol}", *(flag for pair in pairs for flag in ("--set", _named(pair)))]

@@ -4,7 +4,7 @@ import hashlib
 import time
 
 import pytest
-from peer_processes import unused_domain
+from emulator_processes import unused_domain
 
 pytest.importorskip("cyclonedds")
 
@@ -105,7 +105,7 @@ def test_a_domain_is_open_once_a_process_and_can_be_opened_again():
         DdsDomain(ANOTHER, "lo")
     first.close()
     first.close()
-    with pytest.raises(CommunicationError, match="again is closed; open the link again"):
+    with pytest.raises(CommunicationError, match="again is closed; open the connection again"):
         outbox.send(REQUEST)
     second = DdsDomain(ANOTHER, "lo")
     inbox, outbox = second.inbox("again", Request), second.outbox("again", Request)
@@ -115,7 +115,7 @@ def test_a_domain_is_open_once_a_process_and_can_be_opened_again():
 
 
 def test_an_interface_that_is_not_there_is_named_with_those_that_are():
-    with pytest.raises(SettingsError, match=r"no network interface 'nowhere7'; there are .*lo"):
+    with pytest.raises(SettingsError, match=r"network interface 'nowhere7' does not exist; choose from .*lo"):
         DdsDomain(DOMAIN, "nowhere7")
 
 
@@ -143,8 +143,8 @@ def test_only_loopback_goes_without_multicast():
         ("300.1.1.1", "has no IPv4 address"),
         ("::1", "the port of '::1' is not a number from 1 to 65535"),
         ("127.0.0.1:70000", "the port of '127.0.0.1:70000' is not a number from 1 to 65535"),
-        ("0.0.0.0", "is the address of no computer"),
-        ("255.255.255.255", "is the address of no computer"),
+        ("0.0.0.0", "is not the address of one computer"),
+        ("255.255.255.255", "is not the address of one computer"),
     ],
 )
 def test_a_peer_that_cannot_be_looked_for_is_refused_before_cyclonedds_ends_the_process(peer, message):

@@ -5,13 +5,13 @@ import sys
 import time
 
 import pytest
-from peer_processes import unused_domain
+from emulator_processes import unused_domain
 
 pytest.importorskip("cyclonedds")
 
 from equipoise.drivers.dds.cyclone import VERSION
 from equipoise.drivers.dds.domain import DdsDomain
-from equipoise.drivers.dds.versions import DdsProcess, DiscoveryNotes, check_company, check_version
+from equipoise.drivers.dds.versions import DdsProcess, DiscoveryNotes, check_other_versions, check_version
 from equipoise.errors import CommunicationError, SettingsError
 
 DOMAIN = unused_domain()
@@ -49,7 +49,7 @@ def test_unproven_versions_may_not_unless_the_user_names_them(installed, accepte
     ],
 )
 def test_versions_that_may_meet(installed, accepted, others):
-    check_company(installed, accepted, [DdsProcess("a process on robot", other) for other in others], HERE)
+    check_other_versions(installed, accepted, [DdsProcess("a process on robot", other) for other in others], HERE)
 
 
 @pytest.mark.parametrize(("installed", "other"), [("11.0.1", "0.10.2"), ("0.10.5", "11.0.1"), ("0.10.5", "0.9.1")])
@@ -57,10 +57,10 @@ def test_versions_that_may_meet(installed, accepted, others):
 def test_versions_that_may_not_meet_by_accident(installed, other, accepted):
     others = [DdsProcess("a process on robot", installed), DdsProcess("python (process 7 on robot)", other)]
     with pytest.raises(SettingsError) as told:
-        check_company(installed, accepted, others, HERE)
+        check_other_versions(installed, accepted, others, HERE)
     words = str(told.value)
     assert words.startswith(f"in domain 0 on eth0 python (process 7 on robot) has Cyclone DDS {other}, and this is")
-    assert words.endswith(f"say so by name: accept_cyclonedds={installed}")
+    assert words.endswith(f"set accept_cyclonedds={installed}")
     assert ("End that process" in words) == installed.startswith("0.10")
 
 
@@ -84,7 +84,7 @@ def test_who_else_is_on_a_domain_is_seen_with_the_version():
 
 def test_a_company_that_cannot_be_seen_is_not_taken_for_none():
     notes = DiscoveryNotes()
-    with pytest.raises(CommunicationError, match=r"cannot be seen: cyclonedds writes nothing to /proc/self/fd/\d+"):
+    with pytest.raises(CommunicationError, match=r"are not known: cyclonedds writes nothing to /proc/self/fd/\d+"):
         notes.processes()
     notes.close()
     notes.close()

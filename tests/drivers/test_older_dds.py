@@ -1,4 +1,4 @@
-"""The versions of cyclonedds that robots run: driver, peer and ROS 2 with them, and what pairs of versions do."""
+"""The versions of cyclonedds that robots run: driver, emulator and ROS 2 with them, and what pairs of versions do."""
 
 import subprocess
 import sys
@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from emulator_processes import PATIENCE, logged_modes, running_emulator, unused_domain
 from older_dds import SOURCES, CannotBuildError, older_python
-from peer_processes import PATIENCE, modes_heard, running_peer, unused_domain
 
 pytest.importorskip("cyclonedds")
 
@@ -88,13 +88,13 @@ def test_the_tests_of_dds_pass(older, tmp_path):
 def test_a_go2_is_calibrated(older, tmp_path):
     _, python = older
     domain = unused_domain()
-    with running_peer("unitree_dds", "--domain", domain, python=python) as peer:
-        peer.wait_for("mode", "own stance")
+    with running_emulator("unitree_dds", "--domain", domain, python=python) as emulator:
+        emulator.wait_for("mode", "own stance")
         code, told = run(
             python, "-m", "equipoise", "calibrate", *flags(domain, *STATIC, "--out", str(tmp_path / "run"))
         )
     assert code == 0, told
-    modes = modes_heard(peer.log)
+    modes = logged_modes(emulator.log)
     assert modes[modes.index("commanded") :][:3] == ["commanded", "damped", "released"]
     assert "mass" in told
 
@@ -107,27 +107,27 @@ def test_a_mixed_pair_is_refused_by_name_unless_it_is_accepted(older, tmp_path):
             unused_domain(),
             run(ours, "-c", "import importlib.metadata as m; print(m.version('cyclonedds'))")[1],
         )
-        with running_peer("unitree_dds", "--domain", domain, python=theirs) as peer:
+        with running_emulator("unitree_dds", "--domain", domain, python=theirs) as emulator:
             code, told = run(
                 ours, "-m", "equipoise", "calibrate", *flags(domain, *STATIC, "--out", str(tmp_path / own))
             )
             assert code == 2, told
             assert f"in domain {domain} on lo" in told
-            assert f"say so by name: accept_cyclonedds={own}" in told
+            assert f"set accept_cyclonedds={own}" in told
             accepted = flags(
                 domain, "--set", f"accept_cyclonedds={own.strip()}", "--set", "silence=5", "--duration", "1s"
             )
             code, told = run(ours, "-m", "equipoise", "doctor", *accepted)
             assert code in (0, 1), told
             assert "'normal' holds the motors" in told
-        assert not any(entry.get("mode") == "commanded" for entry in peer.log)
+        assert not any(entry.get("mode") == "commanded" for entry in emulator.log)
 
 
 @as_robots_run
 def test_who_refuses_a_version_that_would_crash_it_is_not_crashed(older):
     _, python = older
     domain = unused_domain()
-    with running_peer(None, "--domain", domain, code=CRASHES_OTHERS):
+    with running_emulator(None, "--domain", domain, code=CRASHES_OTHERS):
         looks = ["-m", "equipoise", "doctor", *flags(domain, "--duration", "1s")]
         code, told = run(python, *looks)
         assert code == 2, told

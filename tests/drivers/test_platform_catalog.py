@@ -83,7 +83,7 @@ def test_pairs_win_over_the_file(tmp_path):
 
 @pytest.mark.parametrize("pair", ["interface", "=lo", ""])
 def test_a_pair_needs_a_key_and_an_equals_sign(pair):
-    with pytest.raises(SettingsError, match="is no KEY=VALUE, as in interface=eth0"):
+    with pytest.raises(SettingsError, match="is not a KEY=VALUE pair, as in interface=eth0"):
         given_settings((pair,), None)
 
 

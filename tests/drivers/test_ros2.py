@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from peer_processes import PeerProcess, running_peer, unused_domain
+from emulator_processes import EmulatorProcess, running_emulator, unused_domain
 
 pytest.importorskip("cyclonedds")
 
@@ -59,7 +59,7 @@ class Peer:
             if found := [line for line in list(self.said) if key in line]:
                 return found[-1][key]
             time.sleep(0.01)
-        raise AssertionError(f"the peer never said {key}: {self.said}")
+        raise AssertionError(f"the emulator never said {key}: {self.said}")
 
     def end(self):
         self.process.kill()
@@ -69,7 +69,7 @@ class Peer:
 
 
 @pytest.fixture(scope="module")
-def peer():
+def emulator():
     """Joints in an order of its own, an arm's among them, and an IMU that is slower than the joints."""
     running = Peer("--stiffness", str(STIFFNESS), "--permute", "3", "--extra-joints", "arm_joint", "--imu-rate", "200")
     yield running
@@ -77,14 +77,14 @@ def peer():
 
 
 @pytest.fixture
-def connect(peer, a1):
+def connect(emulator, a1):
     """Makes platforms, one at a time as a domain is opened once in a process, and closes them after the test."""
     made = []
 
     def make(robot=a1, **settings):
         for platform in made:
             platform.close()
-        order = tuple(peer.wait_for("controlled"))
+        order = tuple(emulator.wait_for("controlled"))
         known = {"domain": DOMAIN, "joint_order": order if robot is a1 else (), **settings}
         made.append(HardwarePlatform(open_connection(robot, Ros2Settings(**known))))
         return made[-1]
@@ -110,7 +110,7 @@ def samples(platform, target, seconds, torque=None):
     return taken
 
 
-def test_listening_moves_nothing(peer, connect, a1):
+def test_listening_moves_nothing(emulator, connect, a1):
     """First of all tests: nothing has been commanded yet."""
     platform = connect()
     for _ in range(20):
@@ -118,11 +118,11 @@ def test_listening_moves_nothing(peer, connect, a1):
         time.sleep(0.01)
     platform.close()
     time.sleep(0.1)
-    assert not any("commanded" in line for line in peer.said)
+    assert not any("commanded" in line for line in emulator.said)
     assert np.abs(state.joint_position - nominal_stance(a1).joint_position).max() < 0.15
 
 
-def test_a_motion_is_what_the_direct_simulation_makes_of_it(peer, connect, a1):
+def test_a_motion_is_what_the_direct_simulation_makes_of_it(emulator, connect, a1):
     """Before other tests move the feet."""
     stance = nominal_stance(a1).joint_position
     legs = np.tile([0.0, 0.1, -0.2], 4)
@@ -130,7 +130,7 @@ def test_a_motion_is_what_the_direct_simulation_makes_of_it(peer, connect, a1):
     motion = Trajectory(np.vstack([stance + shape * legs, np.repeat((stance + legs)[None], 250, axis=0)]))
     platform = connect()
     hold(platform, stance, 0.5)
-    assert peer.wait_for("commanded")
+    assert emulator.wait_for("commanded")
     platform.play(motion)
     felt = hold(platform, stance + legs, 0.5)
     kp, kd = a1.gains(nominal_stance(a1).hip_height)
@@ -173,7 +173,7 @@ def test_joints_and_imu_are_felt_in_the_models_order_and_signs(connect, a1):
     assert np.abs(state.joint_velocity).max() < 0.2
     assert state.acceleration_in_imu[2] == pytest.approx(9.81, abs=0.3)
     assert np.abs(state.angular_velocity_in_imu).max() < 0.2
-    assert state.health is None or "time passes" in state.health.fault
+    assert state.health is None or "its clock runs" in state.health.fault
 
 
 def test_joints_and_imu_keep_their_own_times_and_rates(connect):
@@ -252,7 +252,7 @@ def test_other_joints_than_the_models_are_named(connect, two_jointed, monkeypatc
 
 def test_a_topic_that_nobody_publishes_is_named(connect, monkeypatch):
     monkeypatch.setattr(ros2, "_PATIENCE", 2.0)
-    with pytest.raises(CommunicationError, match=f"nobody publishes Imu on /imu in ros2 domain {DOMAIN} on lo"):
+    with pytest.raises(CommunicationError, match=f"no publisher of Imu on /imu in ros2 domain {DOMAIN} on lo"):
         connect(imu_topic="/imu").read()
 
 
@@ -262,18 +262,19 @@ def test_an_empty_domain_is_told(a1, monkeypatch):
     with (
         HardwarePlatform(link) as platform,
         pytest.raises(
-            CommunicationError, match="nobody publishes JointState on /joint_states and nobody publishes Imu on"
+            CommunicationError, match="no publisher of JointState on /joint_states and no publisher of Imu on"
         ),
     ):
         platform.read()
 
 
-def test_commands_that_nobody_would_hear_are_not_sent(connect, monkeypatch):
-    platform = connect(command_topic="/nobody/commands")
+def test_commands_without_subscribers_are_not_sent(connect, monkeypatch):
+    platform = connect(command_topic="/no_subscriber/commands")
     here = platform.read().joint_position
     monkeypatch.setattr(ros2, "_PATIENCE", 0.0)
     with pytest.raises(
-        CommunicationError, match=r"nobody listens to /nobody/commands in ros2 domain .* list_controllers"
+        CommunicationError,
+        match=r"no controller subscribes to /no_subscriber/commands in ros2 domain .* list_controllers",
     ):
         platform.step(JointCommand(here))
 
@@ -283,13 +284,13 @@ def test_commands_that_nobody_would_hear_are_not_sent(connect, monkeypatch):
     [
         (
             {"command_type": "velocity"},
-            "command_type is 'velocity'; it is one of float64_multi_array, joint_trajectory",
+            "command_type is 'velocity'; it must be one of float64_multi_array, joint_trajectory",
         ),
-        ({"stamps": "now"}, "stamps is 'now'; it is one of header, arrival"),
+        ({"stamps": "now"}, "stamps is 'now'; it must be one of header, arrival"),
         ({"command_rate": -1.0}, r"command_rate is -1\.0; it must be a finite number, zero or more"),
         ({"stiffness": float("nan")}, "stiffness is nan"),
         ({"time_from_start": float("inf")}, "time_from_start is inf"),
-        ({"imu_topic": "imu"}, "imu_topic is 'imu'; ROS topics begin with '/'"),
+        ({"imu_topic": "imu"}, "imu_topic is 'imu'; it must begin with '/'"),
         ({"joint_state_topic": ""}, "joint_state_topic is ''"),
     ],
 )
@@ -309,12 +310,12 @@ def test_defaults_are_the_usual_controllers():
 @pytest.mark.parametrize("twice", [False, True])
 def test_a_controllers_order_holds_each_joint_once(a1, twice):
     names = (*a1.joint_names, a1.joint_names[0]) if twice else ("knee", *a1.joint_names[1:])
-    told = "a joint is there twice" if twice else f"'{a1.joint_names[0]}', 'knee' in only one of them"
-    with pytest.raises(SettingsError, match=f"joint_order must hold each joint of the model once: {told}"):
+    fault = "a joint is listed twice" if twice else f"'{a1.joint_names[0]}', 'knee' in only one of them"
+    with pytest.raises(SettingsError, match=f"joint_order must list each joint of the model once: {fault}"):
         open_connection(a1, Ros2Settings(domain=EMPTY_DOMAIN, joint_order=names))
 
 
-def test_the_peers_trajectory_controller_goes_straight_through_the_points():
+def test_the_emulators_trajectory_controller_goes_straight_through_the_points():
     line = Interpolation(10.0, np.zeros(2), np.array([1.0, 2.0]), np.array([[1.0, 2.0], [1.0, 0.0]]))
     assert line.at(10.0).tolist() == [0, 0]
     assert line.at(10.25).tolist() == [0.25, 0.5]
@@ -324,11 +325,11 @@ def test_the_peers_trajectory_controller_goes_straight_through_the_points():
     assert at_once.at(10.0).tolist() == [3]
 
 
-def test_a_robot_that_falls_silent_shows_by_the_age_of_its_samples(peer, connect):
-    """Last: it ends the peer."""
+def test_a_robot_that_falls_silent_shows_by_the_age_of_its_samples(emulator, connect):
+    """Last: it ends the emulator."""
     platform = connect()
     platform.read()
-    peer.end()
+    emulator.end()
     time.sleep(0.3)
     platform.read()
     state = platform.read()
@@ -352,13 +353,13 @@ def test_two_writers_of_the_models_joints_are_two_robots_and_one_of_other_joints
     domain = unused_domain()
     robot = "--domain", domain, "--sim-preset", "ideal"
     with (
-        running_peer("ros2", *robot) as first,
-        running_peer("", domain, code=OTHER_JOINTS),
+        running_emulator("ros2", *robot) as first,
+        running_emulator("", domain, code=OTHER_JOINTS),
         HardwarePlatform(open_connection(a1, Ros2Settings(interface="lo", domain=domain))) as platform,
     ):
         for _ in range(100):
             platform.read()
-        second, until = PeerProcess("ros2", *robot), time.monotonic() + PATIENCE
+        second, until = EmulatorProcess("ros2", *robot), time.monotonic() + PATIENCE
         try:
             with pytest.raises(CommunicationError, match="two robots write on /") as caught:  # noqa: PT012
                 while time.monotonic() < until:
@@ -366,4 +367,4 @@ def test_two_writers_of_the_models_joints_are_two_robots_and_one_of_other_joints
         finally:
             second.end()
         assert f"(process {first._process.pid} on " in str(caught.value)
-        assert "ROS_DOMAIN_ID of its own" in str(caught.value)
+        assert "own ROS_DOMAIN_ID" in str(caught.value)

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from peer_processes import running_peer, unused_domain
+from emulator_processes import running_emulator, unused_domain
 
 pytest.importorskip("cyclonedds")
 
@@ -17,7 +17,7 @@ from equipoise.drivers.ros2.ros2_settings import IMPEDANCE, STACKS, Ros2Settings
 from equipoise.drivers.ros2.ros_messages import Float64MultiArray, encoded_array
 from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.guard.guard import Guard
-from equipoise.lab.emulators import ros2 as peer
+from equipoise.lab.emulators import ros2 as emulator
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, JointCommand, Trajectory
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.statics import static_torques
@@ -42,7 +42,7 @@ def stepped(platform, command, seconds):
 
 def told(robot, command, **settings):
     """What goes to each topic of a command, in order: values by topic."""
-    messages = controllers_of(robot, Ros2Settings(stack=STACK, **settings)).told(command)
+    messages = controllers_of(robot, Ros2Settings(stack=STACK, **settings)).encode(command)
     return {topic: Float64MultiArray.deserialize(bytes(message.data)).data for topic, message in messages.items()}
 
 
@@ -83,13 +83,13 @@ def test_a_stack_says_what_is_left_out_and_no_more():
     assert Ros2Settings(stack=STACK).imu_topic == "/imu_sensor_broadcaster/imu"
     assert Ros2Settings(stack=STACK, imu_topic="/imu/data").imu_topic == "/imu/data"
     assert (Ros2Settings().imu_topic, Ros2Settings().command_type) == ("/imu/data", "float64_multi_array")
-    with pytest.raises(SettingsError, match=f"stack is 'chmp'; it is one of {', '.join(STACKS)}, or empty"):
+    with pytest.raises(SettingsError, match=f"stack is 'chmp'; it must be one of {', '.join(STACKS)}, or empty"):
         Ros2Settings(stack="chmp")
 
 
 @pytest.mark.parametrize("name", STACKS)
 def test_the_simulated_stack_has_the_topics_that_the_driver_sends_to(name):
-    settings, simulated = Ros2Settings(stack=name), peer.ControllerFlags(stack=name).as_stack()
+    settings, simulated = Ros2Settings(stack=name), emulator.ControllerFlags(stack=name).as_stack()
     assert settings.imu_topic == simulated.imu_topic
     assert settings.commands_to == (simulated.impedance_topic or simulated.trajectory_topic)
     assert settings.stiffness == simulated.stiffness
@@ -97,7 +97,7 @@ def test_the_simulated_stack_has_the_topics_that_the_driver_sends_to(name):
 
 @pytest.mark.parametrize("pattern", ["/commands", "/{joint}/{interface}"])
 def test_topics_of_impedance_are_named_by_interface_or_joint(pattern):
-    with pytest.raises(SettingsError, match=r"of impedance it names topics by one of '\{interface\}' and '\{joint\}'"):
+    with pytest.raises(SettingsError, match=r"for impedance it must contain either '\{interface\}' or '\{joint\}'"):
         Ros2Settings(stack=STACK, command_topic=pattern)
 
 
@@ -113,7 +113,7 @@ def test_all_of_a_command_moves_the_robot_as_the_direct_simulation(a1, pattern):
     with simulate(a1, "ideal") as simulation:
         direct = stepped(simulation.platform, command, 1.0)
     flags = ("--permute", "3", *(("--impedance-topic", pattern) if pattern else ()))
-    with running_peer("ros2", "--domain", domain, *QUICK, *flags) as robot:
+    with running_emulator("ros2", "--domain", domain, *QUICK, *flags) as robot:
         order = tuple(robot.wait_for("controlled")["controlled"])
         with connected(a1, domain, command_topic=pattern, joint_order=order) as platform:
             assert platform.accepts == ACCEPTS_EVERYTHING
@@ -127,17 +127,17 @@ def test_all_of_a_command_moves_the_robot_as_the_direct_simulation(a1, pattern):
 def test_the_doctor_tells_a_limp_robot_that_positions_are_to_move_and_who_is_missing(a1, monkeypatch):
     monkeypatch.setattr(driver, "_PATIENCE", 1.0)
     domain = unused_domain()
-    with running_peer("ros2", "--domain", domain, *QUICK, "--start", "lying", "--unloaded", "kd") as robot:
+    with running_emulator("ros2", "--domain", domain, *QUICK, "--start", "lying", "--unloaded", "kd") as robot:
 
         def found(**settings):
             with connected(a1, domain, **settings) as platform:
                 platform.read()
                 time.sleep(0.3)
-                return {one.name: one for one in platform.foretell()}
+                return {one.name: one for one in platform.check_takeover()}
 
         gains = found()
         assert gains["controllers"].fine is False
-        assert "nobody listens to /kd_controller/commands; calibrate will refuse" in gains["controllers"].value
+        assert "no controller subscribes to /kd_controller/commands; calibrate will fail" in gains["controllers"].value
         assert gains["stiffness"].fine
         positions = found(command_type="float64_multi_array", command_topic="/position_controller/commands")
         assert positions["controllers"].fine
@@ -145,7 +145,7 @@ def test_the_doctor_tells_a_limp_robot_that_positions_are_to_move_and_who_is_mis
         assert "command_type=impedance" in positions["stiffness"].advice
         with (
             connected(a1, domain) as platform,
-            pytest.raises(CommunicationError, match="nobody listens to /kd_controller/commands in ros2"),
+            pytest.raises(CommunicationError, match="no controller subscribes to /kd_controller/commands in ros2"),
         ):
             platform.step(JointCommand(platform.read().joint_position))
         assert not any("commanded" in line for line in robot.log)
@@ -155,7 +155,7 @@ def test_the_doctor_tells_a_limp_robot_that_positions_are_to_move_and_who_is_mis
 def test_gains_that_are_never_taken_end_the_first_motion(a1):
     """A controller that is loaded and inactive listens: only the joints tell."""
     domain = unused_domain()
-    with running_peer("ros2", "--domain", domain, *QUICK, "--start", "lying", "--idle", "kp"):
+    with running_emulator("ros2", "--domain", domain, *QUICK, "--start", "lying", "--idle", "kp"):
         time.sleep(1.2)  # limp as it is, it sinks
         platform, stance = connected(a1, domain), nominal_stance(a1).joint_position
         with Guard(platform, a1) as guard:
@@ -167,9 +167,9 @@ def test_gains_that_are_never_taken_end_the_first_motion(a1):
 
 
 def test_a_trajectory_controllers_integral_grows_to_its_limit(a1):
-    wire = peer.Ros2Wire(
+    wire = emulator.Ros2Wire(
         a1.joint_names,
-        peer.ControllerFlags(stack="champ", domain=unused_domain()).as_stack(),
+        emulator.ControllerFlags(stack="champ", domain=unused_domain()).as_stack(),
         (100.0, 1.0),
         np.ones(12),
         lambda **_: None,
@@ -180,7 +180,7 @@ def test_a_trajectory_controllers_integral_grows_to_its_limit(a1):
             error = 1.0 - state.joint_position
             wire.commands()
             for moment, expected in ((1.0, 0.2 * error), (1e6, 2.5 * np.sign(error))):
-                wire.publish(peer.replace(state, time=moment), 0)
+                wire.publish(emulator.replace(state, time=moment), 0)
                 [command] = wire.commands()
                 np.testing.assert_allclose(command.torque, expected, atol=1e-9)
     finally:

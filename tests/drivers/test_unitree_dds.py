@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
-from peer_processes import modes_heard, unused_domain
+from emulator_processes import logged_modes, unused_domain
 from scipy.interpolate import interp1d
 
 pytest.importorskip("cyclonedds")
@@ -28,7 +28,7 @@ from equipoise.errors import CommunicationError, MotionError, OtherCommanderErro
 from equipoise.platform.platform import JointCommand, Trajectory
 
 pytestmark = pytest.mark.realtime
-PATIENCE = 60.0  # [s] for a peer to start on a busy machine
+PATIENCE = 60.0  # [s] for an emulator to start on a busy machine
 
 
 class Peer:
@@ -58,7 +58,7 @@ class Peer:
 
 @contextmanager
 def running(tmp_path_factory, *flags, domain=None):
-    path, domain = tmp_path_factory.mktemp("peer") / "log.jsonl", domain or unused_domain()
+    path, domain = tmp_path_factory.mktemp("emulator") / "log.jsonl", domain or unused_domain()
     command = [
         sys.executable,
         "-m",
@@ -74,10 +74,10 @@ def running(tmp_path_factory, *flags, domain=None):
             text=True,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
-    peer = Peer(process, path, domain, flags)
+    emulator = Peer(process, path, domain, flags)
     try:
-        peer.wait_for(ready=True)
-        yield peer
+        emulator.wait_for(ready=True)
+        yield emulator
     finally:
         process.send_signal(signal.SIGCONT)
         process.terminate()
@@ -85,21 +85,23 @@ def running(tmp_path_factory, *flags, domain=None):
         process.stdin.close()
 
 
-def settings(peer, **others):
-    return UnitreeDdsSettings(interface="lo", domain=peer.domain, **others)
+def settings(emulator, **others):
+    return UnitreeDdsSettings(interface="lo", domain=emulator.domain, **others)
 
 
 @contextmanager
-def connected(peer, robot, **others):
-    with HardwarePlatform(open_connection(robot, settings(peer, **others))) as platform:
+def connected(emulator, robot, **others):
+    with HardwarePlatform(open_connection(robot, settings(emulator, **others))) as platform:
         yield platform
 
 
 @pytest.fixture(scope="module")
 def standing(tmp_path_factory):
     """It stands, nothing but us holds its motors, and its clock is about to begin anew."""
-    with running(tmp_path_factory, "--start", "standing", "--no-sport-mode", "--first-tick", str(2**32 - 2500)) as peer:
-        yield peer
+    with running(
+        tmp_path_factory, "--start", "standing", "--no-sport-mode", "--first-tick", str(2**32 - 2500)
+    ) as emulator:
+        yield emulator
 
 
 @pytest.fixture(scope="module")
@@ -253,28 +255,28 @@ def test_a_robot_that_is_not_there_is_noticed(a1):
 
 
 def test_its_own_controller_lets_go_of_a_lying_robot_before_the_first_command(tmp_path_factory, a1):
-    with running(tmp_path_factory) as peer:
-        peer.fault(damage=0.1)
-        with connected(peer, a1) as platform:
+    with running(tmp_path_factory) as emulator:
+        emulator.fault(damage=0.1)
+        with connected(emulator, a1) as platform:
             lying = platform.read().joint_position
             time.sleep(0.2)
-            assert peer.said("asked") == []  # reading asks for nothing
+            assert emulator.said("asked") == []  # reading asks for nothing
             platform.step(JointCommand(lying))
             state = hold(platform, lying, 0.3)
             assert platform._connection.rejected > 10  # and left out
             assert np.allclose(state.joint_position, lying, atol=0.7)  # limp legs slide
             assert platform.timing.lateness[0] == 0  # the seconds that it took are no delay
-        peer.wait_for(mode="silence")
-        assert set(peer.said("asked")) == {"release"}
-        assert peer.said("ignored") == []  # not a command came before
-        assert peer.said("sport_mode") == ["ended"]
-        assert modes_heard(peer.said()) == ["own stance", "released", "commanded", "released"]
+        emulator.wait_for(mode="silence")
+        assert set(emulator.said("asked")) == {"release"}
+        assert emulator.said("ignored") == []  # not a command came before
+        assert emulator.said("sport_mode") == ["ended"]
+        assert logged_modes(emulator.said()) == ["own stance", "released", "commanded", "released"]
 
 
 def test_each_command_is_for_its_own_joint(tmp_path_factory, a1):
     """Each is pushed until it is what is felt; nobody says how long a busy machine takes to bring a command."""
     limp = {"kp": np.zeros(12), "kd": np.zeros(12)}
-    with running(tmp_path_factory, "--no-sport-mode") as peer, connected(peer, a1) as platform:
+    with running(tmp_path_factory, "--no-sport-mode") as emulator, connected(emulator, a1) as platform:
         lying = platform.read().joint_position
         for push in 3 * np.eye(12):
             patience = time.monotonic() + PATIENCE
@@ -285,20 +287,20 @@ def test_each_command_is_for_its_own_joint(tmp_path_factory, a1):
 
 
 def test_a_standing_robot_is_not_dropped_and_who_does_not_ask_is_ignored(tmp_path_factory, a1, target):
-    with running(tmp_path_factory, "--start", "standing") as peer:
-        with connected(peer, a1) as platform:
+    with running(tmp_path_factory, "--start", "standing") as emulator:
+        with connected(emulator, a1) as platform:
             for _ in range(2):
                 with pytest.raises(MotionError, match=r"'normal' of unitree-go2 on lo holds .* does not lie"):
                     hold(platform, target, 0.1)
             time.sleep(0.2)
         time.sleep(0.1)
-        assert (peer.said("ignored"), peer.said("asked"), peer.said("mode")) == ([], [], ["own stance"])
-        with connected(peer, a1, release_sport_mode=False) as platform:
+        assert (emulator.said("ignored"), emulator.said("asked"), emulator.said("mode")) == ([], [], ["own stance"])
+        with connected(emulator, a1, release_sport_mode=False) as platform:
             hold(platform, target, 0.1)
-            peer.wait_for(ignored="fought")
-        with connected(peer, a1, hanging=True) as platform:
+            emulator.wait_for(ignored="fought")
+        with connected(emulator, a1, hanging=True) as platform:
             hold(platform, target, 0.1)
-            assert peer.said("sport_mode") == ["ended"]
+            assert emulator.said("sport_mode") == ["ended"]
 
 
 COMMANDS = """
@@ -319,9 +321,9 @@ while True:
 
 
 @contextmanager
-def other_commander(peer):
+def other_commander(emulator):
     """A program that sends commands as soon as it is asked; a function that asks, and its process."""
-    other = [sys.executable, "-c", COMMANDS, str(peer.domain)]
+    other = [sys.executable, "-c", COMMANDS, str(emulator.domain)]
     with subprocess.Popen(other, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
 
         def command():
@@ -337,9 +339,9 @@ def other_commander(peer):
 
 
 def test_a_second_commander_is_refused_and_one_that_sends_nothing_is_not(tmp_path_factory, a1):
-    with running(tmp_path_factory, "--no-sport-mode") as peer, connected(peer, a1) as platform:
+    with running(tmp_path_factory, "--no-sport-mode") as emulator, connected(emulator, a1) as platform:
         lying = JointCommand(platform.read().joint_position)
-        with other_commander(peer) as (command, _):
+        with other_commander(emulator) as (command, _):
             hold(platform, lying.position, 0.1)
             platform._connection.release()
             command()
@@ -376,9 +378,9 @@ def test_a_commander_that_begins_in_mid_run_is_noticed_at_once_and_named(standin
 
 
 def test_two_robots_on_a_domain_are_refused_before_anything_is_sent(tmp_path_factory, a1):
-    with running(tmp_path_factory) as peer, connected(peer, a1) as platform:
+    with running(tmp_path_factory) as emulator, connected(emulator, a1) as platform:
         lying = JointCommand(platform.read().joint_position)
-        with running(tmp_path_factory, domain=peer.domain) as other:
+        with running(tmp_path_factory, domain=emulator.domain) as other:
             until = time.monotonic() + PATIENCE
             while platform._connection._states.writers < 2:
                 assert time.monotonic() < until
@@ -387,21 +389,21 @@ def test_two_robots_on_a_domain_are_refused_before_anything_is_sent(tmp_path_fac
                 CommunicationError, match=r"2 robots send rt/lowstate in domain \d+ on lo: .*process \d+"
             ):
                 platform.step(lying)
-            with pytest.raises(CommunicationError, match=r"All would obey .* disconnect the others .* set domain"):
+            with pytest.raises(CommunicationError, match=r"All would execute .* disconnect the others .* set domain"):
                 platform.read()
             with pytest.raises(CommunicationError, match=r"motion_switcher .* is there 2 times"):
                 platform._connection._switcher.mode()
             time.sleep(0.1)
-            for robot in (peer, other):
+            for robot in (emulator, other):
                 assert (robot.said("request"), robot.said("ignored"), robot.said("mode")) == ([], [], ["own stance"])
 
 
 def test_a_robot_that_comes_to_the_domain_in_mid_run_is_noticed(tmp_path_factory, a1):
-    with running(tmp_path_factory, "--no-sport-mode") as peer, connected(peer, a1) as platform:
+    with running(tmp_path_factory, "--no-sport-mode") as emulator, connected(emulator, a1) as platform:
         lying = platform.read().joint_position
         hold(platform, lying, 0.1)
         with (
-            running(tmp_path_factory, domain=peer.domain),
+            running(tmp_path_factory, domain=emulator.domain),
             pytest.raises(CommunicationError, match="2 robots send"),
         ):
             hold(platform, lying, PATIENCE)
@@ -417,11 +419,11 @@ def test_a_robot_that_sends_nothing_is_not_commanded(a1):
 
 
 def test_a_simulator_without_clock_checksum_and_services(tmp_path_factory, a1, target):
-    with running(tmp_path_factory, "--start", "standing", "--bare") as peer:
-        bare = connected(peer, a1, check_crc=False)
+    with running(tmp_path_factory, "--start", "standing", "--bare") as emulator:
+        bare = connected(emulator, a1, check_crc=False)
         with bare as platform, pytest.raises(CommunicationError, match="release_sport_mode=false"):
             hold(platform, target, 0.1)
-        with connected(peer, a1, check_crc=False, release_sport_mode=False) as platform:
+        with connected(emulator, a1, check_crc=False, release_sport_mode=False) as platform:
             state = hold(platform, target, 0.2)
             assert state.time == state.received
             recording = platform.play(excitation(a1))
@@ -432,30 +434,40 @@ def test_a_simulator_without_clock_checksum_and_services(tmp_path_factory, a1, t
 @pytest.fixture(scope="module")
 def asked(request, tmp_path_factory):
     """A robot of these flags, which several tests ask."""
-    with running(tmp_path_factory, *request.param) as peer:
-        yield peer
+    with running(tmp_path_factory, *request.param) as emulator:
+        yield emulator
 
 
 @pytest.mark.parametrize(
     ("asked", "given", "fine", "says"),
     [
-        ([], [], True, "'normal' holds the motors; calibrate will have it let go"),
-        ([], ["release_sport_mode=false"], False, "'normal' holds the motors, and calibrate will not have it let go"),
+        ([], [], True, "'normal' holds the motors; calibrate will have it release them"),
+        (
+            [],
+            ["release_sport_mode=false"],
+            False,
+            "'normal' holds the motors, and calibrate will not have it release them",
+        ),
         (
             ["--start", "standing"],
             [],
             False,
-            "'normal' holds the motors, and the robot does not lie: calibrate will refuse",
+            "'normal' holds the motors, and the robot does not lie: calibrate will fail",
         ),
-        (["--start", "standing"], ["hanging=true"], True, "'normal' holds the motors; calibrate will have it let go"),
+        (
+            ["--start", "standing"],
+            ["hanging=true"],
+            True,
+            "'normal' holds the motors; calibrate will have it release them",
+        ),
         (["--no-sport-mode"], [], True, "none holds the motors; calibrate will command them at once"),
         (
             ["--bare"],
             ["check_crc=false"],
             False,
-            "was not found within 3 s; a simulator that has none needs release_sport_mode=false",
+            "was not found within 3 s; a simulator without it needs release_sport_mode=false",
         ),
-        (["--bare"], ["check_crc=false", "release_sport_mode=false"], None, "no answer which; calibrate will not ask"),
+        (["--bare"], ["check_crc=false", "release_sport_mode=false"], None, "not known; calibrate will not request it"),
     ],
     indirect=["asked"],
 )
@@ -490,14 +502,14 @@ def test_a_service_that_hears_and_never_answers_is_named(monkeypatch):
 
 @pytest.mark.parametrize("fault", [{"damage": 1.0}, {"zero_crc": True}])
 def test_wrong_and_missing_checksums_are_left_out_unless_asked_for(tmp_path_factory, a1, fault):
-    with running(tmp_path_factory, "--no-sport-mode") as peer:
-        peer.fault(**fault)
-        peer.wait_for(fault=next(iter(fault)))
-        with connected(peer, a1) as platform:
+    with running(tmp_path_factory, "--no-sport-mode") as emulator:
+        emulator.fault(**fault)
+        emulator.wait_for(fault=next(iter(fault)))
+        with connected(emulator, a1) as platform:
             with pytest.raises(CommunicationError, match=r"all \d+ samples .* check_crc=false"):
                 platform.read()
             assert platform._connection.rejected > 100
-        with connected(peer, a1, check_crc=False) as platform:
+        with connected(emulator, a1, check_crc=False) as platform:
             assert platform.read().joint_position.shape == (12,)
             assert platform._connection.rejected == 0
 
@@ -518,7 +530,7 @@ def test_messages_lost_inside_the_robot_are_a_fault_once_they_get_lost(a1):
 
 
 def test_a_robot_with_other_legs_is_refused(two_jointed):
-    with pytest.raises(SettingsError, match="unitree-go2 has 12 joints, three a leg"):
+    with pytest.raises(SettingsError, match="unitree-go2 has 12 joints, three per leg"):
         open_connection(two_jointed, UnitreeDdsSettings(interface="lo"))
 
 
@@ -530,11 +542,11 @@ def test_motor_modes_that_no_example_of_the_maker_sends_are_refused(wrong):
 
 @pytest.mark.parametrize(("kind", "mode"), [(UnitreeDdsSettings, 1), (UnitreeB2Settings, 10)])
 def test_the_motor_mode_of_each_robot_arrives(tmp_path_factory, a1, kind, mode):
-    with running(tmp_path_factory, "--no-sport-mode") as peer:
-        given = kind(interface="lo", domain=peer.domain)
+    with running(tmp_path_factory, "--no-sport-mode") as emulator:
+        given = kind(interface="lo", domain=emulator.domain)
         with HardwarePlatform(open_connection(a1, given)) as platform:
             hold(platform, platform.read().joint_position, 0.1)
-        assert {*peer.said("motor_mode")} == {mode}
+        assert {*emulator.said("motor_mode")} == {mode}
 
 
 @pytest.mark.parametrize("wrong", [{"domain": -1}, {"domain": 233}, {"silence": 0.0}, {"silence": 11.0}])

@@ -354,7 +354,7 @@ def test_a_packet_that_is_written_again_holds_nothing_of_the_first(packets):
 def test_what_is_no_number_is_not_sent(packets, value):
     wrong = some_commands()
     wrong.kd[7] = value
-    with pytest.raises(SettingsError, match="must be numbers"):
+    with pytest.raises(SettingsError, match="must be finite numbers"):
         CommandPacket(packets).write(wrong)
 
 

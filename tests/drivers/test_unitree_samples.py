@@ -179,7 +179,7 @@ def test_motors_are_found_whatever_the_models_order(skewed):
 
 
 def test_a_robot_with_other_legs_is_refused(two_jointed):
-    with pytest.raises(SettingsError, match=r"unitree-go2 has 12 joints, three a leg; .* has 8"):
+    with pytest.raises(SettingsError, match=r"unitree-go2 has 12 joints, three per leg; .* has 8"):
         joints_of_motors(two_jointed, "unitree-go2")
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from peer_processes import free_port, running_peer
+from emulator_processes import free_port, running_emulator
 
 from equipoise import calibrate, simulate
 from equipoise.drivers.hardware import HardwarePlatform
@@ -26,7 +26,7 @@ def test_a_calibration_over_a_bad_network_says_what_one_without_network_says(a1)
         direct = calibrate(simulation.platform, a1, STATIC).with_truth(simulation.truth)
     recordings, port = [], free_port()
     robot = ("--protocol", "go1", "--port", port, "--payload", PAYLOAD, "--seed", SEED, "--sim-preset", "ideal")
-    with running_peer("unitree_udp", *robot, *FAULTS) as peer:
+    with running_emulator("unitree_udp", *robot, *FAULTS) as emulator:
         link = open_connection(a1, UnitreeUdpSettings("go1", "127.0.0.1", port, local_port=free_port(), silence=1.0))
         platform = HardwarePlatform(link)
         with Guard(platform, a1, BUSY) as guard:
@@ -43,4 +43,4 @@ def test_a_calibration_over_a_bad_network_says_what_one_without_network_says(a1)
     times = recordings[-1].joints.time
     taken = (times[-1] - times[0]) / 2e-3
     assert 0.9 * taken < len(times) < 0.99 * taken
-    assert peer.end()[-1]["damaged"] == 0
+    assert emulator.end()[-1]["damaged"] == 0

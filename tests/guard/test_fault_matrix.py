@@ -140,7 +140,7 @@ def run(robot, cases, folder, duration=None, settings=SETTINGS):
     platform, disturbance, truth = simulated(robot, payload="1,0.05,0.02,0.08")
     gains, guard = robot.gains(nominal_stance(robot).hip_height), None
     with platform:
-        faulty = peer = Seen(platform)
+        faulty = recorder = Seen(platform)
         faults = []
         for case in cases:
             lasts, size = 0.3 if case.push else duration, SIZES.get(case.kind, 0.0)
@@ -148,22 +148,22 @@ def run(robot, cases, folder, duration=None, settings=SETTINGS):
             faulty = Faulty(faulty, fault, lambda: guard.phase if guard else "", gains)
             faults.append(faulty)
         with RunFolder.create(folder, robot, settings, {}) as kept:
-            peer.asked = Seen(faulty)
-            guard = Guard(peer.asked, robot)
+            recorder.asked = Seen(faulty)
+            guard = Guard(recorder.asked, robot)
             try:
                 with guard:
                     outcome = calibrate(Logged(guard, kept.log), robot, settings, kept.keep)
             except EquipoiseError as error:
                 outcome = error
         assert all(fault.begun for fault in faults)
-        return outcome, truth.composite, peer, guard.report()
+        return outcome, truth.composite, recorder, guard.report()
 
 
-def assert_put_down(robot, case, outcome, peer, report):
+def assert_put_down(robot, case, outcome, recorder, report):
     """A sound robot was lowered, and one that is not was damped at once; then it was released."""
-    assert peer.closed
+    assert recorder.closed
     assert report.ending[-1] == "released"
-    sent = peer.asked.commands
+    sent = recorder.asked.commands
     began = next(index for index, command in enumerate(sent) if command.limp)
     assert all(command.limp for command in sent[began:])
     assert (len(sent) - began) * SLOW >= DAMPED_TIME
@@ -184,13 +184,13 @@ def assert_put_down(robot, case, outcome, peer, report):
     assert unbounded.all() or case.kind in ("stick joint", "lose torque", "spike", "freeze encoder", "outside", "delay")
 
 
-def assert_calm_or_put_down(robot, case, outcome, peer, report):
+def assert_calm_or_put_down(robot, case, outcome, recorder, report):
     """The same; a run without an error ends by lowering the robot, if it does not lie."""
     if isinstance(outcome, EquipoiseError):
-        assert_put_down(robot, case, outcome, peer, report)
+        assert_put_down(robot, case, outcome, recorder, report)
     else:
         assert report.ending == ("lowered", "damped", "released")
-        assert peer.closed
+        assert recorder.closed
 
 
 @pytest.fixture(autouse=True)
@@ -209,10 +209,10 @@ def is_of(outcome, errors):
 
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_fault_ends_in_its_error_with_the_robot_put_down(a1, case, tmp_path):
-    outcome, _, peer, report = run(a1, [case], tmp_path / "run")
+    outcome, _, recorder, report = run(a1, [case], tmp_path / "run")
     assert is_of(outcome, case.error), outcome
     assert re.search(case.words, str(outcome)), outcome
-    assert_put_down(a1, case, outcome, peer, report)
+    assert_put_down(a1, case, outcome, recorder, report)
     content = read_log(tmp_path / "run")
     recorded = sum(len(play.recording.joints.time) for play in content.plays)
     assert recorded > 10 or case.phase == "stand"
@@ -230,10 +230,10 @@ SWINGING = [
 @pytest.mark.parametrize("case", SWINGING, ids=str)
 def test_a_fault_while_lifted_feet_swing_ends_as_any_other(a1, case, tmp_path):
     """The front left leg is in the air."""
-    outcome, _, peer, report = run(a1, [case], tmp_path / "run", settings=OneSwing())
+    outcome, _, recorder, report = run(a1, [case], tmp_path / "run", settings=OneSwing())
     assert is_of(outcome, case.error), outcome
     assert re.search(case.words, str(outcome)), outcome
-    assert_put_down(a1, case, outcome, peer, report)
+    assert_put_down(a1, case, outcome, recorder, report)
 
 
 # The robot lies on its belly and turns its legs up: nothing is left to be put down, and all joints are damped.
@@ -264,10 +264,10 @@ LYING = [
 
 @pytest.mark.parametrize("case", LYING, ids=str)
 def test_a_fault_of_a_robot_with_its_legs_up_ends_as_any_other(a1, case, tmp_path):
-    outcome, _, peer, report = run(a1, [case], tmp_path / "run", settings=LEGS_UP)
+    outcome, _, recorder, report = run(a1, [case], tmp_path / "run", settings=LEGS_UP)
     assert is_of(outcome, case.error), outcome
     assert re.search(case.words, str(outcome)), outcome
-    assert_put_down(a1, case, outcome, peer, report)
+    assert_put_down(a1, case, outcome, recorder, report)
     assert len(report.ending) == 2  # nothing is to be put down
     plays = read_log(tmp_path / "run").plays
     assert sum(len(play.recording.joints.time) for play in plays) > 200
@@ -281,12 +281,12 @@ def test_a_fault_of_a_robot_with_its_legs_up_ends_as_any_other(a1, case, tmp_pat
 def test_legs_that_are_up_come_down_before_they_are_let_go(a1, case, tmp_path, monkeypatch):
     """Blindly for as long as it takes; and until nothing moves, where that is seen."""
     monkeypatch.setattr(footing, "_SUNK", 4.0)
-    _, _, peer, _ = run(a1, [case], tmp_path / "run", settings=LEGS_UP)
-    limp = np.array([command.limp for command in peer.commands])
-    speed = np.abs([state.joint_velocity for state in peer.states])[limp].max(axis=1)
+    _, _, recorder, _ = run(a1, [case], tmp_path / "run", settings=LEGS_UP)
+    limp = np.array([command.limp for command in recorder.commands])
+    speed = np.abs([state.joint_velocity for state in recorder.states])[limp].max(axis=1)
     assert speed[round(0.1 / SLOW) :].max() < 1.0  # after what the swing began with
     assert speed[-20:].max() < 0.15  # a third of it noise
-    end = peer.states[-1]
+    end = recorder.states[-1]
     assert lies(a1, nominal_stance(a1), end.joint_position)
     assert end.acceleration_in_imu[2] > 0.98 * np.linalg.norm(end.acceleration_in_imu)  # level, on its belly
 
@@ -314,10 +314,10 @@ STANDING = [
 
 @pytest.mark.parametrize("case", STANDING, ids=str)
 def test_a_fault_of_a_robot_on_three_feet_ends_as_any_other(a1, case, tmp_path):
-    outcome, _, peer, report = run(a1, [case], tmp_path / "run", settings=THREE_FEET)
+    outcome, _, recorder, report = run(a1, [case], tmp_path / "run", settings=THREE_FEET)
     assert is_of(outcome, case.error), outcome
     assert re.search(case.words, str(outcome)), outcome
-    assert_put_down(a1, case, outcome, peer, report)
+    assert_put_down(a1, case, outcome, recorder, report)
     if case.kind == "overheat":
         assert report.ending == ("feet down", "lowered", "damped", "released")
     plays = read_log(tmp_path / "run").plays
@@ -334,10 +334,10 @@ def test_a_hot_robot_over_three_feet_is_lowered_level(tmp_path, monkeypatch):
     except MissingDependencyError as error:
         pytest.skip(str(error))
     case = Case("overheat", "settle", HealthError, "has 90 deg C", after=0.1)
-    outcome, _, peer, report = run(hyq, [case], tmp_path / "run", settings=Motors(motor_time=8.0))
+    outcome, _, recorder, report = run(hyq, [case], tmp_path / "run", settings=Motors(motor_time=8.0))
     assert is_of(outcome, case.error), outcome
-    assert_put_down(hyq, case, outcome, peer, report)
-    up = np.array([state.acceleration_in_imu / np.linalg.norm(state.acceleration_in_imu) for state in peer.states])
+    assert_put_down(hyq, case, outcome, recorder, report)
+    up = np.array([state.acceleration_in_imu / np.linalg.norm(state.acceleration_in_imu) for state in recorder.states])
     assert np.mean(up[-50:], axis=0) @ np.mean(up[:50], axis=0) > np.cos(0.1)
     assert report.largest_tilt < 0.35
 
@@ -346,15 +346,15 @@ def test_a_hot_robot_over_three_feet_is_lowered_level(tmp_path, monkeypatch):
 def test_a_blocked_joint_presses_with_a_bounded_force(a1, phase, joint, tmp_path):
     """By 30 % of its motor's torque or 60 N at the foot beyond what the motion needs, on its way to the error."""
     case = Case("stick joint", phase, MotionError, "joint 'FL_(calf|thigh)_joint'", joint=joint)
-    outcome, _, peer, report = run(a1, [case], tmp_path / "run", settings=OneSwing())
+    outcome, _, recorder, report = run(a1, [case], tmp_path / "run", settings=OneSwing())
     assert is_of(outcome, case.error), outcome
     assert re.search(case.words, str(outcome)), outcome
-    assert_put_down(a1, case, outcome, peer, report)
+    assert_put_down(a1, case, outcome, recorder, report)
     kp, _ = a1.gains(nominal_stance(a1).hip_height)
     lever = np.linalg.norm(foot_jacobians(a1, nominal_stance(a1).joint_position), axis=1).ravel()
     excess = np.array([
         (kp if command.kp is None else command.kp) * np.abs(command.position - state.joint_position)
-        for state, command in pairwise_of(peer.asked) if not command.limp
+        for state, command in pairwise_of(recorder.asked) if not command.limp
     ])  # fmt: skip
     most = np.minimum(0.3 * a1.effort_limit, 60.0 * lever)
     assert (excess <= most + 1e-6).all()
@@ -379,11 +379,11 @@ def test_a_robot_pushed_over_in_a_lift_is_damped_within_a_tenth_of_a_second(a1, 
 
     monkeypatch.setattr(MujocoPlatform, "step", step)
     case = Case("outside", "watch", FallError, "falling", push=side * 100.0)
-    outcome, _, peer, report = run(a1, [case], tmp_path / "run")
+    outcome, _, recorder, report = run(a1, [case], tmp_path / "run")
     assert is_of(outcome, case.error), outcome
-    assert_put_down(a1, case, outcome, peer, report)
+    assert_put_down(a1, case, outcome, recorder, report)
     passed = next(index for index, lean in enumerate(leans) if lean > Limits().lean_in_lift)
-    damped = next(index for index, command in enumerate(peer.commands) if command.limp)
+    damped = next(index for index, command in enumerate(recorder.commands) if command.limp)
     assert abs(damped - passed) * SLOW < 0.1
 
 
@@ -394,33 +394,33 @@ HARMLESS = [
 
 
 def test_faults_that_do_no_harm_leave_the_result_right(a1, tmp_path):
-    outcome, truth, peer, report = run(a1, HARMLESS, tmp_path / "run", duration=0.3)
+    outcome, truth, recorder, report = run(a1, HARMLESS, tmp_path / "run", duration=0.3)
     assert not isinstance(outcome, EquipoiseError), outcome
     com = outcome.composite.com_in_base
     assert (np.abs(com.values - truth.com) < 5 * com.stds).all()
-    assert_calm_or_put_down(a1, HARMLESS[0], outcome, peer, report)
+    assert_calm_or_put_down(a1, HARMLESS[0], outcome, recorder, report)
 
 
 def test_what_does_no_harm_to_a_swing_leaves_its_result_right(a1, tmp_path):
     harmless = [Case("reorder", "swing", MotionError, ""), Case("freeze encoder", "swing", MotionError, "", after=1.0)]
-    outcome, _, peer, report = run(a1, harmless, tmp_path / "run", duration=0.1, settings=LEGS_UP)
+    outcome, _, recorder, report = run(a1, harmless, tmp_path / "run", duration=0.1, settings=LEGS_UP)
     assert not isinstance(outcome, EquipoiseError), outcome
     with simulate(a1, payload="1,0.05,0.02,0.08", seed=3, timestep=SLOW / 4) as same:
         found = outcome.with_truth_of_parts(same.truth_of_parts).motors
     missed = [one.missed for motor in found.values() for one in motor.quantities.values()]
     assert np.mean(missed) < 0.15
     assert not any(one.missed for one in found["FL_calf_joint"].quantities.values())
-    assert_calm_or_put_down(a1, harmless[0], outcome, peer, report)
+    assert_calm_or_put_down(a1, harmless[0], outcome, recorder, report)
 
 
 def test_a_foot_without_hold_is_named_beside_the_result(a1, tmp_path):
     slips = Case("outside", "move", MotionError, "")
-    outcome, _, peer, report = run(a1, [slips], tmp_path / "run")
+    outcome, _, recorder, report = run(a1, [slips], tmp_path / "run")
     if isinstance(outcome, EquipoiseError):
         assert is_of(outcome, FALLS)
     else:
         assert any("slip" in warning for warning in outcome.warnings)
-    assert_calm_or_put_down(a1, slips, outcome, peer, report)
+    assert_calm_or_put_down(a1, slips, outcome, recorder, report)
 
 
 def crossing(robot, start, control_period):
@@ -435,10 +435,10 @@ def crossing(robot, start, control_period):
 def test_self_collision_is_refused_before_links_touch(a1, how):
     """A program whose plan nobody checked: of a motion nothing is sent, of steps those that are clear."""
     platform, _, _ = simulated(a1, preset="ideal")
-    peer = Seen(platform)
-    with Guard(peer, a1) as guard:
-        hold(guard, peer, 0.1)
-        sent = peer.commands[-1].position
+    recorder = Seen(platform)
+    with Guard(recorder, a1) as guard:
+        hold(guard, recorder, 0.1)
+        sent = recorder.commands[-1].position
         way = crossing(a1, sent, guard.control_period)
         with pytest.raises(
             MotionError,
@@ -448,9 +448,9 @@ def test_self_collision_is_refused_before_links_touch(a1, how):
         ended = guard.report().ending
     assert ended[0].startswith("lowered")  # legs that are crossed may be in its way
     assert ended[1:] == ("damped", "released")
-    moved = [command.position for command in peer.commands if (command.position[0] < sent[0] - 1e-3)]
+    moved = [command.position for command in recorder.commands if (command.position[0] < sent[0] - 1e-3)]
     assert bool(moved) == (how == "step")
-    contacts = [contact_in(a1, command.position) for command in peer.commands[::5]]
+    contacts = [contact_in(a1, command.position) for command in recorder.commands[::5]]
     assert all(contact is None or contact.distance > 0 for contact in contacts)
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from emulator_processes import free_port, running_emulator, unused_domain
 from guarded import lift
-from peer_processes import free_port, running_peer, unused_domain
 
 from equipoise import Trajectory, nominal_stance
 from equipoise.errors import (
@@ -38,7 +38,7 @@ LOWERED = ("lowered", "damped", "released")
 
 
 @contextlib.contextmanager
-def emulator(*flags, dds=False, start="standing"):
+def emulated_a1(*flags, dds=False, start="standing"):
     """An A1's emulator; the platform's name and settings for it."""
     if dds:
         domain = unused_domain()
@@ -49,46 +49,46 @@ def emulator(*flags, dds=False, start="standing"):
         flags = ("--protocol", "a1", "--port", port, *flags)
         name, settings = "unitree-a1", {"address": "127.0.0.1", "port": port, "local_port": local}
     module = "unitree_dds" if dds else "unitree_udp"
-    with running_peer(module, "--robot", "unitree_a1", "--start", start, "--trace", *flags) as peer:
-        yield peer, name, settings
+    with running_emulator(module, "--robot", "unitree_a1", "--start", start, "--trace", *flags) as emulator:
+        yield emulator, name, settings
 
 
 @contextlib.contextmanager
 def standing(robot, *flags, dds=False, log=None, folder=None):
     """A robot that has stood up, and its emulator."""
-    with emulator(*flags, dds=dds) as (peer, name, settings):
+    with emulated_a1(*flags, dds=dds) as (emulator, name, settings):
         remote = RemoteRobot(name, robot, settings, log, folder and folder / "ending.txt", LIMITS)
         with remote:
             raised, feet = stand_up(remote, robot, nominal_stance(robot))
-            yield remote, peer, raised, feet
+            yield remote, emulator, raised, feet
 
 
-def moments(peer, **what):
+def moments(emulator, **what):
     """Robot times of log lines with such values [s]."""
-    return [entry["time"] for entry in peer.log if what.items() <= entry.items()]
+    return [entry["time"] for entry in emulator.log if what.items() <= entry.items()]
 
 
-def modes(peer):
+def modes(emulator):
     """Modes of the motor boards in order."""
-    found = [entry["mode"] for entry in peer.log if "mode" in entry]
+    found = [entry["mode"] for entry in emulator.log if "mode" in entry]
     return [mode for mode, _ in itertools.groupby(found)]
 
 
-def ended_by(kind, remote, robot, peer, fault, seconds=10.0):
+def ended_by(kind, remote, robot, emulator, fault, seconds=10.0):
     """Give a fault while two feet are up; the error, and the robot time from the fault to damping [s]."""
-    peer.fault(**fault, when="lift")
+    emulator.fault(**fault, when="lift")
     with pytest.raises(kind) as caught:
         lift(remote, robot, watch=seconds)
-    peer.wait_for("mode", "damped", patience=20.0)
+    emulator.wait_for("mode", "damped", patience=20.0)
     [name] = set(fault) - {"for"}
-    began = moments(peer, fault=name)[0]
-    return str(caught.value), next(time for time in moments(peer, mode="damped") if time > began) - began
+    began = moments(emulator, fault=name)[0]
+    return str(caught.value), next(time for time in moments(emulator, mode="damped") if time > began) - began
 
 
-def fastest_descent(peer, since):
+def fastest_descent(emulator, since):
     """Fastest vertical speed downward after a robot time, up to where the robot is damped [m/s]."""
-    until = next((time for time in moments(peer, mode="damped") if time > since), np.inf)
-    return -min((e["speed"] for e in peer.log if "speed" in e and since + 0.2 < e["time"] <= until), default=0.0)
+    until = next((time for time in moments(emulator, mode="damped") if time > since), np.inf)
+    return -min((e["speed"] for e in emulator.log if "speed" in e and since + 0.2 < e["time"] <= until), default=0.0)
 
 
 def hold(remote, seconds):
@@ -103,28 +103,28 @@ def hold(remote, seconds):
 @pytest.mark.realtime
 @pytest.mark.parametrize(("keys", "ending"), [("L2+B", ("damped", "released")), ("A", ("feet down", *LOWERED))])
 def test_the_remote_control_ends_the_run(a1, keys, ending):
-    with standing(a1) as (remote, peer, *_):
-        message, delay = ended_by(StopRequestedError, remote, a1, peer, {"press": keys})
+    with standing(a1) as (remote, emulator, *_):
+        message, delay = ended_by(StopRequestedError, remote, a1, emulator, {"press": keys})
         assert remote.report().ending == ending
         if keys == "L2+B":
             assert "damp the robot" in message
             assert delay < 0.05
-            damped, released = moments(peer, mode="damped")[-1], moments(peer, mode="released")[-1]
+            damped, released = moments(emulator, mode="damped")[-1], moments(emulator, mode="released")[-1]
             assert released - damped > 1.5  # for as long as it moves
-            assert abs(next(e["speed"] for e in peer.log if e.get("mode") == "released")) < 0.1
+            assert abs(next(e["speed"] for e in emulator.log if e.get("mode") == "released")) < 0.1
         else:
-            assert fastest_descent(peer, moments(peer, fault="press")[0]) < 0.25
+            assert fastest_descent(emulator, moments(emulator, fault="press")[0]) < 0.25
     assert StopRequestedError.exit_code == 13
 
 
 @pytest.mark.realtime
 def test_the_space_bar_damps_the_robot(a1):
-    with standing(a1) as (remote, peer, *_):
+    with standing(a1) as (remote, emulator, *_):
         pressed = time.monotonic()
         remote.stop("damp")
         with pytest.raises(StopRequestedError, match="the operator requested to damp the robot"):
             lift(remote, a1, watch=1.0)
-        assert next(e["at"] for e in peer.log if e.get("mode") == "damped" and e["at"] > pressed) - pressed < 0.05
+        assert next(e["at"] for e in emulator.log if e.get("mode") == "damped" and e["at"] > pressed) - pressed < 0.05
         assert remote.report().ending == ("damped", "released")
 
 
@@ -133,11 +133,11 @@ def test_the_space_bar_damps_the_robot(a1):
 
 @pytest.mark.realtime
 def test_an_empty_battery_lowers_the_robot(a1):
-    with standing(a1, dds=True) as (remote, peer, *_):
-        message, _ = ended_by(HealthError, remote, a1, peer, {"charge": 0.05})
+    with standing(a1, dds=True) as (remote, emulator, *_):
+        message, _ = ended_by(HealthError, remote, a1, emulator, {"charge": 0.05})
         assert "the battery charge is 5%" in message
         assert remote.report().ending == ("feet down", *LOWERED)
-        assert fastest_descent(peer, moments(peer, fault="charge")[0]) < 0.25
+        assert fastest_descent(emulator, moments(emulator, fault="charge")[0]) < 0.25
     assert HealthError.exit_code == 12
 
 
@@ -159,7 +159,7 @@ class Full:
 @pytest.mark.realtime
 def test_a_full_disk_lowers_the_robot(a1):
     with (
-        emulator(start="lying") as (_, name, settings),
+        emulated_a1(start="lying") as (_, name, settings),
         RemoteRobot(name, a1, settings, Full(), None, LIMITS) as remote,
     ):
         with pytest.raises(OutputError, match="No space left"):
@@ -172,12 +172,12 @@ def test_a_full_disk_lowers_the_robot(a1):
 
 @pytest.mark.realtime
 def test_a_cable_that_comes_out_in_a_lift_is_not_reported_as_damped(a1):
-    with standing(a1) as (remote, peer, *_):
-        peer.fault(cut=True, when="lift")
+    with standing(a1) as (remote, emulator, *_):
+        emulator.fault(cut=True, when="lift")
         with pytest.raises(CommunicationError, match="no sample has arrived"):
             lift(remote, a1, watch=10.0)
         assert remote.report().ending == (f"damping commands were sent; {NOT_CONFIRMED}", "released")
-        assert modes(peer)[-1] == "silence"  # the motor boards damp
+        assert modes(emulator)[-1] == "silence"  # the motor boards damp
 
 
 @pytest.mark.realtime
@@ -186,32 +186,34 @@ def test_a_cable_that_comes_out_in_a_lift_is_not_reported_as_damped(a1):
     [({"freeze": "imu"}, (SensorError, FallError), 0.4), ({"lose": "encoders"}, SensorError, 0.05)],
 )
 def test_a_sensor_that_fails_in_a_lift_damps_the_robot_at_once(a1, fault, kind, longest):
-    with standing(a1) as (remote, peer, *_):
-        _, delay = ended_by(kind, remote, a1, peer, fault)
+    with standing(a1) as (remote, emulator, *_):
+        _, delay = ended_by(kind, remote, a1, emulator, fault)
         assert delay < longest
         assert remote.report().ending[-1] == "released"
 
 
 @pytest.mark.realtime
 def test_a_push_in_a_lift_damps_the_robot_beyond_the_recovery_angle(a1):
-    with standing(a1) as (remote, peer, *_):
-        ended_by((FallError, MotionError), remote, a1, peer, {"push": [0, 100, 0], "for": 0.3})
-        tilted = next(e["time"] for e in peer.log if e.get("tilt", 0.0) > np.degrees(Limits().lean_in_lift))
-        assert moments(peer, mode="damped")[0] < tilted + 0.1 + 0.1  # the trace has a line every 0.1 s
+    with standing(a1) as (remote, emulator, *_):
+        ended_by((FallError, MotionError), remote, a1, emulator, {"push": [0, 100, 0], "for": 0.3})
+        tilted = next(e["time"] for e in emulator.log if e.get("tilt", 0.0) > np.degrees(Limits().lean_in_lift))
+        assert moments(emulator, mode="damped")[0] < tilted + 0.1 + 0.1  # the trace has a line every 0.1 s
 
 
 @pytest.mark.realtime
 def test_a_blocked_joint_meets_a_bounded_force(a1):
-    with standing(a1) as (remote, peer, raised, _):
+    with standing(a1) as (remote, emulator, raised, _):
         joint = a1.joint_names.index("FL_calf_joint")
         before = remote.read().joint_torque
-        peer.fault(block="FL_calf_joint")
-        peer.wait_for("fault", "block")
+        emulator.fault(block="FL_calf_joint")
+        emulator.wait_for("fault", "block")
         with pytest.raises(MotionError, match="FL_calf_joint"):
             move_to(raised, nominal_stance(a1).feet_in_base + [0.0, 0.0, 0.06])
-        began = moments(peer, fault="block")[0]
+        began = moments(emulator, fault="block")[0]
         strained = max(
-            e["torque"] for e in peer.log if "torque" in e and e["time"] > began and e["joint"].endswith("calf_joint")
+            e["torque"]
+            for e in emulator.log
+            if "torque" in e and e["time"] > began and e["joint"].endswith("calf_joint")
         )
         assert strained < np.abs(before[joint]) + 0.3 * a1.effort_limit[joint] + 3.0
         assert remote.report().ending == ("damped", "released")
@@ -222,9 +224,9 @@ def test_a_blocked_joint_meets_a_bounded_force(a1):
 
 @pytest.mark.realtime
 def test_bad_samples_are_left_out_and_counted(a1):
-    with standing(a1, dds=True) as (remote, peer, raised, feet):
+    with standing(a1, dds=True) as (remote, emulator, raised, feet):
         for fault in ({"damage": 0.02}, {"replay": 0.02}):
-            peer.fault(**fault)
+            emulator.fault(**fault)
         for there in (nominal_stance(a1).feet_in_base, feet):
             move_to(raised, there)
     report = remote.report()
@@ -237,8 +239,8 @@ def test_bad_samples_are_left_out_and_counted(a1):
 
 @pytest.mark.realtime
 def test_another_program_that_commands_ends_the_run_and_is_not_fought(a1):
-    with standing(a1, dds=True) as (remote, peer, *_):
-        domain = next(flag for flag in peer.flags if isinstance(flag, int))
+    with standing(a1, dds=True) as (remote, emulator, *_):
+        domain = next(flag for flag in emulator.flags if isinstance(flag, int))
         other = subprocess.Popen(
             [sys.executable, "-c", OTHER, str(domain)], stdout=subprocess.PIPE, text=True, env=environment()
         )
@@ -274,7 +276,7 @@ def environment():
 @contextlib.contextmanager
 def program(how, folder, *flags):
     """A program that lifts two feet of an emulated robot: its process, the robot process' number, and the emulator."""
-    with emulator(*flags) as (peer, name, settings):
+    with emulated_a1(*flags) as (emulator, name, settings):
         given = [f"{key}={value}" for key, value in settings.items()]
         process = subprocess.Popen(
             [sys.executable, str(SCRIPT), how, str(folder), name, *given],
@@ -283,7 +285,7 @@ def program(how, folder, *flags):
         try:
             line = process.stdout.readline()
             assert line, process.communicate()
-            yield process, json.loads(line)["robot"], peer
+            yield process, json.loads(line)["robot"], emulator
         finally:
             process.send_signal(signal.SIGCONT)
             if process.poll() is None:
@@ -291,15 +293,15 @@ def program(how, folder, *flags):
             process.communicate(timeout=PATIENCE)
 
 
-def damped_after(peer, moment):
+def damped_after(emulator, moment):
     """Time from a moment of this computer's clock to damping [s]."""
     until = time.monotonic() + 20.0
     while time.monotonic() < until:
-        for entry in peer.log:
+        for entry in emulator.log:
             if entry.get("mode") in ("damped", "silence") and entry["at"] > moment:
                 return entry["at"] - moment
         time.sleep(0.01)
-    raise AssertionError(peer.log[-5:])
+    raise AssertionError(emulator.log[-5:])
 
 
 def ending_in(folder):
@@ -313,14 +315,14 @@ def ending_in(folder):
 @pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_robot_process_that_is_lost_is_replaced_within_50_ms(tmp_path, number):
-    with program("hold", tmp_path) as (process, robot, peer):
+    with program("hold", tmp_path) as (process, robot, emulator):
         time.sleep(0.5)
         moment = time.monotonic()
         os.kill(robot, number)
-        delay = damped_after(peer, moment)
+        delay = damped_after(emulator, moment)
         _, errors = process.communicate(timeout=PATIENCE)
-        assert delay < 0.05, peer.log[-5:]
-        assert "silence" not in modes(peer)[:-1]  # the second connection went on in time
+        assert delay < 0.05, emulator.log[-5:]
+        assert "silence" not in modes(emulator)[:-1]  # the second connection went on in time
     assert CommunicationError.__name__ in errors
     assert "the robot process " in (tmp_path / "ending.txt").read_text()
     assert "damped (" in (tmp_path / "ending.txt").read_text()
@@ -329,11 +331,14 @@ def test_a_robot_process_that_is_lost_is_replaced_within_50_ms(tmp_path, number)
 @pytest.mark.realtime
 @pytest.mark.parametrize("how", ["kill", "error", "grip"])
 def test_a_calibration_process_that_is_lost_leaves_a_robot_that_lies(tmp_path, how):
-    with program(how, tmp_path) as (process, _, peer):
+    with program(how, tmp_path) as (process, _, emulator):
         if how != "grip":
             process.communicate(timeout=PATIENCE)
-        peer.wait_for("mode", "released", patience=30.0)
-        assert modes(peer)[-3:] == ["commanded", "damped", "released"] or modes(peer)[-2:] == ["released", "silence"]
+        emulator.wait_for("mode", "released", patience=30.0)
+        assert modes(emulator)[-3:] == ["commanded", "damped", "released"] or modes(emulator)[-2:] == [
+            "released",
+            "silence",
+        ]
     ending = ending_in(tmp_path)
     assert "feet down, lowered, damped, released" in ending
     if how in ("kill", "grip"):
@@ -343,15 +348,15 @@ def test_a_calibration_process_that_is_lost_leaves_a_robot_that_lies(tmp_path, h
 @pytest.mark.realtime
 def test_a_robot_that_was_without_both_processes_is_not_pulled_up_again(tmp_path):
     """As on a computer that slept: the motor boards have damped it meanwhile."""
-    with program("hold", tmp_path) as (process, robot, peer):
+    with program("hold", tmp_path) as (process, robot, emulator):
         for pid in (process.pid, robot):
             os.kill(pid, signal.SIGSTOP)
         time.sleep(5.0)
-        asleep = len(peer.log)
+        asleep = len(emulator.log)
         for pid in (robot, process.pid):
             os.kill(pid, signal.SIGCONT)
         process.communicate(timeout=PATIENCE)
-        assert "commanded" not in [entry.get("mode") for entry in peer.log[asleep:]]
+        assert "commanded" not in [entry.get("mode") for entry in emulator.log[asleep:]]
 
 
 @pytest.mark.realtime
@@ -365,14 +370,14 @@ def test_a_robot_that_was_without_both_processes_is_not_pulled_up_again(tmp_path
     ids=lambda value: " ".join(n.name for n in value) if isinstance(value, list) else "",
 )
 def test_signals_put_the_robot_down(tmp_path, numbers, longest, ending):
-    with program("hold", tmp_path) as (process, _, peer):
+    with program("hold", tmp_path) as (process, _, emulator):
         time.sleep(0.3)
         moment = time.monotonic()
         for number in numbers:
             process.send_signal(number)
             time.sleep(0.05)
-        delay = damped_after(peer, moment)
+        delay = damped_after(emulator, moment)
         process.communicate(timeout=PATIENCE)
-        assert delay < longest, peer.log[-5:]
+        assert delay < longest, emulator.log[-5:]
         assert ending in (tmp_path / "ending.txt").read_text()
     assert process.returncode != 0

@@ -67,14 +67,14 @@ def doctor(
     """
     lasting = _lasting(duration) or 5.0
     find_platform(platform)
-    from equipoise.drivers.checkup import examine, foretold, joint_table
+    from equipoise.drivers.checkup import examine, joint_table, takeover_findings
     from equipoise.terminal.robot_reports import print_checkup
 
     if hanging:
         return _examine_hanging(platform, load_robot(robot, description), given_settings(set, settings), output)
     model = with_known_imu(load_robot(robot, description), flags.is_simulated(platform))
     with flags.connected(platform, model, set, settings) as connection:
-        findings = examine(connection, model, lasting) + foretold(connection)
+        findings = examine(connection, model, lasting) + takeover_findings(connection)
         joints = joint_table(model, connection.read().joint_position)
     rows = [dataclasses.asdict(finding) for finding in findings]
     table = {"schema": "equipoise.doctor/1", "robot": model.name, "platform": platform, "findings": rows}

@@ -1,4 +1,4 @@
-"""The doctor: connect, look for a few seconds, move nothing, and say what is right and what is not."""
+"""Checks of `equipoise doctor`: a few seconds of samples from a robot that is not moved."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from equipoise.robot.stance import lies, nominal_stance
 from equipoise.robot.statics import carried_mass
 
 _PIECE_TIME = 0.25  # [s]
-_PATIENCE = 3.0  # [s] with a clock that stands still; links that notice silence do so before
-_SLOWEST = 100.0  # [Hz] below which a lift is too quick to be seen
-_USUAL = 250.0  # [Hz] below which what happens between samples makes heights err by millimetres
+_PATIENCE = 3.0  # [s] with a stopped clock; connections detect silence earlier
+_SLOWEST = 100.0  # [Hz] below which a lift is too quick to be sampled
+_USUAL = 250.0  # [Hz] below which motion between samples causes height errors of millimetres
 _JITTER = 5e-3  # [s]
-# Between the floor by the encoders and up by the accelerometer: floors, zeros and mountings do less.
+# Between the floor normal from the encoders and up from the accelerometer: floors, joint offsets and mountings cause less.
 _LEAN = np.radians(6)
-_ASKEW = np.radians(35)  # also for a robot that lies on whatever it lies on
-_BEYOND = 0.1  # [rad] that an encoder may read beyond its joint's limits
+_LYING_LEAN = np.radians(35)  # for a robot that lies, also on uneven ground
+_BEYOND = 0.1  # [rad] of an encoder reading beyond its joint's limits
 _BIAS = 0.05  # [rad/s] of a gyroscope at rest
 _STILL = 0.06  # [rad/s]
 _MASS_RANGE = (0.6, 1.7)  # carried, over the model's
@@ -43,9 +43,9 @@ class CheckupFinding:
     Attributes:
         name: name of the quantity that was checked.
         value: value that was measured, in words.
-        fine: whether it is as it should be; None: there is nothing to compare with.
-        advice: advice about it, or "".
-        serious: whether a robot must not be moved like that.
+        fine: whether the value is in its range; None: there is no range.
+        advice: advice, or "".
+        serious: whether the robot must not be moved with this finding.
     """
 
     name: str
@@ -55,20 +55,20 @@ class CheckupFinding:
     serious: bool = False
 
 
-# No sensor tells a pull from a centre of mass that is off: 0.15 N shift an A1's by 0.4 mm.
+# No sensor separates an external force from a shifted CoM: 0.15 N shift an A1's by 0.4 mm.
 _CABLE = CheckupFinding(
-    "cable", "is one attached? No sensor feels it, and its pull looks like a shifted centre of mass", None,
-    "tell calibrate: --cable none if there is none, light (the default) for an Ethernet cable that hangs slack, heavy for "
-    "more; --rotate-halfway tells its pull from the centre of mass",
+    "cable", "is one attached? No sensor measures its force, which appears as a shifted centre of mass", None,
+    "set --cable none without a cable, light (the default) for an Ethernet cable that hangs slack, heavy for "
+    "more; --rotate-halfway separates its force from the centre of mass",
 )  # fmt: skip
 
 
-def foretold(source: Any) -> list[CheckupFinding]:
-    """Return what `calibrate` will meet when it takes over the motors, as a platform or a connection predicts it.
+def takeover_findings(source: Any) -> list[CheckupFinding]:
+    """Return the findings of a platform or a connection about the first command of `calibrate`.
 
-    A `foretell` method is optional; it commands nothing, and has no controller let go of the motors.
+    A `check_takeover` method is optional; it sends no command, and no controller releases the motors.
     """
-    return source.foretell() if hasattr(source, "foretell") else []
+    return source.check_takeover() if hasattr(source, "check_takeover") else []
 
 
 def watch(
@@ -79,11 +79,11 @@ def watch(
     A simulated robot holds its stance meanwhile: its time passes only when it is stepped.
 
     Args:
-        duration: time to watch [s]; None: until the caller has seen enough.
-        arrived: list that takes the times at which samples arrived, by this computer's clock [s].
+        duration: time to record [s]; None: until the caller stops.
+        arrived: list to which times of arrival are added, on this computer's clock [s].
 
     Raises:
-        CommunicationError: nothing arrives, or the robot's clock stands still.
+        CommunicationError: no samples arrive, or the robot's clock does not advance.
     """
     begin = platform.read()
     hold = JointCommand(begin.joint_position)
@@ -104,8 +104,8 @@ def watch(
             moved = time.monotonic()
         elif time.monotonic() - moved > _PATIENCE:
             raise CommunicationError(
-                f"the robot's time has been {state.time:.6g} s for {_PATIENCE:g} s: its clock stands still, or nothing comes. "
-                "Is the robot on? A driver that has the setting tick takes samples' times of arrival with tick=0"
+                f"the robot's time has been {state.time:.6g} s for {_PATIENCE:g} s: its clock has stopped, or no samples "
+                "arrive. Is the robot on? With a driver that has the setting tick, tick=0 uses times of arrival"
             )
         states += new
         if state.time >= min(piece_end, end):
@@ -117,15 +117,15 @@ def watch(
 
 
 def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> list[CheckupFinding]:
-    """Look at a robot that stands or lies still.
+    """Check the samples of a robot that stands or lies still.
 
     Args:
         platform: platform of the robot; no command is sent to it.
         robot: model of the robot.
-        duration: time to watch [s].
+        duration: time to record [s].
 
     Raises:
-        CommunicationError: nothing arrives.
+        CommunicationError: no samples arrive.
     """
     arrived: list[float] = []
     recording = Recording.concatenate(list(watch(platform, robot, duration, arrived)))
@@ -153,7 +153,7 @@ def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> lis
 
 
 def joint_table(robot: RobotModel, position: FloatArray) -> list[tuple[str, str, float, float, float]]:
-    """Leg, joint, where it is and its limits [rad]: the joint map, as the platform has it."""
+    """Return the platform's joint map: leg, joint, position, lower and upper limit [rad]."""
     return [
         (leg.name, robot.joint_names[index], float(position[index]), float(robot.lower_limit[index]),
          float(robot.upper_limit[index]))
@@ -163,34 +163,34 @@ def joint_table(robot: RobotModel, position: FloatArray) -> list[tuple[str, str,
 
 
 def _judged(name: str, value: str, fine: bool | np.bool_, advice: str, serious: bool = False) -> CheckupFinding:
-    """Return a finding that is fine or not; its advice is for one that is not."""
+    """Return a finding, with its advice if it is not fine."""
     return CheckupFinding(name, value, bool(fine), "" if fine else advice, serious)
 
 
 def _rate(name: str, times: FloatArray) -> CheckupFinding:
     steps = np.diff(times)
     if len(steps) < 2:
-        return CheckupFinding(name, f"{len(times)} in all", False, "the sensor does not run")
+        return CheckupFinding(name, f"{len(times)} in total", False, "the sensor does not run")
     rate, longest = 1 / float(np.median(steps)), float(steps.max())
     value = f"{rate:.0f} Hz, jitter {steps.std() * 1000:.2f} ms, longest gap {longest * 1000:.1f} ms"
     fine = rate >= _SLOWEST and float(np.quantile(steps, 0.99)) - float(np.median(steps)) < _JITTER
     if not fine:
         return CheckupFinding(name, value, False, f"lifts are short: use a cable, and at least {_SLOWEST:.0f} Hz")
     if rate < _USUAL:
-        advice = f"heights may err by millimetres more than is said: {_USUAL:.0f} Hz and more are better"
+        advice = f"height errors may exceed their std by millimetres: use {_USUAL:.0f} Hz or more"
         return CheckupFinding(name, value, None, advice)
     return CheckupFinding(name, value, True)
 
 
 def _arrival(arrived: FloatArray, stamps: FloatArray) -> list[CheckupFinding]:
-    """Check the times of arrival, which the guard waits for, whatever the stamps are."""
+    """Check the times of arrival: the guard depends on them, not on stamps."""
     if len(arrived) < 3:
         return []
     pauses = np.diff(arrived)
     longest, usual = float(pauses.max()), float(np.median(np.diff(stamps)))
     value = f"jitter {pauses.std() * 1000:.2f} ms, longest pause {longest * 1000:.1f} ms"
     fine = float(np.quantile(pauses, 0.99)) < usual + _JITTER
-    return [_judged("arrival", value, fine, "the network holds samples back: use a cable")]
+    return [_judged("arrival", value, fine, "the network delays samples: use a cable")]
 
 
 def _limits(robot: RobotModel, position: FloatArray) -> list[CheckupFinding]:
@@ -199,7 +199,7 @@ def _limits(robot: RobotModel, position: FloatArray) -> list[CheckupFinding]:
     if beyond[worst] <= 0:
         return [CheckupFinding("joint positions", "within the model's limits", True)]
     value = f"{robot.joint_names[worst]} is {beyond[worst]:.2f} rad beyond its limit"
-    advice = "is the joint map right, are signs and zeros?"
+    advice = "check the joint map, signs and joint offsets"
     return [_judged("joint positions", value, beyond[worst] < _BEYOND, advice, serious=True)]
 
 
@@ -207,7 +207,7 @@ def _still(angular_velocity_in_imu: FloatArray) -> CheckupFinding:
     bias, noise = np.linalg.norm(angular_velocity_in_imu.mean(axis=0)), angular_velocity_in_imu.std(axis=0).max()
     value = f"mean {bias * 1000:.1f} mrad/s, noise {noise * 1000:.1f} mrad/s"
     fine = bias < _BIAS and noise < _STILL
-    return _judged("gyroscope at rest", value, fine, "does the robot move? else its gyroscope is biased")
+    return _judged("gyroscope at rest", value, fine, "the robot moves, or its gyroscope is biased")
 
 
 def _gravity(acceleration_in_imu: FloatArray) -> CheckupFinding:
@@ -219,7 +219,7 @@ def _gravity(acceleration_in_imu: FloatArray) -> CheckupFinding:
 
 
 def _floor(robot: RobotModel, position: FloatArray, acceleration_in_imu: FloatArray) -> CheckupFinding:
-    """Up by the accelerometer against the normal of the floor that the feet stand on."""
+    """Check up from the accelerometer against the normal of the floor under the feet."""
     feet = foot_positions(robot, position)
     normal = floor_normals_by_fit(feet[None])[0][0]
     rotation = np.array(robot.imu_in_base.rotation)
@@ -230,7 +230,7 @@ def _floor(robot: RobotModel, position: FloatArray, acceleration_in_imu: FloatAr
     )
     turned = f"is the IMU mounted turned ({upright_flag(rotation, acceleration_in_imu, normal)})"
     if lies(robot, nominal_stance(robot), position):
-        fine = None if bool(angle < _ASKEW) else False
+        fine = None if bool(angle < _LYING_LEAN) else False
         advice = "does the robot lie level?" if fine is None else f"{turned}, does the robot lie level?"
         return CheckupFinding("gravity against the stance", value + " (the robot lies)", fine, advice, serious=True)
     advice = f"{turned}, is the joint map right, does the floor slope?"

@@ -1,4 +1,4 @@
-"""A real robot as a platform: a deadline loop over the connection that carries its samples and commands."""
+"""Platform of a real robot: a deadline loop over the connection of its samples and commands."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from typing import Any, Protocol
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.drivers.checkup import CheckupFinding, foretold
+from equipoise.drivers.checkup import CheckupFinding, takeover_findings
 from equipoise.drivers.plugin_errors import translated
 from equipoise.errors import CommunicationError, MotionError, OverrunError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.stepped import SteppedPlatform
 
 _LEAD, _LEAD_SHARES = 0.8e-3, (0.1, 0.4)  # [s] before a deadline at which samples are taken; least and most of a period
-_SPIN = 0.15e-3  # [s] of waiting that is not left to the scheduler
-_ON_TIME = 1e-3  # [s] after its deadline at which a command still counts as on time
-_LOST = 5  # control periods behind after which the deadlines begin anew
-_ASLEEP = 0.25  # [s] after its deadline at which a command is not sent any more: the robot may have sunk
+_SPIN = 0.15e-3  # [s] of busy waiting
+_ON_TIME = 1e-3  # [s] of lateness at which a command still counts as on time
+_LOST = 5  # control periods of delay after which the deadlines restart
+_ASLEEP = 0.25  # [s] of lateness at which a command is no longer sent: the robot may have sunk
 
 
 class RobotConnection(Protocol):
-    """A driver: samples in, commands out, all joint vectors in the order of `joint_names`. One thread uses it.
+    """Driver: samples in, commands out, all joint vectors in the order of `joint_names`. One thread uses it.
 
     Attributes:
         name: name in messages, as in "unitree-go2 on eth0".
         joint_names: names of the robot model's leg joints, in its order; the driver maps them to motors.
         accepts: kinds of feed-forward and gains that it sends, as a platform's.
         control_period: time between commands [s].
-        rejected: number of samples that arrived and were left out: wrong checksum, length or sender.
+        rejected: number of rejected samples: wrong checksum, length or sender.
     """
 
     @property
@@ -51,24 +51,24 @@ class RobotConnection(Protocol):
     def receive(self) -> list[RobotState]:
         """Return the samples that arrived since the last call, in order of arrival, each with `received`; never wait.
 
-        A damaged sample (a wrong checksum, a cut packet) is left out and counted. A repeated or late one is returned: the
-        guard checks for those.
+        Damaged samples (wrong checksum, truncated packet) are rejected and counted. Repeated and late ones are returned:
+        the guard checks for those.
 
         Raises:
-            CommunicationError: the robot is gone.
+            CommunicationError: the robot is not reachable.
             OtherCommanderError: another program commands the robot.
         """
         ...
 
     def send(self, command: JointCommand) -> None:
-        """Send a command without what the robot does not accept. Gains that are None are the robot's own.
+        """Send the values of a command that the robot accepts. Gains that are None are the robot's own.
 
-        The first may take seconds: a controller on board has to release the motors first.
+        The first command may take seconds: an on-board controller must release the motors first.
         """
         ...
 
     def release(self) -> None:
-        """Leave the motors without torque, or as the robot's own controller wants them. May be called twice."""
+        """Leave the motors without torque, or to the robot's own controller. May be called twice."""
         ...
 
     def close(self) -> None:
@@ -82,7 +82,7 @@ class LoopTiming:
     Attributes:
         lateness: (n,) lateness of every command so far [s].
         overruns: number of commands more than a millisecond late.
-        lost: number of deadlines that passed without a command; they are skipped, not made up for.
+        lost: number of deadlines without a command; they are skipped.
         work: (n,) processor time of every control period, without waiting [s].
     """
 
@@ -101,7 +101,7 @@ class LoopTiming:
         return self._table[1, : self._count]
 
     def add(self, late: float, work: float, lost: int) -> None:
-        """Note one command, and the deadlines that passed without one before it."""
+        """Record one command, and the deadlines without one before it."""
         self.lost += lost
         if self._count == self._table.shape[1]:
             self._table = np.concatenate([self._table, np.zeros_like(self._table)], axis=1)
@@ -111,9 +111,9 @@ class LoopTiming:
 
 
 class HardwarePlatform(SteppedPlatform):
-    """A robot behind a connection. The guard makes it safe to move.
+    """Platform of a robot behind a connection. The guard makes it safe to move.
 
-    Commands leave at absolute deadlines, one control period apart from when the first one left.
+    Commands are sent at absolute deadlines, one control period apart, that start at the first command.
 
     Args:
         connection: connection to the robot.
@@ -122,8 +122,8 @@ class HardwarePlatform(SteppedPlatform):
     Attributes:
         timing: timing of the commands.
         commanded: whether a command was sent.
-        arrived: samples that arrived since the state before, oldest first.
-        sent_at: time at which the last command left, by the monotonic clock [s].
+        arrived: samples that arrived since the previous state, oldest first.
+        sent_at: time at which the last command was sent, on the monotonic clock [s].
     """
 
     def __init__(self, connection: RobotConnection, patience: float = 5.0) -> None:
@@ -146,27 +146,27 @@ class HardwarePlatform(SteppedPlatform):
 
     @property
     def unchecked(self) -> bool:
-        """Return whether samples are accepted whatever their checksum."""
+        """Return whether samples with wrong checksums are accepted."""
         return getattr(self._connection, "unchecked", False)
 
     def read(self) -> RobotState:
         return self._sense(self._patience if self._newest is None else 2 * self.control_period)
 
     def learn(self) -> Mapping[str, Any]:
-        """Return the settings that the connection found out, for a second one; wait for the robot's answer if need be."""
+        """Return the detected settings, for the second connection; wait for the robot's answer if necessary."""
         learn = getattr(self._connection, "learn", None)
         return {} if learn is None else translated(self.name, "learn", learn)
 
-    def foretell(self) -> list[CheckupFinding]:
-        """Return what the connection knows of what its first command will meet; command nothing."""
-        return foretold(self._connection)
+    def check_takeover(self) -> list[CheckupFinding]:
+        """Return the connection's findings about its first command; send no command."""
+        return takeover_findings(self._connection)
 
     def step(self, command: JointCommand) -> RobotState:
-        """Send a command at its deadline, wait for the next one, and sense shortly before it.
+        """Send a command at its deadline, wait for the next one, and return the state shortly before it.
 
         Raises:
-            CommunicationError: the robot is gone, or not a single sample has arrived.
-            OverrunError: this program was stopped before the command could leave.
+            CommunicationError: the robot is not reachable, or no sample has arrived.
+            OverrunError: this program was stopped before the command was sent.
             MotionError: the platform is closed.
         """
         work = time.thread_time() - self._worked if self.commanded else 0.0
@@ -185,7 +185,7 @@ class HardwarePlatform(SteppedPlatform):
         if first:
             self._deadline = self.sent_at
         late = self.sent_at - self._deadline
-        missed = int(late / self.control_period)  # deadlines that are skipped: commands in a burst would be a jerk
+        missed = int(late / self.control_period)  # skipped deadlines: a burst of commands would jerk the robot
         self.timing.add(late, work, lost + (missed > 0))
         self._deadline += (1 + missed) * self.control_period
         _wait_until(self._deadline - self._lead)
@@ -209,7 +209,7 @@ class HardwarePlatform(SteppedPlatform):
         self.commanded = True
 
     def _sense(self, patience: float) -> RobotState:
-        """Return the sample that was taken last, not one that it overtook on the way; wait for one if none has arrived."""
+        """Return the sample that was measured last, whatever the order of arrival; wait for the first one."""
         arrived = translated(self.name, "receive", self._connection.receive)
         until = time.monotonic() + patience
         while not arrived and time.monotonic() < until:
@@ -221,14 +221,14 @@ class HardwarePlatform(SteppedPlatform):
             self._newest = newest if self._newest is None or newest.time >= self._newest.time else self._newest
         if self._newest is None:
             raise CommunicationError(
-                f"{self.name} sent nothing for {self._patience:g} s: is the robot on, is the cable in, is this the right "
-                "network interface?"
+                f"{self.name} sent nothing for {self._patience:g} s: is the robot on, is the cable plugged in, is this the "
+                "right network interface?"
             )
         return self._newest
 
 
 def _wait_until(moment: float) -> None:
-    """Wait until a moment of the monotonic clock: asleep for most of it, awake at the end."""
+    """Wait until a time on the monotonic clock: sleep first, then busy waiting."""
     left = moment - time.monotonic()
     if left > _SPIN:
         time.sleep(left - _SPIN)

@@ -1,4 +1,4 @@
-"""Platforms that are classes of other people: `--platform MODULE:CLASS`, or an entry point that names a class."""
+"""Platforms from classes of other packages: `--platform MODULE:CLASS`, or an entry point of a class."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.drivers.checkup import CheckupFinding, foretold
+from equipoise.drivers.checkup import CheckupFinding, takeover_findings
 from equipoise.drivers.platform_settings import read_values, settings_of_platform
 from equipoise.drivers.plugin_errors import translated
 from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, SensorError
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 
 def open_home_built(name: str, kind: type[Any], robot: RobotModel, given: Mapping[str, Any]) -> HomeBuilt:
-    """Make a platform as CLASS(robot, **settings).
+    """Create a platform as CLASS(robot, **settings).
 
     Raises:
-        SettingsError: no such setting, or a value that it cannot have.
+        SettingsError: there is no such setting, or its value is invalid.
         CommunicationError: the constructor raises an OSError.
-        MissingDependencyError: the constructor fails in another way, or what it makes lacks something.
+        MissingDependencyError: the constructor raises another error, or its object is not a platform.
     """
     settings = read_values(settings_of_platform(kind), given, name)
     try:
@@ -38,8 +38,8 @@ def open_home_built(name: str, kind: type[Any], robot: RobotModel, given: Mappin
         raise CommunicationError(f"platform {name!r} cannot be opened: {error}") from error
     except Exception as error:
         raise MissingDependencyError(
-            f"platform {name!r} cannot be made ({type(error).__name__}: {error}): it is called as "
-            f"{kind.__name__}(robot, **settings), with the RobotModel and what --set says"
+            f"platform {name!r} cannot be created ({type(error).__name__}: {error}): the call is "
+            f"{kind.__name__}(robot, **settings), with the RobotModel and the settings of --set"
         ) from error
     return HomeBuilt(name, made, robot)
 
@@ -47,7 +47,7 @@ def open_home_built(name: str, kind: type[Any], robot: RobotModel, given: Mappin
 def open_second_of_class(
     name: str, kind: type[Any], robot: RobotModel, given: Mapping[str, Any]
 ) -> RobotConnection | None:
-    """Return a class's second connection, made by its class method `second(robot, **settings)`; None if it has none."""
+    """Return the second connection from a class method `second(robot, **settings)`; None if there is none."""
     make = getattr(kind, "second", None)
     if make is None:
         return None
@@ -55,7 +55,7 @@ def open_second_of_class(
 
 
 class HomeBuilt(SteppedPlatform):
-    """A platform of another package: what it raises becomes an error of ours, and its samples are checked.
+    """Platform of another package with checked samples; its exceptions become equipoise errors.
 
     Args:
         name: name in messages.
@@ -63,7 +63,7 @@ class HomeBuilt(SteppedPlatform):
         robot: model of the robot.
 
     Raises:
-        MissingDependencyError: its `control_period`, `joint_names` or `accepts` cannot be.
+        MissingDependencyError: its `control_period`, `joint_names` or `accepts` is invalid.
     """
 
     def __init__(self, name: str, inner: Any, robot: RobotModel) -> None:
@@ -92,14 +92,16 @@ class HomeBuilt(SteppedPlatform):
     def close(self) -> None:
         translated(self.name, "close", self._inner.close)
 
-    def foretell(self) -> list[CheckupFinding]:
-        """Return what the platform predicts of its first command; command nothing."""
-        return foretold(self._inner)
+    def check_takeover(self) -> list[CheckupFinding]:
+        """Return the platform's findings about its first command; send no command."""
+        return takeover_findings(self._inner)
 
-    def _sensed(self, what: str, act: Callable[[], Any]) -> RobotState:
-        state = translated(self.name, what, act)
+    def _sensed(self, method: str, act: Callable[[], Any]) -> RobotState:
+        state = translated(self.name, method, act)
         if not isinstance(state, RobotState):
-            raise SensorError(f"platform {self.name!r}: {what} gives a {type(state).__name__}; it must be a RobotState")
+            raise SensorError(
+                f"platform {self.name!r}: {method} returns a {type(state).__name__}; it must be a RobotState"
+            )
         joints = (len(self.joint_names),)
         for field, shape in (("joint_position", joints), ("angular_velocity_in_imu", (3,)), ("acceleration_in_imu", (3,)),
                              ("joint_velocity", joints), ("joint_torque", joints)):  # fmt: skip
@@ -109,6 +111,6 @@ class HomeBuilt(SteppedPlatform):
             found = cast("FloatArray", value).shape if isinstance(value, np.ndarray) else type(value).__name__
             if found != shape:
                 raise SensorError(
-                    f"platform {self.name!r}: {what} gives as {field} {found}; it must be an array of shape {shape}"
+                    f"platform {self.name!r}: {method} returns {found} as {field}; it must be an array of shape {shape}"
                 )
         return state

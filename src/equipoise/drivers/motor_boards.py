@@ -1,4 +1,4 @@
-"""Measurements on a robot that hangs: what its motor boards do when commands stop. Nothing but damping is commanded."""
+"""Measurement of the motor boards' behaviour when commands stop, on a hanging robot. Only damping is commanded."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
 SILENCES = (0.1, 1.0, 10.0)
-"""Times without a command that are tried [s]."""
+"""Times without a command [s]."""
 
 _DAMPING = 0.2  # of the robot's own damping gain, while it is commanded
 _AS_FOUND, _DAMPED = 2.0, 2.0  # [s] of samples before the first command, and of damping before each silence
 _MOVING = 0.2  # [rad/s] of a joint whose damping can be measured
-_LEAST = 20  # samples of moving joints that a damping is measured from
+_LEAST = 20  # samples of moving joints for a damping estimate
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,15 @@ class HangingPhase:
     Attributes:
         name: name of the phase.
         duration: duration [s].
-        commanded_damping: damping that was commanded [Nm s/rad]; None: no command was sent.
-        samples: number of samples with a right checksum.
-        rejected: number of samples that arrived and were left out.
+        commanded_damping: commanded damping [Nm s/rad]; None: no command was sent.
+        samples: number of samples with a correct checksum.
+        rejected: number of rejected samples.
         longest_gap: longest time between two samples [s].
         largest_torque: largest joint torque that a motor reported [Nm]; None: not reported.
         largest_speed: largest joint speed [rad/s]; None: not reported.
         damping: torque against the motion over speed, of moving joints in the second half [Nm s/rad]; None: they did not move.
         motor_modes: modes that motors reported at its end; empty: not reported.
-        lost: messages between the robot's computer and its motors that were lost meanwhile; None: not reported.
+        lost: lost messages between the robot's computer and its motors; None: not reported.
         temperature: highest motor temperature [deg C]; None: not reported.
     """
 
@@ -56,47 +56,49 @@ class HangingPhase:
 
 
 def measure_hanging(
-    link: RobotConnection, robot: RobotModel, silences: Sequence[float] = SILENCES
+    connection: RobotConnection, robot: RobotModel, silences: Sequence[float] = SILENCES
 ) -> Generator[HangingPhase, None, None]:
-    """Yield the phases one after the other: as found, damped, silent, damped again, for each silence.
+    """Yield the phases: as found, then damped and silent for each silence, and damped at the end.
 
     Args:
-        link: connection to a robot that hangs with its legs free; the first command takes the motors over.
+        connection: connection to a robot that hangs with its legs free; the first command takes over the motors.
         robot: model of the robot.
         silences: times without a command [s].
 
     Raises:
-        CommunicationError: the robot falls silent.
+        CommunicationError: no more samples arrive.
     """
     zeros = np.zeros(len(robot.joint_names))
     kd = _DAMPING * robot.gains(nominal_stance(robot).hip_height)[1]
     damping = JointCommand.damping(zeros, kd)
-    yield _phase(link, "as found", _AS_FOUND, None, kd)
+    yield _phase(connection, "as found", _AS_FOUND, None, kd)
     for silence in silences:
-        yield _phase(link, "damped", _DAMPED, damping, kd)
-        yield _phase(link, f"silent for {silence:g} s", silence, None, kd)
-    yield _phase(link, "damped", _DAMPED, damping, kd)
+        yield _phase(connection, "damped", _DAMPED, damping, kd)
+        yield _phase(connection, f"silent for {silence:g} s", silence, None, kd)
+    yield _phase(connection, "damped", _DAMPED, damping, kd)
 
 
-def _phase(link: RobotConnection, name: str, duration: float, command: JointCommand | None, kd: float) -> HangingPhase:
+def _phase(
+    connection: RobotConnection, name: str, duration: float, command: JointCommand | None, kd: float
+) -> HangingPhase:
     states: list[RobotState] = []
-    rejected, lost = link.rejected, sum(_report(link).get("lost", ()))
+    rejected, lost = connection.rejected, sum(_report(connection).get("lost", ()))
     if command is not None:
-        link.send(command)  # the first takes seconds
+        connection.send(command)  # the first takes seconds
     until = time.monotonic() + duration
     while time.monotonic() < until:
         if command is not None:
-            link.send(command)
-        states += link.receive()
-        time.sleep(link.control_period)
-    report, times = _report(link), [state.received for state in states if state.received is not None]
+            connection.send(command)
+        states += connection.receive()
+        time.sleep(connection.control_period)
+    report, times = _report(connection), [state.received for state in states if state.received is not None]
     heat = [state.health.motor_temperature for state in states if state.health is not None]
     return HangingPhase(
         name,
         duration,
         None if command is None else kd,
         len(states),
-        link.rejected - rejected,
+        connection.rejected - rejected,
         float(np.diff(times).max()) if len(times) > 1 else duration,
         _largest([state.joint_torque for state in states]),
         _largest([state.joint_velocity for state in states]),
@@ -107,19 +109,19 @@ def _phase(link: RobotConnection, name: str, duration: float, command: JointComm
     )
 
 
-def _report(link: RobotConnection) -> dict[str, list[int]]:
+def _report(connection: RobotConnection) -> dict[str, list[int]]:
     """Return the newest "mode" of each motor and its count of "lost" messages, if the connection has a `motor_report`."""
-    report: Callable[[], dict[str, list[int]]] = getattr(link, "motor_report", dict)
+    report: Callable[[], dict[str, list[int]]] = getattr(connection, "motor_report", dict)
     return report()
 
 
 def _largest(values: Sequence[np.ndarray | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.abs(known).max()) if known else None
+    reported = [value for value in values if value is not None]
+    return float(np.abs(reported).max()) if reported else None
 
 
 def _damping(states: Sequence[RobotState]) -> float | None:
-    """Return the damping that least squares find; None: too few samples of joints that move, or nothing is reported."""
+    """Return the least-squares damping; None: too few samples of moving joints, or no reported torques."""
     pairs = [
         (s.joint_velocity, s.joint_torque)
         for s in states

@@ -1,4 +1,4 @@
-"""Settings of platforms from text, as `--set KEY=VALUE` and TOML files have them."""
+"""Settings of platforms from the text of `--set KEY=VALUE` and TOML files."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from equipoise.errors import SettingsError
 
 
 def settings_of_class(kind: type[Any]) -> dict[str, inspect.Parameter]:
-    """Return what a class's constructor takes, by name: a driver's settings class, or a platform after its robot."""
+    """Return the parameters of a class's constructor by name."""
     try:
         return dict(inspect.signature(kind, eval_str=True).parameters)
-    except Exception:  # names that are there for type checkers alone
+    except Exception:  # names that exist for type checkers only
         parameters = inspect.signature(kind).parameters
         return {name: each.replace(annotation=inspect.Parameter.empty) for name, each in parameters.items()}
 
 
 def settings_of_platform(kind: type[Any]) -> dict[str, inspect.Parameter]:
-    """Return what a platform's constructor takes besides the robot, which comes first."""
+    """Return the parameters of a platform's constructor without the first one, the robot."""
     variadic = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     settings = list(settings_of_class(kind).items())[1:]
     return {name: setting for name, setting in settings if setting.kind not in variadic}
@@ -36,7 +36,7 @@ def _is_needed(setting: inspect.Parameter) -> bool:
 
 
 def _type_of(setting: inspect.Parameter) -> Any:
-    """Return the type of a setting: that of its default if it has no annotation."""
+    """Return the type of a setting: its annotation, or else the type of its default."""
     if setting.annotation is not inspect.Parameter.empty:
         return setting.annotation
     return str if setting.default is None or _is_needed(setting) else setting.default.__class__
@@ -50,20 +50,20 @@ def check_range(settings: Any, name: str, least: float, most: float) -> None:
 
 
 def read_settings(kind: type[Any], given: Mapping[str, Any], name: str) -> Any:
-    """A settings object from values by name; text is read as what the setting is."""
+    """Create a settings object from values by name; text is converted to the setting's type."""
     return kind(**read_values(settings_of_class(kind), given, name))
 
 
 def read_values(settings: Mapping[str, inspect.Parameter], given: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Values by name; text is read as what the setting is.
+    """Return values by name; text is converted to the setting's type.
 
     Raises:
-        SettingsError: there is no such setting, it cannot be what is given, or one is missing.
+        SettingsError: there is no such setting, its value is invalid, or one is missing.
     """
-    unknown = [key for key in given if key not in settings]
-    if unknown:
-        known = f"it has {', '.join(settings)}" if settings else "it has none"
-        raise SettingsError(f"platform {name!r} has no setting {unknown[0]!r}; {known} (see 'equipoise platforms')")
+    invalid = [key for key in given if key not in settings]
+    if invalid:
+        valid = f"it has {', '.join(settings)}" if settings else "it has none"
+        raise SettingsError(f"platform {name!r} has no setting {invalid[0]!r}; {valid} (see 'equipoise platforms')")
     missing = [key for key, setting in settings.items() if _is_needed(setting) and key not in given]
     if missing:
         raise SettingsError(f"platform {name!r} needs the setting {missing[0]!r}: --set {missing[0]}=VALUE")
@@ -71,11 +71,11 @@ def read_values(settings: Mapping[str, inspect.Parameter], given: Mapping[str, A
 
 
 def _read(value: Any, hint: Any, key: str) -> Any:
-    """A value as its setting's type."""
+    """Convert a value to its setting's type."""
     kinds = [kind for kind in (typing.get_args(hint) or (hint,)) if kind is not type(None)]
     origin = typing.get_origin(hint)
     if origin is typing.Literal:
-        return value  # the settings refuse what they do not know
+        return value  # the settings class checks it
     if hint is tuple or origin is tuple or any(typing.get_origin(kind) is tuple for kind in kinds):
         return tuple(part.strip() for part in value.split(",")) if isinstance(value, str) else tuple(value)
     if not isinstance(value, str):
@@ -99,7 +99,7 @@ def _truth(text: str) -> bool:
 
 
 def _named(hint: Any) -> str:
-    """A type, as a user says it."""
+    """Return the name of a type for users."""
     if typing.get_origin(hint) is typing.Literal:
         return " or ".join(str(value) for value in typing.get_args(hint))
     words = {str: "text", int: "a whole number", float: "a number", bool: "yes or no", type(None): "none"}

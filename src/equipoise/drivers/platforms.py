@@ -1,4 +1,4 @@
-"""Platforms by name: where each one's driver is, how it starts, and what can be set. Lists them without importing any."""
+"""Platforms by name: driver, start posture and settings. Listing them imports no driver."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ NEEDED = ("read", "step", "close")
 
 @dataclasses.dataclass(frozen=True)
 class Driver:
-    """A real robot's way in. Texts say where its parts are: to list it imports none of them.
+    """Driver of a real robot. Its parts are named by text, so that a list of drivers imports none of them.
 
     Attributes:
         name: name of the platform.
-        what: robot or bus that it is for, in a line.
-        start: posture in which the robot starts, in a line or two.
+        what: robot or bus, in one line.
+        start: start posture of the robot, in a line or two.
         page: page of the documents, or an address.
-        module: module with `open_connection(robot, settings)`, which returns a `RobotConnection`, and perhaps with
-            `open_beside` (see `open_second`).
+        module: module with `open_connection(robot, settings)`, which returns a `RobotConnection`, and optionally
+            `open_second_connection` (see `open_second`).
         settings: dataclass of its settings, as "my_package.settings:MySettings"; each has a default.
         preset: settings that belong to the name.
-        makers_gains: stiffness [Nm/rad] and damping [Nm s/rad] with which the maker's own example stands; None: not known.
+        makers_gains: stiffness [Nm/rad] and damping [Nm s/rad] of the maker's own stand example; None: not known.
         motor_speeds: largest speeds of each leg's hip, thigh and calf motor, from the maker's URDF [rad/s]; None: not known.
-        needs: module that raises MissingDependencyError when it is imported where the driver cannot be used; empty: none.
+        needs: module that raises MissingDependencyError on import if the driver cannot be used; empty: none.
     """
 
     name: str
@@ -73,19 +73,18 @@ DRIVERS: dict[str, Driver] = {
         ),
         Driver(
             "ros2", "Gazebo and ros2_control robots: JointState and Imu in, positions or impedance out; no ROS needed here",
-            "load controllers that take commands, --set interface=eth0 --set stack=NAME; topics and joint order are settings",
-            "docs/hardware/ros2.md", "equipoise.drivers.ros2.driver", "equipoise.drivers.ros2.ros2_settings:Ros2Settings",
-            needs=_DDS,
+            "load command controllers, --set interface=eth0 --set stack=NAME; topics and joint order are settings",
+            "docs/ros2.md", "equipoise.drivers.ros2.driver", "equipoise.drivers.ros2.ros2_settings:Ros2Settings", needs=_DDS,
         ),
         Driver(
-            "unitree-a1", "Unitree A1 over UDP (beta: never tried on a robot)",
+            "unitree-a1", "Unitree A1 over UDP (beta: not tested on a robot)",
             "robot lies in low-level mode, this computer in its network 192.168.123.x",
             "docs/hardware/unitree-a1-go1.md", "equipoise.drivers.unitree.udp",
             "equipoise.drivers.unitree.udp_settings:UnitreeUdpSettings", {"protocol": "a1"},
             motor_speeds=(21.0, 21.0, 21.0),
         ),
         Driver(
-            "unitree-go1", "Unitree Go1 over UDP (beta: never tried on a robot)",
+            "unitree-go1", "Unitree Go1 over UDP (beta: not tested on a robot)",
             "robot lies in low-level mode, this computer in its network 192.168.123.x",
             "docs/hardware/unitree-a1-go1.md", "equipoise.drivers.unitree.udp",
             "equipoise.drivers.unitree.udp_settings:UnitreeUdpSettings", {"protocol": "go1"},
@@ -93,19 +92,19 @@ DRIVERS: dict[str, Driver] = {
         ),
     )
 }  # fmt: skip
-"""Our own."""
+"""Drivers of this package."""
 PLATFORMS: Table[Driver | type[Any] | None] = Table(
     "platform", "equipoise.platforms", (Driver, type), {**dict.fromkeys(ENGINES), **DRIVERS}
 )
-"""With what packages add: drivers, or classes as `equipoise.SteppedPlatform`. A simulator has None."""
+"""Platforms of this and other packages: drivers, or classes as `equipoise.SteppedPlatform`. A simulator has None."""
 
 
 def find_platform(name: str) -> Driver | type[Any] | None:
-    """Return what has a name, or is at MODULE:NAME, which may be in the current folder; None: a simulator.
+    """Return the platform of a name or of MODULE:NAME, which may be in the current folder; None: a simulator.
 
     Raises:
         SettingsError: there is no such platform, or two have the name.
-        MissingDependencyError: it comes from another package and fails, or is not a platform.
+        MissingDependencyError: another package's platform fails, or is not a platform.
     """
     if ":" in name:
         row = import_users("platform", name)
@@ -125,10 +124,10 @@ def find_platform(name: str) -> Driver | type[Any] | None:
 
 
 def for_platform(name: str, robot: RobotModel) -> RobotModel:
-    """Return a robot model with what is known of the motors of a platform's robot, where the model has none.
+    """Return a robot model with the platform's motor data where the model has none.
 
-    The maker's gains are used unless the description has kp or kd. Joints without a speed limit, as an MJCF's, get that of
-    their motors.
+    The maker's gains are used unless the robot configuration has kp or kd. Joints without a speed limit, as in MJCF files,
+    get that of their motors.
     """
     driver = find_platform(name)
     if not isinstance(driver, Driver):
@@ -150,17 +149,17 @@ def open_connection(name: str, robot: RobotModel, given: Mapping[str, Any]) -> R
 
 
 def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> HardwarePlatform | SteppedPlatform:
-    """Connect to a robot, without a guard: to observe it, or for the robot process.
+    """Connect to a robot without a guard: to observe it, or for the robot process.
 
-    Nothing is sent before the first command, but over UDP, where a robot only answers: packets without torque.
+    Nothing is sent before the first command, except over UDP: a robot only answers, so packets without torque are sent.
 
     Args:
-        name: name of a driver, or of a platform that is a class, as "my_robot:MyRobot".
+        name: name of a driver, or of a platform class, as "my_robot:MyRobot".
         robot: model of the robot.
-        given: settings by name; text is read as what the setting is.
+        given: settings by name; text is converted to the setting's type.
 
     Raises:
-        SettingsError: no such platform or setting, or a value that it cannot have.
+        SettingsError: there is no such platform or setting, or a value is invalid.
         MissingDependencyError: the driver's package is not installed, or a class of another package fails.
         CommunicationError: the network cannot be used.
     """
@@ -176,24 +175,24 @@ def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Har
 def open_second(name: str, robot: RobotModel, given: Mapping[str, Any]) -> RobotConnection | None:
     """Return the second connection to a robot that the robot process commands; None: the platform has none.
 
-    It takes nothing over and disturbs nothing until it sends; its `send` raises CommunicationError while no robot receives.
-    A driver's module may have an `open_beside(robot, settings)` for it, a class a class method `second(robot, **settings)`.
+    It has no effect until it sends; its `send` raises CommunicationError while no robot receives. A driver's module may
+    define `open_second_connection(robot, settings)`, a class a class method `second(robot, **settings)`.
     """
     from equipoise.drivers.home_built import open_second_of_class  # noqa: PLC0415 - lists need no NumPy
 
     row = find_platform(name)
     if isinstance(row, type):
         return open_second_of_class(name, row, robot, given)
-    return _opened("open_beside", name, robot, given)
+    return _opened("open_second_connection", name, robot, given)
 
 
 @dataclasses.dataclass(frozen=True)
 class PlatformRow:
-    """A platform as it is on this machine.
+    """Row of a platform in the list of platforms.
 
     Attributes:
-        name, what, start, page: texts of its row, as a driver's.
-        settings: name, type in words and default of each setting; in place of them, why it cannot be used here.
+        name, what, start, page: texts of the driver.
+        settings: name, type in words and default of each setting; or the reason why it cannot be used on this machine.
     """
 
     name: str
@@ -204,7 +203,7 @@ class PlatformRow:
 
 
 def describe_platforms() -> list[PlatformRow]:
-    """Every robot's platform, with what can be set, or why it cannot be used here."""
+    """Return a row for each platform of a robot."""
     rows: list[PlatformRow] = []
     for name, row in PLATFORMS.rows().items():
         if row is None:
@@ -224,7 +223,7 @@ def describe_platforms() -> list[PlatformRow]:
 
 
 def settings_of(name: str) -> list[tuple[str, str, Any]]:
-    """Names, types and defaults of a platform's settings; raises MissingDependencyError if it cannot be used here."""
+    """Return names, types and defaults of a platform's settings; raise MissingDependencyError if it cannot be used here."""
     row = find_platform(name)
     if row is None:
         return []
@@ -237,10 +236,10 @@ def settings_of(name: str) -> list[tuple[str, str, Any]]:
 
 
 def given_settings(pairs: Sequence[str], path: Path | None) -> dict[str, Any]:
-    """Settings from KEY=VALUE texts and a TOML file; the texts win.
+    """Return settings from KEY=VALUE texts and a TOML file; the texts take precedence.
 
     Raises:
-        SettingsError: a text that is no pair, or a file that cannot be read.
+        SettingsError: a text is not a pair, or the file cannot be read.
     """
     table: dict[str, Any] = {}
     if path is not None:
@@ -251,7 +250,7 @@ def given_settings(pairs: Sequence[str], path: Path | None) -> dict[str, Any]:
     for pair in pairs:
         key, equals, value = pair.partition("=")
         if not equals or not key:
-            raise SettingsError(f"{pair!r} is no KEY=VALUE, as in interface=eth0")
+            raise SettingsError(f"{pair!r} is not a KEY=VALUE pair, as in interface=eth0")
         table[key.strip().replace("-", "_")] = value.strip()
     return table
 
@@ -263,16 +262,16 @@ def _opened(function: str, name: str, robot: RobotModel, given: Mapping[str, Any
     module = _imported(driver, driver.module)
     settings = read_settings(_imported(driver, driver.settings), {**driver.preset, **given}, name)
     try:
-        link: RobotConnection = getattr(module, function, module.open_connection)(robot, settings)
+        connection: RobotConnection = getattr(module, function, module.open_connection)(robot, settings)
     except EquipoiseError:
         raise
     except OSError as error:
         raise CommunicationError(f"platform {name!r} cannot be opened: {error}") from error
-    return link
+    return connection
 
 
 def _checked(name: str, kind: type[Any]) -> type[Any]:
-    """The class itself; raises MissingDependencyError if it can be no platform."""
+    """Return the class itself; raise MissingDependencyError if it is not a platform."""
     abstract: frozenset[str] = getattr(kind, "__abstractmethods__", frozenset())
     lacking = [method for method in NEEDED if method in abstract or not callable(getattr(kind, method, None))]
     if lacking:
@@ -284,12 +283,12 @@ def _checked(name: str, kind: type[Any]) -> type[Any]:
 
 
 def _imported(driver: Driver, path: str) -> Any:
-    """A driver's module or settings; whatever a broken package of its does when it is imported, the error is ours."""
+    """Import a driver's module or settings; raise MissingDependencyError for any error in it."""
     try:
         return resolve(path) if ":" in path else importlib.import_module(path)
     except MissingDependencyError:
         raise
     except Exception as error:
         raise MissingDependencyError(
-            f"platform {driver.name!r} needs a package that is broken ({type(error).__name__}: {error}): install it again"
+            f"platform {driver.name!r} needs a package that is broken ({type(error).__name__}: {error}): reinstall it"
         ) from error

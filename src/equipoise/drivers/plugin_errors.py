@@ -1,4 +1,4 @@
-"""Code of other packages: whatever it raises becomes an error of ours."""
+"""Conversion of exceptions of other packages into equipoise errors."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from equipoise.errors import CommunicationError, EquipoiseError, MotionError
 Returned = TypeVar("Returned")
 
 
-def translated(name: str, what: str, act: Callable[[], Returned]) -> Returned:
+def translated(name: str, method: str, act: Callable[[], Returned]) -> Returned:
     """Call a method of a platform or of a driver's connection, and return its result.
 
     Args:
         name: name of the platform.
-        what: name of the method.
-        act: what calls it.
+        method: name of the method.
+        act: function that calls it.
 
     Raises:
-        EquipoiseError: as it was raised.
-        CommunicationError: it raised an OSError.
-        MotionError: it raised something else.
+        EquipoiseError: as raised by the method.
+        CommunicationError: the method raised an OSError.
+        MotionError: the method raised another exception.
     """
     try:
         return act()
     except EquipoiseError:
         raise
     except OSError as error:
-        raise CommunicationError(f"platform {name!r} cannot be reached: {what} fails ({error})") from error
+        raise CommunicationError(f"platform {name!r} cannot be reached: {method} fails ({error})") from error
     except Exception as error:
-        raise MotionError(f"platform {name!r}: {what} fails ({type(error).__name__}: {error})") from error
+        raise MotionError(f"platform {name!r}: {method} fails ({type(error).__name__}: {error})") from error

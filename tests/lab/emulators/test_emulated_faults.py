@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
-from peer_processes import free_port, running_peer, unused_domain
+from emulator_processes import free_port, running_emulator, unused_domain
 
 from equipoise import nominal_stance
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
@@ -27,7 +27,7 @@ def over_dds():
     open_dds = importlib.import_module("equipoise.drivers.unitree.dds").open_connection
     domain = unused_domain()
     flags = "--domain", domain, "--sim-preset", "ideal", "--start", "standing", "--no-sport-mode", "--trace"
-    with running_peer("unitree_dds", *flags) as emulator:
+    with running_emulator("unitree_dds", *flags) as peer:
         settings = UnitreeDdsSettings(interface="lo", domain=domain, silence=5.0, release_sport_mode=False)
         yield emulator, lambda robot: open_dds(robot, settings)
 
@@ -36,7 +36,7 @@ def over_dds():
 def over_udp():
     port = free_port()
     flags = "--protocol", "go1", "--port", port, "--sim-preset", "ideal", "--start", "standing", "--trace"
-    with running_peer("unitree_udp", *flags) as emulator:
+    with running_emulator("unitree_udp", *flags) as peer:
         settings = UnitreeUdpSettings(
             protocol="go1", address="127.0.0.1", port=port, local_port=free_port(), silence=5.0
         )

@@ -1,1 +1,1 @@
-"""DDS, which Unitree's newer robots and ROS 2 speak."""
+"""DDS, the transport of Unitree's newer robots and ROS 2."""

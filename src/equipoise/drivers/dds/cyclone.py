@@ -1,7 +1,7 @@
-"""Names of cyclonedds, from the version that is installed: robots run 0.10, newer Pythons have wheels of 11 only.
+"""Names of the installed cyclonedds: robots run 0.10, newer Pythons have wheels of 11 only.
 
-Unitree's uint8 are called `byte` here. On the wire the two are the same; but cyclonedds 11 announces a uint8 as a kind of type
-that 0.10 does not know and crashes at, and a byte as what 0.10, which has no such name, announces for its uint8.
+Unitree's uint8 are called `byte` here. The two are the same on the wire, but not in discovery. cyclonedds 11 announces a
+uint8 as a kind of type that crashes 0.10, and a byte as the type that 0.10 announces for its uint8.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ INSTALL = "'cyclonedds>=0.10.2,<0.11'" if sys.version_info < (3, 11) else "'cycl
 
 
 def _why_not(error: Exception) -> str:
-    """In words that name the package that failed; a folder called cyclonedds may stand in the way of the installed one."""
+    """Return a message that names the failed package; a local folder cyclonedds may hide the installed one."""
     spec = importlib.util.find_spec("cyclonedds")
     if spec is None:
-        return f"talking over DDS needs cyclonedds: pip install {INSTALL}"
+        return f"DDS needs cyclonedds: pip install {INSTALL}"
     [place, *_] = spec.submodule_search_locations or [str(spec.origin)]
-    what = f"{type(error).__name__}: {error}".splitlines()[0]
-    return f"cyclonedds in {place} is broken or too old ({what}): pip install --force-reinstall {INSTALL}"
+    reason = f"{type(error).__name__}: {error}".splitlines()[0]
+    return f"cyclonedds in {place} is broken or too old ({reason}): pip install --force-reinstall {INSTALL}"
 
 
 try:
@@ -45,7 +45,7 @@ try:
         "bool": bool, "string": str, "uint8": _BYTE, "int8": _BYTE,
         **{name: getattr(types, name) for name in ("int16", "uint16", "int32", "uint32", "int64", "float32", "float64")},
     }  # fmt: skip
-except Exception as error:  # a package that is half there fails as it likes: ImportError, OSError, AttributeError
+except Exception as error:  # an incomplete package raises ImportError, OSError, AttributeError or others
     raise MissingDependencyError(_why_not(error)) from error
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""DDS, as Unitree's newer robots and ROS 2 speak it: one domain on one interface, and topics whose samples may be bytes."""
+"""DDS as in Unitree's newer robots and ROS 2: one domain on one interface, and topics whose samples may be bytes."""
 
 from __future__ import annotations
 
@@ -13,35 +13,33 @@ from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 from equipoise.drivers.dds import cyclone
-from equipoise.drivers.dds.versions import DiscoveryNotes, check_company, check_version
+from equipoise.drivers.dds.versions import DiscoveryNotes, check_other_versions, check_version
 from equipoise.errors import CommunicationError, SettingsError
 
 LOOPBACK = "lo"
 _PEER = "give the robot's address, as in peers=192.168.123.18, or a host name that this computer knows"
-_NOBODY = ("0.0.0.0", "255.255.255.255")
+_NO_HOST = ("0.0.0.0", "255.255.255.255")
 _MEETING = 0.3  # [s] in which others on the domain have answered; on loopback they take 10 ms
 
-# A best-effort reader matches whatever a robot offers; a reliable writer of the plain encoding whatever it asks for.
+# A best-effort reader matches any offer of a robot; a reliable writer of the plain encoding any of its requests.
 _PLAIN = cyclone.Policy.DataRepresentation(use_cdrv0_representation=True)
 _READING: Any = cyclone.Policy.Reliability.BestEffort  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
 _OTHERS: Any = cyclone.Policy.IgnoreLocal.Participant  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
 _WRITING = cyclone.Policy.Reliability.Reliable(max_blocking_time=cyclone.duration(milliseconds=1))
-_KEPT = (
-    64  # samples kept until they are taken, the newest: more of them are a flood, which must not delay a control loop
-)
-_FLOOD, _REST = 8, 1e-3  # samples at once after which a listening thread rests, and how long [s]
-_MOST_WRITERS = 1000  # on a domain, of which one is looked for
-_PATIENCE = 0.1  # [s] after which a waiting thread looks whether it should end
+_KEPT = 64  # newest samples kept until they are taken: a flood of samples must not delay a control loop
+_FLOOD, _REST = 8, 1e-3  # samples at once after which a listening thread rests, and its rest [s]
+_MOST_WRITERS = 1000  # on a domain
+_PATIENCE = 0.1  # [s] after which a waiting thread checks whether it should end
 
 
 class RawSample:
-    """A sample that is its bytes: its type's CDR encoding, after the four bytes that say which encoding it is.
+    """Sample as bytes: four bytes that identify the encoding, then the type's CDR encoding.
 
-    cyclonedds takes a robot's state apart in 0.4 ms, which is much of a control period; struct takes microseconds.
+    cyclonedds decodes a robot's state in 0.4 ms, a large share of a control period; struct takes microseconds.
 
     Attributes:
         data: data from an inbox, or for an outbox.
-        sample_info: description of a sample by cyclonedds, when it was read.
+        sample_info: metadata of a received sample, from cyclonedds.
     """
 
     sample_info: Any = None
@@ -60,16 +58,16 @@ class RawSample:
 
 
 def raw(message_type: Any) -> type[RawSample]:
-    """Return a type that is the same on the wire and in discovery, but whose samples are `RawSample`."""
+    """Return a type that is the same on the wire and in discovery, but with `RawSample` samples."""
     return type(message_type.__name__, (RawSample,), {"__idl__": message_type.__idl__})
 
 
 def message_types(definitions: Mapping[str, str]) -> tuple[Any, ...]:
-    """Make the DDS types of messages, in the order of their definitions; a field that is not given is zero or empty.
+    """Create the DDS types of messages, in the order of their definitions; fields are zero or empty by default.
 
     Args:
-        definitions: fields by "package/Name", as ROS writes them but with commas, as in "float64 x, uint8[3] reserve"; a
-            message stands after those that it contains.
+        definitions: fields by "package/Name", in ROS syntax but with commas, as in "float64 x, uint8[3] reserve"; a
+            message follows those that it contains.
     """
     made: dict[str, Any] = {}
     for full_name, definition in definitions.items():
@@ -99,10 +97,10 @@ def _zero(kind: Any) -> Any:
 
 
 class Inbox:
-    """Samples that arrive on a topic, with the times of arrival, noted by a thread. Made by `DdsDomain.inbox`.
+    """Received samples of a topic with their times of arrival, recorded by a thread. Created by `DdsDomain.inbox`.
 
     Attributes:
-        writers: number of writers on the topic that it can read.
+        writers: number of matched writers on the topic.
     """
 
     def __init__(self, participant: Any, topic: str, sample_type: Any, notes: DiscoveryNotes, own: bool) -> None:
@@ -125,16 +123,16 @@ class Inbox:
         self._thread.start()
 
     def take(self) -> list[tuple[float, Any]]:
-        """(time of arrival by the monotonic clock [s], sample) since the last call, in order; never waits."""
+        """Return (time of arrival on the monotonic clock [s], sample) since the last call, in order; never wait."""
         if not self._arrived and self._reader is not None:
-            self._collect(self._reader)  # the thread may not have had its turn
+            self._collect(self._reader)  # the thread may not have run yet
         arrived: list[tuple[float, Any]] = []
         while self._arrived:
             arrived.append(self._arrived.popleft())
         return arrived
 
     def names_of_writers(self) -> dict[int, str]:
-        """Return the names of the processes that write on the topic, by the handles that samples have of them."""
+        """Return the names of the processes that write on the topic, by their handles in samples."""
         reader: Any = cyclone.BuiltinDataReader(self._participant, cyclone.BuiltinTopicDcpsPublication)
         return {
             writer.sample_info.instance_handle: self._notes.name_of(writer.participant_key)
@@ -143,7 +141,7 @@ class Inbox:
         }
 
     def name_of_writer(self, sample: Any) -> str:
-        """Return the name of the process that wrote a sample, as far as DDS knows it."""
+        """Return the name of the process that wrote a sample, if DDS has it."""
         return self.names_of_writers().get(sample.sample_info.publication_handle, "a process that has left")
 
     def close(self) -> None:
@@ -174,7 +172,7 @@ class Inbox:
 
 
 class Outbox:
-    """Samples that are sent on a topic: the newest counts, an old one is not kept. Made by `DdsDomain.outbox`.
+    """Sent samples of a topic; only the newest is kept. Created by `DdsDomain.outbox`.
 
     Attributes:
         readers: number of readers on the topic.
@@ -193,14 +191,14 @@ class Outbox:
         """Write a sample of the topic's type.
 
         Raises:
-            CommunicationError: DDS does not take it.
+            CommunicationError: DDS rejects it.
         """
         if self._writer is None:
-            raise CommunicationError(f"{self._topic} is closed; open the link again")
+            raise CommunicationError(f"{self._topic} is closed; open the connection again")
         try:
             self._writer.write(sample)
         except cyclone.DDSException as error:
-            raise CommunicationError(f"{self._topic}: the network does not take what is sent ({error})") from error
+            raise CommunicationError(f"{self._topic}: the network rejects the sample ({error})") from error
 
     def close(self) -> None:
         """Stop sending; may be called twice."""
@@ -215,10 +213,10 @@ class DdsDomain:
 
     Args:
         domain: number of the domain.
-        interface: name of the network interface, as "eth0"; on "lo" nothing leaves this computer, and others are found
+        interface: name of the network interface, as "eth0"; on "lo" nothing leaves this computer, and discovery works
             without multicast.
-        peers: addresses at which to look for others, besides what multicast finds.
-        accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
+        peers: addresses for discovery, in addition to multicast.
+        accept_cyclonedds: version of cyclonedds to use although robots, or others on the domain, run another.
 
     Raises:
         SettingsError: the interface does not exist, a peer has no address, or the version may crash others and was not
@@ -242,14 +240,14 @@ class DdsDomain:
         try:
             self._join(domain, configuration(interface, peers, self._notes.path))
             time.sleep(_MEETING)
-            self.check_company()  # before a topic is announced, which is what others crash at
+            self.check_versions()  # before a topic is announced, which crashes others
         except BaseException:
             self.close()
             raise
 
-    def check_company(self) -> None:
-        """Raise SettingsError if a version that is unsafe together with this one has been seen on the domain."""
-        check_company(cyclone.VERSION, self._accepted, self._notes.processes(), self.where)
+    def check_versions(self) -> None:
+        """Raise SettingsError if a process on the domain has a version that is unsafe together with this one."""
+        check_other_versions(cyclone.VERSION, self._accepted, self._notes.processes(), self.where)
 
     def _join(self, domain: int, settings: str) -> None:
         try:
@@ -262,7 +260,7 @@ class DdsDomain:
             ) from error
 
     def inbox(self, topic: str, sample_type: Any, own: bool = True) -> Inbox:
-        """Listen to a topic whose samples are of an IDL type or what `raw` makes of it.
+        """Subscribe to a topic with samples of an IDL type or its `raw` type.
 
         Args:
             topic: name of the topic.
@@ -274,7 +272,7 @@ class DdsDomain:
         return inbox
 
     def outbox(self, topic: str, sample_type: Any) -> Outbox:
-        """Send on a topic whose samples are of an IDL type or what `raw` makes of it."""
+        """Publish a topic with samples of an IDL type or its `raw` type."""
         outbox = Outbox(self._participant, topic, sample_type)
         self._boxes.append(outbox)
         return outbox
@@ -288,7 +286,7 @@ class DdsDomain:
 
 
 def configuration(interface: str, peers: tuple[str, ...], notes: str) -> str:
-    """Cyclone DDS's own settings for one interface and a file that notes whom it discovers, as XML."""
+    """Return the XML configuration of Cyclone DDS for one interface and a file for its discovery log."""
     on_loopback = interface == LOOPBACK
     found = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in (*peers, *(["localhost"] if on_loopback else [])))
     return (
@@ -303,11 +301,11 @@ def configuration(interface: str, peers: tuple[str, ...], notes: str) -> str:
 def _check_interface(interface: str) -> None:
     names = [name for _, name in socket.if_nameindex()]
     if interface not in names:
-        raise SettingsError(f"there is no network interface {interface!r}; there are {', '.join(names)}")
+        raise SettingsError(f"network interface {interface!r} does not exist; choose from {', '.join(names)}")
 
 
 def _check_peers(peers: tuple[str, ...]) -> None:
-    """Cyclone DDS ends the process at a peer that it cannot look for."""
+    """Raise SettingsError for invalid peers: Cyclone DDS would end the process."""
     for peer in peers:
         host, colon, port = peer.partition(":")
         if colon and not (port.isascii() and port.isdigit() and 0 < int(port) < 2**16):
@@ -316,5 +314,5 @@ def _check_peers(peers: tuple[str, ...]) -> None:
             found = socket.getaddrinfo(host, None, socket.AF_INET)
         except (OSError, UnicodeError) as error:
             raise SettingsError(f"peers: {peer!r} has no IPv4 address ({error}); {_PEER}") from error
-        if any(address[0] in _NOBODY for *_, address in found):
-            raise SettingsError(f"peers: {peer!r} is the address of no computer; {_PEER}")
+        if any(address[0] in _NO_HOST for *_, address in found):
+            raise SettingsError(f"peers: {peer!r} is not the address of one computer; {_PEER}")

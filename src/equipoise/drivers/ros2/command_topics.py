@@ -1,4 +1,4 @@
-"""Commands of ros2_control's controllers: the topics that take a command, and the message that goes to each."""
+"""Commands of ros2_control's controllers: topics and messages."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ Messages = dict[str, Any]
 
 @dataclass(frozen=True)
 class Controllers:
-    """The controllers that together take a command.
+    """Controllers that together execute a command.
 
     Attributes:
         messages: types of messages, by topic.
-        told: function that makes the messages of a command by topic, in the order of sending.
-        accepts: what they use of a command besides positions, as a platform's.
-        limp: command that leaves the joints without torque; None: position controllers hold where they were sent last.
+        encode: function that returns the messages of a command by topic, in the order of sending.
+        accepts: values that they use of a command besides positions, as a platform's.
+        limp: command that leaves the joints without torque; None: position controllers hold their last target.
     """
 
     messages: Mapping[str, Any]
-    told: Callable[[JointCommand], Messages]
+    encode: Callable[[JointCommand], Messages]
     accepts: frozenset[str]
     limp: JointCommand | None = None
 
 
 def controllers_of(robot: RobotModel, settings: Ros2Settings) -> Controllers:
-    """Those that the settings name; raises SettingsError if `joint_order` is not the model's joints."""
+    """Return the controllers of the settings; raise SettingsError if `joint_order` is not the model's joints."""
     names = settings.joint_order or robot.joint_names
     order = _order(robot.joint_names, names)
     if settings.command_type == "impedance":
@@ -55,7 +55,7 @@ def controllers_of(robot: RobotModel, settings: Ros2Settings) -> Controllers:
 
 
 def _positions(names: tuple[str, ...], order: NDArray[np.intp], settings: Ros2Settings) -> Controllers:
-    """One controller of positions; the torques that hold a soft one up are folded into them."""
+    """Return one position controller; feed-forward torques become position offsets of a soft one."""
     topic, stiffness = settings.commands_to, settings.stiffness
     time = Duration(*divmod(round(1e9 * settings.time_from_start), 10**9))
 
@@ -75,32 +75,32 @@ def _positions(names: tuple[str, ...], order: NDArray[np.intp], settings: Ros2Se
 
 
 def _impedance(robot: RobotModel, names: tuple[str, ...], order: NDArray[np.intp], pattern: str) -> Controllers:
-    """A controller for each interface of all joints, or for each joint with all interfaces.
+    """Return a controller for each interface of all joints, or for each joint with all interfaces.
 
-    Topics may overtake each other. So positions go before stiffness, and a limp joint keeps the position that it was sent
-    last: whatever comes first, stiffness never meets a position that is not its own.
+    Topics may overtake each other. Positions are therefore sent before stiffness, and a limp joint keeps its last target:
+    in any order of arrival, stiffness never applies to a wrong position.
     """
     kp, kd = robot.gains(nominal_stance(robot).hip_height)
     by_interface = "{interface}" in pattern
     mark, marked = ("{interface}", IMPEDANCE) if by_interface else ("{joint}", names)
     topics = [pattern.replace(mark, name) for name in marked]
 
-    def told(command: JointCommand) -> Messages:
+    def encode(command: JointCommand) -> Messages:
         table = command.table(kp, kd)[:, order]
         rows = zip(topics, (table if by_interface else table.T).tolist(), strict=True)
         skipped = int(by_interface and command.limp)
         return {topic: encoded_array(row) for topic, row in list(rows)[skipped:]}
 
     limp = JointCommand.damping(np.zeros(len(names)), 0.0)
-    return Controllers(dict.fromkeys(topics, ENCODED_ARRAY), told, ACCEPTS_EVERYTHING, limp)
+    return Controllers(dict.fromkeys(topics, ENCODED_ARRAY), encode, ACCEPTS_EVERYTHING, limp)
 
 
 def _order(joint_names: tuple[str, ...], names: tuple[str, ...]) -> NDArray[np.intp]:
-    """Which of the model's joints the controllers have in each place."""
+    """Return the indices of the model's joints in the controllers' order."""
     wrong = tuple(sorted(set(names) ^ set(joint_names)))
     if wrong or len(set(names)) != len(names):
-        told = f"{listed(wrong)} in only one of them" if wrong else "a joint is there twice"
+        fault = f"{listed(wrong)} in only one of them" if wrong else "a joint is listed twice"
         raise SettingsError(
-            f"joint_order must hold each joint of the model once: {told}; the model has {listed(joint_names)}"
+            f"joint_order must list each joint of the model once: {fault}; the model has {listed(joint_names)}"
         )
     return np.array([joint_names.index(name) for name in names])

@@ -1,6 +1,6 @@
 """ROS 2 robots and Gazebo, without a ROS installation: JointState and Imu in, commands of joints out, over DDS.
 
-What the controllers on the other side must be is in docs/hardware/ros2.md.
+docs/ros2.md lists the required controllers.
 """
 
 from __future__ import annotations
@@ -11,25 +11,25 @@ from typing import Any
 from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain, Inbox, raw
 from equipoise.drivers.ros2.command_topics import controllers_of
-from equipoise.drivers.ros2.outlook import REMEDY, listeners, stiffness
 from equipoise.drivers.ros2.ros2_settings import Ros2Settings
 from equipoise.drivers.ros2.ros_messages import Imu, JointState, dds_topic
 from equipoise.drivers.ros2.sensor_topics import ImuTopic, JointTopic, StampClock, together
+from equipoise.drivers.ros2.takeover_checks import REMEDY, stiffness, subscribers
 from equipoise.errors import CommunicationError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
 
-_FRESH = 0.25  # [s] for which a sample says where the joints are
-_PATIENCE = 4.0  # [s] for topics and controllers to be found; less than a platform's, because this knows more
-_LOOK = 5e-3  # [s] between looks for controllers
-_RELEASES = 10  # the last command, so often: some may get lost
+_FRESH = 0.25  # [s] for which a sample determines the joint positions
+_PATIENCE = 4.0  # [s] for discovery of topics and controllers; less than a platform's, whose message is less specific
+_LOOK = 5e-3  # [s] between checks for controllers
+_RELEASES = 10  # repetitions of the last command: some may get lost
 
 
 class Ros2Connection:
-    """To a robot whose joints and IMU are on ROS 2 topics.
+    """Connection to a robot whose joints and IMU are on ROS 2 topics.
 
-    A state is handed out whenever either topic brings something, with the newest of the other: joints and IMU keep their own
-    times and rates. `received` is when the older of the two arrived, so that a topic that falls silent shows.
+    Each message of either topic gives a state, with the newest sample of the other: joints and IMU keep their own times and
+    rates. `received` is the earlier time of arrival of the two, so that a silent topic is detected.
     """
 
     def __init__(self, robot: RobotModel, settings: Ros2Settings) -> None:
@@ -52,22 +52,22 @@ class Ros2Connection:
 
     @property
     def rejected(self) -> int:
-        """Number of messages that arrived and could not be read."""
+        """Number of messages that could not be decoded."""
         return self._joints.damaged + self._imu.damaged
 
     def receive(self) -> list[RobotState]:
         """Return the samples that have arrived, as a connection does.
 
         Raises:
-            CommunicationError: one of the topics has brought nothing since the link was opened, or two robots write on one.
-            SettingsError: the robot has other joints than the model.
-            SensorError: the messages carry no times, or times of different clocks, or no angular velocity or acceleration.
+            CommunicationError: one of the topics has no message yet, or two robots write on one.
+            SettingsError: the robot's joints are not the model's.
+            SensorError: the messages have no stamps, stamps of different clocks, or no angular velocity or acceleration.
         """
         topics = ((self._joints, self._joint_inbox), (self._imu, self._imu_inbox))
         arrived = [(received, topic, inbox, sample) for topic, inbox in topics for received, sample in inbox.take()]
         states: list[RobotState] = []
         for received, topic, inbox, sample in sorted(arrived, key=lambda item: item[0]):
-            if not topic.hear(received, sample.data):
+            if not topic.add(received, sample.data):
                 continue
             self._check_one_writer(topic.topic, inbox, sample)
             if self._joints.newest is not None and self._imu.newest is not None:
@@ -80,84 +80,87 @@ class Ros2Connection:
         """Send a command, as a connection does.
 
         Raises:
-            CommunicationError: a topic of commands has no controller that listens.
-            SettingsError: a version of DDS that is unsafe beside this one has come to the domain.
+            CommunicationError: a command topic has no subscriber.
+            SettingsError: a process with an unsafe version of DDS has joined the domain.
         """
         if not self._commanded:
-            self._domain.check_company()  # others may have come since
+            self._domain.check_versions()  # others may have joined since
             self._wait_for_controllers()
-        self._tell(command)
+        self._send_all(command)
         self._commanded = True
-        if unheard := self._unheard():  # the others were told all the same: it may be to damp
-            raise self._nobody(unheard)
+        if topics := self._unsubscribed():  # the command was sent to the others anyway: it may be to damp
+            raise self._no_subscriber(topics)
 
-    def foretell(self) -> list[CheckupFinding]:
-        """Predict the first command: which controllers listen, and whether joints that positions have to move are limp."""
+    def check_takeover(self) -> list[CheckupFinding]:
+        """Return findings about the first command: subscribers of the command topics, and limp joints."""
         torque = None if self._joints.newest is None else self._joints.newest.torque
         limp_at_first = self._controllers.limp is not None
-        return [listeners(tuple(self._outboxes), self._unheard()), *stiffness(self._robot, torque, limp_at_first)]
+        return [
+            subscribers(tuple(self._outboxes), self._unsubscribed()),
+            *stiffness(self._robot, torque, limp_at_first),
+        ]
 
     def release(self) -> None:
-        """No torque; a position controller has none to take away, and lets the robot stay where it is.
+        """Send zero torque under impedance control; let position controllers hold the present positions.
 
-        Nothing is sent if nothing was before, or if it is not known where the joints are: they are held where they were sent.
+        Nothing is sent if no command was sent before. Without fresh positions, position controllers hold their last target.
         """
         here, limp = self._joints.newest, self._controllers.limp
         if self._commanded and limp is not None:
             for _ in range(_RELEASES):
-                self._tell(limp)
+                self._send_all(limp)
                 time.sleep(self.control_period)
         elif self._commanded and here is not None and time.monotonic() - here.received < _FRESH:
-            self._tell(JointCommand(here.position))
+            self._send_all(JointCommand(here.position))
         self._commanded = False
 
     def close(self) -> None:
         self._domain.close()
 
     def _check_one_writer(self, topic: str, inbox: Inbox, sample: Any) -> None:
-        """Two writers of these joints, or of the IMU, are two robots; who writes other joints is not asked."""
-        writer, known = sample.sample_info.publication_handle, self._writers.get(topic)
+        """Raise CommunicationError if two processes write these joints or the IMU: they are two robots."""
+        writer, previous = sample.sample_info.publication_handle, self._writers.get(topic)
         self._writers[topic] = writer
-        if known not in (None, writer) and known in (names := inbox.names_of_writers()):
+        if previous not in (None, writer) and previous in (names := inbox.names_of_writers()):
             raise CommunicationError(
-                f"two robots write on {topic} in {self.name}, and both would obey the same commands: "
-                f"{names[known]} and {names.get(writer, 'another process')}. End the other one, or give this robot a "
-                "ROS_DOMAIN_ID of its own"
+                f"two robots write on {topic} in {self.name}, and both would execute the same commands: "
+                f"{names[previous]} and {names.get(writer, 'another process')}. End the other one, or give this robot its "
+                "own ROS_DOMAIN_ID"
             )
 
-    def _tell(self, command: JointCommand) -> None:
-        for topic, message in self._controllers.told(command).items():
+    def _send_all(self, command: JointCommand) -> None:
+        for topic, message in self._controllers.encode(command).items():
             self._outboxes[topic].send(message)
 
-    def _unheard(self) -> list[str]:
+    def _unsubscribed(self) -> list[str]:
         return [topic for topic, outbox in self._outboxes.items() if not outbox.readers]
 
     def _wait_for_controllers(self) -> None:
-        """All of them: half of an impedance is none, or one without damping."""
-        while (unheard := self._unheard()) and time.monotonic() - self._opened < _PATIENCE:
+        """Wait for all controllers: a part of an impedance command may lack damping."""
+        while (topics := self._unsubscribed()) and time.monotonic() - self._opened < _PATIENCE:
             time.sleep(_LOOK)
-        if unheard:
-            raise self._nobody(unheard)
+        if topics:
+            raise self._no_subscriber(topics)
 
-    def _nobody(self, unheard: list[str]) -> CommunicationError:
-        return CommunicationError(f"nobody listens to {', '.join(unheard)} in {self.name}: {REMEDY}")
+    def _no_subscriber(self, topics: list[str]) -> CommunicationError:
+        return CommunicationError(f"no controller subscribes to {', '.join(topics)} in {self.name}: {REMEDY}")
 
     def _look_for_both(self) -> None:
-        """Say what is missing, as long as something is."""
+        """Raise CommunicationError that names the missing topics, after a time."""
         if time.monotonic() - self._opened < _PATIENCE:
             return
         if self._joints.others and self._joints.newest is None:
-            raise self._joints.refuse(self.joint_names, self._joints.others)
+            raise self._joints.missing_joints(self.joint_names, self._joints.others)
         topics = (("JointState", self._joints, self._joint_inbox), ("Imu", self._imu, self._imu_inbox))
         missing = [_silent(kind, topic.topic, inbox) for kind, topic, inbox in topics if topic.newest is None]
         raise CommunicationError(
-            f"{' and '.join(missing)} in {self.name}: are the broadcasters active, are the topics' names right, is the domain "
+            f"{' and '.join(missing)} in {self.name}: are the broadcasters active, are the topic names right, is the domain "
             "the robot's ROS_DOMAIN_ID, does ROS use this interface?"
         )
 
 
 def open_connection(robot: RobotModel, settings: Ros2Settings) -> Ros2Connection:
-    """Open the connection to the robot that the settings name.
+    """Open the connection to a robot.
 
     Raises:
         SettingsError: the interface does not exist, `joint_order` is not the model's joints, or the version of cyclonedds
@@ -168,4 +171,4 @@ def open_connection(robot: RobotModel, settings: Ros2Settings) -> Ros2Connection
 
 
 def _silent(kind: str, topic: str, inbox: Inbox) -> str:
-    return f"nothing on {topic}" if inbox.writers else f"nobody publishes {kind} on {topic}"
+    return f"no message on {topic}" if inbox.writers else f"no publisher of {kind} on {topic}"

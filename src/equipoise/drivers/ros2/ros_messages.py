@@ -1,8 +1,8 @@
-"""The ROS 2 messages that a robot's joints and IMU speak, as DDS types.
+"""ROS 2 messages of a robot's joints and IMU, as DDS types.
 
 A ROS message `pkg/msg/Name` is the DDS type `pkg::msg::dds_::Name_`, a topic `/x` is the DDS topic `rt/x`; fields and their
-order are those of the public .msg definitions. cyclonedds takes a JointState of 12 joints apart in 24 us, an Imu in 21 us.
-None of them holds a uint8, which is what crashes cyclonedds 0.10 when 11 announces it.
+order are those of the public .msg definitions. cyclonedds decodes a JointState of 12 joints in 24 us, an Imu in 21 us.
+None of them contains a uint8, which crashes cyclonedds 0.10 when 11 announces it.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ _DEFINITIONS = {
         "std_msgs/Header header, string[] joint_names, trajectory_msgs/JointTrajectoryPoint[] points"
     ),
 }
-"""In [rad], [rad/s], [Nm] and [m/s2]. Velocities and efforts may be empty, a covariance that begins with -1 states that its
-datum is missing, and a trajectory that is stamped zero begins at once."""
+"""Fields in [rad], [rad/s], [Nm] and [m/s2]. Velocities and efforts may be empty; a covariance that begins with -1 marks
+missing data; a trajectory with stamp zero begins at once."""
 
 (
     Time, Duration, Header, Vector3, Quaternion, JointState, Imu, MultiArrayDimension, MultiArrayLayout, Float64MultiArray,
@@ -49,10 +49,10 @@ ENCODED_ARRAY = raw(Float64MultiArray)
 
 
 def dds_topic(name: str) -> str:
-    """Return the DDS name of a ROS topic: "rt/joint_states" of "/joint_states"."""
+    """Return the DDS name of a ROS topic: "rt/joint_states" for "/joint_states"."""
     return "rt" + name
 
 
 def encoded_array(values: Sequence[float]) -> RawSample:
-    """Encode a `Float64MultiArray` without a layout: a dozen of them a command take cyclonedds half a millisecond."""
+    """Encode a `Float64MultiArray` without a layout; cyclonedds takes half a millisecond for a dozen of them."""
     return ENCODED_ARRAY(struct.pack(f"<4s3I4x{len(values)}d", _LITTLE_ENDIAN, 0, 0, len(values), *values))

@@ -1,4 +1,4 @@
-"""Samples of a robot from ROS 2 messages: joints by their names, times by the robot's clock or ours."""
+"""Samples of a robot from ROS 2 messages: joints by name, times on the robot's or this computer's clock."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from equipoise.drivers.ros2.ros_messages import Imu, JointState
 from equipoise.errors import SensorError, SettingsError
 from equipoise.platform.platform import Health, RobotState
 
-_PACE_WINDOW = 2.0  # [s] over which the robot's clock is held against ours
-_PACE_TOLERANCE = 0.4  # as a fraction: a busy computer may cost some of it; a simulation in slow motion is far off
-_ASUNDER = 1.0  # [s] between the newest of both topics, beyond which they are not of one clock
+_PACE_WINDOW = 2.0  # [s] over which the robot's clock is compared with this computer's
+_PACE_TOLERANCE = 0.4  # as a fraction: a busy computer needs some of it; a simulation in slow motion exceeds it
+_MAX_STAMP_DIFFERENCE = 1.0  # [s] between the newest of both topics; beyond it they have different clocks
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +41,13 @@ class ImuSample:
 
 
 class StampClock:
-    """The times of samples, counted from the second in which the first was stamped, and how fast they pass.
+    """Clock of sample times, counted from the second of the first stamp, and its rate.
 
     Args:
-        by_header: whether to take the messages' stamps; else the times of their arrival.
+        by_header: whether to use the messages' stamps; otherwise their times of arrival.
 
     Attributes:
-        health: warning if the robot's time passes much faster or slower than ours: a simulation in slow motion, which
+        health: warning if the robot's clock is much faster or slower than this computer's: a simulation in slow motion
             would be moved too fast.
     """
 
@@ -69,13 +69,13 @@ class StampClock:
         return stamp.sec - self._origin + 1e-9 * stamp.nanosec
 
     def compare(self, at: float, received: float) -> None:
-        """Hold the robot's clock against ours, every two seconds."""
+        """Compare the robot's clock with this computer's, every two seconds."""
         if self._began is None:
             self._began = at, received
         elif received - self._began[1] > _PACE_WINDOW:
             pace = (at - self._began[0]) / (received - self._began[1])
             off = abs(pace - 1) > _PACE_TOLERANCE
-            self.health = Health(fault=f"its time passes {pace:.2f} times as fast as ours") if off else None
+            self.health = Health(fault=f"its clock runs {pace:.2f} times as fast as this computer's") if off else None
             self._began = at, received
 
 
@@ -84,7 +84,7 @@ class _Topic:
 
     Attributes:
         newest: newest sample, or None.
-        damaged: number of messages that could not be read.
+        damaged: number of messages that could not be decoded.
     """
 
     kind: Any
@@ -96,7 +96,7 @@ class _Topic:
         self._unstamped: int = 0
 
     def _message(self, data: bytes | bytearray) -> Any:
-        """None if it is damaged: cyclonedds has checked the layout, but a name may still be no text."""
+        """Decode a message, or return None if it is damaged: cyclonedds checks the layout, but not that names are text."""
         try:
             return self.kind.deserialize(bytes(data))
         except (ValueError, IndexError, struct.error):
@@ -104,20 +104,20 @@ class _Topic:
             return None
 
     def _time(self, header: Any, received: float) -> float | None:
-        """[s]; a simulation's first message may have no stamp, as its time is zero.
+        """Return a message's time [s]; a simulation's first message may have stamp zero.
 
         Raises:
-            SensorError: another one has none.
+            SensorError: a later stamp is zero.
         """
         at = self._clock.time(header, received)
         self._unstamped += at is None
         if self._unstamped > 1:
-            raise SensorError(f"{self.topic} does not say when it measured: its stamps are zero. Use stamps=arrival")
+            raise SensorError(f"{self.topic}: the stamps are zero. Use stamps=arrival")
         return at
 
 
 class JointTopic(_Topic):
-    """JointState messages, joints found by their names.
+    """JointState messages, with joints by name.
 
     Attributes:
         others: names in messages without any of the model's joints, as those of an arm or a gripper.
@@ -132,11 +132,11 @@ class JointTopic(_Topic):
         self._joint_names = joint_names
         self._places: dict[tuple[str, ...], NDArray[np.intp] | None] = {}
 
-    def hear(self, received: float, data: bytes | bytearray) -> bool:
-        """Take a message; whether it was the legs'.
+    def add(self, received: float, data: bytes | bytearray) -> bool:
+        """Decode a message; return whether it has the model's joints.
 
         Raises:
-            SettingsError: some of the model's joints are in it, and some not.
+            SettingsError: the message has only some of the model's joints.
             SensorError: messages have no stamps.
         """
         message = self._message(data)
@@ -151,22 +151,22 @@ class JointTopic(_Topic):
             return False
         self._clock.compare(at, received)
         velocity, torque = (_chosen(each, places, len(message.name)) for each in (message.velocity, message.effort))
-        self.newest = JointSample(at, received, position, _known(velocity), _known(torque))
+        self.newest = JointSample(at, received, position, _reported(velocity), _reported(torque))
         return True
 
-    def refuse(self, missing: tuple[str, ...], seen: tuple[str, ...]) -> SettingsError:
-        """The error that names the joints."""
+    def missing_joints(self, missing: tuple[str, ...], found: tuple[str, ...]) -> SettingsError:
+        """Return the error that names the missing joints."""
         return SettingsError(
-            f"{self.topic} lacks the model's {listed(missing)}; it has {listed(seen)}. Load the model that the robot itself "
-            "runs: /robot_description holds it"
+            f"{self.topic} lacks the model's {listed(missing)}; it has {listed(found)}. Load the robot's own model, from "
+            "/robot_description"
         )
 
     def _places_of(self, names: tuple[str, ...]) -> NDArray[np.intp] | None:
-        """Return the places of the model's joints in a message; None if they are not in it."""
+        """Return the indices of the model's joints in a message; None if they are not in it."""
         if names not in self._places:
             missing = tuple(name for name in self._joint_names if name not in names)
             if 0 < len(missing) < len(self._joint_names):
-                raise self.refuse(missing, names)
+                raise self.missing_joints(missing, names)
             self._places[names] = None if missing else np.array([names.index(name) for name in self._joint_names])
             self.others = names if missing else self.others
         return self._places[names]
@@ -181,8 +181,8 @@ class ImuTopic(_Topic):
         super().__init__(topic, clock)
         self.newest: ImuSample | None = None
 
-    def hear(self, received: float, data: bytes | bytearray) -> bool:
-        """Take a message; whether it could be read.
+    def add(self, received: float, data: bytes | bytearray) -> bool:
+        """Decode a message; return whether it was valid.
 
         Raises:
             SensorError: messages have no stamps, or no angular velocity or acceleration.
@@ -191,27 +191,25 @@ class ImuTopic(_Topic):
         if message is None:
             return False
         if message.angular_velocity_covariance[0] == -1 or message.linear_acceleration_covariance[0] == -1:
-            raise SensorError(f"{self.topic} says that it has no angular velocity or no acceleration; both are needed")
+            raise SensorError(f"{self.topic} reports no angular velocity or no acceleration; both are needed")
         at = self._time(message.header, received)
         if at is None:
             return False
-        turning, felt = message.angular_velocity, message.linear_acceleration
-        self.newest = ImuSample(
-            at, received, np.array([turning.x, turning.y, turning.z]), np.array([felt.x, felt.y, felt.z])
-        )
+        w, a = message.angular_velocity, message.linear_acceleration
+        self.newest = ImuSample(at, received, np.array([w.x, w.y, w.z]), np.array([a.x, a.y, a.z]))
         return True
 
 
 def together(joints: JointSample, imu: ImuSample, health: Health | None) -> RobotState:
-    """The newest of both as one state, received when the older of the two was.
+    """Return the newest samples as one state, with the earlier time of arrival.
 
     Raises:
-        SensorError: their times are far apart: of a simulation and of day, of two computers.
+        SensorError: their times are far apart: from a simulation and a real clock, or from two computers.
     """
-    if abs(joints.time - imu.time) > _ASUNDER:
+    if abs(joints.time - imu.time) > _MAX_STAMP_DIFFERENCE:
         raise SensorError(
             f"joints and IMU are stamped {joints.time - imu.time:+.1f} s apart: do all nodes use one clock (use_sim_time), "
-            "are the computers' clocks right, has one of the topics fallen silent? Times of arrival may do: stamps=arrival"
+            "are the computers' clocks right, has one of the topics stopped? stamps=arrival uses times of arrival instead"
         )
     return RobotState(
         joints.time,
@@ -227,15 +225,15 @@ def together(joints: JointSample, imu: ImuSample, health: Health | None) -> Robo
 
 
 def listed(names: tuple[str, ...]) -> str:
-    """Names for a message."""
+    """Return a list of names for a message."""
     return ", ".join(repr(name) for name in names)
 
 
 def _chosen(values: list[float], places: NDArray[np.intp], count: int) -> FloatArray | None:
-    """A vector of a JointState in the model's order; None if it is left empty."""
+    """Return a vector of a JointState in the model's order; None if it is empty."""
     return np.array(values)[places] if len(values) == count else None
 
 
-def _known(values: FloatArray | None) -> FloatArray | None:
-    """None if a joint has no such value: broadcasters write NaN for an interface that the hardware does not have."""
+def _reported(values: FloatArray | None) -> FloatArray | None:
+    """Return values, or None if any is NaN: broadcasters write NaN for interfaces that the hardware does not have."""
     return None if values is None or np.isnan(values).any() else values

@@ -1,4 +1,4 @@
-"""The checksum of Unitree's packets: CRC-32 over 32-bit words, most significant bit first."""
+"""Checksum of Unitree's packets: CRC-32 over 32-bit words, most significant bit first."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ _WORD = 4  # [bytes]
 
 
 def crc32_words(data: bytes | bytearray | memoryview) -> int:
-    """CRC-32 (polynomial 0x04C11DB7, initially 0xFFFFFFFF, nothing inverted at the end) of little-endian 32-bit words.
+    """Return the CRC-32 (polynomial 0x04C11DB7, initially 0xFFFFFFFF, no final inversion) of little-endian 32-bit words.
 
-    zlib's CRC-32 has the same polynomial, takes bytes one after the other and each with its least significant bit first. So
-    the bytes of each word are swapped, and the bits of each byte and of the result reversed.
+    zlib's CRC-32 has the same polynomial but processes bytes in order, least significant bit first. The bytes of each word
+    are therefore swapped, and the bits of each byte and of the result reversed.
 
     Args:
         data: bytes, a whole number of words.

@@ -1,4 +1,4 @@
-"""Unitree Go2 and B2 over DDS. Tried against a simulated robot that speaks their messages, never on a real one.
+"""Unitree Go2 and B2 over DDS. Tested against an emulator of their messages, not on a real robot.
 
 The robot must lie (or hang) when the first command is sent: docs/hardware/unitree-go2-b2.md.
 """
@@ -19,7 +19,7 @@ from equipoise.drivers.unitree.dds_types import LowCmd, LowState
 from equipoise.drivers.unitree.low_level import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, request_of
-from equipoise.drivers.unitree.sport import MotionSwitcher, outlook
+from equipoise.drivers.unitree.sport import MotionSwitcher, takeover_finding
 from equipoise.errors import CommunicationError, MotionError, OtherCommanderError, SettingsError
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
 from equipoise.robot.kinematics import Kinematics
@@ -29,12 +29,12 @@ from equipoise.robot.stance import nominal_stance
 COMMAND_TOPIC, STATE_TOPIC = "rt/lowcmd", "rt/lowstate"
 CONTROL_PERIOD = 2e-3  # [s]
 _TICK = 1e-3  # [s] of the robot's clock
-_HEALTH = 0.1  # [s] between looks at temperatures and the battery
+_HEALTH = 0.1  # [s] between checks of temperatures and the battery
 _LOST = 0.1  # share of messages between the robot's computer and a motor that may get lost
-_LISTENING = 0.3  # [s] in which somebody else who commands is heard: each motor wants a command every few milliseconds
+_LISTENING = 0.3  # [s] to detect other commanders: each motor needs a command every few milliseconds
 _TURN = 5e-3  # [s] for the threads that receive
-_PATIENCE = 3.0  # [s] of samples that are damaged, and no other
-_RELEASES = 10  # the last command, so often: some may get lost
+_PATIENCE = 3.0  # [s] with damaged samples only
+_RELEASES = 10  # repetitions of the last command: some may get lost
 _FOLDED = 0.5  # of a leg's length, between hip and foot, when a robot lies
 
 
@@ -44,19 +44,19 @@ class UnitreeDdsConnection:
     Args:
         robot: model of a robot with three joints a leg.
         settings: settings of a Go2 or a B2.
-        beside: whether another process has taken the robot over, and this one only sends if a robot receives.
+        second: whether another process has taken over the robot, and this connection only sends if a robot receives.
 
     Attributes:
-        rejected: number of samples that arrived and were left out: a wrong checksum or length.
-        unchecked: whether samples are accepted whatever their checksum.
+        rejected: number of rejected samples: wrong checksum or length.
+        unchecked: whether samples with wrong checksums are accepted.
 
     Raises:
-        SettingsError: the robot has other legs, or a setting cannot be used here.
+        SettingsError: the robot has other legs, or a setting is not valid on this computer.
         CommunicationError: the domain cannot be opened.
     """
 
-    def __init__(self, robot: RobotModel, settings: UnitreeDdsSettings, beside: bool = False) -> None:
-        self._robot, self._settings, self._beside = robot, settings, beside
+    def __init__(self, robot: RobotModel, settings: UnitreeDdsSettings, second: bool = False) -> None:
+        self._robot, self._settings, self._second = robot, settings, second
         self.name, self.joint_names = f"{settings.kind} on {settings.interface}", robot.joint_names
         self.accepts, self.control_period = ACCEPTS_EVERYTHING, CONTROL_PERIOD
         self._joint_of_motor = joints_of_motors(robot, settings.kind)
@@ -73,29 +73,29 @@ class UnitreeDdsConnection:
         self._newest: RobotState | None = None
         self._newest_record: NDArray[Any] | None = None
         self._health, self._examined, self._lost_before = Health(), -np.inf, np.zeros(MOTORS)
-        self._obeys = beside
+        self._taken_over = second
         self.rejected, self.unchecked = 0, not settings.check_crc
         self._opened = time.monotonic()
         self._domain = DdsDomain(settings.domain, settings.interface, settings.peers, settings.accept_cyclonedds)
         self._sample = raw(LowCmd)
         self._states = self._domain.inbox(STATE_TOPIC, raw(LowState))
         self._commands = self._domain.outbox(COMMAND_TOPIC, self._sample)
-        self._others = None if beside else self._domain.inbox(COMMAND_TOPIC, self._sample, own=False)
+        self._others = None if second else self._domain.inbox(COMMAND_TOPIC, self._sample, own=False)
         self._switcher = MotionSwitcher(self._domain, self.name)
 
     def receive(self) -> list[RobotState]:
         """Return the samples that have arrived, as a connection does.
 
         Raises:
-            CommunicationError: the robot falls silent, only damaged samples arrive, or several robots send samples.
-            OtherCommanderError: another program commands the motors that we command.
+            CommunicationError: no more samples arrive, only damaged ones arrive, or several robots send samples.
+            OtherCommanderError: another program commands the same motors.
         """
         self._check_one_robot()
-        if self._obeys:
+        if self._taken_over:
             self._check_one_commander()
         samples = self._arrived()
         if not samples and self._silent_since() > self._settings.silence:
-            time.sleep(_TURN)  # this computer was busy, perhaps, not the robot silent
+            time.sleep(_TURN)  # this computer may have been busy
             samples = self._arrived()
         self._note(samples)
         return samples
@@ -104,25 +104,25 @@ class UnitreeDdsConnection:
         """Send a command. Before the first one the robot's own controller releases the motors, which takes seconds.
 
         Raises:
-            MotionError: it holds them, and the robot does not lie.
-            OtherCommanderError: another program commands them.
+            MotionError: the controller holds the motors, and the robot does not lie.
+            OtherCommanderError: another program commands the motors.
             CommunicationError: several robots are on the domain, or none.
-            SettingsError: a version of DDS that is unsafe beside this one has come to the domain.
+            SettingsError: a process with an unsafe version of DDS has joined the domain.
         """
         if len(command.position) != MOTORS:
             raise SettingsError(f"commands for {len(command.position)} joints; {self.name} has {MOTORS}")
-        if not self._obeys:
+        if not self._taken_over:
             self._take_over()
-        if self._beside and not self._commands.readers:
-            raise CommunicationError(f"nobody hears {self.name}: is the robot on, is the cable in?")
+        if self._second and not self._commands.readers:
+            raise CommunicationError(f"no robot receives {self.name}: is the robot on, is the cable plugged in?")
         table = command.table(*self._own_gains)[:, self._joint_of_motor]
         for motors, values in zip(self._motors.values(), table, strict=True):
             motors[:MOTORS] = values
         self._transmit()
 
-    def foretell(self) -> list[CheckupFinding]:
-        """Predict the first command: which controller holds the motors. The request releases none."""
-        return [outlook(self._switcher, self._settings.release_sport_mode, self._may_let_go())]
+    def check_takeover(self) -> list[CheckupFinding]:
+        """Return the finding about the controller that holds the motors; the request releases none."""
+        return [takeover_finding(self._switcher, self._settings.release_sport_mode, self._may_release())]
 
     def motor_report(self) -> dict[str, list[int]]:
         """Return the newest "mode" of each motor, and its count of "lost" messages, in the model's joint order."""
@@ -132,73 +132,73 @@ class UnitreeDdsConnection:
         return {name: record["motor_state"][name][self._motor_of_joint].tolist() for name in ("mode", "lost")}
 
     def release(self) -> None:
-        """No torque. A robot that was never commanded is left to its own controller."""
-        if not self._obeys:
+        """Stop all motor torques. A robot that was never commanded is left to its own controller."""
+        if not self._taken_over:
             return
-        self._obeys = False
+        self._taken_over = False
         self._stop_motors()
         for _ in range(_RELEASES):
             self._transmit()
             time.sleep(CONTROL_PERIOD)
 
     def close(self) -> None:
-        self._obeys = False
+        self._taken_over = False
         self._domain.close()
 
     def _transmit(self) -> None:
         self._commands.send(self._sample(self._message.encoded()))
 
     def _stop_motors(self) -> None:
-        """Neither position nor velocity nor torque, of all motors that a message has room for."""
+        """Set commands without position, velocity and torque for all motors of a message."""
         for name, value in (("q", STOP_POSITION), ("dq", STOP_VELOCITY), ("tau", 0.0), ("kp", 0.0), ("kd", 0.0)):
             self._motors[name][:] = value
 
     def _take_over(self) -> None:
-        self._domain.check_company()  # others may have come since
+        self._domain.check_versions()  # others may have joined since
         self._check_one_robot()
         if not self._states.writers:
             raise CommunicationError(
-                f"no robot sends {STATE_TOPIC} in {self._domain.where}: is it on, is the cable in?"
+                f"no robot sends {STATE_TOPIC} in {self._domain.where}: is it on, is the cable plugged in?"
             )
         if self._settings.release_sport_mode and (mode := self._switcher.mode()):
-            if not self._may_let_go():
+            if not self._may_release():
                 raise MotionError(
                     f"the controller {mode!r} of {self.name} holds its motors, and the robot does not lie: it would fall when "
-                    "they are let go. Have it lie down with its remote control; if it hangs in a frame, set hanging=true"
+                    "they are released. Have it lie down with its remote control; if it hangs in a frame, set hanging=true"
                 )
             self._switcher.release()
         if self._others is not None:
             self._others.take()  # the robot's own controller may have commanded until now
             time.sleep(_LISTENING)
         self._check_one_commander()
-        self._obeys = True
+        self._taken_over = True
 
     def _check_one_robot(self) -> None:
-        """Several robots on the domain would obey the same commands, and their samples would be mixed."""
+        """Raise CommunicationError if several robots are on the domain: all would execute the same commands."""
         if self._states.writers > 1:
             raise CommunicationError(
                 f"{self._states.writers} robots send {STATE_TOPIC} in {self._domain.where}: "
-                f"{', '.join(self._states.names_of_writers().values())}. All would obey the same commands: disconnect the "
-                "others (one that was switched off counts for 10 s more), or put this robot on a domain of its own: set domain"
+                f"{', '.join(self._states.names_of_writers().values())}. All would execute the same commands: disconnect the "
+                "others (one that was switched off counts for 10 s more), or give this robot its own domain: set domain"
             )
 
     def _check_one_commander(self) -> None:
-        """Writers that send nothing are allowed: the connection that damps when this process is dead is one."""
+        """Raise OtherCommanderError if another program sends commands; silent writers, as second connections, may exist."""
         others = [] if self._others is None else self._others.take()
         if others and self._others is not None:
             raise OtherCommanderError(
                 f"another program commands the motors of {self.name}: {self._others.name_of_writer(others[0][1])} sent "
                 f"{len(others)} commands on {COMMAND_TOPIC}. Both would move the robot: end that program, on this computer or "
-                "on the robot (its own sport mode, where that was not asked to let go: docs/hardware/unitree-go2-b2.md)"
+                "on the robot (its own sport mode, if that was not released: docs/unitree-go2.md)"
             )
 
-    def _may_let_go(self) -> bool:
+    def _may_release(self) -> bool:
         return self._settings.hanging or self._lies()
 
     def _lies(self) -> bool:
         """Return whether all legs are folded."""
         if self._newest is None:
-            raise MotionError(f"{self.name} must be read before it is commanded: is it lying?")
+            raise MotionError(f"{self.name} must be read before it is commanded, to check that it lies")
         kinematics, position = Kinematics(self._robot), self._newest.joint_position
         poses = kinematics.joint_poses(position)
         reach = [
@@ -208,7 +208,7 @@ class UnitreeDdsConnection:
         return bool(max(reach) <= _FOLDED * self._robot.leg_length)
 
     def _clock_of(self, tick: int) -> RobotClock | None:
-        """The robot's clock, or this computer's if it stands still, as public simulators'; None before it is known."""
+        """Return the robot's clock, or this computer's if it does not advance; None before that is known."""
         if self._clock is None and (tick or self._stood_still):
             self._clock = RobotClock(_TICK if tick else 0.0)
         self._stood_still = tick == 0
@@ -227,7 +227,7 @@ class UnitreeDdsConnection:
         return samples
 
     def _silent_since(self) -> float:
-        """For how long [s]; 0 before the first sample."""
+        """Return the time since the last sample [s]; 0 before the first one."""
         newest = self._newest
         return 0.0 if newest is None or newest.received is None else time.monotonic() - newest.received
 
@@ -248,12 +248,12 @@ class UnitreeDdsConnection:
         )
 
     def _examine(self, record: NDArray[Any], received: float) -> Health:
-        """Temperatures, battery, and messages lost inside the robot; zeros are what simulators leave empty."""
+        """Return temperatures, battery, and messages lost inside the robot; zeros are empty fields of simulators."""
         motors, order = record["motor_state"], self._motor_of_joint
         temperature, voltage = motors["temperature"][order].astype(float), float(record["power_v"])
         lost, before = motors["lost"][order].astype(float), self._lost_before
         since, self._lost_before, self._examined = received - self._examined, lost, received
-        losing = lost - before > _LOST * since / CONTROL_PERIOD  # the first time, since ever: none
+        losing = lost - before > _LOST * since / CONTROL_PERIOD  # infinite `since` the first time: none
         fault = (
             "messages to motors get lost: " + ", ".join(np.array(self.joint_names)[losing]) if losing.any() else None
         )
@@ -265,18 +265,18 @@ class UnitreeDdsConnection:
         )
 
     def _note(self, samples: list[RobotState]) -> None:
-        """Keep the newest sample; complain when the robot has fallen silent, or cannot be understood."""
+        """Keep the newest sample; raise CommunicationError for a silent robot or only damaged samples."""
         if samples:
             self._newest = samples[-1]
         elif self._newest is None:
             if self.rejected and time.monotonic() - self._opened > _PATIENCE:
                 raise CommunicationError(
-                    f"{self.name} cannot be understood: all {self.rejected} samples had another length or a wrong checksum. "
-                    "Is it this kind of robot? check_crc=false takes samples with wrong checksums"
+                    f"{self.name} sends no valid samples: all {self.rejected} samples had a wrong length or checksum. Is it "
+                    "this kind of robot? check_crc=false accepts samples with wrong checksums"
                 )
         elif (since := self._silent_since()) > self._settings.silence:
             raise CommunicationError(
-                f"{self.name} has been silent for {since:.1f} s: is the robot on, is the cable in?"
+                f"{self.name} has been silent for {since:.1f} s: is the robot on, is the cable plugged in?"
             )
 
 
@@ -285,6 +285,6 @@ def open_connection(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeD
     return UnitreeDdsConnection(robot, settings)
 
 
-def open_beside(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsConnection:
-    """Open the second connection, as `open_second` of `drivers/platforms.py` describes it."""
-    return UnitreeDdsConnection(robot, settings, beside=True)
+def open_second_connection(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsConnection:
+    """Open the second connection; see `open_second` of `drivers/platforms.py`."""
+    return UnitreeDdsConnection(robot, settings, second=True)

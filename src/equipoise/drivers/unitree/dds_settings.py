@@ -14,16 +14,16 @@ class UnitreeDdsSettings:
     """Settings of the connection to a Go2.
 
     Attributes:
-        interface: network interface of this computer, that the robot's cable is in; "lo" for a simulated robot.
+        interface: network interface of the robot's cable; "lo" for an emulator.
         domain: number of the DDS domain; 0 on the robots, 1 in their makers' simulator.
-        peers: addresses at which to look for the robot, where multicast does not find it.
-        release_sport_mode: whether to have the robot's own controller let go of the motors before the first command.
-        hanging: whether the robot hangs in a frame; otherwise it must lie when its controller lets go.
-        check_crc: whether samples with a wrong checksum are left out; public simulators send none, and need false.
-        silence: time without a sample after which the link counts as lost [s].
-        motor_mode: mode in which commands put the motors, 1 or 10. The maker's C++ examples send 1 to a Go2 and 10 to a B2, so
-            the difference is deliberate; its Python example sends 1 to a B2 too. Default: as the C++ examples.
-        accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
+        peers: addresses for discovery of the robot, if multicast does not find it.
+        release_sport_mode: whether the robot's own controller must release the motors before the first command.
+        hanging: whether the robot hangs in a frame; otherwise it must lie when its controller releases the motors.
+        check_crc: whether samples with a wrong checksum are rejected; public simulators send no checksum, and need false.
+        silence: time without a sample after which the connection counts as lost [s].
+        motor_mode: motor mode of commands, 1 or 10. The maker's C++ examples send 1 to a Go2 and 10 to a B2; its Python
+            example sends 1 to a B2 too. Default: as the C++ examples.
+        accept_cyclonedds: version of cyclonedds to use although robots, or others on the domain, run another.
     """
 
     interface: str = "eth0"
@@ -43,7 +43,7 @@ class UnitreeDdsSettings:
         check_range(self, "silence", 0.02, 10)
         if self.motor_mode not in (1, 10):
             raise SettingsError(
-                f"motor_mode is {self.motor_mode}; it is 1 or 10 (0x0A), which the maker's examples send"
+                f"motor_mode is {self.motor_mode}; it must be 1 or 10 (0x0A), as in the maker's examples"
             )
 
 

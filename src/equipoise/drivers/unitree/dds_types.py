@@ -1,6 +1,6 @@
-"""The messages of Unitree's Go2 and B2 as DDS types.
+"""Messages of Unitree's Go2 and B2 as DDS types.
 
-uint8 and int8 are byte there, for peace between versions of DDS: `cyclone.py` says why.
+uint8 and int8 are byte, for compatibility between versions of DDS: see `cyclone.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The messages of Unitree's Go2 and B2: types and names of their fields, in the order on the wire."""
+"""Messages of Unitree's Go2 and B2: types and names of their fields, in the order on the wire."""
 
 from __future__ import annotations
 
@@ -47,5 +47,5 @@ SERVICES = {
     "unitree_api/ResponseHeader": "unitree_api/RequestIdentity identity, unitree_api/ResponseStatus status",
     "unitree_api/Response": "unitree_api/ResponseHeader header, string data, uint8[] binary",
 }
-"""Requests to services and their responses; parameter and data are JSON, a response has the identity of its request, and its
-status is zero if it was done."""
+"""Requests to services and their responses. Parameter and data are JSON; a response has the identity of its request, and
+status zero on success."""

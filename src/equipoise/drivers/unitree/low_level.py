@@ -1,7 +1,7 @@
-"""Go2 and B2 messages as bytes: laid out as in the robot's memory, which the checksum covers, and as on the wire.
+"""Go2 and B2 messages as bytes, in the layout of the robot's memory, which the checksum covers, and of the wire.
 
-On the wire (CDR) nothing but the alignment of single fields pads; in memory a motor's record begins at a multiple of four.
-The two differ in one place, the pad before the first motor's mode. Records are NumPy's: fields of all motors at once.
+On the wire (CDR), only single fields are aligned; in memory, a motor's record begins at a multiple of four. The two differ
+only in the padding before the first motor's mode. Records are NumPy's: fields of all motors at once.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from equipoise.drivers.unitree.crc import crc32_words
 from equipoise.drivers.unitree.dds_types import LowCmd, LowState
 
-STOP_POSITION, STOP_VELOCITY = 2.146e9, 16000.0  # what tells a motor not to hold a position or a velocity
-SERVO = 1  # mode of a motor that heeds its command
+STOP_POSITION, STOP_VELOCITY = 2.146e9, 16000.0  # values that disable position and velocity control
+SERVO = 1  # mode of a motor that executes its command
 
 _HEADER = b"\x00\x01\x00\x00"  # of the plain encoding, little endian
 _BEGINS = (0xFE, 0xEF)
 _LOW_LEVEL = 0xFF
 _PAD = bytes(128)
-_BYTES = {"byte": "u1"}  # where NumPy has another name
+_BYTES = {"byte": "u1"}  # names that differ in NumPy
 
 
 def _in_memory(hint: Any) -> np.dtype[Any]:
-    """Return the layout in memory of an IDL type: fields in their order, each aligned as C compilers do."""
+    """Return the memory layout of an IDL type: fields in order, each aligned as by C compilers."""
     [kind] = getattr(hint, "__metadata__", (hint,))
     if isinstance(kind, str):
         return np.dtype(_BYTES.get(kind, kind)).newbyteorder("<")
@@ -45,9 +45,9 @@ class RecordLayout:
 
     Attributes:
         memory: structured type of the message in memory.
-        motors: name of its field with one record a motor.
-        first_motor: place where that begins in memory [bytes].
-        first_mode: place of the first motor's mode on the wire, after the header [bytes].
+        motors: name of its field with one record per motor.
+        first_motor: offset of that field in memory [bytes].
+        first_mode: offset of the first motor's mode on the wire, after the header [bytes].
     """
 
     memory: np.dtype[Any]
@@ -56,13 +56,13 @@ class RecordLayout:
     first_mode: int
 
     def to_wire(self, memory: bytes) -> bytes:
-        """Encoding of a record's bytes."""
+        """Encode a record's bytes for the wire."""
         end, begin = self.first_mode, self.first_motor
         return b"".join((_HEADER, memory[:end], memory[begin : begin + 1], _PAD[end + 1 : begin], memory[begin + 4 :]))
 
     def to_memory(self, wire: bytes) -> bytes | None:
-        """The record's bytes; None if it is something else that is encoded, or it is in another encoding."""
-        if len(wire) != self.memory.itemsize or wire[:4] != _HEADER:  # the header is as long as what is not padded
+        """Return the record's bytes; None for another type or another encoding."""
+        if len(wire) != self.memory.itemsize or wire[:4] != _HEADER:  # the header is as long as the missing padding
             return None
         end, begin = self.first_mode, self.first_motor
         body = memoryview(wire)[4:]
@@ -74,10 +74,10 @@ STATE = RecordLayout(LOW_STATE, "motor_state", first_motor=80, first_mode=77)
 
 
 class Message:
-    """A message that is filled in again and again.
+    """Reusable message.
 
     Attributes:
-        record: fields of the message; write into them.
+        record: writable fields of the message.
     """
 
     def __init__(self, layout: RecordLayout) -> None:
@@ -88,16 +88,16 @@ class Message:
         self.record[layout.motors]["mode"] = SERVO
 
     def encoded(self) -> bytes:
-        """For the wire, with its checksum."""
+        """Encode the message for the wire, with its checksum."""
         covered = self.record.tobytes()[:-4]
         return self._layout.to_wire(covered + crc32_words(covered).to_bytes(4, "little"))
 
 
 def read_message(layout: RecordLayout, data: bytes, check: bool = True) -> NDArray[Any] | None:
-    """A record with a message's fields, or None if it is damaged.
+    """Decode a message to a record of its fields; return None if it is damaged.
 
     Args:
-        data: bytes as they came over the wire.
+        data: bytes from the wire.
         check: whether a wrong checksum is damage; public simulators leave it zero.
     """
     memory = layout.to_memory(data)

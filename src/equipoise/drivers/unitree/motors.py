@@ -1,4 +1,4 @@
-"""The order of a Unitree quadruped's motors, the same in all its messages and packets."""
+"""Order of a Unitree quadruped's motors, the same in all its messages and packets."""
 
 from __future__ import annotations
 
@@ -12,15 +12,17 @@ MOTORS = 12  # of the 20 that a message has room for
 MOTOR_LEGS = ("FR", "FL", "RR", "RL")  # each hip, thigh, calf
 
 
-def joints_of_motors(robot: RobotModel, who: str) -> NDArray[np.intp]:
-    """(12,) which of the model's joints each motor moves.
+def joints_of_motors(robot: RobotModel, platform: str) -> NDArray[np.intp]:
+    """Return the (12,) indices of the model's joints in the order of the motors.
 
     Args:
-        who: name of what has the motors, for the message.
+        platform: name of the platform, for the message.
 
     Raises:
-        SettingsError: the robot has not three joints a leg.
+        SettingsError: the robot does not have three joints per leg.
     """
     if len(robot.joint_names) != MOTORS or robot.leg_joints.shape[1] != 3:
-        raise SettingsError(f"{who} has {MOTORS} joints, three a leg; {robot.name!r} has {len(robot.joint_names)}")
+        raise SettingsError(
+            f"{platform} has {MOTORS} joints, three per leg; {robot.name!r} has {len(robot.joint_names)}"
+        )
     return np.concatenate([robot.legs[leg].joints for leg in MOTOR_LEGS]).astype(np.intp)

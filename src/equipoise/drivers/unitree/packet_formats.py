@@ -1,8 +1,9 @@
 """Layouts of the low-level packets of the Unitree A1 and Go1.
 
-Each robot uses one of two forms; its answers show which. The A1's compressed form and the Go1's plain form are tested
-against packets that the makers' own SDKs sent and accepted (docs/hardware/unitree-a1-go1.md). No packet of a real robot was
-available. The A1's packed structures and the Go1's scrambled checksum, which one public program sends, are untested.
+Each robot has one of two forms, which its answers determine. The A1's compressed form and the Go1's plain one were tested
+against packets that the makers' own SDKs sent and accepted (see docs/unitree-udp.md), not against packets of a real robot.
+The A1's uncompressed structures (its header, packed) and the Go1's scrambled checksum, from one public program, are not
+proven.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ _TAIL = "uint8[40] remote, uint32 reserve, uint32 checksum"
 
 
 def _packed(definition: str) -> np.dtype[Any]:
-    """Return a structured type of fields in their order, without padding; parts of a packet by their names in `_PARTS`."""
+    """Return a structured type of fields in order, without padding; names in `_PARTS` are parts of a packet."""
     fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = []
     for kind, name in (each.split() for each in definition.split(", ")):
         kind, _, count = kind.rstrip("]").partition("[")  # noqa: PLW2901
@@ -62,11 +63,11 @@ class PacketFormat:
     Attributes:
         command: structured type of the command packet.
         state: structured type of the state packet.
-        begins: first bytes of both packets, by which they are known.
-        state_lengths: lengths that states may have [bytes]; what is longer is padding.
-        counts: counts per SI unit, of fields that are integers.
-        scrambled: whether the checksum of commands is scrambled; states are then taken either way.
-        bandwidth: value of a field of commands whose meaning is not known.
+        begins: first bytes of both packets.
+        state_lengths: valid lengths of states [bytes]; longer ones have padding.
+        counts: counts per SI unit, for integer fields.
+        scrambled: whether the checksum of commands is scrambled; states are then accepted either way.
+        bandwidth: value of a field of commands with unknown meaning.
     """
 
     command: np.dtype[Any]
@@ -85,7 +86,7 @@ A1 = PacketFormat(
     state_lengths=(771,),
     counts=_COUNTS,
 )
-"""Form that its SDK sends as `UDP(LOWLEVEL)`, the constructor of public programs: 610 bytes, 771 back."""
+"""Form of the SDK's `UDP(LOWLEVEL)`, the constructor in public programs: 610 bytes, 771 back."""
 
 A1_STRUCT = PacketFormat(
     _packed(f"{_A1_HEAD}, MotorCommand[20] motors, uint8[12] led, {_TAIL}"),
@@ -93,7 +94,7 @@ A1_STRUCT = PacketFormat(
     begins=b"\xff",
     state_lengths=(891,),
 )
-"""Form that its SDK sends when it is given the sizes of its structures: those, without padding; 730 bytes, 891 back."""
+"""Form of the SDK with explicit sizes: its structures, without padding; 730 bytes, 891 back."""
 
 GO1 = PacketFormat(
     _packed(f"{_GO1_HEAD}, CompressedCommand[20] motors, uint8[4] battery, {_TAIL}"),
@@ -105,7 +106,7 @@ GO1 = PacketFormat(
 """SDK 3.8.4: 614 bytes, 807 back."""
 
 GO1_SCRAMBLED = dataclasses.replace(GO1, scrambled=True, bandwidth=0xC03A)
-"""Form that one public program sends; the maker's SDK rejects states with such a checksum."""
+"""Form of one public program; the maker's SDK rejects states with such a checksum."""
 
 FORMS: dict[Protocol, dict[str, PacketFormat]] = {
     "a1": {"compressed": A1, "struct": A1_STRUCT},
@@ -115,5 +116,5 @@ FORMS: dict[Protocol, dict[str, PacketFormat]] = {
 
 
 def forms_of(protocol: Protocol, form: str | None) -> dict[str, PacketFormat]:
-    """Return the forms that a robot may send: the one of that name, or any; raises SettingsError as `form_names`."""
+    """Return the forms of a robot, or the one of a name; raise SettingsError as `form_names`."""
     return {name: FORMS[protocol][name] for name in form_names(protocol, form)}

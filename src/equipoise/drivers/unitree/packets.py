@@ -1,6 +1,6 @@
-"""The low-level packets of the Unitree A1 and Go1, as the driver writes and reads them.
+"""Encoding and decoding of the low-level packets of the Unitree A1 and Go1.
 
-What is held against packets of the makers' SDKs and what is not, `equipoise.drivers.unitree.packet_formats` says.
+`equipoise.drivers.unitree.packet_formats` describes how far they are tested.
 """
 
 from __future__ import annotations
@@ -20,39 +20,39 @@ from equipoise.drivers.unitree.remote_control import KEYS_AT
 from equipoise.errors import SettingsError
 from equipoise.platform.platform import JointCommand
 
-POSITION_STOP, VELOCITY_STOP = 2.146e9, 16000.0  # instead of a target: do not control this
+POSITION_STOP, VELOCITY_STOP = 2.146e9, 16000.0  # values that disable position and velocity control
 _SERVO = 0x0A
 _SCRAMBLE = 0xEDCAB9DE
 _CHECKSUM_SIZE = 4
 CELLS = 6  # of a Go1's battery
 COMMANDED = ("position", "velocity", "torque", "kp", "kd")
 SENSED = ("position", "velocity", "torque")
-_GAINS = ("kp", "kd")  # never negative: what a robot makes of such a count is not known
+_GAINS = ("kp", "kd")  # never negative: the robots' response to negative counts is not known
 
 
 Damage = Literal["wrong length", "wrong head", "wrong checksum"]
 """Fault of a packet."""
 DAMAGES: tuple[Damage, ...] = get_args(Damage)
-"""The later, the nearer a packet is to a good one."""
+"""All kinds of damage, the least severe last."""
 NOT_CONTROLLED = JointCommand(np.full(MOTORS, POSITION_STOP), np.full(MOTORS, VELOCITY_STOP), *np.zeros((3, MOTORS)))
 """Command without position, velocity and torque."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorReadings:
-    """Readings of the robot: (12,) in the order FR FL RR RL, and the IMU.
+    """Readings of joints and IMU; joints in the order FR FL RR RL.
 
     Attributes:
         position: (12,) joint positions [rad].
         velocity: (12,) joint velocities [rad/s].
-        torque: (12,) joint torques as the motors estimate them [Nm].
+        torque: (12,) joint torques estimated by the motors [Nm].
         temperature: (12,) temperatures of the motors [deg C].
         gyroscope: (3,) angular velocity in the IMU frame [rad/s].
         accelerometer: (3,) specific force in the IMU frame, +g upward at rest [m/s2].
         tick: count of the robot's clock, modulo 2^32.
-        battery_charge: charge of the battery, from 0 to 1; None on robots that do not say.
-        battery_voltage: voltage of the battery [V]; None on robots that do not say.
-        keys: keys of the remote control that are held down, as `remote_control.keys_of`.
+        battery_charge: battery charge, from 0 to 1; None: not reported.
+        battery_voltage: battery voltage [V]; None: not reported.
+        keys: pressed keys of the remote control, as `remote_control.keys_of`.
     """
 
     position: FloatArray
@@ -68,7 +68,7 @@ class SensorReadings:
 
 
 class CommandPacket:
-    """A command's bytes, written over and over: at 500 Hz nothing should be allocated."""
+    """Reusable command packet: at 500 Hz nothing should be allocated."""
 
     def __init__(self, packets: PacketFormat) -> None:
         self._format = packets
@@ -79,7 +79,7 @@ class CommandPacket:
         self._motors = FieldWriter(motors[:MOTORS], COMMANDED, packets.counts, np.trunc)  # as the makers' SDKs
 
     def write(self, command: JointCommand) -> bytearray:
-        """Return the packet; the next call writes over it. Beyond what a field can hold, it holds the most that it can.
+        """Return the packet, which the next call overwrites. Values are limited to the ranges of their fields.
 
         Args:
             command: command of the twelve motors, complete and in their order.
@@ -98,7 +98,7 @@ def read_state(packets: PacketFormat, data: bytes, check: bool = True) -> Sensor
     Args:
         packets: packet format of the robot.
         data: bytes of one datagram.
-        check: whether a wrong checksum is damage.
+        check: whether a wrong checksum counts as damage.
     """
     if len(data) not in packets.state_lengths:
         return "wrong length"
@@ -128,7 +128,7 @@ def _battery(packets: PacketFormat, record: Any) -> dict[str, float]:
 
 
 class FieldWriter:
-    """Fields that are written together: one row of values each."""
+    """Writer of several fields from rows of values."""
 
     def __init__(self, record: Any, names: tuple[str, ...], counts: Mapping[str, float], whole: np.ufunc) -> None:
         self._views: list[NDArray[Any]] = [record[name] for name in names]
@@ -142,12 +142,12 @@ class FieldWriter:
         self._whole = whole
 
     def write(self, values: FloatArray) -> None:
-        """Write (n, width) values in SI units, limited to what the fields can hold, and made whole where they are integers.
+        """Write (n, width) values in SI units, limited to the fields' ranges, as whole counts in integer fields.
 
-        As float32 first, as the SDKs' structures hold them: there 12.5 - 1e-9 is 12.5, which may be one count more.
+        They are converted to float32 first, as in the SDKs' structures: there 12.5 - 1e-9 is 12.5, possibly one count more.
         """
         if not np.isfinite(values).all():
-            raise SettingsError(f"what is sent must be numbers, not {values}")
+            raise SettingsError(f"commands must be finite numbers, not {values}")
         np.minimum(np.maximum(values, self._low, out=values), self._high, out=values)
         counted = values.astype(np.float32) * self._counts
         for row in self._rows:
@@ -157,14 +157,14 @@ class FieldWriter:
 
 
 def blank_packet(layout: np.dtype[Any], begins: bytes) -> tuple[bytearray, Any]:
-    """A packet's bytes, and the same as a record."""
+    """Return a packet's bytes, and a record that shares them."""
     data = bytearray(layout.itemsize)
     data[: len(begins)] = begins
     return data, np.frombuffer(data, layout)[0]
 
 
 def read_field(view: NDArray[Any], counts: float | None = None) -> FloatArray:
-    """Return a field's values in SI units, of which each has so many counts."""
+    """Return a field's values in SI units, from counts per unit."""
     with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
         values = view.astype(float)
     return values if counts is None else values / counts
@@ -176,12 +176,12 @@ def seal(packets: PacketFormat, data: bytearray) -> None:
 
 
 def _is_whole(packets: PacketFormat, state: bytes, checksum: int) -> bool:
-    """Return whether a state's checksum is right; where commands are scrambled, either kind is."""
+    """Return whether a state's checksum is correct; with scrambled commands, either kind is."""
     return checksum == checksum_of(state, False) or (packets.scrambled and checksum == checksum_of(state, True))
 
 
 def checksum_of(data: bytes | bytearray, scrambled: bool) -> int:
-    """Return the checksum of all whole words but the last; it leaves out the bytes after a multiple of four."""
+    """Return the checksum of all whole words but the last; bytes after a multiple of four are excluded."""
     plain = crc32_words(data[: (len(data) // _CHECKSUM_SIZE - 1) * _CHECKSUM_SIZE])
     if not scrambled:
         return plain

@@ -18,12 +18,12 @@ REQUESTS, RESPONSES = "rt/api/motion_switcher/request", "rt/api/motion_switcher/
 _FOUND = 3.0  # [s] in which the service must be found
 _ANSWER = 1.0  # [s] in which it must answer
 _TRIES = 3  # a request or a response may get lost
-_LETS_GO = 10.0  # [s] in which the mode must end
-_POLL, _AGAIN = 2e-3, 0.5  # [s] between looks at what has arrived, and between requests to let go
+_RELEASED = 10.0  # [s] in which the mode must end
+_POLL, _AGAIN = 2e-3, 0.5  # [s] between checks for responses, and between requests to release the motors
 
 
 class MotionSwitcher:
-    """The service that starts and ends the robot's own controllers ("normal", "ai", ... : sport mode).
+    """Client of the service that starts and ends the robot's own controllers ("normal", "ai", ... : sport mode).
 
     Args:
         domain: domain of the robot.
@@ -37,43 +37,43 @@ class MotionSwitcher:
         self._number = time.monotonic_ns()
 
     def mode(self) -> str:
-        """Name of the controller that holds the motors; empty if none does.
+        """Return the name of the controller that holds the motors; empty if none does.
 
         Raises:
-            CommunicationError: the service is not there, or answers something else.
+            CommunicationError: the service does not exist, or its answer is invalid.
         """
         answer = self._call(CHECK_MODE)
         try:
             return str(json.loads(answer)["name"])
         except (ValueError, TypeError, KeyError):
-            raise self._failure(f"answers {answer[:80]!r} when it is asked for the mode") from None
+            raise self._failure(f"answers {answer[:80]!r} to a request for the mode") from None
 
     def release(self) -> None:
-        """Have the robot's own controller release the motors. They are limp then: the robot must lie or hang.
+        """Have the robot's own controller release the motors. They become limp: the robot must lie or hang.
 
         Raises:
-            CommunicationError: it does not.
+            CommunicationError: the controller does not release them.
         """
-        until = time.monotonic() + _LETS_GO
+        until = time.monotonic() + _RELEASED
         while mode := self.mode():
             if time.monotonic() > until:
                 raise self._failure(
-                    f"still says that {mode!r} holds the motors, {_LETS_GO:g} s after it was asked to end it"
+                    f"still reports that {mode!r} holds the motors, {_RELEASED:g} s after the request to end it"
                 )
             self._call(RELEASE_MODE)
             time.sleep(_AGAIN)
 
     def _call(self, function: int) -> str:
-        """Data of the response to a request without parameters."""
+        """Return the data of the response to a request without parameters."""
         if not _wait_for(lambda: self._requests.readers and self._responses.writers, _FOUND):
             raise self._failure(
-                f"was not found within {_FOUND:g} s; a simulator that has none needs release_sport_mode=false; for a robot "
-                "whose firmware has none, docs/hardware/unitree-go2-b2.md says what to do first"
+                f"was not found within {_FOUND:g} s; a simulator without it needs release_sport_mode=false; for robot "
+                "firmware without it, see docs/unitree-go2.md"
             )
         if (robots := self._responses.writers) > 1:
             raise self._failure(
-                f"is there {robots} times ({', '.join(self._responses.names_of_writers().values())}): several robots would "
-                "obey. Disconnect the others, or put this robot on a DDS domain of its own and set domain"
+                f"exists {robots} times ({', '.join(self._responses.names_of_writers().values())}): several robots would "
+                "execute the request. Disconnect the others, or give this robot its own DDS domain and set domain"
             )
         for _ in range(_TRIES):
             self._number += 1
@@ -91,46 +91,46 @@ class MotionSwitcher:
                 return response
         return None
 
-    def _failure(self, what: str) -> CommunicationError:
-        return CommunicationError(f"the motion_switcher service of {self._robot} {what}")
+    def _failure(self, failure: str) -> CommunicationError:
+        return CommunicationError(f"the motion_switcher service of {self._robot} {failure}")
 
 
-def outlook(switcher: MotionSwitcher, asks: bool, may_let_go: bool) -> CheckupFinding:
-    """Predict what `calibrate` will meet when it takes over the motors; nothing is released meanwhile.
+def takeover_finding(switcher: MotionSwitcher, releases: bool, may_release: bool) -> CheckupFinding:
+    """Return the finding about the controller that holds the motors; nothing is released.
 
     Args:
-        switcher: mode switcher of the robot; is asked for its mode alone.
-        asks: whether `calibrate` will have the robot's own controller let go (release_sport_mode).
-        may_let_go: whether the robot would not fall then: it lies, or hangs.
+        switcher: mode switcher of the robot; only its mode is requested.
+        releases: whether `calibrate` will have the robot's own controller release the motors (release_sport_mode).
+        may_release: whether the robot lies or hangs, so that it would not fall.
     """
     name = "robot's own controller"
     try:
         mode = switcher.mode()
     except CommunicationError as error:
-        if not asks:
-            return CheckupFinding(name, "no answer which; calibrate will not ask (release_sport_mode=false)", None)
+        if not releases:
+            return CheckupFinding(name, "not known; calibrate will not request it (release_sport_mode=false)", None)
         return CheckupFinding(
-            name, f"{error}. calibrate will refuse", False,
+            name, f"{error}. calibrate will fail", False,
             "on a robot: is this its interface? A simulator without the service needs release_sport_mode=false",
         )  # fmt: skip
     if not mode:
         return CheckupFinding(name, "none holds the motors; calibrate will command them at once", True)
-    if not asks:
-        value = f"{mode!r} holds the motors, and calibrate will not have it let go: both would command them"
+    if not releases:
+        value = f"{mode!r} holds the motors, and calibrate will not have it release them: both would command them"
         return CheckupFinding(name, value, False, "leave out release_sport_mode=false", serious=True)
-    if not may_let_go:
-        value = f"{mode!r} holds the motors, and the robot does not lie: calibrate will refuse, it would fall"
+    if not may_release:
+        value = f"{mode!r} holds the motors, and the robot does not lie: calibrate will fail, as the robot would fall"
         return CheckupFinding(
             name, value, False, "have it lie down with its remote control; if it hangs in a frame, set hanging=true",
             serious=True,
         )  # fmt: skip
     return CheckupFinding(
-        name, f"{mode!r} holds the motors; calibrate will have it let go, the legs are limp then", True
+        name, f"{mode!r} holds the motors; calibrate will have it release them, and the legs become limp", True
     )
 
 
 def _wait_for(look: Callable[[], Any], patience: float) -> Any | None:
-    """Return the result of a look as soon as there is one; None after a time [s]."""
+    """Return the first true result of a function; None after a time [s]."""
     until = time.monotonic() + patience
     while not (found := look()):
         if time.monotonic() > until:

@@ -17,20 +17,19 @@ _LOCAL_PORTS: dict[Protocol, int] = {"a1": 8080, "go1": 8090}
 
 @dataclass(frozen=True)
 class UnitreeUdpSettings:
-    """Settings of the connection, and what is not known about the robot before it answers.
+    """Settings of the connection to an A1 or a Go1.
 
     Attributes:
-        protocol: name of the robot whose packets it speaks: "a1" or "go1".
+        protocol: robot of the packets: "a1" or "go1".
         address: address of the robot's motion controller (IPv4).
         port: port that it listens on.
-        local_address: address of this computer's network interface; default: the one on the way to the robot.
+        local_address: address of this computer's network interface; default: the one on the route to the robot.
         local_port: port that this computer listens on; default: 8080 for an A1, 8090 for a Go1.
-        silence: time without a sample after which the link counts as lost [s].
-        form: format of the packets: "compressed" or "struct" (A1), "plain" or "scrambled" (Go1); default: what the
-            robot answers.
-        tick: time step of the robot's clock [s]; 0: it has none, samples get the time when they arrive; default:
-            learnt.
-        check: whether samples with a wrong checksum are left out.
+        silence: time without a sample after which the connection counts as lost [s].
+        form: form of the packets: "compressed" or "struct" (A1), "plain" or "scrambled" (Go1); default: detected.
+        tick: time step of the robot's clock [s]; 0: it has none, and samples get their time of arrival; default:
+            detected.
+        check: whether samples with a wrong checksum are rejected.
     """
 
     protocol: Protocol = "a1"
@@ -63,23 +62,23 @@ class UnitreeUdpSettings:
 
     @property
     def listens_on(self) -> int:
-        """The local port."""
+        """Local port."""
         return _LOCAL_PORTS[self.protocol] if self.local_port is None else self.local_port
 
 
 def form_names(protocol: Protocol, form: str | None) -> tuple[str, ...]:
-    """Names of the forms that a robot may speak: the one that is asked for, or all.
+    """Return the names of a robot's forms, or only the given one.
 
     Raises:
-        SettingsError: the robot or the form is not known.
+        SettingsError: the robot or the form does not exist.
     """
     if protocol not in FORM_NAMES:
-        raise SettingsError(f"protocol is {protocol!r}; it is one of {', '.join(FORM_NAMES)}")
-    known = FORM_NAMES[protocol]
+        raise SettingsError(f"protocol is {protocol!r}; it must be one of {', '.join(FORM_NAMES)}")
+    names = FORM_NAMES[protocol]
     if form is None:
-        return known
-    if form not in known:
-        raise SettingsError(f"form is {form!r}; of protocol {protocol!r} it is one of {', '.join(known)}")
+        return names
+    if form not in names:
+        raise SettingsError(f"form is {form!r}; for protocol {protocol!r} it must be one of {', '.join(names)}")
     return (form,)
 
 
@@ -87,6 +86,6 @@ def _check_address(name: str, value: str) -> None:
     try:
         address = ipaddress.IPv4Address(value)
     except ValueError:
-        raise SettingsError(f"{name} is {value!r}, no IPv4 address as in 192.168.123.10") from None
+        raise SettingsError(f"{name} is {value!r}; it must be an IPv4 address, as in 192.168.123.10") from None
     if address.is_unspecified:
-        raise SettingsError(f"{name} is {value}, which is all of them; name one, as in 192.168.123.10")
+        raise SettingsError(f"{name} is {value}, which means all addresses; set one, as in 192.168.123.10")

@@ -1,4 +1,4 @@
-"""A UDP socket on the way to a robot, and when the system says that datagrams arrived."""
+"""UDP socket to a robot, with the system's arrival times of datagrams."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from equipoise.errors import CommunicationError
 
 Address = tuple[str, int]
 
-_BUFFER = 1 << 20  # [bytes] of datagrams that the system may keep for us; it may grant less
-_TIMESTAMPS = 35  # SO_TIMESTAMPNS, which Python has no name for: the system notes when a datagram arrived
+_BUFFER = 1 << 20  # [bytes] of the receive buffer; the system may grant less
+_TIMESTAMPS = 35  # SO_TIMESTAMPNS, not defined in Python: the system stamps arriving datagrams
 _TIMESTAMP = struct.Struct("@ll")  # seconds and nanoseconds
 _LARGEST = 2048  # [bytes] of a datagram
 
 
-def open_socket(local: Address, beside: bool = False) -> socket.socket:
-    """Open a socket that never waits; it shares its port with the second connection alone.
+def open_socket(local: Address, second: bool = False) -> socket.socket:
+    """Open a non-blocking socket; only the second connection may share its port.
 
     Raises:
         CommunicationError: the port is taken.
@@ -29,25 +29,25 @@ def open_socket(local: Address, beside: bool = False) -> socket.socket:
     if sys.platform == "linux":
         opened.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
     try:
-        if beside:
+        if second:
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind(local)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     except OSError as error:
         opened.close()
         raise CommunicationError(
-            f"cannot listen on {local[0]}:{local[1]}: {error.strerror or error}; does another program talk to the robot? "
-            "local_port and local_address choose others"
+            f"cannot listen on {local[0]}:{local[1]}: {error.strerror or error}; does another program use the port? "
+            "Set local_port or local_address to change it"
         ) from error
     return opened
 
 
 def address_towards(robot: Address, name: str) -> str:
-    """Return this computer's address towards a robot, which cannot be reached from another network.
+    """Return this computer's address in the robot's network.
 
     Args:
         robot: address of the robot.
-        name: name of the link, for the message.
+        name: name of the connection, for the message.
 
     Raises:
         CommunicationError: the robot's network cannot be reached.
@@ -56,24 +56,24 @@ def address_towards(robot: Address, name: str) -> str:
         try:
             probe.connect(robot)  # which sends nothing
         except OSError as error:
-            raise no_way(name, error) from error
+            raise send_error(name, error) from error
         return str(probe.getsockname()[0])
 
 
-def no_way(name: str, error: OSError) -> CommunicationError:
-    """Return the error that nothing can be sent."""
+def send_error(name: str, error: OSError) -> CommunicationError:
+    """Return the error of a failed transmission."""
     return CommunicationError(
-        f"cannot send to {name}: {error.strerror or error}; is the cable in, and has this computer an address "
+        f"cannot send to {name}: {error.strerror or error}; is the cable plugged in, and has this computer an address "
         "in the robot's network, as in 192.168.123.162?"
     )
 
 
 def receive(opened: socket.socket, ahead: float) -> tuple[float, bytes, Address] | None:
-    """A datagram that waits: when it arrived by the monotonic clock [s], what, and from where; None: there is none.
+    """Return a waiting datagram: time of arrival on the monotonic clock [s], data, and sender; None: there is none.
 
     Args:
-        opened: socket that was opened.
-        ahead: time by which the monotonic clock is ahead of the system's, which notes arrivals [s].
+        opened: open socket.
+        ahead: time by which the monotonic clock is ahead of the system clock, which stamps arrivals [s].
     """
     try:
         data, notes, _, sender = opened.recvmsg(_LARGEST, socket.CMSG_SPACE(_TIMESTAMP.size))
@@ -83,7 +83,7 @@ def receive(opened: socket.socket, ahead: float) -> tuple[float, bytes, Address]
 
 
 def _arrival(notes: list[tuple[int, int, bytes]], ahead: float) -> float:
-    """Return the time at which the system noted the arrival of a datagram; now, if it did not."""
+    """Return the system's arrival time of a datagram, or the present time without a stamp."""
     for level, kind, value in notes:
         if level == socket.SOL_SOCKET and kind == _TIMESTAMPS and len(value) == _TIMESTAMP.size:
             seconds, nanoseconds = _TIMESTAMP.unpack(value)

@@ -1,4 +1,4 @@
-"""Prediction of the first command to a ROS 2 robot, before one is sent."""
+"""Checks of a ROS 2 robot before the first command."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from equipoise.robot.statics import static_torques
 
 REMEDY = "is the controller loaded and active ('ros2 control list_controllers'), is command_topic its name?"
 _LIMP = (
-    "a position controller that is active holds: is it? Hardware with kp and kd interfaces needs gains: "
+    "is the position controller active? Hardware with kp and kd interfaces needs gains: "
     "stack=quadruped_ros2_control, or command_type=impedance. Hardware that measures no efforts should report none, not zeros"
 )
-_NOTHING = 0.03  # of the largest torque that holds the robot up: less is what a sensor of a limp joint says
+_LIMP_TORQUE = 0.03  # of the largest torque that holds the robot up: limp joints give less
 
 
-def listeners(topics: Collection[str], unheard: Sequence[str]) -> CheckupFinding:
-    """Check that every topic of commands has a reader.
+def subscribers(topics: Collection[str], unsubscribed: Sequence[str]) -> CheckupFinding:
+    """Check that every command topic has a subscriber.
 
     Args:
-        topics: topics of commands.
-        unheard: those without a reader.
+        topics: command topics.
+        unsubscribed: those without a subscriber.
     """
-    if unheard:
-        value = f"nobody listens to {', '.join(unheard)}; calibrate will refuse"
+    if unsubscribed:
+        value = f"no controller subscribes to {', '.join(unsubscribed)}; calibrate will fail"
         return CheckupFinding("controllers", value, False, REMEDY, serious=True)
-    return CheckupFinding("controllers", f"all topics of commands are listened to ({len(topics)})", True)
+    return CheckupFinding("controllers", f"all {len(topics)} command topics have subscribers", True)
 
 
 def stiffness(robot: RobotModel, torque: FloatArray | None, limp_at_first: bool) -> list[CheckupFinding]:
-    """Check that the joints hold: an active position controller does, hardware that takes gains is limp until they come.
+    """Check that the joints hold: position controllers must, impedance hardware is limp until gains arrive.
 
     Args:
-        torque: (nj,) joint torques [Nm], or None, where nothing can be said.
+        torque: (nj,) joint torques [Nm], or None: not reported.
         limp_at_first: whether gains will be sent.
     """
     if torque is None:
@@ -46,9 +46,9 @@ def stiffness(robot: RobotModel, torque: FloatArray | None, limp_at_first: bool)
     stance = nominal_stance(robot).joint_position
     largest, holding = np.abs(torque).max(), np.abs(static_torques(robot, stance, LEG_NAMES)).max()
     value = f"the joints give {largest:.1f} Nm at most"
-    if largest > _NOTHING * holding:
+    if largest > _LIMP_TORQUE * holding:
         return [CheckupFinding("stiffness", value, None)]
     if limp_at_first:
         return [CheckupFinding("stiffness", f"{value}: limp, until gains are sent", True)]
-    value += ": limp, and positions alone are to move it"
+    value += ": limp, and only positions will be sent"
     return [CheckupFinding("stiffness", value, False, _LIMP, serious=True)]

@@ -1,4 +1,4 @@
-"""Simulated robots in processes of their own, for tests: started, read, and ended."""
+"""Emulators in their own processes, for tests."""
 
 import itertools
 import json
@@ -12,8 +12,8 @@ from contextlib import contextmanager, suppress
 PATIENCE = 60.0  # [s] for a process that starts on a busy machine
 
 
-class PeerProcess:
-    """A running peer and what it logged so far; of a module, or a program of its own."""
+class EmulatorProcess:
+    """A running emulator, of a module or a program, and its log so far."""
 
     def __init__(self, module, *flags, python=sys.executable, code=None):
         self.log, self.flags = [], flags
@@ -28,7 +28,7 @@ class PeerProcess:
         self._reader.start()
 
     def wait_for(self, key, value=None, patience=PATIENCE):
-        """The first logged object that has a key (of a value)."""
+        """Return the first log entry with a key (and a value)."""
         until = time.monotonic() + patience
         while time.monotonic() < until:
             for entry in list(self.log):
@@ -37,7 +37,7 @@ class PeerProcess:
             if self._process.poll() is not None and not self._reader.is_alive():
                 break
             time.sleep(0.01)
-        raise AssertionError(f"the peer never said {key} {value}: {self.log} {self._process.poll()}")
+        raise AssertionError(f"the emulator never logged {key} {value}: {self.log} {self._process.poll()}")
 
     def fault(self, **fault):
         """Give the emulator a fault, as `equipoise.lab.emulators.faults` describes it."""
@@ -45,12 +45,12 @@ class PeerProcess:
         self._process.stdin.flush()
 
     def kill(self):
-        """As a power cut."""
+        """Kill the process, as a power cut."""
         self._process.kill()
         self._process.wait(timeout=10)
 
     def end(self):
-        """As Ctrl-C; the whole log."""
+        """End the process, as Ctrl-C; return the whole log."""
         if self._process.poll() is None:
             self._process.terminate()
         try:
@@ -69,25 +69,25 @@ class PeerProcess:
                 self.log.append({**json.loads(line), "at": time.monotonic()})
 
 
-def modes_heard(log):
-    """Modes in a peer's log, in order; a silence and what it interrupts is a busy machine's, and no mode's change."""
-    heard = [entry["mode"] for entry in log if "mode" in entry and entry["mode"] != "silence"]
-    return [mode for mode, _ in itertools.groupby(heard)]
+def logged_modes(log):
+    """Return the modes in an emulator's log, in order, without silences, which busy machines cause."""
+    modes = [entry["mode"] for entry in log if "mode" in entry and entry["mode"] != "silence"]
+    return [mode for mode, _ in itertools.groupby(modes)]
 
 
 @contextmanager
-def running_peer(module, *flags, **others):
-    """A peer that listens."""
-    peer = PeerProcess(module, *flags, **others)
+def running_emulator(module, *flags, **others):
+    """Run an emulator that is ready."""
+    emulator = EmulatorProcess(module, *flags, **others)
     try:
-        peer.wait_for("ready")
-        yield peer
+        emulator.wait_for("ready")
+        yield emulator
     finally:
-        peer.end()
+        emulator.end()
 
 
 def free_port():
-    """A UDP port of this machine that nobody listens on."""
+    """Return an unused UDP port of this machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
@@ -97,7 +97,7 @@ _domains = []  # sockets: each keeps its domain for this process
 
 
 def unused_domain():
-    """A DDS domain that no other process of these tests has: it holds the TCP port of that number, which DDS leaves alone."""
+    """Return a DDS domain that no other process of these tests uses: it reserves a TCP port, which DDS does not use."""
     for domain in range(1, 231):
         with suppress(OSError):
             _domains.append(socket.create_server(("127.0.0.1", 7400 + 250 * domain)))
