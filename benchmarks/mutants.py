@@ -47,7 +47,7 @@ LIMITS = {
         "",
     ),
     "recording/encoder_steps.py": ("guard/test_limits.py", "_COARSEST _STILL_STEPS", ""),
-    "guard/tilt_filter.py": ("guard/test_limits.py guard/test_tilt_filter.py", "_TIME _BELIEVED", ""),
+    "guard/tilt_filter.py": ("guard/test_limits.py guard/test_tilt_filter.py", "_TIME _GRAVITY_TOLERANCE", ""),
     "guard/force_limit.py": ("guard/test_limits.py", "_GENTLE _RATE", ""),
     "guard/robot_loop.py": ("guard/test_limits.py", "", "_LOOK_TIME"),
     "guard/soft_start.py": ("guard/test_limits.py", "", "SOFT_START"),
@@ -59,7 +59,7 @@ LIMITS = {
     "guard/second_connection.py": ("guard/test_limits.py", "_AGAIN", "_REACHED"),
     "drivers/checkup.py": (
         "drivers/test_checkup_limits.py drivers/test_checkup.py",
-        "_PATIENCE _JITTER _LEAN _ASKEW _BIAS _STILL _BEYOND _MASS_RANGE[1] _HOT",
+        "_PATIENCE _JITTER _LEAN _LYING_LEAN _BIAS _STILL _BEYOND _MASS_RANGE[1] _HOT",
         "_SLOWEST _USUAL _MASS_RANGE[0] _WEAK_BATTERY",
     ),
     "clearance/pairs.py": ("clearance/test_clearance.py", "", "_LEAST"),

@@ -1,4 +1,4 @@
-"""Faults on purpose: a platform around a platform, whose sensors, motors or link fail at a chosen moment."""
+"""Injected faults: a wrapper of a platform whose sensors, motors or connection fail at a chosen moment."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FULLY = 10**9  # control periods
 
 @dataclass(frozen=True)
 class Fault:
-    """What fails, when, and how.
+    """Fault of a platform.
 
     Attributes:
         kind: "drop" (no new samples), "delay" (samples come late), "repeat" (the same sample again, as a new one),
@@ -54,13 +54,13 @@ class Fault:
 
 
 class Faulty(PlatformWrapper):
-    """A platform with a fault.
+    """Platform with a fault.
 
     Args:
-        platform: that would be sound.
-        fault: what fails.
-        phase: tells what the robot is doing, as a guard's `phase`.
-        gains: kp [Nm/rad] and kd [Nm s/rad] that commands mean which say none.
+        platform: sound platform.
+        fault: fault to inject.
+        phase: function that returns the current phase, as a guard's `phase`.
+        gains: kp [Nm/rad] and kd [Nm s/rad] of commands without gains.
 
     Attributes:
         begun: whether the fault has begun.
@@ -97,7 +97,7 @@ class Faulty(PlatformWrapper):
 
     @property
     def acting(self) -> bool:
-        """Whether the fault is there now."""
+        """Return whether the fault acts now."""
         return self.begun and self._left > 0
 
     def _advance(self) -> bool:
@@ -119,7 +119,7 @@ class Faulty(PlatformWrapper):
             self._fault.act(begins)
 
     def _moved(self, command: JointCommand) -> JointCommand:
-        """What the motors make of a command."""
+        """Return the command that the motors execute."""
         if self._fault.kind not in ("stick joint", "lose torque") or self._onset is None:
             return command
         joint, stuck = self._fault.joint, self._fault.kind == "stick joint"
@@ -134,7 +134,7 @@ class Faulty(PlatformWrapper):
         return replace(command, position=position, torque=torque, kp=kp, kd=kd)
 
     def _sensed(self, state: RobotState, acting: bool) -> RobotState:
-        """What the sensors make of a state."""
+        """Return the state that the sensors report."""
         self._past.append(state)
         seen = self._altered(state) if acting else state
         self._handed = seen
@@ -176,7 +176,7 @@ class Faulty(PlatformWrapper):
         return replace(state, joint_position=position)
 
     def _straining(self, state: RobotState) -> RobotState:
-        """The motor of a stuck joint gives what it is sent, in vain."""
+        """Return a state in which the motor of a stuck joint gives its commanded torque."""
         if state.joint_torque is None or self._meant is None:
             return state
         joint, meant = self._fault.joint, self._meant

@@ -1,4 +1,4 @@
-"""What tests of the guard share: states of a robot at rest, and the robot's side of the guard."""
+"""Helpers of guard tests: states of a robot at rest, and robots that record their commands."""
 
 import time
 from dataclasses import replace
@@ -21,7 +21,7 @@ SLOW = 4e-3  # [s] of simulated robots: half of them in the same time
 
 
 class Clock:
-    """A time that passes where somebody sleeps."""
+    """Clock that advances in `sleep`."""
 
     def __init__(self):
         self.now = 100.0
@@ -43,7 +43,7 @@ def at_rest(robot, index=0, **changes):
 
 
 def look(checks, command, state, sent=None, standing=None):
-    """What the guard does with checks: each looks at a command, a state and the commands sent last, and may raise."""
+    """Run checks as the guard does, on a command, a state and the last commands; they may raise."""
     context = CheckContext(state, sent or command, command, standing or command, TiltFilter(np.eye(3)))
     context.up.update(state)
     for check in checks:
@@ -59,7 +59,7 @@ def simulated(robot, start="standing", preset="realistic", seed=3, payload=None)
 
 
 class Seen:
-    """A simulated robot that keeps what reaches it, and does something else on the way where a test wants it to.
+    """Simulated robot that records its commands, with an action of the test before each.
 
     `act(count)` is called before the command of that number reaches the robot, and may raise.
     """
@@ -78,12 +78,14 @@ class Seen:
         self.act(len(self.commands))
         self.commands.append(command)
         self.joints.append(self._state.joint_position)
-        heard = {"velocity", "torque", "kp", "kd"} - self.accepts - ({"kp", "kd"} if "gains" in self.accepts else set())
-        self._state = self._platform.step(replace(command, **dict.fromkeys(heard)))
+        ignored = (
+            {"velocity", "torque", "kp", "kd"} - self.accepts - ({"kp", "kd"} if "gains" in self.accepts else set())
+        )
+        self._state = self._platform.step(replace(command, **dict.fromkeys(ignored)))
         return self.shown()
 
     def shown(self):
-        """What it says of its state."""
+        """Return the state without hidden values."""
         return replace(self._state, **dict.fromkeys(self._hidden))
 
     def play(self, trajectory, stop=None):
@@ -94,8 +96,8 @@ class Seen:
         self._platform.close()
 
 
-class MemoryLink:
-    """A link to a robot that moves on by a control period with every command; without a robot, to one at rest.
+class MemoryConnection:
+    """Connection to a robot that advances by a control period with every command; without a platform, to one at rest.
 
     `act(count)` is called before the command of that number is sent.
     """
@@ -114,7 +116,7 @@ class MemoryLink:
         return self.sent
 
     def receive(self):
-        """What commands brought about; a robot that nobody commands says again and again that it is there."""
+        """Return the states after commands; without commands, the state is repeated."""
         arrived, self._arrived = self._arrived or [self._sample()], []
         return arrived
 
@@ -137,7 +139,7 @@ class MemoryLink:
 
 
 def is_damped(command):
-    """Whether joints only resist being moved."""
+    """Return whether joints only resist motion."""
     return command.kp is not None and not command.kp.any() and bool((command.kd > 0).all())
 
 

@@ -1,4 +1,4 @@
-"""Simulated robots whose joints or IMU are not connected as their models have it."""
+"""Simulated robots whose joints or IMU are not connected as in their models."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,10 +28,10 @@ def wiring(robot, exchange="none", hips: Sequence[str] = ()):
 
 
 class Miswired(PlatformWrapper):
-    """A robot whose joint order[j] does what the model's joint j should, times its sign.
+    """Robot whose joint order[j] executes the command of the model's joint j, times its sign.
 
     Args:
-        sensed: whether encoders are connected as motors are; False: as the model has it.
+        sensed: whether encoders are connected like the motors; False: as in the model.
         imu: (3, 3) rotation matrix from the axes of the robot's IMU to those of the mounted one.
     """
 
@@ -43,9 +43,9 @@ class Miswired(PlatformWrapper):
         self._sensed, self._imu = sensed, np.eye(3) if imu is None else imu
 
     def read(self):
-        return self._felt(super().read())
+        return self._wired(super().read())
 
-    def _felt(self, state):
+    def _wired(self, state):
         vectors = {
             name: self._out(getattr(state, name)) for name in ("joint_position", "joint_velocity", "joint_torque")
         }
@@ -57,7 +57,7 @@ class Miswired(PlatformWrapper):
     def step(self, command):
         vectors = {name: self._in(getattr(command, name)) for name in ("position", "velocity", "torque")}
         gains = {name: self._in(getattr(command, name), np.ones_like(self._sign)) for name in ("kp", "kd")}
-        return self._felt(self._inner.step(replace(command, **vectors, **gains)))
+        return self._wired(self._inner.step(replace(command, **vectors, **gains)))
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None):
         vectors = {name: self._in(getattr(trajectory, name)) for name in ("position", "velocity", "torque")}
@@ -82,7 +82,7 @@ class Miswired(PlatformWrapper):
         )
 
     def _in(self, values, sign=None):
-        """Values of the model's joints as the robot's."""
+        """Convert values of the model's joints to the robot's."""
         if values is None:
             return None
         connected = np.empty_like(values)
@@ -90,5 +90,5 @@ class Miswired(PlatformWrapper):
         return connected
 
     def _out(self, values):
-        """Values of the robot's joints as the model's."""
+        """Convert values of the robot's joints to the model's."""
         return values if values is None or not self._sensed else values[..., self._order] * self._sign

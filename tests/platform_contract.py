@@ -1,4 +1,4 @@
-"""What every platform promises, simulated or real: inherit the class and say how to make one.
+"""Contract of every platform, simulated or real: inherit the class and define how to create one.
 
     class TestMyRobot(PlatformContract):
         def make(self): return MyPlatform(...)
@@ -32,11 +32,11 @@ class PlatformContract:
         "angular_velocity_in_imu": 0.0,
         "acceleration_in_imu": 0.0,
     }
-    """How much `play` and stepping through the same motion may differ."""
+    """Largest difference between `play` and stepping through the same motion."""
     reads_alike = True
-    """Whether reading twice at one moment says the same."""
+    """Whether two reads at one moment return the same."""
     interrupted_method = "step"
-    """Where the tests let Ctrl-C happen."""
+    """Point of Ctrl-C in the tests."""
     periods_between_stop_tests = 1
 
     def make(self):
@@ -134,7 +134,7 @@ class PlatformContract:
         assert moved[:31].max() <= max(self.tolerances["position"], 1e-12)
         assert moved[31:].max() > 0.01
 
-    def test_the_first_sample_is_what_reading_says(self, platform):
+    def test_the_first_sample_is_what_read_returns(self, platform):
         state = platform.read()
         recording = platform.play(wave(platform, 5))
         assert recording.joints.time[0] == pytest.approx(state.time, abs=1e-9)

@@ -2,7 +2,7 @@
 
     python remote_script.py HOW FOLDER PLATFORM KEY=VALUE...
 
-The robot is an A1 that speaks as the platform does. It stands up, lifts two feet, says {"lifted": true, "robot": PID} and
+The robot is an A1 emulator of the platform. It stands up, lifts two feet, prints {"lifted": true, "robot": PID} and
 then, by HOW: "hold" keeps them up, "kill" is killed, "grip" lets no other thread run, "exit" exits, "error" raises an error of
 its own.
 """

@@ -1,4 +1,4 @@
-"""The doctor: what it says of sound robots, and of those with something wrong."""
+"""Findings of the doctor about sound and faulty robots."""
 
 import dataclasses
 
@@ -18,7 +18,7 @@ from equipoise.simulation.mujoco_model import build_simulated_robot
 
 
 class Altered(PlatformWrapper):
-    """A robot whose sensors say something else."""
+    """A robot with altered sensor readings."""
 
     def __init__(self, inner, change):
         super().__init__(inner)
@@ -85,7 +85,7 @@ def test_watching_gives_each_sample_once_and_no_commands(a1):
     assert whole.duration == pytest.approx(1.1, abs=0.01)
 
 
-def test_what_few_samples_hide_is_said(a1):
+def test_too_few_samples_are_reported(a1):
     stance = nominal_stance(a1)
     simulated = build_simulated_robot(a1, stance, DrawnErrors.draw(SensorErrors(), 12, 0), None, 1e-3)
     with MujocoPlatform(a1, simulated, stance, control_period=5e-3) as platform:

@@ -67,11 +67,11 @@ def test_raw_samples_are_the_types_own_bytes_and_are_understood_by_who_does_not_
     assert bytes(sample.data)[: len(unpadded)] == unpadded
 
 
-def test_an_outbox_knows_whether_it_is_heard_and_an_inbox_whether_somebody_sends(domain):
-    outbox = domain.outbox("heard", Request)
+def test_an_outbox_counts_readers_and_an_inbox_counts_writers(domain):
+    outbox = domain.outbox("counted", Request)
     assert not outbox.readers
     assert not domain.inbox("other", Request).writers
-    inbox = domain.inbox("heard", Request)
+    inbox = domain.inbox("counted", Request)
     until = time.monotonic() + 5
     while not (outbox.readers and inbox.writers) and time.monotonic() < until:
         time.sleep(1e-3)
@@ -89,7 +89,7 @@ def test_an_outbox_knows_whether_it_is_heard_and_an_inbox_whether_somebody_sends
     ],
 )
 def test_types_are_announced_to_the_byte_alike_by_all_versions(messages, digest):
-    """Of 0.10.2, 0.10.5 and 11.0.1. A process of 0.10 ends with a segmentation fault at a type that it does not know."""
+    """Announced types of 0.10.2, 0.10.5 and 11.0.1; an unsupported type ends a process of 0.10 with a segmentation fault."""
     types = [kind for kind in vars(messages).values() if isinstance(kind, type) and issubclass(kind, IdlStruct)]
     announced = hashlib.sha256()
     for kind in sorted(set(types) - {IdlStruct}, key=lambda kind: kind.__name__):

@@ -56,9 +56,9 @@ def test_versions_that_may_meet(installed, accepted, others):
 @pytest.mark.parametrize("accepted", ["", "yes", "0.10.2"])
 def test_versions_that_may_not_meet_by_accident(installed, other, accepted):
     others = [DdsProcess("a process on robot", installed), DdsProcess("python (process 7 on robot)", other)]
-    with pytest.raises(SettingsError) as told:
+    with pytest.raises(SettingsError) as caught:
         check_other_versions(installed, accepted, others, HERE)
-    words = str(told.value)
+    words = str(caught.value)
     assert words.startswith(f"in domain 0 on eth0 python (process 7 on robot) has Cyclone DDS {other}, and this is")
     assert words.endswith(f"set accept_cyclonedds={installed}")
     assert ("End that process" in words) == installed.startswith("0.10")

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from guarded import PERIOD, MemoryLink, at_rest, hold, is_damped
+from guarded import PERIOD, MemoryConnection, at_rest, hold, is_damped
 
 from equipoise import nominal_stance, simulate
 from equipoise.drivers import hardware
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.realtime
 
 @pytest.fixture
 def link(a1):
-    return MemoryLink(a1)
+    return MemoryConnection(a1)
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_a_command_that_slept_on_its_way_is_not_sent(platform, link, stand, monk
     ],
 )
 @pytest.mark.parametrize("method", ["receive", "send", "release"])
-def test_what_a_link_of_somebody_raises_is_an_error_of_ours(
+def test_an_exception_of_a_third_party_connection_becomes_an_equipoise_error(
     platform, link, stand, monkeypatch, method, raised, error, message
 ):
     def fail(*arguments):
@@ -97,7 +97,7 @@ def test_all_samples_that_arrived_in_a_control_period_are_kept_and_the_newest_is
 
 def test_a_computer_that_stalls_ends_the_run_and_the_robot_is_lowered(a1):
     """It stood meanwhile, stiff: nothing that continues the motion is sent, and the ending is."""
-    link = MemoryLink(a1, simulate(a1, "realistic", seed=3).platform)
+    link = MemoryConnection(a1, simulate(a1, "realistic", seed=3).platform)
     guard = Guard(HardwarePlatform(link), a1)
     hold(guard, link, 0.1)
     stall = len(link.sent) + 20

@@ -27,11 +27,11 @@ BYTES = [  # what the library makes of messages, and of who is on a domain
     "test_ros2_samples.py::test_messages_are_on_the_wire_what_ros_makes_of_them",
 ]
 ROBOTS = [  # each kind of message to and from a robot in another process; requests are those of the calibration below
-    "test_unitree_dds.py::test_what_the_standing_robot_says",
+    "test_unitree_dds.py::test_samples_of_the_standing_robot",
     "test_unitree_dds.py::test_gains_and_feed_forward_arrive",
     "test_unitree_dds.py::test_a_commander_that_begins_in_mid_run_is_noticed_at_once_and_named",
     "test_ros2.py::test_two_writers_of_the_models_joints_are_two_robots_and_one_of_other_joints_is_not",
-    "test_ros2.py::test_joints_and_imu_are_felt_in_the_models_order_and_signs",
+    "test_ros2.py::test_joints_and_imu_are_measured_in_the_models_order_and_signs",
     "test_ros2.py::test_commands_reach_the_joint_that_they_name[4]",
     "test_ros2.py::test_trajectories_command_as_arrays_do",
 ]
@@ -80,8 +80,8 @@ def test_the_tests_of_dds_pass(older, tmp_path):
     number, python = older
     assert run(python, "-c", "from equipoise.drivers.dds.cyclone import VERSION; print(VERSION)") == (0, f"{number}\n")
     chosen = [str(Path(__file__).parent / name) for name in TESTS[number]]
-    code, told = run(python, "-m", "pytest", "-q", "-o", f"cache_dir={tmp_path}", *chosen)
-    assert code == 0, told[-5000:]
+    code, output = run(python, "-m", "pytest", "-q", "-o", f"cache_dir={tmp_path}", *chosen)
+    assert code == 0, output[-5000:]
 
 
 @as_robots_run
@@ -90,13 +90,13 @@ def test_a_go2_is_calibrated(older, tmp_path):
     domain = unused_domain()
     with running_emulator("unitree_dds", "--domain", domain, python=python) as emulator:
         emulator.wait_for("mode", "own stance")
-        code, told = run(
+        code, output = run(
             python, "-m", "equipoise", "calibrate", *flags(domain, *STATIC, "--out", str(tmp_path / "run"))
         )
-    assert code == 0, told
+    assert code == 0, output
     modes = logged_modes(emulator.log)
     assert modes[modes.index("commanded") :][:3] == ["commanded", "damped", "released"]
-    assert "mass" in told
+    assert "mass" in output
 
 
 @as_robots_run
@@ -108,18 +108,18 @@ def test_a_mixed_pair_is_refused_by_name_unless_it_is_accepted(older, tmp_path):
             run(ours, "-c", "import importlib.metadata as m; print(m.version('cyclonedds'))")[1],
         )
         with running_emulator("unitree_dds", "--domain", domain, python=theirs) as emulator:
-            code, told = run(
+            code, output = run(
                 ours, "-m", "equipoise", "calibrate", *flags(domain, *STATIC, "--out", str(tmp_path / own))
             )
-            assert code == 2, told
-            assert f"in domain {domain} on lo" in told
-            assert f"set accept_cyclonedds={own}" in told
+            assert code == 2, output
+            assert f"in domain {domain} on lo" in output
+            assert f"set accept_cyclonedds={own}" in output
             accepted = flags(
                 domain, "--set", f"accept_cyclonedds={own.strip()}", "--set", "silence=5", "--duration", "1s"
             )
-            code, told = run(ours, "-m", "equipoise", "doctor", *accepted)
-            assert code in (0, 1), told
-            assert "'normal' holds the motors" in told
+            code, output = run(ours, "-m", "equipoise", "doctor", *accepted)
+            assert code in (0, 1), output
+            assert "'normal' holds the motors" in output
         assert not any(entry.get("mode") == "commanded" for entry in emulator.log)
 
 
@@ -129,11 +129,11 @@ def test_who_refuses_a_version_that_would_crash_it_is_not_crashed(older):
     domain = unused_domain()
     with running_emulator(None, "--domain", domain, code=CRASHES_OTHERS):
         looks = ["-m", "equipoise", "doctor", *flags(domain, "--duration", "1s")]
-        code, told = run(python, *looks)
-        assert code == 2, told
-        assert "has Cyclone DDS 11" in told
-        code, told = run(python, *looks, "--set", f"accept_cyclonedds={older[0]}")
-        assert code == -11, told  # a segmentation fault: what the refusal is for
+        code, output = run(python, *looks)
+        assert code == 2, output
+        assert "has Cyclone DDS 11" in output
+        code, output = run(python, *looks, "--set", f"accept_cyclonedds={older[0]}")
+        assert code == -11, output  # a segmentation fault: what the refusal is for
 
 
 @as_robots_run

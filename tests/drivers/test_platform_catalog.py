@@ -105,7 +105,7 @@ def test_every_driver_has_settings_with_defaults_and_a_page():
             assert default is not dataclasses.MISSING
 
 
-def test_an_unknown_platform_says_which_there_are(a1):
+def test_the_error_of_an_unknown_platform_lists_all_platforms(a1):
     with pytest.raises(SettingsError) as caught:
         open_connection("spot", a1, {})
     assert str(caught.value) == (
@@ -115,8 +115,8 @@ def test_an_unknown_platform_says_which_there_are(a1):
 
 
 def test_the_flag_names_every_platform():
-    (told,) = (part for part in get_args(flags.PlatformName)[1:] if hasattr(part, "help"))
-    assert all(name in told.help for name in (*ENGINES, *DRIVERS))
+    (choices,) = (part for part in get_args(flags.PlatformName)[1:] if hasattr(part, "help"))
+    assert all(name in choices.help for name in (*ENGINES, *DRIVERS))
     assert list(PLATFORMS) == [*ENGINES, *DRIVERS]
 
 

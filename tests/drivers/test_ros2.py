@@ -30,7 +30,7 @@ PATIENCE = 60.0  # [s] for a busy machine
 
 
 class Peer:
-    """A process, and what it has said."""
+    """A process and its log."""
 
     def __init__(self, *flags):
         command = [
@@ -44,22 +44,22 @@ class Peer:
             *flags,
         ]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        self.said = []
+        self.entries = []
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
         self.wait_for("ready")
 
     def _listen(self):
         for line in self.process.stdout:
-            self.said.append(json.loads(line))
+            self.entries.append(json.loads(line))
 
     def wait_for(self, key):
         until = time.monotonic() + PATIENCE
         while time.monotonic() < until and self.process.poll() is None:
-            if found := [line for line in list(self.said) if key in line]:
+            if found := [line for line in list(self.entries) if key in line]:
                 return found[-1][key]
             time.sleep(0.01)
-        raise AssertionError(f"the emulator never said {key}: {self.said}")
+        raise AssertionError(f"the emulator never logged {key}: {self.entries}")
 
     def end(self):
         self.process.kill()
@@ -118,7 +118,7 @@ def test_listening_moves_nothing(emulator, connect, a1):
         time.sleep(0.01)
     platform.close()
     time.sleep(0.1)
-    assert not any("commanded" in line for line in emulator.said)
+    assert not any("commanded" in line for line in emulator.entries)
     assert np.abs(state.joint_position - nominal_stance(a1).joint_position).max() < 0.15
 
 
@@ -132,15 +132,15 @@ def test_a_motion_is_what_the_direct_simulation_makes_of_it(emulator, connect, a
     hold(platform, stance, 0.5)
     assert emulator.wait_for("commanded")
     platform.play(motion)
-    felt = hold(platform, stance + legs, 0.5)
+    measured = hold(platform, stance + legs, 0.5)
     kp, kd = a1.gains(nominal_stance(a1).hip_height)
     gains = {"kp": np.full(12, STIFFNESS), "kd": np.full(12, kd * np.sqrt(STIFFNESS / kp))}
     with simulate(a1, "ideal") as simulation:
         for position in (*np.repeat(stance[None], 250, axis=0), *motion.position):
             direct = simulation.platform.step(JointCommand(position, **gains))
-    np.testing.assert_allclose(felt.joint_position, direct.joint_position, atol=5e-3)
-    np.testing.assert_allclose(felt.joint_torque, direct.joint_torque, atol=0.7)
-    np.testing.assert_allclose(felt.acceleration_in_imu, direct.acceleration_in_imu, atol=0.1)
+    np.testing.assert_allclose(measured.joint_position, direct.joint_position, atol=5e-3)
+    np.testing.assert_allclose(measured.joint_torque, direct.joint_torque, atol=0.7)
+    np.testing.assert_allclose(measured.acceleration_in_imu, direct.acceleration_in_imu, atol=0.1)
 
 
 def test_feed_forward_torque_is_folded_into_the_target_of_a_soft_controller(connect, a1):
@@ -161,7 +161,7 @@ def test_feed_forward_torque_is_folded_into_the_target_of_a_soft_controller(conn
     assert foot_compliance(folding) < 0.4 * left_aside
 
 
-def test_joints_and_imu_are_felt_in_the_models_order_and_signs(connect, a1):
+def test_joints_and_imu_are_measured_in_the_models_order_and_signs(connect, a1):
     platform = connect()
     target = nominal_stance(a1).joint_position
     state = hold(platform, target, 0.7)
@@ -189,7 +189,7 @@ def test_joints_and_imu_keep_their_own_times_and_rates(connect):
 
 @pytest.mark.parametrize("joint", [0, 4, 8, 11])
 def test_commands_reach_the_joint_that_they_name(connect, a1, joint):
-    """By the torque of the step, which no other joint has; how far it has come when is told on a quiet machine alone."""
+    """By the torque of the step, which no other joint has; how far it has come when is checked on a quiet machine only."""
     platform = connect()
     target = nominal_stance(a1).joint_position.copy()
     before = hold(platform, target, 0.4)
@@ -212,7 +212,7 @@ def test_trajectories_command_as_arrays_do(connect, a1):
 
 
 def test_a_trajectory_controller_that_starts_where_the_joints_sag_to_holds_them_more_softly(connect, a1):
-    """Why `time_from_start` is zero unless somebody knows better."""
+    """The reason for the default zero of `time_from_start`."""
     target = nominal_stance(a1).joint_position
     knees = [leg.joints[-1] for leg in a1.legs.values()]
 
@@ -250,13 +250,13 @@ def test_other_joints_than_the_models_are_named(connect, two_jointed, monkeypatc
         connect(two_jointed).read()
 
 
-def test_a_topic_that_nobody_publishes_is_named(connect, monkeypatch):
+def test_a_topic_without_a_publisher_is_named(connect, monkeypatch):
     monkeypatch.setattr(ros2, "_PATIENCE", 2.0)
     with pytest.raises(CommunicationError, match=f"no publisher of Imu on /imu in ros2 domain {DOMAIN} on lo"):
         connect(imu_topic="/imu").read()
 
 
-def test_an_empty_domain_is_told(a1, monkeypatch):
+def test_an_empty_domain_is_reported(a1, monkeypatch):
     monkeypatch.setattr(ros2, "_PATIENCE", 0.3)
     link = open_connection(a1, Ros2Settings(domain=EMPTY_DOMAIN))
     with (
@@ -280,7 +280,7 @@ def test_commands_without_subscribers_are_not_sent(connect, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "told"),
+    ("wrong", "message"),
     [
         (
             {"command_type": "velocity"},
@@ -294,8 +294,8 @@ def test_commands_without_subscribers_are_not_sent(connect, monkeypatch):
         ({"joint_state_topic": ""}, "joint_state_topic is ''"),
     ],
 )
-def test_settings_are_checked(wrong, told):
-    with pytest.raises(SettingsError, match=told):
+def test_settings_are_checked(wrong, message):
+    with pytest.raises(SettingsError, match=message):
         Ros2Settings(**wrong)
 
 

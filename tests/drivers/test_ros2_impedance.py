@@ -40,8 +40,8 @@ def stepped(platform, command, seconds):
     return state
 
 
-def told(robot, command, **settings):
-    """What goes to each topic of a command, in order: values by topic."""
+def encoded(robot, command, **settings):
+    """Return the values of a command by topic, in the order of sending."""
     messages = controllers_of(robot, Ros2Settings(stack=STACK, **settings)).encode(command)
     return {topic: Float64MultiArray.deserialize(bytes(message.data)).data for topic, message in messages.items()}
 
@@ -51,22 +51,22 @@ def test_an_array_is_to_the_byte_what_cyclonedds_makes_of_it():
         assert encoded_array(values).data == bytes(Float64MultiArray(data=values).serialize())
 
 
-def test_each_interface_is_told_all_joints_in_the_controllers_order_and_stiffness_last(a1):
+def test_each_interface_receives_all_joints_in_the_controllers_order_and_stiffness_last(a1):
     order = a1.joint_names[::-1]
     rows = np.arange(60.0).reshape(5, 12)
-    got = told(a1, JointCommand(*rows), joint_order=order)
+    got = encoded(a1, JointCommand(*rows), joint_order=order)
     assert list(got) == [f"/{name}_controller/commands" for name in IMPEDANCE]
     assert list(got.values()) == rows[:, ::-1].tolist()
 
 
-def test_each_joint_is_told_all_interfaces(a1):
+def test_each_joint_receives_all_interfaces(a1):
     rows = np.arange(60.0).reshape(5, 12)
-    got = told(a1, JointCommand(*rows), command_topic=BY_JOINT)
+    got = encoded(a1, JointCommand(*rows), command_topic=BY_JOINT)
     assert got == {f"/{name}_controller/commands": rows[:, j].tolist() for j, name in enumerate(a1.joint_names)}
 
 
 def test_what_a_command_leaves_out_is_nothing_but_gains_which_are_the_models(a1):
-    got = told(a1, JointCommand(np.ones(12)))
+    got = encoded(a1, JointCommand(np.ones(12)))
     values = dict(zip(IMPEDANCE, got.values(), strict=True))
     kp, kd = a1.gains(nominal_stance(a1).hip_height)
     assert values["velocity"] == values["effort"] == 12 * [0.0]
@@ -76,10 +76,10 @@ def test_what_a_command_leaves_out_is_nothing_but_gains_which_are_the_models(a1)
 def test_joints_that_go_limp_keep_the_position_that_they_were_sent_last(a1):
     """A watchdog knows none, and topics overtake each other: stiffness would pull them there for a moment."""
     zeros = np.zeros(12)
-    assert "/position_controller/commands" not in told(a1, JointCommand(zeros, kp=zeros))
+    assert "/position_controller/commands" not in encoded(a1, JointCommand(zeros, kp=zeros))
 
 
-def test_a_stack_says_what_is_left_out_and_no_more():
+def test_a_stack_fills_in_empty_settings_only():
     assert Ros2Settings(stack=STACK).imu_topic == "/imu_sensor_broadcaster/imu"
     assert Ros2Settings(stack=STACK, imu_topic="/imu/data").imu_topic == "/imu/data"
     assert (Ros2Settings().imu_topic, Ros2Settings().command_type) == ("/imu/data", "float64_multi_array")
@@ -117,14 +117,14 @@ def test_all_of_a_command_moves_the_robot_as_the_direct_simulation(a1, pattern):
         order = tuple(robot.wait_for("controlled")["controlled"])
         with connected(a1, domain, command_topic=pattern, joint_order=order) as platform:
             assert platform.accepts == ACCEPTS_EVERYTHING
-            felt = stepped(platform, command, 1.0)
-            np.testing.assert_allclose(felt.joint_position, direct.joint_position, atol=3e-3)
-            np.testing.assert_allclose(felt.joint_torque, direct.joint_torque, atol=0.4)
+            measured = stepped(platform, command, 1.0)
+            np.testing.assert_allclose(measured.joint_position, direct.joint_position, atol=3e-3)
+            np.testing.assert_allclose(measured.joint_torque, direct.joint_torque, atol=0.4)
         assert robot.wait_for("mode", "released")
 
 
 @pytest.mark.realtime
-def test_the_doctor_tells_a_limp_robot_that_positions_are_to_move_and_who_is_missing(a1, monkeypatch):
+def test_the_doctor_reports_a_limp_robot_under_position_control_and_missing_controllers(a1, monkeypatch):
     monkeypatch.setattr(driver, "_PATIENCE", 1.0)
     domain = unused_domain()
     with running_emulator("ros2", "--domain", domain, *QUICK, "--start", "lying", "--unloaded", "kd") as robot:
@@ -153,7 +153,7 @@ def test_the_doctor_tells_a_limp_robot_that_positions_are_to_move_and_who_is_mis
 
 @pytest.mark.realtime
 def test_gains_that_are_never_taken_end_the_first_motion(a1):
-    """A controller that is loaded and inactive listens: only the joints tell."""
+    """A loaded, inactive controller subscribes: only the joints show that it does not act."""
     domain = unused_domain()
     with running_emulator("ros2", "--domain", domain, *QUICK, "--start", "lying", "--idle", "kp"):
         time.sleep(1.2)  # limp as it is, it sinks

@@ -1,4 +1,4 @@
-"""What ROS 2 messages say: their layout on the wire is ROS's own, joints go by names, times are the robot's."""
+"""Samples from ROS 2 messages: layout on the wire, joint names, and times."""
 
 import math
 from dataclasses import replace
@@ -110,7 +110,7 @@ def test_joints_that_are_missing_are_named_with_those_that_are_there():
         joints().add(0.0, message.serialize())
 
 
-def test_joints_of_somebody_else_are_no_sample_and_no_damage():
+def test_joints_of_another_device_are_neither_sample_nor_damage():
     topic = joints()
     gripper = JointState(Header(Time(1, 0)), ["finger"], [0.1])
     assert not topic.add(0.0, gripper.serialize())
@@ -138,7 +138,7 @@ def test_an_imu_is_read_in_its_own_frame():
 
 
 @pytest.mark.parametrize("lacking", ["angular_velocity_covariance", "linear_acceleration_covariance"])
-def test_an_imu_that_says_that_it_lacks_something_is_refused(lacking):
+def test_an_imu_that_reports_missing_data_is_refused(lacking):
     message = replace(IMU, **{lacking: [-1.0] + 8 * [0.0]})
     with pytest.raises(SensorError, match="/imu/data reports no angular velocity or no acceleration"):
         imu().add(0.0, message.serialize())

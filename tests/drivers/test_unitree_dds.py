@@ -42,17 +42,17 @@ class Peer:
         self.process.stdin.write(json.dumps(fault) + "\n")
         self.process.stdin.flush()
 
-    def said(self, key=None):
+    def logged(self, key=None):
         """All entries, or the values under a key."""
         entries = [json.loads(line) for line in self.path.read_text().splitlines() if line.endswith("}")]
         return entries if key is None else [entry[key] for entry in entries if key in entry]
 
     def wait_for(self, patience=PATIENCE, **what):
-        """Until an entry says so."""
+        """Wait for an entry."""
         until = time.monotonic() + patience
-        while not any(what.items() <= entry.items() for entry in self.said()):
+        while not any(what.items() <= entry.items() for entry in self.logged()):
             assert self.process.poll() is None, self.path.read_text()
-            assert time.monotonic() < until, f"{what} was not said: {self.path.read_text()}"
+            assert time.monotonic() < until, f"{what} was not logged: {self.path.read_text()}"
             time.sleep(0.02)
 
 
@@ -97,7 +97,7 @@ def connected(emulator, robot, **others):
 
 @pytest.fixture(scope="module")
 def standing(tmp_path_factory):
-    """It stands, nothing but us holds its motors, and its clock is about to begin anew."""
+    """It stands, only this process holds its motors, and its clock is about to wrap around."""
     with running(
         tmp_path_factory, "--start", "standing", "--no-sport-mode", "--first-tick", str(2**32 - 2500)
     ) as emulator:
@@ -125,7 +125,7 @@ def hold(platform, position, seconds=0.3, **others):
     return state
 
 
-def test_what_the_standing_robot_says(linked, a1, target):
+def test_samples_of_the_standing_robot(linked, a1, target):
     with simulate(a1, "ideal") as simulation:
         direct = simulation.platform.read()
     state = hold(linked, target)
@@ -204,7 +204,7 @@ def test_gains_and_feed_forward_arrive(standing, linked, a1, target):
     kp, kd = a1.gains(nominal_stance(a1).hip_height)
     ones, order = np.ones(12), np.arange(12)
     hold(linked, target, 0.1)
-    assert [standing.said("kp")[-1], standing.said("kd")[-1]] == pytest.approx([kp, kd], abs=1e-3)
+    assert [standing.logged("kp")[-1], standing.logged("kd")[-1]] == pytest.approx([kp, kd], abs=1e-3)
     for pushed in ({"torque": 0.05 * kp * ones}, {"velocity": 0.05 * kp / kd * ones}):  # as a target further on
         before = hold(linked, target).joint_position
         moved = hold(linked, target, **pushed).joint_position - before
@@ -260,30 +260,30 @@ def test_its_own_controller_lets_go_of_a_lying_robot_before_the_first_command(tm
         with connected(emulator, a1) as platform:
             lying = platform.read().joint_position
             time.sleep(0.2)
-            assert emulator.said("asked") == []  # reading asks for nothing
+            assert emulator.logged("asked") == []  # reading asks for nothing
             platform.step(JointCommand(lying))
             state = hold(platform, lying, 0.3)
             assert platform._connection.rejected > 10  # and left out
             assert np.allclose(state.joint_position, lying, atol=0.7)  # limp legs slide
             assert platform.timing.lateness[0] == 0  # the seconds that it took are no delay
         emulator.wait_for(mode="silence")
-        assert set(emulator.said("asked")) == {"release"}
-        assert emulator.said("ignored") == []  # not a command came before
-        assert emulator.said("sport_mode") == ["ended"]
-        assert logged_modes(emulator.said()) == ["own stance", "released", "commanded", "released"]
+        assert set(emulator.logged("asked")) == {"release"}
+        assert emulator.logged("ignored") == []  # not a command came before
+        assert emulator.logged("sport_mode") == ["ended"]
+        assert logged_modes(emulator.logged()) == ["own stance", "released", "commanded", "released"]
 
 
 def test_each_command_is_for_its_own_joint(tmp_path_factory, a1):
-    """Each is pushed until it is what is felt; nobody says how long a busy machine takes to bring a command."""
+    """Each torque is commanded until it is measured; a busy machine may take long to deliver a command."""
     limp = {"kp": np.zeros(12), "kd": np.zeros(12)}
     with running(tmp_path_factory, "--no-sport-mode") as emulator, connected(emulator, a1) as platform:
         lying = platform.read().joint_position
         for push in 3 * np.eye(12):
             patience = time.monotonic() + PATIENCE
             while not np.allclose(
-                felt := hold(platform, lying, 0.02, torque=push, **limp).joint_torque, push, atol=0.1
+                measured := hold(platform, lying, 0.02, torque=push, **limp).joint_torque, push, atol=0.1
             ):
-                assert time.monotonic() < patience, f"{felt.round(1)} for {push}"
+                assert time.monotonic() < patience, f"{measured.round(1)} for {push}"
 
 
 def test_a_standing_robot_is_not_dropped_and_who_does_not_ask_is_ignored(tmp_path_factory, a1, target):
@@ -294,13 +294,17 @@ def test_a_standing_robot_is_not_dropped_and_who_does_not_ask_is_ignored(tmp_pat
                     hold(platform, target, 0.1)
             time.sleep(0.2)
         time.sleep(0.1)
-        assert (emulator.said("ignored"), emulator.said("asked"), emulator.said("mode")) == ([], [], ["own stance"])
+        assert (emulator.logged("ignored"), emulator.logged("asked"), emulator.logged("mode")) == (
+            [],
+            [],
+            ["own stance"],
+        )
         with connected(emulator, a1, release_sport_mode=False) as platform:
             hold(platform, target, 0.1)
             emulator.wait_for(ignored="fought")
         with connected(emulator, a1, hanging=True) as platform:
             hold(platform, target, 0.1)
-            assert emulator.said("sport_mode") == ["ended"]
+            assert emulator.logged("sport_mode") == ["ended"]
 
 
 COMMANDS = """
@@ -395,7 +399,11 @@ def test_two_robots_on_a_domain_are_refused_before_anything_is_sent(tmp_path_fac
                 platform._connection._switcher.mode()
             time.sleep(0.1)
             for robot in (emulator, other):
-                assert (robot.said("request"), robot.said("ignored"), robot.said("mode")) == ([], [], ["own stance"])
+                assert (robot.logged("request"), robot.logged("ignored"), robot.logged("mode")) == (
+                    [],
+                    [],
+                    ["own stance"],
+                )
 
 
 def test_a_robot_that_comes_to_the_domain_in_mid_run_is_noticed(tmp_path_factory, a1):
@@ -439,7 +447,7 @@ def asked(request, tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("asked", "given", "fine", "says"),
+    ("asked", "given", "fine", "value"),
     [
         ([], [], True, "'normal' holds the motors; calibrate will have it release them"),
         (
@@ -471,24 +479,26 @@ def asked(request, tmp_path_factory):
     ],
     indirect=["asked"],
 )
-def test_the_doctor_asks_who_holds_the_motors_and_has_nobody_let_go(asked, capsys, given, fine, says):
+def test_the_doctor_reports_who_holds_the_motors_and_releases_none(asked, capsys, given, fine, value):
     pairs = ["interface=lo", f"domain={asked.domain}", "silence=5", *given]
     doctor = ["doctor", "--platform", "unitree-go2", "--duration", "0.5s", "--json"]
     code = main([*doctor, *(f"--set={pair}" for pair in pairs)])
     time.sleep(0.2)
-    assert {*asked.said("request")} == (set() if "--bare" in asked.flags else {1001})
-    assert (asked.said("asked"), asked.said("sport_mode"), asked.said("ignored")) == ([], [], [])
-    assert asked.said("mode") == ["own stance"]
+    assert {*asked.logged("request")} == (set() if "--bare" in asked.flags else {1001})
+    assert (asked.logged("asked"), asked.logged("sport_mode"), asked.logged("ignored")) == ([], [], [])
+    assert asked.logged("mode") == ["own stance"]
     findings = {finding["name"]: finding for finding in json.loads(capsys.readouterr().out)["findings"]}
     found = findings["robot's own controller"]
     assert found["fine"] is fine
-    assert says in found["value"]
+    assert value in found["value"]
     assert bool(found["advice"]) == (fine is False)
-    assert code in ((1,) if fine is False else (0, 1))  # a busy machine's samples come late, and the doctor says so
+    assert code in (
+        (1,) if fine is False else (0, 1)
+    )  # a busy machine's samples come late, and the doctor reports them
 
 
-def test_a_service_that_hears_and_never_answers_is_named(monkeypatch):
-    """And the motors are nobody's meanwhile: what asks for them gives no command before it has an answer."""
+def test_a_service_that_receives_and_never_answers_is_named(monkeypatch):
+    """No program holds the motors meanwhile: no command is sent before an answer."""
     monkeypatch.setattr(sport, "_ANSWER", 0.1)
     with closing(DdsDomain(unused_domain(), "lo")) as domain:
         service, _ = domain.inbox(sport.REQUESTS, Request), domain.outbox(sport.RESPONSES, Response)
@@ -546,7 +556,7 @@ def test_the_motor_mode_of_each_robot_arrives(tmp_path_factory, a1, kind, mode):
         given = kind(interface="lo", domain=emulator.domain)
         with HardwarePlatform(open_connection(a1, given)) as platform:
             hold(platform, platform.read().joint_position, 0.1)
-        assert {*emulator.said("motor_mode")} == {mode}
+        assert {*emulator.logged("motor_mode")} == {mode}
 
 
 @pytest.mark.parametrize("wrong", [{"domain": -1}, {"domain": 233}, {"silence": 0.0}, {"silence": 11.0}])

@@ -87,7 +87,7 @@ def big_endian(data):
 
 
 def held(name, values, packets, whole):
-    """What a packet can hold of (n,) values."""
+    """Return the values that a packet can hold of (n,) values."""
     values = np.clip(values, 0 if name in ("kp", "kd") else -FLOAT32_MAX, FLOAT32_MAX)
     if packets is A1_STRUCT or name not in COUNTS:
         return values
@@ -96,11 +96,11 @@ def held(name, values, packets, whole):
 
 
 @given(st.binary(max_size=200).map(lambda data: data[: len(data) // 4 * 4]))
-def test_the_checksum_is_the_known_one_of_words(data):
+def test_the_checksum_is_that_of_a_slow_implementation(data):
     assert crc32_words(data) == crc_mpeg_2(big_endian(data))
 
 
-def test_the_known_checksum_is_known():
+def test_the_checksum_has_its_check_value():
     assert crc_mpeg_2(b"123456789") == 0x0376E6E7  # the catalogues' check value
 
 
@@ -147,7 +147,7 @@ def test_a_command_byte_by_byte(packets):
 
 
 def sdk_commands():
-    """Those of the captured packets, in the SDKs' float32."""
+    """Return the values of the captured packets, in the SDKs' float32."""
     joint, f = np.arange(MOTORS, dtype=np.float32), np.float32
     values = (
         f(0.1) * (joint + f(1)) - f(0.7),
@@ -249,13 +249,13 @@ def test_forms_go_by_robot_and_name_the_likeliest_first():
 
 
 def captured(name):
-    """A captured packet; the folder is beside the checkout, or where the environment says."""
-    beside = [parent / "shared" / "unitree_udp" for parent in Path(__file__).resolve().parents]
+    """A captured packet; the folder is next to the checkout, or set in the environment."""
+    candidates = [parent / "shared" / "unitree_udp" for parent in Path(__file__).resolve().parents]
     given = os.environ.get(CAPTURES)
-    for folder in [Path(given)] if given else beside:
+    for folder in [Path(given)] if given else candidates:
         if (folder / name).is_file():
             return (folder / name).read_bytes()
-    return pytest.skip(f"NOT held against the makers' packets: no {name} beside the checkout or in {CAPTURES}")
+    return pytest.skip(f"NOT compared with the makers' packets: no {name} next to the checkout or in {CAPTURES}")
 
 
 SDKS = pytest.mark.parametrize(("packets", "sdk"), [(A1, "a1_sdk_3.3.1"), (GO1, "go1_sdk_3.8.4")], ids=["a1", "go1"])
@@ -277,7 +277,7 @@ def test_the_simulated_robot_reads_what_the_makers_sdk_means(packets, sdk):
 
 
 def sdk_state(packets):
-    """That of the captured packets."""
+    """Return the command of the captured packets."""
     joint = np.arange(float(MOTORS))
     battery = (0.77, 6 * 4.096) if packets is GO1 else (None, None)
     return SensorReadings(

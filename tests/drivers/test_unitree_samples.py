@@ -68,7 +68,7 @@ def flat(value):
 
 
 def crc_bit_by_bit(data):
-    """As the definition says it."""
+    """Encode as in the definition."""
     register = 0xFFFFFFFF
     for (word,) in struct.iter_unpack("<I", data):
         for bit in range(31, -1, -1):

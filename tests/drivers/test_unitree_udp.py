@@ -82,7 +82,7 @@ class RawRobot:
             self.socket.sendto(packet, self.computer)
 
     def samples(self, count):
-        """What the link hands over, until it is so many samples or five seconds have passed."""
+        """Return received samples, until there are so many or five seconds have passed."""
         samples, until = [], time.monotonic() + 5.0
         while len(samples) < count and time.monotonic() < until:
             samples += self.link.receive()
@@ -90,15 +90,15 @@ class RawRobot:
         return samples
 
     def asked(self, duration=0.0):
-        """What it hears meanwhile [s], and has heard before."""
-        heard, until = [], time.monotonic() + duration
+        """Return the datagrams received so far and within a time [s]."""
+        received_data, until = [], time.monotonic() + duration
         self.socket.setblocking(False)
         while True:
             try:
-                heard.append(self.socket.recv(2048))
+                received_data.append(self.socket.recv(2048))
             except BlockingIOError:
                 if time.monotonic() > until:
-                    return heard
+                    return received_data
                 self.link.receive()
                 time.sleep(1e-3)
 
@@ -108,7 +108,7 @@ class RawRobot:
 
 
 def is_harmless(packets, data):
-    """Whether a packet in some form asks for nothing but an answer."""
+    """Return whether a packet in some form requests only an answer."""
     read = read_command(packets, data)
     return isinstance(read, JointCommand) and not any(getattr(read, name).any() for name in ("torque", "kp", "kd"))
 
@@ -175,10 +175,10 @@ def test_each_command_reaches_its_own_joint(a1):
             before = hold(platform, JointCommand(home), 0.15)[-1].joint_torque
             kick = home.copy()
             kick[joint] += 0.1
-            felt = np.array([sample.joint_torque for sample in hold(platform, JointCommand(kick), 0.03)]) - before
-            at = np.argmax(np.abs(felt[:, joint]))
-            assert np.argmax(np.abs(felt).max(axis=0)) == joint
-            assert felt[at, joint] > 5.0  # 0.1 rad times kp, less what the delay takes
+            measured = np.array([sample.joint_torque for sample in hold(platform, JointCommand(kick), 0.03)]) - before
+            at = np.argmax(np.abs(measured[:, joint]))
+            assert np.argmax(np.abs(measured).max(axis=0)) == joint
+            assert measured[at, joint] > 5.0  # 0.1 rad times kp, less what the delay takes
 
 
 @pytest.mark.parametrize(("protocol", "form"), [("a1", "compressed"), ("go1", "scrambled")])
@@ -238,7 +238,7 @@ def leaning(robot):
 
 
 def at_the_end(recording):
-    """Means over the last tenth of a second, and by how much the gyroscope says that the base has turned."""
+    """Means over the last tenth of a second, and the rotation of the base by the gyroscope."""
     last = recording.between(recording.joints.time[-1] - 0.1, np.inf)
     omega, steps = recording.imu.angular_velocity_in_imu, np.diff(recording.imu.time)
     return {
@@ -351,9 +351,9 @@ def test_commands_for_other_joints_are_an_error(raw):
 def test_a_robot_is_asked_without_torque_until_it_is_commanded(a1, raw, protocol, form):
     robot = raw(protocol=protocol, speaks=form)
     packets = robot.packets
-    heard = robot.asked(0.35 if form in ("struct", "scrambled") else 0.02)
-    asked = next(read for data in heard if isinstance(read := read_command(packets, data), JointCommand))
-    assert all(any(is_harmless(known, data) for known in FORMS[protocol].values()) for data in heard)
+    received_data = robot.asked(0.35 if form in ("struct", "scrambled") else 0.02)
+    asked = next(read for data in received_data if isinstance(read := read_command(packets, data), JointCommand))
+    assert all(any(is_harmless(known, data) for known in FORMS[protocol].values()) for data in received_data)
     robot.send(robot.state(2))
     robot.link.send(JointCommand(np.arange(float(MOTORS))))
     until = time.monotonic() + 5.0
@@ -382,9 +382,9 @@ def test_who_does_not_answer_is_asked_in_one_form_after_the_other(raw):
 @EACH_ROBOT
 def test_a_form_that_is_set_is_the_only_one(raw, protocol, form):
     robot = raw(protocol=protocol, form=form)
-    heard = robot.asked(0.4)
-    assert len(heard) > 20
-    assert all(is_harmless(FORMS[protocol][form], data) for data in heard)
+    received_data = robot.asked(0.4)
+    assert len(received_data) > 20
+    assert all(is_harmless(FORMS[protocol][form], data) for data in received_data)
     robot.link.send(JointCommand(np.zeros(MOTORS)))
     assert read_command(FORMS[protocol][form], robot.asked()[-1]).kp.all()
 
@@ -396,9 +396,9 @@ def test_who_commands_before_it_has_sensed_waits_for_an_answer_and_moves_nothing
         robot.link.send(JointCommand(np.zeros(MOTORS)))
     robot.link.release()
     forms = FORMS["a1"].values()
-    heard = robot.asked()
-    assert {len(data) for data in heard} == {610, 730}
-    assert all(any(is_harmless(form, data) for form in forms) for data in heard)
+    received_data = robot.asked()
+    assert {len(data) for data in received_data} == {610, 730}
+    assert all(any(is_harmless(form, data) for form in forms) for data in received_data)
     robot = raw(speaks="struct")
     robot.send(robot.state(2))
     robot.link.send(JointCommand(np.zeros(MOTORS)))
@@ -530,7 +530,7 @@ def test_while_commands_are_sent_samples_make_room_for_newer_ones(raw):
     assert robot.link.counts["unread"] == 1000 - 64
 
 
-def test_what_waited_while_nobody_looked_is_no_news_and_no_silence(raw):
+def test_samples_from_a_pause_of_the_reader_are_neither_used_nor_silence(raw):
     robot = raw(silence=0.15)
     robot.send(robot.state(2))
     assert len(robot.samples(1)) == 1
@@ -559,7 +559,7 @@ def test_samples_tell_when_they_arrived_not_when_they_were_asked_for(raw):
 
 
 @pytest.mark.parametrize("call", ["receive", "learn"])
-def test_a_robot_that_cannot_be_understood_is_told_from_a_silent_one(raw, monkeypatch, call):
+def test_a_robot_that_sends_only_invalid_packets_has_another_error_than_a_silent_one(raw, monkeypatch, call):
     monkeypatch.setattr(unitree_udp, "_PATIENCE", 0.05)
     robot = raw()
     robot.send(robot.state(2)[:-1], b"\xee" + robot.state(2)[1:])
@@ -650,7 +650,7 @@ def test_a_clock_that_stands_still_is_noticed_or_left_aside():
     assert [without.time(7, received) for received in (5.0, 6.5)] == [5.0, 6.5]
 
 
-def heard(unit, duration, loss=0.0, seed=0, speed=1.0, stalls=()):
+def counter_samples(unit, duration, loss=0.0, seed=0, speed=1.0, stalls=()):
     """Counters and arrivals of samples every 2 ms [s] over a network and a computer that are not punctual.
 
     `speed` is that of the robot's time, one for all or one a tenth of a second; at a stall's end is seen what came in it.
@@ -681,37 +681,37 @@ def detected_unit(samples):
 @pytest.mark.parametrize("unit", [1e-3, 1e-6])
 @given(seed=st.integers(0, 1000), loss=st.sampled_from([0.0, 0.1, 0.5]))
 def test_the_unit_of_a_clock_is_detected_in_a_third_of_a_second_over_its_end_and_over_bad_networks(unit, seed, loss):
-    detected, after = detected_unit(heard(unit, 2.0, loss, seed))
+    detected, after = detected_unit(counter_samples(unit, 2.0, loss, seed))
     assert detected == unit
     assert after < 0.35
 
 
 def test_a_computer_that_stalls_learns_the_unit_later():
-    detected, after = detected_unit(heard(1e-3, 3.0, stalls=[(0.05, 0.3), (0.35, 0.6), (0.65, 0.9)]))
+    detected, after = detected_unit(counter_samples(1e-3, 3.0, stalls=[(0.05, 0.3), (0.35, 0.6), (0.65, 0.9)]))
     assert detected == 1e-3
     assert after < 1.5
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1e-6])
-def test_a_simulated_robot_on_a_busy_machine_is_slow_but_its_clock_is_known(unit):
+def test_a_simulated_robot_on_a_busy_machine_is_slow_but_its_clock_is_detected(unit):
     slow = np.random.default_rng(5).uniform(0.2, 0.6, 100)
-    detected, after = detected_unit(heard(unit, 5.0, speed=slow))
+    detected, after = detected_unit(counter_samples(unit, 5.0, speed=slow))
     assert detected == unit
     assert 1.9 < after < 2.5
 
 
 @pytest.mark.parametrize(("unit", "rate"), [(2e-3, 500), (5e-4, 2000), (1e-4, 1e4), (1e9, 0), (1e-8, 1e8)])
-def test_a_clock_in_no_known_unit_is_refused(unit, rate):
-    samples = heard(unit, 4.0)
+def test_a_clock_in_an_unsupported_unit_is_refused(unit, rate):
+    samples = counter_samples(unit, 4.0)
     with pytest.raises(
         CommunicationError, match=r"neither milliseconds nor microseconds: set tick, the seconds"
     ) as refused:
         detected_unit(samples)
-    told = float(str(refused.value).split("counts ")[1].split()[0])
-    assert told == pytest.approx(rate, rel=0.01)
+    printed = float(str(refused.value).split("counts ")[1].split()[0])
+    assert printed == pytest.approx(rate, rel=0.01)
 
 
-def test_a_robot_whose_clock_stands_still_may_be_told_to_have_none(raw):
+def test_a_robot_whose_clock_does_not_advance_may_be_set_to_have_none(raw):
     robot = raw(tick=0.0)
     robot.send(robot.state(7), robot.state(7))
     samples = robot.samples(2)

@@ -20,8 +20,8 @@ BUSY = Limits(silence=1.0, stall=1.0)  # for a machine that has other things to 
 
 
 @pytest.mark.realtime
-def test_a_calibration_over_a_bad_network_says_what_one_without_network_says(a1):
-    """Of a robot without joint friction: what friction leaves in the torques depends on how the robot came to stand."""
+def test_a_calibration_over_a_bad_network_has_the_same_result_as_one_without_network(a1):
+    """A robot without joint friction: what friction leaves in the torques depends on how the robot came to stand."""
     with simulate(a1, "ideal", PAYLOAD, SEED) as simulation:
         direct = calibrate(simulation.platform, a1, STATIC).with_truth(simulation.truth)
     recordings, port = [], free_port()

@@ -1,4 +1,4 @@
-"""Whether the base stands as it should, before anything moves and in motion; each check has its words."""
+"""Checks of the base before the first command and in motion, and their messages."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def leaning(robot, angle, **changes):
     return at_rest(robot, acceleration_in_imu=9.81 * np.array([-np.sin(angle), 0.0, np.cos(angle)]), **changes)
 
 
-def test_before_anything_moves_gravity_is_felt(a1, checks, hold):
+def test_before_anything_moves_gravity_is_measured(a1, checks, hold):
     look(checks.at_rest, hold, at_rest(a1))
     with pytest.raises(SensorError) as caught:
         look(checks.at_rest, hold, at_rest(a1, acceleration_in_imu=np.array([0.0, 0.0, 1.0])))

@@ -1,4 +1,4 @@
-"""What may be sent to a robot at all."""
+"""Checks of commands before they are sent."""
 
 from dataclasses import replace
 

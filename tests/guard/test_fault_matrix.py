@@ -1,4 +1,4 @@
-"""Faults at every phase of a guarded calibration: each ends in the error that names it, or does no harm, or is named beside
+"""Faults at every phase of a guarded calibration: each ends in the error that names it, or does no harm, or is reported with
 the result; and always with the robot put down and a recording that can be read."""
 
 import re
@@ -101,7 +101,7 @@ CASES = [
 
 
 class Seen(PlatformWrapper):
-    """The robot's own side: what reached it. `asked` is the guard's side of the fault: what it sent and heard."""
+    """Commands that reached the robot. `asked` is the guard's side of the fault: its commands and samples."""
 
     def __init__(self, inner):
         super().__init__(inner)
@@ -118,7 +118,7 @@ class Seen(PlatformWrapper):
 
 
 def act_of(case, disturbance):
-    """What happens to the robot from outside, if anything."""
+    """The disturbance of the robot, if any."""
     if case.kind != "outside":
         return None
     if case.push:
@@ -195,12 +195,12 @@ def assert_calm_or_put_down(robot, case, outcome, recorder, report):
 
 @pytest.fixture(autouse=True)
 def _briefly_damped(monkeypatch):
-    """A robot that nobody can see is damped for seconds, which test_guard.py counts."""
+    """A robot without samples is damped for seconds, which test_guard.py counts."""
     monkeypatch.setattr(footing, "_SUNK", 0.3)
 
 
 def is_of(outcome, errors):
-    """Whether an outcome is one of these errors; a MotionError is none of the more specific ones."""
+    """Return whether an outcome is one of these errors; MotionError excludes its subclasses."""
     return any(
         type(outcome) is MotionError if error is MotionError else isinstance(outcome, error)
         for error in (errors if isinstance(errors, tuple) else (errors,))
@@ -413,7 +413,7 @@ def test_what_does_no_harm_to_a_swing_leaves_its_result_right(a1, tmp_path):
     assert_calm_or_put_down(a1, harmless[0], outcome, recorder, report)
 
 
-def test_a_foot_without_hold_is_named_beside_the_result(a1, tmp_path):
+def test_a_foot_that_slips_is_reported_with_the_result(a1, tmp_path):
     slips = Case("outside", "move", MotionError, "")
     outcome, _, recorder, report = run(a1, [slips], tmp_path / "run")
     if isinstance(outcome, EquipoiseError):
@@ -433,7 +433,7 @@ def crossing(robot, start, control_period):
 
 @pytest.mark.parametrize("how", ["play", "step"])
 def test_self_collision_is_refused_before_links_touch(a1, how):
-    """A program whose plan nobody checked: of a motion nothing is sent, of steps those that are clear."""
+    """A program with an unchecked plan: no command of a motion is sent, and only the clear steps."""
     platform, _, _ = simulated(a1, preset="ideal")
     recorder = Seen(platform)
     with Guard(recorder, a1) as guard:

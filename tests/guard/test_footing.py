@@ -1,4 +1,4 @@
-"""Which feet are up, by the joints alone."""
+"""Lifted feet from joint positions alone."""
 
 import numpy as np
 import pytest

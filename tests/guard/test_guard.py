@@ -29,7 +29,7 @@ UNCONFIRMED = f"damping commands were sent; {NOT_CONFIRMED}"
 
 
 class TroubleError(Exception):
-    """Of the program, not of the robot."""
+    """Error of the program, not of the robot."""
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ ERRORS = [
     [*((error, True) for error in ERRORS), (None, False), (ERRORS[1], False)],
     ids=lambda value: type(value).__name__ if not isinstance(value, bool) else "on two feet" if value else "standing",
 )
-def test_however_a_run_ends_a_robot_that_obeys_is_lowered(a1, seen, error, in_air):
+def test_however_a_run_ends_a_robot_that_follows_commands_is_lowered(a1, seen, error, in_air):
     def work(guard):
         lift(guard, a1) if in_air else hold(guard, seen, 0.1)
         if error is not None:

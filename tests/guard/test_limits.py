@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from guarded import PERIOD, Clock, MemoryLink, at_rest, is_damped, look
+from guarded import PERIOD, Clock, MemoryConnection, at_rest, is_damped, look
 
 from equipoise import nominal_stance
 from equipoise.conventions import GRAVITY
@@ -74,7 +74,7 @@ def with_one(values, joint, value):
 
 
 def passes(act, error=EquipoiseError):
-    """Whether something is let through."""
+    """Return whether a check passes."""
     try:
         act()
     except error:
@@ -165,8 +165,8 @@ def test_feet_that_count_as_lifted(a1, stance, home, height, lifted):
 # --- samples
 
 
-def believed(robot, states, target=None):
-    """How many samples pass before one does not, and the error."""
+def accepted(robot, states, target=None):
+    """Return the number of accepted samples before the first error, and the error."""
     sieve = SampleFilter(robot, PERIOD, Limits().silence)
     for count, state in enumerate(states):
         try:
@@ -176,8 +176,8 @@ def believed(robot, states, target=None):
     return len(states), None
 
 
-def test_a_sensor_that_says_nothing_new(a1):
-    count, error = believed(a1, [at_rest(a1)] * 500)
+def test_a_sensor_that_reports_nothing_new(a1):
+    count, error = accepted(a1, [at_rest(a1)] * 500)
     assert isinstance(error, SensorError | CommunicationError)
     assert 0.1 <= count * PERIOD < 0.13
 
@@ -195,20 +195,20 @@ def test_an_encoder_that_is_frozen_among_coarse_ones(a1, home, step, through, no
         with_frozen_knee(replace(at_rest(a1, index), joint_position=home + step * (index % 2)), home)
         for index in range(110)
     ]
-    _, error = believed(a1, states, lambda count: home + min(count * PERIOD / 0.1, 1) * through)
+    _, error = accepted(a1, states, lambda count: home + min(count * PERIOD / 0.1, 1) * through)
     assert isinstance(error, SensorError) == noticed
 
 
 @pytest.mark.parametrize(("through", "noticed"), [(0.028, False), (0.04, True)])
 def test_an_encoder_that_is_frozen(a1, home, through, noticed):
     states = [with_frozen_knee(at_rest(a1, index), home) for index in range(110)]
-    _, error = believed(a1, states, lambda count: home + min(count * PERIOD / 0.1, 1) * through)
+    _, error = accepted(a1, states, lambda count: home + min(count * PERIOD / 0.1, 1) * through)
     assert isinstance(error, SensorError) == noticed
 
 
 def test_a_frozen_encoder_is_noticed_in_time(a1, home):
     states = [with_frozen_knee(at_rest(a1, index), home) for index in range(500)]
-    count, _ = believed(a1, states, lambda count: home + count * PERIOD)
+    count, _ = accepted(a1, states, lambda count: home + count * PERIOD)
     assert 0.14 < count * PERIOD < 0.2
 
 
@@ -218,14 +218,14 @@ def test_a_frozen_encoder_is_noticed_in_time(a1, home):
 )
 def test_an_encoder_that_jumps(a1, home, speed_limit, jump, noticed):
     robot = replace(a1, velocity_limit=np.full(12, speed_limit))
-    _, error = believed(robot, [at_rest(a1), at_rest(a1, 1, joint_position=with_one(home, KNEE, home[KNEE] + jump))])
+    _, error = accepted(robot, [at_rest(a1), at_rest(a1, 1, joint_position=with_one(home, KNEE, home[KNEE] + jump))])
     assert (error is not None) == noticed
 
 
 def test_which_way_is_up(a1):
     lean = 0.3
 
-    def felt(acceleration):
+    def filtered_tilt(acceleration):
         up = TiltFilter(np.eye(3))
         for index in range(251):
             direction = np.array([0.0, 0.0, 1.0]) if index == 0 else np.array([np.sin(lean), 0.0, np.cos(lean)])
@@ -237,9 +237,9 @@ def test_which_way_is_up(a1):
             )
         return up.tilt
 
-    assert 0.17 < felt(9.81) < 0.21  # half a second
-    assert felt(9.81 + 2.4) > 0.1
-    assert felt(9.81 + 2.9) == pytest.approx(0, abs=1e-6)
+    assert 0.17 < filtered_tilt(9.81) < 0.21  # half a second
+    assert filtered_tilt(9.81 + 2.4) > 0.1
+    assert filtered_tilt(9.81 + 2.9) == pytest.approx(0, abs=1e-6)
 
 
 # --- time
@@ -302,7 +302,7 @@ def test_a_soft_start_takes_a_second(a1, home, gains):
 
 
 def bounded(robot, stance, gains, limits, position, target, lifted=False, count=1):
-    """What is left of a command after so many of them, and the torque that it adds to its feed-forward [Nm]."""
+    """Return a bounded command after so many of them, and the torque that it adds to its feed-forward [Nm]."""
     force = ForceLimit(limits, robot, stance, gains, PERIOD)
     command = JointCommand(target, torque=np.ones(12))
     for _ in range(count):
@@ -405,7 +405,7 @@ def put_down(platform, robot, sent, sound=True, standing=None, urgent=False, til
 
 
 def duration(platform, select):
-    """How long commands of a kind were sent [s]."""
+    """Return the time for which commands of a kind were sent [s]."""
     return sum(1 for command in platform.sent if select(command)) * PERIOD
 
 
@@ -520,7 +520,7 @@ def test_a_foot_a_tenth_of_a_leg_above_where_it_lies_is_up(a1, stance):
 
 
 def damp(robot, monkeypatch, link):
-    """What a second connection does, in which time, and how often it connects."""
+    """Return the result of a second connection, its time, and its number of connections."""
     clock, opened = Clock(), []
     monkeypatch.setattr(second_connection, "time", clock)
     second = SecondConnection(robot, lambda: opened.append(link) or link)
@@ -528,7 +528,7 @@ def damp(robot, monkeypatch, link):
     return second.damp(), clock.now - 100.0, len(opened)
 
 
-class Still(MemoryLink):
+class Still(MemoryConnection):
     """A link that answers for so many commands."""
 
     answers = 10**9
@@ -558,7 +558,7 @@ def test_the_second_connection_tries_for_fifteen_seconds_and_connects_again_ever
     def refuse(count):
         raise OSError("no")
 
-    done, took, opened = damp(a1, monkeypatch, MemoryLink(a1, act=refuse))
+    done, took, opened = damp(a1, monkeypatch, MemoryConnection(a1, act=refuse))
     assert done == f"the robot was not damped: no. {NOT_CONFIRMED}"
     assert 14.5 < took < 15.5
     assert 13 <= opened - 1 <= 15

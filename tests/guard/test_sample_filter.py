@@ -1,4 +1,4 @@
-"""Whether samples can be believed: each way in which they cannot has its words, and no sound stream is doubted."""
+"""Filter of plausible samples: a message for each fault, and none for sound streams."""
 
 from dataclasses import replace
 
@@ -161,7 +161,7 @@ def test_a_frozen_imu_is_noticed_when_the_robot_moves(a1, sieve, home):
         ),
     ],
 )
-def test_silence_is_told_from_repetition(a1, sieve, home, again, kind, message):
+def test_silence_and_repetition_have_different_errors(a1, sieve, home, again, kind, message):
     samples = [alive(a1, index) for index in range(20)]
     samples += [again(samples[-1]) for _ in range(100)]
     error, count = run(sieve, samples, moving(home))
@@ -209,7 +209,7 @@ def test_a_robot_that_is_only_observed_may_give_the_same_sample_for_good(a1, sie
 
 @pytest.mark.parametrize("together", [1, 2])
 def test_a_tolerant_filter_leaves_out_what_is_not_plausible(a1, sieve, home, together):
-    """Of a robot that is damped, whatever its sensors send."""
+    """A robot is damped whatever its sensors send."""
     sieve.accept([alive(a1, 0)], home)
     bad = replace(alive(a1, 1), joint_position=np.full(12, np.nan))
     assert sieve.accept([bad, alive(a1, 2)][:together], home, tolerant=True) == []

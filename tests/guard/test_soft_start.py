@@ -1,4 +1,4 @@
-"""How a robot is taken over: nothing that it is sent in the first second is a blow."""
+"""Soft start: commands of the first second are smooth."""
 
 from dataclasses import replace
 
@@ -37,11 +37,11 @@ def pull(command, state, gains):
 
 
 @given(
-    offset=arrays(float, 12, elements=st.floats(-0.1, 0.1)), felt=arrays(float, 12, elements=st.floats(-30, 30)),
+    offset=arrays(float, 12, elements=st.floats(-0.1, 0.1)), measured=arrays(float, 12, elements=st.floats(-30, 30)),
     limp=st.booleans(), has_gains=st.booleans(),
 )  # fmt: skip
-def test_it_begins_where_the_robot_is_and_never_jumps(a1, gains, first, offset, felt, limp, has_gains):
-    state = at_rest(a1, joint_position=first.position + offset, joint_torque=felt)
+def test_it_begins_where_the_robot_is_and_never_jumps(a1, gains, first, offset, measured, limp, has_gains):
+    state = at_rest(a1, joint_position=first.position + offset, joint_torque=measured)
     commands = list(soft_start(first, state, gains if has_gains else None, limp, PERIOD, NO_LIMITS))
     assert len(commands) == COUNT
     torques = np.array([pull(command, state, gains) for command in commands])
@@ -51,8 +51,8 @@ def test_it_begins_where_the_robot_is_and_never_jumps(a1, gains, first, offset, 
     assert np.abs(np.diff(positions, axis=0)).max() < 0.5e-3
     # What it begins with lies between nothing and what the joint gives by itself: no torque that is new to it.
     begin = torques[0]
-    assert (np.abs(begin) <= np.abs(felt) + 0.1).all()
-    assert (begin * felt >= -0.1).all()
+    assert (np.abs(begin) <= np.abs(measured) + 0.1).all()
+    assert (begin * measured >= -0.1).all()
     last = commands[-1]
     assert np.allclose(last.position, first.position)
     assert np.allclose(last.torque, first.torque)

@@ -9,7 +9,7 @@ PERIOD, DELAY, WINDOW = 2e-3, 75, 500
 
 
 def complaint(answer, begin):
-    """What is said of a joint that is sent 0.18 rad within 30 ms at some sample, and that answers so."""
+    """Return the finding for a joint whose target moves by 0.18 rad within 30 ms, from its answer."""
     detector = StuckDetector(1, DELAY, WINDOW)
     sent = np.interp(np.arange(3 * WINDOW), [begin, begin + 15], [0.0, 0.18])
     found = [

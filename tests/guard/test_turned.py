@@ -1,4 +1,4 @@
-"""A guarded robot that somebody turns while it lies limp."""
+"""A guarded robot that the operator turns while it lies limp."""
 
 import re
 from dataclasses import replace
@@ -19,11 +19,11 @@ from equipoise.platform.platform import TURNS, MotionInterrupted
 from equipoise.recording.trials import TurnTrial
 from equipoise.robot.inertial import composite_parameters
 
-WHILE = 500  # control periods that somebody takes
+WHILE = 500  # control periods that the operator takes
 
 
 class Carried(Seen):
-    """A robot that somebody turns by an angle [rad] while it is limp."""
+    """A robot that the operator turns by an angle [rad] while it is limp."""
 
     def __init__(self, platform, angle):
         super().__init__(platform)
@@ -44,7 +44,7 @@ class Carried(Seen):
         return super().step(command)
 
 
-def turned(a1, angle, told=None):
+def turned(a1, angle, confirmed=None):
     """The robot, and what the trial recorded."""
     robot = Carried(simulated(a1, preset="ideal")[0], angle)
     stance, kept = nominal_stance(a1), []
@@ -52,13 +52,13 @@ def turned(a1, angle, told=None):
         assert TURNS not in guard.accepts
         standing, _ = stand_up(guard, a1, stance)
         standing.keep = kept.append
-        standing.operator_done = told or (lambda: robot.carried == WHILE)
+        standing.told = confirmed or (lambda: robot.carried == WHILE)
         BayesianTrials(standing, stance, composite_parameters(a1, stance.joint_position).com).turn()
     return robot, kept[0]
 
 
 @pytest.mark.parametrize("degrees", [-160.0])
-def test_a_robot_that_somebody_turned_stands_up_again(a1, degrees):
+def test_a_robot_that_the_operator_turned_stands_up_again(a1, degrees):
     robot, recording = turned(a1, np.radians(degrees))
     assert isinstance(recording.trial, TurnTrial)
     assert recording.complete
@@ -86,10 +86,10 @@ def test_a_robot_that_was_hardly_turned_does_not_stand_up(a1, degrees):
     assert caught.value.recordings[0].has_phase("turn")
 
 
-def test_nobody_turns_it(a1, monkeypatch):
+def test_the_operator_does_not_turn_it(a1, monkeypatch):
     monkeypatch.setattr(turn_module, "_PATIENCE", 1.0)
     with pytest.raises(MotionError) as caught:
-        turned(a1, 0.0, told=lambda: False)
+        turned(a1, 0.0, confirmed=lambda: False)
     assert str(caught.value) == (
         "the rotation of the robot was not confirmed within 1 s; resume the run with an operator present"
     )
@@ -98,7 +98,7 @@ def test_nobody_turns_it(a1, monkeypatch):
 def test_ctrl_c_while_it_waits_lets_it_down(a1):
     robots, asked = [], []
 
-    def told():
+    def confirmed():
         asked.append(1)
         if len(asked) == 20:
             raise KeyboardInterrupt
@@ -111,7 +111,7 @@ def test_ctrl_c_while_it_waits_lets_it_down(a1):
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(turned.__globals__, "Carried", Kept)
         with pytest.raises(MotionInterrupted) as caught:
-            turned(a1, 0.0, told)
+            turned(a1, 0.0, confirmed)
     assert caught.value.recording is not None
     assert_put_down(robots[0], a1)
 
@@ -125,18 +125,18 @@ def test_a_robot_that_was_put_on_its_side_does_not_stand_up(a1):
 
     asked = []
 
-    def told():
+    def confirmed():
         asked.append(1)
         return len(asked) > 2 * WHILE
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(turned.__globals__, "Carried", Tipped)
         with pytest.raises(FallError, match="the base leans by"):
-            turned(a1, np.pi, told)
+            turned(a1, np.pi, confirmed)
 
 
 class Terminal:
-    """Lines that somebody types."""
+    """Typed lines."""
 
     def __init__(self, *lines):
         self.lines = list(lines)
@@ -148,13 +148,13 @@ class Terminal:
         return self.lines.pop(0)
 
 
-def test_enter_is_heard_and_never_waited_for(monkeypatch, capsys):
+def test_enter_is_received_without_waiting(monkeypatch, capsys):
     terminal = Terminal("\n", "")
     ready = [False, False, True, True]
     monkeypatch.setattr(operator_prompt.sys, "stdin", terminal)
     monkeypatch.setattr(operator_prompt.select, "select", lambda *given: ([terminal] if ready.pop(0) else [], [], []))
-    told = Keyboard().turned
-    assert [told(), told(), told()] == [False, False, True]
+    confirmed = Keyboard().turned
+    assert [confirmed(), confirmed(), confirmed()] == [False, False, True]
     assert capsys.readouterr().err.count("press Enter") == 1
     with pytest.raises(MotionError, match="the standard input is closed"):
-        told()
+        confirmed()

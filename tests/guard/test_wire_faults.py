@@ -305,7 +305,7 @@ def damped_after(emulator, moment):
 
 
 def ending_in(folder):
-    """What a process has written of the ending, once the robot was released."""
+    """Return the text of the ending, once the robot was released."""
     until = time.monotonic() + 10.0
     while not (folder / "ending.txt").exists() and time.monotonic() < until:
         time.sleep(0.05)
@@ -347,7 +347,7 @@ def test_a_calibration_process_that_is_lost_leaves_a_robot_that_lies(tmp_path, h
 
 @pytest.mark.realtime
 def test_a_robot_that_was_without_both_processes_is_not_pulled_up_again(tmp_path):
-    """As on a computer that slept: the motor boards have damped it meanwhile."""
+    """On a suspended computer; the motor boards have damped the robot meanwhile."""
     with program("hold", tmp_path) as (process, robot, emulator):
         for pid in (process.pid, robot):
             os.kill(pid, signal.SIGSTOP)

@@ -23,7 +23,7 @@ def test_a_signal_raises_where_nothing_holds_it(interruptions, number):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_other_than_ctrl_c_says_which_it_was(interruptions, number):
+def test_a_signal_other_than_ctrl_c_is_named(interruptions, number):
     with pytest.raises(Terminated, match=rf"^ended by {number.name}$") as caught:
         signal.raise_signal(number)
     assert caught.value.number == number

@@ -45,7 +45,7 @@ def platform(a1, log):
 
 
 def logged(log):
-    """What can be read while the log is open."""
+    """Return the content of an open log."""
     return read_log(log.path).plays
 
 
@@ -120,7 +120,7 @@ def test_steps_are_logged_a_quarter_of_a_second_at_a_time(platform, log):
     assert isinstance(Recording.concatenate([play.recording for play in logged(log)]), Recording)  # no moment twice
 
 
-def test_a_full_disk_ends_the_motion_with_an_error_that_says_so(a1, tmp_path):
+def test_a_full_disk_ends_the_motion_with_its_error(a1, tmp_path):
     with RunLog(tmp_path / "recording_0.mcap") as log, Logged(simulate(a1, "ideal").platform, log) as platform:
         platform.play(wave(platform, 20))
         limits = resource.getrlimit(resource.RLIMIT_FSIZE)

@@ -96,7 +96,7 @@ def test_the_simulated_robot_shows_no_more_than_a_platform_does(platform):
     assert public == {"control_period", "joint_names", "accepts", "read", "step", "play", "close"}
 
 
-def test_a_closed_simulation_says_so(platform):
+def test_a_closed_simulation_raises(platform):
     motion = wave(platform, 5)
     platform.close()
     with pytest.raises(MotionError, match="the simulated robot is closed"):

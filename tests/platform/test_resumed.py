@@ -32,7 +32,7 @@ class TestResumedRobotWithNothingToSpare(SimulationContract):
 
 
 class Killed(BaseException):
-    """The end of a process that has no time to say so."""
+    """The end of a killed process."""
 
 
 class Mortal(PlatformWrapper):
@@ -55,7 +55,7 @@ def keeper(folder):
 
 
 def die(folder):
-    """What a kill leaves of a folder that is written."""
+    """Return the run folder after a kill."""
     kill(folder.log)
     folder._log = None
 
@@ -84,7 +84,7 @@ def go_on_simulated(path, a1, motions=10**6):
 
 @pytest.fixture(scope="module")
 def whole(a1, tmp_path_factory):
-    """A run that nobody interrupted: its folder and its result."""
+    """An uninterrupted run: its folder and its result."""
     path = tmp_path_factory.mktemp("whole") / "run"
     with (
         RunFolder.create(path, a1, SETTINGS, {}) as folder,
@@ -113,7 +113,7 @@ def test_a_simulated_run_ends_as_if_nothing_had_happened(a1, tmp_path, whole):
     assert [bits(play.recording) for play in content.plays] == [bits(play.recording) for play in expected.plays]
 
 
-def test_a_simulation_that_goes_otherwise_is_told(a1, tmp_path):
+def test_a_simulation_that_differs_is_reported(a1, tmp_path):
     begin(tmp_path / "run", a1, 12)
     folder, content = RunFolder.resume(tmp_path / "run", repeats=True)
     with folder, simulate(a1, "realistic", PAYLOAD.replace("1,", "1.0001,"), seed=5, timestep=1e-3) as simulation:
@@ -126,7 +126,7 @@ def test_a_simulation_that_goes_otherwise_is_told(a1, tmp_path):
 
 
 @pytest.mark.parametrize("robot", ["simulated", "real"])
-def test_other_settings_are_told_with_the_trial_that_they_change(a1, tmp_path, robot):
+def test_other_settings_are_reported_with_the_trial_that_they_change(a1, tmp_path, robot):
     begin(tmp_path / "run", a1, 12)
     other = dataclasses.replace(SETTINGS, com_search=ComSearchSettings(tolerance=0.04, lower=-0.055))
     folder, content = RunFolder.resume(tmp_path / "run", repeats=True)
@@ -142,7 +142,7 @@ def test_other_settings_are_told_with_the_trial_that_they_change(a1, tmp_path, r
             calibrate(platform, a1, other, folder.keep)
 
 
-def test_recordings_that_the_routine_does_not_come_to_again_are_told(a1, tmp_path):
+def test_recordings_that_the_routine_does_not_request_again_are_reported(a1, tmp_path):
     begin(tmp_path / "run", a1, 12)
     folder, content = RunFolder.resume(tmp_path / "run", repeats=True)
     with folder:

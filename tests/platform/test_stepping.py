@@ -86,7 +86,7 @@ def test_a_platform_that_only_repeats_itself_records_what_it_was_sent(stay, stut
 
 
 def test_a_command_is_recorded_when_it_was_sent_by_the_robots_clock(a1):
-    """Which is half a minute behind ours here."""
+    """The robot's clock is half a minute behind this computer's."""
     recorder = Recorder(a1.joint_names, PERIOD)
     recorder.take(None, None, [replace(at_rest(a1, 0), received=30.0)])
     for index in range(20):

@@ -1,4 +1,4 @@
-"""When a motion on two feet is stopped, by what the gyroscope and the encoders say."""
+"""Limit of motions on two feet, from gyroscope and encoders."""
 
 import numpy as np
 import pytest
