@@ -43,7 +43,7 @@ class CheckupFinding:
     Attributes:
         name: name of the quantity that was checked.
         value: value that was measured, in words.
-        fine: whether the value is in its range; None: there is no range.
+        fine: whether the value is in its range; None: without a range.
         advice: advice, or "".
         serious: whether the robot must not be moved with this finding.
     """

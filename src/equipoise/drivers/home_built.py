@@ -25,7 +25,7 @@ def open_home_built(name: str, kind: type[Any], robot: RobotModel, given: Mappin
     """Create a platform as CLASS(robot, **settings).
 
     Raises:
-        SettingsError: there is no such setting, or its value is invalid.
+        SettingsError: a setting does not exist, or its value is invalid.
         CommunicationError: the constructor raises an OSError.
         MissingDependencyError: the constructor raises another error, or its object is not a platform.
     """

@@ -58,7 +58,7 @@ def read_values(settings: Mapping[str, inspect.Parameter], given: Mapping[str, A
     """Return values by name; text is converted to the setting's type.
 
     Raises:
-        SettingsError: there is no such setting, its value is invalid, or one is missing.
+        SettingsError: a setting does not exist, has an invalid value, or is missing.
     """
     invalid = [key for key in given if key not in settings]
     if invalid:

@@ -103,7 +103,7 @@ def find_platform(name: str) -> Driver | type[Any] | None:
     """Return the platform of a name or of MODULE:NAME, which may be in the current folder; None: a simulator.
 
     Raises:
-        SettingsError: there is no such platform, or two have the name.
+        SettingsError: the platform does not exist, or two have the name.
         MissingDependencyError: another package's platform fails, or is not a platform.
     """
     if ":" in name:
@@ -159,7 +159,7 @@ def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Har
         given: settings by name; text is converted to the setting's type.
 
     Raises:
-        SettingsError: there is no such platform or setting, or a value is invalid.
+        SettingsError: the platform or a setting does not exist, or a value is invalid.
         MissingDependencyError: the driver's package is not installed, or a class of another package fails.
         CommunicationError: the network cannot be used.
     """

@@ -20,7 +20,7 @@ class RobotClock:
     """Conversion of a 32-bit counter that wraps around to seconds.
 
     Args:
-        tick: time step of the counter [s]; 0: there is no counter.
+        tick: time step of the counter [s]; 0: no counter.
     """
 
     def __init__(self, tick: float) -> None:

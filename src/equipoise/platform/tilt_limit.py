@@ -32,7 +32,7 @@ class TiltLimit:
         spin: share of the base's own angular velocity in the rate.
         bounds: limits of lean plus horizon times rate [rad].
         window: time over which the lean is differentiated [s].
-        stop_requested: function that returns whether the operator has ended the motion; None: there is no operator.
+        stop_requested: function that returns whether the operator has ended the motion; None: no operator.
     """
 
     angle: float
