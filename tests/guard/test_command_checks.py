@@ -50,12 +50,12 @@ def test_a_sound_command_passes(check, stance, a1):
 @pytest.mark.parametrize(
     ("field", "joint", "value", "message"),
     [
-        ("position", 0, np.nan, "the commanded position of joint 'FL_hip_joint' is not a finite number"),
-        ("position", 2, -np.inf, "the commanded position of joint 'FL_calf_joint' is not a finite number"),
-        ("velocity", 3, np.nan, "the commanded velocity of joint 'FR_hip_joint' is not a finite number"),
-        ("torque", 11, np.inf, "the commanded torque of joint 'RR_calf_joint' is not a finite number"),
-        ("kp", 4, np.nan, "the commanded kp of joint 'FR_thigh_joint' is not a finite number"),
-        ("kd", 5, np.nan, "the commanded kd of joint 'FR_calf_joint' is not a finite number"),
+        ("position", 0, np.nan, "the commanded position of joint 'FL_hip_joint' is not finite"),
+        ("position", 2, -np.inf, "the commanded position of joint 'FL_calf_joint' is not finite"),
+        ("velocity", 3, np.nan, "the commanded velocity of joint 'FR_hip_joint' is not finite"),
+        ("torque", 11, np.inf, "the commanded torque of joint 'RR_calf_joint' is not finite"),
+        ("kp", 4, np.nan, "the commanded kp of joint 'FR_thigh_joint' is not finite"),
+        ("kd", 5, np.nan, "the commanded kd of joint 'FR_calf_joint' is not finite"),
         (
             "velocity", 3, 26.0,
             "the commanded velocity of joint 'FR_hip_joint' is 26.00 rad/s; it must be from -25.20 to 25.20",

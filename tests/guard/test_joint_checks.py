@@ -22,7 +22,7 @@ def stance(a1):
 
 @pytest.fixture
 def checks(a1, stance):
-    return JointChecks(Limits(), a1, stance.hip_height, PERIOD, predictable_torque=True)
+    return JointChecks(Limits(), a1, stance.hip_height, PERIOD, uses_gains=True)
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def test_an_encoder_far_beyond_a_joints_limits_is_no_joint(a1, checks, hold):
     ],
 )
 def test_what_lasts_too_long_ends_the_run(a1, stance, hold, change, kind, message):
-    checks = JointChecks(Limits(), a1, stance.hip_height, PERIOD, predictable_torque=False)
+    checks = JointChecks(Limits(), a1, stance.hip_height, PERIOD, uses_gains=False)
     error, count = run_checks(checks, lasting(a1, change), hold)
     assert type(error) is kind
     assert str(error) == message
@@ -145,7 +145,7 @@ def test_a_motor_at_its_limit_gives_what_it_can(a1, checks, stance):
 
 
 def test_unknown_gains_predict_no_torque(a1, stance):
-    checks = JointChecks(Limits(), a1, stance.hip_height, PERIOD, predictable_torque=False)
+    checks = JointChecks(Limits(), a1, stance.hip_height, PERIOD, uses_gains=False)
     torque = with_one(np.zeros(12), 5, 8.0)
     states = lasting(a1, lambda state: state)
     assert run_checks(checks, states, JointCommand(stance.joint_position, torque=torque))[0] is None

@@ -64,7 +64,7 @@ def gains(a1, stance):
 
 @pytest.fixture
 def joints(a1, stance):
-    return JointChecks(Limits(), a1, stance.hip_height, PERIOD, predictable_torque=True)
+    return JointChecks(Limits(), a1, stance.hip_height, PERIOD, uses_gains=True)
 
 
 def with_one(values, joint, value):

@@ -112,6 +112,4 @@ class CommandChecks:
     def _check_finite(self, name: str, values: FloatArray) -> None:
         if not np.isfinite(values).all():
             joint = int(np.argmax(~np.isfinite(values)))
-            raise MotionError(
-                f"the commanded {name} of joint {self._robot.joint_names[joint]!r} is not a finite number"
-            )
+            raise MotionError(f"the commanded {name} of joint {self._robot.joint_names[joint]!r} is not finite")

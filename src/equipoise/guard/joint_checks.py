@@ -28,7 +28,7 @@ class JointChecks:
         robot: model of the robot.
         hip_height: hip height that torques scale with [m].
         control_period: time between commands [s].
-        predictable_torque: whether the motors use the gains of commands, so that their torques can be predicted.
+        uses_gains: whether the motors use the gains of commands, so that their torques can be predicted.
 
     Attributes:
         at_rest: checks before the robot is moved; they raise MotionError and HealthError.
@@ -38,10 +38,9 @@ class JointChecks:
     """
 
     def __init__(
-        self, limits: Limits, robot: RobotModel, hip_height: float, control_period: float, predictable_torque: bool
+        self, limits: Limits, robot: RobotModel, hip_height: float, control_period: float, uses_gains: bool
     ) -> None:
-        self._limits, self._robot, self._period = limits, robot, control_period
-        self._predictable_torque = predictable_torque
+        self._limits, self._robot, self._period, self._uses_gains = limits, robot, control_period, uses_gains
         self._missing_torque = limits.missing_torque * Scale.of(robot.mass, hip_height).torque
         self._kp, self._kd = robot.gains(hip_height)
         self._fastest, self._strongest = limits.speed * robot.velocity_limit, limits.torque * robot.effort_limit
@@ -111,7 +110,7 @@ class JointChecks:
         # A repeated sample does not show the response to the newest command.
         if state.joint_torque is not None and state.time > self._newest:
             self._check_strength(state.joint_torque)
-            if self._predictable_torque:
+            if self._uses_gains:
                 self._check_commanded_torque(state, state.joint_torque, context.bounded)
         self._newest = state.time
 

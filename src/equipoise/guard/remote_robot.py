@@ -153,9 +153,7 @@ class RemoteRobot:
         self._take_messages()
         self._require_going()
         if self._state is None:
-            raise CommunicationError(
-                f"{self.name} sent no sample for {_FIRST:g} s: is the robot on, is the cable plugged in?"
-            )
+            raise CommunicationError(f"{self.name} sent no sample for {_FIRST:g} s: is it on, is the cable plugged in?")
         self._read = True
         return self._state
 
@@ -178,8 +176,7 @@ class RemoteRobot:
             self._require_going()
             self._begin(trajectory)
             stop_requested = None if stop is None else stop.stop_requested
-            limit = None if stop is None else replace(stop, stop_requested=None)
-            self._post(MotionOrder(self._number, trajectory, limit))
+            self._post(MotionOrder(self._number, trajectory, stop and replace(stop, stop_requested=None)))
             while self._done < self._number:
                 self._take_messages(wait=0.05)
                 self._write_piece(trajectory, whole=False)

@@ -25,9 +25,7 @@ class Logged(PlatformWrapper):
     def __init__(self, inner: Platform, log: RunLog) -> None:
         super().__init__(inner)
         self._log = log
-        self._steps: list[
-            tuple[RobotState, FloatArray]
-        ] = []  # not written yet: the previous state and the targets sent
+        self._steps: list[tuple[RobotState, FloatArray]] = []  # not written yet: previous states and sent targets
         self._state: RobotState | None = None  # after the last step; None after a motion
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:

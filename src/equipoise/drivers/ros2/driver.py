@@ -88,17 +88,14 @@ class Ros2Connection:
             self._wait_for_controllers()
         self._send_all(command)
         self._commanded = True
-        if topics := self._unsubscribed():  # the command was sent to the others anyway: it may be to damp
+        if topics := self._unread():  # the command was sent to the others anyway: it may be to damp
             raise self._no_subscriber(topics)
 
     def check_takeover(self) -> list[CheckupFinding]:
         """Return findings about the first command: subscribers of the command topics, and limp joints."""
         torque = None if self._joints.newest is None else self._joints.newest.torque
         limp_at_first = self._controllers.limp is not None
-        return [
-            subscribers(tuple(self._outboxes), self._unsubscribed()),
-            *stiffness(self._robot, torque, limp_at_first),
-        ]
+        return [subscribers(tuple(self._outboxes), self._unread()), *stiffness(self._robot, torque, limp_at_first)]
 
     def release(self) -> None:
         """Send zero torque under impedance control; let position controllers hold the present positions.
@@ -132,12 +129,12 @@ class Ros2Connection:
         for topic, message in self._controllers.encode(command).items():
             self._outboxes[topic].send(message)
 
-    def _unsubscribed(self) -> list[str]:
+    def _unread(self) -> list[str]:
         return [topic for topic, outbox in self._outboxes.items() if not outbox.readers]
 
     def _wait_for_controllers(self) -> None:
         """Wait for all controllers: a part of an impedance command may lack damping."""
-        while (topics := self._unsubscribed()) and time.monotonic() - self._opened < _PATIENCE:
+        while (topics := self._unread()) and time.monotonic() - self._opened < _PATIENCE:
             time.sleep(_LOOK)
         if topics:
             raise self._no_subscriber(topics)
