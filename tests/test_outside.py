@@ -212,16 +212,16 @@ STATE = "from equipoise import RobotState; import numpy as np; return RobotState
 @pytest.mark.parametrize(
     ("read", "kind", "message"),
     [
-        ("return None", SensorError, "read gives a NoneType; it must be a RobotState"),
+        ("return None", SensorError, "read returns a NoneType; it must be a RobotState"),
         (
             STATE.format("np.zeros(3)", "np.zeros(3)"),
             SensorError,
-            "read gives as joint_position (3,); it must be an array of",
+            "read returns (3,) as joint_position; it must be an array of",
         ),
         (
             STATE.format("np.zeros(12)", "[0, 0, 9]"),
             SensorError,
-            "read gives as acceleration_in_imu list; it must be an array of",
+            "read returns list as acceleration_in_imu; it must be an array of",
         ),
         ("raise OSError('unplugged')", CommunicationError, "cannot be reached: read fails (unplugged)"),
         ("return 1 / 0", MotionError, "read fails (ZeroDivisionError: division by zero)"),
