@@ -1,4 +1,4 @@
-"""Results to export without a calibration: a robot that has a known body more than its model file."""
+"""Synthetic results to export: a robot with a known payload that its model file lacks."""
 
 import dataclasses
 import warnings
@@ -69,19 +69,19 @@ def Xform "a1"
 
 
 def usd(robot, length=1, mass=1, more=""):
-    """A USD of a robot's base and joints, with other units and more in it."""
+    """Return a USD of a robot's base and joints, with other units and additional prims."""
     joints = "\n".join(f'    def PhysicsRevoluteJoint "{name}" {{}}' for name in robot.joint_names)
     return USD.format(length=length, mass=mass, joints=joints + more)
 
 
 def added_to(robot):
-    """What a robot is found to have more than its model file."""
+    """Return the payload of a robot."""
     mass = _SHARE * robot.mass
     return InertialParameters(mass, _COM, mass * _GYRATION)
 
 
 def found(robot, added=None, verdicts=None, **changes):
-    """A calibration that found a body more than the model file has, and is rather sure of everything.
+    """Return a calibration with a payload that the model file lacks, and small standard deviations.
 
     Args:
         verdicts: other than "identified", by (body, parameter).
@@ -100,7 +100,7 @@ def found(robot, added=None, verdicts=None, **changes):
 
 
 def with_joints(result):
-    """The same with what was found of sensors and motors: another number for every joint and axis.
+    """Return the result with sensor and motor parameters: another number for every joint and axis.
 
     The first joint's zero and gain are not identified, the second joint's are weak.
     """
@@ -120,7 +120,7 @@ def finding(name, value, std):
 
 
 def motor(i, std):
-    """The i-th joint's, with a gain as sure as said."""
+    """Return the i-th joint's motor, with a gain of this standard deviation."""
     values = {
         "coulomb_friction": (0.3 + i / 100, 0.01),
         "viscous_friction": (0.05 + i / 1000, 1e-3),
@@ -135,18 +135,18 @@ def motor(i, std):
 
 
 def make_run(path, robot):
-    """A finished run of a robot that was found heavier than its file."""
+    """Write a finished run of a robot that is heavier than its file."""
     with RunFolder.create(path, robot, BayesianMethod(), {"time": "2026-01-01T00:00:00+00:00"}) as folder:
         folder.save(with_joints(found(robot)).with_provenance(**folder.provenance))
 
 
 def joined(body, added):
-    """Both together; what is added need not be a body that can exist."""
+    """Return both bodies together; the added one need not be physical."""
     return InertialParameters.from_vector(body.vector + added.vector)
 
 
 def sure(name, body, model, verdicts):
-    """Two percent of the size of each parameter, some of them correlated."""
+    """Return a body with standard deviations of 2 % of each parameter, some of them correlated."""
     scale = np.abs(components(body))
     scale[1:4] = 0.02
     scale[7:] = scale[4:7].min()
@@ -159,20 +159,20 @@ def sure(name, body, model, verdicts):
 
 
 def read_again(path, robot):
-    """The robot that an exported file describes."""
+    """Return the robot of an exported file."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
         return RobotModel.from_file(path, robot.name, robot.description)
 
 
 def composite_in_equipoise(path, result, robot):
-    """Of an exported file, as equipoise reads it."""
+    """Return the composite of an exported file, as equipoise reads it."""
     again = read_again(path, robot)
     return composite_parameters(again, again.joint_vector(dict(result.joint_position), "stance"))
 
 
 def composite_in_pinocchio(path, result, held):
-    """Of a URDF, as Pinocchio reads it, without any cleaning of ours."""
+    """Return the composite of a URDF, as Pinocchio reads it, without equipoise's cleaning."""
     model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     q = pin.neutral(model)
     for name, position in {**result.joint_position, **held}.items():
@@ -187,7 +187,7 @@ def composite_in_pinocchio(path, result, held):
 
 
 def composite_in_mujoco(text, result, held):
-    """Of an MJCF text, as MuJoCo compiles it."""
+    """Return the composite of an MJCF text, as MuJoCo compiles it."""
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     data.qpos[:] = 0
@@ -208,5 +208,5 @@ def composite_in_mujoco(text, result, held):
 
 
 def assert_same(a, b, tolerance=1e-9):
-    """Two bodies, to a relative tolerance."""
+    """Assert that two bodies agree to a relative tolerance."""
     np.testing.assert_allclose(components(a), components(b), rtol=tolerance, atol=tolerance * a.mass)

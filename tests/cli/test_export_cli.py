@@ -158,7 +158,7 @@ def test_what_is_not_identified_is_refused_and_forced(a1, tmp_path, capsys):
 
 
 def test_errors_name_the_remedy(run, a1, tmp_path, capsys):
-    assert "no format is called 'gazebo'" in fails(capsys, 2, "export", str(run), "--to", "gazebo")
+    assert "'gazebo' is not a format" in fails(capsys, 2, "export", str(run), "--to", "gazebo")
     assert "name a run: equipoise export RUN --to urdf" in fails(capsys, 2, "export", "--to", "urdf")
     assert "is a folder without run.json; name the run folder of a calibration" in fails(
         capsys, 5, "export", str(tmp_path), "--to", "urdf"
@@ -170,7 +170,7 @@ def test_errors_name_the_remedy(run, a1, tmp_path, capsys):
     )
     lone = tmp_path / "calibration.json"
     dataclasses.replace(found(a1), robot_model=None).save(lone)
-    assert "name the run folder, or --file" in fails(capsys, 2, "export", str(lone), "--to", "urdf")
+    assert "name the run folder, or give --file" in fails(capsys, 2, "export", str(lone), "--to", "urdf")
     (tmp_path / "export").write_text("a file", encoding="utf-8")
     assert "cannot write" in fails(capsys, 6, "export", str(lone), "--to", "yaml")
 
@@ -189,7 +189,7 @@ def test_all_formats_go_into_a_folder_and_what_cannot_be_is_said(run, tmp_path, 
     assert len({row.output for row in FORMATS.values()}) == len(FORMATS)
     assert len([*tmp_path.iterdir()]) == len(FORMATS) - 2
     assert "mjcf: not written: the run's model is URDF" in printed
-    assert "usd: not written: usd edits a stage of yours" in printed
+    assert "usd: not written: format usd edits your own stage" in printed
     assert printed.count("weakly identified: joint_offset (FL_thigh_joint)") == 1
     assert (
         main(["export", str(run), "--all", "--parameters", "motors", "--json", "--out", str(tmp_path / "motors")]) == 0
@@ -202,7 +202,7 @@ def test_all_formats_go_into_a_folder_and_what_cannot_be_is_said(run, tmp_path, 
 def test_all_takes_no_flag_of_one_format_and_fails_where_nothing_can_be_written(run, a1, tmp_path, capsys):
     assert "--all writes every format by itself" in fails(capsys, 2, "export", str(run), "--all", "--to", "urdf")
     assert "name a run: equipoise export RUN --all" in fails(capsys, 2, "export", "--all")
-    assert "did not look at legs" in fails(capsys, 8, "export", str(run), "--all", "--parameters", "legs")
+    assert "did not estimate legs" in fails(capsys, 8, "export", str(run), "--all", "--parameters", "legs")
     result = found(a1)
     unknown = {name: Body.partly(getattr(result.nominal, name)) for name in ("composite", "base")}
     bare = dataclasses.replace(result, **unknown)

@@ -1,4 +1,4 @@
-"""Bodies whose CoM lies outside the robot are not written; payloads on it are."""
+"""Export of bodies whose CoM lies outside the robot, and of payloads on it."""
 
 import dataclasses
 import json
@@ -19,14 +19,14 @@ from equipoise.robot.inertial import InertialParameters
 
 
 def displaced(result, com):
-    """A result whose composite has another CoM, as an edit of its file gives it."""
+    """Return a result whose composite has another CoM, as after an edit of its file."""
     body = result.composite.parameters()
     moved = InertialParameters(body.mass, np.array(com, dtype=float), body.inertia)
     return dataclasses.replace(result, composite=Body.known(moved, model=result.nominal.composite))
 
 
 @pytest.mark.parametrize("name", [name for name, row in FORMATS.items() if row.bodies and name not in ("mjcf", "usd")])
-@pytest.mark.parametrize("com", [(0.5, 0.5, 0.5), (-2.0, 2.8, -16.0), (0.0, 0.0, -0.6)], ids=["beside", "mm", "below"])
+@pytest.mark.parametrize("com", [(0.5, 0.5, 0.5), (-2.0, 2.8, -16.0), (0.0, 0.0, -0.6)], ids=["aside", "mm", "below"])
 def test_a_com_outside_the_robot_is_refused(name, com, a1):
     with pytest.raises(NotEstimatedError) as error:
         export(displaced(found(a1), com), name)
@@ -34,17 +34,17 @@ def test_a_com_outside_the_robot_is_refused(name, com, a1):
     assert str(error.value).startswith(f"the composite's CoM ({place}) m lies outside 'unitree_a1': x -0.")
     assert str(error.value).endswith(
         " m at its stance, with room for a payload. Was the result edited, or is it in millimetres? Estimate it again from "
-        "the run's recordings (equipoise estimate RUN), or write it with --force"
+        "the run's recordings (equipoise estimate RUN), or write it anyway with --force"
     )
 
 
-def test_forced_it_is_written_and_said(a1):
+def test_a_forced_export_has_a_note(a1):
     out = export(displaced(found(a1), (0.5, 0.5, 0.5)), "quadruped-pympc", force=True)
     assert out.notes[0].startswith("FORCED: the composite's CoM (0.5, 0.5, 0.5) m lies outside 'unitree_a1': ")
     assert out.notes[0] in out.text
 
 
-def test_without_its_model_a_robot_is_as_large_as_its_inertia_says(a1):
+def test_without_its_model_bounds_come_from_the_inertia(a1):
     result = dataclasses.replace(found(a1), robot_model=None)
     assert export(result, "quadruped-pympc").notes == ()
     for com in ((0.7, 0.0, 0.0), (0.0, -0.7, 0.0)):
@@ -93,13 +93,12 @@ def test_an_edited_result_is_refused_by_the_command(a1, tmp_path, capsys):
     table["composite"]["com_in_base"] = [0.5, 0.5, 0.5]
     file.write_text(json.dumps(table), encoding="utf-8")
     for name in ("urdf", "quadruped-pympc"):
-        said = fails(capsys, 8, "export", str(tmp_path / "run"), "--to", name)
-        assert "the composite's CoM (0.5, 0.5, 0.5) m lies outside 'unitree_a1'" in said
+        message = fails(capsys, 8, "export", str(tmp_path / "run"), "--to", name)
+        assert "the composite's CoM (0.5, 0.5, 0.5) m lies outside 'unitree_a1'" in message
     assert not (tmp_path / "run" / "export").exists()
 
 
-def test_an_edited_base_is_made_of_the_composite(a1):
-    """The base that is written is the composite less the model's legs, whatever the result's own base says."""
+def test_the_written_base_is_the_composite_minus_the_models_legs(a1):
     result = found(a1)
     far = InertialParameters(5.0, np.array([0.5, 0.5, 0.5]), np.eye(3))
     edited = dataclasses.replace(result, base=Body.known(far, model=result.nominal.base))

@@ -1,4 +1,4 @@
-"""Files in the hands of those they are for, where the consumer is installed; where it is not, it is said what was not tried.
+"""Exported files read by their consumers; tests of consumers that are not installed are skipped.
 
 MuJoCo and Pinocchio read theirs in test_export_models.py and test_sensors_and_motors.py, usd-core in test_usd.py.
 """
@@ -37,7 +37,6 @@ def names_in(text):
 
 
 def test_drake_weighs_the_robot_of_a_urdf(result, tmp_path):
-    """Whose meshes it does not need: the file is written far from them."""
     installed("pydrake", "drake")
     from pydrake.multibody.parsing import Parser  # noqa: PLC0415
     from pydrake.multibody.plant import MultibodyPlant  # noqa: PLC0415
@@ -101,7 +100,7 @@ def test_xacro_makes_a_link_of_the_properties(result, tmp_path):
 
 @pytest.fixture(scope="module")
 def mjlab(tmp_path_factory):
-    """mjlab's entity of a robot: the MJCF that is exported, with the actuators that are; and the result."""
+    """Return mjlab's entity of a robot, from the exported MJCF and actuators, and the result."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("warnings.filters", [("ignore", None, Warning, None, 0)])  # of packages that are not ours
         installed("mjlab", "mjlab")
@@ -123,7 +122,7 @@ def mjlab(tmp_path_factory):
         yield SimpleNamespace(result=result, names=names, actuators=actuators, model=entity.spec.compile())
 
 
-def test_joints_of_mjlab_have_what_was_found(mjlab):
+def test_joints_of_mjlab_have_the_estimated_parameters(mjlab):
     dofs = {name: int(mjlab.model.joint(name).dofadr[0]) for name in mjlab.result.joint_position}
     for attribute, quantity in (
         ("armature", "armature"),
@@ -140,7 +139,7 @@ def test_joints_of_mjlab_have_what_was_found(mjlab):
         assert STEP * actuator.delay_max_lag >= delay - STEP / 2
 
 
-def test_terms_of_mjlab_take_what_is_drawn(mjlab):
+def test_terms_of_mjlab_take_the_drawn_ranges(mjlab):
     from mjlab.envs.mdp import dr  # noqa: PLC0415
 
     assert mjlab.names["PSEUDO_INERTIA"].keys() <= inspect.signature(dr.pseudo_inertia).parameters.keys()

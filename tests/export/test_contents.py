@@ -1,4 +1,4 @@
-"""What every export states of mass, CoM and inertia, and that it is so."""
+"""Statement of each export on mass, CoM and inertia, and its truth."""
 
 import json
 import re
@@ -17,8 +17,8 @@ from equipoise.exports.subject import Subject, Written, number
 WHOLE = "CoM [m] in the frame of base link 'trunk', inertia [kg m2] about the CoM in axes of base link 'trunk'"
 LINK = "CoM [m] in the frame of that link, inertia [kg m2] about the CoM in axes of that link"
 NO_COM = (
-    "written of the composite: mass [kg], inertia [kg m2] about the CoM in axes of base link 'trunk'; there is no place in {} "
-    "for the composite's CoM, which is at (-0.00198, -0.00036, -0.01847) m in the frame of base link 'trunk'"
+    "written of the composite: mass [kg], inertia [kg m2] about the CoM in axes of base link 'trunk'; {} "
+    "cannot hold the composite's CoM, which is at (-0.00198, -0.00036, -0.01847) m in the frame of base link 'trunk'"
 )
 BOTH = f"written of the composite: mass [kg], {WHOLE}; written of the base: mass [kg], {WHOLE}"
 CONTENTS = {
@@ -28,8 +28,8 @@ CONTENTS = {
     "unitree-guide": f"written of the composite: mass [kg], {WHOLE}",
     "mit-cheetah": NO_COM.format("MIT's Cheetah-Software") + f"; written of the base: mass [kg], {WHOLE}",
     "mjlab": f"written of the base, as ranges: mass [kg], {LINK}",
-    "isaaclab": "written of the base, as ranges: mass [kg], CoM [m] in the frame of that link; there is no place in "
-    "Isaac Lab's event terms for the base's inertia",
+    "isaaclab": "written of the base, as ranges: mass [kg], CoM [m] in the frame of that link; "
+    "Isaac Lab's event terms cannot hold the base's inertia",
     **dict.fromkeys(("yaml", "json"), BOTH),
     **dict.fromkeys(
         ("toml", "zeros", "c-header", "ros2", "unitree-yaml", "holosoma"),
@@ -45,7 +45,7 @@ def result(a1):
 
 @pytest.fixture
 def exported(result, a1, tmp_path):
-    """Export into a format, into a file of the user's where it needs one."""
+    """Export to a format, with a user's file if the format needs one."""
 
     def exported(name, **options):
         if name == "mjcf":
@@ -64,7 +64,7 @@ def test_every_format_is_stated_here():
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_every_file_states_what_it_holds_and_what_has_no_place(name, exported):
+def test_every_file_states_its_contents_and_omissions(name, exported):
     out = exported(name)
     assert out.contents == CONTENTS[name]
     assert out.contents in " ".join(re.sub(r"^(#|//)? *", "", line) for line in out.text.splitlines())
@@ -72,7 +72,7 @@ def test_every_file_states_what_it_holds_and_what_has_no_place(name, exported):
 
 
 @pytest.mark.parametrize("name", [name for name, row in FORMATS.items() if row.bodies == ("composite",)])
-def test_numbers_are_written_unless_they_are_stated_to_have_no_place(name, exported, result):
+def test_numbers_are_written_unless_stated_as_omitted(name, exported, result):
     row, text = FORMATS[name], without_header(exported(name))
     body = result.composite.parameters()
     numbers = {"mass": body.mass, "CoM": body.com[0], "inertia": body.inertia[0, 2]}
@@ -81,7 +81,7 @@ def test_numbers_are_written_unless_they_are_stated_to_have_no_place(name, expor
 
 
 def without_header(out):
-    return "\n".join(line for line in out.text.splitlines() if not any(said in line for said in out.header))
+    return "\n".join(line for line in out.text.splitlines() if not any(text in line for text in out.header))
 
 
 def test_mit_cheetah_has_the_com_of_the_base_alone(exported, result):
@@ -90,7 +90,7 @@ def test_mit_cheetah_has_the_com_of_the_base_alone(exported, result):
     assert number(result.composite.parameters().com[0])[:8] not in text
 
 
-def test_a_link_of_its_own_is_named(exported):
+def test_a_payload_link_is_named(exported):
     assert exported("urdf", payload_link=True).contents == f"written of link 'equipoise_payload': mass [kg], {LINK}"
 
 
@@ -121,11 +121,11 @@ def test_a_format_of_another_package_states_what_it_declares(result):
     )  # fmt: skip
     x, y, z = Subject(result).base.com
     assert row.contents(("base",), Subject(result)) == (
-        "written of the base: mass [kg]; there is no place in a scale for the base's inertia and CoM, which "
+        "written of the base: mass [kg]; a scale cannot hold the base's inertia and CoM, which "
         f"is at ({x:.5f}, {y:.5f}, {z:.5f}) m in the frame of that link"
     )
     assert np.isfinite([x, y, z]).all()
 
 
-def test_json_says_it_in_a_key(exported):
+def test_json_has_a_key_for_it(exported):
     assert json.loads(exported("json").text)["contents"] == CONTENTS["json"]

@@ -1,4 +1,4 @@
-"""Every format: what it says, what it refuses, and that its consumer's language reads the numbers that were found."""
+"""Formats: their content, their errors, and the numbers that a consumer reads."""
 
 import ast
 import dataclasses
@@ -55,7 +55,7 @@ def read_values(text):
 
 
 @pytest.mark.parametrize("name", ["urdf", *OWN_FILES])
-def test_every_output_says_what_it_is(name, result):
+def test_every_output_has_a_header(name, result):
     out = export(result, name, run="runs/a1")
     text = " ".join(out.text.split())
     assert f"equipoise {equipoise.__version__}" in out.header[0]
@@ -70,7 +70,7 @@ def test_every_output_says_what_it_is(name, result):
 
 
 @pytest.mark.parametrize("name", ["urdf", *OWN_FILES])
-def test_what_speaks_against_the_numbers_is_in_the_file(name, a1):
+def test_objections_are_in_the_file(name, a1):
     weak = {("composite", "Ixz"): "weak", ("base", "Ixz"): "weak"}
     out = export(found(a1, verdicts=weak, assumptions=("no cable pulls at the robot",)), name)
     assert out.notes[0] == "assumed: no cable pulls at the robot"
@@ -79,7 +79,7 @@ def test_what_speaks_against_the_numbers_is_in_the_file(name, a1):
 
 
 @pytest.mark.parametrize("name", ["urdf", *OWN_FILES])
-def test_what_comes_of_a_failed_check_is_refused_unless_forced(name, a1):
+def test_a_result_with_a_failed_check_is_refused_unless_forced(name, a1):
     result = found(
         a1, checks=(Check("stance motion residuals", False, "they slid"), Check("lift residuals", True, "they fit"))
     )
@@ -87,15 +87,15 @@ def test_what_comes_of_a_failed_check_is_refused_unless_forced(name, a1):
     with pytest.raises(NotEstimatedError) as error:
         export(doubtful, name)
     assert str(error.value) == (
-        "the result is doubtful: check failed: planted feet: they slid; mend that and calibrate again, or write it with "
-        "--force"
+        "the result is doubtful: check failed: stance motion residuals: they slid; fix this and calibrate again, or "
+        "write it anyway with --force"
     )
     forced = export(doubtful, name, force=True)
-    assert forced.notes == ("check failed: planted feet: they slid",)
+    assert forced.notes == ("check failed: stance motion residuals: they slid",)
     assert forced.notes[0] in forced.text
 
 
-def test_only_what_a_format_wants_is_judged(a1):
+def test_only_bodies_that_a_format_needs_must_be_identified(a1):
     doubtful = found(a1, verdicts={("base", "Iyz"): "not identified", ("base", "mass"): "not identified"})
     assert export(doubtful, "quadruped-pympc").notes == ()
     assert export(doubtful, "urdf", payload_link=True).notes == ()
@@ -103,16 +103,16 @@ def test_only_what_a_format_wants_is_judged(a1):
         export(doubtful, "urdf")
     assert str(error.value) == (
         "not identified by this run: base mass, base Iyz; calibrate longer (--duration) or with a scale (--mass), or write "
-        "them all the same with --force"
+        "them anyway with --force"
     )
     forced = export(doubtful, "urdf", force=True)
-    assert forced.notes == ("FORCED: not identified, hardly more than the model file's word: base mass, base Iyz",)
+    assert forced.notes == ("FORCED: not identified, close to the model file's values: base mass, base Iyz",)
     assert forced.notes[0] in forced.text
 
 
 @pytest.mark.parametrize("name", [name for name, row in FORMATS.items() if row.bodies])
 @pytest.mark.parametrize("force", [False, True])
-def test_what_a_method_does_not_estimate_is_refused(name, force, result):
+def test_bodies_that_a_method_does_not_estimate_are_refused(name, force, result):
     paper = dataclasses.replace(
         result, method="paper", composite=Body.partly(com_in_base=(0.01, 0.0, None)), base=Body.partly()
     )
@@ -122,36 +122,44 @@ def test_what_a_method_does_not_estimate_is_refused(name, force, result):
     assert str(error.value).endswith("calibrate with --method bayesian")
 
 
-def test_a_base_that_no_body_can_be_is_refused(a1):
+def test_a_base_with_negative_mass_is_refused(a1):
     result = found(a1)
     missing = InertialParameters(5.0, np.array([0.0, 0.0, 0.1]), 0.05 * np.eye(3))
     light = InertialParameters.from_vector(result.nominal.composite.vector - missing.vector)
     with pytest.raises(NotEstimatedError) as error:
         export(dataclasses.replace(result, composite=Body.known(light, model=result.nominal.composite)), "xacro")
-    assert str(error.value).startswith("base link 'trunk', less the model's legs, would have a mass of -0.286")
+    assert str(error.value).startswith("base link 'trunk', minus the model's legs, would have a mass of -0.286")
 
 
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("tomll", {}, "no format is called 'tomll'; did you mean 'toml'? there are urdf"),
-        ("gazebo", {}, "no format is called 'gazebo'; there are urdf, mjcf, sdf, usd, xacro, quadruped-pympc,"),
-        ("yaml", {"file": "a.yaml"}, "--file: yaml edits no file; paste what it writes into tools of your own"),
-        ("xacro", {"payload_link": True}, "--add-payload-link: xacro has no links; urdf, mjcf, sdf have"),
-        ("urdf", {"samples": 3}, "--samples is 3: mjlab and isaaclab list drawn bodies"),
+        ("tomll", {}, "'tomll' is not a format; did you mean 'toml'? it must be one of urdf"),
+        ("gazebo", {}, "'gazebo' is not a format; it must be one of urdf, mjcf, sdf, usd, xacro, quadruped-pympc,"),
+        (
+            "yaml",
+            {"file": "a.yaml"},
+            "--file: format yaml does not edit a file; paste its output into tools of your own",
+        ),
+        ("xacro", {"payload_link": True}, "--add-payload-link: format xacro has no links; use urdf, mjcf, sdf"),
+        (
+            "urdf",
+            {"samples": 3},
+            "--samples is 3; it must be zero or more, and only mjlab and isaaclab list drawn bodies",
+        ),
         ("mjlab", {"samples": -1}, "--samples is -1"),
-        ("mjlab", {"samples": 10_001}, "--samples is 10001: of the 10000 bodies that are drawn"),
+        ("mjlab", {"samples": 10_001}, "--samples is 10001; it must be at most 10000"),
         ("mjlab", {"seed": -1}, "--seed is -1; it must be zero or more"),
         ("xacro", {"file": "nowhere.xacro"}, "--file 'nowhere.xacro' cannot be read: No such file or directory"),
     ],
 )
-def test_what_a_format_does_not_take_is_refused(name, options, message, result):
+def test_arguments_that_a_format_does_not_take_are_refused(name, options, message, result):
     with pytest.raises(SettingsError) as error:
         export(result, name, **options)
     assert message in str(error.value)
 
 
-def test_the_base_is_such_that_the_models_legs_make_it_the_composite(result, base):
+def test_base_and_the_models_legs_make_the_composite(result, base):
     adjusted = dataclasses.replace(base, mass=base.mass + 0.05)  # with legs that are 50 g lighter than the model's
     other = dataclasses.replace(result, base=Body.known(adjusted, model=result.nominal.base))
     written = json.loads(export(other, "json").text)["base"]
@@ -183,7 +191,7 @@ typedef float fpt;
 
 
 def compiled(body, tmp_path):
-    """What a program prints, as lists of numbers; skips without a compiler."""
+    """Return the output of a compiled program as lists of numbers; skip without a compiler."""
     compiler = shutil.which("g++") or shutil.which("clang++")
     if compiler is None:
         pytest.skip("there is no C++ compiler")
@@ -221,7 +229,7 @@ def test_mit_cheetah_compiles(result, composite, base, tmp_path):
     assert_same(written, base, 1e-12)
 
 
-def test_quad_sdk_is_yaml_and_holds_what_matlab_wants(result, composite):
+def test_quad_sdk_is_yaml_with_matlab_values(result, composite):
     yaml = pytest.importorskip("yaml")
     text = export(result, "quad-sdk").text
     table = yaml.safe_load(text)["/**/global_body_planner"]["ros__parameters"]["global_body_planner"]
@@ -240,7 +248,7 @@ def test_json_and_yaml_hold_both_bodies_with_verdicts(result, composite, base):
     assert yaml.safe_load(export(result, "yaml").text) == table
 
 
-def test_numbers_of_yaml_are_numbers_to_every_reader(a1):
+def test_numbers_of_yaml_are_numbers_in_yaml_1_1(a1):
     yaml = pytest.importorskip("yaml")
     tiny = found(a1, InertialParameters(1e-5, np.zeros(3), 1e-12 * np.eye(3)))
     tiny = dataclasses.replace(
@@ -285,12 +293,12 @@ def test_a_users_const_xacro_keeps_everything_else(result, base, tmp_path):
 )
 def test_a_const_xacro_of_another_kind_is_refused(change, missing, result, tmp_path):
     (tmp_path / "const.xacro").write_text(CONST.replace(*change), encoding="utf-8")
-    with pytest.raises(SettingsError, match=f"once; it does not {missing}"):
+    with pytest.raises(SettingsError, match=f"once; it does not define {missing}"):
         export(result, "xacro", file=tmp_path / "const.xacro")
 
 
 def sdf_body(inertial):
-    """The body of an <inertial> element, in its link's axes."""
+    """Return the body of an <inertial> element, in its link's axes."""
     x, y, z, *rpy = read_values(inertial.findtext("pose"))
     turn = Rotation.from_euler("xyz", rpy).as_matrix()
     moments = [[float(inertial.findtext(f"inertia/i{''.join(sorted(a + b))}")) for b in "xyz"] for a in "xyz"]
@@ -311,7 +319,7 @@ def test_a_users_sdf_keeps_everything_else(inertial, result, base, tmp_path):
     assert ("<!-- CAD -->" in text) == ("CAD" in inertial)
 
 
-def test_what_was_added_is_a_link_of_an_sdf(result, base, a1, tmp_path):
+def test_a_payload_is_a_link_of_an_sdf(result, base, a1, tmp_path):
     (tmp_path / "model.sdf").write_text(SDF.format(INERTIAL), encoding="utf-8")
     for text in (export(result, "sdf", payload_link=True, file=tmp_path / "model.sdf").text,
                  f"<model>{export(result, 'sdf', payload_link=True).text}</model>"):  # fmt: skip
@@ -350,7 +358,7 @@ def draw(result, scale=1.0, **options):
     return spread(result.base.parameters(), result.composite.parameters(), covariance, seed=2, **options)
 
 
-def test_no_stretch_is_the_body_itself(base):
+def test_zero_entries_give_the_body_itself(base):
     np.testing.assert_allclose(stretched(pseudo_of(base), np.zeros(10)), components(base), rtol=1e-12, atol=1e-15)
 
 
@@ -377,25 +385,25 @@ def body_from(row):
     return InertialParameters(row[0], row[1:4], np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
-def test_drawn_bodies_can_exist_however_little_is_known(result, base):
+def test_drawn_bodies_are_physical_for_any_covariance(result, base):
     drawn = draw(result, 100.0, draws=300)
     for row in drawn.bodies:
         assert np.linalg.eigvalsh(pseudo_of(body_from(row))).min() > 0
         assert body_from(row).physical_defect() is None
 
 
-def test_where_nothing_is_known_nothing_is_drawn(base, composite):
-    with pytest.raises(NotEstimatedError, match="less than 1% can exist"):
+def test_nothing_is_drawn_from_a_huge_covariance(base, composite):
+    with pytest.raises(NotEstimatedError, match="less than 1% of the bodies"):
         spread(base, composite, np.diag([0.0] * 7 + [10.0] * 3), seed=0, draws=300)
 
 
-def test_about_a_plate_nothing_is_drawn(base, composite):
+def test_nothing_is_drawn_around_a_plate(base, composite):
     plate = InertialParameters(1.0, np.zeros(3), np.diag([0.01, 0.01, 0.02]))
     with pytest.raises(NotEstimatedError, match="as flat as a plate"):
         spread(plate, composite, np.eye(10), seed=0)
 
 
-def test_entries_drawn_by_themselves_stay_with_what_was_left_open(result):
+def test_entries_drawn_independently_stay_within_the_posterior(result):
     drawn = draw(result)
     half = np.array([high for _, high in drawn.entry_ranges().values()])
     precision = np.linalg.inv(np.cov(drawn.entries.T))
@@ -439,7 +447,7 @@ def test_isaaclab_scales_the_mass_and_shifts_the_com(result, base):
     assert "SAMPLES" not in names
 
 
-def test_what_is_drawn_follows_the_seed(result):
+def test_draws_depend_on_the_seed(result):
     first, again, other = (export(result, "mjlab", samples=3, seed=seed).content for seed in (1, 1, 2))
     assert first == again
     assert first != other
@@ -475,8 +483,7 @@ HOSTILE = [
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_names_say_nothing_but_themselves(result, name):
-    """Of robots and runs, as a file from somewhere else may have them: comments stay comments."""
+def test_names_cannot_inject_code(result, name):
     hostile = dataclasses.replace(result, robot=name)
     for row in map(FORMATS.get, OWN_FILES):
         text = export(hostile, row.name, run=name).text

@@ -1,4 +1,4 @@
-"""URDF and MJCF: the user's own file, read again, is the robot that was found, and nothing else in it was touched."""
+"""Edits of the user's own URDF or MJCF: the composite read from it, and its unchanged parts."""
 
 import codecs
 import dataclasses
@@ -36,7 +36,7 @@ COMMENT = re.compile(rb"<!-- equipoise .*?-->\s*", re.DOTALL)
 
 
 def written(robot, tmp_path, **options):
-    """The file that is exported for a robot that is found heavier than its file; the file, the export and the result."""
+    """Export a robot that is heavier than its file; return the file, the export and the result."""
     result = found(robot)
     out = export(result, robot.source.format, **options)
     folder = tmp_path / "exported"
@@ -45,7 +45,7 @@ def written(robot, tmp_path, **options):
 
 
 def assert_only_inertial_changed(before, after):
-    """Of two files' bytes: what stands before and behind one inertial is the same."""
+    """Assert that two files' bytes differ in one inertial only."""
     after = COMMENT.sub(b"", after, count=1)
     start = next(i for i, (a, b) in enumerate(zip(before, after, strict=False)) if a != b)
     end = next(i for i, (a, b) in enumerate(zip(reversed(before), reversed(after), strict=False)) if a != b)
@@ -54,7 +54,7 @@ def assert_only_inertial_changed(before, after):
 
 
 @pytest.mark.parametrize("name", CATALOG)
-def test_every_robots_urdf_is_read_again_as_what_was_found(name, tmp_path):
+def test_every_robots_urdf_has_the_estimated_composite(name, tmp_path):
     try:
         robot = load_robot(name)
     except MissingDependencyError:
@@ -106,7 +106,7 @@ def test_urdfs_of_all_kinds(case, tmp_path):
 
 
 @pytest.mark.parametrize("case", URDFS)
-def test_what_was_added_is_a_link_of_a_urdf(case, tmp_path):
+def test_a_payload_is_a_link_of_a_urdf(case, tmp_path):
     robot = load_text(tmp_path, URDFS[case])
     path, _, result = written(robot, tmp_path, payload_link=True)
     assert_same(composite_in_pinocchio(path, result, robot.locked_joints), result.composite.parameters())
@@ -117,7 +117,7 @@ def test_what_was_added_is_a_link_of_a_urdf(case, tmp_path):
     assert_same(base_parameters(read_again(path, robot)), base_parameters(robot) + added_to(robot))
 
 
-def test_held_joints_are_where_they_were_held(tmp_path):
+def test_locked_joints_keep_their_positions(tmp_path):
     robot = load_text(
         tmp_path, quadruped_urdf(arm_joints=2), RobotDescription(locked_joints={"arm_0": 0.7, "arm_1": -0.4})
     )
@@ -233,7 +233,7 @@ def test_a_file_that_changed_or_moved_since_the_run_is_refused(tmp_path):
     result, path = found(robot), tmp_path / "robot.urdf"
     path.write_text(quadruped_urdf() + "\n", encoding="utf-8")
     assert refusal(ModelError, result, "urdf") == (
-        f"the model file {str(path)!r} has changed since the run; to write into it as it is now, name it with --file {path}"
+        f"the model file {str(path)!r} has changed since the run; to edit its present content, name it with --file {path}"
     )
     named = export(result, "urdf", file=path)
     assert named.notes[0].startswith("robot.urdf is not the model file of the run: its sha256 is ")
@@ -246,7 +246,7 @@ def test_a_file_that_changed_or_moved_since_the_run_is_refused(tmp_path):
     assert export(result, "urdf", file=moved).notes == ()
 
 
-def test_another_file_of_the_robot_gets_what_makes_it_the_robot_that_was_found(a1, tmp_path):
+def test_another_file_of_the_robot_gets_the_estimated_composite(a1, tmp_path):
     text = a1.source.path.read_text(encoding="utf-8").replace('<mass value="1.013"/>', '<mass value="1.1"/>')
     (tmp_path / "mine.urdf").write_text(text, encoding="utf-8")
     result = found(a1)
@@ -254,7 +254,7 @@ def test_another_file_of_the_robot_gets_what_makes_it_the_robot_that_was_found(a
     assert_same(composite_in_pinocchio(path, result, {}), result.composite.parameters())
 
 
-def test_a_run_of_the_other_format_is_told_so(a1, tmp_path):
+def test_a_run_of_the_other_format_is_refused(a1, tmp_path):
     mine = found(dataclasses.replace(a1, name="mine"))
     assert refusal(SettingsError, mine, "mjcf") == (
         "the run's model is URDF: export --to urdf, or name your MJCF file of the same robot with --file"
@@ -266,7 +266,7 @@ def test_a_run_of_the_other_format_is_told_so(a1, tmp_path):
 
 @pytest.fixture
 def menagerie(monkeypatch, tmp_path):
-    """A stand-in for robot_descriptions, which has a Go1 of MuJoCo Menagerie; and the robot's URDF under that name."""
+    """Replace robot_descriptions by a stub that has a Go1 of MuJoCo Menagerie; return its path."""
     folder = tmp_path / "menagerie & others"
     folder.mkdir()
     path = folder / "go1.xml"
@@ -288,33 +288,33 @@ def test_a_run_with_a_urdf_gets_the_file_that_mujoco_menagerie_has(menagerie, tm
     assert export_all(result)["mjcf"].content == out.content
 
 
-def test_without_robot_descriptions_it_is_said_what_would_find_it(a1, monkeypatch):
+def test_without_robot_descriptions_the_error_names_the_package(a1, monkeypatch):
     def absent(name):
         raise ModuleNotFoundError(f"No module named {name!r}", name="robot_descriptions")
 
     monkeypatch.setattr(importlib, "import_module", absent)
     assert refusal(MissingDependencyError, found(a1), "mjcf").endswith(
-        "with --file, or let MuJoCo Menagerie's be found: pip install robot_descriptions"
+        "with --file, or install MuJoCo Menagerie's files: pip install robot_descriptions"
     )
 
 
-@pytest.mark.parametrize(("moved", "told"), [(0.0, None), (0.004, "4.0 mm"), (0.05, "50.0 mm")])
-def test_a_file_whose_legs_stand_elsewhere_is_told_or_refused(menagerie, tmp_path, moved, told):
+@pytest.mark.parametrize(("moved", "distance"), [(0.0, None), (0.004, "4.0 mm"), (0.05, "50.0 mm")])
+def test_a_file_with_feet_elsewhere_gets_a_note_or_is_refused(menagerie, tmp_path, moved, distance):
     text = menagerie.read_text(encoding="utf-8").replace('pos="0.2 0.1 0.0"', f'pos="{0.2 + moved} 0.1 0.0"', 1)
     menagerie.write_text(text, encoding="utf-8")
     result = found(dataclasses.replace(load_text(tmp_path, quadruped_urdf()), name="go1"))
     if moved > 0.01:
-        said = refusal(SettingsError, result, "mjcf")
-        assert said.endswith("it is another robot's, or its base frame or joint offsets are others")
+        message = refusal(SettingsError, result, "mjcf")
+        assert message.endswith("it is another robot's, or its base frame or joint offsets differ")
     else:
-        said = " ".join(export(result, "mjcf").notes)
-    assert told is None or f"the feet of go1.xml are {told} from those of the run's model" in said
-    assert (told is None) == ("the feet of" not in said)
+        message = " ".join(export(result, "mjcf").notes)
+    assert distance is None or f"the feet of go1.xml are {distance} from those of the run's model" in message
+    assert (distance is None) == ("the feet of" not in message)
 
 
 def test_a_result_without_its_model_needs_a_file(a1):
     result = dataclasses.replace(found(a1), robot_model=None)
-    assert "name the run folder, or --file" in refusal(SettingsError, result, "urdf")
+    assert "name the run folder, or give --file" in refusal(SettingsError, result, "urdf")
     assert export(result, "urdf", file=a1.source.path).notes == ()
 
 
@@ -325,7 +325,7 @@ def test_a_robot_with_other_joints_is_refused(a1, tmp_path):
     )
 
 
-def test_xacro_is_refused_with_what_to_do(a1, tmp_path):
+def test_xacro_is_refused_with_a_remedy(a1, tmp_path):
     file = tmp_path / "robot.urdf.xacro"
     file.write_text('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="a"/></robot>', "utf-8")
     assert "run xacro on it and use the URDF that it writes" in refusal(ModelError, found(a1), "urdf", file=file)
@@ -341,35 +341,35 @@ def test_masses_from_geoms_alone_are_refused(tmp_path):
 def test_a_base_body_in_another_file_is_refused(tmp_path):
     (tmp_path / "scene.xml").write_text('<mujoco><include file="robot.xml"/></mujoco>', encoding="utf-8")
     (tmp_path / "robot.xml").write_text(quadruped_mjcf(), encoding="utf-8")
-    assert "write one file of them all (mujoco.mj_saveLastXML)" in refusal(
+    assert "write a single file (mujoco.mj_saveLastXML)" in refusal(
         ModelError, found(load_robot(tmp_path / "scene.xml")), "mjcf"
     )
 
 
 @pytest.mark.parametrize("text", [quadruped_urdf(), quadruped_mjcf()], ids=["urdf", "mjcf"])
-def test_a_link_that_no_body_could_be_is_refused(text, tmp_path):
+def test_an_unphysical_link_is_refused(text, tmp_path):
     robot = load_text(tmp_path, text)
     light = InertialParameters(-5.9, np.array([0.0, 0.0, 0.1]), -0.05 * np.eye(3))
     message = refusal(NotEstimatedError, found(robot, light), robot.source.format)
     assert message.startswith(
-        "link 'trunk' of robot, less what else the file has, is no body: a principal moment of inertia is -3.2"
+        "link 'trunk' of robot, minus the other links, is not physical: a principal moment of inertia is -3.2"
     )
     assert "equipoise audit" in message
 
 
-def within(result, half):
-    """The same result, with intervals of this half-width."""
-    found, variance = result.composite, (half / NORMAL_95) ** 2
+def within(result, half_width):
+    """Return the result with intervals of this half-width."""
+    found, variance = result.composite, (half_width / NORMAL_95) ** 2
     known = Body.known(found.parameters(), variance * np.eye(10), np.full(10, np.inf), found.model)
     return dataclasses.replace(result, composite=known)
 
 
-def test_a_difference_that_is_nearly_a_body_is_a_link(a1, tmp_path):
+def test_a_nearly_physical_payload_is_a_link(a1, tmp_path):
     result = found(a1, InertialParameters(0.5, np.array([0.1, 0.0, 0.1]), np.diag([0.001, 0.002, -0.0005])))
     result = within(result, 0.01)
     written = export(result, "urdf", payload_link=True)
     assert any(
-        note.startswith("within the intervals: equipoise_payload, the difference to the model file, is no body")
+        note.startswith("within the intervals: equipoise_payload, the difference from the model file, is not physical")
         for note in written.notes
     )
     again = composite_in_equipoise(written.save(tmp_path / "robot.urdf"), result, a1)
@@ -377,10 +377,10 @@ def test_a_difference_that_is_nearly_a_body_is_a_link(a1, tmp_path):
     assert again.mass == pytest.approx(result.composite.mass.value, rel=1e-12)
 
 
-def test_a_difference_that_is_no_body_is_no_link_unless_forced(a1, tmp_path):
+def test_an_unphysical_payload_is_refused_unless_forced(a1, tmp_path):
     result = found(a1, InertialParameters(0.5, np.array([0.1, 0.0, 0.1]), np.diag([0.001, 0.002, -0.0005])))
     result = within(result, 1e-6)
-    assert "is no body: a principal moment of inertia is -0.0005 kg m2" in refusal(
+    assert "is not physical: a principal moment of inertia is -0.0005 kg m2" in refusal(
         NotEstimatedError, result, "urdf", payload_link=True
     )
     forced = export(result, "urdf", payload_link=True, force=True)
@@ -398,6 +398,6 @@ def test_a_second_payload_link_is_refused(model_format, tmp_path):
     robot = load_text(tmp_path, text)
     path, _, _ = written(robot, tmp_path, payload_link=True)
     heavier = found(read_again(path, robot))
-    assert "'equipoise_payload' already; start from the file without it" in refusal(
+    assert "'equipoise_payload' already; use the file without it" in refusal(
         SettingsError, heavier, model_format, payload_link=True
     )

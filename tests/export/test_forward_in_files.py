@@ -1,4 +1,4 @@
-"""A robot in whose file another axis than x points forward: what is written for that file is in its axes."""
+"""Exports for files in which another axis than x points forward: values are in the file's axes."""
 
 import ast
 import dataclasses
@@ -32,7 +32,7 @@ def result(robot):
 
 @pytest.fixture
 def base(robot):
-    """In the file's axes."""
+    """Return the base in the file's axes."""
     return in_file(base_parameters(robot) + added_to(robot))
 
 
@@ -51,14 +51,14 @@ def from_sdf(inertial):
 
 
 @pytest.mark.parametrize("payload_link", [False, True])
-def test_a_urdf_is_what_was_found(robot, result, tmp_path, payload_link):
+def test_a_urdf_has_the_estimated_composite(robot, result, tmp_path, payload_link):
     path = export(result, "urdf", payload_link=payload_link).save(tmp_path / "exported.urdf")
     of_file = dataclasses.replace(result, model={**result.model, "base_link": "trunk"})
     assert_same(composite_in_pinocchio(path, of_file, robot.locked_joints), in_file(result.composite.parameters()))
 
 
 @pytest.mark.parametrize("payload_link", [False, True])
-def test_an_mjcf_is_what_was_found(tmp_path, payload_link):
+def test_an_mjcf_has_the_estimated_composite(tmp_path, payload_link):
     robot = load_text(tmp_path, quadruped_mjcf(), TRUNK)
     result = found(robot)
     out = export(result, "mjcf", payload_link=payload_link)
@@ -90,7 +90,7 @@ def test_xacro_has_the_base_in_its_own_axes(result, base, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["mjlab", "isaaclab"])
-def test_what_learning_draws_is_about_the_base_of_the_file(result, base, name):
+def test_drawn_bodies_are_in_the_axes_of_the_file(result, base, name):
     assigned = {
         one.targets[0].id: one.value for one in ast.parse(export(result, name).text).body if isinstance(one, ast.Assign)
     }

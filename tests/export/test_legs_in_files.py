@@ -1,4 +1,4 @@
-"""Leg links in model files: what was found, and a base that goes with it."""
+"""Estimated leg links in model files, with the base of the same estimate."""
 
 import dataclasses
 
@@ -16,15 +16,17 @@ from equipoise.robot.links import link_names
 
 
 def with_links(result):
-    """Every link weighs a tenth more than the file's, and its CoM is 3 mm off."""
+    """Return the result with links a tenth heavier than the file's, their CoMs 3 mm off."""
     robot = result.robot_model
     names, links = link_names(robot.full_pinocchio), {}
     for leg in robot.legs.values():
         for joint in map(robot.full_pinocchio.getJointId, leg.joint_names):
             inertia = robot.full_pinocchio.inertias[joint]
             values = 1.1 * inertia.mass * np.array([1.0, *(inertia.lever + 3e-3)])
-            told = zip(("mass", "moment_x", "moment_y", "moment_z"), values, strict=True)
-            links[names[joint]] = Link(**{name: Quantity(name, "", float(value), 1e-6, "weak") for name, value in told})
+            pairs = zip(("mass", "moment_x", "moment_y", "moment_z"), values, strict=True)
+            links[names[joint]] = Link(
+                **{name: Quantity(name, "", float(value), 1e-6, "weak") for name, value in pairs}
+            )
     return dataclasses.replace(result, links=links)
 
 
@@ -34,7 +36,7 @@ def result(request, a1, tmp_path):
     return with_links(found(robot))
 
 
-def test_links_weigh_what_was_found_and_the_robot_too(result, tmp_path):
+def test_links_and_robot_have_the_estimated_masses(result, tmp_path):
     robot, before = result.robot_model, result.robot_model.pinocchio
     path = export(result, robot.source.format, parameters="base,legs").save(
         tmp_path / f"new.{robot.source.path.suffix}"
@@ -58,12 +60,12 @@ def test_the_base_alone_goes_with_the_files_legs(result, tmp_path):
         assert again.pinocchio.inertias[joint].isApprox(robot.pinocchio.inertias[joint], 1e-9)
 
 
-def test_links_go_with_the_base_that_was_found_with_them(result):
+def test_links_without_the_base_are_refused(result):
     with pytest.raises(SettingsError, match="write both, with --parameters base,legs"):
         export(result, result.robot_model.source.format, parameters="legs")
 
 
 def test_links_of_another_robot_are_refused(result):
     others = dict(zip("abcdefghijkl", result.links.values(), strict=True))
-    with pytest.raises(ModelError, match=r"has a leg link '.*', which the run knows nothing of"):
+    with pytest.raises(ModelError, match=r"has a leg link '.*', which is not in the run"):
         export(dataclasses.replace(result, links=others), result.robot_model.source.format, parameters="base,legs")

@@ -1,4 +1,4 @@
-"""Sensors and motors in every format: read as its consumer reads them, sign for sign, and what is refused."""
+"""Sensor and motor parameters in every format, with the signs that consumers expect, and refused exports."""
 
 import dataclasses
 import json
@@ -35,7 +35,7 @@ def result(a1):
 
 
 def values(result, name):
-    """By joint, as found."""
+    """Return the estimates by joint."""
     return {joint: getattr(findings, name).value for joint, findings in result.joints.items()}
 
 
@@ -48,7 +48,7 @@ def python_names(text):
 # --- read as the consumer does
 
 
-def test_toml_has_numbers_deviations_and_verdicts(result):
+def test_toml_has_values_stds_and_verdicts(result):
     table = tomllib.loads(export(result, "toml", run="runs/a1").text)
     assert table["schema"] == "equipoise.sensors-and-motors/1"
     assert (table["run"], table["model"]["sha256"]) == ("runs/a1", result.model["sha256"])
@@ -61,7 +61,7 @@ def test_toml_has_numbers_deviations_and_verdicts(result):
     assert table["motors"]["delay"]["value"] == values(result, "delay")
 
 
-def test_json_and_yaml_hold_them_beside_the_bodies_or_alone(result):
+def test_json_and_yaml_hold_them_with_or_without_the_bodies(result):
     yaml = pytest.importorskip("yaml")
     whole = yaml.safe_load(export(result, "yaml", parameters="all").text)
     alone = json.loads(export(result, "json", parameters="motors").text)
@@ -70,7 +70,7 @@ def test_json_and_yaml_hold_them_beside_the_bodies_or_alone(result):
     assert not {"composite", "base", "sensors"} & set(alone)
 
 
-def test_yaml_of_ros_of_unitree_and_of_zeros(result, a1):
+def test_yaml_of_ros_of_unitree_and_of_joint_offsets(result, a1):
     yaml = pytest.importorskip("yaml")
     parameters = yaml.safe_load(export(result, "ros2").text)["/**"]["ros__parameters"]["equipoise"]
     assert parameters["armature"] == values(result, "armature")
@@ -78,8 +78,8 @@ def test_yaml_of_ros_of_unitree_and_of_zeros(result, a1):
     lists = yaml.safe_load(export(result, "unitree-yaml").text)
     assert lists["joint_names"][:4] == ["FR_hip_joint", "FR_thigh_joint", "FR_calf_joint", HIP]
     assert dict(zip(lists["joint_names"], lists["armature"], strict=True)) == values(result, "armature")
-    told = dict(zip(lists["joint_names"], lists["joint_offset"], strict=True))
-    assert (told[HIP], told[CALF]) == (0.0, -3.5e-3)  # the hip's was not told
+    offsets = dict(zip(lists["joint_names"], lists["joint_offset"], strict=True))
+    assert (offsets[HIP], offsets[CALF]) == (0.0, -3.5e-3)  # the hip's is not identified
     assert lists["imu_tilt"] == [-0.004, 0.002, 0.007]
     zeros = yaml.safe_load(export(result, "zeros").text)
     assert zeros == {joint: zero for joint, zero in values(result, "zero").items() if joint != HIP}
@@ -112,7 +112,7 @@ def test_the_c_header_compiles_as_c_and_as_cpp(result, tmp_path):
         assert [float(word) for word in tilt.split()] == [-0.004, 0.002, 0.007]
 
 
-def test_holosoma_adds_the_zeros_to_what_it_commands(result):
+def test_holosoma_adds_the_offsets_to_its_commands(result):
     names = python_names(export(result, "holosoma").text)
     offsets = names["joint_offsets_deg"]((CALF, "waist", HIP))
     assert offsets == (pytest.approx(math.degrees(-3.5e-3)), 0.0, 0.0)
@@ -146,7 +146,7 @@ MJCF = quadruped_mjcf().replace("><", ">\n<")
 
 
 def dofs(text, result):
-    """Armature, friction loss and damping by joint, as MuJoCo compiles them."""
+    """Return armature, friction loss and damping by joint, as MuJoCo compiles them."""
     model = mujoco.MjModel.from_xml_string(text)
     at = [model.jnt_dofadr[model.joint(name).id] for name in result.joint_position]
     damping = np.reshape(model.dof_damping, (model.nv, -1))[:, 0]  # MuJoCo 4: three numbers a joint
@@ -190,7 +190,7 @@ def test_by_default_files_that_hold_the_base_hold_it_alone(result, a1):
         assert export(result, name).content == export(found(a1), name, parameters="base").content
 
 
-def test_what_is_not_identified_is_left_out_and_said(result):
+def test_values_not_identified_are_left_out_with_a_note(result):
     out = export(result, "toml")
     assert out.notes == (
         f"not identified, so left out (in lists: 0): joint_offset ({HIP}), relative_gain ({HIP} {THIGH})",
@@ -202,42 +202,46 @@ def test_what_is_not_identified_is_left_out_and_said(result):
     assert tomllib.loads(forced.text)["sensors"]["joint_offset"]["value"][HIP] == -5.5e-3
 
 
-def test_priors_of_the_run_say_what_is_identified(result):
+def test_priors_of_the_run_determine_the_verdicts(result):
     sure = dataclasses.replace(result, settings={"priors": {"joint_offset": 5e-4}})
     assert set(tomllib.loads(export(sure, "toml").text)["sensors"]) == {"imu_tilt", "clock_offset"}
 
 
-def test_where_nothing_is_identified_nothing_is_written(result):
+def test_a_result_without_identified_values_is_refused(result):
     vague = dataclasses.replace(result, sensors=(finding(f"{HIP} offset", 1e-3, 4e-3),))
     with pytest.raises(NotEstimatedError) as error:
         export(vague, "ros2")
     assert str(error.value) == (
-        "not identified by this run: joint_offset (all); calibrate longer (--duration), or write them all the same "
+        "not identified by this run: joint_offset (all); calibrate longer (--duration), or write them anyway "
         "with --force"
     )
     assert f"{HIP}: 0.001" in export(vague, "ros2", force=True).text
     tilted = dataclasses.replace(result, sensors=result.sensors[:3])
-    with pytest.raises(NotEstimatedError, match="no joint's zero well"):
+    with pytest.raises(NotEstimatedError, match="no joint offset is identified"):
         export(tilted, "holosoma")
 
 
 @pytest.mark.parametrize("name", ["urdf", *OWN])
-def test_what_comes_of_a_failed_check_is_refused_unless_forced(name, result):
+def test_a_result_with_a_failed_check_is_refused_unless_forced(name, result):
     doubtful = dataclasses.replace(result, checks=(Check("stance motion residuals", False, "they slid"),))
     what = "motors" if name == "urdf" else None
-    with pytest.raises(NotEstimatedError, match="the result is doubtful: check failed: planted feet: they slid"):
+    with pytest.raises(
+        NotEstimatedError, match="the result is doubtful: check failed: stance motion residuals: they slid"
+    ):
         export(doubtful, name, parameters=what)
-    assert "check failed: planted feet: they slid" in export(doubtful, name, parameters=what, force=True).text
+    assert (
+        "check failed: stance motion residuals: they slid" in export(doubtful, name, parameters=what, force=True).text
+    )
 
 
-def test_a_run_that_looked_at_no_motor_tells_what_all_have_in_common(result):
+def test_a_run_without_motors_gives_the_shared_values(result):
     common = dataclasses.replace(result, motors={}, sensors=(finding("Coulomb friction of the joints", 0.3, 0.02),))
     motors = tomllib.loads(export(common, "toml").text)["motors"]
     assert motors["coulomb_friction"]["value"] == dict.fromkeys(result.joint_position, 0.3)
     assert set(motors) == {"coulomb_friction"}
     with pytest.raises(NotEstimatedError) as error:
         export(dataclasses.replace(result, motors={}), "urdf", parameters="motors")
-    assert str(error.value) == "this run did not look at motors; calibrate with --parameters base,motors"
+    assert str(error.value) == "this run did not estimate motors; calibrate with --parameters base,motors"
 
 
 @pytest.mark.parametrize(
@@ -246,12 +250,12 @@ def test_a_run_that_looked_at_no_motor_tells_what_all_have_in_common(result):
         (
             "urdf",
             {"parameters": "base,legs", "payload_link": True},
-            "--add-payload-link leaves the model's links as they are",
+            "--add-payload-link does not change the model's links",
         ),
         (
             "ros2",
             {"parameters": "legs"},
-            "--parameters legs: ros2 does not hold legs, but sensors, motors; urdf, mjcf, yaml",
+            "--parameters legs: ros2 does not hold legs, only sensors, motors; urdf, mjcf, yaml",
         ),
         (
             "urdf",
@@ -261,25 +265,24 @@ def test_a_run_that_looked_at_no_motor_tells_what_all_have_in_common(result):
         (
             "urdf",
             {"parameters": "sensors"},
-            "--parameters sensors: urdf does not hold sensors, but base, motors, legs; mjlab, isaaclab, yaml",
+            "--parameters sensors: urdf does not hold sensors, only base, motors, legs; mjlab, isaaclab, yaml",
         ),
         (
             "toml",
             {"parameters": "base"},
-            "--parameters base: toml does not hold base, but sensors, motors, legs; urdf, mjcf, sdf",
+            "--parameters base: toml does not hold base, only sensors, motors, legs; urdf, mjcf, sdf",
         ),
-        ("urdf", {"parameters": "motors", "payload_link": True}, "of the base, which --parameters motors leaves out"),
+        ("urdf", {"parameters": "motors", "payload_link": True}, "need the base, which --parameters motors leaves out"),
     ],
 )
-def test_what_a_format_does_not_hold_is_refused(name, options, message, result):
+def test_parts_that_a_format_does_not_hold_are_refused(name, options, message, result):
     with pytest.raises(SettingsError) as error:
         export(result, name, **options)
     assert message in str(error.value)
 
 
 @pytest.mark.parametrize("name", ["a\nimport os", "x\\", '"] = 1', "--><evil/><!--", "a\u2028b\x85c", "no", "1: 2"])
-def test_names_say_nothing_but_themselves(result, name):
-    """Of joints, as a file from somewhere else may have them."""
+def test_names_cannot_inject_code(result, name):
     hostile = dataclasses.replace(
         result,
         robot=name,
@@ -298,11 +301,11 @@ def test_names_say_nothing_but_themselves(result, name):
     assert yaml.safe_load(export(hostile, "zeros").text) == {name: 1e-3}
 
 
-def test_the_command_line_says_what_was_written(a1, tmp_path, capsys):
+def test_the_command_line_names_the_omitted_values(a1, tmp_path, capsys):
     make_run(tmp_path / "run", a1)
     assert main(["export", str(tmp_path / "run"), "--to", "toml", "--parameters", "motors"]) == 0
     assert "not identified, so left out (in lists: 0): relative_gain" in capsys.readouterr().out
     table = tomllib.loads((tmp_path / "run" / "export" / "motors.toml").read_text(encoding="utf-8"))
     assert set(table) & {"sensors", "motors"} == {"motors"}
     assert main(["export", str(tmp_path / "run"), "--to", "toml", "--parameters", "legs"]) == 8
-    assert "this run did not look at legs; calibrate with --parameters base,legs" in capsys.readouterr().err
+    assert "this run did not estimate legs; calibrate with --parameters base,legs" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""USD, read as usd-core reads it. What needs no usd-core is tried without it."""
+"""USD as usd-core reads it; tests that do not need usd-core run without it."""
 
 import dataclasses
 import sys
@@ -36,7 +36,7 @@ def pxr():
 
 
 def written(result, tmp_path, name="a1.usda", **options):
-    """The stage of what was written from a file."""
+    """Return the stage of an exported file."""
     from pxr import Usd  # noqa: PLC0415
 
     path = export(result, "usd", file=tmp_path / name, **options).save(tmp_path / f"new_{name}")
@@ -44,7 +44,7 @@ def written(result, tmp_path, name="a1.usda", **options):
 
 
 def trunk_of(stage):
-    """The base's body in SI units, by the rules of UsdPhysics."""
+    """Return the base's body in SI units, by the rules of UsdPhysics."""
     from pxr import UsdGeom, UsdPhysics  # noqa: PLC0415
 
     mass_unit, length = UsdPhysics.GetStageKilogramsPerUnit(stage), UsdGeom.GetStageMetersPerUnit(stage)
@@ -73,7 +73,7 @@ def test_usd_has_the_base_in_the_stages_units(name, pxr, a1, result, tmp_path):
     assert before == after  # text stays text
 
 
-def test_joints_have_what_physx_reads_angles_in_degrees(pxr, a1, result, tmp_path):
+def test_joints_have_physx_parameters_in_degrees(pxr, a1, result, tmp_path):
     (tmp_path / "a1.usda").write_text(usd(a1), encoding="utf-8")
     stage = written(result, tmp_path, parameters="motors")
     joint = stage.GetPrimAtPath(f"/a1/{CALF}")
@@ -89,7 +89,7 @@ def test_joints_have_what_physx_reads_angles_in_degrees(pxr, a1, result, tmp_pat
     assert again.GetMetadata("apiSchemas").GetAddedOrExplicitItems() == ["PhysxJointAxisAPI:angular"]
 
 
-def test_friction_at_rest_is_what_joints_have_at_rest(pxr, a1, result, tmp_path):
+def test_static_friction_includes_stribeck_friction(pxr, a1, result, tmp_path):
     (tmp_path / "a1.usda").write_text(usd(a1), encoding="utf-8")
     at_rest = Quantity("stribeck_friction", "Nm", 0.1, 0.01, "identified")
     motors = {name: dataclasses.replace(motor, stribeck_friction=at_rest) for name, motor in result.motors.items()}
@@ -100,7 +100,7 @@ def test_friction_at_rest_is_what_joints_have_at_rest(pxr, a1, result, tmp_path)
     assert values["dynamicFrictionEffort"] == pytest.approx(0.32)
 
 
-def test_what_a_file_composes_is_overruled_and_said(pxr, a1, result, tmp_path):
+def test_composed_files_are_overridden_with_a_note(pxr, a1, result, tmp_path):
     (tmp_path / "parts.usda").write_text(usd(a1), encoding="utf-8")
     (tmp_path / "a1.usda").write_text("#usda 1.0\n(\n    metersPerUnit = 1\n    subLayers = [@./parts.usda@]\n)\n")
     assert_same(trunk_of(written(result, tmp_path)), result.base.parameters(), 1e-6)
@@ -120,26 +120,26 @@ def test_what_a_file_composes_is_overruled_and_said(pxr, a1, result, tmp_path):
     ],
     ids=["no base", "fixed", "no joint", "scaled", "damaged"],
 )  # fmt: skip
-def test_a_stage_that_cannot_hold_it_is_refused(text, message, pxr, a1, result, tmp_path):
+def test_an_unsuitable_stage_is_refused(text, message, pxr, a1, result, tmp_path):
     (tmp_path / "a1.usda").write_text(text(a1), encoding="utf-8")
     with pytest.raises(ModelError) as error:
         export(result, "usd", file=tmp_path / "a1.usda", parameters="all")
     assert message in str(error.value)
 
 
-def test_an_arm_that_was_held_is_not_counted_twice(pxr, a1, result, tmp_path):
+def test_a_locked_arm_is_not_counted_twice(pxr, a1, result, tmp_path):
     (tmp_path / "a1.usda").write_text(usd(a1, more='\n    def PhysicsRevoluteJoint "arm" {}'), encoding="utf-8")
     assert export(result, "usd", file=tmp_path / "a1.usda").notes == ()
     held = dataclasses.replace(result, locked_joints={"arm": 0.3})
-    with pytest.raises(ModelError, match="has joint 'arm', which was held"):
+    with pytest.raises(ModelError, match="has joint 'arm', which was locked"):
         export(held, "usd", file=tmp_path / "a1.usda")
     export(held, "usd", file=tmp_path / "a1.usda", parameters="motors")
 
 
-def test_without_a_file_or_without_usd_core_it_says_what_to_do(result, tmp_path, monkeypatch):
+def test_errors_without_a_file_or_usd_core_name_a_remedy(result, tmp_path, monkeypatch):
     with pytest.raises(SettingsError) as error:
         export(result, "usd")
-    assert str(error.value) == "usd edits a stage of yours: name it with --file robot.usd"
+    assert str(error.value) == "format usd edits your own stage: name it with --file robot.usd"
     monkeypatch.setitem(sys.modules, "pxr", None)
     for name in [name for name in sys.modules if name.startswith("pxr.")]:
         monkeypatch.setitem(sys.modules, name, None)

@@ -1,4 +1,4 @@
-"""XML files edited at a few places: the rest stays to the byte, whatever the file looks like."""
+"""Local edits of XML files: all other bytes stay unchanged."""
 
 import codecs
 import xml.etree.ElementTree as ET
@@ -25,7 +25,7 @@ words = st.text(st.characters(codec="latin-1", exclude_characters="<>&\"'-]?\r",
 
 @st.composite
 def attributes(draw):
-    """A start tag's attributes with odd spaces, quotes, and a bracket in a value."""
+    """Draw a start tag's attributes with odd spaces, quotes, and a bracket in a value."""
     parts = []
     for name in draw(st.lists(st.sampled_from(["value", "note", "a.b", "x-y"]), unique=True)):
         quote = draw(quotes)
@@ -36,7 +36,7 @@ def attributes(draw):
 
 @st.composite
 def around(draw):
-    """What stands between elements: comments and CDATA that look like the element, and plain text."""
+    """Draw text between elements: comments and CDATA that look like the element, and plain text."""
     kinds = [
         draw(words), f"<!-- <mass value='1'/> {draw(words)} -->", "<![CDATA[<mass value='2'/>]]>", "<?tool <mass/> ?>",
         draw(spaces), f"<link{draw(attributes())}/>", f"<mast{draw(attributes())}>{draw(words)}</mast >",
@@ -46,7 +46,7 @@ def around(draw):
 
 @st.composite
 def files(draw):
-    """A file, its text, and the text of the tag <mass ...> in it."""
+    """Draw a file, its text, and the text of the tag <mass ...> in it."""
     tag = f"<mass{draw(attributes())}{draw(st.sampled_from(['', ' ', chr(10)]))}/>"
     encoding, bom = draw(
         st.sampled_from(
@@ -89,7 +89,7 @@ def test_one_attribute_changes_and_nothing_else(case):
 
 @settings(max_examples=60)
 @given(files())
-def test_an_attribute_goes_with_the_space_before_it(case):
+def test_an_attribute_is_removed_with_the_space_before_it(case):
     content, _ = case
     before = Document(content, PATH)
     mass = before.root.first("mass")
@@ -112,7 +112,7 @@ def test_lines_are_put_behind_the_last_child():
     )
 
 
-def test_an_element_without_content_gets_some():
+def test_an_empty_element_gets_content():
     file = document("<robot>\n  <link name='a'/>\n</robot>")
     edited = file.edited([file.put(file.root.first("link"), ["<inertial/>"])]).decode()
     assert edited == "<robot>\n  <link name='a'>\n    <inertial/>\n  </link>\n</robot>"
@@ -121,7 +121,7 @@ def test_an_element_without_content_gets_some():
     ) == (b"<a><b>1</b></a>")
 
 
-def test_what_an_earlier_export_said_is_replaced():
+def test_the_comment_of_an_earlier_export_is_replaced():
     file = document("<robot>\n  <!-- mine -->\n  <mass/>\n</robot>")
     once = Document(file.edited([file.comment(file.root.first("mass"), ["equipoise 1: old", "more"])]), PATH)
     twice = once.edited([once.comment(once.root.first("mass"), ["equipoise 2: new"])]).decode()
@@ -143,7 +143,7 @@ def test_a_name_is_escaped():
     assert escaped('a<b&"c') == "a&lt;b&amp;&quot;c"
 
 
-def test_what_an_entity_makes_is_refused():
+def test_elements_of_an_entity_are_refused():
     text = '<!DOCTYPE robot [<!ENTITY e "<mass/>">]><robot>&e;</robot>'
     with pytest.raises(ModelError, match="comes from an entity"):
         document(text)
@@ -157,6 +157,6 @@ def test_what_an_entity_makes_is_refused():
         (b"<robot>\xff</robot>", "cannot be read in its encoding"),
     ],
 )
-def test_what_cannot_be_read_is_refused(content, reason):
+def test_unreadable_files_are_refused(content, reason):
     with pytest.raises(ModelError, match=reason):
         Document(content, PATH)

@@ -16,22 +16,21 @@ from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
 from equipoise.robot.model import RobotModel
 
-_HOW = {
+_REMEDY = {
     SENSORS: "calibrate with --method bayesian",
     MOTORS: "calibrate with --parameters base,motors",
     LEGS: "calibrate with --parameters base,legs",
 }
 _AROUND = 0.1  # of the leg length: how far beyond links and feet a CoM may lie, to the sides and below
 _ABOVE = 1.0  # of the leg length: payloads are carried on the back, in stacks
-_GYRATIONS = 3.0  # radii of gyration of the model's robot: the same where the model file is not at hand
+_GYRATIONS = 3.0  # radii of gyration of the model's robot: the bound without a model file
 
 
 def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str, ...]:
-    """Return the objections to a result's bodies, a sentence each, worst first.
+    """Return the objections to a result's bodies, one sentence each, worst first.
 
     Raises:
-        NotEstimatedError: its method does not estimate one of them; or a parameter is not identified, and that is not
-            overridden.
+        NotEstimatedError: the method does not estimate a body; or a parameter is not identified and `force` is false.
     """
     for body in bodies:
         try:
@@ -42,9 +41,9 @@ def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str,
     if missing and not force:
         raise NotEstimatedError(
             f"not identified by this run: {', '.join(missing)}; calibrate longer (--duration) or with a scale (--mass), or "
-            "write them all the same with --force"
+            "write them anyway with --force"
         )
-    notes = [f"FORCED: not identified, hardly more than the model file's word: {', '.join(missing)}"] if missing else []
+    notes = [f"FORCED: not identified, close to the model file's values: {', '.join(missing)}"] if missing else []
     if _with_verdict(result, bodies, "doubtful"):
         _refuse_doubtful(result, force)
     notes += _failed(result)
@@ -54,28 +53,27 @@ def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str,
 
 
 def judge_columns(result: Calibration, parts: Sequence[str], force: bool) -> tuple[tuple[Column, ...], tuple[str, ...]]:
-    """Return the columns of sensors, motors and legs to write, and the objections, a sentence each, worst first.
+    """Return the columns of sensors, motors and legs to write, and the objections, one sentence each, worst first.
 
-    Of a table with a row for every joint, what is not identified is left out, or, by force, written. A part of which nothing
-    remains is refused.
+    Values that are not identified are left out unless `force` is true.
 
     Args:
-        parts: those of "sensors", "motors" and "legs" that are wanted.
+        parts: requested parts, of "sensors", "motors" and "legs".
 
     Raises:
-        NotEstimatedError: the run did not measure a part; or it identified nothing of a part, or a check of it failed, and
-            that is not overridden.
+        NotEstimatedError: the run did not estimate a part; or no value of a part is identified, or a check failed, and
+            `force` is false.
     """
     found = [column for part in parts for column in _columns(result, part, force)]
     if not found:
         return (), ()
     _refuse_doubtful(result, force)
     missing, weak = _names(found, _missing), _names(found, lambda quantity: quantity.verdict == "weak")
-    how = "FORCED: not identified" if force else "not identified, so left out (in lists: 0)"
-    notes = [f"{how}: {missing}"] if missing else []
+    prefix = "FORCED: not identified" if force else "not identified, so left out (in lists: 0)"
+    notes = [f"{prefix}: {missing}"] if missing else []
     notes += _failed(result)
     notes += [f"weakly identified: {weak}"] if weak else []
-    written = found if force else [column.only(_told) for column in found]
+    written = found if force else [column.only(_identified) for column in found]
     return tuple(column for column in written if column.values), tuple(notes)
 
 
@@ -83,37 +81,37 @@ def require_within_robot(subject: Subject, bodies: Sequence[str]) -> tuple[str, 
     """Refuse a body whose CoM lies outside the robot.
 
     Returns:
-        what is to be said of the body, where it is written all the same.
+        a note on the body if it is written by force.
 
     Raises:
-        NotEstimatedError: a CoM lies outside the robot, and that is not overridden.
+        NotEstimatedError: a CoM lies outside the robot, and `force` is false.
     """
     if not bodies:
         return ()
-    low, high, where = _bounds(subject)
+    low, high, bounds_source = _bounds(subject)
     coms = ((name, getattr(subject, name).com) for name in bodies)
     name, com = next(((name, com) for name, com in coms if ((com < low) | (com > high)).any()), ("", low))
     if not name:
         return ()
     sides = ", ".join(f"{axis} {a:.2f} to {b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))
     place = ", ".join(f"{value:.4g}" for value in com)
-    message = f"the {name}'s CoM ({place}) m lies outside {subject.result.robot!r}: {sides} m {where}"
+    message = f"the {name}'s CoM ({place}) m lies outside {subject.result.robot!r}: {sides} m {bounds_source}"
     if subject.forced:
         return (f"FORCED: {message}",)
     raise NotEstimatedError(
         f"{message}. Was the result edited, or is it in millimetres? Estimate it again from the run's recordings "
-        "(equipoise estimate RUN), or write it with --force"
+        "(equipoise estimate RUN), or write it anyway with --force"
     )
 
 
 def _columns(result: Calibration, part: str, force: bool) -> tuple[Column, ...]:
     columns = columns_of(result, part)
     if not columns:
-        raise NotEstimatedError(f"this run did not look at {part}; {_HOW[part]}")
-    if not force and not any(column.only(_told).values for column in columns):
+        raise NotEstimatedError(f"this run did not estimate {part}; {_REMEDY[part]}")
+    if not force and not any(column.only(_identified).values for column in columns):
         raise NotEstimatedError(
             f"not identified by this run: {_names(columns, _missing)}; calibrate longer (--duration), or write them "
-            "all the same with --force"
+            "anyway with --force"
         )
     return columns
 
@@ -125,7 +123,7 @@ def _failed(result: Calibration) -> list[str]:
 def _refuse_doubtful(result: Calibration, force: bool) -> None:
     if (failed := _failed(result)) and not force:
         raise NotEstimatedError(
-            f"the result is doubtful: {'; '.join(failed)}; mend that and calibrate again, or write it with --force"
+            f"the result is doubtful: {'; '.join(failed)}; fix this and calibrate again, or write it anyway with --force"
         )
 
 
@@ -142,12 +140,12 @@ def _missing(quantity: Quantity) -> bool:
     return quantity.verdict == "not identified"
 
 
-def _told(quantity: Quantity) -> bool:
+def _identified(quantity: Quantity) -> bool:
     return not _missing(quantity)
 
 
 def _names(columns: Iterable[Column], wanted: Callable[[Quantity], bool]) -> str:
-    """Which values, column by column."""
+    """Return the names of the wanted values, column by column."""
     chosen = ((column, column.only(wanted).values) for column in columns)
     return ", ".join(
         f"{column.name} ({'all' if len(some) == len(column.values) else ' '.join(some)})"
@@ -157,7 +155,7 @@ def _names(columns: Iterable[Column], wanted: Callable[[Quantity], bool]) -> str
 
 
 def _bounds(subject: Subject) -> tuple[FloatArray, FloatArray, str]:
-    """Return lower and upper bounds (3,) of a CoM in the base frame [m], and words for what they are made of."""
+    """Return lower and upper bounds (3,) of a CoM in the base frame [m], and words for their source."""
     result = subject.result
     if (robot := result.robot_model) is not None:
         stance = robot.joint_vector(dict(result.joint_position), "the run's stance")

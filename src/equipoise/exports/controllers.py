@@ -1,4 +1,4 @@
-"""Snippets for controllers that keep their numbers in code: the names and the order are those of each controller's file."""
+"""Code snippets for controllers, with the names and the order of each controller's own file."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from equipoise.exports.subject import COMPOSITE_WORDS, FloatArray, Subject, Writ
 
 
 def quadruped_pympc(subject: Subject) -> Written:
-    """Quadruped-PyMPC, quadruped_pympc/config.py."""
+    """Write lines for Quadruped-PyMPC: quadruped_pympc/config.py."""
     body, about = subject.composite, COMPOSITE_WORDS
     rows = [f"[{', '.join(map(number, row))}]" for row in body.inertia]
     indent = ",\n" + " " * len("inertia = np.array([")
     return Written.text(
         [
             *subject.comment(about),
-            "# quadruped_pympc/config.py, behind the choice of the robot; needs 'use_inertia_recomputation': False",
+            "# quadruped_pympc/config.py, after the choice of the robot; needs 'use_inertia_recomputation': False",
             f"mass = {number(body.mass)}",
             f"inertia = np.array([{indent.join(rows)}])",
         ],
@@ -22,7 +22,7 @@ def quadruped_pympc(subject: Subject) -> Written:
 
 
 def unitree_guide(subject: Subject) -> Written:
-    """unitree_guide, src/common/unitreeRobot.cpp."""
+    """Write lines for unitree_guide: src/common/unitreeRobot.cpp."""
     body, about = subject.composite, COMPOSITE_WORDS
     return Written.text(
         [
@@ -37,7 +37,7 @@ def unitree_guide(subject: Subject) -> Written:
 
 
 def mit_cheetah(subject: Subject) -> Written:
-    """Cheetah-Software: RobotState.h, RobotState.cpp (composite) and MiniCheetah.h (base)."""
+    """Write lines for Cheetah-Software: RobotState.h, RobotState.cpp (composite) and MiniCheetah.h (base)."""
     whole, base = subject.composite, subject.base
     about = f"{COMPOSITE_WORDS}; in MiniCheetah.h the {subject.base_words}"
     return Written.text(
@@ -58,13 +58,13 @@ def mit_cheetah(subject: Subject) -> Written:
 
 
 def quad_sdk(subject: Subject) -> Written:
-    """Quad-SDK: quad_utils/config/ROBOT.yaml, and nmpc_controller/scripts/main.m in a comment."""
+    """Write lines for Quad-SDK: quad_utils/config/ROBOT.yaml, and nmpc_controller/scripts/main.m in a comment."""
     body, about = subject.composite, COMPOSITE_WORDS
     rows = "; ".join(" ".join(map(number, row)) for row in body.inertia)
     return Written.text(
         [
             *subject.comment(about),
-            "# nmpc_controller/scripts/main.m, before dynamicsModel(parameter), in place of all that was added up till there:",
+            "# nmpc_controller/scripts/main.m, before dynamicsModel(parameter); replaces the sums above it:",
             f"#   parameter.physics.mass_body = {number(body.mass)};",
             f"#   parameter.physics.inertia_body = [{rows}];",
             "# quad_utils/config/ROBOT.yaml:",
@@ -78,7 +78,7 @@ def quad_sdk(subject: Subject) -> Written:
 
 
 def _matrix(name: str, rows: FloatArray, suffix: str = "") -> list[str]:
-    """An Eigen comma initialiser, a row a line."""
+    """Return an Eigen comma initialiser, one line per row."""
     lines = [", ".join(number(value) + suffix for value in row) for row in rows]
     indent = " " * len(name)
     return [f"{name}{lines[0]},", f"{indent}{lines[1]},", f"{indent}{lines[2]};"]

@@ -19,20 +19,20 @@ _QUANTITIES = {
 
 @dataclass(frozen=True)
 class Format:
-    """One consumer.
+    """Output format for one consumer.
 
     Attributes:
         name: name that --to takes.
-        bodies: names of the bodies that it wants, "base", "composite" or both; they must be identified. Empty: none.
+        bodies: names of the bodies that it needs, "base", "composite" or both; they must be identified. Empty: none.
         file: user's file that is edited: the "model" of the run, one "given" with --file if there is one, or none.
-        payload: whether it can hold what was added as a link of its own.
-        where: place that the numbers go to, in words.
+        payload: whether it can hold the payload as a separate link.
+        where: destination of the numbers, in words.
         output: default name of the file that is written; an edited file keeps its own.
         write: function that writes it.
         page: heading in docs/reference/exports.md, or an address; empty: none.
         samples: whether it lists drawn bodies too.
-        parts: what of a result it can hold, of "base", "sensors", "motors" and "legs".
-        lacks: quantities of its bodies that the consumer has no place for: "composite CoM" and so on.
+        parts: parts of a result that it can hold, of "base", "sensors", "motors" and "legs".
+        lacks: quantities of its bodies that the consumer cannot hold: "composite CoM" and so on.
     """
 
     name: str
@@ -58,11 +58,11 @@ class Format:
 
         Args:
             bodies: names of the bodies that are written.
-            subject: what is written.
+            subject: input of the writer.
         """
         if not bodies:
             return "written of base and composite: no mass, CoM or inertia"
-        # A format of the base alone is read beside the model file, and has that file's axes.
+        # A format of the base alone is used with the model file, and has that file's axes.
         frame = "that link" if subject.payload_link or self.bodies == (BASE,) else f"base link {subject.base_link!r}"
         return "; ".join(self._contents_of(body, frame, subject) for body in bodies)
 
@@ -76,4 +76,4 @@ class Format:
         parameters = subject.base_in_file if self.bodies == (BASE,) else getattr(subject, body)
         place = ", ".join(f"{value:.5f}" for value in parameters.com)
         com = f", which is at ({place}) m in the frame of {frame}" if "CoM" in lacks else ""
-        return f"{message}; there is no place in {self.where} for the {body}'s {' and '.join(lacks)}{com}"
+        return f"{message}; {self.where} cannot hold the {body}'s {' and '.join(lacks)}{com}"

@@ -1,4 +1,4 @@
-"""The table of all formats, and what writes one. To add a consumer: one small writer and a row, here or by entry point."""
+"""The table of formats, and the function that writes one. A new consumer needs a writer and a row, here or by entry point."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ FORMATS: dict[str, Format] = {
         Format("json", _BOTH, "", False, "tools of your own", "inertia.json", tables.write_json, "tables", parts=_ALL_PARTS),
         Format("toml", (), "", False, "tools of your own", f"{_FOUND_FILE}.toml", sensors_and_motors.write_toml,
                _PAGE, parts=(*_FOUND, LEGS)),
-        Format("zeros", (), "", False, "whoever reads encoders", "joint_zeros.yaml", sensors_and_motors.write_zeros,
+        Format("zeros", (), "", False, "encoder software", "joint_zeros.yaml", sensors_and_motors.write_zeros,
                _PAGE, parts=(SENSORS,)),
         Format("c-header", (), "", False, "firmware, C and C++", f"{_FOUND_FILE}.h",
                sensors_and_motors.write_c_header, _PAGE, parts=_FOUND),
@@ -63,21 +63,21 @@ FORMATS: dict[str, Format] = {
                sensors_and_motors.write_holosoma, _PAGE, parts=(SENSORS,)),
     )
 }  # fmt: skip
-"""Our own, by name."""
+"""Built-in formats by name."""
 _ALL: Table[Format] = Table("format", "equipoise.formats", Format, FORMATS)
 
 
 @dataclass(frozen=True)
 class Export:
-    """Content of a file that is written.
+    """Content of an exported file.
 
     Attributes:
         format: row of the format in the table.
         content: bytes of the file.
-        file_name: name of the file by default; names the parts where others are written than by default.
-        header: lines that the file begins with: which body, what of it in which frame, from which run, at which stance.
+        file_name: default name of the file; it contains the parts if they are not the default ones.
+        header: first lines of the file: body, quantities, frame, run and stance.
         notes: objections to the numbers, worst first.
-        parts: what of the result was written, of "base", "sensors", "motors" and "legs".
+        parts: parts of the result that were written, of "base", "sensors", "motors" and "legs".
         contents: sentence that states which of mass, CoM and inertia was written, and what the consumer cannot hold.
     """
 
@@ -91,17 +91,17 @@ class Export:
 
     @property
     def text(self) -> str:
-        """The content, where it is UTF-8, as all is that is not an edit of a user's file."""
+        """Content as text; only edits of a user's file may not be UTF-8."""
         return self.content.decode()
 
     def save(self, path: str | Path) -> Path:
-        """Write the file, whole or not at all, into a folder that is there; raises OutputError if it cannot be written."""
+        """Write the file, whole or not at all, into an existing folder; raises OutputError."""
         path = Path(path)
         write_file(path, self.content)
         return path.resolve()
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form, without the content."""
+        """Return the JSON form, without the content."""
         return {
             "equipoise": __version__,
             "format": self.format.name,
@@ -115,7 +115,7 @@ class Export:
 
 def export(
     result: Calibration,
-    format: str,  # noqa: A002 - what everyone calls it
+    format: str,  # noqa: A002 - the usual name
     *,
     file: str | Path | None = None,
     payload_link: bool = False,
@@ -125,24 +125,24 @@ def export(
     run: str = "",
     parameters: str | None = None,
 ) -> Export:
-    """A result in the form that a consumer reads.
+    """Return a result in the form that a consumer reads.
 
     Args:
-        result: result of a calibration; for urdf and mjcf with its model, as `RunFolder.result` has it.
+        result: result of a calibration; urdf and mjcf need its model, as in `RunFolder.result`.
         format: name of a format, as `find_format` takes it.
-        file: user's file to edit; urdf and mjcf know the run's own.
-        payload_link: whether to write what was added to the model as a link of its own (urdf, mjcf, sdf).
-        force: whether to write parameters is not identified all the same, and say so in the file.
+        file: user's file to edit; default for urdf and mjcf: the run's model file.
+        payload_link: whether to write the payload as a separate link (urdf, mjcf, sdf).
+        force: whether to write parameters that are not identified, with a note in the file.
         samples: number of drawn bodies to list (mjlab, isaaclab).
-        seed: seed of everything drawn.
-        run: name of the run that the file says it is from.
-        parameters: names of parameters is written: "base", "sensors", "motors", "legs", several with commas between, or "all"
-            that the format holds and the run found. By default the base, or, where a format does not hold it, all.
+        seed: seed of all random draws.
+        run: name of the run, for the file's header.
+        parameters: parts to write: "base", "sensors", "motors", "legs", several separated by commas, or "all" that the
+            format holds and the run estimated. Default: the base, or all if the format does not hold the base.
 
     Raises:
-        SettingsError: no such format, or it does not take what was asked for.
-        NotEstimatedError: the method does not estimate what the format wants; the run did not identify it, and that is not
-            overridden; or no body can have what would be written, or its CoM lies outside the robot.
+        SettingsError: the format does not exist, or does not take an argument.
+        NotEstimatedError: the method does not estimate what the format needs; it is not identified, not physical, or its
+            CoM lies outside the robot, and `force` is false.
         ModelError: the model file has moved, has changed or cannot be edited.
     """
     row = find_format(format)
@@ -150,25 +150,25 @@ def export(
     parts = _parts(row, result, parameters)
     if (payload_link or samples) and BASE not in parts:
         raise SettingsError(
-            f"--add-payload-link and --samples are of the base, which --parameters {','.join(parts)} leaves out"
+            f"--add-payload-link and --samples need the base, which --parameters {','.join(parts)} leaves out; add base"
         )
     if payload_link and LEGS in parts:
-        raise SettingsError("--add-payload-link leaves the model's links as they are: leave legs out of --parameters")
+        raise SettingsError("--add-payload-link does not change the model's links: remove legs from --parameters")
     bodies = () if BASE not in parts else ("composite",) if payload_link else row.bodies
     notes = judge(result, bodies, force)
     columns, of_columns = judge_columns(result, [part for part in parts if part != BASE], force)
     notes = tuple(dict.fromkeys(notes + of_columns))
     users, about_file = _users_file(result, row, None if file is None else Path(file))
     subject = Subject(result, run, users, payload_link, samples, seed, notes + about_file, force, parts, columns)
-    own_base = "base" in bodies and row.file != "model"  # a model file's is made by what else the file has
+    own_base = "base" in bodies and row.file != "model"  # a model file's base depends on its other links
     outside = require_within_robot(subject, ("composite", "base") if own_base else bodies and ("composite",))
     base_notes = subject.base_notes if own_base else ()
     subject = replace(subject, notes=outside + base_notes + subject.notes, contents=row.contents(bodies, subject))
     written = row.write(subject)
     name = Path(users.path.name if users else row.output)
-    if parts != _parts(row, result, None):  # else one part would replace another that was written before
-        of = () if name.stem == _FOUND_FILE else (name.stem,)  # that is a name of parts already
-        name = name.with_stem("_".join((*of, *parts)))
+    if parts != _parts(row, result, None):  # otherwise one part would overwrite another
+        stem = () if name.stem == _FOUND_FILE else (name.stem,)  # that stem names parts already
+        name = name.with_stem("_".join((*stem, *parts)))
     if payload_link:
         name = name.with_stem(f"{name.stem}_payload")
     header = subject.header(written.about, *written.notes)
@@ -186,7 +186,7 @@ def export(
 def export_all(
     result: Calibration, *, force: bool = False, seed: int = 0, run: str = "", parameters: str | None = None
 ) -> dict[str, Export | EquipoiseError]:
-    """A result in every form that holds parameters is asked for, by the format's name; in place of one that cannot be, why.
+    """Return a result in every format that holds the parameters, by the format's name, or the error of that format.
 
     The arguments are those of `export`.
     """
@@ -203,48 +203,46 @@ def export_all(
 
 
 def find_format(name: str) -> Format:
-    """A row of the table, which is ours or comes by an entry point.
+    """Return a format, built in or added by an entry point.
 
     Raises:
-        SettingsError: no format has the name, or two have; says which there are.
-        MissingDependencyError: the package that brings it cannot be used.
+        SettingsError: no format has the name, or two have.
+        MissingDependencyError: the package that adds it cannot be used.
     """
     if name not in _ALL:
-        raise SettingsError(f"no format is called {name!r}; {did_you_mean(name, _ALL)}there are {', '.join(_ALL)}")
+        raise SettingsError(f"{name!r} is not a format; {did_you_mean(name, _ALL)}it must be one of {', '.join(_ALL)}")
     return _ALL[name]
 
 
 def all_formats() -> dict[str, Format | EquipoiseError]:
-    """All rows by name; in place of one that cannot be used, why."""
+    """Return all formats by name, or the error of a format that cannot be used."""
     return _ALL.rows()
 
 
 def _parts(row: Format, result: Calibration, parameters: str | None) -> tuple[str, ...]:
-    """Return the parts that are asked for, in the format's order; raises SettingsError for one that it cannot hold."""
+    """Return the requested parts in the format's order; raises SettingsError for one that it cannot hold."""
     if parameters is None and BASE in row.parts:
         return (BASE,)
     if parameters in (None, "all"):
-        there = tuple(part for part in row.parts if _has(result, part))
-        return there or row.parts  # of which it is said why there is none
+        available = tuple(part for part in row.parts if _has(result, part))
+        return available or row.parts  # the error then gives the reason
     words = _words(parameters)
     if lacking := words - set(row.parts):
         able = ", ".join(name for name, other in FORMATS.items() if words <= set(other.parts))
         raise SettingsError(
-            f"--parameters {parameters}: {row.name} does not hold {' and '.join(sorted(lacking))}, but "
-            f"{', '.join(row.parts)}; "
-            f"{able} hold it"
+            f"--parameters {parameters}: {row.name} does not hold {' and '.join(sorted(lacking))}, only "
+            f"{', '.join(row.parts)}; {able} hold it"
         )
     return tuple(part for part in row.parts if part in words)
 
 
 def _words(parameters: str) -> set[str]:
-    """Parts by their names; raises SettingsError."""
+    """Return parts by their names; raises SettingsError."""
     words = {word.strip() for word in parameters.split(",")}
     if wrong := sorted(words - set(_ALL_PARTS)):
         raise SettingsError(
             f"--parameters is {parameters!r}; {did_you_mean(wrong[0], _ALL_PARTS)}it must be {', '.join(_ALL_PARTS)}, "
-            f"several with "
-            "commas, or all"
+            "several separated by commas, or all"
         )
     return words
 
@@ -262,15 +260,15 @@ def _has(result: Calibration, part: str) -> bool:
 
 def _refuse_flags(row: Format, file: bool, payload_link: bool, samples: int, seed: int) -> None:
     if file and not row.file:
-        raise SettingsError(f"--file: {row.name} edits no file; paste what it writes into {row.where}")
+        raise SettingsError(f"--file: format {row.name} does not edit a file; paste its output into {row.where}")
     if payload_link and not row.payload:
         able = ", ".join(name for name, other in FORMATS.items() if other.payload)
-        raise SettingsError(f"--add-payload-link: {row.name} has no links; {able} have")
+        raise SettingsError(f"--add-payload-link: format {row.name} has no links; use {able}")
     if samples < 0 or (samples and not row.samples):
         able = " and ".join(name for name, other in FORMATS.items() if other.samples)
-        raise SettingsError(f"--samples is {samples}: {able} list drawn bodies, as many as it says")
+        raise SettingsError(f"--samples is {samples}; it must be zero or more, and only {able} list drawn bodies")
     if samples > DRAWS:
-        raise SettingsError(f"--samples is {samples}: of the {DRAWS} bodies that are drawn no more can be listed")
+        raise SettingsError(f"--samples is {samples}; it must be at most {DRAWS}, the number of drawn bodies")
     if seed < 0:
         raise SettingsError(f"--seed is {seed}; it must be zero or more")
 

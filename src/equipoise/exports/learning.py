@@ -1,4 +1,4 @@
-"""Reinforcement learning: Python files with ranges of the base and numbers of joints, to import from a task."""
+"""Python files for reinforcement learning, with ranges of the base and joint parameters, to import from a task."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def actuators(timestep):
     return rows
 """
 _ISAACLAB = """
-# Isaac Sim 5 takes friction as torques, as here; 4.5 took it as a coefficient, which none of these is.
+# Isaac Sim 5 takes friction as torques, as here; 4.5 takes it as a coefficient: do not use these numbers there.
 
 
 def actuator(timestep):
@@ -46,17 +46,17 @@ def actuator(timestep):
 
 
 def mjlab(subject: Subject) -> Written:
-    """mjlab: ranges of dr.pseudo_inertia and dr.encoder_bias, and what actuators take."""
+    """Write ranges of mjlab's dr.pseudo_inertia and dr.encoder_bias, and actuator parameters."""
     return _together(subject, _mjlab_base, "ENCODER_BIAS", _MJLAB)
 
 
 def isaaclab(subject: Subject) -> Written:
-    """Isaac Lab: ranges of randomize_rigid_body_mass and randomize_rigid_body_com, and what actuators take."""
+    """Write ranges of Isaac Lab's randomize_rigid_body_mass and randomize_rigid_body_com, and actuator parameters."""
     return _together(subject, _isaaclab_base, "JOINT_ZERO", _ISAACLAB)
 
 
 def _together(subject: Subject, of_base: Callable[[Subject], Written], zeros: str, code: str) -> Written:
-    """Return the base, then sensors and motors, each if it is asked for."""
+    """Return the requested parts: the base, then sensors and motors."""
     parts = [of_base(subject)] if BASE in subject.parts else []
     parts += [_joints(subject, zeros, code)] if subject.columns else []
     return Written(b"".join(part.content for part in parts), "; ".join(part.about for part in parts))
@@ -68,7 +68,7 @@ def _mjlab_base(subject: Subject) -> Written:
     return Written.text(
         [
             *_head(subject, about),
-            "# Each range is what one entry is open by, to 95 %, while the others stay, for mjlab draws each by itself.",
+            "# Each range is the 95 % interval of one entry given the others, because mjlab draws each independently.",
             "#   EventTermCfg(mode='startup', func=dr.pseudo_inertia,",
             f"#     params={{'asset_cfg': SceneEntityCfg('robot', body_names=({subject.file_link!r},)), **PSEUDO_INERTIA}})",
             *_dictionary("PSEUDO_INERTIA", ranges),
@@ -105,23 +105,25 @@ def _spread(subject: Subject) -> Spread:
     covariance = subject.result.composite.covariance
     if covariance is None:
         raise NotEstimatedError("this calibration has no covariance; calibrate with --method bayesian")
-    # A turn of the axes is linear in all ten numbers.
-    turn = np.column_stack([components(subject.in_file(InertialParameters.from_components(one))) for one in np.eye(10)])
+    # A rotation of the axes is linear in all ten numbers.
+    rotation = np.column_stack(
+        [components(subject.in_file(InertialParameters.from_components(one))) for one in np.eye(10)]
+    )
     composite = subject.in_file(subject.composite)
-    return spread(subject.base_in_file, composite, turn @ covariance @ turn.T, subject.seed)
+    return spread(subject.base_in_file, composite, rotation @ covariance @ rotation.T, subject.seed)
 
 
 def _about(subject: Subject) -> str:
     return (
-        f"what the run left open of base link {subject.file_link!r} with all that is fixed to it or held, about the file "
-        "that --to mjcf or --to urdf writes, whose legs stay"
+        f"posterior uncertainty of base link {subject.file_link!r} with all links fixed to it or locked, around the file "
+        "that --to mjcf or --to urdf writes; its legs do not change"
     )
 
 
 def _head(subject: Subject, about: str) -> list[str]:
     return [
         *subject.comment(about),
-        "# Drawn through the pseudo-inertia: all bodies in these ranges, and all SAMPLES, can exist.",
+        "# Drawn through the pseudo-inertia: all bodies in these ranges, and all SAMPLES, are physical.",
     ]
 
 
@@ -146,15 +148,15 @@ def _joints(subject: Subject, zeros: str, code: str) -> Written:
     lines = [
         *subject.comment(about),
         f"JOINTS = ({''.join(f'{joint!a}, ' for joint in subject.joints).rstrip()})",
-        "# 95 % of encoder reading less joint position [rad]",
+        "# 95 % interval of encoder reading minus joint position [rad]",
         *_ranges(zeros, subject, "joint_offset"),
-        "# 95 % of the age of the command that a torque obeys [s]",
+        "# 95 % interval of the delay from command to torque [s]",
         *_ranges("DELAY", subject, "delay"),
         *_values("ARMATURE", subject.column("armature"), "kg m2"),
         *_values("FRICTION", subject.column("coulomb_friction"), "Nm"),
         *_values("VISCOUS", subject.column("viscous_friction"), "Nm s/rad"),
         *_values(
-            "RELATIVE_GAIN", subject.column("relative_gain"), "true over reported torque, over their mean, less one"
+            "RELATIVE_GAIN", subject.column("relative_gain"), "true over reported torque, over their mean, minus one"
         ),
         *code.rstrip("\n").split("\n"),
     ]

@@ -1,4 +1,4 @@
-"""The user's own MJCF with another inertial, or with a body for what was added."""
+"""The user's own MJCF with another inertial, or with a body for the payload."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from equipoise.robot.cleaning.mjcf_poses import ORIENTATIONS
 from equipoise.robot.inertial import InertialParameters
 
 _ATTRIBUTES = {"armature": "armature", "frictionloss": "coulomb_friction", "damping": "viscous_friction"}
-_JOINTS = "joints' armature, frictionloss and damping as found, torques in the unit in which the motors report them"
+_JOINTS = "joints' armature, frictionloss and damping as estimated, torques in the motors' reported unit"
 
 
 def write(subject: Subject) -> Written:
-    """Return the file with another <inertial> of the base body and attributes of joints, or with one body more."""
+    """Return the file with another <inertial> of the base body and attributes of joints, or with an additional body."""
     return write_model(subject, _MJCF)
 
 
 def _base_body(document: Document) -> Element:
-    """The first body with a free joint, in the world or in frames of it."""
+    """Return the first body with a free joint, in the world or in frames of it."""
     waiting = [child for world in document.root.all("worldbody") for child in world.children]
     while waiting:
         element = waiting.pop(0)
@@ -29,8 +29,8 @@ def _base_body(document: Document) -> Element:
         elif element.tag == "body" and _is_free(element):
             return element
     raise ModelError(
-        f"{str(document.path)!r} does not hold the base body itself but includes it from another file; write one file of "
-        "them all (mujoco.mj_saveLastXML) and name it with --file"
+        f"{str(document.path)!r} does not hold the base body itself but includes it from another file; write a single "
+        "file (mujoco.mj_saveLastXML) and name it with --file"
     )
 
 
@@ -68,13 +68,13 @@ def _attributes(body: InertialParameters) -> dict[str, str]:
 
 
 def inertial_line(body: InertialParameters) -> str:
-    """An <inertial> element in its body's axes."""
+    """Return an <inertial> element in its body's axes."""
     words = [f'{key}="{value}"' for key, value in _attributes(body).items()]
     return f"<inertial {' '.join(words)}/>"
 
 
 def _joint_edits(document: Document, subject: Subject, header: tuple[str, ...]) -> list[Edit]:
-    """Attributes of the joints that were found; where a class of joints has others, the joint's own go first."""
+    """Return edits of the attributes of the estimated joints; a joint's own attributes override those of its class."""
     values = {attribute: subject.column(name) for attribute, name in _ATTRIBUTES.items()}
     joints = {e.attributes.get("name"): e for e in _base_body(document).walk() if e.tag == "joint"}
     found = [(joint_element(document, joints, name), name) for name in subject.joints]

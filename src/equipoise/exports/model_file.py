@@ -1,7 +1,7 @@
-"""The user's own model file: the link in it that is edited, and the inertial that this link gets.
+"""The user's own model file: the link in it that is edited, and the new inertial of this link.
 
-The link's own inertial gains what the robot that was found has more than the file's robot. So the file's robot, read
-again, has the composite that was found, whatever else is fixed to its base.
+The link's own inertial gains the difference between the estimated robot and the file's robot. So the edited file has the
+estimated composite, whatever else is fixed to its base.
 """
 
 from __future__ import annotations
@@ -30,47 +30,47 @@ from equipoise.robot.source import parse_model_source
 from equipoise.user_file import read_bytes
 
 _SAME_LEGS, _OTHER_LEGS = 0.003, 0.05  # of the leg length; files of one robot place its feet to a few millimetres
-_CLOSE = 1e-9  # how well the file that is written must give the composite that was found, relative
+_CLOSE = 1e-9  # relative tolerance of the written file's composite to the estimated one
 
 
 def find_users_file(result: Calibration, model_format: str, file: Path | None) -> tuple[UsersFile, tuple[str, ...]]:
-    """The model file to edit, and what is to be said of it.
+    """Return the model file to edit, and notes on it.
 
     Raises:
-        SettingsError: it is not named and the run does not know it, or is of the other format.
-        ModelError: it is not there any more, or has changed since the run.
-        MissingDependencyError: it is of the other format, and MuJoCo Menagerie's cannot be had.
+        SettingsError: no file is named, and the result has no model or one of the other format.
+        ModelError: it does not exist any more, or has changed since the run.
+        MissingDependencyError: it is of the other format, and MuJoCo Menagerie's file is not available.
     """
-    known = result.robot_model
+    robot = result.robot_model
     if file is None:
-        if known is None:
-            raise SettingsError("a calibration.json alone does not know its model file: name the run folder, or --file")
-        if known.source.format != model_format:
-            return _of_other_format(result.robot, known.source.format, model_format)
-        content = _read(known.source.path, "; name it with --file")
-        if hashlib.sha256(content).hexdigest() != known.source.sha256:
+        if robot is None:
+            raise SettingsError("a calibration.json alone has no model file: name the run folder, or give --file")
+        if robot.source.format != model_format:
+            return _of_other_format(result.robot, robot.source.format, model_format)
+        content = _read(robot.source.path, "; name it with --file")
+        if hashlib.sha256(content).hexdigest() != robot.source.sha256:
             raise ModelError(
-                f"the model file {str(known.source.path)!r} has changed since the run; to write into it as it is now, "
-                f"name it with --file {known.source.path}"
+                f"the model file {str(robot.source.path)!r} has changed since the run; to edit its present content, "
+                f"name it with --file {robot.source.path}"
             )
-        return UsersFile(known.source.path, content), ()
+        return UsersFile(robot.source.path, content), ()
     content = _read(file, "")
     if (found := hashlib.sha256(content).hexdigest()) == result.model["sha256"]:
         return UsersFile(file, content), ()
     return UsersFile(file, content), (f"{file.name} is not the model file of the run: its sha256 is {found}",)
 
 
-def _of_other_format(robot: str, known: str, wanted: str) -> tuple[UsersFile, tuple[str, ...]]:
-    """MuJoCo Menagerie's file of a robot that it has; else an error that says what to do."""
+def _of_other_format(robot: str, present: str, wanted: str) -> tuple[UsersFile, tuple[str, ...]]:
+    """Return MuJoCo Menagerie's file of a robot; raises SettingsError with a remedy if there is none."""
     remedy = (
-        f"the run's model is {known.upper()}: export --to {known}, or name your {wanted.upper()} file of the same robot with "
-        "--file"
+        f"the run's model is {present.upper()}: export --to {present}, or name your {wanted.upper()} file of the same robot "
+        "with --file"
     )
     try:
         path = find_in_menagerie(robot) if wanted == "mjcf" else None
     except MissingDependencyError as error:
         raise MissingDependencyError(
-            f"{remedy}, or let MuJoCo Menagerie's be found: pip install robot_descriptions"
+            f"{remedy}, or install MuJoCo Menagerie's files: pip install robot_descriptions"
         ) from error
     if path is None:
         raise SettingsError(remedy)
@@ -99,26 +99,26 @@ def _read(path: Path, remedy: str) -> bytes:
 
 
 def read_robot(subject: Subject, content: bytes) -> RobotModel:
-    """The robot that a file describes, or would describe with other content. What is repaired in it stays unsaid."""
+    """Return the robot of a file with this content, without warnings about repairs."""
     assert subject.file is not None
-    known = subject.result.robot_model
-    description = known.description if known is not None else RobotDescription()
+    original = subject.result.robot_model
+    description = original.description if original is not None else RobotDescription()
     source = parse_model_source(content, subject.file.path, description.base_link)
-    if known is not None:  # what is held is held where it was
-        source = replace(source, home=known.source.home)
+    if original is not None:  # locked joints keep their positions
+        source = replace(source, home=original.source.home)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
         return RobotModel.from_source(source, subject.result.robot, description)
 
 
 def composite_of(subject: Subject, robot: RobotModel) -> InertialParameters:
-    """The composite of a file's robot at the result's stance."""
+    """Return the composite of a file's robot at the result's stance."""
     stance = robot.joint_vector(dict(subject.result.joint_position), "the run's stance")
     return composite_parameters(robot, stance)
 
 
 def edited_link(robot: RobotModel, joint: int = 1) -> tuple[str, pin.SE3, FloatArray]:
-    """Find the link whose inertial is edited: a joint's own, or, where it has no mass, the heaviest link fixed to it.
+    """Return the link whose inertial is edited: a joint's own, or, if that has no mass, the heaviest link fixed to it.
 
     Args:
         joint: Pinocchio's id of the joint in the full model; 1 is the base.
@@ -142,70 +142,71 @@ def edited_link(robot: RobotModel, joint: int = 1) -> tuple[str, pin.SE3, FloatA
 
 
 def new_inertial(subject: Subject, robot: RobotModel) -> tuple[str, InertialParameters, tuple[str, ...], FloatArray]:
-    """Return the base's edited link; what it gets, in its own frame; notes; the (10,) composite that the robot then has.
+    """Return the base's edited link, its new body in its own frame, notes, and the (10,) resulting composite.
 
     Raises:
-        NotEstimatedError: no body near enough can have it, and that is not overridden, or cannot be.
+        NotEstimatedError: as `Subject.nearest_body` does.
     """
     link, placement, vector = edited_link(robot)
-    before, apart = composite_of(subject, robot).vector, _other_legs(subject, robot)
-    what = f"link {link!r} of {robot.source.path.name}, less what else the file has,"
-    remedy = "legs and links that are fixed or held take more than there is, see 'equipoise audit'"
+    before, leg_notes = composite_of(subject, robot).vector, _other_legs(subject, robot)
+    what = f"link {link!r} of {robot.source.path.name}, minus the other links,"
+    remedy = "legs and links that are fixed or locked exceed the estimate, see 'equipoise audit'"
     body, notes = subject.nearest_body(vector + subject.composite.vector - before, what, remedy)
-    return link, seen_from(body, placement), (*apart, *notes), before + body.vector - vector
+    return link, seen_from(body, placement), (*leg_notes, *notes), before + body.vector - vector
 
 
 def _other_legs(subject: Subject, robot: RobotModel) -> tuple[str, ...]:
-    """Return a note on a file whose legs stand elsewhere than those of the run's model.
+    """Return a note on a file whose feet are not where those of the run's model are.
 
     Raises:
-        SettingsError: they stand so far off that it is another robot's file, or has other axes or zeros.
+        SettingsError: the distance is so large that the file is of another robot, or has other axes or joint offsets.
     """
-    known = subject.result.robot_model
-    if known is None:
+    original = subject.result.robot_model
+    if original is None:
         return ()
     joints = dict(subject.result.joint_position)
-    here, there = (foot_positions(one, one.joint_vector(joints, "the run's stance")) for one in (robot, known))
+    here, there = (foot_positions(one, one.joint_vector(joints, "the run's stance")) for one in (robot, original))
     apart = float(np.linalg.norm(here - there, axis=1).max())
-    said = f"at the run's stance the feet of {robot.source.path.name} are {1000 * apart:.1f} mm from those of the run's model"
-    if apart > _OTHER_LEGS * known.leg_length:
-        raise SettingsError(f"{said}: it is another robot's, or its base frame or joint offsets are others")
-    return (said,) if apart > _SAME_LEGS * known.leg_length else ()
+    name = robot.source.path.name
+    message = f"at the run's stance the feet of {name} are {1000 * apart:.1f} mm from those of the run's model"
+    if apart > _OTHER_LEGS * original.leg_length:
+        raise SettingsError(f"{message}: it is another robot's, or its base frame or joint offsets differ")
+    return (message,) if apart > _SAME_LEGS * original.leg_length else ()
 
 
 def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialParameters, tuple[str, ...]]:
-    """Return the body that was added to a robot with this composite, in the base frame, and notes on it.
+    """Return the payload of a robot with this composite, in the base frame, and notes on it.
 
     Raises:
-        NotEstimatedError: no body near enough can have it, and that is not overridden, or cannot be.
+        NotEstimatedError: as `Subject.nearest_body` does.
     """
-    vector, what = subject.added_to(composite), f"{PAYLOAD}, the difference to the model file,"
-    remedy = "leave out --add-payload-link, which changes the base link instead"
+    vector, what = subject.added_to(composite), f"{PAYLOAD}, the difference from the model file,"
+    remedy = "leave out --add-payload-link to change the base link instead"
     return subject.nearest_body(vector, what, remedy)
 
 
 def joint_element(document: Document, joints: Mapping[str | None, Element], name: str) -> Element:
-    """A joint's element; raises ModelError where the file itself does not hold it."""
+    """Return a joint's element; raises ModelError if the file itself does not hold it."""
     if name not in joints:
         raise ModelError(
-            f"{str(document.path)!r} does not hold joint {name!r} by that name but has it from elsewhere; write one file "
-            "of them all, with a name for each joint, and name it with --file"
+            f"{str(document.path)!r} does not hold joint {name!r} by that name but includes it; write a single file "
+            "with a name for each joint, and name it with --file"
         )
     return joints[name]
 
 
 def require_composite(subject: Subject, content: bytes, wanted: FloatArray) -> None:
-    """Read what was written again.
+    """Check the composite of written content.
 
     Args:
         wanted: (10,) parameters of the composite that it must have.
 
     Raises:
-        ModelError: it has another.
+        ModelError: its composite differs.
     """
     got = composite_of(subject, read_robot(subject, content)).vector
     if not np.allclose(got, wanted, rtol=_CLOSE, atol=_CLOSE * wanted[0]):
         raise ModelError(
-            f"{str(subject.file and subject.file.path)!r} does not follow its <inertial> elements, so that they cannot say "
-            "what was found: is there <compiler inertiafromgeom='true'/>, or a second <inertial>?"
+            f"{str(subject.file and subject.file.path)!r} does not follow its <inertial> elements: "
+            "remove <compiler inertiafromgeom='true'/> or a second <inertial>, if there is one"
         )

@@ -1,4 +1,4 @@
-"""Bodies and joints in the user's own model file: what urdf and mjcf share."""
+"""Edits of bodies and joints in the user's own model file, for URDF and MJCF."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.links import link_names
 from equipoise.robot.model import RobotModel
 
-_COMMENT = ("equipoise: mass and first moment as found, with the base",)
+_COMMENT = ("equipoise: mass and first moment as estimated, with the base",)
 _LEGS = (
-    "the leg links' <inertial> as found, each whole, what is not identified about as it was; their own inertias scaled with "
-    "their masses, lengths as they were"
+    "the leg links' <inertial> as estimated, each complete, values that are not identified close to the model's; their own "
+    "inertias scaled with their masses, lengths unchanged"
 )
 
 
@@ -31,10 +31,10 @@ class ModelFormat:
     Attributes:
         name: name of the format, "urdf" or "mjcf".
         link: name of a link's element.
-        joints: words for what is written of joints.
+        joints: words for the joint values that are written.
         find: function that returns the element of a link, by its name; the base's is given too.
         set_inertial: function that gives a link's element another inertial, with a comment before it.
-        set_joints: function that gives joints what was found, with a comment before the first.
+        set_joints: function that writes the joint parameters, with a comment before the first.
         add_link: function that adds a link that is fixed to the base, with a comment before it.
     """
 
@@ -48,7 +48,7 @@ class ModelFormat:
 
 
 def write_model(subject: Subject, form: ModelFormat) -> Written:
-    """Return the user's file with another inertial of the base, other joints and leg links, or with one link more."""
+    """Return the user's file with another inertial of the base, other joints and leg links, or with an additional link."""
     assert subject.file is not None
     robot = read_robot(subject, subject.file.content)
     if robot.source.format != form.name:
@@ -71,7 +71,7 @@ def _write_joints(document: Document, subject: Subject, robot: RobotModel, form:
 def _write_payload(document: Document, subject: Subject, robot: RobotModel, form: ModelFormat) -> Written:
     base_link, place = link_in_file(robot.base_link, robot.source.forward)
     about = (
-        f"{form.link} {PAYLOAD!r}, fixed to base {form.link} {base_link!r}, is what the robot has more than the model file, "
+        f"{form.link} {PAYLOAD!r}, fixed to base {form.link} {base_link!r}, is the robot's difference from the model file, "
         f"in that {form.link}'s frame; nothing else was changed"
     )
     before = composite_of(subject, robot)
@@ -87,7 +87,7 @@ def _write_base(document: Document, subject: Subject, robot: RobotModel, form: M
     link, body, notes, composite = new_inertial(subject, robot)
     others = {LEGS: _LEGS, MOTORS: form.joints}
     about = (
-        f"the <inertial> of {form.link} {link!r}, such that the whole robot has the composite that was found; "
+        f"the <inertial> of {form.link} {link!r}, such that the whole robot has the estimated composite; "
         f"{'; '.join(words for part, words in others.items() if part in subject.parts) or 'nothing else was changed'}"
     )
     element = form.find(document, link, robot.base_link)
@@ -98,28 +98,28 @@ def _write_base(document: Document, subject: Subject, robot: RobotModel, form: M
 
 
 def refuse_second_payload(document: Document, within: Element, link: str) -> None:
-    """Raise SettingsError if an earlier export has put a payload into the file.
+    """Raise SettingsError if the file already has the payload of an earlier export.
 
     Args:
         link: name of a link's element.
     """
     if any(element.tag == link and element.attributes.get("name") == PAYLOAD for element in within.walk()):
-        raise SettingsError(f"{str(document.path)!r} has a {link} {PAYLOAD!r} already; start from the file without it")
+        raise SettingsError(f"{str(document.path)!r} has a {link} {PAYLOAD!r} already; use the file without it")
 
 
 def _with_legs(subject: Subject, robot: RobotModel, form: ModelFormat) -> Subject:
-    """Return the subject with the leg links in its file as found.
+    """Return the subject with the estimated leg links in its file.
 
     Args:
-        robot: robot that the file describes as it is.
+        robot: robot of the unchanged file.
 
     Raises:
-        SettingsError: legs are asked for without the base, which was found with them.
+        SettingsError: legs are requested without the base, which was estimated with them.
         ModelError: the file has other links than the run's.
-        NotEstimatedError: no body near enough can be what a link gets, and that is not overridden.
+        NotEstimatedError: as `Subject.nearest_body` does.
     """
     if BASE not in subject.parts:
-        raise SettingsError("legs are found with the base that goes with them: write both, with --parameters base,legs")
+        raise SettingsError("legs are estimated together with the base: write both, with --parameters base,legs")
     assert subject.file is not None
     document = Document(subject.file.content, subject.file.path)
     edits = [
@@ -131,23 +131,23 @@ def _with_legs(subject: Subject, robot: RobotModel, form: ModelFormat) -> Subjec
 
 
 def _leg_links(subject: Subject, robot: RobotModel) -> Iterator[tuple[str, InertialParameters]]:
-    """Names of the links that are edited, and what each gets, in its own frame.
+    """Yield the names of the edited links, and the new body of each, in its own frame.
 
-    A link and all that is fixed to it then have the mass and the first moment that were found, and an inertia about their
-    CoM that went with the mass.
+    A link and all that is fixed to it then have the estimated mass and first moment. Their inertia about the CoM is scaled
+    with the mass.
     """
-    model, found = robot.full_pinocchio, subject.result.links
+    model, estimated = robot.full_pinocchio, subject.result.links
     names = link_names(model)
     for leg in robot.legs.values():
         for joint in map(model.getJointId, leg.joint_names):
-            if (name := names.get(joint, "")) not in found:
-                raise ModelError(f"{robot.source.path.name} has a leg link {name!r}, which the run knows nothing of")
+            if (name := names.get(joint, "")) not in estimated:
+                raise ModelError(f"{robot.source.path.name} has a leg link {name!r}, which is not in the run")
             edited, placement, own = edited_link(robot, joint)
-            total, body = model.inertias[joint], found[name]
+            total, body = model.inertias[joint], estimated[name]
             mass = float(body.mass.value or total.mass)
             moment = np.array([one.value for one in body.moment], dtype=float)
             wanted = InertialParameters(mass, moment / mass, mass / total.mass * np.array(total.inertia))
             what = f"link {edited!r} of {robot.source.path.name}"
             vector = own + wanted.vector - np.array(total.toDynamicParameters())
-            nearest, _ = subject.nearest_body(vector, what, "what is fixed to it takes more than there is")
+            nearest, _ = subject.nearest_body(vector, what, "links that are fixed to it exceed the estimate")
             yield edited, seen_from(nearest, placement)

@@ -1,8 +1,8 @@
-"""Bodies drawn from what a run left open, each one that can exist.
+"""Physical bodies drawn from the posterior of a run.
 
 A body's pseudo-inertia is J = [[S, h], [h', m]], with its second moments of mass S and its first moment h = m c about the base
-frame's origin; bodies that can exist are those with a positive definite J (Wensing, Kim and Slotine 2018). Drawn is from the
-normal distribution that the estimate is, of which bodies that cannot exist are left out.
+frame's origin. A body is physical if J is positive definite (Wensing, Kim and Slotine 2018). Bodies are drawn from the
+normal distribution of the estimate, and those that are not physical are rejected.
 
 A run determines the composite best, and a simulated robot has the legs of its file: so the base gets the uncertainty of the
 composite. A drawn body is also given by the ten entries of an upper triangular U (log-Cholesky, Rucker and Wensing 2022):
@@ -12,7 +12,7 @@ composite. A drawn body is also given by the ten entries of an upper triangular 
                                   [   0       0     exp(d3)   t3]
                                   [   0       0        0       1]
 
-with J0 of the body that was found. Whatever the entries, J is positive definite.
+with J0 of the estimated body. J is positive definite for any entries.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 ENTRIES = ("alpha", "d1", "d2", "d3", "s12", "s13", "s23", "t1", "t2", "t3")
 """Entries of U: density, stretches along x y z, shears, shifts of the CoM."""
 DRAWS = 10_000
-_FEWEST = 0.01  # of what is drawn must exist; otherwise the run left nearly everything open
+_FEWEST = 0.01  # of the draws must be physical; otherwise the run identified hardly anything
 _QUANTILES = (0.025, 0.975)
 _STEP = 1e-6
 _PRODUCTS = [0, 1, 1, 2, 2, 2], [0, 0, 1, 0, 1, 2]  # xx xy yy xz yz zz, Pinocchio's order
@@ -37,7 +37,7 @@ _PRODUCTS = [0, 1, 1, 2, 2, 2], [0, 0, 1, 0, 1, 2]  # xx xy yy xz yz zz, Pinocch
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Bodies about one that was found.
+    """Bodies drawn around an estimated one.
 
     Attributes:
         entries: (n, 10) entries of U, in the order of ENTRIES.
@@ -48,17 +48,17 @@ class Spread:
     bodies: FloatArray
 
     def entry_ranges(self) -> dict[str, tuple[float, float]]:
-        """Return the 95 % range of each entry of U while the others stay: 1.96 / sqrt of its precision.
+        """Return the 95 % range of each entry of U given the others: 1.96 / sqrt of its precision.
 
-        For who draws each by itself. The entries are correlated: a box of the 95 % of each would hold bodies whose CoM is
-        several times as far off as the run left open.
+        It suits consumers that draw each entry independently. The entries are correlated: a box of the marginal ranges
+        would hold bodies whose CoM is several times farther off than the posterior allows.
         """
         precision = np.linalg.inv(np.cov(self.entries.T))
-        half = NORMAL_95 / np.sqrt(np.diag(precision))
-        return {name: (-float(value), float(value)) for name, value in zip(ENTRIES, half, strict=True)}
+        half_width = NORMAL_95 / np.sqrt(np.diag(precision))
+        return {name: (-float(value), float(value)) for name, value in zip(ENTRIES, half_width, strict=True)}
 
     def body_ranges(self) -> dict[str, tuple[float, float]]:
-        """95 % of mass [kg], CoM [m] and inertia about the CoM [kg m2]."""
+        """Return 95 % ranges of mass [kg], CoM [m] and inertia about the CoM [kg m2]."""
         low, high = np.quantile(self.bodies, _QUANTILES, axis=0)
         return {name: (float(a), float(b)) for name, a, b in zip(COMPONENTS, low, high, strict=True)}
 
@@ -69,21 +69,21 @@ def spread(
     """Draw bodies for the base.
 
     Args:
-        base: parameters of the base that the legs make the composite.
-        composite: parameters of the composite that was found.
+        base: parameters of the base for the model's legs.
+        composite: parameters of the estimated composite.
         covariance: (10, 10) covariance of the composite, in the order of COMPONENTS.
         seed: seed of the draws.
         draws: number of draws.
 
     Raises:
-        NotEstimatedError: hardly any body that is drawn can exist, or the base itself is as flat as a body can be, or flatter.
+        NotEstimatedError: hardly any drawn body is physical, or the base itself is not.
     """
     slope = _vector_slope(composite)
     root = _square_root(slope @ covariance @ slope.T)
     rng = np.random.default_rng(seed)
     pseudo = pseudo_inertias(base.vector[None])[0]
     if not np.linalg.eigvalsh(pseudo)[0] > 0:
-        raise NotEstimatedError("the base that was found is as flat as a plate, and nothing can be drawn about it")
+        raise NotEstimatedError("no body can be drawn: the estimated base is as flat as a plate")
     kept = np.empty((0, 4, 4))
     tried = 0
     while len(kept) < draws:
@@ -92,14 +92,14 @@ def spread(
         tried += draws
         if len(kept) < _FEWEST * tried:
             raise NotEstimatedError(
-                f"of bodies drawn from what this run left open, less than {_FEWEST:.0%} can exist; calibrate longer "
-                f"(--duration)"
+                f"less than {_FEWEST:.0%} of the bodies drawn from this run's posterior are physical; calibrate longer "
+                "(--duration)"
             )
     return Spread(_entries(kept[:draws], pseudo), _components(kept[:draws]))
 
 
 def pseudo_inertias(vectors: FloatArray) -> FloatArray:
-    """(n, 4, 4) J of (n, 10) inertial parameters about the origin, in Pinocchio's order."""
+    """Return (n, 4, 4) J of (n, 10) inertial parameters about the origin, in Pinocchio's order."""
     pseudo = np.zeros((len(vectors), 4, 4))
     pseudo[:, _PRODUCTS[0], _PRODUCTS[1]] = pseudo[:, _PRODUCTS[1], _PRODUCTS[0]] = -vectors[:, 4:]
     half_trace = vectors[:, [4, 6, 9]].sum(axis=1) / 2
@@ -110,7 +110,7 @@ def pseudo_inertias(vectors: FloatArray) -> FloatArray:
 
 
 def stretched(pseudo: FloatArray, entries: FloatArray) -> FloatArray:
-    """(10,) the body, in the order of COMPONENTS, whose pseudo-inertia is U J0 U'.
+    """Return the (10,) body, in the order of COMPONENTS, whose pseudo-inertia is U J0 U'.
 
     Args:
         pseudo: (4, 4) pseudo-inertia J0.
@@ -124,7 +124,7 @@ def stretched(pseudo: FloatArray, entries: FloatArray) -> FloatArray:
 
 
 def _components(pseudo: FloatArray) -> FloatArray:
-    """(n, 10) in the order of COMPONENTS."""
+    """Return (n, 10) parameters in the order of COMPONENTS."""
     mass = pseudo[:, 3, 3]
     com = pseudo[:, :3, 3] / mass[:, None]
     second = pseudo[:, :3, :3] - mass[:, None, None] * com[:, :, None] * com[:, None, :]
@@ -132,9 +132,9 @@ def _components(pseudo: FloatArray) -> FloatArray:
     return np.column_stack([mass, com, inertia[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]])
 
 
-def _entries(pseudo: FloatArray, found: FloatArray) -> FloatArray:
-    """(n, 10) of U with J = U J0 U': U is the upper triangular root of J times the inverse of J0's."""
-    upper = np.asarray(_upper_root(pseudo) @ np.linalg.inv(_upper_root(found[None])[0]), dtype=float)
+def _entries(pseudo: FloatArray, estimated: FloatArray) -> FloatArray:
+    """Return (n, 10) entries of U with J = U J0 U': U is the upper triangular root of J times the inverse of J0's."""
+    upper = np.asarray(_upper_root(pseudo) @ np.linalg.inv(_upper_root(estimated[None])[0]), dtype=float)
     scale = upper[:, 3, 3]
     unit = upper / scale[:, None, None]
     stretches = np.log(unit[:, [0, 1, 2], [0, 1, 2]])
@@ -142,12 +142,12 @@ def _entries(pseudo: FloatArray, found: FloatArray) -> FloatArray:
 
 
 def _upper_root(pseudo: FloatArray) -> FloatArray:
-    """(n, 4, 4) upper triangular U with J = U U'."""
+    """Return (n, 4, 4) upper triangular U with J = U U'."""
     return np.asarray(np.linalg.cholesky(pseudo[:, ::-1, ::-1])[:, ::-1, ::-1], dtype=float)
 
 
 def _vector_slope(body: InertialParameters) -> FloatArray:
-    """(10, 10) derivative of the parameters about the origin by those in the order of COMPONENTS."""
+    """Return the (10, 10) derivative of the parameters about the origin by those in the order of COMPONENTS."""
     at = components(body)
     columns = [(_vector(at + step) - _vector(at - step)) / (2 * _STEP) for step in _STEP * np.eye(len(at))]
     return np.column_stack(columns)
@@ -158,6 +158,6 @@ def _vector(at: FloatArray) -> FloatArray:
 
 
 def _square_root(covariance: FloatArray) -> FloatArray:
-    """(10, 10) R with R R' the covariance, which may be singular (a mass that is known)."""
+    """Return (10, 10) R with R R' the covariance, which may be singular (a known mass)."""
     values, vectors = np.linalg.eigh(covariance)
     return vectors * np.sqrt(np.maximum(values, 0.0))

@@ -1,6 +1,6 @@
-"""SDF (Gazebo): the <inertial> of the base link, or a link for what was added; alone, or in the user's own file.
+"""SDF (Gazebo): the <inertial> of the base link, or a link for the payload; alone, or in the user's own file.
 
-Gazebo's reader joins all that is fixed to a URDF's base into one link, so the link gets the whole base.
+Gazebo's reader joins all links fixed to a URDF's base into one link, so the link gets the whole base.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from equipoise.robot.inertial import InertialParameters
 
 
 def write(subject: Subject) -> Written:
-    """An <inertial>, or a <link> with its <joint>."""
+    """Write an <inertial>, or a <link> with its <joint>."""
     notes: tuple[str, ...] = ()
     if subject.payload_link:
         about = (
-            f"link {PAYLOAD!r}, fixed to base link {subject.file_link!r}, is what the robot has more than the run's model "
+            f"link {PAYLOAD!r}, fixed to base link {subject.file_link!r}, is the robot's difference from the run's model "
             "file, in that link's frame"
         )
         body, notes = payload(subject, subject.result.nominal.composite)
@@ -39,7 +39,7 @@ def write(subject: Subject) -> Written:
 
 
 def inertial_lines(body: InertialParameters) -> list[str]:
-    """An <inertial> element in its link's axes."""
+    """Return an <inertial> element in its link's axes."""
     return [
         "<inertial>",
         f"  <pose>{_pose(body)}</pose>",

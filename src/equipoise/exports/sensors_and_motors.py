@@ -1,4 +1,4 @@
-"""Sensors and motors in files that hold nothing else: for tools of the user's own, firmware, ROS 2 and robots' programs."""
+"""Files of sensor and motor parameters alone: for the user's own tools, firmware, ROS 2 and robot programs."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _MOTOR_LEGS = ("FR", "FL", "RR", "RL")  # of Unitree's robots; each hip, thigh, 
 
 
 def write_toml(subject: Subject) -> Written:
-    """Everything, with deviations and verdicts, as TOML."""
+    """Write all parameters, with standard deviations and verdicts, as TOML."""
     about = subject.columns_words
     table = {**provenance(subject, SCHEMA, about), **columns_table(subject.columns)}
     return Written.text([*subject.comment(about), *_toml(table, ())], about)
 
 
 def write_ros2(subject: Subject) -> Written:
-    """Parameters of any node: equipoise.joint_offset.FL_hip_joint and so on."""
+    """Write parameters of any ROS 2 node: equipoise.joint_offset.FL_hip_joint and so on."""
     about = subject.columns_words
     values = {column.name: {key: column.number(key) for key in column.values} for column in subject.columns}
     lines = yaml_lines({"/**": {"ros__parameters": {"equipoise": values}}})
@@ -32,7 +32,7 @@ def write_ros2(subject: Subject) -> Written:
 
 
 def write_c_header(subject: Subject) -> Written:
-    """Arrays in the model's joint order, and by axis; 0 where the run did not tell a number."""
+    """Write arrays in the model's joint order, and by axis; 0 for values that are not identified."""
     about, joints = subject.columns_words, list(subject.result.joint_position)
     names = ", ".join(map(_quoted, joints))
     lines = [
@@ -55,13 +55,16 @@ def write_c_header(subject: Subject) -> Written:
 
 
 def write_zeros(subject: Subject) -> Written:
-    """Joint zeros alone, by joint, as YAML."""
-    zeros, about = _zeros(subject), "joint offsets: encoder reading less joint position [rad]; joint = reading - zero"
-    return Written.text([*subject.comment(about), *yaml_lines(zeros)], about)
+    """Write joint offsets alone, by joint, as YAML."""
+    offsets, about = (
+        _offsets(subject),
+        "joint offsets: encoder reading minus joint position [rad]; joint = reading - offset",
+    )
+    return Written.text([*subject.comment(about), *yaml_lines(offsets)], about)
 
 
 def write_unitree(subject: Subject) -> Written:
-    """Lists in the order of a Unitree robot's motors, as YAML; 0 where the run did not tell a number."""
+    """Write lists in the order of a Unitree robot's motors, as YAML; 0 for values that are not identified."""
     about = (
         f"{subject.columns_words}; lists in the order of the motors, {' '.join(_MOTOR_LEGS)}, each from the hip down"
     )
@@ -72,9 +75,9 @@ def write_unitree(subject: Subject) -> Written:
 
 
 def write_holosoma(subject: Subject) -> Written:
-    """Holosoma's joint_offsets_deg: added to what is commanded, as an encoder's zero must be."""
-    about = "joint offsets in degrees: encoder reading less joint position, which is what a command has to be more by"
-    degrees = {joint: math.degrees(zero) for joint, zero in _zeros(subject).items()}
+    """Write Holosoma's joint_offsets_deg, which are added to commanded positions."""
+    about = "joint offsets in degrees: encoder reading minus joint position, to be added to a command"
+    degrees = {joint: math.degrees(offset) for joint, offset in _offsets(subject).items()}
     lines = [
         *subject.comment(about),
         "JOINT_OFFSETS_DEG = {",
@@ -83,18 +86,18 @@ def write_holosoma(subject: Subject) -> Written:
         "",
         "",
         "def joint_offsets_deg(dof_names):",
-        '    """RobotConfig(..., joint_offsets_deg=joint_offsets_deg(dof_names)): 0 for joints that are not above."""',
+        '    """RobotConfig(..., joint_offsets_deg=joint_offsets_deg(dof_names)): 0 for joints that are not listed."""',
         "    return tuple(JOINT_OFFSETS_DEG.get(name, 0.0) for name in dof_names)",
     ]
     return Written.text(lines, about)
 
 
-def _zeros(subject: Subject) -> dict[str, float]:
-    if not (zeros := subject.column("joint_offset")):
+def _offsets(subject: Subject) -> dict[str, float]:
+    if not (offsets := subject.column("joint_offset")):
         raise NotEstimatedError(
-            "the run told no joint's zero well; calibrate longer (--duration), or write them all the same with --force"
+            "no joint offset is identified by this run; calibrate longer (--duration), or write them anyway with --force"
         )
-    return zeros
+    return offsets
 
 
 def _keys(column: Column, joints: list[str]) -> list[str]:
@@ -107,7 +110,7 @@ def _keys(column: Column, joints: list[str]) -> list[str]:
 def _in_motor_order(subject: Subject) -> list[str]:
     robot = subject.result.robot_model
     if robot is None:
-        raise SettingsError("a calibration.json alone does not know the robot's legs: name the run folder")
+        raise SettingsError("a calibration.json alone has no legs of the robot: name the run folder")
     return [robot.joint_names[joint] for leg in _MOTOR_LEGS for joint in robot.legs[leg].joints]
 
 
@@ -116,7 +119,7 @@ def _meanings(subject: Subject, mark: str) -> list[str]:
 
 
 def _toml(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
-    """A table's own values, then the tables in it."""
+    """Return a table's own values, then the tables in it."""
     inner = {key: cast("Mapping[str, Any]", value) for key, value in table.items() if isinstance(value, Mapping)}
     own = [f"{_toml_key(key)} = {_toml_value(value)}" for key, value in table.items() if key not in inner]
     head = ["", f"[{'.'.join(map(_toml_key, path))}]"] if path and own else []
@@ -139,7 +142,7 @@ def _toml_value(value: Any) -> str:
 
 
 def _quoted(text: str, escape: str = "") -> str:
-    """Text between double quotes, all but printable ASCII escaped: as octal bytes of UTF-8, which C takes, or as said.
+    """Return text in double quotes, with all but printable ASCII escaped: as octal bytes of UTF-8 (C), or by `escape`.
 
     Args:
         escape: form of a character's number, for languages other than C.

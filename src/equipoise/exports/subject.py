@@ -26,15 +26,15 @@ PAYLOAD = "equipoise_payload"
 """Name of the link that `--add-payload-link` writes."""
 COMPOSITE_WORDS = "composite: the whole robot frozen at the stance"
 _BASE_WORDS = (
-    "base link {!r} with all that is fixed to it or held; with the model's legs it makes the composite that was found"
+    "base link {!r} with all links fixed to it or locked; with the model's legs it makes the estimated composite"
 )
-_FLATTEST = 1e-3  # second moment of mass of a body that is written for one that cannot be, over its largest
+_FLATTEST = 1e-3  # least second moment of mass of the nearest physical body, over its largest
 _PRODUCTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True)
 class UsersFile:
-    """A file that is edited."""
+    """User's file that is edited."""
 
     path: Path
     content: bytes
@@ -42,15 +42,15 @@ class UsersFile:
 
 @dataclass(frozen=True)
 class Written:
-    """A file's content, and words for the body or the parts that it holds."""
+    """Content of a file, and words for the body or the parts that it holds."""
 
     content: bytes
     about: str
-    notes: tuple[str, ...] = ()  # what speaks against it, found while writing
+    notes: tuple[str, ...] = ()  # objections that arise while writing
 
     @classmethod
     def text(cls, lines: list[str], about: str) -> Written:
-        """From lines of text."""
+        """Return the content from lines of text."""
         return cls(("\n".join(lines) + "\n").encode(), about)
 
 
@@ -60,16 +60,16 @@ class Subject:
 
     Attributes:
         result: result of the calibration.
-        run: name of the run it is from, as the user gave it; empty for one in memory.
+        run: name of the run, as the user gave it; empty for a result in memory.
         file: user's own file, if there is one.
-        payload_link: whether what was added is to be a link of its own.
+        payload_link: whether the payload is a separate link.
         samples: number of bodies to draw and list.
-        seed: seed of everything drawn.
+        seed: seed of all random draws.
         notes: objections to the numbers, worst first.
-        forced: whether to write the nearest body where no body can have what was added.
-        parts: what of the result is to be written, of "base", "sensors", "motors" and "legs".
-        columns: what is written of sensors, motors and legs.
-        contents: sentence that states which of mass, CoM and inertia is written, in which frame, and what has no place.
+        forced: whether to write the nearest physical body if the estimate is not physical.
+        parts: parts of the result to write, of "base", "sensors", "motors" and "legs".
+        columns: columns of sensors, motors and legs to write.
+        contents: sentence that states which of mass, CoM and inertia is written, in which frame, and what is left out.
     """
 
     result: Calibration
@@ -91,10 +91,10 @@ class Subject:
 
     @property
     def base(self) -> InertialParameters:
-        """The base link with all that is fixed to it or held.
+        """The base link with all links fixed to it or locked.
 
-        It is such that the model's own legs make it the composite that was found, which a run determines best. The
-        calibration's own base goes with legs that were adjusted too, which no file has that gets the base alone.
+        With the model's own legs it makes the estimated composite, which a run determines best. The calibration's own base
+        belongs to adjusted legs, which a file that gets the base alone does not have.
         """
         return self._base[0]
 
@@ -105,25 +105,25 @@ class Subject:
 
     @cached_property
     def _base(self) -> tuple[InertialParameters, tuple[str, ...]]:
-        what = f"base link {self.base_link!r}, less the model's legs,"
-        remedy = "do the model's legs weigh what it says? See 'equipoise audit'"
+        what = f"base link {self.base_link!r}, minus the model's legs,"
+        remedy = "check the masses of the model's legs with 'equipoise audit'"
         return self.nearest_body(self.result.base_for_model_legs, what, remedy)
 
     def nearest_body(self, vector: FloatArray, what: str, remedy: str) -> tuple[InertialParameters, tuple[str, ...]]:
-        """A body of (10,) parameters, or, where none can have its inertia, the nearest within the run's intervals.
+        """Return a body of (10,) parameters, or, if its inertia is not physical, the nearest within the run's intervals.
 
-        A flat trunk is as near to what no body can be as the intervals are wide: half of all runs would miss it.
+        A flat trunk is so close to the physical limit that half of all estimates lie beyond it.
 
         Args:
             vector: mass, first moment and inertia about the origin, in Pinocchio's order.
-            what: the body, for messages.
-            remedy: words that say what to do where there is none.
+            what: name of the body, for messages.
+            remedy: remedy, for messages.
 
         Returns:
-            the body; and what is to be said of it.
+            the body; and notes on it.
 
         Raises:
-            NotEstimatedError: its mass is none, or no body near enough can have it and that is not overridden.
+            NotEstimatedError: its mass is not positive, or no physical body is near enough and `forced` is false.
         """
         if not vector[0] > 0:
             raise NotEstimatedError(f"{what} would have a mass of {vector[0]:.6g} kg; {remedy}")
@@ -134,41 +134,41 @@ class Subject:
         change = nearest.inertia - body.inertia
         if not (within := self.within_intervals(change)) and not self.forced:
             raise NotEstimatedError(
-                f"{what} is no body: {defect}, and the nearest one that is lies beyond the intervals: {remedy}, or write that "
-                "one with --force"
+                f"{what} is not physical: {defect}, and the nearest physical body lies beyond the intervals: {remedy}, or "
+                "write that body with --force"
             )
-        how = "within the intervals" if within else "FORCED, beyond the intervals"
+        prefix = "within the intervals" if within else "FORCED, beyond the intervals"
         moments = ", ".join(f"{value:+.3g}" for value in change.diagonal())
         return nearest, (
-            f"{how}: {what} is no body ({defect}); its inertia is the nearest that one can have, Ixx, Iyy, Izz off by "
-            f"{moments} kg m2; its mass and place are those found",
+            f"{prefix}: {what} is not physical ({defect}); its inertia is the nearest physical one, Ixx, Iyy, Izz changed by "
+            f"{moments} kg m2; its mass and CoM are as estimated",
         )
 
     def added_to(self, composite: InertialParameters) -> FloatArray:
-        """(10,) what the robot that was found has more than one with this composite; Pinocchio's order, about the origin."""
+        """Return the (10,) difference of the estimated robot from this composite; Pinocchio's order, about the origin."""
         return self.composite.vector - composite.vector
 
     def within_intervals(self, change: FloatArray) -> bool:
         """Return whether a change of the inertia [kg m2] (3, 3) is within the 95 % intervals of the whole robot's."""
-        return bool((np.abs(change) <= NORMAL_95 * self.result.composite.inertia.stds).all())  # nan: none given
+        return bool((np.abs(change) <= NORMAL_95 * self.result.composite.inertia.stds).all())  # nan: no interval
 
     @property
     def base_link(self) -> str:
-        """Its name in the model."""
+        """Name of the base link in the model."""
         return self.result.model["base_link"]
 
     @property
     def file_link(self) -> str:
-        """The base link's name in the model file: another one where another axis than x points forward there."""
+        """Name of the base link in the model file; it differs if another axis than x points forward there."""
         return self._in_file[0]
 
     def in_file(self, body: InertialParameters) -> InertialParameters:
-        """A body of the base frame in the axes of the model file's base link."""
+        """Return a body of the base frame in the axes of the model file's base link."""
         return seen_from(body, self._in_file[1])
 
     @property
     def base_in_file(self) -> InertialParameters:
-        """`base`, for who reads the model file."""
+        """`base` in the axes of the model file."""
         return self.in_file(self.base)
 
     @property
@@ -182,7 +182,7 @@ class Subject:
         return ", ".join(f"{name} {round(q, 6) + 0.0:g}" for name, q in joints)
 
     def header(self, about: str, *notes: str) -> tuple[str, ...]:
-        """Return the lines that every file begins with, a sentence a line.
+        """Return the first lines of every file, one sentence per line.
 
         Args:
             about: words for the body or the parts that are written.
@@ -205,42 +205,42 @@ class Subject:
         return tuple(map(_one_line, lines))
 
     def comment(self, about: str, mark: str = "# ") -> list[str]:
-        """The header as comments of one line."""
+        """Return the header as comments of one line."""
         return [mark + line for line in self.header(about)]
 
     def column(self, name: str) -> dict[str, float]:
-        """Numbers of one kind that are written, by joint or axis; none, if there is nothing to write of it."""
+        """Return the written numbers of one kind, by joint or axis; empty if there are none."""
         found = [column for column in self.columns if column.name == name]
         return {key: column.number(key) for column in found for key in column.values}
 
     @property
     def joints(self) -> list[str]:
-        """Joints that something is written of, in the model's order."""
-        told = {key for column in self.columns for key in column.values}
-        return [joint for joint in self.result.joint_position if joint in told]
+        """Joints with a written value, in the model's order."""
+        written = {key for column in self.columns for key in column.values}
+        return [joint for joint in self.result.joint_position if joint in written]
 
     @property
     def columns_words(self) -> str:
-        """About sensors, motors and legs."""
+        """Words for the written columns."""
         parts = " and ".join(dict.fromkeys(column.part for column in self.columns))
-        return f"{parts} as found; torques in the unit in which the motors report them on average"
+        return f"{parts} as estimated; torques in the motors' mean reported unit"
 
     @property
     def base_words(self) -> str:
-        """About the base."""
+        """Words for `base`."""
         return _BASE_WORDS.format(self.base_link)
 
     @property
     def words_in_file(self) -> str:
-        """About `base_in_file`."""
+        """Words for `base_in_file`."""
         return _BASE_WORDS.format(self.file_link)
 
 
 def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameters:
-    """A body in another frame's axes, about the same CoM.
+    """Return a body in another frame's axes, about the same CoM.
 
     Args:
-        placement: placement of that frame in the one that the body is given in.
+        placement: placement of that frame in the body's frame.
     """
     rotation = np.array(placement.rotation)
     com = rotation.T @ (body.com - np.array(placement.translation))
@@ -248,20 +248,20 @@ def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameter
 
 
 def _one_line(text: str) -> str:
-    """Return a text as a comment of one line may hold it; names of robots and files may hold anything."""
+    """Return a text on one line, without unprintable characters, which names of robots and files may hold."""
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
 
 
 def number(value: float) -> str:
-    """The shortest text that reads as the same number, without a negative zero."""
+    """Return the shortest text that reads as the same number, without a negative zero."""
     return repr(float(value) + 0.0)
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Several, with spaces."""
+    """Return several numbers, separated by spaces."""
     return " ".join(number(value) for value in values)
 
 
 def products(inertia: FloatArray) -> dict[str, float]:
-    """ixx, ixy, ixz, iyy, iyz, izz of a tensor."""
+    """Return ixx, ixy, ixz, iyy, iyz, izz of a tensor."""
     return {f"i{'xyz'[row]}{'xyz'[column]}": float(inertia[row, column]) for row, column in _PRODUCTS}

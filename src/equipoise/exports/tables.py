@@ -1,4 +1,4 @@
-"""All numbers with intervals and verdicts, as JSON or YAML, for tools of the user's own."""
+"""All numbers with intervals and verdicts, as JSON or YAML, for the user's own tools."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def provenance(subject: Subject, schema: str, about: str) -> dict[str, Any]:
 
 
 def columns_table(columns: Iterable[Column]) -> dict[str, Any]:
-    """Values, deviations and verdicts of sensors and motors, by part and name."""
+    """Return values, standard deviations and verdicts of sensors and motors, by part and name."""
     table: dict[str, Any] = {}
     for column in columns:
         found = column.values.items()
@@ -79,15 +79,15 @@ def columns_table(columns: Iterable[Column]) -> dict[str, Any]:
 
 def _body(found: Body, written: InertialParameters) -> dict[str, Any]:
     table = Body.known(written).numbers()
-    told = [quantity for quantity in found if quantity.std is not None]
-    if told:
-        table["std"] = {quantity.name: quantity.std for quantity in told}
-        table["verdict"] = {quantity.name: quantity.verdict for quantity in told}
+    with_std = [quantity for quantity in found if quantity.std is not None]
+    if with_std:
+        table["std"] = {quantity.name: quantity.std for quantity in with_std}
+        table["verdict"] = {quantity.name: quantity.verdict for quantity in with_std}
     return table
 
 
 def yaml_lines(table: Mapping[str, Any], indent: str = "") -> list[str]:
-    """A table of tables, numbers, lists and texts as YAML."""
+    """Return a table of tables, numbers, lists and texts as YAML."""
     lines: list[str] = []
     for key, value in table.items():
         name = key if _PLAIN.fullmatch(key) and key.lower() not in _WORDS else json.dumps(key)
@@ -99,7 +99,7 @@ def yaml_lines(table: Mapping[str, Any], indent: str = "") -> list[str]:
 
 
 def _yaml(value: Any) -> str:
-    """One value; a number so that readers of YAML 1.1 take it for one too: 1e-05 is text there, 1.0e-05 is not."""
+    """Return one value; numbers suit YAML 1.1 too, which reads 1e-05 as text, but not 1.0e-05."""
     if isinstance(value, float):
         mantissa, e, exponent = number(value).partition("e")
         return f"{mantissa if '.' in mantissa or not e else mantissa + '.0'}{e}{exponent}"

@@ -1,4 +1,4 @@
-"""The user's own URDF with another inertial, or with a link for what was added."""
+"""The user's own URDF with another inertial, or with a link for the payload."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from equipoise.robot.inertial import InertialParameters
 
 _DYNAMICS = {"damping": "viscous_friction", "friction": "coulomb_friction"}
 _JOINTS = (
-    "joints' <dynamics> as found, torques in the unit in which the motors report them; a URDF has no place for armature, gain "
-    "and delay"
+    "joints' <dynamics> as estimated, torques in the motors' reported unit; a URDF cannot hold armature, gain and delay"
 )
 
 
 def write(subject: Subject) -> Written:
-    """Return the file with another <inertial> of the base link and <dynamics> of joints, or with one link more."""
+    """Return the file with another <inertial> of the base link and <dynamics> of joints, or with an additional link."""
     return write_model(subject, _URDF)
 
 
@@ -52,7 +51,7 @@ def _inertial_edits(document: Document, link: Element, body: InertialParameters,
 
 
 def _joint_edits(document: Document, subject: Subject, header: tuple[str, ...]) -> list[Edit]:
-    """<dynamics> of the joints whose friction was found."""
+    """Return edits of <dynamics> of the joints with estimated friction."""
     values = {attribute: subject.column(name) for attribute, name in _DYNAMICS.items()}
     joints = {joint.attributes.get("name"): joint for joint in document.root.all("joint")}
     edits: list[Edit] = []
@@ -73,7 +72,7 @@ def _dynamics_edits(document: Document, joint: Element, values: dict[str, float]
 
 
 def inertial_lines(body: InertialParameters) -> list[str]:
-    """An <inertial> element in its frame's axes."""
+    """Return an <inertial> element in its frame's axes."""
     moments = " ".join(f'{key}="{number(value)}"' for key, value in products(body.inertia).items())
     return [
         "<inertial>",

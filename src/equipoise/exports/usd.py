@@ -1,7 +1,7 @@
-"""The user's own USD, as Isaac Sim and Isaac Lab read it: the base's mass properties, and joints' armature and friction.
+"""The user's own USD, for Isaac Sim and Isaac Lab, with the base's mass properties, and joints' armature and friction.
 
-What is said goes into the file itself, over whatever other files it composes. Numbers are in the stage's units; angles are in
-degrees there, so that viscous friction is a torque over degrees a second.
+Edits go into the file's root layer, which overrides the files that it composes. Numbers are in the stage's units. Angles are
+in degrees there, so viscous friction is torque per degree per second.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from equipoise.exports.parameters import BASE
 from equipoise.exports.subject import FloatArray, Subject, Written
 from equipoise.robot.inertial import InertialParameters
 
-_SCALED = 1e-4  # how far from one a body's scale may be: files are in single precision
+_SCALED = 1e-4  # tolerance of a body's scale to one: files are in single precision
 _AXIS = "PhysxJointAxisAPI:angular"
 _PREFIX = "physxJointAxis:angular:"
-_JOINTS = "joints' armature and friction (PhysX schema) as found, torques in the unit in which the motors report them"
+_JOINTS = "joints' armature and friction (PhysX schema) as estimated, torques in the motors' reported unit"
 
 
 @dataclass(frozen=True)
 class _Stage:
-    """A stage that is read, and a copy of its root layer that is edited.
+    """Stage that is read, and a copy of its root layer that is edited.
 
     Attributes:
         usd: modules of usd-core.
         path: path of the user's file.
-        read: stage, with all that it composes.
+        read: stage, with all files that it composes.
         layer: layer that is edited.
-        length: metres in one of its units.
-        mass: kilograms in one of its units.
+        length: metres per length unit of the stage.
+        mass: kilograms per mass unit of the stage.
     """
 
     usd: Any
@@ -49,11 +49,11 @@ class _Stage:
 
     @property
     def inertia(self) -> float:
-        """Kilogram metres squared, or newton metres, in one of its units."""
+        """Kilogram metres squared, or newton metres, per unit of the stage."""
         return self.mass * self.length**2
 
     def set(self, prim: Any, name: str, kind: str, value: Any) -> None:
-        """Give a prim's attribute a value."""
+        """Set a prim's attribute."""
         spec = self.usd.Sdf.CreatePrimInLayer(self.layer, prim.GetPath())
         attribute = spec.attributes.get(name)
         if attribute is None:
@@ -61,24 +61,24 @@ class _Stage:
         attribute.default = value
 
     def apply(self, prim: Any, schema: str) -> None:
-        """Say that a prim has a schema; nothing, if it has."""
+        """Apply a schema to a prim that does not have it."""
         if schema in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
             return
         spec = self.usd.Sdf.CreatePrimInLayer(self.layer, prim.GetPath())
-        known = spec.GetInfo("apiSchemas") if spec.HasInfo("apiSchemas") else self.usd.Sdf.TokenListOp()
-        if known.isExplicit:
-            known.explicitItems = [*known.explicitItems, schema]
+        schemas = spec.GetInfo("apiSchemas") if spec.HasInfo("apiSchemas") else self.usd.Sdf.TokenListOp()
+        if schemas.isExplicit:
+            schemas.explicitItems = [*schemas.explicitItems, schema]
         else:
-            known.prependedItems = [*known.prependedItems, schema]
-        spec.SetInfo("apiSchemas", known)
+            schemas.prependedItems = [*schemas.prependedItems, schema]
+        spec.SetInfo("apiSchemas", schemas)
 
-    def say(self, prim: Any, lines: tuple[str, ...]) -> None:
-        """Leave word at a prim, in place of an earlier one."""
+    def annotate(self, prim: Any, lines: tuple[str, ...]) -> None:
+        """Write a comment at a prim, in place of an earlier one."""
         spec = self.usd.Sdf.CreatePrimInLayer(self.layer, prim.GetPath())
         spec.SetInfo("customData", {**dict(spec.customData), "equipoise": "\n".join(lines)})
 
     def content(self, binary: bool) -> bytes:
-        """The edited file, in the format in which it was."""
+        """Return the edited file, in its original format."""
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / self.path.name
             arguments = {"format": "usdc" if binary else "usda"} if self.path.suffix == ".usd" else {}
@@ -87,9 +87,9 @@ class _Stage:
 
 
 def write(subject: Subject) -> Written:
-    """The file with other mass properties of the base, other joints, or both."""
+    """Write the file with other mass properties of the base, other joints, or both."""
     if subject.file is None:
-        raise SettingsError("usd edits a stage of yours: name it with --file robot.usd")
+        raise SettingsError("format usd edits your own stage: name it with --file robot.usd")
     stage = _open(subject.file.path)
     base = _base(stage, subject.file_link)
     words = [subject.words_in_file] if BASE in subject.parts else []
@@ -101,7 +101,7 @@ def write(subject: Subject) -> Written:
     for name in subject.joints:
         _set_joint(stage, _joint(stage, name), {key: subject.column(key).get(name) for key in _OF_JOINTS})
     notes = _composed(stage)
-    stage.say(base, subject.header(about, *notes))
+    stage.annotate(base, subject.header(about, *notes))
     return Written(stage.content(subject.file.content.startswith(b"PXR-USDC")), about, notes)
 
 
@@ -122,12 +122,12 @@ def _open(path: Path) -> _Stage:
 
 
 def _words_of(error: Exception) -> str:
-    """Return the message of usd-core without the place in its own source."""
+    """Return the message of usd-core without its source location."""
     return str(error).strip().splitlines()[-1].rpartition(" : ")[2].strip("' \t")
 
 
 def _base(stage: _Stage, name: str) -> Any:
-    """The rigid body of that name, whose frame is the link's."""
+    """Return the rigid body of that name, whose frame is the link's."""
     bodies = [prim for prim in stage.read.Traverse() if prim.HasAPI(stage.usd.UsdPhysics.RigidBodyAPI)]
     found = [prim for prim in bodies if prim.GetName() == name]
     if len(found) != 1:
@@ -137,22 +137,22 @@ def _base(stage: _Stage, name: str) -> Any:
     scales = np.linalg.norm(np.array(placement)[:3, :3], axis=1)
     if np.abs(scales - 1.0).max() > _SCALED:
         raise ModelError(
-            f"{str(stage.path)!r} scales {name!r} by {scales.round(6).tolist()}; it must be 1 for masses to be what they say"
+            f"{str(stage.path)!r} scales {name!r} by {scales.round(6).tolist()}; it must be 1 for its masses to apply"
         )
     return found[0]
 
 
-def _refuse_fixed_bodies(stage: _Stage, base: Any, held: set[str]) -> None:
-    """Raise ModelError for bodies that are fixed to the base or were held, which would be counted twice.
+def _refuse_fixed_bodies(stage: _Stage, base: Any, locked: set[str]) -> None:
+    """Raise ModelError for bodies that are fixed to the base or behind locked joints, which would be counted twice.
 
     Args:
-        held: names of the joints that were held.
+        locked: names of the locked joints.
     """
     for prim in stage.read.Traverse():
-        if prim.IsA(stage.usd.UsdPhysics.Joint) and prim.GetName() in held:
+        if prim.IsA(stage.usd.UsdPhysics.Joint) and prim.GetName() in locked:
             raise ModelError(
-                f"{str(stage.path)!r} has joint {prim.GetName()!r}, which was held, so that what it carries is part of the "
-                "base that was found and would be counted twice; export a URDF or MJCF and import that"
+                f"{str(stage.path)!r} has joint {prim.GetName()!r}, which was locked: the bodies behind it are part of the "
+                "estimated base and would be counted twice; export a URDF or MJCF and import that"
             )
         if not prim.IsA(stage.usd.UsdPhysics.FixedJoint):
             continue
@@ -166,8 +166,8 @@ def _refuse_fixed_bodies(stage: _Stage, base: Any, held: set[str]) -> None:
 
 
 def _set_body(stage: _Stage, prim: Any, body: InertialParameters) -> None:
-    """Mass, CoM, and inertia by its principal axes, of a body in the prim's frame."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - a third of a second, for this format alone
+    """Set mass, CoM, and inertia by its principal axes, of a body in the prim's frame."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, for this format alone
 
     moments, axes = _principal(body.inertia)
     x, y, z, w = Rotation.from_matrix(axes).as_quat()
@@ -179,7 +179,7 @@ def _set_body(stage: _Stage, prim: Any, body: InertialParameters) -> None:
 
 
 def _principal(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(3,) principal moments, and (3, 3) their axes as columns, right-handed."""
+    """Return (3,) principal moments, and (3, 3) their axes as columns, right-handed."""
     moments, axes = np.linalg.eigh(inertia)
     axes[:, 0] *= np.sign(np.linalg.det(axes))
     return moments, axes
@@ -216,4 +216,4 @@ def _composed(stage: _Stage) -> tuple[str, ...]:
     others = sorted(stage.layer.GetCompositionAssetDependencies())
     if not others:
         return ()
-    return (f"{stage.path.name} is composed of {', '.join(others)}: keep what is written in the same folder, by --out",)
+    return (f"{stage.path.name} is composed of {', '.join(others)}: write the output to the same folder with --out",)

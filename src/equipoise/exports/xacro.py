@@ -1,4 +1,4 @@
-"""Properties of legged_control's const.xacro: a file of its own, or an edit of the user's."""
+"""Properties of legged_control's const.xacro, in a new file or in the user's."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _PREFIX = "trunk"
 
 
 def write(subject: Subject) -> Written:
-    """trunk_mass, trunk_com_x ... trunk_izz."""
+    """Write trunk_mass, trunk_com_x ... trunk_izz."""
     values = _properties(subject)
     header = subject.header(subject.words_in_file)
     if subject.file is not None:
@@ -41,7 +41,7 @@ def _edited(subject: Subject, values: dict[str, str], header: tuple[str, ...]) -
     wrong = [name for name, elements in found.items() if len(elements) != 1]
     if wrong:
         raise SettingsError(
-            f"{str(document.path)!r} must define each of {', '.join(values)} once; it does not {', '.join(wrong)}"
+            f"{str(document.path)!r} must define each of {', '.join(values)} once; it does not define {', '.join(wrong)} once"
         )
     edits = [document.set(found[name][0], "value", value) for name, value in values.items()]
     first = min((elements[0] for elements in found.values()), key=lambda element: element.start)

@@ -1,7 +1,7 @@
-"""XML files changed at a few places, and to the byte as they were everywhere else.
+"""Local edits of XML files that leave all other bytes unchanged.
 
-Expat, the parser behind Python's readers, says where each element begins; what is found there is replaced as text. So
-comments, white space, line ends, attribute quotes, encoding and byte order mark stay what they are.
+Expat, the parser behind Python's readers, reports the position of each element, whose text is then replaced. So comments,
+white space, line ends, attribute quotes, encoding and byte order mark do not change.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ class Edit:
 
 @dataclass(eq=False)
 class Element:
-    """An element and where it is in `Document.data`.
+    """Element and its position in `Document.data`.
 
     Attributes:
         tag: name of the element as written, prefix included.
         attributes: values of the attributes by name, entities resolved.
-        start, inside, inside_end, end: where it begins, its content begins and ends, and it ends; an element without
-            content (`<a/>`) has none, and inside = inside_end = end.
+        start, inside, inside_end, end: positions of its begin, the begin and end of its content, and its end; for an
+            element without content (`<a/>`) inside = inside_end = end.
         closed: whether it is written with an end tag.
     """
 
@@ -54,25 +54,25 @@ class Element:
     children: list[Element] = field(default_factory=list["Element"])
 
     def all(self, *tags: str) -> list[Element]:
-        """Its children of these tags."""
+        """Return its children with these tags."""
         return [child for child in self.children if child.tag in tags]
 
     def first(self, tag: str) -> Element | None:
-        """Its first child of that tag, or None."""
+        """Return its first child with that tag, or None."""
         return next(iter(self.all(tag)), None)
 
     def walk(self) -> Iterator[Element]:
-        """Itself and all below, in the order of the file."""
+        """Yield the element and all below it, in the order of the file."""
         yield self
         for child in self.children:
             yield from child.walk()
 
 
 class Document:
-    """An XML file that is to be edited.
+    """XML file to edit.
 
     Attributes:
-        path: path that messages call it by.
+        path: path of the file, for messages.
         data: text of the file in UTF-8, without the byte order mark.
         root: outermost element.
     """
@@ -83,21 +83,23 @@ class Document:
         try:
             text = content[len(self._bom) :].decode(self._encoding)
             if text.encode(self._encoding) != content[len(self._bom) :]:
-                raise ModelError(f"{str(path)!r} does not come through its encoding, {self._encoding}, unchanged")
+                raise ModelError(
+                    f"{str(path)!r} changes when it is decoded and encoded as {self._encoding}; save it as UTF-8"
+                )
         except (UnicodeError, LookupError) as error:
             raise ModelError(f"{str(path)!r} cannot be read in its encoding: {error}") from error
         self.data = text.encode()
         self.root = _parse(self.data, path)
 
     def edited(self, edits: Iterable[Edit]) -> bytes:
-        """The file with edits, in its own encoding."""
+        """Return the edited file in its own encoding."""
         data = self.data
         for edit in sorted(edits, key=lambda edit: (edit.start, edit.end), reverse=True):
             data = data[: edit.start] + edit.text.encode() + data[edit.end :]
         return self._bom + data.decode().encode(self._encoding)
 
     def set(self, element: Element, name: str, value: str) -> Edit:
-        """Give an attribute a value: a number or a name, with nothing in it that XML would have to escape."""
+        """Set an attribute to a number or a name, which must not need escapes in XML."""
         at = element.start + 1 + len(element.tag.encode())
         for match in self._attributes(element):
             if match[1].decode() == name:
@@ -106,18 +108,18 @@ class Document:
         return Edit(at, at, f' {name}="{value}"')
 
     def unset(self, element: Element, *names: str) -> list[Edit]:
-        """Take attributes out, with the space before each."""
+        """Remove attributes, with the space before each."""
         return [Edit(m.start(), m.end(), "") for m in self._attributes(element) if m[1].decode() in names]
 
     def fill(self, element: Element, text: str) -> Edit:
-        """Give an element other content."""
+        """Replace the content of an element."""
         if element.closed:
             return Edit(element.inside, element.inside_end, text)
         slash = self.data.rindex(b"/", element.start, element.end)
         return Edit(slash, element.end, f">{text}</{element.tag}>")
 
     def put(self, element: Element, lines: Iterable[str], last: bool = False) -> Edit:
-        """Put lines before an element's first child, or behind its last one."""
+        """Insert lines before an element's first child, or after its last one."""
         margin = self.margin(element.children[0]) if element.children else self.margin(element) + "  "
         text = "".join(f"{margin}{line}" for line in lines)
         if not element.closed:
@@ -129,7 +131,7 @@ class Document:
         return Edit(at, at, text)
 
     def margin(self, element: Element) -> str:
-        """The line end and indentation before an element; nothing where it does not begin its line."""
+        """Return the line end and indentation before an element; empty if it does not begin its line."""
         before = self.data[: element.start]
         blank = before[len(before.rstrip(b" \t")) :]
         before = before[: len(before) - len(blank)]
@@ -139,11 +141,11 @@ class Document:
         return end + blank.decode()
 
     def comment(self, element: Element, lines: Iterable[str]) -> Edit:
-        """Say something before an element; takes the place of what an earlier export said there."""
-        said = _OUR_COMMENT.search(self.data, 0, element.start)
+        """Insert a comment before an element, in place of that of an earlier export."""
+        earlier = _OUR_COMMENT.search(self.data, 0, element.start)
         margin = self.margin(element)
         text = (margin or " ").join(comment_lines(lines))
-        return Edit(said.start() if said else element.start, element.start, text + margin)
+        return Edit(earlier.start() if earlier else element.start, element.start, text + margin)
 
     def _attributes(self, element: Element) -> Iterator[re.Match[bytes]]:
         tag_end = element.inside if element.closed else element.end
@@ -151,18 +153,18 @@ class Document:
 
 
 def comment_lines(lines: Iterable[str]) -> list[str]:
-    """A comment, line by line."""
+    """Return a comment, line by line."""
     first, *others = (comment_text(line) for line in lines)
     return [f"<!-- {first}", *(f"     {line}" for line in others), "-->"]
 
 
 def escaped(name: str) -> str:
-    """A name as an attribute in double quotes may hold it."""
+    """Return a name escaped for an attribute in double quotes."""
     return name.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
 
 
 def comment_text(line: str) -> str:
-    """A line as an XML comment may hold it in any encoding: printable ASCII, and no two hyphens in a row."""
+    """Return a line valid in an XML comment in any encoding: printable ASCII, and no two hyphens in a row."""
     plain = re.sub(r"[^ -~]", "?", line.encode("ascii", "backslashreplace").decode())
     return re.sub(r"-(?=-)", "- ", plain).rstrip("-")
 
@@ -176,7 +178,7 @@ def _encoding(content: bytes) -> tuple[bytes, str]:
 
 
 def _parse(data: bytes, path: Path) -> Element:
-    parser = expat.ParserCreate("utf-8")  # whatever the file declares: the text is in UTF-8 by now
+    parser = expat.ParserCreate("utf-8")  # the text is in UTF-8 now, whatever the file declares
     stack: list[Element] = []
     roots: list[Element] = []
 
@@ -184,7 +186,9 @@ def _parse(data: bytes, path: Path) -> Element:
         at = parser.CurrentByteIndex
         match = _START_TAG.match(data, at)
         if match is None or not data.startswith(f"<{tag}".encode(), at):
-            raise ModelError(f"{str(path)!r}: <{tag}> comes from an entity, which cannot be edited; write it out")
+            raise ModelError(
+                f"{str(path)!r}: <{tag}> comes from an entity, which cannot be edited; replace the entity by its text"
+            )
         parent = stack[-1] if stack else None
         closed = not match[0].endswith(b"/>")
         element = Element(tag, attributes, parent, at, match.end(), match.end(), match.end(), closed)
