@@ -1,4 +1,4 @@
-"""A quadruped of 12 kg, written as URDF or MJCF, and edits that make it one of the files that were wrong in public."""
+"""Quadruped of 12 kg as URDF or MJCF, and edits that give it defects of public model files."""
 
 import re
 
@@ -6,7 +6,7 @@ HIPS = {"FL": (0.18, 1), "FR": (0.18, -1), "RL": (-0.18, 1), "RR": (-0.18, -1)}
 LIMITS = {"hip": (-0.8, 0.8), "thigh": (-1.5, 3.0), "calf": (-2.6, -0.5)}
 AXES = {"hip": "1 0 0", "thigh": "0 1 0", "calf": "0 1 0"}
 COM_MM, MOMENTS = (-0.36, 0.0, -19.25), (0.1683, 0.3494, 0.3960)
-"""Of the whole robot at its stance, by Pinocchio."""
+"""CoM and moments of the whole robot at its stance, by Pinocchio."""
 
 
 def inertial(com, mass, moments):
@@ -25,7 +25,7 @@ def joint(name, parent, child, origin, axis, limits):
 
 
 def urdf(hip_offset="0 {side}0.08 0", mirrored_axes=False, limits=LIMITS, left_limits=LIMITS, extra=""):
-    """The robot. Left axes may be mirrored, with limits of their own."""
+    """Return the robot as URDF. Left axes may be mirrored, with their own limits."""
     parts = [f'<link name="trunk">{inertial("0.02 0 0.01", 6.0, (0.025, 0.085, 0.1))}</link>']
     for leg, (x, side) in HIPS.items():
         sign = "" if side > 0 else "-"
@@ -49,7 +49,7 @@ def urdf(hip_offset="0 {side}0.08 0", mirrored_axes=False, limits=LIMITS, left_l
 
 
 def mjcf(trunk='<body name="trunk">{}</body>', hip_joints="", tail="", compiler='angle="radian"'):
-    """The same in MJCF; `trunk` holds the legs, `hip_joints` are more joints of the hips' bodies."""
+    """Return the robot as MJCF; `trunk` holds the legs, `hip_joints` are more joints of the hips' bodies."""
     legs = ""
     for leg, (x, side) in HIPS.items():
         legs += f"""<body name="{leg}_hip" pos="{x} {0.06 * side} 0">
@@ -70,7 +70,7 @@ FREE = '<body name="trunk"><freejoint/><inertial pos="0.02 0 0.01" mass="6" diag
 
 
 def scaled(text, pattern, factor):
-    """The text with every number in the first group of a pattern multiplied."""
+    """Return the text with every number in the first group of a pattern multiplied."""
 
     def multiplied(found):
         numbers = " ".join(f"{float(word) * factor:.10g}" for word in found[1].split())
@@ -94,5 +94,5 @@ def with_inertias_times(text, factor, link=r"\w+"):
 
 
 def with_limits(text, part, limits):
-    """Other limits of all legs' joints of a part, as the text of the attributes."""
+    """Return the text with other limits of a joint of all legs, as the text of the attributes."""
     return re.sub(rf'(<joint name="\w\w_{part}_joint".*?<limit) lower="[^"]*" upper="[^"]*"', rf"\1 {limits}", text)

@@ -1,4 +1,4 @@
-"""Small robots, written as URDF or MJCF text: what tests need that no robot of the catalogue has."""
+"""Small robots as URDF or MJCF text, with properties that no robot of the catalogue has."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ FOUR_LEGS = ("FL", "FR", "RL", "RR")
 SIX_LEGS = ("FL", "FR", "ML", "MR", "RL", "RR")
 THIGH = SHANK = 0.2
 FOOT_RADIUS = 0.02
-# A leg's links, hip down: mass [kg], CoM [m], Ixx Iyy Izz Ixy Ixz Iyz about it [kg m2]. No plane of symmetry, as in life.
+# A leg's links, hip down: mass [kg], CoM [m], Ixx Iyy Izz Ixy Ixz Iyz about it [kg m2]. No plane of symmetry.
 LINKS = (
     (0.7, (-0.003, 0.01, 0.002), (5e-4, 8e-4, 6e-4, 1e-5, -2e-5, 3e-5)),
     (1.0, (-0.004, 0.02, -0.03), (5.5e-3, 5.1e-3, 1.4e-3, -5e-5, 3e-4, -2e-4)),
@@ -32,7 +32,7 @@ JointName = Callable[[str, int], str]
 
 
 def plain_name(leg: str, joint: int) -> str:
-    """FL_0 is a front left leg's uppermost joint."""
+    """Return the name of a joint: FL_0 is the front left leg's uppermost one."""
     return f"{leg}_{joint}"
 
 
@@ -53,18 +53,18 @@ def quadruped_urdf(
     foot_links: bool = True,
     extra: str = "",
 ) -> str:
-    """A URDF of a robot on point feet, 0.4 m long legs and an 0.4 m x 0.2 m base.
+    """Return a URDF of a robot with point feet, 0.4 m long legs and a 0.4 m x 0.2 m base.
 
     Args:
-        legs: in the order of the file, of `HIPS`; three or six make no quadruped.
+        legs: names, of `HIPS`, in the order of the file; three or six are not a quadruped.
         joints_per_leg: 3, or 2 without abduction.
-        joint_name: of a leg's joints by leg and place, 0 at the hip.
+        joint_name: name of a leg's joint by leg and place, 0 at the hip.
         trunk: name of the base link; trunk_mass may be any text.
-        arm_joints: of an arm on the trunk's front, none by default; arm_type is their type.
-        spine: whether the rear legs hang at a second trunk, behind a joint.
+        arm_joints: number of joints of an arm on the trunk's front; arm_type is their type.
+        spine: whether the rear legs are on a second trunk, behind a joint.
         world: whether the file starts at a massless link that the trunk is fixed to.
         continuous: whether hip pitch joints are continuous ones.
-        foot_radius: of the sphere at each foot; None: no sphere.
+        foot_radius: radius of the sphere at each foot; None: no sphere.
         foot_links: whether there is a link at each foot.
         extra: more XML before the end.
     """
@@ -93,14 +93,14 @@ def quadruped_urdf(
 
 
 def on_cylinders(rpy: str = "1.5708 0 0") -> str:
-    """A URDF whose feet are cylinders of 36 x 12 mm, turned from the foot link's z axis by angles [rad]; across the leg."""
+    """Return a URDF with feet of 36 x 12 mm cylinders, rotated from the foot link's z axis by angles [rad]; across the leg."""
     shape = '<geometry><cylinder radius="0.018" length="0.012"/></geometry>'
     ball = f'<geometry><sphere radius="{FOOT_RADIUS}"/></geometry>'
     return quadruped_urdf().replace(ball, f'<origin rpy="{rpy}"/>{shape}')
 
 
 def urdf_arm_on_a_mount(trunk: str = "trunk") -> str:
-    """An arm on a turned, fixed mount, a turned fixed link in its middle and a gripper of two fingers: `extra` of a URDF."""
+    """Return `extra` of a URDF: an arm on a rotated mount, with a rotated fixed link and a gripper of two fingers."""
     chain = [
         ("mount", "fixed", trunk, (0.12, 0.01, 0.07), "0.2 -0.3 0.5", None),
         ("upper", "revolute", "mount", (0.02, -0.01, 0.04), "0.1 0.2 -0.4", (0, 1, 0)),
@@ -120,7 +120,7 @@ def urdf_arm_on_a_mount(trunk: str = "trunk") -> str:
 
 
 def mjcf_arm_on_a_mount() -> str:
-    """What `urdf_arm_on_a_mount` writes, with joints that turn off their bodies' origins: `trunk_extra` of an MJCF."""
+    """Return `trunk_extra` of an MJCF: the arm of `urdf_arm_on_a_mount`, with joints off their bodies' origins."""
     masses = [_mjcf_inertial(ARM[0] + 0.1 * place, *ARM[1:]) for place in range(7)]
     return (
         f'<body name="mount" pos="0.12 0.01 0.07" euler="0.2 -0.3 0.5">{masses[0]}'
@@ -212,13 +212,13 @@ def quadruped_mjcf(
     trunk_extra: str = "",
     tail: str = "",
 ) -> str:
-    """An MJCF of the robot that `quadruped_urdf` writes by default, without its feet's links.
+    """Return an MJCF of the default robot of `quadruped_urdf`, without its foot links.
 
     Args:
-        free: what frees the trunk.
-        attributes: of the trunk's body.
-        explicit_inertia: whether bodies have an <inertial>; otherwise their shapes tell their mass.
-        arm: whether there is an arm of two joints on the trunk, the second one turning off its body's origin.
+        free: XML of the trunk's free joint.
+        attributes: attributes of the trunk's body.
+        explicit_inertia: whether bodies have an <inertial>; otherwise their shapes determine their mass.
+        arm: whether there is an arm of two joints on the trunk, the second one off its body's origin.
         head: sections before <worldbody>; tail: after it.
         trunk_extra: more children of the trunk's body.
     """
@@ -264,7 +264,7 @@ def _mjcf_inertial(mass: float, com: Sequence[float], inertia: Sequence[float]) 
 
 
 def load_text(folder, text, description=None, name="robot"):
-    """The robot that a file with this text describes; what was repaired stays unsaid."""
+    """Return the robot of a file with this text, without warnings of repairs."""
     path = folder / name
     path.write_text(text, encoding="utf-8")
     with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""What the audit says of models that are right, and of models with one thing made wrong."""
+"""Audit of correct models, and of models with one defect."""
 
 import json
 import re
@@ -45,7 +45,7 @@ def load_quietly(name_or_path, description=None):
 
 @pytest.fixture
 def edited_a1(a1_urdf, tmp_path):
-    """The built-in A1 with other inertials: by link, what to set on which element below <inertial>."""
+    """Return the built-in A1 with other inertials: by link, attributes of elements below <inertial>."""
 
     def edited(changes, description=None, extra=""):
         root = ET.fromstring(a1_urdf.replace("</robot>", extra + "</robot>"))
@@ -74,7 +74,7 @@ def the_finding(report, word):
     return found[0]
 
 
-def test_built_in_a1_is_suspected_of_nothing(a1):
+def test_the_built_in_a1_has_no_findings(a1):
     assert [str(finding) for finding in audit(a1).findings] == [
         "note: y of the CoM in the base frame (positive: left) is +0.8 mm for the whole robot "
         "and +2.2 mm for the base (trunk)"
@@ -97,7 +97,7 @@ def test_bodies_are_the_base_and_every_leg_link_with_what_is_fixed_to_it(a1):
     assert report.bodies[0].extent == pytest.approx(2 * np.hypot(0.1805, 0.047))
 
 
-def test_composite_is_that_of_the_nominal_stance_and_its_ratio_to_the_base_is_put_in_words(a1):
+def test_the_composite_is_at_the_nominal_stance_and_its_ratio_is_stated(a1):
     report = audit(a1)
     truth = composite_parameters(a1, nominal_stance(a1).joint_position)
     np.testing.assert_array_equal(report.composite.inertia, truth.inertia)
@@ -125,7 +125,7 @@ def test_json_form_has_stable_keys_and_plain_values(a1):
 def test_a_thigh_heavier_on_one_side_is_named_with_both_masses(edited_a1):
     finding = the_finding(audit(edited_a1({"FL_thigh": {"mass": {"value": "1.2"}}})), "mirror")
     assert (finding.severity, finding.body) == ("warning", "FL_thigh, FR_thigh")
-    assert finding.text == "left and right are no mirror images: masses 1.2 and 1.013 kg"
+    assert finding.text == "left and right are not mirror images: masses 1.2 and 1.013 kg"
 
 
 def test_a_com_copied_from_left_to_right_without_its_minus_is_recognised(edited_a1):
@@ -133,7 +133,7 @@ def test_a_com_copied_from_left_to_right_without_its_minus_is_recognised(edited_
     finding = the_finding(audit(robot), "mirror")
     assert (finding.severity, finding.body) == ("warning", "RL_thigh, RR_thigh")
     assert finding.text.startswith(
-        "left and right are no mirror images: CoMs 44.7 mm from being mirrored "
+        "left and right are not mirror images: CoMs 44.7 mm from being mirrored "
         "(both at y = -22.3 mm from their joints; is a minus missing?)"
     )
 
@@ -142,7 +142,7 @@ def test_a_product_of_inertia_without_its_sign_is_a_difference_of_the_sides(edit
     robot = edited_a1({"FL_hip": {"inertia": {"ixy": "0.0001"}}, "FR_hip": {"inertia": {"ixy": "0.0001"}}})
     finding = the_finding(audit(robot), "mirror")
     assert finding.body == "FL_hip, FR_hip"
-    assert finding.text.startswith("left and right are no mirror images: inertias ")
+    assert finding.text.startswith("left and right are not mirror images: inertias ")
 
 
 def test_small_differences_of_the_sides_are_notes_and_smaller_ones_nothing(edited_a1):
@@ -156,7 +156,7 @@ def test_front_and_rear_legs_may_differ(edited_a1):
     assert suspicions(audit(robot)) == []
 
 
-def test_a_stance_that_is_not_mirrored_compares_what_does_not_depend_on_it(a1, edited_a1):
+def test_at_an_unmirrored_stance_only_masses_and_moments_are_compared(a1, edited_a1):
     stance = dict(zip(a1.joint_names, nominal_stance(a1).joint_position.tolist(), strict=True))
     stance["FL_hip_joint"] += 0.2
     changes = {"FL_hip": {"inertia": {"ixx": "0.001"}}}
@@ -175,7 +175,7 @@ def test_an_inertia_that_breaks_the_triangle_inequality_is_an_error_of_its_link(
     assert report.findings[0] is finding
 
 
-def test_the_same_defect_of_several_links_is_said_once(edited_a1):
+def test_the_same_defect_of_several_links_is_reported_once(edited_a1):
     wrong = {"inertia": diagonal_inertia(0.001, 0.001, 0.003)}
     report = audit(edited_a1({f"{leg}_calf": wrong for leg in LEG_NAMES}))
     assert [finding.body for finding in suspicions(report)] == ["FR_calf, FL_calf, RR_calf, RL_calf"]
@@ -203,7 +203,7 @@ def test_a_round_number_times_identity_is_a_placeholder_on_every_leg_link(edited
     assert (finding.severity, finding.body) == ("warning", f"FL_{part}, FR_{part}, RL_{part}, RR_{part}")
 
 
-def test_a_gram_with_a_placeholder_is_a_note_that_says_how_little_it_is(edited_a1):
+def test_a_placeholder_of_a_light_link_is_a_note_with_its_share(edited_a1):
     report = audit(edited_a1({"imu_link": {"inertia": diagonal_inertia(1e-4, 1e-4, 1e-4)}}))
     finding = the_finding(report, "placeholder")
     assert (finding.severity, finding.body) == ("note", "imu_link")
@@ -226,7 +226,7 @@ def test_a_mass_denser_than_steel_is_a_warning(edited_a1):
     assert "a solid steel ball of that mass has 40.5 mm" in finding.text
 
 
-def test_a_placeholder_on_a_held_arm_is_found_on_its_link_and_weighed_against_the_base(edited_a1):
+def test_a_placeholder_on_a_locked_arm_is_compared_with_the_base(edited_a1):
     arm = """
       <link name="arm"><inertial><mass value="0.5"/>
         <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -238,7 +238,7 @@ def test_a_placeholder_on_a_held_arm_is_found_on_its_link_and_weighed_against_th
     assert report.base.mass == pytest.approx(4.714 + 0.5)
 
 
-def test_a_robot_without_a_stance_is_audited_and_told_why(edited_a1):
+def test_a_robot_without_a_stance_is_audited_with_the_reason(edited_a1):
     knees = {f"{leg}_calf_joint": (-2.69, -2.6) for leg in LEG_NAMES}
     changes = {"FL_thigh": {"mass": {"value": "1.2"}}}
     report = audit(edited_a1(changes, RobotDescription(joint_limits=knees)))
@@ -255,8 +255,8 @@ def test_a_base_with_hardly_any_mass_is_an_error(tmp_path):
     (finding,) = suspicions(audit(load_text(tmp_path, quadruped_urdf(trunk_mass=0.001))))
     assert (finding.severity, finding.body) == ("error", "trunk")
     assert finding.text == (
-        "hardly any mass, 0.001 of the robot's 7.601 kg, though motors and battery are there: give its link an "
-        "<inertial> with mass, centre of mass and inertia"
+        "hardly any mass, 0.001 of the robot's 7.601 kg, although it holds motors and battery: give its link "
+        "an <inertial> with mass, centre of mass and inertia"
     )
 
 
@@ -275,28 +275,27 @@ def test_the_mass_of_a_base_may_be_in_a_link_fixed_to_it(tmp_path):
 LIMIT = 'effort="30" velocity="20"'
 
 
-def test_joints_without_limits_of_torque_and_speed_are_named_with_what_the_guard_cannot_tell(tmp_path):
+def test_joints_without_torque_or_speed_limits_are_named(tmp_path):
     text = quadruped_urdf().replace(LIMIT, 'effort="0" velocity="20"', 1).replace(LIMIT, 'effort="30"', 1)
     assert [str(finding) for finding in suspicions(audit(load_text(tmp_path, text)))] == [
-        "warning: no torque limit of FL_0: the guard cannot tell torques that are too large; give it as effort [Nm] of their "
-        "<limit>",
-        "warning: no speed limit of FL_1: the guard cannot tell joints that turn too fast, nor targets that jump; give it as "
+        "warning: no torque limit of FL_0: the guard cannot detect excessive torques; give it as effort [Nm] of their <limit>",
+        "warning: no speed limit of FL_1: the guard cannot detect excessive speeds or jumps of targets; give it as "
         "velocity [rad/s] of their <limit>",
     ]
 
 
-def test_a_file_without_any_limits_is_told_so_once_a_kind(tmp_path):
+def test_a_file_without_limits_has_one_finding_per_kind(tmp_path):
     report = audit(load_text(tmp_path, quadruped_urdf().replace(LIMIT, "")))
     torque, speed = (finding.text for finding in suspicions(report))
     assert torque.startswith("no torque limit of any leg joint: ")
     assert speed.startswith("no speed limit of any leg joint: ")
 
 
-def test_of_mjcf_limits_of_torque_are_missed_and_of_speed_none(tmp_path):
+def test_mjcf_needs_torque_limits_but_no_speed_limits(tmp_path):
     text = quadruped_mjcf()
     (finding,) = suspicions(audit(load_text(tmp_path, text)))
     assert finding.text == (
-        "no torque limit of any leg joint: the guard cannot tell torques that are too large; give it as forcerange [Nm] of "
+        "no torque limit of any leg joint: the guard cannot detect excessive torques; give it as forcerange [Nm] of "
         "their actuators"
     )
     limited = re.sub(r'(<joint name="[FR][LR]_. *")', r'\1 actuatorfrcrange="-30 30"', text)
@@ -304,7 +303,7 @@ def test_of_mjcf_limits_of_torque_are_missed_and_of_speed_none(tmp_path):
 
 
 def mjcf_quadruped(fl_thigh_inertia):
-    """A quadruped of two joints a leg, and a camera fixed to its trunk."""
+    """Return a quadruped of two joints per leg, with a camera fixed to its trunk."""
     legs = ""
     for name, x, y in (("FL", 0.2, 0.1), ("FR", 0.2, -0.1), ("RL", -0.2, 0.1), ("RR", -0.2, -0.1)):
         inertia = fl_thigh_inertia if name == "FL" else "0.002 0.002 0.0004"
@@ -333,7 +332,7 @@ def test_impossible_inertias_of_an_mjcf_file_are_found_on_moving_and_on_fixed_bo
 
 
 @pytest.mark.parametrize("name", CATALOG)
-def test_catalogue_robots_are_suspected_of_what_is_wrong_with_them_and_nothing_else(name):
+def test_catalogue_robots_have_only_correct_findings(name):
     try:
         robot = load_quietly(name)
     except MissingDependencyError as error:

@@ -1,4 +1,4 @@
-"""Model files that were wrong in public, each with its relatives: read right, or refused with the name and the fix."""
+"""Defects of public model files and their variants: read correctly, or refused with the name and the remedy."""
 
 import re
 import warnings
@@ -37,7 +37,7 @@ def load(tmp_path):
 
 @pytest.fixture
 def refusal(load):
-    """What a file is refused with, behind its name."""
+    """Return the error message of a file, after its name."""
 
     def refusal(text, description=None, error=ModelError):
         with pytest.raises(error) as caught:
@@ -49,7 +49,7 @@ def refusal(load):
 
 @pytest.fixture
 def warned(tmp_path):
-    """The warnings of a file that is loaded, but for those of meshes and massless links."""
+    """Return the warnings of a file, except those on meshes and massless links."""
 
     def warned(text):
         path = tmp_path / "quad.urdf"
@@ -75,7 +75,7 @@ def limits_of(robot, joint):
     return robot.lower_limit[index], robot.upper_limit[index]
 
 
-def test_the_robot_of_the_cases_is_suspected_of_nothing(load, warned):
+def test_the_robot_of_the_cases_has_no_findings(load, warned):
     robot = load(cases.urdf())
     np.testing.assert_allclose(composite(robot).com * 1000, cases.COM_MM, atol=0.06)
     np.testing.assert_allclose(np.diag(composite(robot).inertia), cases.MOMENTS, rtol=1e-3)
@@ -148,7 +148,7 @@ def test_a_robot_whose_joints_are_all_locked_is_refused_with_their_names(refusal
         text = cases.with_limits(text, part, 'lower="0" upper="0"')
     message = refusal(text)
     assert "limbs found: none; FL_hip_joint, FL_thigh_joint, " in message
-    assert message.endswith("are locked by limits that are equal: give the range of those that move")
+    assert message.endswith("are locked by equal limits: give the range of those that move")
 
 
 @pytest.mark.parametrize("part", cases.LIMITS)
@@ -162,7 +162,7 @@ def test_exchanged_limits_are_refused(refusal, part):
 def test_a_bound_that_is_missing_is_zero_and_named(load, warned, refusal):
     text = cases.with_limits(cases.urdf(), "calf", 'lower="-2.6"')
     assert limits_of(load(text), "FL_calf_joint") == (-2.6, 0.0)
-    assert "quad: joint 'FL_calf_joint' has no upper limit, which URDF takes for 0" in warned(text)
+    assert "quad: joint 'FL_calf_joint' has no upper limit, which is 0 in URDF" in warned(text)
     assert "are exchanged" in refusal(cases.with_limits(cases.urdf(), "calf", 'lower="0.5"'))
 
 
@@ -173,14 +173,12 @@ def test_joints_without_limits_turn_two_turns_and_are_named(load, warned, attrib
         text = text.replace('<limit  effort="20" velocity="20"/>', "")
     assert limits_of(load(text), "FL_calf_joint") == (-UNLIMITED_JOINT_RANGE, UNLIMITED_JOINT_RANGE)
     (message,) = warned(text)
-    assert message.startswith(
-        "quad: joints without position limits are taken to turn by 6.28 rad to either side: FL_calf"
-    )
+    assert message.startswith("quad: joints without position limits get 6.28 rad to either side: FL_calf")
     described = RobotDescription(joint_limits={"FL_calf_joint": (-2.6, -0.5)})
     assert limits_of(load(text, described), "FL_calf_joint") == (-2.6, -0.5)
 
 
-def test_limits_of_a_continuous_joint_mean_nothing(load):
+def test_limits_of_a_continuous_joint_are_ignored(load):
     text = cases.with_limits(cases.urdf(), "thigh", 'lower="0" upper="0"').replace(
         '_thigh_joint" type="revolute"', '_thigh_joint" type="continuous"'
     )
@@ -208,7 +206,7 @@ def test_limits_in_degrees_are_refused(refusal, part, limits):
 
 
 @pytest.mark.parametrize("most", [2 * np.pi, 9.42, 10, 12.566, 12.57, 31.4, 100, 1000, 1e6])
-def test_limits_that_stand_for_none_are_not_degrees(load, most):
+def test_limits_that_mean_no_limit_are_not_degrees(load, most):
     robot = load(cases.with_limits(cases.urdf(), "thigh", f'lower="{-most}" upper="{most}"'))
     assert limits_of(robot, "FL_thigh_joint") == (-UNLIMITED_JOINT_RANGE, UNLIMITED_JOINT_RANGE)
 
@@ -313,13 +311,13 @@ def test_those_of_light_links_are_refused_without_a_guess(refusal, power):
     assert "give the inertias of FL_foot, FR_foot, RL_foot, RR_foot in kg m2 (1 kg cm2 is 1e-4" in message
 
 
-def test_an_inertia_that_no_body_can_have_is_in_no_unit(load):
+def test_an_unphysical_inertia_is_not_a_unit_error(load):
     text = cases.urdf().replace('ixx="0.025"', 'ixx="90.025"')
     assert [link for link, _ in findings(load(text), "error")] == ["trunk"]
 
 
 @pytest.mark.parametrize("moment", [0.1, 1.0])
-def test_a_placeholder_is_in_no_unit(load, moment):
+def test_a_placeholder_is_not_a_unit_error(load, moment):
     text = re.sub(r'i([xyz])\1="[^"]*"', rf'i\1\1="{moment}"', cases.urdf())
     assert any("placeholder" in text for _, text in findings(load(text)))
 
@@ -373,16 +371,16 @@ def test_leg_joints_that_mimic_are_refused(refusal):
     text = re.sub(r'(name="(\w\w)_calf_joint".*?)</joint>', rf"\1{belt}</joint>", cases.urdf())
     message = refusal(text)
     assert message.startswith(
-        "leg joints are coupled, and equipoise moves each on its own: FL_calf_joint with FL_thigh_joint (<mimic>), "
+        "leg joints are coupled, but equipoise moves each independently: FL_calf_joint with FL_thigh_joint (<mimic>), "
     )
-    assert message.endswith("if they are not coupled on the robot, take that out in a copy of the file")
+    assert message.endswith("if they are not coupled on the robot, remove the couplings in a copy of the file")
 
 
-def test_a_gripper_that_mimics_is_held_and_noted(load):
+def test_a_gripper_that_mimics_is_locked_with_a_note(load):
     robot = load(cases.urdf(extra=FINGERS))
     assert set(robot.locked_joints) == {"grip_left", "grip_right"}
     notes = [text for _, text in findings(robot, "note")]
-    assert "couplings of joints that are held still are ignored: grip_right with grip_left (<mimic>)" in notes
+    assert "couplings of locked joints are ignored: grip_right with grip_left (<mimic>)" in notes
 
 
 TENDON = '<tendon><fixed name="belt"{}><joint joint="FL_thigh_joint" coef="1"/><joint joint="FL_calf_joint" coef="1"/></fixed>'
@@ -414,7 +412,7 @@ COUPLED = {
 @pytest.mark.parametrize(("tail", "named"), COUPLED.values(), ids=COUPLED)
 def test_leg_joints_that_mjcf_couples_are_refused(refusal, tail, named):
     message = refusal(cases.mjcf(cases.FREE, tail=tail))
-    assert message.startswith(f"leg joints are coupled, and equipoise moves each on its own: {named}; ")
+    assert message.startswith(f"leg joints are coupled, but equipoise moves each independently: {named}; ")
 
 
 @pytest.mark.parametrize(
@@ -426,7 +424,7 @@ def test_leg_joints_that_mjcf_couples_are_refused(refusal, tail, named):
     ],
     ids=["inactive", "tendon that only measures", "trunk held up"],
 )
-def test_what_couples_no_leg_joints_is_no_coupling(load, tail):
+def test_couplings_of_other_joints_are_accepted(load, tail):
     robot = load(cases.mjcf(cases.FREE, tail=tail))
     assert len(robot.joint_names) == 12
     assert not any("coupl" in text for _, text in findings(robot, "note"))
@@ -438,12 +436,12 @@ def test_what_couples_no_leg_joints_is_no_coupling(load, tail):
 def test_a_trunk_that_is_merged_into_the_world_is_recognised(refusal):
     message = refusal(cases.mjcf('<geom type="box" size="0.2 0.1 0.05" mass="6"/>{}'))
     assert message.startswith(
-        "has no trunk: its legs (FL_hip, FR_hip, RL_hip, RR_hip) hang at the world, as MuJoCo writes"
+        "has no trunk: its legs (FL_hip, FR_hip, RL_hip, RR_hip) are attached to the world, as MuJoCo writes"
     )
     assert "into one <body> with a <freejoint/> and an <inertial>, or give the URDF" in message
 
 
-def test_a_trunk_without_a_freejoint_and_one_on_other_joints_are_told_apart(refusal):
+def test_a_trunk_without_a_freejoint_or_on_other_joints_is_refused(refusal):
     assert refusal(cases.mjcf()) == "has no floating base: give the trunk's body a <freejoint/>"
     door = '<body name="door"><joint name="hinge"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
     static = f'{door}<body name="trunk">{{}}</body>'
@@ -535,38 +533,38 @@ def test_a_virtual_chain_above_the_trunk_is_dropped(load, mass):
     assert (robot.base_link, robot.locked_joints) == ("trunk", {})
     assert robot.mass == pytest.approx(12)
     np.testing.assert_allclose(composite(robot).com * 1000, cases.COM_MM, atol=0.06)
-    assert "what is above the base 'trunk' is ignored: world, px, py, pz, rz, ry" in [
+    assert "links above the base 'trunk' are ignored: world, px, py, pz, rz, ry" in [
         t for _, t in findings(robot, "note")
     ]
 
 
 def test_a_second_hinge_in_a_body_is_named(refusal):
-    play = '<joint name="{leg}_hip_backlash" axis="1 0 0" range="-0.01 0.01"/>'
-    assert refusal(cases.mjcf(cases.FREE, play)) == (
-        "body 'FL_hip' of a leg has several joints, FL_hip_joint and FL_hip_backlash; legs need one joint a body: take "
-        "FL_hip_backlash out in a copy of the file"
+    backlash = '<joint name="{leg}_hip_backlash" axis="1 0 0" range="-0.01 0.01"/>'
+    assert refusal(cases.mjcf(cases.FREE, backlash)) == (
+        "body 'FL_hip' of a leg has several joints, FL_hip_joint and FL_hip_backlash; legs need one joint per body: remove "
+        "FL_hip_backlash in a copy of the file"
     )
 
 
 def test_of_two_hinges_in_a_body_the_one_that_moves_is_kept(refusal):
-    play = r'<joint name="\1_hip_backlash" axis="1 0 0" range="-0.01 0.01"/>'
-    text = re.sub(r'(?=<joint name="(\w\w)_hip_joint")', play, cases.mjcf(cases.FREE))
-    assert "FL_hip_joint and FL_hip_backlash; legs need one joint a body: take FL_hip_backlash out" in refusal(text)
+    backlash = r'<joint name="\1_hip_backlash" axis="1 0 0" range="-0.01 0.01"/>'
+    text = re.sub(r'(?=<joint name="(\w\w)_hip_joint")', backlash, cases.mjcf(cases.FREE))
+    assert "FL_hip_joint and FL_hip_backlash; legs need one joint per body: remove FL_hip_backlash" in refusal(text)
 
 
 def with_backlash(part):
-    """A massless link between each link of a part and its joint, on a second joint that hardly moves."""
-    play = rf"\1_{part}_play"
+    """Return a URDF with a massless link between each link of a part and its joint, on a backlash joint."""
+    link = rf"\1_{part}_play"
     return re.sub(
         rf'<joint name="(\w\w)_{part}_joint"(.*?)<parent link="(\w+)"/><child link="\w+"/>(.*?)</joint>',
-        rf'<link name="{play}"/><joint name="\1_{part}_joint"\2<parent link="\3"/><child link="{play}"/>\4</joint>'
-        rf'<joint name="\1_{part}_backlash" type="revolute"><parent link="{play}"/><child link="\1_{part}"/>'
+        rf'<link name="{link}"/><joint name="\1_{part}_joint"\2<parent link="\3"/><child link="{link}"/>\4</joint>'
+        rf'<joint name="\1_{part}_backlash" type="revolute"><parent link="{link}"/><child link="\1_{part}"/>'
         '<axis xyz="0 1 0"/><limit lower="-0.01" upper="0.01" effort="1" velocity="1"/></joint>',
         cases.urdf(),
     )
 
 
-def test_backlash_as_a_joint_of_its_own_is_named(refusal):
+def test_a_backlash_joint_is_named(refusal):
     message = refusal(with_backlash("thigh"))
     assert "4 of 4 joints (FL_hip_joint, FL_thigh_joint, FL_thigh_backlash, FL_calf_joint)" in message
     assert "; FL_thigh_backlash, FR_thigh_backlash, " in message

@@ -1,4 +1,4 @@
-"""Robots known by name."""
+"""Catalogue of robots."""
 
 import sys
 import types
@@ -28,7 +28,7 @@ def quietly():
 
 @pytest.fixture
 def bare_machine(monkeypatch):
-    """A machine with none of the packages that bring robots."""
+    """Emulate a machine without packages of robots."""
 
     def no_distribution(name):
         raise metadata.PackageNotFoundError(name)
@@ -75,7 +75,7 @@ def test_every_robot_that_is_there_has_mass_and_a_stance(quietly, name):
 
 
 @pytest.mark.usefixtures("bare_machine")
-def test_a_robot_whose_package_is_missing_says_how_to_get_it():
+def test_a_missing_package_is_named_with_its_command():
     with pytest.raises(MissingDependencyError) as error:
         load_robot("go2")
     assert str(error.value) == (
@@ -95,7 +95,7 @@ def test_the_built_in_robot_needs_no_package():
 
 
 @pytest.mark.usefixtures("bare_machine")
-def test_the_catalogue_describes_what_is_there_and_how_to_get_the_rest():
+def test_the_catalogue_lists_installed_robots_and_commands_for_others():
     rows = dict(CATALOG)
     assert [row.name for row in rows.values()] == list(CATALOG)
     built_in = rows.pop(BUILT_IN_ROBOT)
@@ -106,7 +106,7 @@ def test_the_catalogue_describes_what_is_there_and_how_to_get_the_rest():
         assert row.install == CATALOG[name].hint
 
 
-def test_the_catalogue_says_what_the_model_file_of_every_robot_that_is_installed_says(quietly):
+def test_the_catalogue_agrees_with_the_installed_model_files(quietly):
     for row in CATALOG.values():
         if row.install is None:
             robot = load_robot(row.name)
@@ -115,7 +115,7 @@ def test_the_catalogue_says_what_the_model_file_of_every_robot_that_is_installed
             assert row.legs == f"4 x {len(robot.legs['FL'].joints)}"
 
 
-def test_a_name_that_nobody_knows_is_refused_with_those_that_are_known():
+def test_an_unknown_name_is_refused_with_the_known_ones():
     with pytest.raises(ModelError) as error:
         load_robot("spot")
     assert str(error.value) == (
@@ -125,14 +125,14 @@ def test_a_name_that_nobody_knows_is_refused_with_those_that_are_known():
 
 
 @pytest.mark.parametrize("path", ["models/spot", "spot.urdf"])
-def test_what_looks_like_a_path_is_missed_as_a_file(path):
+def test_a_missing_path_is_refused_as_a_file(path):
     with pytest.raises(ModelError, match=f"robot model '{path}' does not exist"):
         load_robot(path)
 
 
 @pytest.mark.parametrize("text", [quadruped_urdf(), quadruped_mjcf()], ids=["urdf", "mjcf"])
 @pytest.mark.parametrize("kind", [str, lambda path: path], ids=["text", "Path"])
-def test_a_file_of_ones_own_is_a_robot_too(quietly, tmp_path, text, kind):
+def test_a_users_file_is_a_robot(quietly, tmp_path, text, kind):
     path = tmp_path / "mine.xml"
     path.write_text(text, encoding="utf-8")
     robot = load_robot(kind(path), RobotDescription(foot_radius=0.05))
@@ -140,7 +140,7 @@ def test_a_file_of_ones_own_is_a_robot_too(quietly, tmp_path, text, kind):
     assert robot.mass == load_text(tmp_path, text).mass
 
 
-def test_a_description_holds_for_robots_known_by_name():
+def test_a_description_applies_to_catalogue_robots():
     assert load_robot(BUILT_IN_ROBOT, RobotDescription(foot_radius=0.05)).legs["RR"].foot_radius == 0.05
 
 
@@ -149,7 +149,7 @@ def test_a_description_holds_for_robots_known_by_name():
 
 @pytest.fixture
 def robot_descriptions(monkeypatch):
-    """A stand-in for the package, with one module of the given contents."""
+    """Replace the package by a stub with one module of the given contents."""
 
     def install(name, **contents):
         package, description = types.ModuleType("robot_descriptions"), types.ModuleType(f"robot_descriptions.{name}")
@@ -163,7 +163,7 @@ def robot_descriptions(monkeypatch):
 
 @pytest.mark.parametrize("asked", ["go9", "go9_description"])
 @pytest.mark.parametrize("key", ["URDF_PATH", "MJCF_PATH"])
-def test_the_package_robot_descriptions_is_asked_for_the_file(quietly, robot_descriptions, tmp_path, asked, key):
+def test_files_of_the_package_robot_descriptions_are_loaded(quietly, robot_descriptions, tmp_path, asked, key):
     path = tmp_path / "robot.xml"
     path.write_text(quadruped_urdf() if key == "URDF_PATH" else quadruped_mjcf(), encoding="utf-8")
     robot_descriptions("go9_description", **{key: str(path)})
@@ -172,7 +172,7 @@ def test_the_package_robot_descriptions_is_asked_for_the_file(quietly, robot_des
     assert robot.mass == pytest.approx(13.6)
 
 
-def test_without_the_package_robot_descriptions_its_robots_say_how_to_get_it(monkeypatch):
+def test_without_the_package_robot_descriptions_the_error_names_the_command(monkeypatch):
     def no_package(name):
         raise ModuleNotFoundError(f"No module named {name!r}", name="robot_descriptions")
 
@@ -195,7 +195,7 @@ def test_a_description_without_a_file_is_refused(robot_descriptions):
     assert str(error.value) == "robot_descriptions gives no URDF or MJCF file for 'go9_description'"
 
 
-def test_a_description_that_cannot_be_fetched_is_an_error_of_ours(monkeypatch, robot_descriptions):
+def test_a_failed_fetch_is_a_model_error(monkeypatch, robot_descriptions):
     robot_descriptions("go9_description")
 
     def no_network(name):
@@ -209,7 +209,7 @@ def test_a_description_that_cannot_be_fetched_is_an_error_of_ours(monkeypatch, r
     )
 
 
-def test_the_built_in_robot_has_nothing_to_be_warned_of():
+def test_the_built_in_robot_has_no_warnings():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         robot = load_robot(BUILT_IN_ROBOT)

@@ -1,4 +1,4 @@
-"""Robot descriptions: what a user may say, and how what cannot be meant is refused."""
+"""Robot descriptions: valid and invalid values."""
 
 import dataclasses
 import math
@@ -46,7 +46,7 @@ def from_toml(tmp_path):
 
 @pytest.fixture
 def refusal(from_toml, tmp_path):
-    """The message with which a description is refused, without the file's folder."""
+    """Return the error message of a description, without the file's folder."""
 
     def refusal(text):
         with pytest.raises(SettingsError) as error:
@@ -85,7 +85,7 @@ def test_an_empty_file_describes_nothing(from_toml):
     assert from_toml("") == RobotDescription()
 
 
-def test_what_a_description_holds_can_be_written_as_json_and_read_back(from_toml):
+def test_a_description_round_trips_through_json(from_toml):
     described = from_toml(COMPLETE)
     assert RobotDescription.from_dict(dataclasses.asdict(described)) == described
     assert RobotDescription.from_dict(dataclasses.asdict(RobotDescription())) == RobotDescription()
@@ -134,11 +134,11 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("text", "message"), REFUSED, ids=[text.replace("\n", " ") for text, _ in REFUSED])
-def test_what_cannot_be_meant_is_refused_by_its_key_and_value(refusal, text, message):
+def test_invalid_values_are_refused_with_key_and_value(refusal, text, message):
     assert refusal(text) == f"robot description 'robot.toml': {message}"
 
 
-def test_what_is_no_toml_is_refused_with_its_place(refusal, tmp_path):
+def test_invalid_toml_is_refused_with_its_place(refusal, tmp_path):
     assert refusal("kp 3").startswith("robot description 'robot.toml' is not TOML: Expected '='")
     (tmp_path / "picture.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(SettingsError, match="is not TOML"):
@@ -159,7 +159,7 @@ def test_an_imu_may_be_turned_by_a_whole_turn():
         RobotDescription(imu_rpy=(0.0, 0.0, -2.01 * math.pi))
 
 
-def test_numbers_given_in_python_are_checked_alike():
+def test_numbers_given_in_python_are_checked_too():
     with pytest.raises(SettingsError, match=r"^foot_radius is -1; it must be a positive number$"):
         RobotDescription(foot_radius=-1)
     with pytest.raises(SettingsError, match=r"^locked_joints\.arm must be finite, got nan$"):
@@ -179,6 +179,6 @@ def test_flags_that_are_not_set_change_nothing(from_toml):
     assert RobotDescription().overridden_by(file) == file
 
 
-def test_a_flag_that_makes_no_sense_with_nothing_else_is_refused_when_it_is_joined(from_toml):
+def test_an_invalid_flag_is_refused_when_merged(from_toml):
     with pytest.raises(SettingsError):
         from_toml(COMPLETE).overridden_by(RobotDescription(stance_height=1.5))

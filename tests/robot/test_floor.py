@@ -1,4 +1,4 @@
-"""The floor's normal, by the feet's diagonals and by the plane nearest to the feet."""
+"""Floor normal from the feet's diagonals and from the plane nearest to the feet."""
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +11,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize("turn", [np.zeros(3), np.array([0.2, -0.3, 1.0])])
-def test_on_a_plane_both_readings_are_its_upward_normal(turn):
+def test_on_a_plane_both_computations_give_its_upward_normal(turn):
     rotation = pin.exp3(turn)
     feet, up = FLAT @ rotation.T, rotation @ UP
     normals, unevenness = floor_normals_by_fit(feet[None])
@@ -33,7 +33,7 @@ def test_the_fit_takes_three_feet_in_any_order_and_many_postures():
     assert unevenness.shape == (4,)
 
 
-def test_unevenness_is_how_far_feet_are_off_their_plane_over_their_distances():
+def test_unevenness_is_the_distance_from_the_plane_over_the_feet_distances():
     warped = FLAT + np.outer([1, -1, -1, 1], [0, 0, 0.003])
     _, unevenness = floor_normals_by_fit(warped[None])
     assert unevenness[0] == pytest.approx(0.003 / 0.15, rel=1e-6)  # the second singular value is the shorter side's

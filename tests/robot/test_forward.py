@@ -1,4 +1,4 @@
-"""Which axis of the base link points forward."""
+"""Forward axis of the base link."""
 
 import numpy as np
 import pytest
@@ -32,10 +32,10 @@ def named(axis):
 
 
 @pytest.mark.parametrize("axis", CALLED)
-def test_the_legs_names_say_which_axis_points_forward(tmp_path, axis):
+def test_the_legs_names_determine_the_forward_axis(tmp_path, axis):
     plain = load(tmp_path, quadruped_urdf())
     with pytest.warns(
-        ModelWarning, match=rf"^robot: \{axis} of 'trunk' points forward, by the names of its legs: the base"
+        ModelWarning, match=rf"^robot: \{axis} of 'trunk' points forward according to the names of its legs: the base"
     ):
         turned = load(tmp_path, named(axis))
     assert turned.source.forward == axis
@@ -50,7 +50,7 @@ def test_the_legs_names_say_which_axis_points_forward(tmp_path, axis):
 
 @pytest.mark.filterwarnings("ignore::equipoise.errors.ModelWarning")
 @pytest.mark.parametrize(("name", "text"), [("robot.urdf", quadruped_urdf()), ("robot.xml", quadruped_mjcf())])
-def test_a_description_may_say_it_and_the_simulated_robot_is_the_same(tmp_path, name, text):
+def test_a_described_forward_axis_gives_the_same_simulated_robot(tmp_path, name, text):
     robot = load(tmp_path, text, RobotDescription(forward="+y"), name)
     assert [leg.joint_names[0][:2] for leg in robot.legs.values()] == ["RL", "FL", "RR", "FR"]
     with simulate(robot, "ideal") as simulation:
@@ -63,18 +63,18 @@ def test_a_description_may_say_it_and_the_simulated_robot_is_the_same(tmp_path, 
 def test_names_that_fit_no_axis_are_refused_with_the_remedy(tmp_path):
     mirrored = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}
     text = quadruped_urdf(joint_name=lambda leg, place: f"{mirrored[leg]}_{place}")
-    with pytest.raises(ModelError, match=r'the legs are not where their names say: .* say forward = "\+x"'):
+    with pytest.raises(ModelError, match=r"do not fit their names .* set forward = .\+x"):
         load(tmp_path, text)
     robot = load(tmp_path, text, RobotDescription(forward="+x"))
     assert robot.legs["FL"].joint_names[0] == "FR_0"
 
 
-def test_names_that_name_no_legs_say_nothing(tmp_path):
+def test_names_without_legs_keep_x_forward(tmp_path):
     robot = load(tmp_path, quadruped_urdf(joint_name=lambda leg, place: f"limb{FOUR_LEGS.index(leg)}_{place}"))
     assert robot.source.forward == "+x"
 
 
-def test_a_robot_on_wheels_is_refused_with_what_it_would_need(tmp_path):
+def test_a_robot_on_wheels_is_refused_with_a_remedy(tmp_path):
     wheels = "".join(
         f'<link name="{leg}_wheel"><inertial><mass value="0.2"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" '
         f'izz="1e-3"/></inertial></link><joint name="{leg}_wheel_joint" type="continuous"><origin xyz="0 0 -0.2"/>'

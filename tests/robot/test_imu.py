@@ -1,4 +1,4 @@
-"""The pose of the IMU, and where it comes from: a description, a frame of the model, or an assumption."""
+"""Pose of the IMU, and its source: a description, a frame of the model, or an assumption."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ from equipoise.robot.imu import _is_imu, _looks_like_imu
 
 
 def frame(name, xyz="0.1 0 0.02", parent="trunk", rpy="0 0 0"):
-    """A link of a URDF without mass."""
+    """Return a link of a URDF without mass."""
     return (
         f'<link name="{name}"/><joint name="{name}_joint" type="fixed"><origin xyz="{xyz}" rpy="{rpy}"/>'
         f'<parent link="{parent}"/><child link="{name}"/></joint>'
@@ -26,7 +26,7 @@ def sensor(link):
 
 @pytest.fixture
 def imu_of(tmp_path):
-    """What is found of the IMU in a URDF with more elements."""
+    """Return the IMU of a URDF with additional elements."""
     return lambda extra, description=None: load_text(tmp_path, quadruped_urdf(extra=extra), description).imu
 
 
@@ -39,7 +39,7 @@ def test_a_frame_named_imu_is_taken_and_stated(imu_of):
     )
 
 
-def test_of_several_one_that_is_of_no_other_device_is_taken_and_the_others_are_named(imu_of):
+def test_a_frame_of_no_other_device_is_preferred_and_the_others_are_named(imu_of):
     imu = imu_of(frame("camera_imu_optical_frame") + frame("imu_link", "0 0 0.05") + frame("rear_imu"))
     assert (imu.frame, imu.others) == ("imu_link", ("rear_imu", "camera_imu_optical_frame"))
     assert imu.message == (
@@ -52,7 +52,7 @@ def test_of_several_one_that_is_of_no_other_device_is_taken_and_the_others_are_n
     )
 
 
-def test_without_a_frame_the_origin_of_the_base_is_assumed_and_called_so(imu_of):
+def test_without_a_frame_the_origin_of_the_base_is_assumed(imu_of):
     imu = imu_of("")
     assert imu.is_assumed
     np.testing.assert_array_equal(imu.placement.homogeneous, np.eye(4))
@@ -84,7 +84,7 @@ def test_a_frame_that_is_named_otherwise_is_proposed_and_not_taken(imu_of, extra
         )
 
 
-def test_a_described_frame_or_place_is_no_assumption(imu_of):
+def test_a_described_frame_or_place_is_not_an_assumption(imu_of):
     taken = imu_of(frame("bno085"), RobotDescription(imu_frame="bno085"))
     assert not taken.is_assumed
     np.testing.assert_allclose(taken.placement.translation, [0.1, 0, 0.02])
@@ -117,7 +117,7 @@ def test_a_described_frame_that_is_not_on_the_base_is_refused(imu_of, name, mess
     assert str(caught.value) == message
 
 
-def test_a_site_of_an_mjcf_and_what_its_gyroscope_reads(tmp_path):
+def test_a_site_of_an_mjcf_and_its_gyroscope(tmp_path):
     site = '<site name="imu" pos="0.05 0 0.01"/>'
     taken = load_text(tmp_path, quadruped_mjcf(trunk_extra=site), None, "robot.xml").imu
     assert taken.frame == "imu"
@@ -183,7 +183,7 @@ def test_names_of_other_frames(name):
     assert not _looks_like_imu(name)
 
 
-def test_the_frames_of_the_base_are_links_and_no_joints(tmp_path):
+def test_the_frames_of_the_base_are_links_not_joints(tmp_path):
     robot = load_text(tmp_path, quadruped_urdf(extra=frame("bno085")))
     assert robot.imu.frames == ("trunk", "bno085")
 
@@ -195,7 +195,7 @@ def test_an_audit_states_it(tmp_path):
     assert "--imu-frame bno085" in found.imu.message
 
 
-def test_a_robot_described_anew_has_its_imu_elsewhere(tmp_path):
+def test_another_description_moves_the_imu(tmp_path):
     robot = load_text(tmp_path, quadruped_urdf(extra=frame("bno085")))
     described = dataclasses.replace(robot, description=RobotDescription(imu_frame="bno085"))
     np.testing.assert_allclose(described.imu_in_base.translation, [0.1, 0, 0.02])

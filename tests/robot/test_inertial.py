@@ -1,4 +1,4 @@
-"""Inertial parameters: of bodies, of bodies joined, and of the three bodies that results speak of."""
+"""Inertial parameters of bodies, of joined bodies, and of the three bodies of results."""
 
 import numpy as np
 import pinocchio as pin
@@ -23,7 +23,7 @@ SHARES = hnp.arrays(float, 12, elements=st.floats(0, 1))
 
 @st.composite
 def bodies(draw):
-    """Six points with mass and a ball around each, so that any of it is a body."""
+    """Draw six point masses, each with a ball around it, so that the result is physical."""
     points, masses = draw(POINTS), draw(hnp.arrays(float, 6, elements=st.floats(0.01, 5)))
     com = masses @ points / masses.sum()
     inertia = masses.sum() * 1e-3 * np.eye(3) + point_inertia(masses, points - com)
@@ -31,7 +31,7 @@ def bodies(draw):
 
 
 def point_inertia(masses, positions):
-    """About the origin, from the definition."""
+    """Return the inertia about the origin, from the definition."""
     return sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, positions, strict=True))
 
 
@@ -52,7 +52,7 @@ def assert_same_body(found, expected, tolerance=1e-10):
 
 
 def joined_by_hand(robot, joint_position, joints):
-    """Mass, CoM and inertia of some joints' bodies by the parallel axis theorem, without Pinocchio's inertia algebra."""
+    """Return mass, CoM and inertia of joints' bodies by the parallel axis theorem, without Pinocchio's inertia algebra."""
     data = robot.pinocchio.createData()
     pin.forwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
     masses, coms, inertias = [], [], []
@@ -78,14 +78,14 @@ def test_the_composite_is_all_bodies_by_the_parallel_axis_theorem(robot, shares)
 
 
 @given(shares=SHARES)
-def test_the_papers_body_leaves_out_what_is_below_the_knees(robot, shares):
+def test_the_papers_body_excludes_links_below_the_knees(robot, shares):
     position = robot.lower_limit + shares * (robot.upper_limit - robot.lower_limit)
     shanks = {leg.joint_ids[-1] for leg in robot.legs.values()}
     expected = joined_by_hand(robot, position, [j for j in range(1, robot.pinocchio.njoints) if j not in shanks])
     assert_same_body(stance_effective_parameters(robot, position), expected)
 
 
-def test_the_papers_body_does_not_know_how_knees_are_bent(a1):
+def test_the_papers_body_does_not_depend_on_the_knees(a1):
     position = np.tile([0.1, 0.8, -1.6], 4)
     bent = position.copy()
     bent[2::3] = -2.4
@@ -93,7 +93,7 @@ def test_the_papers_body_does_not_know_how_knees_are_bent(a1):
 
 
 @pytest.mark.parametrize("joints", [2, 3])
-def test_the_base_is_what_moves_with_the_trunk(tmp_path, joints):
+def test_the_base_includes_all_links_that_move_with_the_trunk(tmp_path, joints):
     robot = load_text(tmp_path, quadruped_urdf(joints_per_leg=joints))
     base = base_parameters(robot)
     assert base.mass == 6.0
@@ -130,7 +130,7 @@ def test_pinocchio_and_back_is_the_same_body(body):
 
 
 @given(bodies(), bodies(), bodies())
-def test_joining_bodies_asks_for_no_order(first, second, third):
+def test_joining_bodies_is_associative(first, second, third):
     assert_same_body(first + second, second + first)
     assert_same_body((first + second) + third, first + (second + third))
 
@@ -171,7 +171,7 @@ DEFECTS = [
 
 
 @pytest.mark.parametrize(("impossible", "defect"), DEFECTS, ids=[defect for _, defect in DEFECTS])
-def test_what_no_body_can_be_is_said(impossible, defect):
+def test_unphysical_parameters_have_a_defect(impossible, defect):
     assert impossible.physical_defect() == defect
 
 
@@ -189,7 +189,7 @@ SHAPES = [
 
 
 @pytest.mark.parametrize(("changes", "message"), SHAPES, ids=[message for _, message in SHAPES])
-def test_what_is_no_parameter_is_refused(changes, message):
+def test_invalid_parameters_are_refused(changes, message):
     with pytest.raises(SettingsError) as error:
         InertialParameters(**{"mass": 1.0, "com": np.zeros(3), "inertia": np.eye(3), **changes})
     assert str(error.value) == message

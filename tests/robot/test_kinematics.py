@@ -41,12 +41,12 @@ def robot(request):
 
 
 def within_limits(robot, shares):
-    """Joint positions at those shares of their ranges."""
+    """Return joint positions at these shares of their ranges."""
     return robot.lower_limit + shares[: len(robot.joint_names)] * (robot.upper_limit - robot.lower_limit)
 
 
 def walking(robot, shares):
-    """Feet half a radian around the spots below their hips, knees bent by 0.5 to 2.2.
+    """Return joint positions with feet within half a radian of the points below the hips, knees bent by 0.5 to 2.2.
 
     At straight knees and at feet beside their hips a foot has several ways to go, and inverse kinematics picks one.
     """
@@ -107,7 +107,7 @@ def test_feet_are_brought_where_joints_can_bring_them(robot, shares, shifts):
 
 
 @given(shares=SHARES)
-def test_what_is_reached_is_reached_to_a_micrometre(robot, shares):
+def test_reachable_targets_are_reached_to_a_micrometre(robot, shares):
     position = walking(robot, shares)
     wanted = foot_positions(robot, position)
     found = inverse_kinematics(robot, wanted, position + 0.05)
@@ -115,14 +115,14 @@ def test_what_is_reached_is_reached_to_a_micrometre(robot, shares):
 
 
 @given(wanted=hnp.arrays(float, (4, 3), elements=st.floats(-2, 2)), shares=SHARES)
-def test_limits_hold_wherever_feet_are_wanted(robot, wanted, shares):
+def test_joint_limits_hold_for_any_targets(robot, wanted, shares):
     found = inverse_kinematics_best_effort(robot, wanted, within_limits(robot, shares))
     assert np.isfinite(found).all()
     assert (found >= robot.lower_limit).all()
     assert (found <= robot.upper_limit).all()
 
 
-def test_start_decides_to_which_side_knees_bend(three_joints):
+def test_the_start_determines_the_bending_side_of_knees(three_joints):
     stance = nominal_stance(three_joints)
     for sign in (-1, 1):
         start = np.tile([0, -0.7 * sign, 1.4 * sign], 4)
@@ -159,7 +159,7 @@ def test_a_foot_off_the_plane_of_a_two_joint_leg_is_out_of_reach(two_joints):
     np.testing.assert_allclose(foot_positions(two_joints, found)[:, [0, 2]], wanted[:, [0, 2]], atol=1e-6)
 
 
-def test_targets_that_are_no_numbers_are_never_reached(a1):
+def test_nan_targets_are_not_reached(a1):
     stance = nominal_stance(a1)
     wanted = stance.feet_in_base.copy()
     wanted[0, 0] = np.nan
@@ -171,7 +171,7 @@ def test_targets_that_are_no_numbers_are_never_reached(a1):
 
 
 @given(translation=VECTORS, turn=VECTORS)
-def test_planted_feet_stay_where_they_are_in_the_world(translation, turn):
+def test_standing_feet_stay_where_they_are_in_the_world(translation, turn):
     feet = np.random.default_rng(0).normal(size=(4, 3))
     pose = pin.SE3(pin.exp3(turn), translation)
     moved = feet_under_base(feet, translation, pose.rotation)
@@ -206,7 +206,7 @@ def test_forces_of_three_joint_legs_are_found_from_their_torques(a1, forces, sha
 
 
 @given(forces=hnp.arrays(float, (4, 3), elements=st.floats(-100, 100)), shares=SHARES)
-def test_two_joint_legs_tell_forces_in_their_plane(two_joints, forces, shares):
+def test_two_joint_legs_determine_forces_in_their_plane(two_joints, forces, shares):
     position = walking(two_joints, shares)
     torques = np.zeros(8)
     for leg, jacobian, force in zip(

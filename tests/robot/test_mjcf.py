@@ -1,4 +1,4 @@
-"""Cleaning of MJCF files: what of MuJoCo's format is understood, and what is refused rather than passed over."""
+"""Cleaning of MJCF files: supported and refused elements."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -41,7 +41,7 @@ def robot(tmp_path):
 
 @pytest.fixture
 def refusal(read, tmp_path):
-    """The message with which a text is refused, without the file's folder."""
+    """Return the error message of a text, without the file's folder."""
 
     def refusal(text, base_link=None):
         with pytest.raises(ModelError) as error:
@@ -67,12 +67,12 @@ CLASSES = f"""{RADIAN}<default>
 
 
 def part_attributes(read, part, head=CLASSES):
-    """What the geom of a body named "part" is after cleaning."""
+    """Return the attributes of the geom of the body "part" after cleaning."""
     source = read(quadruped_mjcf(head=head, trunk_extra=part))
     return trunk_of(source).find("body[@name='part']/geom").attrib
 
 
-def test_a_geom_takes_what_its_class_says_and_what_that_inherits(read):
+def test_a_geom_takes_values_of_its_class_and_its_parents(read):
     attributes = part_attributes(read, '<body name="part"><geom class="small"/></body>')
     assert attributes == {
         "density": "300",
@@ -144,10 +144,10 @@ def test_a_scene_may_include_the_robot_after_its_own_world(tmp_path):
     alone = load_text(tmp_path, quadruped_mjcf())
     assert robot.mass == alone.mass
     np.testing.assert_array_equal(robot.upper_limit, alone.upper_limit)  # radians, as the robot's own file says
-    assert robot.source.repairs == ("what else is in the world is ignored: geom, light",)
+    assert robot.source.repairs == ("other elements of the world are ignored: geom, light",)
 
 
-def test_nested_includes_are_looked_for_beside_the_main_file_and_then_beside_the_including_one(tmp_path):
+def test_nested_includes_are_relative_to_the_main_file_or_the_including_one(tmp_path):
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "head.xml").write_text('<mujoco><include file="angles.xml"/></mujoco>', encoding="utf-8")
     angles = tmp_path / "parts" / "angles.xml"
@@ -190,7 +190,7 @@ ACTUATORS = [
 
 
 @pytest.mark.parametrize(("actuator", "limit"), [case[1:] for case in ACTUATORS], ids=[case[0] for case in ACTUATORS])
-def test_the_actuator_tells_the_torque_limit(robot, actuator, limit):
+def test_the_actuator_determines_the_torque_limit(robot, actuator, limit):
     head = RADIAN + '<default><default class="strong"><motor ctrlrange="-45 45"/></default></default>'
     found = robot(head=head, tail=f"<actuator>{actuator}</actuator>")
     assert found.effort_limit[found.joint_names.index("FL_0")] == limit
@@ -216,18 +216,18 @@ def test_the_smaller_of_the_joints_and_the_actuators_limit_holds(robot, own, lim
 @pytest.mark.parametrize(
     "free", ["<freejoint/>", '<joint type="free"/>', '<freejoint name="root"/>', '<joint class="f"/>']
 )
-def test_a_trunk_is_free_in_any_of_the_ways_to_say_so(robot, free):
+def test_a_trunk_may_have_any_form_of_free_joint(robot, free):
     head = RADIAN + '<default><default class="f"><joint type="free"/></default></default>'
     assert len(robot(head=head, free=free).joint_names) == 12
 
 
 def in_degrees(folder, **changes):
-    """The robot with the limits of its hip pitch joints and knees in degrees."""
+    """Return the robot with the limits of its hip pitch joints and knees in degrees."""
     text = quadruped_mjcf(**changes).replace('"-2.7 2.7"', '"-150 150"').replace('"-0.9 0.9"', '"-90 90"')
     return load_text(folder, text)
 
 
-def test_angles_are_degrees_unless_the_file_says_otherwise(robot, tmp_path):
+def test_angles_are_degrees_by_default(robot, tmp_path):
     assert in_degrees(tmp_path, head="").upper_limit[0] == pytest.approx(np.deg2rad(90))
     assert robot(head='<compiler autolimits="true"/>' + RADIAN).upper_limit[0] == pytest.approx(0.9)
 
@@ -270,15 +270,15 @@ def test_what_belongs_to_a_simulation_is_dropped(read):
     tags = {element.tag for element in ET.fromstring(source.xml).iter()}
     assert tags <= {"mujoco", "compiler", "worldbody", "body", "joint", "freejoint", "inertial", "geom", "site"}
     assert "a.obj" not in source.xml
-    assert source.repairs == ("1 mesh geoms are ignored: the feet are taken as spheres",)
+    assert source.repairs == ("1 mesh geoms are ignored: the feet are modelled as spheres",)
 
 
-def test_other_bodies_in_the_world_are_ignored_and_said(read):
+def test_other_bodies_in_the_world_are_ignored_with_a_note(read):
     text = quadruped_mjcf().replace(
         "<worldbody>", '<worldbody><body name="box"><geom size="1"/></body><site name="s"/>'
     )
     source = read(text)
-    assert source.repairs == ("what else is in the world is ignored: body, site",)
+    assert source.repairs == ("other elements of the world are ignored: body, site",)
     assert trunk_of(source).get("name") == "trunk"
     assert len(ET.fromstring(source.xml).find("worldbody")) == 1
 
@@ -293,14 +293,14 @@ def test_the_base_link_may_only_be_the_free_body(read, refusal):
 # --- masses
 
 
-def test_shapes_weigh_what_their_volume_and_density_say(robot):
+def test_masses_of_shapes_follow_from_volume_and_density(robot):
     foot, cylinder = 4 / 3 * np.pi * FOOT_RADIUS**3, np.pi * 0.03**2 * 0.04
     capsule, box = np.pi * 0.02**2 * (0.2 + 4 / 3 * 0.02), 0.04 * 0.04 * 0.16
     expected = 6 + 4 * (1500 * foot + 1000 * (cylinder + capsule + box))
     assert robot(explicit_inertia=False).mass == pytest.approx(expected)
 
 
-def test_inertials_give_way_to_shapes_where_the_compiler_says_so(robot):
+def test_the_compiler_may_replace_inertials_by_shapes(robot):
     head = '<compiler angle="radian" inertiafromgeom="true"/>'
     shaped = robot(head=head, trunk_extra='<geom type="box" size="0.2 0.1 0.05" mass="3"/>')
     assert base_parameters(shaped).mass == pytest.approx(3)
@@ -310,7 +310,7 @@ def test_inertials_give_way_to_shapes_where_the_compiler_says_so(robot):
 @pytest.mark.parametrize(
     "harmless", ['settotalmass="-1"', 'boundmass="0"', 'inertiagrouprange="0 5"', 'balanceinertia="true"']
 )
-def test_compiler_settings_that_change_no_mass_are_no_matter(robot, harmless):
+def test_compiler_settings_that_change_no_mass_are_accepted(robot, harmless):
     assert robot(head=f'<compiler angle="radian" {harmless}/>').mass == pytest.approx(robot().mass)
 
 
@@ -319,22 +319,22 @@ def test_compiler_settings_that_change_no_mass_are_no_matter(robot, harmless):
 )
 def test_compiler_settings_that_change_masses_are_refused(refusal, setting):
     assert refusal(quadruped_mjcf(head=f"<compiler angle='radian' {setting}/>")) == (
-        f"robot model 'robot.xml': <compiler {setting}> changes what bodies weigh; give every body an <inertial> with "
-        "what it weighs and take the setting out"
+        f"robot model 'robot.xml': <compiler {setting}> changes the masses of bodies; give every body an "
+        "<inertial> with its mass and remove the setting"
     )
 
 
 @pytest.mark.parametrize(
     "mesh", ['<geom mesh="m"/>', '<geom type="mesh" mesh="m"/><geom size="0.1"/>', '<geom mesh="m" density="200"/>']
 )
-def test_a_body_whose_mass_a_mesh_tells_is_refused(refusal, mesh):
+def test_a_body_with_its_mass_from_a_mesh_is_refused(refusal, mesh):
     assert refusal(quadruped_mjcf(trunk_extra=f'<body name="shell">{mesh}</body>')) == (
         "robot model 'robot.xml': body 'shell' takes its mass from a mesh; give it an <inertial> element"
     )
 
 
 @pytest.mark.parametrize("weightless", ['mass="0"', 'density="0"'])
-def test_a_mesh_that_weighs_nothing_is_only_for_looking(robot, weightless):
+def test_a_massless_mesh_is_ignored(robot, weightless):
     extra = f'<body name="shell"><geom mesh="m" {weightless}/><geom size="0.1" mass="2"/></body>'
     assert robot(trunk_extra=extra).mass == pytest.approx(robot().mass + 2)
 
@@ -343,10 +343,10 @@ def test_a_mesh_that_weighs_nothing_is_only_for_looking(robot, weightless):
 
 
 @pytest.mark.parametrize("tag", ["replicate", "attach", "composite", "flexcomp"])
-def test_bodies_that_are_not_written_down_are_refused(refusal, tag):
+def test_generated_bodies_are_refused(refusal, tag):
     assert refusal(quadruped_mjcf(trunk_extra=f'<body name="b"><{tag} count="3"/></body>')) == (
-        f"robot model 'robot.xml' has a <{tag}>, which only MuJoCo can work out; load the file there, write what it "
-        "makes of it with mujoco.mj_saveLastXML and use that"
+        f"robot model 'robot.xml' has a <{tag}>, which only MuJoCo can expand; load the file there, save it "
+        "with mujoco.mj_saveLastXML and use that file"
     )
 
 
@@ -378,7 +378,7 @@ REFUSED = [
 @pytest.mark.parametrize(
     ("text", "message"), REFUSED, ids=["no freejoint", "no body", "nan", "words", "no axis", "words in range"]
 )
-def test_a_file_that_cannot_be_meant_is_refused_with_the_reason(refusal, text, message):
+def test_invalid_files_are_refused_with_the_reason(refusal, text, message):
     assert refusal(text) == message
 
 
@@ -408,7 +408,7 @@ def test_a_quaternion_is_read_real_part_first(quat_wxyz):
 
 
 @given(hnp.arrays(float, 3, elements=finite), st.permutations("xyz"), st.booleans())
-def test_small_letters_turn_about_turned_axes_and_capitals_about_fixed_ones(angles, letters, turned):
+def test_small_letters_are_intrinsic_rotations_and_capitals_extrinsic(angles, letters, turned):
     sequence = "".join(letters) if turned else "".join(letters).upper()
     expected = Rotation.from_euler(sequence.swapcase(), angles).as_matrix()  # SciPy has them the other way round
     np.testing.assert_allclose(read_orientation("euler", angles, sequence=sequence), expected, atol=1e-9)
@@ -455,7 +455,7 @@ def test_frames_are_dissolved_into_what_they_hold(read):
     np.testing.assert_allclose([float(word) for word in line.get("fromto").split()], [1, 0, 0, 1, 1, 0], atol=1e-12)
 
 
-def test_a_leg_may_hang_in_a_frame(robot, tmp_path):
+def test_a_leg_may_be_in_a_frame(robot, tmp_path):
     text = quadruped_mjcf()
     before, leg = text.split('<body name="FL_link_0" pos="0.2 0.1 0.0">')
     leg, after = leg.split('<body name="FR_link_0"')
@@ -474,7 +474,7 @@ def test_all_four_feet_are_where_the_urdf_of_the_same_robot_has_them(robot):
 # --- where joints are at home
 
 
-def test_joints_are_held_where_the_keyframe_called_home_has_them(read):
+def test_joints_are_locked_at_the_keyframe_home(read):
     legs = " ".join(["0.1 0.2 0.3"] * 4)
     keys = f'<keyframe><key qpos="{"9 " * 21}"/><key name="home" qpos="0 0 1 1 0 0 0 {legs} 0.4 -0.5"/></keyframe>'
     robot = RobotModel.from_source(read(quadruped_mjcf(arm=True, tail=keys)))

@@ -1,4 +1,4 @@
-"""RobotModel: legs, feet and limits found from the kinematic tree alone, whatever it is called."""
+"""RobotModel: legs, feet and limits from the kinematic tree alone, independent of names."""
 
 import itertools
 import re
@@ -49,7 +49,7 @@ def load(tmp_path):
 
 @pytest.fixture
 def refusal(load, tmp_path):
-    """The message with which a robot is refused, without the file's folder."""
+    """Return the error message of a robot, without the file's folder."""
 
     def refusal(text, description=None, error=ModelError):
         with pytest.raises(error) as caught:
@@ -77,7 +77,7 @@ def rotation_of(rpy):
 
 @pytest.mark.parametrize("joints", [2, 3])
 @pytest.mark.parametrize("naming", NAMINGS)
-def test_legs_are_found_whatever_their_joints_are_called(load, naming, joints):
+def test_legs_are_found_for_any_joint_names(load, naming, joints):
     name = NAMINGS[naming]
     robot = load(quadruped_urdf(joints_per_leg=joints, joint_name=name))
     assert list(robot.legs) == list(LEG_NAMES)
@@ -124,7 +124,7 @@ def test_diagonals_run_from_a_right_foot_to_the_left_one_across(quadruped):
         assert first[1] * second[1] < 0
 
 
-def test_feet_are_where_their_names_say(quadruped):
+def test_feet_are_at_the_places_of_their_names(quadruped):
     for leg, (x, y, _) in zip(quadruped.legs, foot_positions(quadruped, np.zeros(12)), strict=True):
         assert (x > 0) == (leg[0] == "F")
         assert (y > 0) == (leg[1] == "L")
@@ -146,9 +146,9 @@ LIMBS = [
 
 
 @pytest.mark.parametrize(("text", "found"), LIMBS, ids=[found for _, found in LIMBS])
-def test_what_has_not_four_legs_is_refused_with_what_was_found(refusal, text, found):
+def test_robots_without_four_legs_are_refused_with_their_limbs(refusal, text, found):
     assert refusal(text) == (
-        "robot model 'robot' is not a quadruped that equipoise knows: it needs exactly four legs of two or three joints "
+        "robot model 'robot' is not a supported quadruped: it needs exactly four legs of two or three joints "
         f"each; limbs found: {found}"
     )
 
@@ -162,7 +162,7 @@ def test_legs_that_are_not_in_four_corners_are_refused(refusal):
 
 
 def in_units(text, lengths=1.0, masses=1.0):
-    """A URDF whose lengths and masses are counted in smaller units."""
+    """Return a URDF with lengths and masses in smaller units."""
     text = re.sub(r'<origin xyz="([^"]+)"', lambda found: f'<origin xyz="{multiplied(found[1], lengths)}"', text)
     return re.sub(r'<mass value="([^"]+)"', lambda found: f'<mass value="{multiplied(found[1], masses)}"', text)
 
@@ -214,7 +214,7 @@ def test_a_leg_joint_that_does_not_turn_about_one_axis_is_refused(refusal, kind,
 
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
 @pytest.mark.parametrize("joints", [1, 2, 4, 6])
-def test_an_arm_is_held_and_counted_in_the_base(load, quadruped, joints, kind):
+def test_an_arm_is_locked_and_belongs_to_the_base(load, quadruped, joints, kind):
     robot = load(quadruped_urdf(arm_joints=joints, arm_type=kind))
     assert robot.joint_names == quadruped.joint_names
     assert robot.locked_joints == {f"arm_{i}": 0.0 for i in range(joints)}
@@ -223,12 +223,12 @@ def test_an_arm_is_held_and_counted_in_the_base(load, quadruped, joints, kind):
     assert robot.full_pinocchio.nq == robot.pinocchio.nq + joints
 
 
-def test_an_arm_of_two_joints_is_no_leg_of_three(load):
+def test_an_arm_of_two_joints_is_not_a_leg(load):
     assert list(load(quadruped_urdf(arm_joints=2)).locked_joints) == ["arm_0", "arm_1"]
     assert list(load(quadruped_urdf(joints_per_leg=2, arm_joints=3)).locked_joints) == ["arm_0", "arm_1", "arm_2"]
 
 
-def test_where_an_arm_is_held_moves_the_com_of_the_base(load):
+def test_the_position_of_a_locked_arm_moves_the_com_of_the_base(load):
     angle = 0.5
     straight = base_parameters(load(quadruped_urdf(arm_joints=1)))
     bent = base_parameters(load(quadruped_urdf(arm_joints=1), RobotDescription(locked_joints={"arm_0": angle})))
@@ -238,7 +238,7 @@ def test_where_an_arm_is_held_moves_the_com_of_the_base(load):
     assert bent.mass == straight.mass
 
 
-def test_a_spine_is_held_and_its_other_half_belongs_to_the_base(load):
+def test_a_spine_is_locked_and_the_rear_trunk_belongs_to_the_base(load):
     robot = load(quadruped_urdf(spine=True))
     assert robot.locked_joints == {"spine": 0.0}
     assert base_parameters(robot).mass == pytest.approx(6.0 + REAR_TRUNK[0])
@@ -249,28 +249,28 @@ def test_a_spine_is_held_and_its_other_half_belongs_to_the_base(load):
     np.testing.assert_allclose(feet_bent[2:], (feet[2:] - pivot) @ rotation_of([0, 0, 0.3]).T + pivot, atol=1e-12)
 
 
-def test_only_joints_that_are_no_legs_can_be_held(refusal):
+def test_only_other_joints_can_be_locked(refusal):
     held = RobotDescription(locked_joints={"FL_0": 0.1})
     assert refusal(quadruped_urdf(arm_joints=2), held, SettingsError) == (
-        "held names 'FL_0', which is a leg joint or none; others are arm_0, arm_1"
+        "locked_joints names 'FL_0', which is a leg joint or does not exist; others are arm_0, arm_1"
     )
 
 
-def test_a_joint_is_held_within_its_limits(refusal):
+def test_a_joint_is_locked_within_its_limits(refusal):
     assert refusal(quadruped_urdf(arm_joints=2), RobotDescription(locked_joints={"arm_1": -1.6}), SettingsError) == (
-        "held puts joint 'arm_1' at -1.600 rad, outside its limits -1.500 to 1.500; give its angle in radians, as the joint "
-        "is while the robot is calibrated"
+        "locked_joints puts joint 'arm_1' at -1.600 rad, outside its limits -1.500 to 1.500; give its angle during the "
+        "calibration, in radians"
     )
 
 
-def test_a_joint_of_several_axes_can_be_held_only_as_the_file_has_it(load, refusal):
+def test_a_joint_of_several_axes_cannot_be_locked_elsewhere(load, refusal):
     ball = quadruped_urdf(arm_joints=1, arm_type="floating")
     assert base_parameters(load(ball)).mass == pytest.approx(6.0 + ARM[0])
     message = refusal(ball, RobotDescription(locked_joints={"arm_0": 0.1}), SettingsError)
-    assert message == "held joint 'arm_0' has more than one axis"
+    assert message == "locked_joints names 'arm_0', which has more than one axis"
 
 
-def test_a_held_joint_may_be_called_as_its_link(load):
+def test_a_locked_joint_may_have_its_links_name(load):
     sphere = '<collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
     text = re.sub(r'(<link name="arm_link_0">.*)</link>', rf"\1{sphere}", quadruped_urdf(arm_joints=1))
     robot = load(text.replace('"arm_link_0"', '"arm_0"'), RobotDescription(locked_joints={"arm_0": 0.2}))
@@ -297,7 +297,7 @@ def test_a_foot_is_at_the_farthest_sphere_below_the_knee(load, quadruped):
     assert load(text).feet == quadruped.feet
 
 
-def test_a_sphere_at_the_knee_is_no_foot(load):
+def test_a_sphere_at_the_knee_is_not_a_foot(load):
     knee = '<collision><geometry><sphere radius="0.03"/></geometry></collision>'
     text = quadruped_urdf(foot_radius=None)
     for leg in LEG_NAMES:
@@ -313,12 +313,12 @@ def test_cylinders_along_the_knees_axes_are_feet_with_a_width(load):
     assert {foot.half_width for foot in load(quadruped_urdf()).feet.values()} == {0.0}
 
 
-def test_cylinders_along_the_shank_are_no_feet(load):
+def test_cylinders_along_the_shank_are_not_feet(load):
     robot = load(on_cylinders("0 0 0"))
     assert {(foot.radius, foot.half_width) for foot in robot.feet.values()} == {(0.05 * robot.leg_length, 0.0)}
 
 
-def test_feet_without_spheres_are_at_the_farthest_frames_with_a_guessed_radius_that_is_said(tmp_path):
+def test_feet_without_spheres_are_at_the_farthest_frames_with_a_warning(tmp_path):
     path = tmp_path / "spot.urdf"
     path.write_text(quadruped_urdf(foot_radius=None), encoding="utf-8")
     with pytest.warns(ModelWarning) as caught:
@@ -330,7 +330,7 @@ def test_feet_without_spheres_are_at_the_farthest_frames_with_a_guessed_radius_t
     assert {foot.position_in_body for foot in robot.feet.values()} == {(0.0, 0.0, -0.2)}
 
 
-def test_a_described_radius_is_no_guess(tmp_path):
+def test_a_described_radius_gives_no_warning(tmp_path):
     path = tmp_path / "spot.urdf"
     path.write_text(quadruped_urdf(foot_radius=None), encoding="utf-8")
     with warnings.catch_warnings(record=True) as caught:
@@ -349,7 +349,7 @@ def test_a_described_radius_is_no_larger_than_a_leg(refusal):
     assert "foot_radius is 25 m, and the legs of 'robot' are 0.40 m long; metres, not millimetres?" in said
 
 
-def test_a_described_foot_frame_wins_over_what_is_farthest(load):
+def test_a_described_foot_frame_wins_over_the_farthest_frame(load):
     toe = '<link name="toe"/><joint name="toe_joint" type="fixed"><origin xyz="0.01 0 -0.18"/>'
     toe += '<parent link="FL_link_2"/><child link="toe"/></joint>'
     robot = load(quadruped_urdf(extra=toe), RobotDescription(foot_frames={"FL": "toe"}))
@@ -358,7 +358,7 @@ def test_a_described_foot_frame_wins_over_what_is_farthest(load):
     assert robot.feet["FR"].radius == FOOT_RADIUS
 
 
-def test_a_foot_frame_may_be_called_as_its_joint(load):
+def test_a_foot_frame_may_have_its_joints_name(load):
     text = quadruped_urdf().replace('"FL_foot_joint"', '"FL_foot"')
     robot = load(text, RobotDescription(foot_frames={"FL": "FL_foot"}))
     assert robot.feet["FL"].position_in_body == (0.0, 0.0, -0.2)
@@ -413,7 +413,7 @@ def test_limits_are_those_of_the_file(quadruped):
     np.testing.assert_array_equal(quadruped.velocity_limit, np.full(12, 20.0))
 
 
-def test_joints_that_turn_without_end_are_bounded_by_two_turns(load):
+def test_continuous_joints_are_bounded_by_two_turns(load):
     robot = load(quadruped_urdf(continuous=True))
     np.testing.assert_allclose(robot.upper_limit, np.tile([0.9, UNLIMITED_JOINT_RANGE, 2.7], 4))
     np.testing.assert_allclose(robot.lower_limit, -robot.upper_limit)
@@ -430,7 +430,7 @@ def test_described_limits_win(load, refusal):
     joint = robot.joint_names.index("FL_1")
     assert (robot.lower_limit[joint], robot.upper_limit[joint]) == (-0.4, 0.6)
     assert refusal(quadruped_urdf(), RobotDescription(joint_limits={"knee": (0, 1)}), SettingsError) == (
-        "joint_limits names 'knee', which is no leg joint of 'robot'; those are " + ", ".join(robot.joint_names)
+        "joint_limits names 'knee', which is not a leg joint of 'robot'; those are " + ", ".join(robot.joint_names)
     )
 
 
@@ -455,7 +455,7 @@ def test_described_limits_may_be_the_files_with_fewer_digits(load):
     assert (robot.lower_limit[joint], robot.upper_limit[joint]) == (-2.5, 2.5)
 
 
-def test_described_limits_are_all_there_is_where_the_file_has_none(load, refusal):
+def test_described_limits_apply_without_limits_of_the_file(load, refusal):
     described = RobotDescription(joint_limits={"FL_1": (-3.0, 6.0)})
     robot = load(quadruped_urdf(continuous=True), described)
     joint = robot.joint_names.index("FL_1")
@@ -482,7 +482,7 @@ IMU = """<link name="imu_link"/><joint name="imu_joint" type="fixed"><origin xyz
   <parent link="trunk"/><child link="imu_link"/></joint>"""
 
 
-def test_the_imu_is_the_base_frame_unless_a_frame_on_the_base_is_called_so(load, quadruped):
+def test_the_imu_is_at_a_frame_named_imu_or_the_base_frame(load, quadruped):
     np.testing.assert_array_equal(quadruped.imu_in_base.homogeneous, np.eye(4))
     found = load(quadruped_urdf(extra=IMU)).imu_in_base
     np.testing.assert_allclose(found.translation, [0.1, -0.02, 0.03])
@@ -516,21 +516,21 @@ def test_a_described_imu_is_no_farther_than_the_robot_is_large(load, refusal):
 LIGHTEST_BASE = 0.05 / 0.95 * 4 * sum(mass for mass, _, _ in LINKS)  # [kg]
 
 
-def test_a_base_with_hardly_any_mass_is_said(tmp_path):
+def test_a_base_with_hardly_any_mass_gives_a_warning(tmp_path):
     path = tmp_path / "spot.urdf"
     path.write_text(quadruped_urdf(trunk_mass=0.99 * LIGHTEST_BASE), encoding="utf-8")
     with pytest.warns(ModelWarning) as caught:
         RobotModel.from_file(path)
     assert str(caught[-1].message) == (
-        "spot: the base 'trunk' has hardly any mass, 0.396 of the robot's 7.996 kg, though motors and battery are there: "
+        "spot: the base 'trunk' has hardly any mass, 0.396 of the robot's 7.996 kg, although it holds motors and battery: "
         "give its link an <inertial> with mass, centre of mass and inertia"
     )
 
 
 def test_a_base_without_mass_is_refused(refusal):
     assert refusal(quadruped_urdf(trunk_mass=0.0)) == (
-        "robot model 'robot': the base 'trunk' has hardly any mass, 0 of the robot's 7.6 kg, though motors and battery are "
-        "there: give its link an <inertial> with mass, centre of mass and inertia"
+        "robot model 'robot': the base 'trunk' has hardly any mass, 0 of the robot's 7.6 kg, although it holds motors and "
+        "battery: give its link an <inertial> with mass, centre of mass and inertia"
     )
 
 
@@ -553,7 +553,7 @@ def test_the_mass_is_that_of_all_links(quadruped):
     assert quadruped.mass == pytest.approx(6.0 + 4 * sum(mass for mass, _, _ in LINKS))
 
 
-def test_a_robot_is_called_as_its_file_unless_said_otherwise(tmp_path):
+def test_the_name_of_a_robot_is_that_of_its_file_by_default(tmp_path):
     path = tmp_path / "spot.urdf"
     path.write_text(quadruped_urdf(), encoding="utf-8")
     with warnings.catch_warnings():
@@ -562,7 +562,7 @@ def test_a_robot_is_called_as_its_file_unless_said_otherwise(tmp_path):
         assert RobotModel.from_file(path, "mine").name == "mine"
 
 
-def test_a_name_that_is_no_utf8_can_be_written_all_the_same(tmp_path):
+def test_a_name_that_is_not_utf8_can_be_written(tmp_path):
     robot = load_text(tmp_path, quadruped_urdf(), name="caf\udce9")  # how Python reads Latin-1
     assert robot.name == "caf\\udce9"
 

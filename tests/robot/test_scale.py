@@ -1,4 +1,4 @@
-"""How large, slow and strong a robot is, over an A1."""
+"""Scale of a robot relative to an A1."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ def test_an_a1_is_the_unit(a1):
     assert (scale.length, scale.time, scale.torque) == pytest.approx((1, 1, 1), rel=0.03)
 
 
-def test_lengths_go_with_the_hips_height_times_with_its_root_and_torques_with_the_weight_at_it():
+def test_factors_of_lengths_times_and_torques():
     one, other = Scale.of(10.0, 0.3), Scale.of(80.0, 0.6)
     factors = [getattr(other, name) / getattr(one, name) for name in ("length", "time", "torque")]
     assert factors == pytest.approx([2, np.sqrt(2), 16])

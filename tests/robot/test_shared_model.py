@@ -1,4 +1,4 @@
-"""One model for everybody: it never changes, and threads that compute on it do not disturb each other."""
+"""Shared models: immutable, and safe for several threads."""
 
 import copy
 import pickle
@@ -29,7 +29,7 @@ ASKED = {
 
 @pytest.fixture
 def impatient_threads():
-    """Threads that take turns as often as they can."""
+    """Let threads switch as often as possible."""
     usual = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)  # [s]
     yield
@@ -38,7 +38,7 @@ def impatient_threads():
 
 @pytest.mark.parametrize("what", ASKED)
 @pytest.mark.usefixtures("impatient_threads")
-def test_threads_on_one_model_compute_what_each_would_alone(a1, what):
+def test_threads_on_one_model_do_not_disturb_each_other(a1, what):
     stance = nominal_stance(a1)
     positions = [stance.joint_position + 0.1 * number for number in range(THREADS)]
     alone = [ASKED[what](a1, position) for position in positions]
@@ -55,7 +55,6 @@ def test_threads_on_one_model_compute_what_each_would_alone(a1, what):
 
 
 def test_answers_are_the_callers_own(a1):
-    """What an instance returned before does not change when it is asked again."""
     kinematics, position = Kinematics(a1), nominal_stance(a1).joint_position
     asked = [kinematics.foot_positions, kinematics.com, kinematics.com_jacobian]
     asked += [lambda position: kinematics.feet_and_jacobians(position)[1]]

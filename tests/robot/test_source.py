@@ -1,4 +1,4 @@
-"""Reading URDF files: what is repaired, what is said about it, and what is refused."""
+"""Reader of URDF files: repairs, their notes, and refused files."""
 
 import hashlib
 import re
@@ -22,7 +22,7 @@ WORLD = '<link name="odom"/><link name="footprint"/>'
 
 
 def with_inertia(text, link, **moments):
-    """The URDF with other moments of inertia of one link; those not given are zero."""
+    """Return the URDF with other moments of inertia of one link; missing ones are zero."""
     root = ET.fromstring(text)
     for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
         root.find(f"link[@name='{link}']/inertial/inertia").set(key, str(moments.get(key, 0)))
@@ -30,7 +30,7 @@ def with_inertia(text, link, **moments):
 
 
 def edited(pattern, replacement, **robot):
-    """A synthetic URDF with the first match of a pattern replaced."""
+    """Return a synthetic URDF with the first match of a pattern replaced."""
     text, count = re.subn(pattern, replacement, quadruped_urdf(**robot), count=1)
     assert count == 1
     return text
@@ -38,7 +38,7 @@ def edited(pattern, replacement, **robot):
 
 @pytest.fixture
 def read(tmp_path):
-    """Reads text as a file; {path} in an expected message is where it lies."""
+    """Read text as a file; {path} in an expected message is its path."""
 
     def read(text, base_link=None):
         path = tmp_path / "robot.urdf"
@@ -50,7 +50,7 @@ def read(tmp_path):
 
 @pytest.fixture
 def refusal(read, tmp_path):
-    """The message with which a text is refused, without the file's folder."""
+    """Return the error message of a text, without the file's folder."""
 
     def refusal(text, base_link=None):
         with pytest.raises(ModelError) as error:
@@ -68,7 +68,7 @@ def joint_of(source, name):
     return ET.fromstring(source.xml).find(f"joint[@name='{name}']")
 
 
-def test_the_root_element_tells_the_format_whatever_the_file_is_called(read):
+def test_the_root_element_determines_the_format(read):
     assert read(quadruped_urdf()).format == "urdf"
     assert read(quadruped_mjcf()).format == "mjcf"
 
@@ -93,11 +93,11 @@ def test_files_that_a_model_names_are_not_needed(read):
     source = read(text.replace('<link name="FR_link_1">', f'<link name="FR_link_1">{meshes}'))
     assert "filename" not in source.xml
     assert source.repairs[0] == (
-        "2 collision meshes are ignored: the feet are taken as spheres and nothing else touches the floor"
+        "2 collision meshes are ignored: the feet are modelled as spheres and nothing else touches the floor"
     )
 
 
-def test_what_a_calibration_does_not_need_is_dropped(read):
+def test_unused_elements_are_removed(read):
     extra = '<transmission name="t"/><gazebo reference="trunk"/><sensor name="s"/>'
     dependent = '<mimic joint="FL_0"/><safety_controller k_velocity="1"/></joint>'
     source = read(quadruped_urdf(extra=extra).replace("</joint>", dependent))
@@ -105,7 +105,7 @@ def test_what_a_calibration_does_not_need_is_dropped(read):
     assert not tags & {"transmission", "gazebo", "sensor", "mimic", "safety_controller"}
 
 
-def test_links_with_almost_no_mass_are_taken_as_massless_and_named(read):
+def test_links_with_almost_no_mass_are_massless_and_named(read):
     tiny = '<inertial><mass value="1e-7"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
     extra = "".join(
         f'<link name="camera_{i}">{tiny}</link><joint name="c{i}" type="fixed"><parent link="trunk"/>'
@@ -114,12 +114,12 @@ def test_links_with_almost_no_mass_are_taken_as_massless_and_named(read):
     )
     source = read(quadruped_urdf(extra=extra))
     assert source.repairs == (
-        "5 links with (almost) no mass are taken as massless: camera_0, camera_1, camera_2, camera_3, ...",
+        "5 links with (almost) no mass are treated as massless: camera_0, camera_1, camera_2, camera_3, ...",
     )
     assert links_of(source)["camera_0"].find("inertial") is None
 
 
-def test_an_inertia_that_no_body_can_have_is_repaired_and_said(read):
+def test_an_unphysical_inertia_is_repaired_with_a_note(read):
     source = read(with_inertia(quadruped_urdf(), "FL_link_1", ixx=0.001, iyy=0.002, izz=0.005))
     assert source.repairs == (
         "link 'FL_link_1' has an inertia that no body can have (principal moments 0.001, 0.002, 0.005 kg m2); "
@@ -131,7 +131,7 @@ def test_an_inertia_that_no_body_can_have_is_repaired_and_said(read):
     assert (xx, yy, zz) == pytest.approx((0.002 + 1e-6, 0.003 + 1e-6, 0.005))
 
 
-def test_a_plate_whose_moments_were_rounded_is_no_defect_and_yet_physical(read):
+def test_a_plate_with_rounded_moments_is_repaired_without_a_note(read):
     source = read(with_inertia(quadruped_urdf(), "FL_link_1", ixx=0.001, iyy=0.002, izz=0.003001))
     assert source.repairs == ()
     repaired = links_of(source)["FL_link_1"].find("inertial/inertia")
@@ -166,7 +166,7 @@ def test_the_inertia_of_real_matter_stays_as_it_is(points, mass):
 
 def test_a_massless_world_above_the_trunk_is_dropped(read):
     source = read(quadruped_urdf(world=True, foot_links=False))
-    assert source.repairs == ("what is above the base 'trunk' is ignored: world",)
+    assert source.repairs == ("links above the base 'trunk' are ignored: world",)
     assert "world" not in links_of(source)
     assert joint_of(source, "fix_base") is None
 
@@ -177,7 +177,7 @@ def test_a_chain_of_massless_links_is_dropped_down_to_the_trunk(read):
         '<joint name="b" type="fixed"><parent link="footprint"/><child link="trunk"/></joint>'
     )
     source = read(quadruped_urdf(extra=extra, foot_links=False))
-    assert source.repairs == ("what is above the base 'trunk' is ignored: odom, footprint",)
+    assert source.repairs == ("links above the base 'trunk' are ignored: odom, footprint",)
 
 
 def test_a_described_base_link_ends_the_chain(read):
@@ -210,11 +210,11 @@ def test_a_joint_without_limits_gets_the_element_that_readers_want(read):
     [(r' ixy="[^"]*"', ""), ('xyz="0.01 0.002', 'xyz=" 0.01\\n0.002')],
     ids=["no product of inertia", "a line break"],
 )
-def test_what_another_reader_takes_keeps_its_mass(tmp_path, pattern, replacement):
+def test_text_that_another_reader_accepts_keeps_its_mass(tmp_path, pattern, replacement):
     assert load_text(tmp_path, edited(pattern, replacement)).mass == load_text(tmp_path, quadruped_urdf()).mass
 
 
-def test_names_may_look_like_numbers_that_are_none(read):
+def test_names_may_be_nan_or_inf(read):
     assert "nan" in links_of(read(quadruped_urdf(trunk="nan")))
 
 
@@ -236,11 +236,11 @@ NOT_MODELS = [
 
 
 @pytest.mark.parametrize(("text", "message"), NOT_MODELS, ids=[message[:20] for _, message in NOT_MODELS])
-def test_what_is_no_robot_model_is_refused_with_the_reason(refusal, text, message):
+def test_other_files_are_refused_with_the_reason(refusal, text, message):
     assert refusal(text) == f"robot model 'robot.urdf' {message}"
 
 
-def test_xacro_that_was_run_leaves_a_declaration_that_is_no_defect(read):
+def test_expanded_xacro_is_accepted(read):
     text = quadruped_urdf().replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
     assert read(text).format == "urdf"
 
@@ -283,7 +283,7 @@ DEFECTS = [
         quadruped_urdf(
             extra='<joint name="bar" type="fixed"><parent link="FR_foot"/><child link="FL_foot"/></joint>',
         ),
-        ": link 'FL_foot' hangs at two joints, 'FL_foot_joint' and 'bar'; a robot is one tree",
+        ": link 'FL_foot' is the child of two joints, 'FL_foot_joint' and 'bar'; a robot is one tree",
     ),
     (
         quadruped_urdf(
@@ -291,13 +291,13 @@ DEFECTS = [
             '<joint name="ab" type="fixed"><parent link="a"/><child link="b"/></joint>'
             '<joint name="ba" type="fixed"><parent link="b"/><child link="a"/></joint>',
         ),
-        ": links a, b hang at each other; a robot is one tree",
+        ": links a, b form a loop; a robot is one tree",
     ),
 ]
 
 
 @pytest.mark.parametrize(("text", "message"), DEFECTS, ids=[message[:40] for _, message in DEFECTS])
-def test_a_model_that_cannot_be_meant_is_refused_with_the_place(refusal, text, message):
+def test_invalid_models_are_refused_with_the_place(refusal, text, message):
     assert refusal(text) == f"robot model 'robot.urdf'{message}"
 
 
@@ -311,18 +311,18 @@ def test_a_base_link_that_does_not_exist_is_refused_with_those_that_do(refusal):
 
 def test_a_base_link_below_something_with_mass_is_refused(refusal):
     assert refusal(quadruped_urdf(), "FL_link_0") == (
-        "base link 'FL_link_0' hangs below 'trunk', which has mass or more than one joint: 'trunk' is the base"
+        "base link 'FL_link_0' is below 'trunk', which has mass or more than one joint: 'trunk' is the base"
     )
 
 
-def test_a_missing_file_is_said_with_where_to_find_names(tmp_path):
+def test_a_missing_file_is_refused_with_a_hint(tmp_path):
     path = tmp_path / "nowhere.urdf"
     with pytest.raises(ModelError) as error:
         read_model_source(path)
     assert str(error.value) == f"robot model '{path}' does not exist; see 'equipoise robots' for known names"
 
 
-def test_a_folder_is_no_model(tmp_path):
+def test_a_folder_is_refused(tmp_path):
     with pytest.raises(ModelError, match="is a folder; give the URDF or MJCF file"):
         read_model_source(tmp_path)
 
@@ -337,7 +337,7 @@ UNREADABLE = [
 
 
 @pytest.mark.parametrize("text", UNREADABLE, ids=["words", "two numbers", "joint type", "two trunks", "no name"])
-def test_what_the_reader_of_urdf_refuses_is_a_model_error_too(tmp_path, text):
+def test_errors_of_the_urdf_reader_are_model_errors(tmp_path, text):
     path = tmp_path / "robot.urdf"
     path.write_text(text, encoding="utf-8")
     with warnings.catch_warnings():
@@ -349,5 +349,5 @@ def test_what_the_reader_of_urdf_refuses_is_a_model_error_too(tmp_path, text):
 def test_every_repair_is_a_warning_that_names_the_robot(tmp_path):
     path = tmp_path / "spot.urdf"
     path.write_text(quadruped_urdf(world=True), encoding="utf-8")
-    with pytest.warns(ModelWarning, match=r"^spot: what is above the base 'trunk' is ignored: world$"):
+    with pytest.warns(ModelWarning, match=r"^spot: links above the base 'trunk' are ignored: world$"):
         RobotModel.from_file(path)

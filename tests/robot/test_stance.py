@@ -1,4 +1,4 @@
-"""The nominal stance."""
+"""Nominal stance."""
 
 import re
 import warnings
@@ -41,7 +41,7 @@ def load_named(name, folder):
 
 
 def joint_origins(robot, joint_position, place):
-    """(4, 3) where the legs' joints at that place in the leg are, in the base frame."""
+    """Return the (4, 3) joints at this place in the legs, in the base frame."""
     data = robot.pinocchio.createData()
     pin.forwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
     return np.array([data.oMi[leg.joint_ids[place]].translation for leg in robot.legs.values()])
@@ -155,7 +155,7 @@ def test_a_height_out_of_reach_is_refused_with_the_remedy(tmp_path):
     assert error.value.exit_code == 4
 
 
-def test_a_stance_at_a_joint_limit_is_none(tmp_path):
+def test_a_stance_at_a_joint_limit_is_rejected(tmp_path):
     free = nominal_stance(load_text(tmp_path, quadruped_urdf(knee_range=(-2.7, -0.5))))
     knee = float(free.joint_position[2])
     tight = {f"{leg}_2": (-2.7, knee + 0.02) for leg in ("FL", "FR", "RL", "RR")}
@@ -193,21 +193,21 @@ REFUSED = [
     ),
     (
         described(tail=0.0),
-        "stance names 'tail', which is no leg joint of 'robot'; those are "
+        "stance names 'tail', which is not a leg joint of 'robot'; those are "
         "FL_0, FL_1, FL_2, FR_0, FR_1, FR_2, RL_0, RL_1, RL_2, RR_0, RR_1, RR_2",
     ),
 ]
 
 
 @pytest.mark.parametrize(("stance", "message"), REFUSED, ids=["limit", "incomplete", "unknown joint"])
-def test_a_described_stance_that_cannot_be_is_refused(tmp_path, stance, message):
+def test_an_invalid_described_stance_is_refused(tmp_path, stance, message):
     robot = load_text(tmp_path, quadruped_urdf(), RobotDescription(stance=stance))
     with pytest.raises(SettingsError) as error:
         nominal_stance(robot)
     assert str(error.value) == message
 
 
-def test_the_links_of_the_synthetic_robot_can_be():
-    """What other tests take for granted."""
+def test_the_links_of_the_synthetic_robot_are_physical():
+    """Check an assumption of other tests."""
     for _, _, (xx, yy, zz, *_) in LINKS:
         assert max(xx, yy, zz) < (xx + yy + zz) / 2

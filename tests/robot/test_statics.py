@@ -53,7 +53,7 @@ def moment_about_com(robot, position, forces):
 
 
 def weight(robot, position, legs=LEG_NAMES):
-    """(3,) force that carries the robot, in base axes: three feet are in the floor, diagonals of four in planes along it."""
+    """Return the (3,) force that carries the robot, in base axes: the normal is that of the standing feet."""
     feet = dict(zip(LEG_NAMES, foot_positions(robot, position), strict=True))
     if len(legs) == 3:
         first, second, third = (feet[leg] for leg in legs)
@@ -64,7 +64,7 @@ def weight(robot, position, legs=LEG_NAMES):
 
 
 def torques_by_newton_and_euler(robot, position, forces, legs):
-    """(6 + nj,) what joints and base must bring against gravity and forces at the feet, by recursive Newton-Euler."""
+    """Return (6 + nj,) base and joint forces against gravity and foot forces, by recursive Newton-Euler."""
     model, configuration = pin.Model(robot.pinocchio), robot.configuration(position)
     model.gravity.linear = -weight(robot, position, legs) / robot.mass
     data = model.createData()
@@ -88,7 +88,7 @@ def test_four_feet_carry_the_weight_and_no_moment(robot, shifts):
 
 
 @given(shifts=SHIFTS, legs=st.sampled_from([legs for legs in STANDING if len(legs) == 3]))
-def test_three_feet_do_too_and_the_fourth_hangs(robot, shifts, legs):
+def test_three_feet_carry_the_weight_and_no_moment(robot, shifts, legs):
     position = near_stance(robot, shifts)
     forces = foot_forces(robot, position, legs)
     np.testing.assert_allclose(forces.sum(axis=0), weight(robot, position, legs), atol=1e-8)
@@ -115,7 +115,7 @@ def test_two_feet_leave_only_a_moment_about_the_line_between_them(a1, diagonal):
     assert np.linalg.norm(force_left) == pytest.approx(abs(moment @ line) * distance)
 
 
-def test_forces_are_the_smallest_that_do(a1):
+def test_forces_are_the_smallest_solution(a1):
     position = nominal_stance(a1).joint_position
     forces = foot_forces(a1, position, LEG_NAMES)
     feet = foot_positions(a1, position)
@@ -135,7 +135,7 @@ def test_a_robot_that_is_heavier_in_front_presses_more_with_its_front_feet(armed
 
 
 @given(shifts=SHIFTS, legs=st.sampled_from([legs for legs in STANDING if len(legs) >= 3]))
-def test_torques_are_those_that_newton_and_euler_ask_for(robot, shifts, legs):
+def test_torques_agree_with_newton_euler(robot, shifts, legs):
     position = near_stance(robot, shifts)
     expected = torques_by_newton_and_euler(robot, position, foot_forces(robot, position, legs), legs)
     np.testing.assert_allclose(static_torques(robot, position, legs), expected[6:], atol=1e-8)
@@ -157,7 +157,7 @@ def test_legs_in_the_air_carry_only_themselves(a1):
 
 
 @pytest.mark.parametrize("lifted", [0.0, 0.03])
-def test_a_base_that_is_turned_over_its_feet_is_held_against_gravity_as_the_floor_feels_it(a1, lifted):
+def test_a_rotated_base_is_held_against_gravity_along_the_floor_normal(a1, lifted):
     posture, stance = BodyPosture(roll=0.2, pitch=-0.2, yaw=0.1), nominal_stance(a1)
     feet = feet_in_posture(stance, composite_parameters(a1, stance.joint_position).com, posture)
     feet[[1, 2]] += lifted * posture.rotation[2]
@@ -167,8 +167,7 @@ def test_a_base_that_is_turned_over_its_feet_is_held_against_gravity_as_the_floo
     np.testing.assert_allclose(forces.sum(axis=0), a1.mass * WEIGHT * posture.rotation[2], rtol=1e-3)
 
 
-def test_soft_drives_with_the_right_torques_hold_a_turned_base_where_it_is_sent(a1):
-    """By the base's own axes for gravity an A1 sank a degree farther."""
+def test_soft_drives_with_static_torques_hold_a_rotated_base(a1):
     posture, stance = BodyPosture(roll=0.22, pitch=-0.22, crouch=0.12), nominal_stance(a1)
     com = composite_parameters(a1, stance.joint_position).com
     with simulate(a1, "ideal") as simulation:

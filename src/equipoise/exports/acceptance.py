@@ -26,7 +26,7 @@ _ABOVE = 1.0  # of the leg length: payloads are carried on the back, in stacks
 _GYRATIONS = 3.0  # radii of gyration of the model's robot: the bound without a model file
 
 
-def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str, ...]:
+def accept_bodies(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str, ...]:
     """Return the objections to a result's bodies, one sentence each, worst first.
 
     Raises:
@@ -52,7 +52,9 @@ def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str,
     return (*notes, *([f"weakly identified: {', '.join(weak)}"] if weak else []))
 
 
-def judge_columns(result: Calibration, parts: Sequence[str], force: bool) -> tuple[tuple[Column, ...], tuple[str, ...]]:
+def accept_columns(
+    result: Calibration, parts: Sequence[str], force: bool
+) -> tuple[tuple[Column, ...], tuple[str, ...]]:
     """Return the columns of sensors, motors and legs to write, and the objections, one sentence each, worst first.
 
     Values that are not identified are left out unless `force` is true.

@@ -9,7 +9,7 @@ from typing import Any
 from equipoise._version import __version__
 from equipoise.errors import EquipoiseError, NotEstimatedError, SettingsError, did_you_mean
 from equipoise.exports import controllers, learning, mjcf, sdf, sensors_and_motors, tables, urdf, usd, xacro
-from equipoise.exports.acceptance import judge, judge_columns, require_within_robot
+from equipoise.exports.acceptance import accept_bodies, accept_columns, require_within_robot
 from equipoise.exports.format import Format
 from equipoise.exports.model_file import find_users_file
 from equipoise.exports.parameters import BASE, LEGS, MOTORS, SENSORS, columns_of
@@ -155,8 +155,8 @@ def export(
     if payload_link and LEGS in parts:
         raise SettingsError("--add-payload-link does not change the model's links: remove legs from --parameters")
     bodies = () if BASE not in parts else ("composite",) if payload_link else row.bodies
-    notes = judge(result, bodies, force)
-    columns, of_columns = judge_columns(result, [part for part in parts if part != BASE], force)
+    notes = accept_bodies(result, bodies, force)
+    columns, of_columns = accept_columns(result, [part for part in parts if part != BASE], force)
     notes = tuple(dict.fromkeys(notes + of_columns))
     users, about_file = _users_file(result, row, None if file is None else Path(file))
     subject = Subject(result, run, users, payload_link, samples, seed, notes + about_file, force, parts, columns)

@@ -27,11 +27,11 @@ class Audit:
         composite: inertial parameters of the whole robot frozen at the nominal stance, in the base frame; None without
             a stance.
         stance_effective: inertial parameters of base, hips and thighs at the nominal stance; None without a stance.
-        stance: the nominal stance, or None; a finding says why.
+        stance: the nominal stance, or None; a finding gives the reason.
         joint_names: (nj) names of the stance's joint positions.
         bodies: the base, then the leg links in joint order.
         findings: findings about the model, errors first.
-        imu: pose of the IMU, and where it comes from.
+        imu: pose of the IMU, and its source.
     """
 
     robot: str
@@ -48,7 +48,7 @@ class Audit:
 
     @property
     def ratio_composite_over_base(self) -> tuple[float, float, float] | None:
-        """Ixx, Iyy and Izz of the composite over the base's, each about its own CoM; None where there is none."""
+        """Ixx, Iyy and Izz of the composite over the base's, each about its own CoM; None without a stance or inertia."""
         moments = self.base.inertia.diagonal()
         if self.composite is None or moments.min() <= 0:
             return None
@@ -57,7 +57,7 @@ class Audit:
 
     @property
     def ratio_message(self) -> str | None:
-        """The factor that a base inertia is often multiplied by in the hope of a composite one, in words."""
+        """Statement of the factors from the base inertia to the composite one."""
         ratio = self.ratio_composite_over_base
         if ratio is None:
             return None
@@ -65,7 +65,7 @@ class Audit:
         return f"the composite's Ixx, Iyy, Izz are {x:.1f}, {y:.1f} and {z:.1f} x the base's (link {self.base_link!r})"
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form; null where there is no stance."""
+        """Return the JSON form; null without a stance."""
         ratio = self.ratio_composite_over_base
         return {
             "robot": self.robot,
@@ -83,7 +83,7 @@ class Audit:
 
 
 def audit(robot: RobotModel) -> Audit:
-    """Check the inertias of a model: those that no body can have, placeholders, and left against right.
+    """Check the inertias of a model: unphysical ones, placeholders, and left against right.
 
     Front and rear legs may differ; many robots' do.
 

@@ -1,4 +1,4 @@
-"""The bodies of a robot that move as one, and the links of the file that they are made of."""
+"""Rigid bodies of a robot, and the links of the file that compose them."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _SMALLEST_EXTENT_RATIO = 0.25
 
 @dataclass(frozen=True, eq=False)
 class RigidBody:
-    """A body that moves as one: the base, or a leg link, with what is fixed to it.
+    """Rigid body: the base or a leg link, with all links fixed to it.
 
     Attributes:
         name: name of its link.
         mass: mass [kg].
-        com_in_link: (3,) centre of mass in the link's own frame, which for the base is the base frame [m].
+        com_in_link: (3,) centre of mass in the link's own frame (base: base frame) [m].
         principal_moments: (3,) principal moments of inertia about the CoM, ascending [kg m2].
         extent: approximate length, from its joint to the next one or the foot, or from hip to opposite hip [m].
     """
@@ -49,7 +49,7 @@ class RigidBody:
 
 @dataclass(frozen=True, eq=False)
 class LinkInertial:
-    """A link of the file that has mass, and the body that it moves with."""
+    """Link of the file that has mass, and its rigid body."""
 
     name: str
     body: RigidBody
@@ -62,13 +62,13 @@ class LinkInertial:
 
     @property
     def inertia_share(self) -> float:
-        """Its own moments, about its own CoM, of its body's."""
+        """Fraction of its body's moments, each about its own CoM."""
         total = float(self.body.principal_moments.sum())
         return float(np.trace(self.parameters.inertia)) / total if total > 0 else 1.0
 
 
 def bodies_of(robot: RobotModel) -> dict[int, RigidBody]:
-    """The base and the leg links, by Pinocchio joint."""
+    """Return the base and the leg links, by Pinocchio joint."""
     return {joint: _body(robot, joint) for joint in range(1, robot.pinocchio.njoints)}
 
 
@@ -88,18 +88,18 @@ def _body(robot: RobotModel, joint: int) -> RigidBody:
 
 
 def _hip_diagonal(robot: RobotModel) -> float:
-    """From a leg's first joint to the diagonally opposite one, on average [m]."""
+    """Return the mean distance from a leg's first joint to the diagonally opposite one [m]."""
     hips = hip_positions(robot)
     return 2 * float(np.linalg.norm(hips - hips.mean(axis=0), axis=1).mean())
 
 
 def hip_positions(robot: RobotModel) -> FloatArray:
-    """(4, 3) first joints of the legs FL FR RL RR in the base frame [m]."""
+    """Return the (4, 3) first joints of the legs FL FR RL RR in the base frame [m]."""
     return np.array([robot.pinocchio.jointPlacements[leg.joint_ids[0]].translation for leg in robot.legs.values()])
 
 
 def _distance_to_next(robot: RobotModel, joint: int) -> float:
-    """From a leg joint to the next one, or to the foot [m]."""
+    """Return the distance from a leg joint to the next one, or to the foot [m]."""
     leg = next(leg for leg in robot.legs.values() if joint in leg.joint_ids)
     place = leg.joint_ids.index(joint) + 1
     if place < len(leg.joint_ids):
@@ -108,10 +108,7 @@ def _distance_to_next(robot: RobotModel, joint: int) -> float:
 
 
 def links_of(robot: RobotModel, bodies: dict[int, RigidBody]) -> Iterator[LinkInertial]:
-    """Every link that has mass, as the file gives it.
-
-    The model before joints were held is asked, for a held arm's links are links too; they belong to the base.
-    """
+    """Yield every link of the file that has mass; links behind locked joints belong to the base."""
     body_of = {robot.pinocchio.names[joint]: body for joint, body in bodies.items()}
     model = robot.full_pinocchio
     for link in file_links(model):

@@ -1,4 +1,4 @@
-"""Robots known by name, and where each model file comes from. Listing them reads none."""
+"""Catalogue of robots by name, with the source of each model file. Listing them reads no file."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ BUILT_IN_ROBOT = "unitree_a1"
 
 @dataclass(frozen=True)
 class CatalogEntry:
-    """A robot known by name. What its model file says stands here too, so that a list reads none.
+    """Robot of the catalogue, with the main values of its model file, so that a list reads no file.
 
     Attributes:
         name: name that `load_robot` takes.
         source: package that has its model file.
         path: path of the file inside the package.
         mass: mass of the whole robot [kg], to a gram.
-        legs: number of legs and of their joints, as in "4 x 3".
+        legs: number of legs and of joints per leg, as in "4 x 3".
         leg_length: length of thigh and shank together [m], to a millimetre.
         note: remark for its user.
     """
@@ -69,7 +69,7 @@ class CatalogEntry:
         return None if folder is None else folder / self.path
 
     def find(self) -> Path:
-        """Path of the model file.
+        """Return the path of the model file.
 
         Raises:
             MissingDependencyError: its package is not installed.
@@ -111,30 +111,30 @@ CATALOG: dict[str, CatalogEntry] = {
 
 
 _ROBOT_DESCRIPTIONS_PREFIX = "robot_descriptions:"
-# Robots of the catalogue that MuJoCo Menagerie has too: what robot_descriptions calls its models.
+# Names in robot_descriptions of the catalogue's robots that MuJoCo Menagerie has.
 _IN_MENAGERIE = {name: f"{name}_mj" for name in ("a1", "go1", "go2", "anymal_b", "anymal_c", "aliengo")}
 _IN_MENAGERIE[BUILT_IN_ROBOT] = "a1_mj"
 
 
 def load_robot(name_or_path: str | Path, description: RobotDescription | None = None) -> RobotModel:
-    """A robot by its catalogue name, by the path of a URDF or MJCF file, or as `robot_descriptions:NAME`.
+    """Load a robot by its catalogue name, by the path of a URDF or MJCF file, or as `robot_descriptions:NAME`.
 
     Raises:
         ModelError: no such name or file, or the file is not a quadruped.
-        MissingDependencyError: the name is known and the package that holds it is not installed.
+        MissingDependencyError: the package of a known name is not installed.
     """
     path, name = find_model(str(name_or_path))
-    from equipoise.robot.model import RobotModel  # noqa: PLC0415 - who lists robots needs no Pinocchio
+    from equipoise.robot.model import RobotModel  # noqa: PLC0415 - a list of robots needs no Pinocchio
 
     return RobotModel.from_file(path, name, description)
 
 
 def find_model(name_or_path: str) -> tuple[Path, str | None]:
-    """Return the path of a robot's model file, and the robot's name; None: the file has it.
+    """Return the path of a robot's model file, and the robot's name, or None if the file has it.
 
     Raises:
         ModelError: no such name or file.
-        MissingDependencyError: the name is known and the package that holds it is not installed.
+        MissingDependencyError: the package of a known name is not installed.
     """
     if name_or_path in CATALOG:
         return CATALOG[name_or_path].find(), name_or_path
@@ -166,10 +166,10 @@ def read_model_file(path: Path) -> bytes:
 
 
 def find_in_menagerie(robot: str) -> Path | None:
-    """MuJoCo Menagerie's model file of a robot, by its catalogue name; None where there is none.
+    """Return MuJoCo Menagerie's model file of a robot, by its catalogue name; None if there is none.
 
     Raises:
-        MissingDependencyError: there is one, and the package that gets it is not installed.
+        MissingDependencyError: the package that fetches it is not installed.
         ModelError: it cannot be fetched.
     """
     name = robot.removesuffix("_description")
@@ -177,7 +177,7 @@ def find_in_menagerie(robot: str) -> Path | None:
 
 
 def _find_robot_description(name: str) -> Path:
-    """Model file of the package robot_descriptions, which clones a repository when it is first asked for one."""
+    """Return a model file of the package robot_descriptions, which clones a repository on first use."""
     name = name if name.endswith("_description") else f"{name}_description"
     try:
         module = importlib.import_module(f"robot_descriptions.{name}")

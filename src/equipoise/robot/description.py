@@ -1,4 +1,4 @@
-"""Description of a robot by its user: what its model file leaves out or gets wrong."""
+"""Robot configuration: the user's additions to and corrections of a model file."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ LEG_NAMES = ("FL", "FR", "RL", "RR")
 
 @dataclass(frozen=True)
 class RobotDescription:
-    """Overrides of what is otherwise found in the model file. Nothing here is required.
+    """Overrides of values of the model file. All are optional.
 
     Read from a TOML file whose keys are the field names, from flags, or from both (flags win).
 
     Attributes:
-        base_link: name of the trunk link, where it is not the first link with mass.
-        forward: axis of the base link that points forward, "+x", "+y", "-x" or "-y"; default as the legs' names say. All
-            else here counts in axes whose x does.
+        base_link: name of the trunk link; default the first link with mass.
+        forward: axis of the base link that points forward, "+x", "+y", "-x" or "-y"; default by the legs' names. All
+            other values are in axes whose x points forward.
         foot_frames: names of the frames at the feet's centres, by leg: FL, FR, RL, RR.
         foot_radius: radius of the feet [m].
-        imu_frame: name of the model's frame at the IMU, where none has "imu" in its name, or another one is meant.
+        imu_frame: name of the model's frame at the IMU; default the first frame with "imu" in its name.
         imu_position: IMU position in the base frame [m].
         imu_rpy: IMU orientation in the base frame, roll pitch yaw [rad].
         stance: nominal stance: position by joint name [rad]; all leg joints.
         stance_height: nominal hip height as a fraction of the leg length; default about 0.75.
         kp: joint position gain [Nm/rad]; default 100 x m g h / 38 Nm.
         kd: joint velocity gain [Nm s/rad]; default 3 x m g h / 38 Nm.
-        joint_limits: position limits by joint name, where the model's are missing or too wide: lower upper [rad]; wider
+        joint_limits: position limits by joint name, if the model's are missing or too wide: lower upper [rad]; wider
             ones are refused.
-        locked_joints: positions of joints that do not belong to legs and are held still, by joint name [rad]; default the
+        locked_joints: positions of joints that do not belong to legs and are locked, by joint name [rad]; default the
             file's keyframe "home", else 0.
     """
 
@@ -89,7 +89,7 @@ class RobotDescription:
 
     @classmethod
     def from_toml(cls, path: str | Path) -> RobotDescription:
-        """Read a description; an unknown key or a wrong type raises SettingsError naming it."""
+        """Read a TOML file; raises SettingsError with the name of an unknown key or a wrong type."""
         try:
             table = toml_table(read_text(path))
         except FileNotFoundError:
@@ -105,11 +105,11 @@ class RobotDescription:
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> RobotDescription:
-        """From TOML or JSON values by field name."""
+        """Return a description from TOML or JSON values by field name."""
         return from_json(cls, {name: value for name, value in table.items() if value is not None})
 
     def overridden_by(self, other: RobotDescription) -> RobotDescription:
-        """This description with every value that `other` sets taken from `other`."""
+        """Return this description with every value that `other` sets taken from `other`."""
         default = RobotDescription()
         set_there = {
             f.name: getattr(other, f.name)

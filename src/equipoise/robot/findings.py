@@ -1,4 +1,4 @@
-"""Findings about a model: impossible, made-up and lopsided inertias, and missing limits."""
+"""Findings about a model: unphysical, placeholder and asymmetric inertias, and missing limits."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from equipoise.robot.stance import Stance
 Severity = Literal["error", "warning", "note"]
 _SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
 
-# A link with less than this share of its body's mass and inertia can be wrong without a controller feeling it: the
+# A link with less than this share of its body's mass and inertia can be wrong without effect on a controller: the
 # cameras of ANYmal C have 0.6 %, the thighs of the Mini Cheetah are their whole body.
 _MATTERS = 0.05
-# The rms distance of mass from its CoM is at most half the extent of what it fills, and 0.29 of a rod's length. Parts
+# The rms distance of mass from its CoM is at most half the extent of its volume, and 0.29 of a rod's length. Parts
 # reach past the joints, so half as much again is allowed; bodies of the catalogue have 0.10 to 0.51.
 _LARGEST_RADIUS_RATIO = 0.75
 # Steel [kg/m3]: motors and frames are steel and copper with much air, so no link is as compact as a solid steel ball.
 # The most compact body of the catalogue, Laikago's hip, has a radius of gyration 40 % above the ball's.
 _DENSEST = 7850.0
-# Left and right are compared to 1 % in mass, 1 mm on an A1 (0.4 m legs) in CoM, which is what a calibration resolves,
+# Left and right are compared to 1 % in mass, 1 mm on an A1 (0.4 m legs) in CoM, the resolution of a calibration,
 # and 2 % in inertia. Below that CAD exports differ by rounding (HyQ: 0.7 %).
 _SAME_MASS, _SAME_COM_RATIO, _SAME_INERTIA = 0.01, 0.0025, 0.02
-# Five times that is no rounding: 5 mm, or a twentieth of a link's mass.
+# Five times that is not rounding: 5 mm, or a twentieth of a link's mass.
 _LOPSIDED = 5.0
 # A stance whose feet or joints are less mirrored than this fraction of the leg length does not compare CoMs and axes.
 _MIRRORED_POSTURE_RATIO = 0.0025
@@ -47,13 +47,12 @@ _SMALLEST_OFFSET = 1e-4  # [m]; a CoM this near the middle is in the middle for 
 
 @dataclass(frozen=True)
 class ModelFinding:
-    """Something about a model that its user should know.
+    """Finding about a model.
 
     Attributes:
-        severity: "error" no robot can be so, or none can be calibrated so; "warning" it is probably wrong; "note" it is
-            so, and worth knowing.
-        body: the link it is about, or several with commas between; empty for the whole robot.
-        text: what the links have, or what is the case.
+        severity: "error" unphysical, or cannot be calibrated; "warning" probably wrong; "note" correct, but worth knowing.
+        body: the link, or several separated by commas; empty for the whole robot.
+        text: statement about the links or the robot.
     """
 
     severity: Severity
@@ -71,7 +70,7 @@ def find(
     composite: InertialParameters | None,
     stance: Stance | None,
 ) -> tuple[ModelFinding, ...]:
-    """All findings about a model, errors first.
+    """Return all findings about a model, errors first.
 
     Args:
         bodies: base and leg links, by Pinocchio joint.
@@ -100,7 +99,7 @@ def find(
 
 
 def _impossible_in_file(robot: RobotModel, links: list[LinkInertial]) -> Iterator[ModelFinding]:
-    """Find what the reader repaired (inertias) or passed over."""
+    """Yield findings about elements that the reader repaired (inertias) or ignored."""
     for repair in robot.source.repairs:
         for link in links:
             prefix = f"link {link.name!r} has "
@@ -112,7 +111,7 @@ def _impossible_in_file(robot: RobotModel, links: list[LinkInertial]) -> Iterato
 
 
 def _impossible_as_read(bodies: Iterable[RigidBody], links: list[LinkInertial]) -> Iterator[ModelFinding]:
-    """Find what the reader let pass: MJCF inertias are not repaired, and no reader invents a mass."""
+    """Yield findings about unphysical values that the reader did not repair: MJCF inertias, and missing masses."""
     for link in links:
         defect = link.parameters.physical_defect()
         if defect is not None:
@@ -132,12 +131,12 @@ def _severity_of_impossible(link: LinkInertial) -> Severity:
 
 
 def _placeholders(links: list[LinkInertial]) -> Iterator[ModelFinding]:
-    """Find inertias that were typed to satisfy a parser: the identity and its like, or too large for the link."""
+    """Yield placeholder inertias: multiples of the identity, or too large for the link."""
     for link in links:
         reasons: list[str] = []
         moment = equal_round_moment(link.parameters.inertia)
         matters = link.inertia_share >= _MATTERS
-        if moment is not None and matters:  # small round parts, as feet taken for balls, are fair
+        if moment is not None and matters:  # small round parts, as feet modelled as balls, are correct
             reasons.append(f"Ixx = Iyy = Izz = {moment:g} kg m2")
         radius = radius_of_gyration_of(link.parameters.mass, link.parameters.principal_moments)
         if radius > _LARGEST_RADIUS_RATIO * link.body.extent:
@@ -171,8 +170,8 @@ def _misplaced(robot: RobotModel, suspects: set[str]) -> Iterator[ModelFinding]:
 
 
 def _asymmetries(robot: RobotModel, bodies: dict[int, RigidBody], stance: Stance | None) -> Iterator[ModelFinding]:
-    """Left leg links against right ones, mirrored in the vertical plane between the hips at the nominal stance."""
-    # Without a stance the zero posture serves, if the legs are mirrored there, which is looked at below.
+    """Compare left leg links with right ones, mirrored in the vertical plane between the hips at the nominal stance."""
+    # Without a stance the zero posture is used, if the legs are mirrored there, which is checked below.
     posture = np.zeros(len(robot.joint_names)) if stance is None else stance.joint_position
     middle = float(hip_positions(robot)[:, 1].mean())
     kinematics = Kinematics(robot)
@@ -180,11 +179,13 @@ def _asymmetries(robot: RobotModel, bodies: dict[int, RigidBody], stance: Stance
     feet = dict(zip(robot.legs, kinematics.foot_positions(posture), strict=True))
     for left, right in ((robot.legs["FL"], robot.legs["FR"]), (robot.legs["RL"], robot.legs["RR"])):
         points_left, points_right = (_leg_points(leg, poses, feet[leg.name]) for leg in (left, right))
-        apart = np.linalg.norm(points_left - _mirror_points(points_right, middle), axis=1).max()
-        placed = bool(apart <= _MIRRORED_POSTURE_RATIO * robot.leg_length)
+        distance = np.linalg.norm(points_left - _mirror_points(points_right, middle), axis=1).max()
+        placed = bool(distance <= _MIRRORED_POSTURE_RATIO * robot.leg_length)
         if not placed and stance is not None:
-            where = f"the {left.name} and {right.name} legs are {apart * 1000:.1f} mm from being mirrored at the stance"
-            yield ModelFinding("note", "", f"{where}: of their links only masses and principal moments were compared")
+            text = (
+                f"the {left.name} and {right.name} legs are {distance * 1000:.1f} mm from being mirrored at the stance"
+            )
+            yield ModelFinding("note", "", f"{text}: of their links only masses and principal moments were compared")
         for one, other in zip(left.joint_ids, right.joint_ids, strict=True):
             finding = _compare_sides(robot, poses, (one, other), middle, placed)
             if finding is not None:
@@ -197,7 +198,7 @@ def _compare_sides(
 ) -> tuple[Severity, str] | None:
     """Compare the bodies of a left and a right joint; None if they are mirror images in the plane y = middle [m].
 
-    Where the legs are not `placed` as mirror images, only what does not depend on it is compared.
+    If the legs are not `placed` as mirror images, only masses and principal moments are compared.
     """
     left, right = (
         InertialParameters.from_pinocchio(poses[joint].act(robot.pinocchio.inertias[joint])) for joint in joints
@@ -217,18 +218,18 @@ def _compare_sides(
         f"inertias {inertia:.1%} from being mirrored" if placed else f"principal moments {inertia:.1%} apart",
     )
     text = "; ".join(part for part, score in zip(parts, scores, strict=True) if score >= 1)
-    return ("warning" if max(scores) >= _LOPSIDED else "note"), f"left and right are no mirror images: {text}"
+    return ("warning" if max(scores) >= _LOPSIDED else "note"), f"left and right are not mirror images: {text}"
 
 
 def _copied(poses: list[pin.SE3], sides: tuple[InertialParameters, InertialParameters], com: float) -> str:
-    """Says so where both links have one CoM, copied from side to side without turning the sign of y."""
+    """Return a remark if both links have one CoM, copied from side to side without a change of the sign of y."""
     left, right = (side.com - np.array(pose.translation) for side, pose in zip(sides, poses, strict=True))
     same = np.linalg.norm(left - right) < 0.01 * com
     return f" (both at y = {left[1] * 1000:+.1f} mm from their joints; is a minus missing?)" if same else ""
 
 
 def _leg_points(leg: Leg, poses: list[pin.SE3], foot: FloatArray) -> FloatArray:
-    """(n + 1, 3) the joints of a leg and its foot in the base frame [m]."""
+    """Return the (n + 1, 3) joints of a leg and its foot in the base frame [m]."""
     return np.array([*(poses[joint].translation for joint in leg.joint_ids), foot])
 
 
@@ -237,12 +238,12 @@ def _mirror_points(points: FloatArray, middle: float) -> FloatArray:
 
 
 def _mirror(body: InertialParameters, middle: float) -> InertialParameters:
-    """Mirrored in the plane y = middle of the base frame."""
+    """Return a body mirrored in the plane y = middle of the base frame."""
     return InertialParameters(body.mass, _mirror_points(body.com, middle), body.inertia * np.outer(_FLIP_Y, _FLIP_Y))
 
 
 def _lateral_offsets(robot: RobotModel, composite: InertialParameters | None) -> Iterator[ModelFinding]:
-    """Find offsets of the CoMs and of the hips from the base frame's middle; y points left."""
+    """Yield offsets of the CoMs and of the hips from the base frame's middle; y points left."""
     named = [("the whole robot", composite), (f"the base ({robot.base_link})", base_parameters(robot))]
     offsets = [(what, float(body.com[1])) for what, body in named if body is not None]
     if max(abs(y) for _, y in offsets) >= _SMALLEST_OFFSET:
@@ -254,7 +255,7 @@ def _lateral_offsets(robot: RobotModel, composite: InertialParameters | None) ->
 
 
 def _limits(robot: RobotModel) -> Iterator[ModelFinding]:
-    """Find position limits that are not mirrored, and joints without any."""
+    """Yield position limits that are not mirrored, and joints without any."""
     for text in limits_not_mirrored(robot.pinocchio, robot.legs, robot.leg_length):
         yield ModelFinding("warning", "", text)
     spans = zip(robot.joint_names, robot.lower_limit, robot.upper_limit, strict=True)
@@ -266,12 +267,12 @@ def _limits(robot: RobotModel) -> Iterator[ModelFinding]:
 
 
 def _missing_limits(robot: RobotModel) -> Iterator[ModelFinding]:
-    """Find leg joints that the guard has no limit for. MJCF has no limits of speeds."""
+    """Yield leg joints without torque or speed limits for the guard. MJCF has no speed limits."""
     urdf = robot.source.format == "urdf"
     place = "effort [Nm] of their <limit>" if urdf else "forcerange [Nm] of their actuators"
-    yield from _unlimited(robot, robot.effort_limit, "torque", "torques that are too large", place)
+    yield from _unlimited(robot, robot.effort_limit, "torque", "excessive torques", place)
     if urdf:
-        unseen, place = "joints that turn too fast, nor targets that jump", "velocity [rad/s] of their <limit>"
+        unseen, place = "excessive speeds or jumps of targets", "velocity [rad/s] of their <limit>"
         yield from _unlimited(robot, robot.velocity_limit, "speed", unseen, place)
 
 
@@ -279,12 +280,12 @@ def _unlimited(robot: RobotModel, limit: FloatArray, what: str, unseen: str, pla
     joints = [name for name, most in zip(robot.joint_names, limit, strict=True) if not math.isfinite(most)]
     if joints:
         which = "any leg joint" if len(joints) == len(robot.joint_names) else ", ".join(joints)
-        text = f"no {what} limit of {which}: the guard cannot tell {unseen}; give it as {place}"
+        text = f"no {what} limit of {which}: the guard cannot detect {unseen}; give it as {place}"
         yield ModelFinding("warning", "", text)
 
 
 def _merged(findings: list[ModelFinding]) -> tuple[ModelFinding, ...]:
-    """Errors first; what is said in the same words of several links is said once."""
+    """Return findings with the errors first, and equal findings about several links merged."""
     bodies: dict[tuple[Severity, str], list[str]] = {}
     for finding in findings:
         bodies.setdefault((finding.severity, finding.text), []).append(finding.body)

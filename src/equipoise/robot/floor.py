@@ -1,7 +1,7 @@
-"""The floor that feet stand on, by where the joints put them: its normal in base axes; and where a robot stands on three.
+"""Floor normal in base axes from the foot positions, and the CoM position of a robot on three feet.
 
-There are two readings of the normal. On feet in one plane they agree; they differ in which feet they may be asked about, and
-in time.
+There are two computations of the normal, which agree for feet in one plane. They differ in the feet that they accept, and in
+speed.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ Vector = tuple[float, float, float]
 
 
 def floor_normal_by_diagonals(feet_in_base: FloatArray) -> Vector:
-    """Upward unit normal of both diagonals: of four feet, both on one diagonal may be lifted by the same height.
+    """Return the upward unit normal of both diagonals; two diagonal feet may be lifted by the same height.
 
-    In plain numbers: for three of them NumPy takes five times as long, and the guard asks at every step.
+    It uses plain numbers, because NumPy takes five times as long and the guard calls it at every step.
 
     Args:
         feet_in_base: (4, 3) foot positions FL FR RL RR in the base frame [m].
@@ -32,7 +32,7 @@ def floor_normal_by_diagonals(feet_in_base: FloatArray) -> Vector:
 
 
 def floor_normals_by_fit(feet_in_base: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return, for many postures, the planes nearest to the feet, which all stand; three feet or four, in any order.
+    """Return, for many postures, the planes nearest to the feet, all on the floor; three or four feet, in any order.
 
     Args:
         feet_in_base: (n, 3 or 4, 3) foot positions in the base frame [m]; the base is above them.
@@ -48,9 +48,9 @@ def floor_normals_by_fit(feet_in_base: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def floor_normal_of(feet_in_base: FloatArray, standing: Sequence[int]) -> Vector:
-    """Upward unit normal of the floor under those feet, of (4, 3) in the base frame [m], that stand.
+    """Return the upward unit normal of the floor under the standing feet, of (4, 3) in the base frame [m].
 
-    Of three, their plane; else `floor_normal_by_diagonals`: two say nothing of their own.
+    Three feet determine their plane; for two or four it is that of `floor_normal_by_diagonals`.
     """
     if len(standing) != 3:
         return floor_normal_by_diagonals(feet_in_base)
@@ -61,7 +61,7 @@ def floor_normal_of(feet_in_base: FloatArray, standing: Sequence[int]) -> Vector
 
 
 def over_three_feet(feet: FloatArray, lifted: int, share: float) -> FloatArray:
-    """(2,) place for the CoM of a robot that lifts one foot [m].
+    """Return the (2,) place for the CoM of a robot that lifts one foot [m].
 
     Args:
         feet: (4, 2) places of the feet [m].
@@ -72,7 +72,7 @@ def over_three_feet(feet: FloatArray, lifted: int, share: float) -> FloatArray:
 
 
 def margin_inside(corners: FloatArray, place: FloatArray) -> float:
-    """Distance of a (2,) place from the nearest edge of a triangle of (3, 2) corners; negative outside [m]."""
+    """Return the distance of a (2,) place from the nearest edge of a triangle of (3, 2) corners; negative outside [m]."""
     a, b = corners, np.roll(corners, -1, axis=0)
     edge, to_place = b - a, place - a
     across = edge[:, 0] * to_place[:, 1] - edge[:, 1] * to_place[:, 0]

@@ -1,6 +1,6 @@
-"""Which axis of the base link points forward: x in most files, y in some. All else here takes it to be x.
+"""Forward axis of the base link: x in most files, y in some. All other modules assume x.
 
-A file in which it is another one gets a base link of its own above the file's, turned about z. Results are in its axes.
+A file with another forward axis gets a new base link above its own, rotated about z. Results are in the new link's axes.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _LEGS = {
 
 
 def forward_axis(chains: Sequence[Sequence[str]], hips_in_base: FloatArray, path: Path) -> Forward:
-    """The axis that points forward by the legs' names; x where they name no four legs.
+    """Return the forward axis according to the legs' names; x if the names are not those of four legs.
 
     Args:
         chains: names of each leg's joints.
@@ -51,17 +51,17 @@ def forward_axis(chains: Sequence[Sequence[str]], hips_in_base: FloatArray, path
     named = [_named(chain) for chain in chains]
     if len(set(named) - {None}) != 4:
         return "+x"
-    if len(set(legs_by_place(hips_in_base))) != 4:  # not in four corners, which is said elsewhere
+    if len(set(legs_by_place(hips_in_base))) != 4:  # not in four corners: `name_legs` reports it
         return "+x"
     for axis, yaw in _YAW.items():
         if legs_by_place(hips_in_base, yaw) == named:
             return axis
-    said = ", ".join(
+    places = ", ".join(
         f"{leg} at ({x:.2f}, {y:.2f})" for leg, (x, y, _) in zip(named, hips_in_base.tolist(), strict=True)
     )
     raise ModelError(
-        f"robot model {str(path)!r}: whichever axis of its base points forward, the legs are not where their names say: "
-        f'{said} m; say forward = "+x" (or "+y", "-x", "-y") in a robot description, and legs are named by where they are'
+        f"robot model {str(path)!r}: the legs' places do not fit their names for any forward axis of the base: "
+        f'{places} m; set forward = "+x" (or "+y", "-x", "-y") in a robot description to name legs by their places'
     )
 
 
@@ -78,30 +78,31 @@ def legs_by_place(hips_in_base: FloatArray, yaw: float = 0.0) -> list[str]:
     return [("F" if x > 0 else "R") + ("L" if y > 0 else "R") for x, y in zip(ahead, left, strict=True)]
 
 
-def turned(source: ModelSource, base_link: str, axis: Forward, told: bool) -> ModelSource:
-    """The file with a base link whose x axis points forward.
+def turned(source: ModelSource, base_link: str, axis: Forward, described: bool) -> ModelSource:
+    """Return the file with a base link whose x axis points forward.
 
     Args:
         base_link: name of the file's base link.
-        axis: axis of it that points forward.
-        told: whether the user gives it; the legs' names otherwise.
+        axis: its axis that points forward.
+        described: whether the robot description gives it; otherwise it follows from the legs' names.
     """
     root = ET.fromstring(source.xml)
     (_turn_urdf if source.format == "urdf" else _turn_mjcf)(root, base_link, -_YAW[axis])
-    who = "the robot description" if told else "the names of its legs"
+    origin = "the robot description" if described else "the names of its legs"
     repair = (
-        f"{axis} of {base_link!r} points forward, by {who}: the base frame is {base_link + _SUFFIX!r}, whose x does"
+        f"{axis} of {base_link!r} points forward according to {origin}: "
+        f"the base frame is {base_link + _SUFFIX!r}, whose x does"
     )
     xml = ET.tostring(root, encoding="unicode")
     return dataclasses.replace(source, xml=xml, forward=axis, repairs=(*source.repairs, repair))
 
 
 def link_in_file(base_link: str, axis: Forward) -> tuple[str, pin.SE3]:
-    """The name of the file's own base link, and its placement in the robot's; they are one where x points forward.
+    """Return the name of the file's own base link, and its placement in the robot's base link.
 
     Args:
         base_link: name of the robot's base link.
-        axis: axis of the file's that points forward.
+        axis: axis of the file's base link that points forward.
     """
     cosine, sine = round(math.cos(_YAW[axis])), -round(math.sin(_YAW[axis]))
     axes = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
@@ -129,19 +130,19 @@ def _turn_mjcf(root: ET.Element, base_link: str, yaw: float) -> None:
 
 
 def _named(chain: Sequence[str]) -> str | None:
-    """The leg that the names of its joints agree on."""
+    """Return the leg on which the names of its joints agree."""
     legs = {leg_of(words_of(joint)) for joint in chain}
     return legs.pop() if len(legs) == 1 else None
 
 
 def words_of(name: str) -> list[str]:
-    """Lower-case words of a name, without its namespace and what every joint's name has."""
+    """Return the lower-case words of a name, without its namespace and common words such as "joint"."""
     own = re.split(r"/|::", name)[-1]
     return [word for word in (match.lower() for match in _WORDS.findall(own)) if word not in _NOISE]
 
 
 def leg_of(words: Sequence[str]) -> str | None:
-    """The one leg that a name's words name, or None."""
+    """Return the one leg that a name's words name, or None."""
     legs = {_LEGS[word] for word in words if word in _LEGS}
     for one, other in itertools.pairwise(words):
         for end, side in ((one, other), (other, one)):

@@ -1,4 +1,4 @@
-"""The pose of the IMU in the base frame, and where it comes from: a description, a frame of the model, or an assumption."""
+"""Pose of the IMU in the base frame, and its source: a description, a frame of the model, or an assumption."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError, did_you_mean
 from equipoise.robot.description import RobotDescription
 
-# Words of frames' names: sensors and chips that are IMUs, as boards and drivers call them.
+# Words of frames' names: IMU sensors and chips, as boards and drivers name them.
 _CHIPS = re.compile(
     r"gyro\w*|accel\w*|ahrs|ins|bno\w*|bm[aigx]\d+\w*|mpu\w*|i[cs]m\d+\w*|lsm\w*|l3g\w*|adis\w*|lpms\w*|hwt\d+|wt\d{3}|um[67]|"
     r"witmotion|xsens|mti\d*\w*|movella|vn\d+|vectornav|microstrain|3dm\w*|c[vx]\d\d?|g[xq]\d\d?|kvh|sbg|navx\w*|hipnuc|yesense"
 )
 _IN_WORDS = re.compile(r"inertial_(sensor|unit|measurement)|vn_\d")
-# Other devices have IMUs of their own: a frame that is named after one comes after those that are not.
+# Other devices have their own IMUs: frames named after such a device come last.
 _OF_OTHERS = {
     "cam", "camera", "optical", "lidar", "laser", "livox", "mid360", "velodyne", "ouster", "realsense", "d435", "d435i",
     "d455", "t265", "zed", "radar", "gps", "gnss",
@@ -30,16 +30,16 @@ _SMALL_ANGLE = 1e-6  # [rad]
 
 @dataclass(frozen=True, eq=False)
 class ImuPose:
-    """The pose of the IMU in the base frame, and where it comes from.
+    """Pose of the IMU in the base frame, and its source.
 
     Attributes:
         placement: pose in the base frame.
         base_link: name of the base link.
-        frame: name of the model's frame that is taken; None: none is.
+        frame: name of the model's frame that is used, or None.
         described: keys of the description that determine the pose: "imu_frame", "imu_position", "imu_rpy".
         others: names of further frames that are named like an IMU.
-        proposed: names of frames that may be the IMU's and are not taken: an IMU sensor of the file reads them, or they are
-            named after an IMU.
+        proposed: names of unused frames that may be the IMU's: an IMU sensor of the file reads them, or their names are
+            similar to an IMU's.
         frames: names of all links and sites that are fixed to the base.
     """
 
@@ -83,7 +83,7 @@ class ImuPose:
         return f"frame {self.frame!r}{named}" + "".join(f", {name} as described" for name in numbers)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         return {
             "frame": self.frame,
             "described": list(self.described),
@@ -97,7 +97,7 @@ class ImuPose:
 
 
 def find_imu(model: pin.Model, description: RobotDescription, sensors: Sequence[str], base_link: str) -> ImuPose:
-    """Find the pose of the IMU: described, of a frame on the base that is named like an IMU, or the origin of the base.
+    """Return the pose of the IMU: described, of a frame on the base named like an IMU, or the origin of the base.
 
     Args:
         model: model whose first moving body is the base.
@@ -131,7 +131,7 @@ def rpy_flag(rotation: FloatArray) -> str:
 
 
 def upright_flag(rotation: FloatArray, acceleration_in_imu: FloatArray, up_in_base: Sequence[float]) -> str:
-    """Return the flag that turns the IMU by the smallest rotation that brings gravity upright.
+    """Return the flag that rotates the IMU by the smallest rotation that brings gravity upright.
 
     Args:
         rotation: (3, 3) rotation from IMU to base axes according to the model.
@@ -143,7 +143,7 @@ def upright_flag(rotation: FloatArray, acceleration_in_imu: FloatArray, up_in_ba
 
 
 def _frames_on_base(model: pin.Model) -> dict[str, pin.SE3]:
-    """Poses in the base frame by name; of frames with one name the first."""
+    """Return poses in the base frame by name; of frames with one name the first."""
     kinds, found = (pin.FrameType.BODY, pin.FrameType.OP_FRAME), dict[str, pin.SE3]()
     for frame in model.frames:
         if frame.parentJoint == 1 and frame.type in kinds:
@@ -152,7 +152,7 @@ def _frames_on_base(model: pin.Model) -> dict[str, pin.SE3]:
 
 
 def _words(name: str) -> list[str]:
-    """The words of a name, as of base_IMULink: base, imu, link."""
+    """Return the words of a name, for example base, imu, link of base_IMULink."""
     apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name)
     return [word for word in re.split(r"[^a-z0-9]+", apart.lower()) if word]
 
@@ -177,9 +177,9 @@ def _is_of_another(name: str) -> bool:
 def _not_on_base(model: pin.Model, frame: str, frames: dict[str, pin.SE3]) -> SettingsError:
     if model.existFrame(frame):
         return SettingsError(f"imu_frame is {frame!r}, which is not fixed to the base: give a frame of the base link")
-    known = did_you_mean(frame, frames)
+    near = did_you_mean(frame, frames)
     return SettingsError(
-        f"imu_frame is {frame!r}, which is not a frame of the base; {known}those are {', '.join(frames)}"
+        f"imu_frame is {frame!r}, which is not a frame of the base; {near}those are {', '.join(frames)}"
     )
 
 

@@ -45,7 +45,7 @@ class InertialParameters:
 
     @classmethod
     def from_pinocchio(cls, inertia: pin.Inertia) -> InertialParameters:
-        """From a pinocchio.Inertia expressed in the base frame."""
+        """Return the parameters of a pinocchio.Inertia expressed in the base frame."""
         return cls(float(inertia.mass), np.array(inertia.lever), np.array(inertia.inertia))
 
     def to_pinocchio(self) -> pin.Inertia:
@@ -54,13 +54,13 @@ class InertialParameters:
 
     @classmethod
     def from_components(cls, values: FloatArray) -> InertialParameters:
-        """From (10,) mass [kg], CoM [m] and inertia about it [kg m2], in the order of COMPONENTS."""
+        """Return the parameters from (10,) mass [kg], CoM [m] and inertia about it [kg m2], in the order of COMPONENTS."""
         xx, yy, zz, xy, xz, yz = values[4:]
         return cls(float(values[0]), values[1:4], np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
     @classmethod
     def from_vector(cls, vector: FloatArray) -> InertialParameters:
-        """From what adds up when bodies are joined; it need not be physical, but its mass is not zero.
+        """Return the parameters from a vector that is additive over bodies; need not be physical, but its mass is not zero.
 
         Args:
             vector: (10,) parameters m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin, in Pinocchio's order.
@@ -81,18 +81,18 @@ class InertialParameters:
 
     @property
     def vector(self) -> FloatArray:
-        """(10,) about the origin, in Pinocchio's order; what `from_vector` takes. It need not be physical either."""
+        """(10,) parameters about the origin, in Pinocchio's order, as `from_vector` takes them."""
         mass, com = self.mass, self.com
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.inertia + mass * (com @ com * np.eye(3) - np.outer(com, com))
         return np.array([mass, *(mass * com), xx, xy, yy, xz, yz, zz])
 
     def __add__(self, other: InertialParameters) -> InertialParameters:
-        """Both bodies rigidly joined (parallel axis theorem)."""
+        """Return both bodies rigidly joined (parallel axis theorem)."""
         return InertialParameters.from_pinocchio(self.to_pinocchio() + other.to_pinocchio())
 
     @property
     def principal_moments(self) -> FloatArray:
-        """(3,) ascending [kg m2]."""
+        """(3,) principal moments, ascending [kg m2]."""
         return np.asarray(np.linalg.eigvalsh(self.inertia), dtype=float)
 
     def physical_defect(self) -> str | None:
@@ -111,7 +111,7 @@ class InertialParameters:
 
 
 def moment_parameters(point: FloatArray) -> FloatArray:
-    """(10, 3) what a first moment along each axis adds to `InertialParameters.vector`: mass moved apart at a point."""
+    """Return the (10, 3) derivative of `InertialParameters.vector` by a first moment along each axis at a point."""
     added = np.zeros((10, 3))
     added[1:4] = np.eye(3)
     for axis, unit in enumerate(np.eye(3)):
@@ -122,16 +122,16 @@ def moment_parameters(point: FloatArray) -> FloatArray:
 
 
 def components(body: InertialParameters) -> FloatArray:
-    """(10,) in the order of COMPONENTS."""
+    """Return (10,) parameters in the order of COMPONENTS."""
     return np.concatenate([[body.mass], body.com, body.inertia[_ROWS, _COLUMNS]])
 
 
 @dataclass(frozen=True, eq=False)
 class RobotInertia:
-    """The three bodies that results speak of, at one stance, in the base frame.
+    """Three bodies of a result, at one stance, in the base frame.
 
     Attributes:
-        composite: the whole robot frozen at the stance; what a single-rigid-body controller needs.
+        composite: the whole robot frozen at the stance, for single-rigid-body controllers.
         base: the base link with everything rigidly fixed to it.
         stance_effective: the paper's body, base, hips and thighs, about its own CoM.
     """
@@ -155,7 +155,7 @@ def nominal_inertia(robot: RobotModel, joint_position: FloatArray) -> RobotInert
 
 
 def composite_parameters(robot: RobotModel, joint_position: FloatArray) -> InertialParameters:
-    """The whole robot frozen at a posture, in the base frame.
+    """Return the whole robot frozen at a posture, in the base frame.
 
     Args:
         joint_position: (nj,) joint positions in the model's joint order [rad].
@@ -167,7 +167,7 @@ def composite_parameters(robot: RobotModel, joint_position: FloatArray) -> Inert
 
 
 def stance_effective_parameters(robot: RobotModel, joint_position: FloatArray) -> InertialParameters:
-    """The paper's centroidal body: base, hips and thighs, without the links below the knees, about its own CoM."""
+    """Return the paper's centroidal body: base, hips and thighs, without links below the knees, about its own CoM."""
     below_knees = {leg.joint_ids[-1] for leg in robot.legs.values()}
     poses = Kinematics(robot).joint_poses(joint_position)
     total = pin.Inertia.Zero()
@@ -178,5 +178,5 @@ def stance_effective_parameters(robot: RobotModel, joint_position: FloatArray) -
 
 
 def base_parameters(robot: RobotModel) -> InertialParameters:
-    """The base link with everything rigidly fixed to it."""
+    """Return the base link with everything rigidly fixed to it."""
     return InertialParameters.from_pinocchio(robot.pinocchio.inertias[1])

@@ -23,8 +23,8 @@ _memory = ThreadMemory(RobotModel.create_data)
 class Kinematics:
     """Positions of the links, the feet and the CoM of a robot at given joint positions, in the base frame.
 
-    What is returned is the caller's own. The memory that Pinocchio computes in takes longer to make than most answers: each
-    thread has one for a robot.
+    Returned arrays belong to the caller. Creating Pinocchio's data takes longer than most computations: each thread keeps
+    one per robot.
 
     Args:
         robot: the robot.
@@ -38,17 +38,17 @@ class Kinematics:
         return _memory.of(self._robot)
 
     def joint_poses(self, joint_position: FloatArray) -> list[pin.SE3]:
-        """Poses of the joints' frames in the base frame, by Pinocchio's number of the joint: 0 the world, 1 the base."""
+        """Return poses of the joints' frames in the base frame, by Pinocchio's joint id: 0 the world, 1 the base."""
         pin.forwardKinematics(self._robot.pinocchio, self._data, self._robot.configuration(joint_position))
         return [pin.SE3(pose) for pose in self._data.oMi]
 
     def foot_positions(self, joint_position: FloatArray) -> FloatArray:
-        """(4, 3) centres of the feet FL FR RL RR in the base frame [m]."""
+        """Return the (4, 3) centres of the feet FL FR RL RR in the base frame [m]."""
         pin.forwardKinematics(self._robot.pinocchio, self._data, self._robot.configuration(joint_position))
         return self._feet()
 
     def feet_and_jacobians(self, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Foot positions, and the derivative of each by its own leg's n joints, hip first.
+        """Return foot positions, and the derivative of each by its own leg's n joints, hip first.
 
         Returns:
             (4, 3) centres of the feet FL FR RL RR in the base frame [m] and (4, 3, n) in base axes [m/rad].
@@ -56,7 +56,7 @@ class Kinematics:
         robot = self._robot
         columns = pin.computeJointJacobians(robot.pinocchio, self._data, robot.configuration(joint_position))
         feet = self._feet()
-        # A column holds how a joint moves the point of its body that is at the origin, and how it turns: (6, 4, n).
+        # A column holds the velocity of its body at the origin, linear then angular, per joint speed: (6, 4, n).
         moved = columns[:, 6 + robot.leg_joints]
         turn_x, turn_y, turn_z = moved[3], moved[4], moved[5]
         x, y, z = feet.T[:, :, None]
@@ -66,12 +66,12 @@ class Kinematics:
         return feet, moved[:3].transpose(1, 0, 2)
 
     def com(self, joint_position: FloatArray) -> FloatArray:
-        """(3,) centre of mass of the whole robot in the base frame [m]."""
+        """Return the (3,) centre of mass of the whole robot in the base frame [m]."""
         configuration = self._robot.configuration(joint_position)
         return np.array(pin.centerOfMass(self._robot.pinocchio, self._data, configuration))
 
     def com_jacobian(self, joint_position: FloatArray) -> FloatArray:
-        """(3, nj) derivative of the whole robot's CoM by the joints, in the base frame [m/rad]."""
+        """Return the (3, nj) derivative of the whole robot's CoM by the joints, in the base frame [m/rad]."""
         configuration = self._robot.configuration(joint_position)
         return np.array(pin.jacobianCenterOfMass(self._robot.pinocchio, self._data, configuration)[:, 6:])
 
@@ -82,19 +82,19 @@ class Kinematics:
 
 
 def foot_positions(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
-    """(4, 3) centres of the feet FL FR RL RR in the base frame [m]."""
+    """Return the (4, 3) centres of the feet FL FR RL RR in the base frame [m]."""
     return Kinematics(robot).foot_positions(joint_position)
 
 
 def foot_jacobians(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
-    """(4, 3, n) derivative of each foot's position by its own leg's n joints, hip first, in base axes [m/rad]."""
+    """Return the (4, 3, n) derivative of each foot's position by its own leg's n joints, hip first, in base axes [m/rad]."""
     return Kinematics(robot).feet_and_jacobians(joint_position)[1]
 
 
 def foot_forces_from_torques(robot: RobotModel, joint_position: FloatArray, joint_torque: FloatArray) -> FloatArray:
-    """(4, 3) forces of the ground on the feet FL FR RL RR, if legs had no mass [N], in base axes.
+    """Return (4, 3) forces of the ground on the feet FL FR RL RR for massless legs [N], in base axes.
 
-    Such a leg carries tau = -J^T f, so f = -J^-T tau. On a leg of two joints the force has no part along their axes.
+    Such a leg has tau = -J^T f, so f = -J^-T tau. On a leg of two joints the force has no component along their axes.
 
     Args:
         joint_position: (nj,) joint positions [rad].
@@ -104,7 +104,7 @@ def foot_forces_from_torques(robot: RobotModel, joint_position: FloatArray, join
 
 
 def massless_leg_forces(jacobians: FloatArray, leg_torques: FloatArray) -> FloatArray:
-    """(..., 4, 3) forces as of `foot_forces_from_torques`, of (..., 4, 3, n) Jacobians and (..., 4, n) torques."""
+    """Return (..., 4, 3) forces as `foot_forces_from_torques`, from (..., 4, 3, n) Jacobians and (..., 4, n) torques."""
     transposed, torques = np.swapaxes(jacobians, -1, -2), leg_torques[..., None]
     square = jacobians.shape[-1] == 3
     solved = np.linalg.solve(transposed, torques) if square else np.linalg.pinv(transposed) @ torques
@@ -114,7 +114,7 @@ def massless_leg_forces(jacobians: FloatArray, leg_torques: FloatArray) -> Float
 def feet_and_forces(
     robot: RobotModel, joint_positions: FloatArray, joint_torques: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(n, 4, 3) feet [m] and forces on them as of `foot_forces_from_torques` [N], of (n, nj) samples."""
+    """Return (n, 4, 3) feet [m] and forces on them as `foot_forces_from_torques` [N], from (n, nj) samples."""
     kinematics = Kinematics(robot)
     pairs = (kinematics.feet_and_jacobians(position) for position in joint_positions)
     feet, jacobians = (np.array(part) for part in zip(*pairs, strict=True))
@@ -124,21 +124,21 @@ def feet_and_forces(
 def inverse_kinematics(
     robot: RobotModel, feet_in_base: FloatArray, start: FloatArray, tolerance: float | None = None
 ) -> FloatArray:
-    """Joint positions that bring the feet to where they should be, within the joint limits.
+    """Return joint positions that bring the feet to their targets, within the joint limits.
 
     Damped Newton steps on each leg's Jacobian (differential inverse kinematics), clipped to the joint limits. A leg of
     two joints cannot reach every point; it comes as close as it can.
 
     Args:
         feet_in_base: (4, 3) wanted centres of the feet FL FR RL RR in the base frame [m].
-        start: (nj,) joint positions to start from [rad]; they decide to which side knees bend.
+        start: (nj,) joint positions to start from [rad]; they determine the bending side of the knees.
         tolerance: largest distance of a foot from its target [m]; default 0.1 % of the leg length.
 
     Returns:
         (nj,) joint positions [rad].
 
     Raises:
-        ReachError: a foot misses its target by more than the tolerance; names the leg and by how much.
+        ReachError: a foot misses its target by more than the tolerance; the message has leg and distance.
     """
     tolerance = REACH_TOLERANCE_RATIO * robot.leg_length if tolerance is None else tolerance
     kinematics = Kinematics(robot)
@@ -161,7 +161,7 @@ def inverse_kinematics(
 
 
 def inverse_kinematics_best_effort(robot: RobotModel, feet_in_base: FloatArray, start: FloatArray) -> FloatArray:
-    """Return the nearest posture that `inverse_kinematics` finds, however far that is."""
+    """Return the nearest posture that `inverse_kinematics` finds, at any distance."""
     return _nearest_posture(robot, Kinematics(robot), feet_in_base, start)
 
 
@@ -188,12 +188,12 @@ def _nearest_posture(
 
 
 def _within(values: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
-    """`numpy.clip`, which takes ten times as long for few numbers."""
+    """Clip values; `numpy.clip` takes ten times as long for few numbers."""
     return np.minimum(np.maximum(values, low), high)
 
 
 def feet_under_base(feet_in_base: FloatArray, translation: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Return the positions of planted feet in the base frame after the base has moved.
+    """Return the positions of standing feet in the base frame after the base has moved.
 
     Args:
         feet_in_base: (4, 3) foot positions in the base frame before the move [m].

@@ -1,4 +1,4 @@
-"""The legs of a quadruped: their joints, their length, and where on them the feet are."""
+"""Legs of a quadruped: joints, length and feet."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from equipoise.robot.tree import Round, Rounds, body_frame_of, joint_axis, name_
 
 # A model without foot spheres gets feet of this fraction of the leg length: Solo's 16 mm feet on 0.32 m legs.
 _DEFAULT_FOOT_RADIUS_RATIO = 0.05
-# What is nearer to the knee's axis is part of the knee [m; of the thigh's length]: motors and rotors are up to 0.05 off.
+# Frames nearer to the knee's axis belong to the knee [m; of the thigh's length]: motors and rotors are up to 0.05 off.
 _SHORTEST_SHANK, _SHANK_RATIO = 5e-3, 0.2
 _ADD_FOOT = (
     'add a fixed link at the foot\'s centre in a copy of the file (a <link> and a <joint type="fixed"> whose origin is there, '
@@ -26,7 +26,7 @@ _ADD_FOOT = (
 
 @dataclass(frozen=True)
 class Leg:
-    """One leg, from the hip down.
+    """Leg, from the hip down.
 
     Attributes:
         name: name of the leg, FL, FR, RL or RR.
@@ -35,7 +35,7 @@ class Leg:
         joints: indices of the same joints in the robot's joint vectors.
         foot_frame_id: Pinocchio's id of the frame at the foot's centre.
         foot_radius: radius of the foot [m].
-        foot_half_width: half-width of the foot along the knee's axis [m]: of a cylinder; zero of a ball.
+        foot_half_width: half-width of a cylindrical foot along the knee's axis [m]; zero for a ball.
     """
 
     name: str
@@ -50,13 +50,13 @@ class Leg:
 def add_legs(
     model: pin.Model, chains: list[list[str]], rounds: Rounds, description: RobotDescription, robot: str, path: Path
 ) -> dict[str, Leg]:
-    """The legs FL FR RL RR of a model, which is given a frame at the centre of each foot.
+    """Return the legs FL FR RL RR of a model, and add a frame at the centre of each foot to the model.
 
     Args:
         model: Pinocchio model with leg joints only.
         chains: names of each leg's joints from the hip down.
         rounds: spheres among the collision shapes, and cylinders along the joints' axes.
-        description: description in which a user gives foot frames and radius.
+        description: robot description, for foot frames and radius.
         robot: name of the robot, for messages.
         path: path of its model file, for messages.
     """
@@ -104,7 +104,7 @@ def add_legs(
 
 
 def leg_length(model: pin.Model, leg: Leg) -> float:
-    """Thigh plus shank, across the knee's axis: an offset along the axis makes no leg longer [m]."""
+    """Return the length of thigh plus shank [m], across the knee's axis: an offset along the axis does not count."""
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
     hip, knee = (data.oMi[joint] for joint in leg.joint_ids[-2:])
@@ -120,10 +120,10 @@ def _described_foot(
     model: pin.Model, knee: int, leg: str, wanted: str, rounds: list[Round], robot: str
 ) -> tuple[FloatArray, Round | None]:
     """Return the (3,) place of the frame of that name in the knee joint's frame [m], and the round shape there, if any."""
-    called_so = [frame for frame in model.frames if frame.name == wanted]  # a joint's may be a link's too
-    if not called_so:
+    named = [frame for frame in model.frames if frame.name == wanted]  # a joint and a link may share a name
+    if not named:
         raise SettingsError(f"foot frame {wanted!r} of leg {leg} is not in robot model {robot!r}")
-    below_knee = [frame for frame in called_so if frame.parentJoint == knee]
+    below_knee = [frame for frame in named if frame.parentJoint == knee]
     if not below_knee:
         raise SettingsError(f"foot frame {wanted!r} is not below the knee of leg {leg}")
     centre = np.array(below_knee[0].placement.translation)

@@ -1,4 +1,4 @@
-"""Position limits of leg joints: those of the file or narrower described ones, and those that cannot be meant."""
+"""Position limits of leg joints: those of the file or narrower described ones, and checks of implausible ones."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from equipoise.robot.legs import Leg
 from equipoise.robot.tree import joint_axis
 
 _ROUNDED = 1e-3  # [rad] that a described limit may lie beyond the file's, which has more digits
-# Limits beyond two turns either stand for none, as +-10, +-100 or +-10 pi, or are degrees.
+# Limits beyond two turns either mean no limit, as +-10, +-100 or +-10 pi, or are degrees.
 _FEWEST_DEGREES, _MOST_DEGREES = 4 * np.pi, 720.0
-_FEWEST_RADIANS = 2 * np.pi**2 / 180  # [rad]; limits of all joints below it were radians, and read as degrees
+_FEWEST_RADIANS = 2 * np.pi**2 / 180  # [rad]; if all limits are below it, radians were read as degrees
 _MIRRORED = 0.1  # [rad] that limits of the two sides may differ; the thighs of Spot differ by 0.06
 _SAME_PLACE_RATIO = 0.01  # of the leg length; places that are mirrored at zero differ by less
 _SAME_AXIS = 0.01  # [rad]
 
 
 def file_limits(model: pin.Model) -> tuple[FloatArray, FloatArray]:
-    """Return (nj,) lower and upper position limits of the file, two turns where it has none or wider ones [rad]."""
+    """Return (nj,) lower and upper position limits of the file, two turns if it has none or wider ones [rad]."""
     lower, upper = np.array(model.lowerPositionLimit[7:]), np.array(model.upperPositionLimit[7:])
     return np.maximum(lower, -UNLIMITED_JOINT_RANGE), np.minimum(upper, UNLIMITED_JOINT_RANGE)
 
@@ -53,7 +53,7 @@ def joint_index(joint_names: tuple[str, ...], joint: str, key: str, robot: str) 
         return joint_names.index(joint)
     except ValueError:
         raise SettingsError(
-            f"{key} names {joint!r}, which is no leg joint of {robot!r}; those are {', '.join(joint_names)}"
+            f"{key} names {joint!r}, which is not a leg joint of {robot!r}; those are {', '.join(joint_names)}"
         ) from None
 
 
@@ -78,7 +78,7 @@ def refuse_degrees(model: pin.Model, path: Path) -> None:
 
 
 def _looks_like_degrees(lower: float, upper: float) -> bool:
-    """Return whether limits [rad] are beyond what a leg joint can do and do not stand for none."""
+    """Return whether limits [rad] exceed a leg joint's range and do not mean no limit."""
     largest = max(-lower, upper)
     if not 1.001 * _FEWEST_DEGREES < largest <= _MOST_DEGREES:
         return max(lower, -upper) > UNLIMITED_JOINT_RANGE
@@ -90,8 +90,8 @@ def _looks_like_degrees(lower: float, upper: float) -> bool:
 def limits_not_mirrored(model: pin.Model, legs: Mapping[str, Leg], leg_length: float) -> Iterator[str]:
     """Compare the file's limits of left and right legs, joint by joint, and yield a sentence for each pair that differs.
 
-    Mirroring in the plane y = 0 turns an axis (x, y, z) to (-x, y, -z). Where a left joint has that axis its limits are the
-    right one's; where it has the opposite one they are those with exchanged signs. Joints that are not mirrored at zero
+    Mirroring in the plane y = 0 turns an axis (x, y, z) to (-x, y, -z). If a left joint has that axis, its limits are the
+    right one's; if it has the opposite one, they are those with exchanged signs. Joints that are not mirrored at zero
     are not compared.
     """
     data = model.createData()

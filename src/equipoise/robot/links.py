@@ -1,4 +1,4 @@
-"""Links of a Pinocchio model: their names and inertias as the file gives them, and units that the file cannot mean."""
+"""Links of a Pinocchio model: names and inertias of the file, and checks of its units."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from equipoise.errors import ModelError
 from equipoise.robot.scale import HEAVIEST
 from equipoise.robot.source import ModelSource
 
-# A link's own inertia is the joint's less what is fixed to it; what is left of this fraction of the robot is rounding.
+# A link's own inertia is the joint's minus that of fixed links; a remainder below this fraction of the robot is rounding.
 _ROUNDING = 1e-6
 _EQUAL = 1e-6  # files print 4 to 9 digits
 
 _LONGEST_LEG = 5.0  # [m]; files in other units are a hundred to a thousand times the robot
-_CENTIMETRES = 50.0  # [m] of leg below which the unit is open: millimetres would make it a toy's
+_CENTIMETRES = 50.0  # [m] of leg below which the unit is ambiguous: in millimetres it would be a toy's
 _MATTERS = 0.01  # of the robot's mass; lighter links may have any placeholder for an inertia
 _FARTHEST_COM = 2.0  # robot sizes from a link's joint to its centre of mass; those of the catalogue have at most 0.3
 _MILLIMETRES = 20.0  # robot sizes beyond which the farthest CoM is in millimetres; in centimetres they are 4 to 15
@@ -32,13 +32,13 @@ _INERTIA_UNITS = {"kg cm2": 4, "kg mm2": 6, "g cm2": 7, "g mm2": 9}  # powers of
 
 @dataclass(frozen=True, eq=False)
 class FileLink:
-    """A link of the file that has mass.
+    """Link of the file that has mass.
 
     Attributes:
         name: name of the link.
         joint: Pinocchio's id of the joint that moves it.
         placement: placement of its frame in the joint's.
-        inertia: its inertia, in its own frame.
+        inertia: inertia in its own frame.
     """
 
     name: str
@@ -48,7 +48,7 @@ class FileLink:
 
 
 def file_links(model: pin.Model) -> Iterator[FileLink]:
-    """List every link that has mass. Pinocchio keeps the inertias of fixed links on their joints' frames."""
+    """Yield every link that has mass. Pinocchio keeps the inertias of fixed links on their joints' frames."""
     least = _ROUNDING * pin.computeTotalMass(model)
     fixed_names = {frame.parentFrame: str(frame.name) for frame in model.frames if frame.type == pin.FrameType.BODY}
     own_names = link_names(model)
@@ -63,7 +63,7 @@ def file_links(model: pin.Model) -> Iterator[FileLink]:
 
 
 def link_names(model: pin.Model) -> dict[int, str]:
-    """Name of the link that each joint moves, without those fixed to it."""
+    """Return the name of the link that each joint moves, without those fixed to it."""
     return {
         int(frame.parentJoint): str(frame.name)
         for frame in model.frames
@@ -72,12 +72,12 @@ def link_names(model: pin.Model) -> dict[int, str]:
 
 
 def radius_of_gyration_of(mass: float, moments: FloatArray) -> float:
-    """sqrt(tr(I) / 2m) [m], from principal moments; 0 without mass."""
+    """Return sqrt(tr(I) / 2m) [m], from principal moments; 0 without mass."""
     return math.sqrt(max(float(moments.sum()), 0.0) / (2 * mass)) if mass > 0 else 0.0
 
 
 def equal_round_moment(inertia: FloatArray) -> float | None:
-    """The value of an inertia v * identity whose v has one digit, as 1, 0.1 or 5e-4 [kg m2]; else None."""
+    """Return v of an inertia v * identity if v has one digit, as 1, 0.1 or 5e-4 [kg m2]; else None."""
     moment = float(np.trace(inertia)) / 3
     if moment <= 0 or np.abs(inertia - moment * np.eye(3)).max() > _EQUAL * moment:
         return None
@@ -86,7 +86,7 @@ def equal_round_moment(inertia: FloatArray) -> float | None:
 
 
 def refuse_other_units(model: pin.Model, leg_length: float, hips: FloatArray, source: ModelSource) -> None:
-    """Refuse a file that does not count in metres, kilograms and kg m2; drawings are made in millimetres and grams.
+    """Refuse a file that is not in metres, kilograms and kg m2; CAD models are often in millimetres and grams.
 
     Args:
         model: Pinocchio model with all joints of the file.
@@ -119,7 +119,7 @@ def refuse_other_units(model: pin.Model, leg_length: float, hips: FloatArray, so
 
 
 def _refuse_far_coms(links: list[FileLink], size: float, middle: FloatArray, path: Path) -> None:
-    """`size` is the robot's [m]; `middle` (3,) is that of its hips in the base frame [m]."""
+    """Refuse far CoMs on a robot of this `size` [m]; `middle` (3,) is the hips' mean in the base frame [m]."""
     coms = {link.name: link.placement.act(link.inertia.lever) - (middle if link.joint == 1 else 0.0) for link in links}
     far = {name: away for name, com in coms.items() if (away := float(np.linalg.norm(com))) > _FARTHEST_COM * size}
     if not far:
@@ -139,7 +139,7 @@ def _refuse_far_coms(links: list[FileLink], size: float, middle: FloatArray, pat
 def _refuse_large_inertias(
     links: list[FileLink], limits: dict[str, float], trunk: float, limb: float, path: Path
 ) -> None:
-    """Refuse radii of gyration beyond a link's limit, over the lengths `trunk` and `limb` of the base and a leg link [m]."""
+    """Refuse radii of gyration beyond a link's limit, over the lengths `trunk` (base) and `limb` (leg link) [m]."""
     ratios: dict[str, float] = {}
     for link in links:
         inertia, length = np.array(link.inertia.inertia), trunk if link.joint == 1 else limb
@@ -155,7 +155,7 @@ def _refuse_large_inertias(
         f"robot model {str(path)!r}: the inertia of link {worst!r} has a radius of gyration of {ratios[worst]:.3g} times the "
         "link's length"
     )
-    if all(limits[name] > _LARGEST_RADIUS for name in ratios):  # of feet and the like the size is not known
+    if all(limits[name] > _LARGEST_RADIUS for name in ratios):  # the size of feet and similar links is unknown
         raise ModelError(
             f"{found}: give the inertias of {named} in kg m2 (1 kg cm2 is 1e-4, 1 g cm2 is 1e-7, 1 g mm2 is 1e-9 kg m2)"
         )
@@ -163,7 +163,7 @@ def _refuse_large_inertias(
     power = 2 * math.log10(float(np.median(list(ratios.values()))) / _USUAL_RADIUS)
     unit = min(_INERTIA_UNITS, key=lambda unit: abs(power - _INERTIA_UNITS[unit]))
     if abs(power - _INERTIA_UNITS[unit]) > 1:
-        return  # not in a known unit: the audit names it
+        return  # not a known unit: the audit names it
     raise ModelError(
         f"{found}: it looks like {unit}; divide by 1e{_INERTIA_UNITS[unit]} the inertias of {named}, which gives kg m2"
         + (", and of all other links" if 2 * len(ratios) > len(links) else "")

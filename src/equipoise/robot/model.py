@@ -1,4 +1,4 @@
-"""RobotModel: what is known about a quadruped from its model file, found from the kinematic tree alone."""
+"""Model of a quadruped from its model file, based on the kinematic tree alone."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ DIAGONALS: dict[str, tuple[str, str]] = {"FL_RR": ("FL", "RR"), "FR_RL": ("FR", 
 """The two diagonals; each support line runs from the right foot to the left one."""
 
 PAIRS = DIAGONALS | {"FL_RL": ("FL", "RL"), "FR_RR": ("FR", "RR"), "FL_FR": ("FL", "FR"), "RL_RR": ("RL", "RR")}
-"""Two feet that a robot may stand on while it walks; of lifts it is a diagonal."""
+"""Pairs of standing feet during walking; in lift trials they are diagonals."""
 
 
 _KP, _KD = 100.0, 3.0  # joint gains [Nm/rad], [Nm s/rad] on an A1
@@ -40,7 +40,7 @@ _KP, _KD = 100.0, 3.0  # joint gains [Nm/rad], [Nm s/rad] on an A1
 
 @dataclass(frozen=True)
 class Foot:
-    """Shape of a foot: its link (body), its position on it [m], its radius and its half-width along the knee's axis [m]."""
+    """Shape of a foot: link (body), position on it [m], radius and half-width along the knee's axis [m]."""
 
     body: str
     position_in_body: tuple[float, float, float]
@@ -50,25 +50,25 @@ class Foot:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RobotModel:
-    """A quadruped: a floating base and four legs of two or three joints. Made by `from_file` or `from_source`.
+    """Quadruped: a floating base and four legs of two or three joints. Made by `from_file` or `from_source`.
 
-    Joint vectors everywhere have the leg joints in Pinocchio's order, `joint_names`. Other joints are held
-    still and belong to the base.
+    Joint vectors everywhere have the leg joints in Pinocchio's order, `joint_names`. Other joints are locked and belong to
+    the base.
 
-    A model never changes, so that threads may share one: arrays are read-only, and who computes brings the memory to compute
-    in: `Kinematics`, or what `create_data` returns. Pinocchio cannot protect its models: copy one before you change it.
+    A model never changes, so threads may share it: arrays are read-only, and computations use their own data, of `Kinematics`
+    or `create_data`. Pinocchio cannot protect its models: copy one before you change it.
 
     Attributes:
         name: name of the robot in reports.
         source: cleaned model file.
-        description: description with which the user overrode what the file says.
+        description: user's overrides of the file.
         pinocchio: Pinocchio model, free-flyer first, then the leg joints.
         full_pinocchio: the user's own Pinocchio model, before other joints were locked.
         locked_joints: positions of joints that do not belong to legs, by name [rad].
         legs: legs by name, in the order FL FR RL RR.
         lower_limit, upper_limit: (nj,) position limits [rad].
-        velocity_limit: (nj,) velocity limits [rad/s]; infinite where the model gives none.
-        effort_limit: (nj,) torque limits [Nm]; infinite where the model gives none.
+        velocity_limit: (nj,) velocity limits [rad/s]; infinite if the model gives none.
+        effort_limit: (nj,) torque limits [Nm]; infinite if the model gives none.
     """
 
     name: str
@@ -92,7 +92,7 @@ class RobotModel:
             raise ModelError(f"robot model {str(self.source.path)!r} has no mass")
 
     def __reduce__(self) -> tuple[type[RobotModel], tuple[Any, ...]]:
-        """For pickle and copy, which know no read-only mappings."""
+        """Support pickle and copy, which cannot handle read-only mappings."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return type(self), tuple(
             {**values, "locked_joints": dict(self.locked_joints), "legs": dict(self.legs)}.values()
@@ -102,7 +102,7 @@ class RobotModel:
     def from_file(
         cls, path: str | Path, name: str | None = None, description: RobotDescription | None = None
     ) -> RobotModel:
-        """From a URDF or an MJCF file.
+        """Return the model of a URDF or an MJCF file.
 
         Raises:
             ModelError: the file is missing, is neither format, or does not describe a quadruped.
@@ -114,13 +114,13 @@ class RobotModel:
     def from_source(
         cls, source: ModelSource, name: str | None = None, description: RobotDescription | None = None
     ) -> RobotModel:
-        """From a file that was read and cleaned before; its name is the file's unless one is given.
+        """Return the model of a cleaned file; its name is the file's unless one is given.
 
         Raises:
             ModelError: it does not describe a quadruped.
         """
         description = description or RobotDescription()
-        # A file's name may be bytes that are no UTF-8, which no picture, page or JSON takes.
+        # A file's name may not be valid UTF-8, which figures, pages and JSON require.
         name = name or source.path.stem.encode(errors="backslashreplace").decode()
         full, rounds = read_pinocchio(source)
         chains = leg_chains(full, source)
@@ -131,26 +131,26 @@ class RobotModel:
                 full, rounds = read_pinocchio(source)
         for repair in source.repairs:
             warnings.warn(f"{name}: {repair}", ModelWarning, stacklevel=3)
-        model, held = hold_other_joints(full.copy(), chains, description, source.home)
+        model, locked = hold_other_joints(full.copy(), chains, description, source.home)
         legs = add_legs(model, chains, rounds, description, name, source.path)
         refuse_degrees(model, source.path)
         lower, upper = position_limits(model, _joint_names(model), description, name)
         velocity, effort = _velocity_and_effort_limits(model, source)
-        robot = cls(name, source, description, model, full, held, legs, lower, upper, velocity, effort)
+        robot = cls(name, source, description, model, full, locked, legs, lower, upper, velocity, effort)
         hips = hips_of(model, chains)
         refuse_other_units(robot.full_pinocchio, robot.leg_length, hips, source)
         _refuse_far_imu(robot, hips)
         for text in limits_not_mirrored(model, legs, robot.leg_length):
             warnings.warn(f"{name}: {text}", ModelWarning, stacklevel=3)
         if robot.defect_of_base is not None:
-            said = f"the base {robot.base_link!r} has {robot.defect_of_base}"
+            message = f"the base {robot.base_link!r} has {robot.defect_of_base}"
             if model.inertias[1].mass <= NEGLIGIBLE_MASS_FRACTION * robot.mass:
-                raise ModelError(f"robot model {str(source.path)!r}: {said}")
-            warnings.warn(f"{name}: {said}", ModelWarning, stacklevel=3)
+                raise ModelError(f"robot model {str(source.path)!r}: {message}")
+            warnings.warn(f"{name}: {message}", ModelWarning, stacklevel=3)
         return robot
 
     def with_base(self, base: pin.Inertia) -> RobotModel:
-        """Return the robot with another base, as a plan or a feed-forward torque takes it to be.
+        """Return the robot with another base, for a plan or a feed-forward torque.
 
         Args:
             base: inertial parameters of the base link with everything fixed to it, in the base frame.
@@ -161,7 +161,7 @@ class RobotModel:
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
-        """(nj) names in joint order."""
+        """(nj) names of the leg joints, in joint order."""
         return _joint_names(self.pinocchio)
 
     @cached_property
@@ -176,23 +176,23 @@ class RobotModel:
 
     @property
     def defect_of_base(self) -> str | None:
-        """Defect of the mass that the file gives the base, or None."""
+        """Defect of the base's mass in the file, or None."""
         mass = float(self.pinocchio.inertias[1].mass)
         if mass >= LIGHTEST_BASE * self.mass:
             return None
         return (
-            f"hardly any mass, {mass:.3g} of the robot's {self.mass:.4g} kg, though motors and battery are there: give its "
+            f"hardly any mass, {mass:.3g} of the robot's {self.mass:.4g} kg, although it holds motors and battery: give its "
             "link an <inertial> with mass, centre of mass and inertia"
         )
 
     @property
     def imu_in_base(self) -> pin.SE3:
-        """Pose of the IMU in the base frame, the caller's own copy; `imu` states where it comes from."""
+        """Pose of the IMU in the base frame, as a copy; `imu` has its source."""
         return pin.SE3(self.imu.placement)
 
     @cached_property
     def imu(self) -> ImuPose:
-        """Pose of the IMU, and where it comes from."""
+        """Pose of the IMU, and its source."""
         return find_imu(self.pinocchio, self.description, self.source.imu_sensors, self.base_link)
 
     @cached_property
@@ -224,24 +224,24 @@ class RobotModel:
         return MappingProxyType(feet)
 
     def create_data(self) -> pin.Data:
-        """Memory for Pinocchio's algorithms on this model, the caller's own.
+        """Create data for Pinocchio's algorithms on this model.
 
-        Half as long in the making as what the model's own `createData` returns, which is copied once more.
+        It takes half as long as the model's own `createData`, which copies the data once more.
         """
         return cast("Any", pin.Data)(self.pinocchio)
 
     def configuration(self, joint_position: FloatArray) -> FloatArray:
-        """(7 + nj,) Pinocchio configuration with the base frame at the world's origin."""
+        """Return the (7 + nj,) Pinocchio configuration with the base frame at the world's origin."""
         return np.concatenate([_BASE_AT_ORIGIN, joint_position])
 
     def gains(self, hip_height: float) -> tuple[float, float]:
-        """Joint PD gains kp [Nm/rad] and kd [Nm s/rad]: the description's, or an A1's scaled to the robot."""
+        """Return joint PD gains kp [Nm/rad] and kd [Nm s/rad]: the description's, or an A1's scaled to the robot."""
         scale = Scale.of(self.mass, hip_height)
         kp, kd = self.description.kp, self.description.kd
         return (_KP * scale.torque if kp is None else kp), (_KD * scale.torque if kd is None else kd)
 
     def joint_vector(self, by_name: dict[str, float], key: str) -> FloatArray:
-        """(nj,) from values by joint name; every leg joint must be named once."""
+        """Return a (nj,) vector from values by joint name; every leg joint must be named once."""
         vector = np.full(len(self.joint_names), np.nan)
         for joint, value in by_name.items():
             vector[joint_index(self.joint_names, joint, key, self.name)] = value
@@ -279,7 +279,7 @@ def _refuse_far_imu(robot: RobotModel, hips: FloatArray) -> None:
 
 
 def _velocity_and_effort_limits(model: pin.Model, source: ModelSource) -> tuple[FloatArray, FloatArray]:
-    """(nj,) limits of the velocities [rad/s] and torques [Nm]; infinite where the model gives none."""
+    """Return (nj,) limits of the velocities [rad/s] and torques [Nm]; infinite if the model gives none."""
     velocity = np.array(model.velocityLimit[6:])
     effort = np.array(
         [source.effort_limits.get(name, model.effortLimit[6 + i]) for i, name in enumerate(_joint_names(model))]

@@ -17,8 +17,8 @@ class BodyPosture:
     Attributes:
         roll, pitch, yaw: orientation of the base; intrinsic z-y'-x'' angles [rad].
         crouch: lowering of the CoM, over the hip height.
-        ahead, aside: displacement of the CoM, forward from over the feet's middle, and to the left of the nominal
-            stance's, over the hip height.
+        ahead, aside: displacement of the CoM, forward from the feet's middle, and to the left of the nominal stance's,
+            over the hip height.
     """
 
     roll: float = 0.0
@@ -30,5 +30,5 @@ class BodyPosture:
 
     @property
     def rotation(self) -> FloatArray:
-        """(3, 3) of the base."""
+        """(3, 3) rotation of the base."""
         return np.array(pin.rpy.rpyToMatrix(np.array([self.roll, self.pitch, self.yaw])))

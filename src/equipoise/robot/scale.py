@@ -1,4 +1,4 @@
-"""Scale of a robot: factors for lengths, times and torques that were tried on an A1."""
+"""Scale of a robot: factors for lengths, times and torques relative to an A1."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from equipoise.conventions import GRAVITY
 
 HEAVIEST = 5000.0
-"""Mass above any legged robot's [kg]; more than this is in grams."""
+"""Mass above any legged robot's [kg]; larger values are in grams."""
 
 _A1_HIP_HEIGHT = 0.312  # [m] at the nominal stance
 _A1_TORQUE = 38.0  # m g h there [Nm]
@@ -17,17 +17,16 @@ _A1_TORQUE = 38.0  # m g h there [Nm]
 
 @dataclass(frozen=True)
 class Scale:
-    """A robot at a stance, over an A1 at its own: three factors, one each on an A1.
+    """Scale factors of a robot at its stance, relative to an A1 at its own.
 
-    Robots of one build move alike if lengths go with the height h of their hips, times with that of a pendulum as long,
-    sqrt(h / g), and torques with their weight at that height, m g h: gravity, which all share, allows nothing else (Froude's
-    similarity). So a constant that depends on how large a robot is stands in the code as what was tried on an A1, in plain
-    units, with the words "on an A1", and is multiplied by one of these where it is used. A speed takes length over
-    time, a frequency one over time.
+    Robots of one build move alike if lengths scale with the hip height h, times with sqrt(h / g), and torques with the
+    weight at that height, m g h (Froude's similarity). So a constant that depends on the robot's size is given as its value
+    "on an A1", in plain units, and is multiplied by one of these factors. A speed takes length over time, a frequency one
+    over time.
 
     Attributes:
         length: factor on lengths.
-        torque: factor on torques, and on what gives one: gains, friction, armature.
+        torque: factor on torques, and on gains, friction and armature.
     """
 
     length: float
@@ -35,7 +34,7 @@ class Scale:
 
     @classmethod
     def of(cls, mass: float, hip_height: float) -> Scale:
-        """Return the scale of a robot of a mass [kg] whose hip pitch axes are so high above the floor [m]."""
+        """Return the scale of a robot from its mass [kg] and the height of its hip pitch axes above the floor [m]."""
         return cls(hip_height / _A1_HIP_HEIGHT, mass * GRAVITY * hip_height / _A1_TORQUE)
 
     @property

@@ -1,4 +1,4 @@
-"""Findings about where masses lie: centres of mass outside their links, and a trunk unlike its collision shapes."""
+"""Findings about mass distributions: centres of mass outside their links, and a trunk unlike its collision shapes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LEAST_INERTIA, _MOST_INERTIA = 0.35, 2.8
 _DENSITIES = 150.0, 3000.0  # [kg/m3] of shapes that are the trunk; 420 to 1340 in the catalogue
 
 Found = tuple[str, str]
-"""A link, and what is the matter with it."""
+"""Name of a link, and its defect."""
 
 
 def coms_outside(robot: RobotModel) -> Iterator[Found]:

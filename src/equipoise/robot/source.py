@@ -1,8 +1,8 @@
-"""Reading robot model files: what both engines are given, and what had to be repaired for that.
+"""Reader of robot model files: the cleaned text for both engines, and the repairs.
 
-A URDF or MJCF file is parsed once, stripped of what a calibration does not need (meshes, visuals, actuators, sensors) and
-of what engines choke on, and handed on as text. Pinocchio (estimation) and MuJoCo (simulation) each read that text with
-their own reader, so they share a file and no code.
+A URDF or MJCF file is parsed once and stripped of what a calibration does not need (meshes, visuals, actuators, sensors) and
+of what engines cannot read. Pinocchio (estimation) and MuJoCo (simulation) each read the cleaned text with their own reader,
+so they share a file and no code.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ _MOST_BYTES = 100_000_000
 
 @dataclass(frozen=True)
 class ModelSource:
-    """A robot model file, cleaned.
+    """Cleaned robot model file.
 
     Attributes:
-        path: path of the file that it came from.
+        path: path of the original file.
         format: format of the file, "urdf" or "mjcf".
         xml: the cleaned model, without references to other files.
         sha256: hash of the file's bytes as they are on disk.
         repairs: changes and omissions, one sentence each.
-        effort_limits: torque limits by joint name [Nm], where the format keeps them outside the joint (MJCF).
-        home: joint positions of the keyframe "home", by joint name [rad]; empty where the file has none.
+        effort_limits: torque limits by joint name [Nm], if the format keeps them outside the joint (MJCF).
+        home: joint positions of the keyframe "home", by joint name [rad]; empty if the file has none.
         imu_sensors: names of the links or sites that IMU sensors of the file read.
-        forward: axis of the file's base link that points forward; if not x, the model has a base link above it, turned.
+        forward: axis of the file's base link that points forward; if not x, the model has a rotated base link above it.
         locked: positions of joints that their limits lock, by name [rad or m]; they are fixed in the cleaned model.
         couplings: elements that tie joints to each other, with the names of the joints; the cleaned model has none.
     """
@@ -65,7 +65,7 @@ def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSo
 
     Args:
         path: path of the file.
-        base_link: name of the trunk's link where it is not the first with mass (URDF).
+        base_link: name of the trunk's link; default the first with mass (URDF).
 
     Raises:
         ModelError: the file is missing, is not XML, or is neither format.
@@ -75,15 +75,15 @@ def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSo
 
 
 def parse_model_source(content: bytes, path: Path, base_link: str | None = None) -> ModelSource:
-    """Clean what a file holds, or would hold.
+    """Clean the content of a model file.
 
     Args:
         content: content of the file.
-        path: path that messages name, and that the names of included files are relative to.
+        path: path of the file, for messages and for relative paths of included files.
         base_link: name of the trunk's link, as in `read_model_source`.
 
     Raises:
-        ModelError: it is not XML, or is neither format.
+        ModelError: the content is not XML, or is neither format.
     """
     if len(content) > _MOST_BYTES:
         raise ModelError(
@@ -140,10 +140,10 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
 def _of_joints(locked: dict[str, float], couplings: list[Coupling]) -> Iterator[str]:
     if locked:
         joints = ", ".join(f"{joint} at {position:g}" for joint, position in locked.items())
-        yield f"joints whose lower and upper limits are equal are taken to be locked there: {joints}"
+        yield f"joints whose lower and upper limits are equal are locked there: {joints}"
     if couplings:
         tied = ", ".join(f"{' with '.join(joints)} ({element})" for element, joints in couplings)
-        yield f"couplings of joints that are held still are ignored: {tied}"
+        yield f"couplings of locked joints are ignored: {tied}"
 
 
 def _refuse_non_finite_numbers(root: ET.Element, path: Path, within: str = "") -> None:
@@ -161,7 +161,7 @@ def _refuse_non_finite_numbers(root: ET.Element, path: Path, within: str = "") -
 
 
 def _imu_sensor_frames(root: ET.Element) -> tuple[str, ...]:
-    """Names of the links (URDF) or sites (MJCF) that the IMU sensors of a model file read."""
+    """Return the names of the links (URDF) or sites (MJCF) that the IMU sensors of a model file read."""
     found: list[str] = []
     for gazebo in root.findall("gazebo"):
         if any(_is_imu_sensor(element) for element in gazebo.iter()):

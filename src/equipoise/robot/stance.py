@@ -1,4 +1,4 @@
-"""The nominal stance: four planted feet under the hips, by one recipe for every quadruped."""
+"""Nominal stance: four feet on the floor under the hips, by one recipe for every quadruped."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ _GRID = 13  # seeds per joint of the search for a first posture
 # Hip heights at which a robot may lie, as fractions of the leg length; the first that its joints allow is taken.
 _LYING_RATIOS = (0.30, 0.35, 0.40, 0.45, 0.50, 0.55, 0.60)
 BELLY_RATIO = 0.15
-"""A robot lies on a belly that hangs this fraction of the leg length below its hips."""
-_LYING_SHARE = 0.65  # of the stance's hip height: lower than that a robot lies, or crouches so low that it may as well
-_LIMIT_MARGIN = 0.05  # [rad]; a stance is no place to touch a joint limit
+"""Height of the hips above the belly of a lying robot, as a fraction of the leg length."""
+_LYING_SHARE = 0.65  # of the stance's hip height; below it a robot lies, or crouches as low
+_LIMIT_MARGIN = 0.05  # [rad]; a stance must not touch a joint limit
 
 
 @dataclass(frozen=True, eq=False)
 class Stance:
-    """Four planted feet under a level base.
+    """Stance of four feet on the floor under a level base.
 
     Attributes:
         joint_position: (nj,) joint positions in the model's joint order [rad].
         feet_in_base: (4, 3) centres of the feet FL FR RL RR in the base frame [m].
         hip_height: mean height of the hip pitch axes above the floor [m].
         base_height: height of the base frame's origin above the floor [m].
-        scale: scale of the robot at this stance: how large, slow and strong it is.
+        scale: scale of the robot at this stance.
     """
 
     joint_position: FloatArray
@@ -56,7 +56,7 @@ def lies(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
 
 
 def lying_posture(robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]:
-    """Joint positions of the robot lying over its stance's footholds, and the height of its base frame [m]."""
+    """Return joint positions of the robot lying over its stance's footholds, and the height of its base frame [m]."""
     for ratio in _LYING_RATIOS:
         drop = stance.hip_height - ratio * robot.leg_length
         if drop <= 0:
@@ -69,12 +69,12 @@ def lying_posture(robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]
     return stance.joint_position, stance.base_height
 
 
-@lru_cache(maxsize=16)  # of a robot that is asked for again and again, by everything that is told where it stands
+@lru_cache(maxsize=16)  # many callers need the stance of the same robot
 def nominal_stance(robot: RobotModel) -> Stance:
-    """The stance that results refer to: the described one, or feet under the hip pitch joints.
+    """Return the reference stance of results: the described one, or feet under the hip pitch joints.
 
     Feet stand under the hip pitch joints, all at one height, at about three quarters of the leg length below them.
-    Knees bend to the side that the joint limits allow; where both are allowed, front knees point backward and hind knees
+    Knees bend to the side that the joint limits allow; if both are allowed, front knees point backward and hind knees
     forward.
 
     Raises:
@@ -97,7 +97,7 @@ def nominal_stance(robot: RobotModel) -> Stance:
 
 
 def stance_at(robot: RobotModel, joint_position: FloatArray) -> Stance:
-    """The stance with given joint positions; the base is level."""
+    """Return the stance with given joint positions; the base is level."""
     feet = foot_positions(robot, joint_position)
     radii = np.array([leg.foot_radius for leg in robot.legs.values()])
     floor = float(np.mean(feet[:, 2] - radii))
@@ -142,7 +142,7 @@ def _stance_at_ratio(robot: RobotModel, ratio: float) -> Stance:
 
 
 def _upright_abduction(robot: RobotModel, leg: Leg, start: FloatArray) -> float:
-    """The abduction angle nearest to zero at which the hip pitch axis is level, so that the leg's plane is upright."""
+    """Return the abduction angle nearest to zero at which the hip pitch axis is level, so that the leg's plane is upright."""
     abduction = leg.joints[0]
     candidates = np.linspace(float(robot.lower_limit[abduction]), float(robot.upper_limit[abduction]), 721)
     candidates = np.concatenate([[start[abduction]], candidates[np.argsort(np.abs(candidates), kind="stable")]])
@@ -160,7 +160,7 @@ def _upright_abduction(robot: RobotModel, leg: Leg, start: FloatArray) -> float:
 
 
 def _seeds(robot: RobotModel, start: FloatArray, targets: FloatArray) -> list[FloatArray]:
-    """Start postures for the inverse kinematics, the preferred bend of the knees first.
+    """Return start postures for the inverse kinematics, the preferred bend of the knees first.
 
     Each leg's hip pitch and knee are taken from a grid over their limits: of the points that bring the foot near its
     target, the nearest with the knee behind the hip and the nearest with it in front.

@@ -1,4 +1,4 @@
-"""Joint torques that hold a posture against gravity: its feet stand on a level floor, however the base is turned over them."""
+"""Joint torques that hold a posture against gravity, with the feet on a level floor and any orientation of the base."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from equipoise.robot.model import RobotModel
 _UP = np.array([0.0, 0.0, 1.0])
 
 PLAUSIBLE_LOAD = (0.4, 2.5)
-"""Of the model's mass, carried by joint torques: payloads add half, friction and motor constants err by a fifth."""
+"""Limits of the mass from joint torques, over the model's: payloads add half, friction and motor constants err by a fifth."""
 
 
 def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[str]) -> FloatArray:
-    """(4, 3) forces of the ground on the feet of a robot at rest, in base axes [N].
+    """Return (4, 3) forces of the ground on the feet of a robot at rest, in base axes [N].
 
-    The smallest forces on the standing feet that carry the weight and its moment. Two feet cannot carry a moment about
-    the line between them: what is left of it is what tips the robot.
+    They are the smallest forces on the standing feet that carry the weight and its moment. Two feet cannot carry a moment
+    about the line between them, which tips the robot.
 
     Args:
         joint_position: (nj,) joint positions [rad].
@@ -33,9 +33,9 @@ def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[
 
 
 def loads_on_feet(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
-    """(4,) what each of four planted feet carries of a robot at rest, along the floor's normal [N].
+    """Return (4,) loads on the four feet of a robot at rest, along the floor's normal [N].
 
-    The smallest such forces that carry the weight and its moment: what two diagonals share differently, statics does not tell.
+    They are the smallest forces that carry the weight and its moment; statics does not determine the diagonals' shares.
 
     Args:
         joint_position: (nj,) joint positions [rad].
@@ -65,7 +65,7 @@ def _indices(robot: RobotModel, legs: Collection[str]) -> list[int]:
 
 
 def static_torques(robot: RobotModel, joint_position: FloatArray, legs: Collection[str]) -> FloatArray:
-    """(nj,) joint torques that hold a robot at rest on some of its legs, or lying level on its belly on none [Nm]."""
+    """Return (nj,) joint torques that hold a robot at rest on some of its legs, or lying level on its belly on none [Nm]."""
     kinematics = Kinematics(robot)
     feet, jacobians = kinematics.feet_and_jacobians(joint_position)
     forces = _forces_on(robot, feet, kinematics.com(joint_position), legs)
@@ -77,7 +77,7 @@ def static_torques(robot: RobotModel, joint_position: FloatArray, legs: Collecti
 
 
 def torques_of_legs(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
-    """(nj,) joint torques that carry the legs of a robot whose level base is held [Nm].
+    """Return (nj,) joint torques that carry the legs of a robot with a fixed level base [Nm].
 
     Args:
         joint_position: (nj,) joint positions [rad].
@@ -87,7 +87,7 @@ def torques_of_legs(robot: RobotModel, joint_position: FloatArray) -> FloatArray
 
 
 def carried_mass(robot: RobotModel, joint_position: FloatArray, joint_torque: FloatArray) -> float:
-    """The mass that a level robot at rest weighs by its joint torques, with the legs' own weight by the model [kg].
+    """Return the mass of a level robot at rest from its joint torques, with the legs' weight from the model [kg].
 
     Args:
         robot: the robot, on four feet.

@@ -1,4 +1,4 @@
-"""Legs in a kinematic tree: reading a model into Pinocchio, and finding in it what makes a quadruped."""
+"""Kinematic tree of a model in Pinocchio, and the four legs in it."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from equipoise.robot.description import RobotDescription
 from equipoise.robot.forward import legs_by_place
 from equipoise.robot.source import ModelSource
 
-_PLAY = 0.1  # [rad] between the limits of a joint that stands for backlash and not for a joint
+_BACKLASH = 0.1  # [rad] between the limits of a joint that models backlash
 _SAME_PLACE = 1e-3  # [m] between two parallel axes that are one
 _PARALLEL = 1e-3  # [rad]
 _ALONG = 0.98  # cosine of the angle to an axis
 
 
 class Round(NamedTuple):
-    """A sphere among the collision shapes of a link, or a cylinder along its joint's axis.
+    """Sphere among the collision shapes of a link, or cylinder along its joint's axis.
 
     Attributes:
         centre: (3,) centre in the joint's frame [m].
         radius: radius [m].
-        half_width: half the length of a cylinder; zero of a sphere [m].
+        half_width: half the length of a cylinder; zero for a sphere [m].
     """
 
     centre: FloatArray
@@ -44,20 +44,20 @@ Rounds = dict[str, list[Round]]
 
 
 def joint_axis(model: pin.Model, joint: int) -> FloatArray:
-    """(3,) axis of a one-axis joint, in the joint's own frame."""
+    """Return the (3,) axis of a one-axis joint, in the joint's own frame."""
     motion = _motion_of(model, joint)
     return motion[3:] if motion[3:].any() else motion[:3]
 
 
 def _motion_of(model: pin.Model, joint: int) -> FloatArray:
-    """(6,) what a one-axis joint moves along and turns about, in its own frame: linear, then angular."""
+    """Return the (6,) motion axis of a one-axis joint in its own frame: linear, then angular."""
     data = model.joints[joint].createData()
     model.joints[joint].calc(data, pin.neutral(model))
     return np.array(data.S, dtype=float).reshape(6)
 
 
 def read_pinocchio(source: ModelSource) -> tuple[pin.Model, Rounds]:
-    """The cleaned file in Pinocchio, floating, and the round shapes that may be feet."""
+    """Return the cleaned file in Pinocchio, floating, and the round shapes that may be feet."""
     model, geometry = read_shapes(source)
     rounds: Rounds = {}
     for shape in geometry.geometryObjects:
@@ -77,7 +77,7 @@ def _is_along_axis(model: pin.Model, joint: int, direction: FloatArray) -> bool:
 
 
 def read_shapes(source: ModelSource) -> tuple[pin.Model, pin.GeometryModel]:
-    """The cleaned file in Pinocchio, floating, and its collision shapes."""
+    """Return the cleaned file in Pinocchio, floating, and its collision shapes."""
     try:
         if source.format == "urdf":
             model = pin.buildModelFromXML(source.xml, pin.JointModelFreeFlyer())
@@ -92,7 +92,7 @@ def read_shapes(source: ModelSource) -> tuple[pin.Model, pin.GeometryModel]:
 
 
 def leg_chains(model: pin.Model, source: ModelSource) -> list[list[str]]:
-    """The four legs as joint names from the hip down, found as four like chains that end in a leaf.
+    """Return the four legs as joint names from the hip down: four equally long chains that end in a leaf.
 
     A chain runs from a leaf joint up to the last joint above which the tree branches.
     """
@@ -112,13 +112,13 @@ def leg_chains(model: pin.Model, source: ModelSource) -> list[list[str]]:
     wheels = [str(model.names[chain[-1]]) for chain in by_length.get(4, []) if _turns_freely(model, chain[-1])]
     if not legs and len(wheels) == 4:
         raise ModelError(
-            f"robot model {str(source.path)!r} stands on wheels (joints {', '.join(wheels)}), and equipoise on feet that stay "
-            "where they are: it would need wheels that are braked all through, by their motors or by pins. If yours are, make "
-            "those joints fixed in a copy of the file, and give the wheels' radius as foot_radius in a robot description"
+            f"robot model {str(source.path)!r} stands on wheels (joints {', '.join(wheels)}), but equipoise needs feet that "
+            "do not move. If your wheels are braked throughout, by their motors or by pins, make those joints fixed in a copy "
+            "of the file, and give the wheels' radius as foot_radius in a robot description"
         )
     if len(legs) != 1:
         raise ModelError(
-            f"robot model {str(source.path)!r} is not a quadruped that equipoise knows: it needs exactly four legs of two or "
+            f"robot model {str(source.path)!r} is not a supported quadruped: it needs exactly four legs of two or "
             f"three joints each; limbs found: {_limbs(model, by_length) or 'none'}{_not_leg_joints(model, chains, source)}"
         )
     for chain in legs[0]:
@@ -144,7 +144,7 @@ def _not_leg_joints(model: pin.Model, chains: list[list[int]], source: ModelSour
         kinds = " and ".join(dict.fromkeys(odd.values()))
         advice += f"; {', '.join(odd)} are {kinds}: make them fixed in a copy of the file if they do not move"
     if source.locked:
-        advice += f"; {', '.join(source.locked)} are locked by limits that are equal: give the range of those that move"
+        advice += f"; {', '.join(source.locked)} are locked by equal limits: give the range of those that move"
     return advice
 
 
@@ -154,7 +154,7 @@ def _odd_kind(model: pin.Model, joint: int) -> str | None:
     if kind is not None or at.nq != 1:
         return kind
     span = float(model.upperPositionLimit[at.idx_q] - model.lowerPositionLimit[at.idx_q])
-    return "hardly moving" if span < _PLAY else None
+    return "hardly moving" if span < _BACKLASH else None
 
 
 def _refuse_leg_joints(model: pin.Model, chain: list[int], source: ModelSource) -> None:
@@ -164,8 +164,8 @@ def _refuse_leg_joints(model: pin.Model, chain: list[int], source: ModelSource) 
         body, *together = _in_one_body(source, str(model.names[joint]))
         if together:
             raise ModelError(
-                f"{where}: body {body!r} of a leg has several joints, {' and '.join(together)}; legs need one joint a body: "
-                f"take {' and '.join(together[1:])} out in a copy of the file"
+                f"{where}: body {body!r} of a leg has several joints, {' and '.join(together)}; legs need one joint per body: "
+                f"remove {' and '.join(together[1:])} in a copy of the file"
             )
         if (kind := _kind_unless_revolute(model, joint)) is not None:
             raise ModelError(
@@ -174,9 +174,9 @@ def _refuse_leg_joints(model: pin.Model, chain: list[int], source: ModelSource) 
             )
     for above, below in itertools.pairwise(chain):
         placement, axis = model.jointPlacements[below], joint_axis(model, above)
-        apart = np.linalg.norm(np.cross(axis, placement.translation))
+        distance = np.linalg.norm(np.cross(axis, placement.translation))
         if (
-            apart < _SAME_PLACE
+            distance < _SAME_PLACE
             and np.linalg.norm(np.cross(axis, placement.rotation @ joint_axis(model, below))) < _PARALLEL
         ):
             raise ModelError(
@@ -206,8 +206,8 @@ def _refuse_coupled(source: ModelSource, leg_joints: set[str]) -> None:
     coupled = [f"{' with '.join(joints)} ({element})" for element, joints in source.couplings if leg_joints & {*joints}]
     if coupled:
         raise ModelError(
-            f"robot model {str(source.path)!r}: leg joints are coupled, and equipoise moves each on its own: "
-            f"{', '.join(coupled)}; if they are not coupled on the robot, take that out in a copy of the file"
+            f"robot model {str(source.path)!r}: leg joints are coupled, but equipoise moves each independently: "
+            f"{', '.join(coupled)}; if they are not coupled on the robot, remove the couplings in a copy of the file"
         )
 
 
@@ -234,35 +234,35 @@ def hold_other_joints(
 ) -> tuple[pin.Model, dict[str, float]]:
     """Return the model with every joint that does not belong to a leg locked, and the position of each.
 
-    Where the description says, else where they are at home, else at zero or the limit that is nearest to it.
+    The position is the description's, else that of the keyframe "home", else zero or the limit nearest to it.
 
     Raises:
-        SettingsError: the description names another joint, or a place beyond its limits.
+        SettingsError: the description names another joint, or a position beyond its limits.
     """
     leg_joints = {joint for chain in chains for joint in chain}
     others = [str(name) for name in model.names[2:] if str(name) not in leg_joints]
     for joint in description.locked_joints:
         if joint not in others:
-            there = f"others are {', '.join(others)}" if others else "this robot has no others, so leave it out"
-            raise SettingsError(f"held names {joint!r}, which is a leg joint or none; {there}")
+            hint = f"others are {', '.join(others)}" if others else "this robot has no others, so leave it out"
+            raise SettingsError(f"locked_joints names {joint!r}, which is a leg joint or does not exist; {hint}")
     if not others:
         return model, {}
-    configuration, held = pin.neutral(model), dict.fromkeys(others, 0.0)
+    configuration, locked = pin.neutral(model), dict.fromkeys(others, 0.0)
     for name in others:
         joint = model.joints[model.getJointId(name)]
         if joint.nq == 1:
-            held[name] = configuration[joint.idx_q] = _held_at(model, name, joint.idx_q, description, home)
+            locked[name] = configuration[joint.idx_q] = _locked_at(model, name, joint.idx_q, description, home)
         elif name in description.locked_joints:
-            raise SettingsError(f"held joint {name!r} has more than one axis")
+            raise SettingsError(f"locked_joints names {name!r}, which has more than one axis")
     to_lock = [model.getJointId(name) for name in others]
     reduced, _ = pin.buildReducedModel(model, [pin.GeometryModel()], to_lock, configuration)
-    return reduced, held
+    return reduced, locked
 
 
-def _held_at(
+def _locked_at(
     model: pin.Model, joint: str, index: int, description: RobotDescription, home: Mapping[str, float]
 ) -> float:
-    """Return the position at which a joint is held [rad]; `index` is its place in the model's positions."""
+    """Return the position at which a joint is locked [rad]; `index` is its place in the model's positions."""
     lower, upper = float(model.lowerPositionLimit[index]), float(model.upperPositionLimit[index])
     position = description.locked_joints.get(joint)
     if not lower < upper:
@@ -271,14 +271,14 @@ def _held_at(
         return min(max(home.get(joint, 0.0), lower), upper)
     if not lower <= position <= upper:
         raise SettingsError(
-            f"held puts joint {joint!r} at {position:.3f} rad, outside its limits {lower:.3f} to {upper:.3f}; give its angle "
-            "in radians, as the joint is while the robot is calibrated"
+            f"locked_joints puts joint {joint!r} at {position:.3f} rad, outside its limits {lower:.3f} to {upper:.3f}; "
+            "give its angle during the calibration, in radians"
         )
     return position
 
 
 def hips_of(model: pin.Model, chains: list[list[str]]) -> FloatArray:
-    """(4, 3) where each leg's hip pitch joint is in the base frame, all joints at zero [m]."""
+    """Return the (4, 3) hip pitch joints of the legs in the base frame, all joints at zero [m]."""
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
     return np.array([np.array(data.oMi[model.getJointId(chain[-2])].translation) for chain in chains])
@@ -298,7 +298,7 @@ def name_legs(model: pin.Model, chains: list[list[int]]) -> dict[str, list[int]]
 
 
 def body_frame_of(model: pin.Model, joint: int) -> int:
-    """Id of the frame of the link that the joint moves."""
+    """Return the id of the frame of the link that the joint moves."""
     for index, frame in enumerate(model.frames):
         if frame.parentJoint == joint and frame.type == pin.FrameType.BODY:
             return index

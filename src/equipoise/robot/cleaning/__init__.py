@@ -1,1 +1,1 @@
-"""Cleaning of model files: what both engines can read, and nothing that belongs to a simulation alone."""
+"""Cleaning of model files for both engines, without elements that belong to a simulation alone."""

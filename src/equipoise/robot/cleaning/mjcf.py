@@ -1,4 +1,4 @@
-"""Cleaning of MJCF files: the bodies, joints and primitive geoms stay, what belongs to a simulation goes."""
+"""Cleaning of MJCF files, which keeps bodies, joints and primitive geoms and removes simulation settings."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from equipoise.robot.cleaning.size import refuse_immense
 from equipoise.robot.cleaning.urdf_joints import Coupling
 from equipoise.user_file import read_bytes
 
-# Sections that describe a simulation and not a robot. Ours replace them where the simulator needs them.
+# Sections that describe a simulation and not a robot. equipoise's simulator adds its own.
 _DROPPED_SECTIONS = (
     "actuator", "asset", "contact", "custom", "deformable", "equality", "extension", "keyframe", "sensor", "size",
     "statistic", "tendon", "visual",
 )  # fmt: skip
 _ACTUATORS = ("motor", "position", "velocity", "general", "intvelocity")
-# Compiler settings that change what bodies weigh, and what they are when they do not.
+# Compiler settings that change the masses of bodies, and their harmless values.
 _MASS_SETTINGS = {"settotalmass": [-1.0], "boundmass": [0.0], "boundinertia": [0.0], "inertiagrouprange": [0.0, 5.0]}
 _POSITIONS = {"free": 7, "ball": 4}  # numbers in `qpos`; other joints have one
-# What makes bodies that are not written down; cameras and lights are only not needed.
+# Elements that generate bodies.
 _GENERATORS = ("replicate", "attach", "composite", "flexcomp")
 
 
 class CleanedMjcf(NamedTuple):
-    """A cleaned MJCF file: its root, and what else `ModelSource` keeps."""
+    """Cleaned MJCF file: its root, and further fields of `ModelSource`."""
 
     root: ET.Element
     repairs: list[str]
@@ -43,7 +43,7 @@ def clean_mjcf(root: ET.Element, path: Path) -> CleanedMjcf:
 
     Raises:
         ModelError: no body with a free joint, a body whose mass only a mesh determines, bodies or masses that only MuJoCo
-            can work out, joints without an axis or with exchanged limits.
+            can compute, joints without an axis or with exchanged limits.
         ValueError: something that is not a number.
     """
     root = copy.deepcopy(root)
@@ -51,7 +51,7 @@ def clean_mjcf(root: ET.Element, path: Path) -> CleanedMjcf:
     refuse_immense(root, path)
     _merge_sections(root)
     _refuse_mass_settings(root, path)
-    _name_the_nameless(root)
+    _name_unnamed(root)
     defaults = _Defaults(root)
     effort_limits, couplings = _effort_limits(root, defaults), couplings_of(root)
     home = root.find("keyframe/key[@name='home']")
@@ -64,14 +64,14 @@ def clean_mjcf(root: ET.Element, path: Path) -> CleanedMjcf:
     base = base_body(root, path)
     _refuse_generators(base, path)
     locked = clean_joints(base, AngleConvention.of(root), path)
-    for key in ("pos", *ORIENTATIONS):  # where the file starts the robot says nothing of the robot
+    for key in ("pos", *ORIENTATIONS):  # the start pose is not a property of the robot
         base.attrib.pop(key, None)
     _drop_overruled_inertials(root)
     repairs = _strip_meshes(root, path)
     others = [child for world in root.findall("worldbody") for child in world if child is not base]
     if others:
         tags = sorted({child.tag for child in others})
-        repairs.append(f"what else is in the world is ignored: {', '.join(tags)}")
+        repairs.append(f"other elements of the world are ignored: {', '.join(tags)}")
     for world in root.findall("worldbody"):
         for child in list(world):
             if child is not base:
@@ -80,7 +80,7 @@ def clean_mjcf(root: ET.Element, path: Path) -> CleanedMjcf:
 
 
 def _expand_includes(root: ET.Element, path: Path, main: Path, depth: int) -> None:
-    """Put included files in place. Their names are relative to the main file's folder or else to the including file's."""
+    """Insert included files. Their names are relative to the main file's folder or else to the including file's."""
     if depth > 8:
         raise ModelError(f"robot model {str(main)!r} includes files more than 8 deep; is there a loop?")
     for parent in list(root.iter()):
@@ -103,7 +103,7 @@ def _expand_includes(root: ET.Element, path: Path, main: Path, depth: int) -> No
 
 
 def _merge_sections(root: ET.Element) -> None:
-    """Make one section of several: Pinocchio reads the first and passes over the others."""
+    """Merge sections: Pinocchio reads the first and ignores the others."""
     for tag in ("compiler", "worldbody"):
         sections = root.findall(tag)
         for section in sections[1:]:
@@ -113,20 +113,20 @@ def _merge_sections(root: ET.Element) -> None:
 
 
 def _refuse_mass_settings(root: ET.Element, path: Path) -> None:
-    """Refuse settings that Pinocchio does not know; take out those that nothing here needs."""
+    """Refuse settings that Pinocchio does not support; remove those that are not needed."""
     for compiler in root.findall("compiler"):
         for key, harmless in _MASS_SETTINGS.items():
             value = compiler.attrib.pop(key, None)
             if value is not None and [float(word) for word in value.split()] != harmless:
                 raise ModelError(
-                    f"robot model {str(path)!r}: <compiler {key}={value!r}> changes what bodies weigh; give every body "
-                    "an <inertial> with what it weighs and take the setting out"
+                    f"robot model {str(path)!r}: <compiler {key}={value!r}> changes the masses of bodies; give every "
+                    "body an <inertial> with its mass and remove the setting"
                 )
         compiler.attrib.pop("balanceinertia", None)
 
 
-def _name_the_nameless(root: ET.Element) -> None:
-    """Name bodies and joints without a name: readers find them by it."""
+def _name_unnamed(root: ET.Element) -> None:
+    """Name unnamed bodies and joints, because readers find them by name."""
     for index, (_, body) in enumerate(_walk_bodies(root)):
         if body.tag == "body" and not body.get("name"):
             body.set("name", f"unnamed_body_{index}")
@@ -157,7 +157,7 @@ class _Defaults:
         return self._classes.get(element.get("class", childclass), {}).get(_default_tag(element), {})
 
     def get(self, element: ET.Element, key: str, childclass: str = "main") -> str | None:
-        """One attribute, the element's own or inherited."""
+        """Return one attribute, the element's own or inherited."""
         return element.attrib.get(key, self.all(element, childclass).get(key))
 
 
@@ -167,9 +167,9 @@ def _default_tag(element: ET.Element) -> str:
 
 
 def _effort_limits(root: ET.Element, defaults: _Defaults) -> dict[str, float]:
-    """Torque limit of each joint: the force range of its actuator, or of a motor's control, times the gear.
+    """Return the torque limit of each joint: the force range of its actuator, or of a motor's control, times the gear.
 
-    A limit of the joint itself holds besides.
+    A limit of the joint itself applies too.
     """
     limits: dict[str, float] = {}
     for element in root.iterfind("actuator/*"):
@@ -187,9 +187,9 @@ def _effort_limits(root: ET.Element, defaults: _Defaults) -> dict[str, float]:
 
 
 def _joint_positions(root: ET.Element, key: ET.Element) -> dict[str, float]:
-    """A keyframe's positions of joints with one axis, from where they are at zero once references are folded [rad].
+    """Return a keyframe's positions of joints with one axis, relative to zero after references are folded [rad].
 
-    Empty where it does not hold what the joints take: MuJoCo makes bodies that are not written down.
+    Empty if the number of values does not fit the joints: MuJoCo may generate further bodies.
     """
     values = [float(word) for word in key.get("qpos", "").split()]
     unit, found, place = AngleConvention.of(root).unit, dict[str, float](), 0
@@ -214,7 +214,7 @@ def _walk_joints(root: ET.Element) -> list[tuple[str, ET.Element]]:
 
 
 def _walk_bodies(root: ET.Element) -> list[tuple[str, ET.Element]]:
-    """Every body and every frame with the default class that its children take."""
+    """Return every body and every frame with the default class of its children."""
     found: list[tuple[str, ET.Element]] = []
 
     def descend(element: ET.Element, childclass: str) -> None:
@@ -230,7 +230,7 @@ def _walk_bodies(root: ET.Element) -> list[tuple[str, ET.Element]]:
 
 
 def _flatten_defaults(root: ET.Element, defaults: _Defaults) -> None:
-    """Write inherited attributes onto the elements: Pinocchio's reader passes over some of them (a geom's `pos`)."""
+    """Write inherited attributes onto the elements: Pinocchio's reader ignores some of them (a geom's `pos`)."""
     for childclass, body in _walk_bodies(root):
         body.attrib.pop("childclass", None)
         for element in body:
@@ -251,13 +251,13 @@ def _refuse_generators(base: ET.Element, path: Path) -> None:
     for element in base.iter():
         if element.tag in _GENERATORS:
             raise ModelError(
-                f"robot model {str(path)!r} has a <{element.tag}>, which only MuJoCo can work out; load the file there, "
-                "write what it makes of it with mujoco.mj_saveLastXML and use that"
+                f"robot model {str(path)!r} has a <{element.tag}>, which only MuJoCo can expand; load the file there, "
+                "save it with mujoco.mj_saveLastXML and use that file"
             )
 
 
 def _drop_overruled_inertials(root: ET.Element) -> None:
-    """Take out what the compiler's `inertiafromgeom` makes void."""
+    """Remove inertials that the compiler's `inertiafromgeom` overrides."""
     for compiler in root.findall("compiler"):
         if compiler.attrib.pop("inertiafromgeom", "auto") == "true":
             for _, body in _walk_bodies(root):
@@ -282,4 +282,4 @@ def _strip_meshes(root: ET.Element, path: Path) -> list[str]:
         for tag in ("camera", "light"):
             for element in body.findall(tag):
                 body.remove(element)
-    return [f"{meshes} mesh geoms are ignored: the feet are taken as spheres"] if meshes else []
+    return [f"{meshes} mesh geoms are ignored: the feet are modelled as spheres"] if meshes else []

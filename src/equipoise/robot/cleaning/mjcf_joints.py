@@ -1,4 +1,4 @@
-"""Cleaning of the joints of MJCF files: their axes and limits, and what ties them to each other."""
+"""Cleaning of the joints of MJCF files: their axes, limits and couplings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MOVED_BY_TENDON = ("stiffness", "range", "springlength")
 
 
 def base_body(root: ET.Element, path: Path) -> ET.Element:
-    """Find the body with a free joint; refuse a file without one."""
+    """Return the body with a free joint; raises ModelError if there is none."""
     bodies = [body for world in root.findall("worldbody") for body in world.findall("body")]
     for body in bodies:
         free = body.find("freejoint") is not None or any(j.get("type") == "free" for j in body.findall("joint"))
@@ -27,7 +27,7 @@ def base_body(root: ET.Element, path: Path) -> ET.Element:
 
 
 def _without_base(bodies: list[ET.Element]) -> str:
-    """Describe what a file without a free joint lacks."""
+    """Describe the defect of a file without a free joint."""
     if not bodies:
         return "has no <body> in its <worldbody>"
     largest = max(bodies, key=lambda body: len(list(body.iter("joint"))))
@@ -36,9 +36,9 @@ def _without_base(bodies: list[ET.Element]) -> str:
     names = ", ".join(str(body.get("name")) for body in moving)
     if len(moving) > 1:
         return (
-            f"has no trunk: its legs ({names}) hang at the world, as MuJoCo writes a URDF without a floating joint. The "
-            "trunk's mass is not in the file: put the legs and the trunk's geoms into one <body> with a <freejoint/> and an "
-            "<inertial>, or give the URDF"
+            f"has no trunk: its legs ({names}) are attached to the world, as MuJoCo writes a URDF without a floating joint. "
+            "The trunk's mass is not in the file: put the legs and the trunk's geoms into one <body> with a <freejoint/> and "
+            "an <inertial>, or give the URDF"
         )
     if moving:
         joints = ", ".join(str(joint.get("name")) for joint in moving[0].findall("joint"))
@@ -65,27 +65,27 @@ def clean_joints(base: ET.Element, convention: AngleConvention, path: Path) -> d
     return locked
 
 
-def _locked_at(joint: ET.Element, who: str) -> float | None:
-    """Return where a joint's limits lock it, in the file's unit; None if it can move."""
+def _locked_at(joint: ET.Element, where: str) -> float | None:
+    """Return the position at which a joint's limits lock it, in the file's unit; None if it can move."""
     axis = joint.get("axis", "0 0 1")
     if not np.linalg.norm([float(word) for word in axis.split()]) > SMALLEST_AXIS:
         raise ModelError(
-            f"{who}: axis {axis} has no direction; give the axis that it moves about or along, as 0 1 0, or take it out"
+            f"{where}: axis {axis} has no direction; give the axis that it moves about or along, as 0 1 0, or remove it"
         )
     if "range" not in joint.attrib:
         if joint.get("limited") == "true":
-            raise ModelError(f"{who} is limited and has no range; give it, or take limited out")
+            raise ModelError(f"{where} is limited and has no range; give a range, or remove limited")
         return None
     lower, upper = (float(word) for word in joint.get("range", "").split())
     if lower > upper:
         raise ModelError(
-            f"{who} has the range {lower:g} to {upper:g}, whose ends are exchanged: the smaller one comes first"
+            f"{where} has the range {lower:g} to {upper:g}, whose ends are exchanged: the smaller one comes first"
         )
     return lower if lower == upper else None
 
 
 def couplings_of(root: ET.Element) -> list[Coupling]:
-    """List what equalities and tendons tie to each other."""
+    """Return the couplings of joints by equalities and tendons."""
     tendons = {
         tendon.get("name", ""): tuple(joint.get("joint", "") for joint in tendon.findall("joint"))
         for tendon in root.iterfind("tendon/fixed")
@@ -116,7 +116,7 @@ def _equalities(root: ET.Element, tendons: dict[str, tuple[str, ...]]) -> Iterat
 
 
 def _joints_by_part(root: ET.Element) -> dict[str, tuple[str, ...]]:
-    """List the joints of each body, by its name and by those of its sites."""
+    """Return the joints of each body, by its name and by those of its sites."""
     found: dict[str, tuple[str, ...]] = {}
     for body in root.iter("body"):
         joints = tuple(joint.get("name", "") for joint in body.findall("joint") if joint.get("type") != "free")

@@ -1,4 +1,4 @@
-"""Poses in MJCF: written in the one way that all readers understand alike."""
+"""Poses in MJCF, in the form that all readers interpret equally."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class AngleConvention:
 def write_plain_poses(root: ET.Element) -> None:
     """Dissolve frames, fold joints' references into their bodies, and write some orientations as `xyaxes`, in place.
 
-    Pinocchio passes over frames, shifts limits by the reference, does not normalise the axis of `axisangle` and reads every
-    Euler sequence as turned.
+    Pinocchio ignores frames, shifts limits by the reference, does not normalise the axis of `axisangle` and reads every
+    Euler sequence as intrinsic.
 
     Raises:
-        ValueError: a number that is none, or a reference that cannot be folded.
+        ValueError: an invalid number, or a reference that cannot be folded.
     """
     convention = AngleConvention.of(root)
     for world in root.findall("worldbody"):
@@ -49,7 +49,7 @@ def write_plain_poses(root: ET.Element) -> None:
 
 
 def orientation(element: ET.Element, convention: AngleConvention) -> FloatArray:
-    """(3, 3) axes of an element in its parent's."""
+    """Return the (3, 3) axes of an element in its parent's."""
     for key in ORIENTATIONS:
         if key in element.attrib:
             break
@@ -83,7 +83,7 @@ def _unit(vector: FloatArray, element: ET.Element) -> FloatArray:
 
 
 def _turned(axis: FloatArray, angle: float) -> FloatArray:
-    """(3, 3) rotation about an axis of any length, by Rodrigues' formula; about x where the axis has no direction."""
+    """Return the (3, 3) rotation about an axis of any length (Rodrigues' formula); about x if the axis has no direction."""
     length = np.linalg.norm(axis)
     x, y, z = axis / length if length > 1e-12 else (1.0, 0.0, 0.0)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -91,7 +91,7 @@ def _turned(axis: FloatArray, angle: float) -> FloatArray:
 
 
 def _dissolve_frames(parent: ET.Element, convention: AngleConvention) -> None:
-    """Put what frames hold in their place, moved and turned as they are."""
+    """Replace frames by their children, moved and rotated accordingly."""
     for child in list(parent):
         if child.tag in ("body", "frame"):
             _dissolve_frames(child, convention)
@@ -99,13 +99,13 @@ def _dissolve_frames(parent: ET.Element, convention: AngleConvention) -> None:
             place = list(parent).index(child)
             parent.remove(child)
             translation, rotation = _numbers(child, "pos", "0 0 0"), orientation(child, convention)
-            for offset, held in enumerate(child):
-                _move(held, translation, rotation, convention)
-                parent.insert(place + offset, held)
+            for offset, element in enumerate(child):
+                _move(element, translation, rotation, convention)
+                parent.insert(place + offset, element)
 
 
 def fold_reference(body: ET.Element, convention: AngleConvention) -> None:
-    """Turn the body to where its joint is at zero and not at its reference, which is where the file has it."""
+    """Rotate the body from its joint's reference, the pose of the file, to the joint's zero."""
     joints = body.findall("joint")
     references = [float(joint.attrib.pop("ref", "0")) for joint in joints]
     if not any(references):

@@ -1,4 +1,4 @@
-"""Size of model files: what would take minutes to read is refused."""
+"""Size limits of model files."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 
 from equipoise.errors import ModelError
 
-_MOST_LINKS = 5000  # which take five seconds
+_MOST_LINKS = 5000  # about five seconds
 _DEEPEST = 200  # elements within elements
 
 
 def refuse_immense(root: ET.Element, path: Path) -> None:
-    """Refuse a model that would take minutes, for reading takes the square of the number of links; raises ModelError."""
+    """Refuse a huge model, because reading time grows with the square of the number of links; raises ModelError."""
     links = sum(element.tag in ("link", "body") for element in root.iter())
     if links > _MOST_LINKS:
         raise ModelError(

@@ -1,4 +1,4 @@
-"""Cleaning of URDF files: the links, joints and primitive shapes stay; what engines choke on is repaired or goes."""
+"""Cleaning of URDF files, which keeps links, joints and primitive shapes and repairs or removes what engines cannot read."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from equipoise.robot.cleaning.urdf_joints import clean_joints
 from equipoise.robot.cleaning.urdf_text import number, tidy_vector
 
 # An inertial lighter than this fraction of the robot is a placeholder (1e-6 kg base links, 1e-5 kg camera frames): it
-# changes nothing that can be measured and fails engines' inertia checks.
+# has no measurable effect and fails engines' inertia checks.
 NEGLIGIBLE_MASS_FRACTION = 1e-6
 # The base of a robot has 0.37 to 0.70 of its mass in the catalogue. A lighter link above one moving joint is a virtual one.
 LIGHTEST_BASE = 0.05
 
 
 def clean_urdf(root: ET.Element, path: Path, base_link: str | None) -> Iterator[str]:
-    """Clean a URDF in place; yields a sentence for each thing changed that a user should know."""
+    """Clean a URDF in place; yields a sentence for each change that concerns the user."""
     links = {link.get("name", ""): link for link in root.findall("link")}
     if not links:
         raise ModelError(f"robot model {str(path)!r} has no <link>")
@@ -35,7 +35,7 @@ def clean_urdf(root: ET.Element, path: Path, base_link: str | None) -> Iterator[
 
 
 def _strip_geometry(links: dict[str, ET.Element]) -> Iterator[str]:
-    """Drop visuals and mesh collisions. Primitive collisions stay: spheres tell where feet are."""
+    """Remove visuals and mesh collisions. Primitive collisions stay: spheres mark the feet."""
     meshes = 0
     for link in links.values():
         for visual in link.findall("visual"):
@@ -45,7 +45,7 @@ def _strip_geometry(links: dict[str, ET.Element]) -> Iterator[str]:
                 link.remove(collision)
                 meshes += 1
     if meshes:
-        yield f"{meshes} collision meshes are ignored: the feet are taken as spheres and nothing else touches the floor"
+        yield f"{meshes} collision meshes are ignored: the feet are modelled as spheres and nothing else touches the floor"
 
 
 def _repair_inertials(links: dict[str, ET.Element], path: Path) -> Iterator[str]:
@@ -65,7 +65,7 @@ def _repair_inertials(links: dict[str, ET.Element], path: Path) -> Iterator[str]
         element = inertial.find("inertia")
         if element is None:
             raise ModelError(f"robot model {str(path)!r}: link {name!r} has a mass and no <inertia>")
-        # Of an <inertial> of which urdfdom cannot read one number it drops all, the mass too, and goes on.
+        # If urdfdom cannot read one number of an <inertial>, it silently drops all of it, the mass too.
         for key in _INERTIA_KEYS:
             element.attrib.setdefault(key, "0")
         for key in ("xyz", "rpy"):
@@ -84,7 +84,7 @@ def _repair_inertials(links: dict[str, ET.Element], path: Path) -> Iterator[str]
             element.set(key, repr(float(repaired[row, column])))
     if negligible:
         shown = ", ".join(negligible[:4]) + (", ..." if len(negligible) > 4 else "")
-        yield f"{len(negligible)} links with (almost) no mass are taken as massless: {shown}"
+        yield f"{len(negligible)} links with (almost) no mass are treated as massless: {shown}"
 
 
 _INERTIA_KEYS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
@@ -99,16 +99,16 @@ def _read_inertia(element: ET.Element, link: str, path: Path) -> NDArray[np.floa
 
 
 def physical_inertia(inertia: NDArray[np.float64], mass: float, least: float = 1e-6) -> NDArray[np.float64]:
-    """The nearest inertia tensor [kg m2] that a rigid body of that mass can have, in the principal frame.
+    """Return the nearest physical inertia tensor [kg m2] of a rigid body of that mass, in the principal frame.
 
     A body's second moments of mass S = tr(I)/2 - I are not negative, which is the triangle inequality of the principal
-    moments. Negative ones are lifted to a millimetre's radius of gyration, or, where they are negative only by the file's
-    rounding, by as little as engines need that allow no rounding.
+    moments. Negative ones are raised to a millimetre's radius of gyration, or, if they are negative only by the file's
+    rounding, by as little as engines without tolerance need.
 
     Args:
         inertia: (3, 3) inertia about the centre of mass [kg m2].
         mass: mass [kg].
-        least: second moment that a lifted one has, over the largest.
+        least: smallest second moment after the repair, over the largest.
     """
     values, vectors = np.linalg.eigh(_second_moments(inertia))
     if values.min() >= 1e-9 * values.max() and values.max() > 0:
@@ -123,13 +123,13 @@ def _second_moments(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _is_physical_but_for_rounding(inertia: NDArray[np.float64]) -> bool:
-    """Return whether it breaks the triangle inequality by no more than a plate's does whose moments were rounded."""
+    """Return whether it violates the triangle inequality by no more than a plate with rounded moments."""
     values = np.linalg.eigvalsh(_second_moments(inertia))
     return bool(values.min() >= -1e-3 * abs(values.max()) and np.linalg.eigvalsh(inertia).min() > 0)
 
 
 def _prune_to_base(root: ET.Element, links: dict[str, ET.Element], path: Path, base_link: str | None) -> Iterator[str]:
-    """Drop links above the base: `world`, an `odom`, the links of a chain of joints that stands for a floating base."""
+    """Remove links above the base: `world`, an `odom`, the links of a chain of joints that models a floating base."""
     joints = root.findall("joint")
     ends, top = _tree(joints, links, path)
     if base_link is not None and base_link not in links:
@@ -142,7 +142,7 @@ def _prune_to_base(root: ET.Element, links: dict[str, ET.Element], path: Path, b
         if len(below) != 1 or not light:
             if base_link is not None:
                 raise ModelError(
-                    f"base link {base_link!r} hangs below {top!r}, which has mass or more than one joint: "
+                    f"base link {base_link!r} is below {top!r}, which has mass or more than one joint: "
                     f"{top!r} is the base"
                 )
             break
@@ -151,11 +151,11 @@ def _prune_to_base(root: ET.Element, links: dict[str, ET.Element], path: Path, b
         dropped.append(top)
         top = ends[id(below[0])][1]
     if dropped:
-        yield f"what is above the base {top!r} is ignored: {', '.join(dropped)}"
+        yield f"links above the base {top!r} are ignored: {', '.join(dropped)}"
 
 
 def _tree(joints: list[ET.Element], links: dict[str, ET.Element], path: Path) -> tuple[dict[int, tuple[str, str]], str]:
-    """Parent and child link of each joint, by its `id`, and the root link; refuses what is not a tree of all links."""
+    """Return parent and child link of each joint, by its `id`, and the root link; raises ModelError if not one tree."""
     ends: dict[int, tuple[str, str]] = {}
     joint_above: dict[str, str] = {}
     for joint in joints:
@@ -169,7 +169,7 @@ def _tree(joints: list[ET.Element], links: dict[str, ET.Element], path: Path) ->
                 raise ModelError(f"robot model {str(path)!r}: joint {name!r} names a link {end!r} that does not exist")
         if below in joint_above:
             raise ModelError(
-                f"robot model {str(path)!r}: link {below!r} hangs at two joints, {joint_above[below]!r} and {name!r}; "
+                f"robot model {str(path)!r}: link {below!r} is the child of two joints, {joint_above[below]!r} and {name!r}; "
                 "a robot is one tree"
             )
         joint_above[below] = name
@@ -183,9 +183,7 @@ def _tree(joints: list[ET.Element], links: dict[str, ET.Element], path: Path) ->
         reached += [below for above, below in ends.values() if above == link]
     if len(reached) < len(links):
         loop = [name for name in links if name not in reached]
-        raise ModelError(
-            f"robot model {str(path)!r}: links {', '.join(loop[:5])} hang at each other; a robot is one tree"
-        )
+        raise ModelError(f"robot model {str(path)!r}: links {', '.join(loop[:5])} form a loop; a robot is one tree")
     return ends, roots[0]
 
 

@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 from equipoise.errors import ModelError
 from equipoise.robot.cleaning.urdf_text import child, number, tidy_vector, words
 
-# A joint without limits may still be commanded only so far; two turns exceed any posture of a leg [rad].
+# Range of a joint without limits [rad]; one turn to either side exceeds any posture of a leg.
 UNLIMITED_JOINT_RANGE = 2 * math.pi
 Coupling = tuple[str, tuple[str, ...]]
-"""The element of a file that ties joints to each other, and their names."""
+"""Element of a file that couples joints, and their names."""
 _BOUNDS = ("lower", "upper")
 SMALLEST_AXIS = 1e-6
 """Length below which an axis has no direction; other readers normalise any."""
 
 
 def couplings_of(root: ET.Element) -> list[Coupling]:
-    """List what <mimic> ties to each other, the follower first."""
+    """Return the joints that <mimic> couples, the follower first."""
     return [
         ("<mimic>", (joint.get("name", ""), mimic.get("joint", "")))
         for joint in root.findall("joint")
@@ -64,7 +64,7 @@ def _fix(joint: ET.Element, position: float, path: Path) -> None:
 
 
 def clean_joints(root: ET.Element, path: Path) -> Iterator[str]:
-    """Clean joints in place; yields a sentence for each thing changed that a user should know."""
+    """Clean joints in place; yields a sentence for each change that concerns the user."""
     unlimited: list[str] = []
     for joint in root.findall("joint"):
         if joint.get("type") in ("revolute", "continuous", "prismatic"):
@@ -75,7 +75,7 @@ def clean_joints(root: ET.Element, path: Path) -> Iterator[str]:
                 joint.remove(element)
     if unlimited:
         yield (
-            f"joints without position limits are taken to turn by {UNLIMITED_JOINT_RANGE:.2f} rad to either side: "
+            f"joints without position limits get {UNLIMITED_JOINT_RANGE:.2f} rad to either side: "
             f"{', '.join(unlimited)}; give lower and upper of their <limit>, or joint_limits in a robot description"
         )
 
@@ -90,7 +90,7 @@ def _clean_limit(joint: ET.Element, path: Path, unlimited: list[str]) -> Iterato
         limit.attrib |= {"lower": str(-UNLIMITED_JOINT_RANGE), "upper": str(UNLIMITED_JOINT_RANGE)}
     if len(given) == 1 and joint.get("type") != "continuous":
         missing = "lower" if given == ["upper"] else "upper"
-        yield f"joint {name!r} has no {missing} limit, which URDF takes for 0"
+        yield f"joint {name!r} has no {missing} limit, which is 0 in URDF"
     if joint.get("type") == "continuous":
         joint.set("type", "revolute")
     for key in (*_BOUNDS, "effort", "velocity"):
@@ -98,8 +98,8 @@ def _clean_limit(joint: ET.Element, path: Path, unlimited: list[str]) -> Iterato
     lower, upper = float(limit.get("lower", "0")), float(limit.get("upper", "0"))
     if lower > upper:
         raise ModelError(
-            f"robot model {str(path)!r}: joint {name!r} has the limits {lower:g} to {upper:g}, which are exchanged: lower is "
-            "the smaller one, and 0 if it is missing, as upper is"
+            f"robot model {str(path)!r}: joint {name!r} has the limits {lower:g} to {upper:g}, which are exchanged: lower "
+            "must be the smaller one; a missing one is 0"
         )
 
 
@@ -108,7 +108,7 @@ def _limit(limit: ET.Element, key: str, joint: ET.Element, path: Path) -> float:
 
 
 def _axis_of(joint: ET.Element, path: Path) -> NDArray[np.float64]:
-    """Read the unit axis of a joint; refuse one without direction."""
+    """Return the unit axis of a joint; raises ModelError if it has no direction."""
     element, what = joint.find("axis"), f"joint {joint.get('name')!r}: xyz of its <axis>"
     tidy_vector(element, "xyz", what, path)
     text = "1 0 0" if element is None else element.get("xyz", "1 0 0")

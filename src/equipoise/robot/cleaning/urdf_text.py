@@ -12,7 +12,7 @@ from equipoise.errors import ModelError
 
 
 def tidy_vector(element: ET.Element | None, key: str, what: str, path: Path) -> None:
-    """Write three numbers with one space between, as urdfdom wants them; refuse what are not three."""
+    """Write three numbers separated by one space, as urdfdom requires; refuse any other number of them."""
     if element is None or (text := element.get(key)) is None:
         return
     words = text.split()
@@ -24,7 +24,7 @@ def tidy_vector(element: ET.Element | None, key: str, what: str, path: Path) -> 
 
 
 def number(text: str | None, default: float, what: str, path: Path) -> float:
-    """Read a number, or the default where there is none; refuse what is not a number."""
+    """Read a number, or the default if there is none; refuse text that is not a number."""
     if text is None:
         return default
     try:
