@@ -1,4 +1,4 @@
-"""The size of the code and how it reads, against the budgets in size.toml: `make size` prints the table and lowers budgets.
+"""Size and legibility of the code against the budgets in size.toml: `make size` prints the table and lowers budgets.
 
 A code line is neither blank, comment nor docstring. Style sheets, pages and scripts count by their lines. Every class counts,
 also private ones, NamedTuples and those inside of others.
@@ -111,7 +111,7 @@ def measured():
 
 
 def documents():
-    """Return pages under docs/, words of these and of README, and how those read; only sentences of prose are counted."""
+    """Return counts of pages under docs/, of words in these and README, and of their sentences; prose only."""
     pages = sorted((ROOT / "docs").rglob("*.md"))
     text = "\n".join(page.read_text(encoding="utf-8") for page in (ROOT / "README.md", *pages))
     words = len(text.split())
@@ -142,12 +142,12 @@ def budgets():
 
 
 def slack(table, budget):
-    """Return by how much a budget may exceed what is measured."""
+    """Return the allowed excess of a budget over the measured value."""
     return SLACK if table == "lines" or budget > 1000 else 0
 
 
 def lower():
-    """Lower each budget to what is measured; one that is exceeded stays as it is."""
+    """Lower each budget to the measured value; an exceeded one does not change."""
     now, table, written = measured(), "", []
     for line in BUDGETS.read_text(encoding="utf-8").splitlines():
         row = re.fullmatch(r"(\w+ *= )\[(\d+), (\d+)\](.*)", line)

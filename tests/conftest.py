@@ -22,13 +22,13 @@ from equipoise.robot.posture import BodyPosture
 from equipoise.simulation import mujoco_model
 from equipoise.user_cache import VARIABLE
 
-# A loaded machine is slow now and then, and the same commit passes or fails always.
+# No deadlines, because a loaded machine is slow at times; derandomized, so that a commit always passes or always fails.
 settings.register_profile("equipoise", deadline=None, derandomize=True)
 settings.load_profile("equipoise")
 
 
 def pytest_terminal_summary(terminalreporter):
-    """What was not tried looks like what works."""
+    """List tests that were not tried, which would look like passed ones."""
     reason = why_no_browser()
     if reason is not None:
         terminalreporter.write_line(f"WARNING: {reason}", yellow=True)
@@ -65,7 +65,7 @@ def shared_folder(request, tmp_path_factory):
 
 @pytest.fixture(scope="session", autouse=True)
 def cache(shared_folder):
-    """Replace the user's cache by one that no other run of the tests has written."""
+    """Replace the user's cache by a new one for this run of the tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(VARIABLE, str(shared_folder / "cache"))
         yield
@@ -73,19 +73,19 @@ def cache(shared_folder):
 
 @pytest.fixture(scope="session")
 def a1():
-    """The built-in Unitree A1."""
+    """Return the built-in Unitree A1."""
     return load_robot("unitree_a1")
 
 
 @pytest.fixture(scope="session")
 def a1_urdf():
-    """Text of the built-in A1's URDF."""
+    """Return the text of the built-in A1's URDF."""
     return (Path(equipoise.__file__).parent / "robot" / "models" / "a1.urdf").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="session")
 def skewed(tmp_path_factory):
-    """Three joints a leg, no symmetry, the joints in another order than the legs, an arm, and an IMU mounted askew."""
+    """Return a robot without symmetry: three joints per leg, in another order than the legs, an arm, and a tilted IMU."""
     order = {"RR": "a", "FL": "b", "RL": "c", "FR": "d"}
     text = quadruped_urdf(arm_joints=2, joint_name=lambda leg, joint: f"{order[leg]}_{joint}")
     imu = RobotDescription(imu_position=(0.05, -0.03, 0.04), imu_rpy=(0.4, -0.3, 1.2))
@@ -94,13 +94,13 @@ def skewed(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def two_jointed(tmp_path_factory):
-    """Legs without abduction, as Solo8's; its CoM is not in the middle of its feet."""
+    """Return a robot without abduction, as Solo8; its CoM is not in the middle of its feet."""
     return load_text(tmp_path_factory.mktemp("two_jointed"), quadruped_urdf(joints_per_leg=2))
 
 
 @pytest.fixture(scope="session")
 def ideal_motions(a1):
-    """A move of a perfect simulated A1 into a tilted posture, and a lift in it with the body turning."""
+    """Return a move of an ideal simulated A1 into a tilted posture, and a lift trial in it with the body rotating."""
     stance = nominal_stance(a1)
     com = composite_parameters(a1, stance.joint_position).com
     posture = BodyPosture(roll=0.15, yaw=0.2, crouch=0.1)
@@ -117,7 +117,7 @@ def ideal_motions(a1):
 
 @pytest.fixture(scope="session")
 def precise_run(a1):
-    """A short run of the Bayesian method on a realistic A1 with a payload: settings, recordings, result and truth."""
+    """Return a short Bayesian run of a realistic A1 with a payload: settings, recordings, result and truth."""
     recordings = []
     settings = BayesianMethod(duration=60, excitation=False)
     with simulate(a1, "realistic", seed=4, payload="1.5,0.05,-0.02,0.06", timestep=1e-3) as simulation:
@@ -134,7 +134,7 @@ def precise_run(a1):
 
 @pytest.fixture(scope="session")
 def paper_run(a1):
-    """A run of the paper's method on a perfect A1, in steps of 1 ms: recordings, and the result with the truth."""
+    """Return a run of the paper's method on an ideal A1, in steps of 1 ms: recordings, and the result with the truth."""
     recordings = []
     with simulate(a1, "ideal", timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, a1, PaperMethod(), keep=recordings.append).with_truth(simulation.truth)
@@ -143,13 +143,13 @@ def paper_run(a1):
 
 @pytest.fixture(scope="session")
 def paper_result(paper_run):
-    """The result of `paper_run`."""
+    """Return the result of `paper_run`."""
     return paper_run.result
 
 
 @pytest.fixture(scope="module")
 def coarse_engine():
-    """MuJoCo takes steps of 1 ms, which half the computing goes into, in tests of what hangs on no step of the engine."""
+    """Let MuJoCo take steps of 1 ms, which halves the computation, in tests that do not depend on its step."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(mujoco_model, "TIMESTEP", 1e-3)
         yield

@@ -1,4 +1,4 @@
-"""What keeps the house a house: imports go one way, engines stay where they belong, exports are what they are."""
+"""Rules of the architecture: directions of imports, modules with engines, and frozen exports."""
 
 import ast
 import functools
@@ -11,7 +11,7 @@ import pytest
 import equipoise
 
 SOURCE = Path(equipoise.__file__).parent
-# From the ground up; a module may import from lower floors and from its own.
+# Layers from the lowest one; a module may import from lower layers and from its own.
 FLOORS = [
     ["errors", "conventions", "_version"],
     ["threads", "thread_memory", "user_file", "json_form", "plugins"],
@@ -39,7 +39,7 @@ FLOORS = [
     ["lab"],
 ]
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
-# What may import an engine, and what of it may see the truth.
+# Modules that may import an engine, and those that may read the truth.
 ENGINES = {
     "mujoco": {
         "simulation/mujoco.py", "simulation/mujoco_model.py", "simulation/mujoco_truth.py", "simulation/simulation.py",
@@ -69,13 +69,13 @@ def imports_of(tree):
             yield node.module
 
 
-def room(path):
+def package_of(path):
     return path.relative_to(SOURCE).parts[0].removesuffix(".py")
 
 
-@pytest.mark.parametrize("own", sorted({*map(room, MODULES)} - {"__init__"}))
+@pytest.mark.parametrize("own", sorted({*map(package_of, MODULES)} - {"__init__"}))
 def test_imports_go_from_the_ground_up(own):
-    for path in [path for path in MODULES if room(path) == own]:
+    for path in [path for path in MODULES if package_of(path) == own]:
         for name in imported(path):
             parts = name.split(".")
             if parts[0] != "equipoise" or len(parts) == 1 or parts[1] == own:
@@ -86,12 +86,12 @@ def test_imports_go_from_the_ground_up(own):
 MOVES = ("equipoise.platform", "equipoise.guard", "equipoise.drivers")
 
 
-def test_what_estimates_does_not_know_what_moves():
+def test_estimators_do_not_import_modules_that_move_robots():
     for path in [*(SOURCE / "estimator").rglob("*.py"), SOURCE / "paper" / "equations.py"]:
         assert not any(name.startswith(MOVES) for name in imported(path)), path
 
 
-def test_no_folder_is_a_heap():
+def test_no_folder_has_too_many_files():
     for folder in {path.parent for path in MODULES}:
         assert len(list(folder.glob("*.py"))) <= 22, folder  # __init__ among them
 
@@ -141,8 +141,8 @@ def test_importing_the_package_imports_no_simulator_and_no_plots():
     assert done.stdout.strip() == "[]"
 
 
-def test_no_room_has_the_name_of_a_public_function():
-    """Python takes a name of the package for the room, once that is imported."""
+def test_no_package_has_the_name_of_a_public_function():
+    """A name of the package would be replaced by the subpackage once that is imported."""
     assert not {path.stem for path in SOURCE.iterdir()} & set(equipoise.__all__)
 
 
@@ -150,7 +150,7 @@ HEAVY = ("numpy", "scipy", "pinocchio", "mujoco", "plotly", "tyro")
 
 
 @pytest.mark.parametrize("words", [["robots"], ["robots", "--json"], ["platforms"], ["--help"], ["--version"]])
-def test_lists_import_nothing_that_they_do_not_show(words):
+def test_lists_import_no_heavy_packages(words):
     code = (
         "import sys; from equipoise.cli import main; code = main(sys.argv[1:])\n"
         f"print(code, [name for name in {HEAVY} if name in sys.modules], file=sys.stderr)"
@@ -177,8 +177,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("words", REFUSED)
-def test_refusals_import_nothing_that_computes(words, tmp_path):
-    """`make bench-speed` measures what refusals cost."""
+def test_refusals_import_no_numeric_packages(words, tmp_path):
     code = (
         "import sys; from equipoise.cli import main; code = main(sys.argv[1:])\n"
         f"print(code, [name for name in {COMPUTES} if name in sys.modules], file=sys.stderr)"
@@ -195,7 +194,7 @@ MISSING = {
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_without_an_engine_the_simulation_says_what_to_install(engine):
+def test_without_an_engine_the_simulation_names_the_package(engine):
     code = (
         f"import sys; sys.modules[{engine!r}] = None\n"
         "from equipoise import load_robot, simulate\n"

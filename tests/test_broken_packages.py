@@ -1,4 +1,4 @@
-"""Lists of platforms survive a package that is broken, old, or half there; who uses it is told which, why, and what to do."""
+"""Lists of platforms with a broken, old or incomplete package: complete, with the package, the reason and the remedy."""
 
 import json
 import os
@@ -28,7 +28,7 @@ sys.exit(main(["doctor", "--platform", "unitree-go2", "--set", "interface=lo"]))
 
 
 def listed(path, *missing):
-    """What the list and the doctor say with other packages before the installed ones: rows, text, error."""
+    """Return the output of the list and the doctor with packages before the installed ones: rows, text, error."""
     found = os.pathsep.join(part for part in (str(path), os.environ.get("PYTHONPATH")) if part)
     done = subprocess.run(
         [sys.executable, "-c", LISTED, *missing], capture_output=True, text=True, check=False,
@@ -48,25 +48,25 @@ def test_a_broken_package_leaves_the_list_whole_with_reason_and_remedy(tmp_path,
         (package / f"{name}.py").write_text(text, encoding="utf-8")
     rows, text, error = listed(tmp_path)
     assert len(rows) == 5
-    told = re.compile(
+    message = re.compile(
         rf"cyclonedds in {re.escape(str(package))} is broken or too old \({re.escape(reason)}.*\): "
         r"pip install --force-reinstall 'cyclonedds>=\S+'"
     )
     for name, settings in rows.items():
         if name in ON_DDS:
             assert settings.startswith("cannot be used here: ")
-            assert told.search(settings)
+            assert message.search(settings)
         else:
             assert "address" in [setting for setting, *_ in settings]
     assert text.count("cannot be used here: ") == 3
-    assert told.search(error)
+    assert message.search(error)
 
 
-def test_a_missing_package_too():
+def test_a_missing_package_is_named_with_its_command():
     rows, _, error = listed("", "cyclonedds")
-    told = r"DDS needs cyclonedds: pip install 'cyclonedds>=\d[\d.]*,<\d[\d.]*'$"
-    assert all(re.search(told, rows[name]) for name in ON_DDS)
-    assert re.search(told, error.strip())
+    message = r"talking over DDS needs cyclonedds: pip install 'cyclonedds>=\d[\d.]*,<\d[\d.]*'$"
+    assert all(re.search(message, rows[name]) for name in ON_DDS)
+    assert re.search(message, error.strip())
 
 
 def test_a_driver_whose_own_package_is_broken():
@@ -78,10 +78,10 @@ def test_a_driver_whose_own_package_is_broken():
         "except MissingDependencyError as error: print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    told = r"platform 'unitree-go1' needs a package that is broken \(ModuleNotFoundError: .*\): reinstall it\n"
-    assert re.fullmatch(told, done.stdout)
+    message = r"platform 'unitree-go1' needs a package that is broken \(ModuleNotFoundError: .*\): install it again\n"
+    assert re.fullmatch(message, done.stdout)
 
 
-def test_what_to_install_is_what_the_project_itself_asks_for():
+def test_remedies_agree_with_the_projects_requirements():
     cyclone = pytest.importorskip("equipoise.drivers.dds.cyclone", exc_type=ImportError)
     assert cyclone.INSTALL.strip("'") in (Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""docs/reference/exports.md: every command runs, and the output that it shows is written."""
+"""Commands of docs/reference/exports.md run and write the output of the page."""
 
 import re
 import shlex
@@ -24,7 +24,7 @@ NUMBER = re.compile(r"-?\b\d+\.?\d*(?:e[-+]?\d+)?")
 
 @pytest.fixture(scope="module")
 def folder(a1, tmp_path_factory):
-    """What the pages' commands find where they run."""
+    """Return a folder with the files that the page's commands need."""
     folder = tmp_path_factory.mktemp("user")
     make_run(folder / "runs" / "a1", a1)
     make_run(folder / "runs" / "mjcf", load_text(folder, MJCF.replace("><", ">\n<"), name="robot.xml"))

@@ -1,4 +1,4 @@
-"""Commands and snippets of every page are accepted, run, and print the output that the page shows; pages stay short."""
+"""Commands and snippets of every page are accepted, run, and print the output of the page; pages stay short."""
 
 import functools
 import io
@@ -45,11 +45,11 @@ MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
 
 
-def spoken(command):
+def label(command):
     return f"{command[0]}: {' '.join(command[1])}"
 
 
-@pytest.mark.parametrize("command", commands("equipoise"), ids=spoken)
+@pytest.mark.parametrize("command", commands("equipoise"), ids=label)
 def test_the_command_line_takes_every_command(command, monkeypatch, capsys):
     find_verb = cli.find_verb
     monkeypatch.setattr(cli, "find_verb", lambda *named: parsed_only(find_verb(*named)))
@@ -59,7 +59,7 @@ def test_the_command_line_takes_every_command(command, monkeypatch, capsys):
 
 
 def parsed_only(verb):
-    """The verb's flags without what it does."""
+    """Replace the verb's action, so that only its flags are parsed."""
 
     @functools.wraps(verb)
     def parsed(*_, **__):
@@ -68,20 +68,20 @@ def parsed_only(verb):
     return parsed
 
 
-@pytest.mark.parametrize("command", commands("make"), ids=spoken)
+@pytest.mark.parametrize("command", commands("make"), ids=label)
 def test_make_has_every_target(command):
     for target in (word for word in command[1] if "=" not in word):
         assert re.search(rf"^([\w-]+ )*{target}( [\w-]+)*:", MAKEFILE, re.MULTILINE), target
 
 
-@pytest.mark.parametrize("command", commands("pip"), ids=spoken)
-def test_pip_knows_every_extra(command):
+@pytest.mark.parametrize("command", commands("pip"), ids=label)
+def test_every_extra_exists(command):
     for word in command[1]:
         if match := re.fullmatch(r"(?:equipoise|\.)\[(.+)\]", word):
             assert set(match[1].split(",")) <= set(EXTRAS)
 
 
-@pytest.mark.parametrize("command", commands("python"), ids=spoken)
+@pytest.mark.parametrize("command", commands("python"), ids=label)
 def test_python_finds_every_program(command):
     kind, *rest = command[1]
     if kind != "-m":
@@ -93,7 +93,7 @@ def test_python_finds_every_program(command):
         assert rest[0] in ("venv", "pip")
 
 
-def test_words_in_the_text_name_verbs_that_there_are():
+def test_verbs_in_the_text_exist():
     verbs = {*cli.VERBS, *cli.GROUPS, "--help", "--version"}
     for page in PAGES:
         for verb in re.findall(r"`equipoise ([\w-]+)[^`]*`", page.read_text(encoding="utf-8")):
@@ -118,7 +118,7 @@ def first_toml(page):
 
 
 def run_in(folder, *arguments):
-    """Exit code and what was printed."""
+    """Return exit code and printed text."""
     before, printed = Path.cwd(), io.StringIO()
     os.chdir(folder)
     try:
@@ -129,7 +129,7 @@ def run_in(folder, *arguments):
 
 
 def skip_without(robots):
-    """Skip the test where a package that brings one of these robots is not installed."""
+    """Skip the test if the package of one of these robots is not installed."""
     try:
         for robot in robots:
             CATALOG[robot].find()
@@ -143,7 +143,7 @@ def runs_here(command):
     return mine and (arguments[0] in SECONDS or "--dry-run" in arguments)
 
 
-@pytest.mark.parametrize("command", [c for c in commands("equipoise") if runs_here(c)], ids=spoken)
+@pytest.mark.parametrize("command", [c for c in commands("equipoise") if runs_here(c)], ids=label)
 def test_commands_that_take_seconds_work(command, workspace):
     skip_without(CATALOG.keys() & set(command[1]))
     code, printed = run_in(workspace, *command[1])
@@ -169,33 +169,9 @@ def test_python_on_the_pages_runs(block, workspace, monkeypatch):
         assert_shown(printed.getvalue(), block.shown, abs=0.6, rel=0.1)
 
 
-def test_the_class_of_your_robot_calibrates_a_robot_in_its_mujoco_scene(tmp_path):
-    robot = load_robot("unitree_a1")
-    spec = mujoco.MjSpec.from_string(robot.source.xml)
-    spec.worldbody.first_body().add_freejoint()
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
-    for joint in spec.joints[1:]:
-        joint.armature, joint.frictionloss = 0.01, 0.2
-    spec.body("trunk").add_site(name="imu")
-    for name, kind in (
-        ("gyro", mujoco.mjtSensor.mjSENS_GYRO),
-        ("accelerometer", mujoco.mjtSensor.mjSENS_ACCELEROMETER),
-    ):
-        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
-    spec.compile()
-    (tmp_path / "scene.xml").write_text(spec.to_xml(), encoding="utf-8")
-    page = ROOT / "docs" / "your-robot.md"
-    (block,) = (block for block in blocks(page) if "class MyRobot" in block.code)
-    names = {"__name__": "my_module"}
-    exec(compile(block.code, page.name, "exec"), names)
-    with names["MyRobot"](robot, scene=str(tmp_path / "scene.xml")) as platform:
-        result = calibrate(platform, robot, BayesianMethod(60.0, mass=platform.model.body_mass.sum()))
-    assert [check.name for check in result.checks if not check.passed] == []
-    com = [quantity.value for quantity in result.composite.com_in_base]
-    np.testing.assert_allclose(com, result.nominal.composite.com, atol=2e-3)
-
-
-@pytest.mark.parametrize("command", [c for c in commands("python") if c[1][0].startswith("examples/")], ids=spoken)
+@pytest.mark.parametrize(
+    "command", [c for c in commands("python") if c[1][0].startswith("examples/")], ids=label
+)
 def test_examples_run_and_print_the_output_that_a_page_shows(command, workspace, monkeypatch):
     _, (script, *arguments), shown = command
     monkeypatch.chdir(workspace)
@@ -264,13 +240,13 @@ def test_pages_that_the_code_names_exist():
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_links_lead_somewhere_in_the_repository(page):
+def test_links_lead_to_files_of_the_repository(page):
     text = re.sub(r"^```.*?^```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
     for link in re.findall(r"\]\((?!https?:|#|mailto:)([^)#\s]+)", text):
         assert (page.parent / link).exists(), link
 
 
-def test_blocks_are_found_with_what_they_show(tmp_path, monkeypatch):
+def test_blocks_are_found_with_their_output(tmp_path, monkeypatch):
     page = tmp_path / "page.md"
     page.write_text("words\n\n    make it  # so\n\n```python\nprint(1)\n```\n\n```\n1\n```\n", encoding="utf-8")
     monkeypatch.setattr(documents, "ROOT", tmp_path)

@@ -1,4 +1,4 @@
-"""Errors: what they are to a caller and to a script."""
+"""Errors for callers and scripts."""
 
 import pytest
 
@@ -57,12 +57,12 @@ def test_an_error_is_the_standard_one_that_a_caller_would_catch(name):
     assert str(error) == "what is wrong and what to do"
 
 
-def test_a_log_error_carries_what_the_log_holds():
+def test_a_log_error_carries_the_report():
     error = errors.LogError("nothing in it", "the report", {"log": {"segments": []}})
     assert (error.report, error.details["log"]) == ("the report", {"segments": []})
     assert dict(errors.RecordingError("damaged").details) == {}
 
 
-def test_a_motion_error_carries_what_was_recorded():
+def test_a_motion_error_carries_the_recordings():
     assert errors.FallError("it fell").recordings == ()
     assert errors.FallError("it fell", ("first", "second")).recordings == ("first", "second")

@@ -3,7 +3,7 @@
 from fuzzing import fuzz
 
 
-def test_no_reader_crashes_hangs_or_raises_what_is_not_ours():
+def test_no_reader_crashes_hangs_or_raises_an_untyped_error():
     outcomes, failures = fuzz(cases=420, seed=0)
     assert not [(failure.target, failure.case, failure.what) for failure in failures]
     assert len({target for target, _ in outcomes}) == 14

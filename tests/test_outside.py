@@ -1,4 +1,4 @@
-"""Each recipe of CONTRIBUTING, done from outside: a package that adds a platform, a driver, a format, a reader."""
+"""Recipes of CONTRIBUTING: other packages add a platform, a driver, a format, a reader."""
 
 import json
 import os
@@ -26,7 +26,7 @@ STATIC = ["--method", "static", "--yes", "--quiet", "--no-report"]
 
 @pytest.fixture
 def installed(monkeypatch):
-    """Puts packages of tests/outside where Python, and programs that it starts, find what is installed."""
+    """Add packages of tests/outside to the path of Python and of the programs that it starts."""
     tables = (platforms.PLATFORMS, formats._ALL, reader.READERS)
 
     def forget():
@@ -48,7 +48,7 @@ def installed(monkeypatch):
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """Writes a module into the current folder."""
+    """Write a module into the current folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     before = set(sys.modules)
@@ -68,7 +68,7 @@ def calibrated(out, *flags):
 
 
 @pytest.mark.parametrize("platform", ["outside-robot", "outside_platform:Robot"])
-def test_a_class_of_somebody_is_a_platform_in_every_verb(installed, here, tmp_path, capsys, platform):
+def test_a_users_class_is_a_platform_in_every_verb(installed, here, tmp_path, capsys, platform):
     if ":" in platform:
         here("outside_platform", (OUTSIDE / "platform" / "outside_platform.py").read_text(encoding="utf-8"))
     else:
@@ -102,7 +102,7 @@ def test_platforms_lists_what_packages_add_with_their_settings(installed, capsys
     assert "outside-bus: robots on somebody's bus" in capsys.readouterr().out
 
 
-def test_a_platform_of_somebody_plays_by_stepping_and_is_guarded(installed, a1):
+def test_a_users_platform_plays_by_stepping_and_is_guarded(installed, a1):
     installed("platform")
     stand = JointCommand(nominal_stance(a1).joint_position)
     with RemoteRobot("outside-robot", a1, {}) as remote:
@@ -147,7 +147,7 @@ def mine(made="pass", read="pass"):
 @pytest.mark.parametrize(
     ("platform", "kind", "message"),
     [
-        ("his:Mine", SettingsError, "platform 'his:Mine': there is no module 'his', neither in "),
+        ("his:Mine", SettingsError, "platform 'his:Mine': module 'his' does not exist, neither in "),
         (
             "mine:Mein",
             SettingsError,
@@ -171,7 +171,7 @@ def mine(made="pass", read="pass"):
         ),
     ],
 )
-def test_what_is_no_platform_is_refused(here, a1, platform, kind, message):
+def test_other_objects_are_refused_as_platforms(here, a1, platform, kind, message):
     here("mine", mine())
     here("broken", "1 / 0")
     with pytest.raises(kind) as caught:
@@ -199,7 +199,7 @@ def test_what_is_no_platform_is_refused(here, a1, platform, kind, message):
         ),
     ],
 )
-def test_a_platform_that_cannot_be_made_says_why(here, a1, made, given, kind, message):
+def test_a_platform_that_cannot_be_made_gives_the_reason(here, a1, made, given, kind, message):
     here("mine", mine(made=made))
     with pytest.raises(kind) as caught:
         open_platform("mine:Mine", a1, given)
@@ -227,7 +227,7 @@ STATE = "from equipoise import RobotState; import numpy as np; return RobotState
         ("return 1 / 0", MotionError, "read fails (ZeroDivisionError: division by zero)"),
     ],
 )
-def test_what_somebodys_platform_does_wrong_is_an_error_of_ours(here, a1, read, kind, message):
+def test_defects_of_a_users_platform_are_typed_errors(here, a1, read, kind, message):
     here("mine", mine(read=read))
     with open_platform("mine:Mine", a1, {"port": "x"}) as platform, pytest.raises(kind) as caught:
         platform.read()
@@ -235,7 +235,7 @@ def test_what_somebodys_platform_does_wrong_is_an_error_of_ours(here, a1, read, 
 
 
 @pytest.mark.realtime
-def test_a_driver_of_somebody_is_a_platform_in_every_verb(installed, tmp_path, capsys):
+def test_a_users_driver_is_a_platform_in_every_verb(installed, tmp_path, capsys):
     installed("driver")
     flags = ["--platform", "outside-bus"]
     assert main(["calibrate", *flags, "--method", "static", "--dry-run"]) == 0
@@ -253,7 +253,7 @@ def test_a_driver_of_somebody_is_a_platform_in_every_verb(installed, tmp_path, c
     assert folder.result().composite.mass.value == pytest.approx(12.458, rel=0.1)
 
 
-def test_a_format_of_somebody_is_listed_and_written(installed, a1, tmp_path, capsys):
+def test_a_users_format_is_listed_and_written(installed, a1, tmp_path, capsys):
     installed("format")
     with RunFolder.create(tmp_path / "run", a1, BayesianMethod(), {"time": "2026-01-01"}) as folder:
         folder.save(found(a1).with_provenance(**folder.provenance))
@@ -267,7 +267,7 @@ def test_a_format_of_somebody_is_listed_and_written(installed, a1, tmp_path, cap
     assert "whole robot frozen at its stance" in " ".join(about)
 
 
-def test_a_log_with_a_suffix_of_somebody_is_estimated(installed, precise_run, a1, tmp_path, capsys):
+def test_a_log_with_a_users_suffix_is_estimated(installed, precise_run, a1, tmp_path, capsys):
     recording = precise_run.recordings[0]
     path = tmp_path / "stand.arrays"
     np.savez(
@@ -290,7 +290,7 @@ def test_a_log_with_a_suffix_of_somebody_is_estimated(installed, precise_run, a1
     assert f"the log {str(broken)!r} cannot be read: " in capsys.readouterr().err
 
 
-def test_a_package_that_fails_is_named_and_everything_else_goes_on(installed, tmp_path, monkeypatch, capsys):
+def test_a_package_that_fails_is_named_and_others_work(installed, tmp_path, monkeypatch, capsys):
     shutil.copytree(OUTSIDE / "platform", tmp_path / "platform")
     (tmp_path / "platform" / "outside_platform.py").write_text("import no_such_thing", encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path / "platform"))

@@ -1,4 +1,4 @@
-"""Tables that installed packages add rows to by entry point."""
+"""Tables with rows of installed packages, added by entry point."""
 
 import sys
 
@@ -12,7 +12,7 @@ GROUP = "equipoise.fruits"
 
 @pytest.fixture
 def install(tmp_path, monkeypatch):
-    """Makes packages that are as good as installed."""
+    """Create packages that appear installed."""
 
     def install(name, code, *entries):
         place = tmp_path / name
@@ -36,7 +36,7 @@ def table():
 APPLE = "an apple"
 
 
-def test_our_own_rows_are_imported_when_they_are_asked_for():
+def test_built_in_rows_are_imported_on_use():
     assert list(table()) == ["apple"]
     assert table()["apple"] == "an apple"
     assert "apple" in table()
@@ -44,7 +44,7 @@ def test_our_own_rows_are_imported_when_they_are_asked_for():
     assert list(Table("fruit", GROUP, str, {"apple": "no.such.module:X"})) == ["apple"]
 
 
-def test_a_package_adds_a_row_that_is_loaded_when_it_is_asked_for(install):
+def test_a_package_adds_a_row_that_is_loaded_on_use(install):
     install("orchard", "PEAR = 'a pear'", "pear = orchard_code:PEAR")
     fruits = table()
     assert list(fruits) == ["apple", "pear"]
@@ -62,7 +62,7 @@ def test_a_package_adds_a_row_that_is_loaded_when_it_is_asked_for(install):
         ("PEAR = 3", "'rotten_code:PEAR' is of type int; it must be str"),
     ],
 )
-def test_a_package_that_fails_is_refused_by_name_and_takes_nothing_down(install, code, reason):
+def test_a_package_that_fails_is_refused_by_name_and_others_work(install, code, reason):
     install("rotten", code, "pear = rotten_code:PEAR")
     install("orchard", "PLUM = 'a plum'", "plum = orchard_code:PLUM")
     fruits = table()
@@ -73,22 +73,22 @@ def test_a_package_that_fails_is_refused_by_name_and_takes_nothing_down(install,
     assert (rows["apple"], rows["plum"], str(rows["pear"])) == ("an apple", "a plum", str(caught.value))
 
 
-def test_a_name_that_is_there_twice_is_refused_by_name(install):
+def test_a_name_that_is_defined_twice_is_refused(install):
     install("orchard", "X = 'x'", "pear = orchard_code:X", "apple = orchard_code:X")
     install("grove", "X = 'x'", "pear = grove_code:X", "plum = grove_code:X")
     fruits = table()
     assert list(fruits) == ["apple", "pear", "plum"]
     with pytest.raises(SettingsError) as caught:
         fruits["apple"]
-    told = "fruit 'apple' is there twice: equipoise and orchard 1.2 bring it; uninstall or rename one"
-    assert str(caught.value) == told
+    message = "fruit 'apple' is defined twice, by equipoise and orchard 1.2; uninstall or rename one"
+    assert str(caught.value) == message
     with pytest.raises(
-        SettingsError, match=r"'pear' is there twice: (orchard|grove) 1\.2 and (orchard|grove) 1\.2 bring"
+        SettingsError, match=r"'pear' is defined twice, by (orchard|grove) 1\.2 and (orchard|grove) 1\.2;"
     ):
         fruits["pear"]
     assert fruits["plum"] == "x"
 
 
-def test_a_name_that_nobody_brings_says_which_there_are():
-    with pytest.raises(SettingsError, match=r"^fruit 'pear' is not known; there are apple$"):
+def test_an_unknown_name_is_refused_with_the_known_ones():
+    with pytest.raises(SettingsError, match=r"^fruit 'pear' is unknown; it must be one of apple$"):
         table()["pear"]

@@ -1,4 +1,4 @@
-"""What the README says is what happens."""
+"""Commands and statements of the README."""
 
 import os
 import re
@@ -39,14 +39,14 @@ def text():
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory):
-    """What each command of the README came to, typed in their order into a new folder: (command, exit code, output)."""
+    """Run the README's commands in order in a new folder; return (command, exit code, output) of each."""
     folder = tmp_path_factory.mktemp("clone")
     typed = [command for command in README_COMMANDS if command.startswith("equipoise ")]
     return folder, [(command, *run(command.replace(*HARDWARE), folder)) for command in typed]
 
 
 def run(command, folder):
-    """Exit code, and what is printed on stdout and on stderr."""
+    """Return the exit code, and the text on stdout and stderr."""
     program, *words = shlex.split(command)
     assert program == "equipoise"
     done = subprocess.run(
@@ -72,7 +72,7 @@ def test_every_command_works_in_the_order_of_the_readme(ran):
 
 
 def lacks_robot(command):
-    """Whether a robot that a command names comes with a package that is not installed."""
+    """Return whether a robot of a command needs a package that is not installed."""
     return any(not CATALOG[word].installed for word in command.split() if word in CATALOG)
 
 
@@ -81,7 +81,7 @@ def test_all_commands_were_tried(ran):
         pytest.skip(f"example-robot-data is not installed: {len(untried)} commands of the README are NOT TRIED")
 
 
-def test_what_a_command_needs_is_installed_before_it():
+def test_packages_of_a_command_are_installed_before_it():
     extras = set(re.search(r"(?<=run:)\w+", MAKEFILE.read_text(encoding="utf-8"))[0].split(","))
     assert README_COMMANDS[0] == "make install"
     for command in README_COMMANDS:
@@ -96,15 +96,14 @@ def test_what_a_command_needs_is_installed_before_it():
 
 
 def outside_make():
-    """Return the environment without what `make test`, or an environment of another name, sets for make itself."""
+    """Return the environment without the variables that `make test` sets for make itself."""
     return {
         name: value for name, value in os.environ.items() if name not in ("VENV", "MAKEFLAGS", "MFLAGS", "MAKELEVEL")
     }
 
 
 @pytest.mark.parametrize("target", [command.split()[1] for command in README_COMMANDS if command.startswith("make ")])
-def test_make_knows_how(target, tmp_path):
-    """Not what it installs, which takes a network and minutes: .ci/run does."""
+def test_make_has_a_recipe(target, tmp_path):
     done = subprocess.run(
         ["make", "--dry-run", "-C", README.parent, target],
         capture_output=True,
@@ -133,7 +132,7 @@ def test_a_demo_makes_the_run_of_the_readme_and_replaces_none(before, out, tmp_p
 
 
 def test_the_first_command_prints_what_the_readme_shows(text, ran):
-    """Engines of other versions step a little differently: half a millimetre, a tenth of a moment."""
+    """Other engine versions may differ: by half a millimetre, or a tenth of a moment."""
     folder, done = ran
     _, _, printed, _ = done[0]
     shown = re.search(r"```\n(unitree_a1: method bayesian.*?)```", text, re.DOTALL).group(1)
@@ -144,7 +143,7 @@ def test_the_first_command_prints_what_the_readme_shows(text, ran):
 
 
 def plain(shown):
-    """Without blank lines and ends of lines."""
+    """Return the text without blank lines and ends of lines."""
     return "\n".join(line.rstrip() for line in shown.splitlines() if line.strip())
 
 

@@ -1,4 +1,4 @@
-"""The hooks of the site: formulas, tables from results and code, links of the repository, pictures."""
+"""Hooks of the site: formulas, tables from results and code, links of the repository, pictures."""
 
 import dataclasses
 import re
@@ -25,7 +25,7 @@ WORKER = ROOT / "docs" / "assets" / "iframe-worker.js"
 PICTURES = sorted((ROOT / "docs" / "pictures").glob("*.svg"))
 
 
-def test_a_formula_is_a_picture_of_the_texts_colour_with_its_source_for_those_who_cannot_see_it():
+def test_a_formula_is_a_picture_in_the_texts_colour_with_its_source_as_alternative_text():
     set_ = formulas.with_formulas(r"with $x_m < 2$ metres")
     assert 'aria-label="x_m &lt; 2"' in set_
     assert "currentColor" in set_
@@ -180,7 +180,7 @@ def test_every_picture_is_made_by_a_command():
     assert set(made["PICTURES"]) == {path.stem for path in PICTURES}
 
 
-def test_nothing_comes_from_elsewhere():
+def test_the_site_loads_nothing_from_other_sites():
     style = (ROOT / "docs" / "assets" / "equipoise.css").read_text(encoding="utf-8")
     settings = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     assert "font: false" in settings

@@ -1,4 +1,4 @@
-"""The command takes one thread for linear algebra; who imports the package decides for himself."""
+"""One thread of linear algebra in the command; programs that import the package choose their own number."""
 
 import os
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from equipoise.threads import ONE_THREAD, unless_told
+from equipoise.threads import ONE_THREAD, default_threads
 
 ASKED = (
     "import os, sys; before = dict(os.environ); sys.argv[1:] = ['--version']; {}\n"
@@ -17,12 +17,12 @@ BY_COMMAND = "from equipoise.__main__ import run; run()"
 BY_IMPORT = "import equipoise; from equipoise.cli import main; main()"
 
 
-def changed(how, **told):
-    """What a way of use changes in the environment, and whether NumPy was there before it could read that."""
+def changed(code, **variables):
+    """Return the changes of the environment by a code, and whether NumPy was imported before them."""
     environment = {key: value for key, value in os.environ.items() if key not in ONE_THREAD}
     done = subprocess.run(
-        [sys.executable, "-c", ASKED.format(how)],
-        env={**environment, **told},
+        [sys.executable, "-c", ASKED.format(code)],
+        env={**environment, **variables},
         capture_output=True,
         text=True,
         check=True,
@@ -35,8 +35,8 @@ def test_the_command_takes_one_thread_before_numpy_is_imported():
 
 
 @pytest.mark.parametrize("variable", ONE_THREAD)
-def test_who_says_how_many_gets_them(variable):
-    assert unless_told({variable: "4"}) == {}
+def test_a_number_of_threads_set_by_the_user_is_kept(variable):
+    assert default_threads({variable: "4"}) == {}
 
 
 def test_importing_changes_nothing():

@@ -1,4 +1,4 @@
-"""Files that cannot be read, in place of those that a user names: each is answered at once, in a sentence of a typed error."""
+"""Unreadable files in place of user files: each gives a typed error at once."""
 
 import os
 import signal
@@ -30,7 +30,7 @@ READS = {
 
 def pipe(path):
     os.mkfifo(path)
-    return "it is a pipe; save its content as a regular file, and give that"
+    return "it is a pipe; save its content as a regular file, and name that file"
 
 
 def device(path):
@@ -38,7 +38,7 @@ def device(path):
         os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 5))  # of endless zeros
     except PermissionError:
         pytest.skip("devices are made by root")
-    return "it is a device; save its content as a regular file, and give that"
+    return "it is a device; save its content as a regular file, and name that file"
 
 
 def lfs_pointer(path):
@@ -48,7 +48,7 @@ def lfs_pointer(path):
 
 @pytest.fixture(autouse=True)
 def nothing_waits():
-    """A pipe blocks its reader until a writer comes."""
+    """Fail tests that wait: a pipe blocks its reader until a writer opens it."""
 
     def late(*_):
         raise TimeoutError("a read blocks")
@@ -74,7 +74,7 @@ def test_pipes_devices_and_lfs_pointers_are_named(tmp_path, monkeypatch, capsys,
 
 
 @pytest.mark.parametrize("put", [pipe, device, lfs_pointer])
-def test_so_are_they_within_a_run_folder(tmp_path, put):
+def test_pipes_devices_and_lfs_pointers_within_a_run_folder_are_named(tmp_path, put):
     why = put(tmp_path / "recording_0.mcap")
     for read in (lambda path: MessageReader(path).messages(), was_closed, lambda path: resume_log(path.parent, True)):
         with pytest.raises(RecordingError) as raised:
@@ -122,7 +122,7 @@ def test_json_that_is_nested_without_end_is_refused(tmp_path):
 
 
 def with_links(count, chain=False):
-    """The A1 with more links, of a gram each."""
+    """Return the A1 with additional links, of a gram each."""
     inertial = (
         '<inertial><mass value="1e-3"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/></inertial>'
     )

@@ -1,4 +1,4 @@
-"""A folder that anybody may empty: what is kept is found, and nothing that goes wrong with it is an error."""
+"""User cache: cached files are found, and its failures are not errors."""
 
 import os
 import sys
@@ -9,7 +9,7 @@ import pytest
 from equipoise.user_cache import VARIABLE, keep_cached, read_cached
 
 
-def test_what_is_kept_is_found(tmp_path, monkeypatch):
+def test_cached_files_are_found(tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, str(tmp_path / "deep" / "folder"))
     assert read_cached("a") is None
     keep_cached("a", b"one")
@@ -18,7 +18,7 @@ def test_what_is_kept_is_found(tmp_path, monkeypatch):
     assert [path.name for path in (tmp_path / "deep" / "folder").iterdir()] == ["a"]
 
 
-def test_the_oldest_of_many_go(tmp_path, monkeypatch):
+def test_the_oldest_files_are_removed(tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     for number in range(40):
         keep_cached(str(number), b"")
@@ -29,7 +29,7 @@ def test_the_oldest_of_many_go(tmp_path, monkeypatch):
     assert read_cached("0") is None
 
 
-def test_nothing_is_kept_where_the_user_wants_nothing_or_nothing_can_be(tmp_path, monkeypatch):
+def test_nothing_is_cached_without_a_folder(tmp_path, monkeypatch):
     (tmp_path / "file").write_bytes(b"")
     for folder in ("", str(tmp_path / "file"), "/proc/nowhere"):
         monkeypatch.setenv(VARIABLE, folder)

@@ -1,4 +1,4 @@
-"""Files that a user names: what they are; results whole or not at all, and never in place of what is no regular file."""
+"""User files: their kinds, and atomic writing that replaces regular files only."""
 
 import importlib.util
 import itertools
@@ -46,7 +46,7 @@ KINDS = pytest.mark.parametrize("make", [fifo, bound_socket, folder, device])
 
 @KINDS
 @pytest.mark.parametrize("linked", [False, True])
-def test_what_is_no_regular_file_stays(tmp_path, monkeypatch, make, linked):
+def test_other_than_regular_files_stay(tmp_path, monkeypatch, make, linked):
     monkeypatch.chdir(tmp_path)  # a socket's path must be short
     path = Path("there")
     kind = make(path)
@@ -58,7 +58,7 @@ def test_what_is_no_regular_file_stays(tmp_path, monkeypatch, make, linked):
     with pytest.raises(OutputError) as caught:
         write_file(named, "text")
     assert str(caught.value) == (
-        f"cannot write {str(named)!r}: it is {kind}, which no result replaces; name a regular file, or a new one"
+        f"cannot write {str(named)!r}: it is {kind}, which is never replaced; name a regular file, or a new one"
     )
     assert (path.lstat().st_mode, path.lstat().st_ino) == (before.st_mode, before.st_ino)
     assert sorted(os.listdir()) == sorted({"there", str(named)})
@@ -78,7 +78,7 @@ def test_a_link_that_leads_nowhere_is_refused(tmp_path):
     link = tmp_path / "link"
     link.symlink_to("nowhere")
     with pytest.raises(
-        OutputError, match=r"link': it is a link to 'nowhere', where nothing is; remove it, or name another"
+        OutputError, match=r"link': it is a link to 'nowhere', which does not exist; remove it, or name another"
     ):
         write_file(link, "text")
     assert os.listdir(tmp_path) == ["link"]
@@ -122,7 +122,7 @@ VERBS = [
     ],
     ids=lambda value: value[0] if isinstance(value, list) else value.__name__,
 )
-def test_no_verb_replaces_it(run, tmp_path, monkeypatch, capsys, verb, make):
+def test_no_verb_replaces_an_irregular_file(run, tmp_path, monkeypatch, capsys, verb, make):
     monkeypatch.chdir(tmp_path)
     out = Path("there")
     make(out)
@@ -138,7 +138,7 @@ def test_no_verb_replaces_it(run, tmp_path, monkeypatch, capsys, verb, make):
 
 
 @KINDS
-def test_nor_does_an_export(tmp_path, monkeypatch, make):
+def test_an_export_does_not_replace_an_irregular_file(tmp_path, monkeypatch, make):
     monkeypatch.chdir(tmp_path)
     out = Path("there")
     make(out)
@@ -159,7 +159,7 @@ def test_python_3_10_reads_toml_with_tomli(monkeypatch):
 
 
 @KINDS
-def test_what_is_no_regular_file_is_named_and_not_read(tmp_path, monkeypatch, make):
+def test_other_than_regular_files_are_named_and_not_read(tmp_path, monkeypatch, make):
     monkeypatch.chdir(tmp_path)  # a socket's path must be short
     assert kind_of("there") == "does not exist"
     kind = make(Path("there"))

@@ -1,10 +1,10 @@
-"""equipoise: what a quadruped weighs, where its centre of mass is, how hard it is to turn, by its own sensors.
+"""Mass, centre of mass and inertia of a quadruped, measured with its own sensors.
 
     robot = load_robot("unitree_a1")
     with simulate(robot, preset="realistic", payload="1.5,0.1,0,0.08") as simulation:
         calibration = calibrate(simulation.platform, robot).with_truth(simulation.truth)
 
-Names are imported when they are first used: `simulate` needs MuJoCo, nothing else here does.
+Names are imported on first use: only `simulate` needs MuJoCo.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ _MODULES = {
     "simulation.payload": "Payload",
     "simulation.simulation": "Simulation simulate",
 }
-"""Modules of the public names."""
+"""Public names by module."""
 _HOME = {name: module for module, names in _MODULES.items() for name in names.split()}
 
 

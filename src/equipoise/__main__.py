@@ -1,26 +1,26 @@
-"""`equipoise`, and `python -m equipoise`."""
+"""Entry point of `equipoise` and `python -m equipoise`."""
 
 import os
 import signal
 import sys
 from typing import Any
 
-from equipoise.cli import INTERRUPTED, main  # which imports nothing that imports NumPy
-from equipoise.threads import unless_told
+from equipoise.cli import INTERRUPTED, main  # does not import NumPy
+from equipoise.threads import default_threads
 
 
 def run() -> int:
-    """Run the command. Its own process is the only one whose environment is ours to set, before NumPy reads it."""
-    os.environ.update(unless_told(os.environ))
+    """Run the command; sets environment variables of its process before NumPy reads them."""
+    os.environ.update(default_threads(os.environ))
     stdout: Any = sys.stdout
-    if getattr(stdout, "errors", None) == "strict":  # it may have no letters for a robot's name, or a file's
+    if getattr(stdout, "errors", None) == "strict":  # its encoding may lack letters of a robot's or a file's name
         stdout.reconfigure(errors="backslashreplace")
     try:
         code = main()
-    except KeyboardInterrupt:  # a second one, while the first was told of
+    except KeyboardInterrupt:  # a second one, while the first was being reported
         code = INTERRUPTED
     if code == INTERRUPTED:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all that is left is to end
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # only the exit is left
     return code
 
 

@@ -1,7 +1,7 @@
-"""Everything that can go wrong, as types a caller can catch and a script can tell apart.
+"""Errors, as types that a caller can catch, with exit codes for scripts.
 
-Every message says what is wrong, with what value, and what to do about it. The exit code is what the command line
-returns for the error; the codes are stable and are listed in docs/reference/cli.md.
+Every message states the problem, the value and the remedy. The command line returns the exit code of the error. The codes
+are stable and are listed in docs/reference/cli.md.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from types import MappingProxyType
 from typing import Any
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return the nearest known name, as a question for a message; empty if nothing is near."""
-    near = get_close_matches(name, [*known], n=1)
+def did_you_mean(name: str, options: Iterable[str]) -> str:
+    """Return the nearest option, as a question for a message; empty if nothing is near."""
+    near = get_close_matches(name, [*options], n=1)
     return f"did you mean {near[0]!r}? " if near else ""
 
 
 def reason(error: Exception) -> str:
-    """Return the words of an error for another one's message; those of other programs need their type too."""
+    """Return the text of an error for another one's message; errors of other packages need their type too."""
     return str(error) if isinstance(error, EquipoiseError) else repr(error)
 
 
@@ -27,7 +27,7 @@ class EquipoiseError(Exception):
     """Base of all errors that equipoise raises on purpose.
 
     Attributes:
-        exit_code: what the command line returns; 9: worker processes or machines are not there, or died.
+        exit_code: exit code of the command line; 9: worker processes or machines are not available, or died.
         details: facts for scripts, as JSON values.
     """
 
@@ -70,7 +70,7 @@ class ModelError(EquipoiseError, ValueError):
 
 
 class MotionError(EquipoiseError, RuntimeError):
-    """The robot cannot do, or did not do, what was asked: a joint is beyond a limit, does not follow, or does not answer.
+    """The robot cannot execute, or did not execute, a command: a joint exceeds a limit, or does not follow or answer.
 
     Attributes:
         recordings: recordings made before and while it went wrong, oldest first (Recording).
@@ -102,13 +102,13 @@ class OverrunError(MotionError):
 
 
 class HealthError(MotionError):
-    """The robot is sound and should not go on: a hot motor, an empty battery, a fault that it reports itself."""
+    """The robot should not continue: a hot motor, an empty battery, a fault that it reports itself."""
 
     exit_code = 12
 
 
 class StopRequestedError(MotionError):
-    """The operator stopped the robot: by its remote control, or by the space bar."""
+    """The operator stopped the robot by its remote control or the space bar."""
 
     exit_code = 13
 
@@ -118,7 +118,7 @@ class OtherCommanderError(MotionError):
 
 
 class CommunicationError(MotionError, ConnectionError):
-    """The robot or its process cannot be reached, fell silent, or is of another version."""
+    """The robot or its process cannot be reached, does not answer, or has another version."""
 
     exit_code = 10
 
@@ -130,17 +130,17 @@ class RecordingError(EquipoiseError, ValueError):
 
 
 class ColumnsError(RecordingError):
-    """A table's columns have other names than those that are read.
+    """A table's columns do not have the expected names.
 
     Attributes:
-        what: description of what the table lacks.
-        proposal: TOML for --columns, as the names of the columns suggest.
+        what: description of the table's defect.
+        proposal: TOML for --columns, guessed from the names of the columns.
         names: names of the table's columns.
         details: the proposal, for scripts.
     """
 
     def __init__(self, what: str, proposal: str = "", names: tuple[str, ...] = ()) -> None:
-        remedy = ". Look through it, save it as columns.toml, and add --columns columns.toml:\n\n"
+        remedy = ". Check this proposal, save it as columns.toml, and add --columns columns.toml:\n\n"
         super().__init__(f"{what}{remedy}{proposal}" if proposal else what)
         self.what, self.proposal, self.names = what, proposal, names
         self.details = {"columns": proposal}
@@ -150,7 +150,7 @@ class LogError(RecordingError):
     """The content of a log cannot be used.
 
     Attributes:
-        report: what the log holds, piece by piece (LogReport).
+        report: contents of the log (LogReport).
         details: the same as JSON values.
     """
 
@@ -160,7 +160,7 @@ class LogError(RecordingError):
 
 
 class OutputError(EquipoiseError, OSError):
-    """A result cannot be written where it should go."""
+    """A result cannot be written to its destination."""
 
     exit_code = 6
 
@@ -172,10 +172,10 @@ class MissingDependencyError(EquipoiseError, ImportError):
 
 
 class NotEstimatedError(EquipoiseError, ValueError):
-    """A quantity was asked for that was not estimated, is not identified, or that no body can have."""
+    """A requested quantity was not estimated, is not identified, or is not physical."""
 
     exit_code = 8
 
 
 class ModelWarning(UserWarning):
-    """Something in a robot model was repaired or ignored; the text says what."""
+    """Something in a robot model was repaired or ignored."""

@@ -1,7 +1,7 @@
-"""JSON form of dataclasses: a table by field name, and the dataclass again from it, by the types of its fields.
+"""Conversion of dataclasses to JSON tables by field name, and back by the types of the fields.
 
-A class with a form of its own has `to_dict` and `from_dict`. `COMPUTED` of a class names properties that are written in
-addition to its fields, and are not read.
+A class with its own form has `to_dict` and `from_dict`. `COMPUTED` of a class names properties that are written in addition
+to its fields, and are not read.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def to_json(value: Any) -> Any:
 
 
 def fields_to_json(value: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass, and what it computes from them, as a table of JSON values."""
+    """Return the fields and computed properties of a dataclass as a table of JSON values."""
     names = (*(field.name for field in dataclasses.fields(value)), *getattr(value, "COMPUTED", ()))
     return {name: to_json(getattr(value, name)) for name in names}
 
@@ -52,7 +52,7 @@ def from_json(kind: type[Kind], value: Any, name: str = "") -> Kind:
         name: name of the table in messages, as in "com_search".
 
     Raises:
-        SettingsError: a name is not known or missing, or a value is not of its field's type.
+        SettingsError: a name is unknown or missing, or a value is not of its field's type.
     """
     fields = dataclasses.fields(cast("Any", kind))
     hints, above = _type_hints(kind), f"{name}." if name else ""
@@ -60,8 +60,8 @@ def from_json(kind: type[Kind], value: Any, name: str = "") -> Kind:
     for key, entry in _checked(value, Mapping, name, "a table").items():
         if key in getattr(kind, "COMPUTED", ()):
             continue
-        if key not in (known := [field.name for field in fields]):
-            raise SettingsError(f"unknown key {above + key!r}; known are {', '.join(known)}")
+        if key not in (names := [field.name for field in fields]):
+            raise SettingsError(f"unknown key {above + key!r}; known are {', '.join(names)}")
         given[key] = _converted(hints[key], entry, above + key)
     for field in fields:
         if field.name not in given and field.default is field.default_factory is dataclasses.MISSING:
@@ -74,7 +74,7 @@ _type_hints = functools.cache(typing.get_type_hints)
 
 
 def _converted(hint: Any, value: Any, name: str) -> Any:
-    """Return a JSON value as a field's type. Types that are not JSON's, and of several the right one, are for the class."""
+    """Return a JSON value as a field's type; the class itself converts other types and unions."""
     origin, kinds = typing.get_origin(hint) or hint, typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         others = [kind for kind in kinds if kind is not types.NoneType]
@@ -95,7 +95,7 @@ def _converted(hint: Any, value: Any, name: str) -> Any:
 
 
 def _items(origin: Any, kinds: Sequence[Any], value: Any, name: str) -> Any:
-    """Return a list as a tuple or list; a tuple of three numbers has three."""
+    """Return a list as a tuple or list, and check a tuple's length."""
     of_any_length = origin is not tuple or kinds[-1] is Ellipsis
     words = "a list" if of_any_length else f"{len(kinds)} numbers"
     items = _checked(value, (list, tuple), name, words)

@@ -1,9 +1,9 @@
-"""Rows that other packages add to our tables: an entry point each, as this one in their `pyproject.toml`.
+"""Tables of built-in rows and rows of other packages, added by entry points such as this one in their `pyproject.toml`.
 
     [project.entry-points."equipoise.platforms"]
     my-robot = "my_package.robot:DRIVER"
 
-An entry point is loaded when its name is used; listing names loads none.
+An entry point is loaded when its name is used; listing names does not load any.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ Row = TypeVar("Row")
 
 
 class Table(Generic[Row]):
-    """Rows by name: our own, and those that installed packages add.
+    """Rows by name: built-in ones, and those of installed packages.
 
     Args:
         noun: word for a row in messages, as "platform".
         group: name of the entry point group.
         kind: class of a row, or a protocol that can be checked at run time.
-        own: rows of our own; a text is where one is, as "equipoise.bayesian.method:BAYESIAN", and is imported when it is
-            asked for.
+        own: built-in rows; a text is the path of one, as "equipoise.bayesian.method:BAYESIAN", and is imported on first
+            use.
     """
 
     def __init__(
@@ -44,27 +44,27 @@ class Table(Generic[Row]):
         return name in self._own or name in self._added
 
     def __getitem__(self, name: str) -> Row:
-        """The row of a name.
+        """Return the row of a name.
 
         Raises:
             SettingsError: no row has the name, or two have.
-            MissingDependencyError: the package that brings it cannot be imported, or brings something else.
+            MissingDependencyError: the package that adds it cannot be imported, or adds an object of another type.
         """
         added = self._added.get(name, [])
         if len(added) + (name in self._own) > 1:
             owners = [*(["equipoise"] if name in self._own else []), *map(distribution, added)]
             raise SettingsError(
-                f"{self._noun} {name!r} is there twice: {' and '.join(owners)} bring it; uninstall or rename one"
+                f"{self._noun} {name!r} is defined twice, by {' and '.join(owners)}; uninstall or rename one"
             )
         if added:
             return self._loaded(name, added[0])
         if name not in self._own:
-            raise SettingsError(f"{self._noun} {name!r} is not known; there are {', '.join(self)}")
+            raise SettingsError(f"{self._noun} {name!r} is unknown; it must be one of {', '.join(self)}")
         row = self._own[name]
         return resolve(row) if isinstance(row, str) else cast("Row", row)
 
     def rows(self) -> dict[str, Row | EquipoiseError]:
-        """All rows by name; in place of one that cannot be used, why."""
+        """Return all rows by name, or the error of a row that cannot be used."""
         found: dict[str, Row | EquipoiseError] = {}
         for name in self:
             try:
@@ -84,7 +84,7 @@ class Table(Generic[Row]):
         whose = f"{self._noun} {name!r} of the package {distribution(entry)}"
         try:
             row = entry.load()
-        except (Exception, SystemExit) as error:  # what a foreign module does when it is imported is anybody's guess
+        except (Exception, SystemExit) as error:  # another package's module may raise anything on import
             raise MissingDependencyError(
                 f"{whose} cannot be used: {entry.value!r} fails ({type(error).__name__}: {error}); "
                 "install another version of it, or uninstall it"
@@ -97,13 +97,13 @@ class Table(Generic[Row]):
             )
         if not isinstance(row, type) and getattr(row, "name", name) != name:
             raise MissingDependencyError(
-                f"{whose} cannot be used: it calls itself {row.name!r}; the two names must be one"
+                f"{whose} cannot be used: its own name is {row.name!r}; both names must be the same"
             )
         return cast("Row", row)
 
 
 def distribution(entry: EntryPoint) -> str:
-    """Name and version of the package that brings an entry point."""
+    """Return the name and version of the package that adds an entry point."""
     return "?" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
 
 
@@ -130,10 +130,10 @@ def import_users(noun: str, path: str) -> Any:
         sys.path.insert(0, here)
     try:
         module = importlib.import_module(name)
-    except (Exception, SystemExit) as error:  # what a foreign module does when it is imported is anybody's guess
+    except (Exception, SystemExit) as error:  # another package's module may raise anything on import
         if isinstance(error, ModuleNotFoundError) and error.name and f"{name}.".startswith(f"{error.name}."):
             raise SettingsError(
-                f"{noun} {path!r}: there is no module {error.name!r}, neither in {here!r} nor among what is installed"
+                f"{noun} {path!r}: module {error.name!r} does not exist, neither in {here!r} nor among the installed packages"
             ) from error
         raise MissingDependencyError(
             f"{noun} {path!r}: the module {name!r} fails when it is imported ({type(error).__name__}: {error})"
@@ -141,7 +141,7 @@ def import_users(noun: str, path: str) -> Any:
     if hasattr(module, attribute):
         return getattr(module, attribute)
     classes = [key for key, value in vars(module).items() if isinstance(value, type) and value.__module__ == name]
-    meant = did_you_mean(attribute, classes)
+    near = did_you_mean(attribute, classes)
     raise SettingsError(
-        f"{noun} {path!r}: the module {name!r} has no {attribute!r}; {meant}its classes are {', '.join(classes) or 'none'}"
+        f"{noun} {path!r}: the module {name!r} has no {attribute!r}; {near}its classes are {', '.join(classes) or 'none'}"
     )

@@ -1,4 +1,4 @@
-"""Memory that is computed in: it takes longer to make than to use, and no two threads may use it at once."""
+"""Thread-local working memory, for memory that is slow to create and cannot be shared."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ Made = TypeVar("Made")
 
 
 class ThreadMemory(threading.local, Generic[Key, Made]):
-    """Memory that each thread has made for itself, for the keys that it asked for last.
+    """Working memory of each thread, for its most recent keys.
 
     Args:
-        make: makes the memory of a key.
-        size: of how many keys a thread keeps it.
+        make: function that creates the memory of a key.
+        size: number of keys per thread.
     """
 
     def __init__(self, make: Callable[[Key], Made], size: int = 8) -> None:

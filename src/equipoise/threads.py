@@ -1,7 +1,7 @@
-"""Number of threads of NumPy's linear algebra: one, in every process of ours.
+"""Limit of NumPy's linear algebra to one thread in every process of equipoise.
 
-Its matrices here are small: the threads that BLAS keeps for large ones have nothing to do but to wait, which they do
-spinning. They double the time that a processor is busy, and disturb a loop that has to be on time.
+The matrices are small, so the threads of BLAS only spin while they wait. They double the processor time and disturb the
+control loop.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from collections.abc import Mapping
 
 _VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 ONE_THREAD: dict[str, str] = dict.fromkeys(_VARIABLES, "1")
-"""Variables that limit every BLAS that NumPy comes with; they are read when NumPy is imported."""
+"""Environment variables that limit every BLAS of NumPy; NumPy reads them on import."""
 
 
-def unless_told(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables that an environment lacks for one thread; none if it sets any of them."""
+def default_threads(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables that limit BLAS to one thread; empty if the environment sets any of them."""
     return {} if environment.keys() & ONE_THREAD.keys() else ONE_THREAD

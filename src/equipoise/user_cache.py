@@ -1,7 +1,7 @@
 """Cache of computed files in the user's folder, which may be emptied at any time.
 
-It is `EQUIPOISE_CACHE`, or `equipoise` in the folder that the system keeps for caches. If it is set to nothing, or cannot be
-written, nothing is kept.
+The folder is `EQUIPOISE_CACHE`, or `equipoise` in the system's cache folder. If the variable is empty, or the folder cannot
+be written, nothing is cached.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _MOST = 32  # files; the oldest go first
 
 
 def read_cached(name: str) -> bytes | None:
-    """The content of a file; None if it is not there."""
+    """Return the content of a cached file; None if it does not exist."""
     folder = _folder()
     if folder is None:
         return None
@@ -30,7 +30,7 @@ def read_cached(name: str) -> bytes | None:
 
 
 def keep_cached(name: str, content: bytes) -> None:
-    """Keep a file, whole or not at all, in place of the oldest of many; a file that cannot be kept is not an error."""
+    """Cache a file, and remove the oldest of many; a file that cannot be written is not an error."""
     folder = _folder()
     if folder is None:
         return
@@ -43,10 +43,10 @@ def keep_cached(name: str, content: bytes) -> None:
 
 
 def _folder() -> Path | None:
-    told = os.environ.get(VARIABLE)
-    if told is not None:
-        return Path(told) if told else None
-    with suppress(RuntimeError):  # there is no home
+    folder = os.environ.get(VARIABLE)
+    if folder is not None:
+        return Path(folder) if folder else None
+    with suppress(RuntimeError):  # no home folder
         return _of_system() / "equipoise"
     return None
 

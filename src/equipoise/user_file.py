@@ -1,4 +1,4 @@
-"""Files that a user names: what they are; only regular files are read or replaced; written whole or not at all."""
+"""Files named by the user: recognition, reading and atomic writing of regular files."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ _CONTENTS = (
 
 
 class UnreadableError(OSError):
-    """Path that leads to something else than a readable regular file; callers put the reason into an error of theirs."""
+    """Path that is not a readable regular file; callers put the reason into their own error."""
 
     def __str__(self) -> str:
         return self.strerror or ""
 
 
 def _irregular_kind(mode: int) -> str | None:
-    """Return what a path of this mode is, in words; None for a regular file."""
+    """Return the kind of a path of this mode, in words; None for a regular file."""
     return next((kind for is_kind, kind in _KINDS if is_kind(mode)), None)
 
 
@@ -63,13 +63,13 @@ def refuse_unreadable(path: str | Path) -> None:
 
     Raises:
         UnreadableError: the path leads to one of these.
-        OSError: there is no file, or no permission to read it. A folder is left to the caller.
+        OSError: the file does not exist, or may not be read. The caller handles folders.
     """
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
         return
     if kind := _irregular_kind(mode):
-        raise UnreadableError(errno.EINVAL, f"it is {kind}; save its content as a regular file, and give that")
+        raise UnreadableError(errno.EINVAL, f"it is {kind}; save its content as a regular file, and name that file")
     with open(path, "rb") as file:
         if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
             raise UnreadableError(errno.EINVAL, f"it is {_IS_LFS_POINTER}")
@@ -121,16 +121,16 @@ def check_schema(found: object, expected: str, what: str) -> None:
 
 
 def write_file(path: Path, content: str | bytes, what: str = "") -> None:
-    """Write a file, in place of one that is there; it appears under its name only when it is complete.
+    """Write or replace a file; it appears under its name only when it is complete.
 
-    A symbolic link is never replaced: the regular file that it leads to is. One that leads nowhere is refused.
+    The target of a symbolic link is replaced, not the link. A link without a target is refused.
 
     Args:
         content: content of the file; text is written as UTF-8.
         what: name of the file in messages, as in "the report ".
 
     Raises:
-        OutputError: there is something else than a regular file, as a device or a pipe, or it cannot be written.
+        OutputError: the path is not a regular file, as a device or a pipe, or cannot be written.
     """
     data = content.encode() if isinstance(content, str) else content
     try:
@@ -151,12 +151,12 @@ def write_file(path: Path, content: str | bytes, what: str = "") -> None:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise OutputError(
-            f"cannot write {what}{str(path)!r}: {reason}; is there such a folder, may you write there, is there room?"
+            f"cannot write {what}{str(path)!r}: {reason}; check that the folder exists, is writable and has free space"
         ) from error
 
 
 def kind_of(path: str | Path) -> str:
-    """Return what a path is, as in "is a URDF robot model" or "does not exist"; regular files alone are read."""
+    """Return the kind of a path, as "is a URDF robot model" or "does not exist"; reads regular files only."""
     path = Path(path)
     try:
         mode = path.stat().st_mode
@@ -175,38 +175,38 @@ def kind_of(path: str | Path) -> str:
 
 
 def typed(path: str | Path) -> str:
-    """A path in a command that is offered for copying: quoted where a shell would take it apart."""
+    """Return a path for a command to copy, quoted for a shell if necessary."""
     return shlex.quote(str(path))
 
 
 def made_folder(folder: Path) -> Path:
-    """A folder that is there now. What should hold it is not made: its path may be mistyped. Raises OutputError."""
+    """Return a folder, created if necessary, but not its parents: the path may be mistyped. Raises OutputError."""
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise OutputError(
-            f"cannot write into {str(folder)!r}: {error.strerror}; is the folder there that holds it, may you write there?"
+            f"cannot write into {str(folder)!r}: {error.strerror}; check that its parent folder exists and is writable"
         ) from error
     return folder
 
 
 def replaceable(path: Path, what: str = "") -> int | None:
-    """Permissions of the regular file at a path, links followed; None if there is nothing.
+    """Return the permissions of the regular file at a path, links followed; None if it does not exist.
 
     Raises:
-        OutputError: there is something else.
+        OutputError: the path is not a regular file.
     """
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
         if path.is_symlink():
             raise OutputError(
-                f"cannot write {what}{str(path)!r}: it is a link to {os.readlink(path)!r}, where nothing is; remove it, or "
-                "name another file"
+                f"cannot write {what}{str(path)!r}: it is a link to {os.readlink(path)!r}, which does not exist; remove it, "
+                "or name another file"
             ) from None
         return None
     if kind := _irregular_kind(mode):
         raise OutputError(
-            f"cannot write {what}{str(path)!r}: it is {kind}, which no result replaces; name a regular file, or a new one"
+            f"cannot write {what}{str(path)!r}: it is {kind}, which is never replaced; name a regular file, or a new one"
         )
     return stat.S_IMODE(mode)

@@ -225,7 +225,7 @@ def test_settings_come_back(new, method):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"method": "magic"}, "method 'magic' is not known; there are bayesian, paper, motors"),
+        ({"method": "magic"}, "method 'magic' is unknown; it must be one of bayesian, paper, motors"),
         ({"method": "bayesian", "duration": "long"}, "duration is 'long'; it must be a number"),
         ({"method": "bayesian", "duration": -1}, "duration is -1 s; it must be above zero, up to 3600 s"),
         ({"method": "paper", "com_search": 3}, "com_search is 3; it must be a table"),

@@ -224,7 +224,7 @@ def test_a_mistyped_folder_is_not_made(verb, tmp_path, capsys):
         assert main(["calibrate", "--method", "static", "--quiet", "--no-report", "--out", str(run)]) == 0
         arguments = [str(run)]
     assert main([verb, *arguments, "--out", str(out)]) == 6
-    assert f"{str(out)!r}: No such file or directory; is there such a folder" in capsys.readouterr().err
+    assert f"{str(out)!r}: No such file or directory; check that the folder exists" in capsys.readouterr().err
     assert not (tmp_path / "lgos").exists()
 
 

@@ -132,12 +132,12 @@ def test_random_robots_alone_have_no_slopes(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("code", "flags", "words"),
     [
-        (2, ["--methods", "magic"], "method 'magic' is not known; there are bayesian, paper, motors"),
-        (2, ["--methods", ","], "a study needs at least one method"),
-        (2, ["--only-effects", "gremlins"], "'gremlins' is not an error source; use encoder_noise"),
-        (2, ["--executor", "dask"], "--executor dask needs --scheduler"),
-        (2, ["--scheduler", "tcp://127.0.0.1:1"], "--scheduler needs --executor dask"),
-        (2, ["--executor", "dask", "--scheduler", "127.0.0.1:8786"], "must be like tcp://"),
+        (2, ["--methods", "magic"], "method 'magic' is unknown; it must be one of bayesian, paper, motors"),
+        (2, ["--methods", ","], "name a method at least"),
+        (2, ["--only-effects", "gremlins"], "'gremlins' is no error source; those are encoder_noise"),
+        (2, ["--executor", "dask"], "go together"),
+        (2, ["--scheduler", "tcp://127.0.0.1:1"], "go together"),
+        (2, ["--executor", "dask", "--scheduler", "127.0.0.1:8786"], "looks like tcp://"),
         (3, ["rex"], "no robot is called 'rex'"),
         (3, ["no/such.urdf"], "does not exist"),
         (2, ["--trials", "0"], "the number of trials is 0"),

@@ -158,7 +158,7 @@ def test_a_model_that_dart_refuses_is_a_model_error(tmp_path):
 
 
 def test_an_engine_that_is_none_is_refused(a1):
-    with pytest.raises(SettingsError, match="engine 'bullet' is not known; there are mujoco, dart"):
+    with pytest.raises(SettingsError, match="engine 'bullet' is unknown; it must be one of mujoco, dart"):
         simulate(a1, "ideal", engine="bullet")
 
 

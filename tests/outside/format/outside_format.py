@@ -1,10 +1,10 @@
-"""A consumer that wants one number."""
+"""Format of a consumer that reads one number."""
 
 from equipoise import Format, Subject, Written
 
 
 def write(subject: Subject) -> Written:
-    """The mass, and below it what is said of it."""
+    """Write the mass, and the header below it."""
     about = "whole robot frozen at its stance"
     return Written.text([f"{subject.composite.mass:.3f}", *subject.header(about)], about)
 

@@ -1,10 +1,10 @@
-"""Platform of a home-built robot, here a simulated one."""
+"""Platform of another package, with a simulated robot."""
 
 from equipoise import JointCommand, RobotModel, RobotState, SteppedPlatform, simulate
 
 
 class Robot(SteppedPlatform):
-    """A robot that is moved step by step."""
+    """Robot that is moved step by step."""
 
     def __init__(self, robot: RobotModel, *, preset: str = "ideal", seed: int = 0) -> None:
         super().__init__(robot)

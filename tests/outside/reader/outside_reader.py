@@ -1,4 +1,4 @@
-"""Logs that are NumPy archives with names of their own."""
+"""Reader of logs in NumPy archives with their own names."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from equipoise import RawImu, RawJoints, RawLog, RobotModel, Topics
 
 
 def read_arrays(path: Path, robot: RobotModel, topics: Topics) -> RawLog:
-    """Arrays time, names, position, torque, gyro, accelerometer."""
+    """Read the arrays time, names, position, torque, gyro, accelerometer."""
     log = np.load(path)
     joints = RawJoints(log["time"], tuple(map(str, log["names"])), log["position"], torque=log["torque"])
     return RawLog(joints, RawImu(log["time"], log["gyro"], log["accelerometer"]), about={"format": "arrays"})

@@ -1,4 +1,4 @@
-"""A driver that somebody wrote for a bus."""
+"""Driver of another package, for a bus."""
 
 from equipoise import Driver
 

@@ -1,4 +1,4 @@
-"""Samples in, commands out; a simulated robot, which moves on with every command, stands in the place of a real one."""
+"""Connection of samples and commands, with a simulated robot that steps with every command."""
 
 import time
 from dataclasses import replace
@@ -43,10 +43,10 @@ class BusConnection:
 
 
 def open_connection(robot: RobotModel, settings: BusSettings) -> BusConnection:
-    """For the robot process, or to observe the robot."""
+    """Open a connection for the robot process, or to observe the robot."""
     return BusConnection(robot, settings, "program")
 
 
-def open_second_connection(robot: RobotModel, settings: BusSettings) -> BusConnection:
-    """For the calibration process, which damps the robot if the robot process cannot."""
+def open_beside(robot: RobotModel, settings: BusSettings) -> BusConnection:
+    """Open a connection for the calibration process, which damps the robot if the robot process cannot."""
     return BusConnection(robot, settings, "second")

@@ -1,11 +1,11 @@
-"""What can be set."""
+"""Settings of the driver."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class BusSettings:
-    """How the robot is reached.
+    """Settings of the connection to the robot.
 
     Attributes:
         node: of the robot on the bus.
