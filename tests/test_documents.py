@@ -169,9 +169,7 @@ def test_python_on_the_pages_runs(block, workspace, monkeypatch):
         assert_shown(printed.getvalue(), block.shown, abs=0.6, rel=0.1)
 
 
-@pytest.mark.parametrize(
-    "command", [c for c in commands("python") if c[1][0].startswith("examples/")], ids=label
-)
+@pytest.mark.parametrize("command", [c for c in commands("python") if c[1][0].startswith("examples/")], ids=label)
 def test_examples_run_and_print_the_output_that_a_page_shows(command, workspace, monkeypatch):
     _, (script, *arguments), shown = command
     monkeypatch.chdir(workspace)

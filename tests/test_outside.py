@@ -94,12 +94,12 @@ def test_platforms_lists_what_packages_add_with_their_settings(installed, capsys
     installed("platform", "driver")
     assert main(["platforms", "--json"]) == 0
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["platforms"]}
-    assert rows["outside-robot"]["what"] == "A robot that is moved step by step."
+    assert rows["outside-robot"]["what"] == "Robot that is moved step by step."
     assert rows["outside-robot"]["settings"] == [["preset", "text", "ideal"], ["seed", "a whole number", 0]]
     assert rows["outside-bus"]["start"] == "lie it down, switch it on"
     assert rows["outside-bus"]["settings"] == [["node", "a whole number", 1], ["diary", "text", ""]]
     assert main(["platforms"]) == 0
-    assert "outside-bus: robots on somebody's bus" in capsys.readouterr().out
+    assert "outside-bus: robots on another vendor's bus" in capsys.readouterr().out
 
 
 def test_a_users_platform_plays_by_stepping_and_is_guarded(installed, a1):
@@ -109,7 +109,7 @@ def test_a_users_platform_plays_by_stepping_and_is_guarded(installed, a1):
         assert "has no second connection" in remote.warning
         assert remote.step(stand).joint_position.shape == (12,)
     assert remote.report().ending[-1] == "released"
-    from outside_platform import Robot  # noqa: PLC0415 - it is found now
+    from outside_platform import Robot  # noqa: PLC0415 - installed by the fixture
 
     with Robot(a1) as robot, Guard(robot, a1) as guard:
         guard.step(stand)

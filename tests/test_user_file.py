@@ -93,7 +93,7 @@ def test_a_file_that_cannot_be_written_whole_stays_as_it_was(tmp_path, monkeypat
 
     monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises(
-        OutputError, match=r"^cannot write the page '.*file': No space left on device; is there such a fold"
+        OutputError, match=r"^cannot write the page '.*file': No space left on device; check that the fold"
     ):
         write_file(path, "after", "the page ")
     assert (path.read_bytes(), os.listdir(tmp_path)) == (b"before", ["file"])

@@ -121,7 +121,7 @@ def import_users(noun: str, path: str) -> Any:
         path: module and name, as "my_robot:MyRobot".
 
     Raises:
-        SettingsError: there is no such module, or no such name in it.
+        SettingsError: the module or the name in it does not exist.
         MissingDependencyError: the module fails when it is imported.
     """
     name, _, attribute = path.partition(":")

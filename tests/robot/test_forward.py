@@ -35,7 +35,7 @@ def named(axis):
 def test_the_legs_names_determine_the_forward_axis(tmp_path, axis):
     plain = load(tmp_path, quadruped_urdf())
     with pytest.warns(
-        ModelWarning, match=rf"^robot: \{axis} of 'trunk' points forward according to the names of its legs: the base"
+        ModelWarning, match=rf"^robot: \{axis} of 'trunk' points forward \(names of its legs\): the base"
     ):
         turned = load(tmp_path, named(axis))
     assert turned.source.forward == axis

@@ -106,11 +106,9 @@ def _spread(subject: Subject) -> Spread:
     if covariance is None:
         raise NotEstimatedError("this calibration has no covariance; calibrate with --method bayesian")
     # A rotation of the axes is linear in all ten numbers.
-    rotation = np.column_stack(
-        [components(subject.in_file(InertialParameters.from_components(one))) for one in np.eye(10)]
-    )
+    turn = np.column_stack([components(subject.in_file(InertialParameters.from_components(one))) for one in np.eye(10)])
     composite = subject.in_file(subject.composite)
-    return spread(subject.base_in_file, composite, rotation @ covariance @ rotation.T, subject.seed)
+    return spread(subject.base_in_file, composite, turn @ covariance @ turn.T, subject.seed)
 
 
 def _about(subject: Subject) -> str:

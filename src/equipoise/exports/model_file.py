@@ -167,11 +167,10 @@ def _other_legs(subject: Subject, robot: RobotModel) -> tuple[str, ...]:
     joints = dict(subject.result.joint_position)
     here, there = (foot_positions(one, one.joint_vector(joints, "the run's stance")) for one in (robot, original))
     apart = float(np.linalg.norm(here - there, axis=1).max())
-    name = robot.source.path.name
-    message = f"at the run's stance the feet of {name} are {1000 * apart:.1f} mm from those of the run's model"
+    text = f"at the stance the feet of {robot.source.path.name} are {1000 * apart:.1f} mm from those of the run's model"
     if apart > _OTHER_LEGS * original.leg_length:
-        raise SettingsError(f"{message}: it is another robot's, or its base frame or joint offsets differ")
-    return (message,) if apart > _SAME_LEGS * original.leg_length else ()
+        raise SettingsError(f"{text}: it is another robot's, or its base frame or joint offsets differ")
+    return (text,) if apart > _SAME_LEGS * original.leg_length else ()
 
 
 def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialParameters, tuple[str, ...]]:

@@ -56,7 +56,7 @@ class Column:
     values: dict[str, Quantity]
 
     def number(self, key: str) -> float:
-        """Return the value of a joint or an axis; 0, which is no correction, if the run did not identify it."""
+        """Return the value of a joint or an axis; 0 (without effect) if the run did not identify it."""
         return float(self.values[key].value or 0.0) if key in self.values else 0.0
 
     def only(self, wanted: Callable[[Quantity], bool]) -> Column:
@@ -72,7 +72,7 @@ def columns_of(result: Calibration, part: str) -> tuple[Column, ...]:
 
 def _links(result: Calibration) -> list[Column]:
     return [
-        Column(LEGS, f"link_{name}", unit, meaning, _with_value(result.links, name))
+        Column(LEGS, f"link_{name}", unit, meaning, _given(result.links, name))
         for name, (unit, meaning) in _OF_LINKS.items()
     ]
 
@@ -101,14 +101,12 @@ def _quantity(name: str, unit: str, finding: SensorFinding, prior_std: float) ->
 
 def _motors(result: Calibration) -> list[Column]:
     return [
-        Column(
-            MOTORS, name, unit, meaning, _with_value(result.motors, name) if result.motors else _in_common(result, name)
-        )
+        Column(MOTORS, name, unit, meaning, _given(result.motors, name) if result.motors else _in_common(result, name))
         for name, (unit, meaning) in _OF_MOTORS.items()
     ]
 
 
-def _with_value(parts: Mapping[str, Part], name: str) -> dict[str, Quantity]:
+def _given(parts: Mapping[str, Part], name: str) -> dict[str, Quantity]:
     found = {each: part.quantities[name] for each, part in parts.items()}
     return {each: quantity for each, quantity in found.items() if quantity.value is not None}
 

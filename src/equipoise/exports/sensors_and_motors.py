@@ -56,11 +56,8 @@ def write_c_header(subject: Subject) -> Written:
 
 def write_zeros(subject: Subject) -> Written:
     """Write joint offsets alone, by joint, as YAML."""
-    offsets, about = (
-        _offsets(subject),
-        "joint offsets: encoder reading minus joint position [rad]; joint = reading - offset",
-    )
-    return Written.text([*subject.comment(about), *yaml_lines(offsets)], about)
+    about = "joint offsets [rad], encoder reading minus joint position: joint = reading - offset"
+    return Written.text([*subject.comment(about), *yaml_lines(_offsets(subject))], about)
 
 
 def write_unitree(subject: Subject) -> Written:

@@ -83,9 +83,7 @@ class Document:
         try:
             text = content[len(self._bom) :].decode(self._encoding)
             if text.encode(self._encoding) != content[len(self._bom) :]:
-                raise ModelError(
-                    f"{str(path)!r} changes when it is decoded and encoded as {self._encoding}; save it as UTF-8"
-                )
+                raise ModelError(f"{str(path)!r} does not survive decoding as {self._encoding}; save it as UTF-8")
         except (UnicodeError, LookupError) as error:
             raise ModelError(f"{str(path)!r} cannot be read in its encoding: {error}") from error
         self.data = text.encode()
@@ -186,9 +184,7 @@ def _parse(data: bytes, path: Path) -> Element:
         at = parser.CurrentByteIndex
         match = _START_TAG.match(data, at)
         if match is None or not data.startswith(f"<{tag}".encode(), at):
-            raise ModelError(
-                f"{str(path)!r}: <{tag}> comes from an entity, which cannot be edited; replace the entity by its text"
-            )
+            raise ModelError(f"{str(path)!r}: <{tag}> comes from an entity, which cannot be edited; expand the entity")
         parent = stack[-1] if stack else None
         closed = not match[0].endswith(b"/>")
         element = Element(tag, attributes, parent, at, match.end(), match.end(), match.end(), closed)

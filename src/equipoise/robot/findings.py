@@ -179,12 +179,10 @@ def _asymmetries(robot: RobotModel, bodies: dict[int, RigidBody], stance: Stance
     feet = dict(zip(robot.legs, kinematics.foot_positions(posture), strict=True))
     for left, right in ((robot.legs["FL"], robot.legs["FR"]), (robot.legs["RL"], robot.legs["RR"])):
         points_left, points_right = (_leg_points(leg, poses, feet[leg.name]) for leg in (left, right))
-        distance = np.linalg.norm(points_left - _mirror_points(points_right, middle), axis=1).max()
-        placed = bool(distance <= _MIRRORED_POSTURE_RATIO * robot.leg_length)
+        gap = np.linalg.norm(points_left - _mirror_points(points_right, middle), axis=1).max()
+        placed = bool(gap <= _MIRRORED_POSTURE_RATIO * robot.leg_length)
         if not placed and stance is not None:
-            text = (
-                f"the {left.name} and {right.name} legs are {distance * 1000:.1f} mm from being mirrored at the stance"
-            )
+            text = f"the {left.name} and {right.name} legs are {gap * 1000:.1f} mm from mirror images at the stance"
             yield ModelFinding("note", "", f"{text}: of their links only masses and principal moments were compared")
         for one, other in zip(left.joint_ids, right.joint_ids, strict=True):
             finding = _compare_sides(robot, poses, (one, other), middle, placed)

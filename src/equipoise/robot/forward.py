@@ -88,10 +88,9 @@ def turned(source: ModelSource, base_link: str, axis: Forward, described: bool) 
     """
     root = ET.fromstring(source.xml)
     (_turn_urdf if source.format == "urdf" else _turn_mjcf)(root, base_link, -_YAW[axis])
-    origin = "the robot description" if described else "the names of its legs"
+    origin = "robot description" if described else "names of its legs"
     repair = (
-        f"{axis} of {base_link!r} points forward according to {origin}: "
-        f"the base frame is {base_link + _SUFFIX!r}, whose x does"
+        f"{axis} of {base_link!r} points forward ({origin}): the base frame is {base_link + _SUFFIX!r}, whose x does"
     )
     xml = ET.tostring(root, encoding="unicode")
     return dataclasses.replace(source, xml=xml, forward=axis, repairs=(*source.repairs, repair))

@@ -4,7 +4,7 @@ from equipoise import Driver
 
 DRIVER = Driver(
     name="outside-bus",
-    what="robots on somebody's bus",
+    what="robots on another vendor's bus",
     start="lie it down, switch it on",
     page="https://example.org/outside-bus",
     module="outside_driver.link",
