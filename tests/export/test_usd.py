@@ -105,7 +105,7 @@ def test_composed_files_are_overridden_with_a_note(pxr, a1, result, tmp_path):
     (tmp_path / "a1.usda").write_text("#usda 1.0\n(\n    metersPerUnit = 1\n    subLayers = [@./parts.usda@]\n)\n")
     assert_same(trunk_of(written(result, tmp_path)), result.base.parameters(), 1e-6)
     notes = export(result, "usd", file=tmp_path / "a1.usda").notes
-    assert notes[0] == "a1.usda is composed of ./parts.usda: keep what is written in the same folder, by --out"
+    assert notes[0] == "a1.usda is composed of ./parts.usda: write the output to the same folder with --out"
 
 
 @pytest.mark.parametrize(
