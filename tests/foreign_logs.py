@@ -31,19 +31,19 @@ EPOCH = 1_763_712_000_123_456_789  # [ns]
 
 
 def as_log(recordings):
-    """Consecutive recordings as one log, without what we would know of them."""
+    """Consecutive recordings as one log, without their trials and events."""
     return replace(Recording.concatenate(recordings), events=())
 
 
 def estimated(robot, walked, recording=None):
-    """What the log of a simulated walk, or another one, tells of a robot that was weighed."""
+    """Estimate from the log of a simulated walk, or another one, with the robot's mass."""
     mass = walked.truth.mass
     log = Log(recording or walked.log, JointMap(()), {}, ())
     return estimate_log(robot, log, BayesianMethod(mass=mass, mass_std=0.005 * mass))
 
 
 def every(stream, step, start=0):
-    """A stream with every so manieth sample."""
+    """A stream with every k-th sample."""
     names = [name for name in type(stream).__dataclass_fields__ if getattr(stream, name) is not None]
     return replace(stream, **{name: getattr(stream, name)[start::step] for name in names})
 
@@ -70,7 +70,7 @@ def nanoseconds(time):
 
 
 class Bag:
-    """Writes a bag; topics are added one after the other, messages sorted by receive time."""
+    """Writer of a bag; topics are added one after the other, messages sorted by receive time."""
 
     def __init__(self, path, storage="mcap"):
         """In a folder, of ROS 2; a storage "ros1" is a file of ROS 1."""

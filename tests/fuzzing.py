@@ -181,7 +181,7 @@ def _token(random_, data):
 
 
 def readers():
-    """By target: what reads a file."""
+    """Readers of a file, by target."""
 
     robot = load_robot("unitree_a1")
 
@@ -217,7 +217,7 @@ def readers():
 
 
 def child(connection, folder):
-    """Reads what it is told to, and says how that went."""
+    """Read requested files, and write the outcomes."""
     warnings.simplefilter("ignore")
     by_target = readers()
     place = Path(folder)
@@ -242,7 +242,7 @@ def child(connection, folder):
 
 @dataclass
 class Failure:
-    """A file that a reader did not survive."""
+    """File that made a reader crash."""
 
     target: str
     case: int
@@ -251,7 +251,7 @@ class Failure:
 
 
 class Child:
-    """A process that reads; started again when it dies."""
+    """Process that reads; restarted when it dies."""
 
     def __init__(self, folder):
         self._context = multiprocessing.get_context("spawn")
@@ -291,7 +291,7 @@ class Child:
 
 
 def fuzz(cases, seed, tell=lambda done, failures: None):
-    """Damage so many files and have them read; returns outcomes by target, and failures."""
+    """Damage a number of files and read them; return outcomes by target, and failures."""
     outcomes, failures = Counter(), []
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

@@ -34,7 +34,7 @@ def whole(trial, *pieces):
 
 
 def bits(recording):
-    """All that a recording holds, numbers to the last bit."""
+    """Contents of a recording, with exact numbers."""
     found = {"joint_names": recording.joint_names, "events": recording.events}
     for name in ("joints", "imu", "commands"):
         stream = getattr(recording, name)
@@ -70,5 +70,5 @@ def write_run(path, trials=3, close=True):
 
 
 def kill(log):
-    """Leave of a log what a killed process leaves."""
+    """Cut a log as if its process had been killed."""
     log._file.close()

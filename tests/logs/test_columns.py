@@ -30,7 +30,7 @@ LEANS = ((0, 0), (0.2, 0), (-0.2, 0.1), (0, -0.2), (0.15, 0.15), (-0.1, -0.1), (
 
 @pytest.fixture(scope="module")
 def leaning(a1):
-    """A robot that leans over planted feet from rest to rest, as perfect sensors feel it: recording and orientation."""
+    """Recording and orientation of a robot that leans on four feet from rest to rest, with perfect sensors."""
     stance = nominal_stance(a1)
     feet, still, moving = foot_positions(a1, stance.joint_position), 2 * RATE, RATE
     postures = [
@@ -106,7 +106,7 @@ def a_matlab_structure(path, robot, log):
 
 
 def words_of_others(path, robot, log):
-    """Legs, places and quantities in other words, other sensors beside them, a counter that increases evenly too."""
+    """Legs, places and quantities in other words, other sensors, and a counter that increases evenly too."""
     joints, imu = log.joints, log.imu
     place = {"hip": "abad", "thigh": "hip", "calf": "knee"}
     columns = {
@@ -168,12 +168,12 @@ def test_the_proposal_for_a_table_with_other_names_reads_it(a1, leaning, tmp_pat
     path = write(tmp_path / "log", a1, log)
     assert is_log(path)
     with pytest.raises(
-        ColumnsError, match=r"The names of its columns suggest the mapping below. Check this proposal, save it"
-    ) as told:
+        ColumnsError, match=r"The names of its columns suggest the mapping below. Look through it, save it"
+    ) as raised:
         read_log(path, a1)
-    assert told.value.details["columns"] == told.value.proposal
-    assert told.value.exit_code == RecordingError.exit_code
-    (tmp_path / "columns.toml").write_text(told.value.proposal, encoding="utf-8")
+    assert raised.value.details["columns"] == raised.value.proposal
+    assert raised.value.exit_code == RecordingError.exit_code
+    (tmp_path / "columns.toml").write_text(raised.value.proposal, encoding="utf-8")
     same(read_log(path, a1, columns=Columns.from_toml(tmp_path / "columns.toml")).recording, log, rtol=1e-6)
 
 
@@ -198,7 +198,7 @@ def test_names_that_people_give_columns(name, kind, part):
 
 
 def test_a_proposal_states_reasons_units_and_unused_columns(a1, leaning, tmp_path):
-    with pytest.raises(ColumnsError) as told:
+    with pytest.raises(ColumnsError) as raised:
         read_log(by_index(tmp_path / "log", a1, leaning[0]), a1)
     for line in (
         "# time: by name; consecutive samples are less than half a second apart in s",
@@ -206,18 +206,18 @@ def test_a_proposal_states_reasons_units_and_unused_columns(a1, leaning, tmp_pat
         "# gyro: by name; is the unit rad/s?", 'position.FL_hip_joint = "q[0]"',
         "\n# not used: names (2,), video (7, 2, 2)\n",
     ):  # fmt: skip
-        assert line in told.value.proposal, line
+        assert line in raised.value.proposal, line
 
 
 def test_names_without_meaning_are_refused_with_the_columns_and_the_mapping_to_write(a1, leaning, tmp_path):
-    with pytest.raises(ColumnsError, match=r"but nothing for time, .*, position.JOINT: write these lines") as told:
+    with pytest.raises(ColumnsError, match=r"but nothing for time, .*, position.JOINT: write these lines") as raised:
         read_log(without_words(tmp_path / "log", a1, leaning[0]), a1)
     for line in (
         '# missing: time = "..."',
         '# missing: position.FL_hip_joint = "..."',
         "# not used: a, b[0] to b[11], c[0] to c[11]",
     ):
-        assert line in told.value.proposal, line
+        assert line in raised.value.proposal, line
     written = {"time": "a", **{f"gyro.{axis}": f"e[{k}]" for k, axis in enumerate("xyz")}}
     written |= {f"accelerometer.{axis}": f"f[{k}]" for k, axis in enumerate("xyz")}
     for kind, array in (("position", "b"), ("velocity", "c"), ("torque", "d")):
@@ -226,9 +226,9 @@ def test_names_without_meaning_are_refused_with_the_columns_and_the_mapping_to_w
 
 
 def proposal_for(path, robot, columns=None):
-    with pytest.raises(ColumnsError) as told:
+    with pytest.raises(ColumnsError) as raised:
         read_log(path, robot, columns=columns)
-    return told.value.proposal
+    return raised.value.proposal
 
 
 def arrays_of(log):
@@ -273,7 +273,7 @@ def test_a_count_of_rows_is_no_time(a1, leaning, tmp_path):
 
 @pytest.mark.parametrize("unit", ["ns", "ms"])
 def test_a_column_called_time_need_not_be_in_seconds(a1, leaning, tmp_path, unit):
-    """Beside others that are called otherwise."""
+    """Next to others with different names."""
     columns = columns_of(leaning[0])
     columns["gyro_x"] = columns.pop("gyro.x")
     columns["time"] = np.round(columns["time"] * {"ns": 1e9, "ms": 1e3}[unit]).astype(np.int64)
@@ -283,7 +283,7 @@ def test_a_column_called_time_need_not_be_in_seconds(a1, leaning, tmp_path, unit
     same(read_log(path, a1, columns=proposed).recording, leaning[0], rtol=1e-6)
 
 
-def test_a_stamp_before_the_first_one_is_no_time_far_ahead(tmp_path):
+def test_a_stamp_before_the_first_one_is_negative(tmp_path):
     """As drivers write zeros before they know the time; unsigned, as theirs are."""
     np.savez(tmp_path / "log.npz", t=np.array([5_000_000_000, 0, 5_002_000_000], dtype=np.uint64))
     np.testing.assert_allclose(open_table(tmp_path / "log.npz").clock("t"), [0, -5e9, 2e6])
@@ -298,7 +298,7 @@ def test_angles_in_degrees_are_refused_unless_their_unit_is_given(a1, leaning, t
     columns = {name: values for name, values in columns_of(log).items() if not name.startswith("gyro")}
     path = write_csv(tmp_path / "log.csv", {**columns, "roll": roll, "pitch": pitch, "yaw": 0 * roll})
     proposed = Columns.from_text(proposal_for(path, a1), "it")
-    with pytest.raises(RecordingError, match="the orientation's idea of up is"):
+    with pytest.raises(RecordingError, match="the orientation's vertical is"):
         read_log(path, a1, columns=proposed)
     read_log(path, a1, columns=replace(proposed, units={"orientation": "deg"}))
 
@@ -322,7 +322,7 @@ def test_names_that_state_a_quantity_come_before_names_of_joints_alone(a1, leani
     assert all(proposed.names[f"position.{name}"] == f"q_{name}" for name in a1.joint_names)
 
 
-def test_what_no_column_looks_like_is_said(a1, leaning, tmp_path):
+def test_columns_without_a_suggestion_are_named(a1, leaning, tmp_path):
     columns = columns_of(leaning[0])
     columns = {name: values for name, values in columns.items() if not name.startswith("accelerometer")}
     with pytest.raises(
@@ -339,9 +339,9 @@ def test_an_orientation_is_proposed_where_there_is_no_gyroscope(a1, leaning, tmp
     for part in [name.split(".")[1] for name in columns if name.startswith("orientation")]:
         columns[words.get(part, f"q_{part}")] = columns.pop(f"orientation.{part}")
     path = write_csv(tmp_path / "log.csv", columns)
-    with pytest.raises(ColumnsError) as told:
+    with pytest.raises(ColumnsError) as raised:
         read_log(path, a1)
-    proposed = Columns.from_text(told.value.proposal, "it")
+    proposed = Columns.from_text(raised.value.proposal, "it")
     read = read_log(path, a1, columns=replace(proposed, units={"orientation": "deg" if angles else "rad"}))
     assert any("turns as its fused orientation does" in finding.message for finding in read.findings)
 
@@ -357,19 +357,19 @@ def test_columns_may_be_some_and_in_other_units(a1, leaning, tmp_path):
         columns[f"accelerometer.{axis}"] = columns[f"accelerometer.{axis}"] / 9.80665
     columns["time"] = 1000 * columns["time"]
     units = 'units.time = "ms"\nunits.gyro = "deg/s"\nunits.accelerometer = "g"\n'
-    told = Columns.from_text('gyro.x = "wx"\ngyro.y = "wy"\ngyro.z = "wz"\n' + units, "it")
+    columns = Columns.from_text('gyro.x = "wx"\ngyro.y = "wy"\ngyro.z = "wz"\n' + units, "it")
     for path in (write_csv(tmp_path / "log.csv", columns), write_parquet(tmp_path / "log.parquet", columns)):
-        same(read_log(path, a1, columns=told).recording, log)
+        same(read_log(path, a1, columns=columns).recording, log)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("gyro.x = ", "cannot be read: "),
-        ('gyrox = "wx"', "'gyrox' is no column of ours; did you mean 'gyro.x'"),
-        ("gyro.x = 3", r'3 is no column\'s name; write it as gyro.x = "..."'),
-        ('units.gyro = "grad"', "'grad' is no unit of gyro; those are rad/s, deg/s, rpm"),
-        ('units.gyro = ["deg/s"]', r"\['deg/s'\] is no unit of gyro"),
+        ('gyrox = "wx"', "'gyrox' is not a documented column; did you mean 'gyro.x'"),
+        ("gyro.x = 3", r'3 is not a column\'s name; write it as gyro.x = "..."'),
+        ('units.gyro = "grad"', "'grad' is not a unit of gyro; those are rad/s, deg/s, rpm"),
+        ('units.gyro = ["deg/s"]', r"\['deg/s'\] is not a unit of gyro"),
         ('units.mass = "kg"', "units are of time, position, .*not of 'mass'"),
         ("units = 3", "units are of time"),
     ],
@@ -382,12 +382,12 @@ def test_a_mistake_in_the_users_columns_is_named(tmp_path, text, message):
 
 def test_an_empty_name_leaves_out_a_column_that_has_ours(a1, leaning, tmp_path):
     path = write_csv(tmp_path / "log.csv", columns_of(leaning[0]))
-    told = Columns.from_text("".join(f'torque.{joint} = ""\n' for joint in a1.joint_names), "it")
-    assert read_log(path, a1, columns=told).recording.joints.torque is None
-    told = Columns.from_text('gyro.x = ""', "it")
+    columns = Columns.from_text("".join(f'torque.{joint} = ""\n' for joint in a1.joint_names), "it")
+    assert read_log(path, a1, columns=columns).recording.joints.torque is None
+    columns = Columns.from_text('gyro.x = ""', "it")
     with pytest.raises(ColumnsError, match=r"has no gyro.x\. The names .*but nothing for gyro.x") as error:
-        read_log(path, a1, columns=told)
-    assert Columns.from_text(error.value.proposal, "it").names == told.names
+        read_log(path, a1, columns=columns)
+    assert Columns.from_text(error.value.proposal, "it").names == columns.names
 
 
 def test_columns_that_the_table_has_not_are_named(a1, leaning, tmp_path):
@@ -418,7 +418,7 @@ SOME_UNITS = st.fixed_dictionaries({}, optional={kind: st.sampled_from([*of]) fo
 
 @given(names=NAMES, units=SOME_UNITS)
 def test_columns_are_what_was_written_of_them(names, units):
-    """Whatever characters a name has; columns that have our names need no line."""
+    """Names have any characters; columns with documented names need no line."""
     read = Columns.from_text(Columns(names, units).to_toml(), "it")
     assert read.names == {ours: theirs for ours, theirs in names.items() if ours != theirs}
     assert read.units == units
@@ -437,7 +437,7 @@ def test_arrays_of_our_names_are_read_from_every_kind_of_file(a1, leaning, tmp_p
         same(read_log(tmp_path / name, a1).recording, log)
 
 
-def test_pictures_and_gains_beside_a_log_are_passed_over(a1, leaning, tmp_path):
+def test_images_and_gains_in_a_log_are_skipped(a1, leaning, tmp_path):
     arrays, rows = arrays_of(leaning[0]), len(leaning[0].joints.time)
     others = {f"gain{k}": np.ones(12) for k in range(9)}
     np.savez(tmp_path / "log.npz", foot=np.zeros((rows, 4)), camera=np.zeros((rows, 9, 9)), **others, **arrays)
@@ -466,12 +466,12 @@ def test_pickles_are_refused_unopened_with_how_to_convert_them(a1, tmp_path, suf
         np.save(path, np.array([Trap(ran)], dtype=object), allow_pickle=True)
     else:
         path.write_bytes(pickle.dumps(Trap(ran)))
-    with pytest.raises(RecordingError, match=r"holds Python objects.*numpy.savez\('log.npz', time=") as told:
+    with pytest.raises(RecordingError, match=r"holds Python objects.*numpy.savez\('log.npz', time=") as raised:
         read_log(path, a1)
     loader = {"pt": "torch.load('log.pt')", "npy": "allow_pickle=True"}.get(
         suffix, f"pickle.load(open('log.{suffix}', 'rb'))"
     )
-    assert loader in str(told.value)
+    assert loader in str(raised.value)
     assert not ran.exists()
 
 
@@ -513,9 +513,9 @@ def test_files_of_arrays_that_hold_no_log(a1, tmp_path):
             path.write_bytes(damaged)
             with pytest.raises(
                 RecordingError, match=rf"cannot be read: it is damaged, or not a .{suffix} file"
-            ) as told:
+            ) as raised:
                 read_log(path, a1)
-            assert "allow_pickle" not in str(told.value)
+            assert "allow_pickle" not in str(raised.value)
 
 
 # --- a fused orientation
@@ -562,7 +562,7 @@ def test_an_orientation_that_is_another_is_refused(a1, leaning, tmp_path, change
 
 
 @pytest.mark.parametrize("order", [0, -1])
-def test_the_order_is_told_of_a_robot_that_faces_forward(a1, leaning, tmp_path, order):
+def test_the_quaternion_order_is_detected_on_a_robot_that_faces_forward(a1, leaning, tmp_path, order):
     """With w the last its up is right, nearly: of no turn that is a half one about z."""
     log, quaternions = leaning
     small = Rotation.from_quat(np.roll(quaternions, -1, axis=1)).as_rotvec() * 0.15
@@ -590,7 +590,7 @@ def test_an_orientation_does_not_stand_in_for_an_accelerometer(a1, leaning, tmp_
     for axis in "xyz":
         columns[f"accelerometer.{axis}"] = np.zeros(len(columns["time"]))
     with pytest.raises(
-        RecordingError, match=r"has no accelerometer\. A fused orientation says where up is, and not what pushes"
+        RecordingError, match=r"has no accelerometer\. A fused orientation gives the vertical, not the specific force"
     ):
         read_log(write_csv(tmp_path / "log.csv", columns), a1)
 
@@ -606,8 +606,8 @@ class Terminal(io.StringIO):
 def test_off_a_terminal_the_proposal_is_the_error(a1, leaning, tmp_path, capsys):
     path = by_index(tmp_path / "log", a1, leaning[0])
     assert main(["estimate", str(path), "--robot", "unitree_a1"]) == 5
-    said = capsys.readouterr().err
-    _, _, text = said.partition("\n\n")
+    shown = capsys.readouterr().err
+    _, _, text = shown.partition("\n\n")
     (tmp_path / "columns.toml").write_text(text, encoding="utf-8")
     assert main(["estimate", str(path), "--robot", "unitree_a1", "--json"]) == 5
     error = json.loads(capsys.readouterr().out)["error"]
@@ -634,14 +634,14 @@ def test_at_a_terminal_the_proposal_is_asked_about(a1, leaning, tmp_path, capsys
     monkeypatch.setattr("sys.stderr", errors := Terminal())
     arguments = ["estimate", str(path), "--robot", "unitree_a1", "--mass", "12.5"]
     first = main(arguments)
-    said = errors.getvalue()
+    shown = errors.getvalue()
     for part in (
         "Enter reads it so", "still missing: gyro.x", "did you mean 'gyro[0]'", "what you wrote cannot be read",
         "accelerometer.y has no column now: 'acc[1]' was its\nstill missing: accelerometer.y",
         "gyro.y has no column now: 'acc[1]' was its\nstill missing: gyro.y", "cannot write", f"saved: {kept}",
     ):  # fmt: skip
-        assert part in said, part
-    assert max(map(len, said.partition("Enter reads")[2].splitlines()[:2])) <= 80
+        assert part in shown, part
+    assert max(map(len, shown.partition("Enter reads")[2].splitlines()[:2])) <= 80
     by_dialogue = capsys.readouterr().out
     assert main([*arguments, "--columns", str(kept)]) == first
     assert capsys.readouterr().out == by_dialogue

@@ -29,7 +29,7 @@ def stance(a1):
 
 @pytest.fixture(scope="module")
 def crawled(a1):
-    """What a crawling robot logs, and what it weighs."""
+    """Log of a crawling robot, and its true parameters."""
     with simulate(a1, "realistic", "1.2,0.06,0.02,0.08", seed=7, timestep=1e-3) as simulation:
         return SimpleNamespace(log=crawl(simulation.platform, a1, DURATION), truth=simulation.truth.composite)
 
@@ -66,25 +66,25 @@ def test_a_crawl_tells_the_planar_centre_of_mass_by_its_torques(a1, crawled, fou
     assert (stds[1:3] < 0.7 * standing.stds[1:3]).all()
 
 
-def test_what_a_crawl_cannot_tell_is_said(found):
-    assert "The robot crawls, on three feet at least: the height" in " ".join(found.report.not_told)
+def test_limitations_of_a_crawl_are_reported(found):
+    assert "The robot crawls, on three feet at least: the CoM's height" in " ".join(found.report.limitations)
     assert found.result.composite.com_in_base.z.verdict == "not identified"
 
 
 def test_a_crawl_without_torques_is_refused_with_what_is_missing(a1, crawled):
-    with pytest.raises(LogError, match="on three feet: no joint torques: a robot on three feet tells nothing without"):
+    with pytest.raises(
+        LogError, match="on three feet: no joint torques: times on three feet determine nothing without"
+    ):
         estimated(a1, crawled, without_torques(crawled.log))
 
 
-@pytest.mark.parametrize(
-    ("factor", "said"), [(0.02, "the joint torques carry only"), (-1.0, "have they the wrong sign")]
-)
-def test_torques_that_carry_no_robot_tell_nothing(a1, stance, crawled, factor, said):
+@pytest.mark.parametrize(("factor", "message"), [(0.02, "the joint torques carry only"), (-1.0, "check their sign")])
+def test_torques_that_do_not_carry_the_robot_are_not_used(a1, stance, crawled, factor, message):
     log = crawled.log.between(1.5, np.inf)  # in a rest they are screened
     wrong = replace(log, joints=replace(log.joints, torque=factor * log.joints.torque))
     crawls = [one for one in find_segments(a1, stance, wrong) if one.kind == "crawl"]
     assert crawls
-    assert all(said in one.why_not for one in crawls)
+    assert all(message in one.why_not for one in crawls)
 
 
 def test_a_crawl_needs_no_rest(a1, stance, crawled):
@@ -99,7 +99,7 @@ OFFSET, COUNTS = np.array([40.0, -15.0, 3.0, 120.0]), np.array([1.5, 2.2, 1.8, 3
 
 
 def sensed(a1, log):
-    """What sensors of the feet would say, in whole counts."""
+    """Readings of foot force sensors, in whole counts."""
     force = feet_and_forces(a1, log.joints.position, log.joints.torque)[1][:, :, 2]
     return FootForces(log.joints.time, np.round(OFFSET + COUNTS * force))
 
@@ -111,28 +111,28 @@ def confirmed(a1, stance, log, forces):
 
 
 def test_sensors_of_the_feet_confirm_steps_in_any_unit(a1, stance, crawled, found):
-    steps, said = confirmed(a1, stance, crawled.log, sensed(a1, crawled.log))
+    steps, message = confirmed(a1, stance, crawled.log, sensed(a1, crawled.log))
     assert [step.lifted for step in steps] == [step.lifted for step in steps_of(found.report.segments)]
-    assert said == ""
+    assert message == ""
 
 
 def test_a_foot_that_carries_all_the_time_is_not_up(a1, stance, crawled, found):
-    """Its sensor says so, whatever legs, IMU and torques do."""
+    """Its sensor reads so, whatever legs, IMU and torques do."""
     _, dragged, *_ = steps_of(found.report.segments)
     forces = sensed(a1, crawled.log)
     wrong = forces.force.copy()
     leg = LEG_NAMES.index(dragged.lifted)
     wrong[(forces.time > dragged.start - 0.2) & (forces.time < dragged.end + 0.2), leg] = OFFSET[leg] + 50 * COUNTS[leg]
-    steps, said = confirmed(a1, stance, crawled.log, FootForces(forces.time, wrong))
+    steps, message = confirmed(a1, stance, crawled.log, FootForces(forces.time, wrong))
     assert [step.lifted for step in steps] == [ORDER[0], *ORDER[2:], ORDER[0]]
-    assert "by foot forces 1 of 5 steps that legs and IMU see are none: feet that seem to be up carry the robot" in said
+    assert "foot forces contradict 1 of 5 steps found by legs and IMU: a lifted foot carries load" in message
 
 
 def test_sensors_of_other_feet_are_named_and_not_used(a1, stance, crawled):
     forces = sensed(a1, crawled.log)
     swapped = FootForces(forces.time, forces.force[:, [1, 0, 3, 2]])
-    steps, said = confirmed(a1, stance, crawled.log, swapped)
-    assert "foot forces contradict most of 5 steps that legs and IMU see, and are not used" in said
+    steps, message = confirmed(a1, stance, crawled.log, swapped)
+    assert "foot forces contradict most of 5 steps found by legs and IMU, and are not used" in message
     assert len(steps) == STEPS
 
 

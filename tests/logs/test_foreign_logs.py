@@ -1,4 +1,4 @@
-"""Reading logs that are not ours: bags of both storages, LowState, tables; what is wrong with them is told."""
+"""External logs: bags of both storages, LowState, tables, and the errors of damaged ones."""
 
 import re
 from dataclasses import replace
@@ -39,7 +39,7 @@ TYPES = store()
 
 @pytest.fixture(scope="module")
 def log(a1):
-    """Two and a half seconds of numbers: nobody looks at what they mean here."""
+    """Two and a half seconds of arbitrary numbers."""
     generator, time = np.random.default_rng(1), 3.0 + np.arange(COUNT) / RATE
     middle = (np.maximum(a1.lower_limit, -2) + np.minimum(a1.upper_limit, 2)) / 2
     joints = JointStream(time, *(middle * (k == 0) + 0.1 * generator.standard_normal((COUNT, 12)) for k in range(3)))
@@ -48,7 +48,7 @@ def log(a1):
 
 
 def same(read, log, digits=12):
-    """Whether a read log holds what was written; its time begins at zero."""
+    """Assert that a log that was read equals the one written; its time begins at zero."""
     start = min(log.joints.time[0], log.imu.time[0])
     for mine, theirs in ((read.joints, log.joints), (read.imu, log.imu)):
         np.testing.assert_allclose(mine.time, theirs.time - start, atol=1e-9)
@@ -147,7 +147,7 @@ def test_legs_that_come_one_by_one_are_refused(a1, log, tmp_path):
         read_log(bag.write(), a1)
 
 
-def test_commands_are_found_beside_the_states(a1, log, tmp_path):
+def test_commands_are_found_next_to_the_states(a1, log, tmp_path):
     bag = Bag(tmp_path / "bag").joints("/joint_states", a1.joint_names, log.joints).imu("/imu/data", log.imu)
     bag.joints("/joint_commands", a1.joint_names, JointStream(log.joints.time, log.commands.position))
     read = read_log(bag.write(), a1)
@@ -160,12 +160,12 @@ def test_several_topics_are_an_error_that_names_them_and_the_flag(a1, log, tmp_p
     bag.joints("/right/states", a1.joint_names, log.joints).imu("/camera/imu", log.imu)
     path = bag.write()
     with pytest.raises(
-        RecordingError, match=r"joint states: /left/states, /right/states. Say which with --joint-topic"
+        RecordingError, match=r"joint states: /left/states, /right/states. Choose one with --joint-topic"
     ):
         read_log(path, a1)
     read = read_log(path, a1, Topics(joints="/right/states"))
     assert read.about["joints"].startswith("/right/states")
-    assert "/imu/data is taken for IMU samples, not /camera/imu" in messages_of(read.findings)
+    assert "/imu/data is used for IMU samples, not /camera/imu" in messages_of(read.findings)
     assert read_log(path, a1, Topics("left/states", "/camera/imu")).about["IMU"].startswith("/camera/imu")
     with pytest.raises(RecordingError, match=r"--imu-topic /wind is not in the bag.*The bag has /camera/imu"):
         read_log(path, a1, Topics("/left/states", "/wind"))
@@ -173,7 +173,7 @@ def test_several_topics_are_an_error_that_names_them_and_the_flag(a1, log, tmp_p
         read_log(path, a1, Topics("/imu/data"))
 
 
-def test_a_bag_without_an_imu_says_what_it_has(a1, log, tmp_path):
+def test_a_bag_without_an_imu_lists_its_topics(a1, log, tmp_path):
     path = Bag(tmp_path / "bag").joints("/joint_states", a1.joint_names, log.joints).write()
     with pytest.raises(RecordingError, match=r"holds no IMU samples: it needs .* It has /joint_states"):
         read_log(path, a1)
@@ -196,7 +196,7 @@ def test_a_folder_and_a_file_that_are_no_log(a1, tmp_path):
         read_log(tmp_path / "text.doc", a1)
 
 
-def test_a_file_that_was_cut_says_how_to_repair_it(a1, log, tmp_path):
+def test_the_error_of_a_truncated_file_names_the_repair(a1, log, tmp_path):
     path = write_bag(tmp_path / "bag", log)
     file = path / "bag.mcap"
     file.write_bytes(file.read_bytes()[:-500])
@@ -206,22 +206,22 @@ def test_a_file_that_was_cut_says_how_to_repair_it(a1, log, tmp_path):
 
 @pytest.mark.parametrize("storage", ["mcap", "ros1"])
 def test_an_imu_without_a_gyroscope_turns_as_its_orientation(a1, log, tmp_path, storage):
-    """To its left by half a radian a second; unless the message says that it knows no orientation."""
+    """To its left by half a radian a second; unless the message states that it has no orientation."""
     angle, zero = 0.25 * log.imu.time, np.zeros(COUNT)
     turning = np.column_stack([np.cos(angle), zero, zero, np.sin(angle)])
     imu = replace(log.imu, angular_velocity_in_imu=np.zeros((COUNT, 3)))
     known, unknown = (
-        Bag(tmp_path / f"bag_{said}", storage)
+        Bag(tmp_path / f"bag_{oriented}", storage)
         .joints("/joint_states", a1.joint_names, log.joints)
-        .imu("/imu/data", imu, quat_wxyz=turning, known=said)
+        .imu("/imu/data", imu, quat_wxyz=turning, known=oriented)
         .write()
-        for said in (True, False)
+        for oriented in (True, False)
     )
     read = read_log(known, a1)
     np.testing.assert_allclose(read.recording.imu.angular_velocity_in_imu, [[0, 0, 0.5]] * COUNT, atol=1e-9)
-    assert "turns as its fused orientation does" in messages_of(read.findings)
+    assert "derived from the fused orientation" in messages_of(read.findings)
     with pytest.raises(
-        RecordingError, match="has no gyroscope, and its orientation is known in 0 samples: log the raw one"
+        RecordingError, match="has no gyroscope, and its orientation is valid in 0 samples: log the raw gyroscope"
     ):
         read_log(unknown, a1)
 
@@ -239,13 +239,13 @@ def test_stamps_of_zero_give_way_to_receive_times(a1, log, tmp_path):
 
 
 def test_stamps_of_different_clocks_give_way_to_receive_times(a1, log, tmp_path):
-    """A robot whose computer thinks that it is 1970."""
+    """A robot whose computer has its clock in 1970."""
     received = nanoseconds(log.imu.time)
     early = [stamp - EPOCH + 10**9 for stamp in received]
     bag = Bag(tmp_path / "bag").joints("/joint_states", a1.joint_names, log.joints)
     read = read_log(bag.imu("/imu/data", log.imu, received, stamps=early).write(), a1)
     same(read.recording, log)
-    assert "of different clocks" in messages_of(read.findings)
+    assert "from different clocks" in messages_of(read.findings)
 
 
 def test_streams_that_do_not_overlap_are_an_error_with_both_spans(a1, log, tmp_path):
@@ -272,7 +272,7 @@ def test_low_states_are_read_by_motor_order_on_the_robots_own_clock(a1, log, tmp
     delay = np.random.default_rng(2).exponential(2e-3, COUNT)
     received = nanoseconds(np.maximum.accumulate(log.joints.time + delay))
     read = read_log(Bag(tmp_path / "bag").low_states(a1, log, received).write(), a1)
-    assert read.about["stamps"] == "receive times, made even by the robot's tick"
+    assert read.about["stamps"] == "receive times, smoothed by the robot's tick"
     assert {match.how for match in read.joint_map.matches} == {"motor order"}
     np.testing.assert_allclose(np.diff(read.recording.joints.time), 1 / RATE, rtol=1e-2)
     np.testing.assert_allclose(read.recording.joints.position, log.joints.position, atol=1e-6)
@@ -297,7 +297,7 @@ def test_low_states_come_first_and_the_slow_copy_last(a1, log, tmp_path):
 
 @pytest.mark.parametrize(
     ("kind", "clock"),
-    [("LowState", "receive times, made even by the robot's tick"), ("HighState", "the messages' own stamps")],
+    [("LowState", "receive times, smoothed by the robot's tick"), ("HighState", "the messages' own stamps")],
 )
 def test_states_of_older_robots_are_read_by_the_definitions_in_their_bags(a1, log, tmp_path, kind, clock):
     read = read_log(Bag(tmp_path / "bag", "ros1").legged_states(a1, log, kind).write(), a1)
@@ -310,7 +310,7 @@ def test_states_of_older_robots_are_read_by_the_definitions_in_their_bags(a1, lo
 
 
 def test_states_without_motors_are_refused(a1, log, tmp_path):
-    """What an A1 says while its own controller walks holds none."""
+    """The state of an A1 that walks by its own controller has no motors."""
     path = Bag(tmp_path / "bag", "ros1").legged_states(a1, log, "HighState", LEGGED_OF_OLD).write()
     with pytest.raises(RecordingError, match="HighState of /highstate hold no motors"):
         read_log(path, a1)
@@ -422,9 +422,9 @@ def test_a_column_that_is_missing_is_named_and_proposed(a1, log, tmp_path):
     columns = columns_of(log)
     columns["gyro_x"] = columns.pop("gyro.x")
     path = write_csv(tmp_path / "log.csv", columns)
-    with pytest.raises(ColumnsError, match=r"has no gyro.x\. The names of") as told:
+    with pytest.raises(ColumnsError, match=r"has no gyro.x\. The names of") as raised:
         read_log(path, a1)
-    assert told.value.proposal == '# gyro: by name; is the unit rad/s?\ngyro.x = "gyro_x"\n'
+    assert raised.value.proposal == '# gyro: by name; is the unit rad/s?\ngyro.x = "gyro_x"\n'
     only = {name: values for name, values in columns.items() if not name.startswith("position")}
     with pytest.raises(RecordingError, match=r"has no gyro.x, position.JOINT.*but nothing for position.JOINT"):
         read_log(write_csv(tmp_path / "log.csv", only), a1)
@@ -434,9 +434,9 @@ def test_time_in_another_unit_is_named(a1, log, tmp_path):
     columns = columns_of(log)
     for factor, unit in ((1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")):
         path = write_csv(tmp_path / "log.csv", {**columns, "time": columns["time"] * factor})
-        with pytest.raises(RecordingError, match=f"must be in seconds \\(are they {unit}") as told:
+        with pytest.raises(RecordingError, match=f"must be in seconds \\(are they {unit}") as raised:
             read_log(path, a1)
-        remedy = re.search('units.time = ".s"', str(told.value))[0]
+        remedy = re.search('units.time = ".s"', str(raised.value))[0]
         same(read_log(path, a1, columns=Columns.from_text(remedy, "the remedy")).recording, log, digits=9)
 
 
@@ -488,7 +488,7 @@ def test_a_span_is_counted_from_the_first_sample(a1, log):
     found = assemble(a1, raw(log), span=(0.5, 2.0)).recording
     assert found.joints.time[0] == pytest.approx(0.5)
     assert found.joints.time[-1] == pytest.approx(2.0)
-    with pytest.raises(RecordingError, match="no joint sample within the time that was asked for"):
+    with pytest.raises(RecordingError, match="no joint sample within the requested time"):
         assemble(a1, raw(log), span=(100.0, None))
 
 
@@ -529,9 +529,9 @@ def test_velocities_and_torques_that_nobody_measures_are_none(a1, log):
     found = assemble(a1, replace(raw(log), joints=joints))
     assert found.recording.joints.velocity is None
     assert found.recording.joints.torque is None
-    said = messages_of(found.findings)
-    assert "joint velocities are not numbers in 100% of the samples: not used" in said
-    assert "joint torques are zero throughout: taken as not measured" in said
+    messages = messages_of(found.findings)
+    assert "joint velocities are not numbers in 100% of the samples: not used" in messages
+    assert "joint torques are zero throughout: treated as not measured" in messages
 
 
 def test_an_imu_that_was_written_faster_than_read_loses_its_repetitions(a1, log):
@@ -542,7 +542,7 @@ def test_an_imu_that_was_written_faster_than_read_loses_its_repetitions(a1, log)
     assert "75% of the IMU samples repeat the last one" in messages_of(found.findings)
 
 
-def test_samples_so_slow_that_nothing_can_be_said(a1, log):
+def test_samples_that_are_too_slow_are_refused(a1, log):
     joints = every(log.joints, 20)
     slow = RawJoints(joints.time, log.joint_names, joints.position, joints.velocity, joints.torque)
     with pytest.raises(RecordingError, match="joint samples come at 10 Hz"):
@@ -560,8 +560,8 @@ def test_commands_that_do_not_fit_are_left_out_and_noted(a1, log):
 
 
 @pytest.mark.parametrize("kind", ["mcap", "db3", "bag", "csv", "parquet"])
-def test_damaged_files_end_in_errors_of_ours(a1, log, tmp_path, kind):
-    """A few bytes changed or lost somewhere; what can still be read is read, and all else is told."""
+def test_damaged_files_raise_equipoise_errors(a1, log, tmp_path, kind):
+    """With a few bytes changed or lost, a file is read or raises an error."""
     short = replace(log, joints=every(log.joints, 2), imu=every(log.imu, 2))
     if kind == "bag":
         path = write_bag(tmp_path / "bag", short, "ros1")

@@ -73,7 +73,7 @@ def test_legs_of_two_joints_take_hip_pitch_and_knee(two_jointed):
 
 
 @pytest.mark.filterwarnings("ignore::equipoise.errors.ModelWarning")
-def test_robots_of_the_catalogue_are_told_by_each_others_names():
+def test_robots_of_the_catalogue_are_mapped_by_each_others_names():
     robots = []
     for name in CATALOG:
         try:
@@ -88,15 +88,15 @@ def test_robots_of_the_catalogue_are_told_by_each_others_names():
                 assert found[mine] == theirs, f"{one.name} by the names of {other.name}"
 
 
-def test_two_robots_in_one_log_are_two_answers(a1):
+def test_two_robots_in_one_log_are_ambiguous(a1):
     logged = [f"{robot}/{name}" for robot in ("a", "b") for name in a1.joint_names]
     with pytest.raises(RecordingError, match=r"FL_hip_joint may be 'a/FL_hip_joint' or 'b/FL_hip_joint'.*--joint-map"):
         map_joints(a1, logged)
 
 
-def test_names_that_say_nothing_show_what_there_is(a1):
+def test_unrelated_names_are_listed_in_the_error(a1):
     logged = [f"j{k}" for k in range(12)]
-    with pytest.raises(RecordingError) as told:
+    with pytest.raises(RecordingError) as raised:
         map_joints(a1, logged)
     for part in (
         "nothing in the log is called like FL_hip_joint",
@@ -105,10 +105,10 @@ def test_names_that_say_nothing_show_what_there_is(a1):
         "'j11'",
         "--joint-map",
     ):
-        assert part in str(told.value)
+        assert part in str(raised.value)
 
 
-def test_what_the_user_says_wins_and_the_rest_is_found(a1):
+def test_the_users_joint_map_takes_precedence(a1):
     logged = names(lambda leg, place: f"{leg}_{UNITREE[place]}_joint")
     logged[logged.index("FL_calf_joint")] = "spare"
     found = map_joints(a1, logged, {"FL_calf_joint": "spare", "FR_hip_joint": logged.index("FR_hip_joint")})
@@ -119,10 +119,10 @@ def test_what_the_user_says_wins_and_the_rest_is_found(a1):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"FL_wing": "x"}, "names 'FL_wing', which is no leg joint"),
+        ({"FL_wing": "x"}, "names 'FL_wing', which is not a leg joint"),
         ({"FL_hip_joint": "wing"}, "says 'wing' for FL_hip_joint"),
         ({"FL_hip_joint": 12}, "says 12 for FL_hip_joint"),
-        ({"FL_hip_joint": 3, "FR_hip_joint": 3}, "gives 'RL_hip_joint' to two joints"),
+        ({"FL_hip_joint": 3, "FR_hip_joint": 3}, "assigns 'RL_hip_joint' to two joints"),
     ],
 )
 def test_a_map_that_does_not_fit(a1, given, message):

@@ -63,7 +63,7 @@ def agrees(result, truth):
     return z
 
 
-def test_a_log_gives_what_our_own_events_give(found, precise_run):
+def test_a_log_without_events_agrees_with_the_run(found, precise_run):
     agrees(found.result, precise_run.truth)
     own_off, own_deviations = errors(precise_run.result, precise_run.truth)
     off, stds = errors(found.result, precise_run.truth)
@@ -97,26 +97,26 @@ def test_other_rates_starts_and_gaps(a1, log, precise_run, change):
     agrees(other.result, precise_run.truth)
     off, _ = errors(other.result, precise_run.truth)
     assert np.abs(off[1:4]).max() < 3e-3
-    said = " ".join(finding.message for finding in other.report.findings)
-    late = re.search(r"the IMU's stamps are (\d+) ms late against the joints'", said)
+    messages = " ".join(finding.message for finding in other.report.findings)
+    late = re.search(r"the IMU's stamps are (\d+) ms late against the joints'", messages)
     assert (late is not None) == (name == "late start and clock")
-    assert late is None or abs(int(late.group(1)) - 40) <= 5  # [ms], as near as the legs are said to tell
+    assert late is None or abs(int(late.group(1)) - 40) <= 5  # [ms]: the resolution of the legs
     assert (sum(one.kind == "gap" for one in other.report.segments) == 2) == (name == "gaps")
 
 
-def test_a_slower_log_knows_less_and_says_so(a1, log, found, precise_run):
+def test_a_slower_log_has_a_larger_std_and_a_finding(a1, log, found, precise_run):
     before = found.result.composite.stds
     for step, rate in ((5, 100), (10, 50)):
         slower = estimated(a1, replace(log, joints=every(log.joints, step), imu=every(log.imu, step)))
         agrees(slower.result, precise_run.truth)
         assert np.linalg.norm(slower.result.composite.stds[1:4]) > np.linalg.norm(before[1:4])
         before = slower.result.composite.stds
-        said = " ".join(finding.message for finding in slower.report.findings)
-        assert (f"come at {rate} Hz; a lift is over in half a second" in said) == (rate == 50)
+        messages = " ".join(finding.message for finding in slower.report.findings)
+        assert (f"come at {rate} Hz; a lift lasts half a second" in messages) == (rate == 50)
 
 
-def test_an_orientation_in_place_of_the_gyroscope_knows_less(a1, log, found, precise_run):
-    """As a filter gives it that leans on the gyroscope."""
+def test_an_orientation_in_place_of_the_gyroscope_has_a_larger_std(a1, log, found, precise_run):
+    """The orientation is that of a filter that relies on the gyroscope."""
     turned = attitudes(log.imu.time, log.imu.angular_velocity_in_imu)
     level, _ = Rotation.align_vectors([[0, 0, 1]], log.imu.acceleration_in_imu[:1])
     noise = Rotation.from_rotvec(1e-4 * np.random.default_rng(5).standard_normal((len(log.imu.time), 3)))
@@ -131,7 +131,7 @@ def test_an_orientation_in_place_of_the_gyroscope_knows_less(a1, log, found, pre
     assert any("turns as its fused orientation does" in finding.message for finding in fused.report.findings)
 
 
-def test_without_lifts_torques_tell_a_little_and_the_rest_is_not_told(a1, log, found, precise_run):
+def test_without_lifts_torques_determine_little(a1, log, found, precise_run):
     lifts = [one for one in found.report.segments if one.kind == "lift"]
     for one in lifts:
         log = replace(log, imu=without(log.imu, one.start, one.end), joints=without(log.joints, one.start, one.end))
@@ -141,12 +141,12 @@ def test_without_lifts_torques_tell_a_little_and_the_rest_is_not_told(a1, log, f
     assert verdicts["mass"] == "doubtful"  # nothing but torques says it, and that is a check that fails
     assert other.result.composite.mass.std < 0.03 * precise_run.truth.composite.mass  # a tenth of its prior
     assert verdicts["Ixx"] == verdicts["Izz"] == "not identified"
-    assert other.report.not_told[0].startswith("There is no lift of two diagonal feet after a rest")
-    assert other.report.not_told[-1].startswith("Not told by this log: Ixx, Iyy, Izz")
+    assert other.report.limitations[0].startswith("There is no lift of two diagonal feet after a rest")
+    assert other.report.limitations[-1].startswith("Not identified by this log: Ixx, Iyy, Izz")
     assert not other.result.trustworthy
 
 
-def test_standing_alone_tells_the_mass(a1, precise_run):
+def test_standing_alone_determines_the_mass(a1, precise_run):
     with simulate(a1, "realistic", seed=precise_run.seed, payload="1.5,0.05,-0.02,0.06") as simulation:
         standing, _ = stand_up(simulation.platform, a1, precise_run.stance)
         standing.play(standing.motion().hold(4.0))
@@ -160,15 +160,15 @@ def test_standing_alone_tells_the_mass(a1, precise_run):
     assert other.result.composite.mass.std < 0.15 * precise_run.truth.composite.mass  # half of its prior
     assert verdicts_of(unsure)["mass"] == "not identified"  # nobody knows their torque constant
     assert verdicts["com_z"] == verdicts["Iyy"] == "not identified"
-    assert any("no move over planted feet" in message for message in other.report.not_told)
+    assert any("no stance motion" in message for message in other.report.limitations)
 
 
 def test_without_torques_the_scales_mass_counts(a1, log, precise_run):
     silent = replace(log, joints=replace(log.joints, torque=None))
     without_scale, with_scale = estimated(a1, silent), estimated(a1, silent, mass=precise_run.truth.composite.mass)
     agrees(with_scale.result, precise_run.truth)
-    assert any("no joint torques and no --mass" in message for message in without_scale.report.not_told)
-    assert not any("--mass" in message for message in with_scale.report.not_told)
+    assert any("no joint torques and no --mass" in message for message in without_scale.report.limitations)
+    assert not any("--mass" in message for message in with_scale.report.limitations)
     spread = [one.result.composite.inertia.Iyy.std for one in (without_scale, with_scale)]
     assert spread[1] < 0.7 * spread[0]
 
@@ -176,11 +176,11 @@ def test_without_torques_the_scales_mass_counts(a1, log, precise_run):
 def test_a_log_without_anything_usable_shows_what_it_holds(a1, log, found):
     lift = next(one for one in found.report.segments if one.kind == "lift")
     moving = log.between(lift.start + 0.3, lift.end - 0.1)
-    with pytest.raises(LogError, match=r"nothing in the log can be used. It holds motion: no rest in it") as told:
+    with pytest.raises(LogError, match=r"nothing in the log can be used. It holds motion: no rest in it") as raised:
         estimated(a1, moving)
-    assert [one.kind for one in told.value.report.segments] == ["motion"]
-    assert told.value.details["log"]["segments"][0]["used"] is False
-    assert told.value.exit_code == RecordingError.exit_code
+    assert [one.kind for one in raised.value.report.segments] == ["motion"]
+    assert raised.value.details["log"]["segments"][0]["used"] is False
+    assert raised.value.exit_code == RecordingError.exit_code
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ def test_a_log_of_another_robot_does_not_pass(skewed, a1, log):
 
 @pytest.fixture(scope="module")
 def bag(log, tmp_path_factory):
-    """As somebody else's driver writes it: joints permuted and renamed, an arm, another rate and start of the IMU."""
+    """Log of another driver: joints permuted and renamed, an arm, another rate and start of the IMU."""
     order = np.random.default_rng(3).permutation(12)
     name = {"FL": "lf", "FR": "rf", "RL": "lh", "RR": "rh", "hip": "haa", "thigh": "hfe", "calf": "kfe"}
     names = ["_".join(name[word] for word in log.joint_names[k].split("_")[:2]) for k in order]
@@ -310,7 +310,7 @@ def test_a_joint_map_from_the_command_line(bag, tmp_path, capsys):
     assert "says 'elbow' for FL_hip_joint; the log's joints are" in capsys.readouterr().err
 
 
-def test_a_run_of_ours_is_read_as_before(precise_run, a1, tmp_path, capsys):
+def test_an_equipoise_run_is_read_as_before(precise_run, a1, tmp_path, capsys):
     from equipoise.calibration.run_folder import RunFolder  # noqa: PLC0415
 
     settings = precise_run.settings

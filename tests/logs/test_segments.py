@@ -309,7 +309,7 @@ def test_feet_that_slide_apart_have_slipped(a1, stance):
     assert motion.why_not.startswith("feet slipped by 2")
 
 
-def test_a_body_that_goes_up_over_planted_feet_moves(a1, stance):
+def test_a_body_that_rises_on_four_feet_is_a_move(a1, stance):
     segments = find_segments(
         a1, stance, moving(a1, stance, lambda part: stance.feet_in_base - part * np.array([0, 0, 0.03]))
     )
@@ -325,7 +325,7 @@ def test_a_body_that_goes_up_over_planted_feet_moves(a1, stance):
     [
         (("FL", "RR"), 1.0, "lift", None),
         (("FL", "RR"), 0.1, "steps", "it jumps: no foot is on the floor for a moment"),
-        (("FL",), 1.0, "crawl", "no joint torques: a robot on three feet tells nothing without them"),
+        (("FL",), 1.0, "crawl", "no joint torques: times on three feet determine nothing without them"),
         (("FL", "RL"), 1.0, "steps", "feet leave the floor (FL, RL), but no two feet stand alone for long"),
     ],
 )
@@ -338,7 +338,7 @@ def test_two_diagonal_feet_that_leave_the_floor_are_a_lift_and_others_are_not(a1
     assert (motion.kind, motion.why_not) == (kind, why)
 
 
-def test_feet_rise_by_what_the_gyroscope_says_too(a1, stance, legs):
+def test_feet_rise_with_the_rotation_of_the_gyroscope(a1, stance, legs):
     """Encoders that do not move while the body rolls: the feet of one side seem to rise."""
     recording = moving(a1, stance, lambda part: stance.feet_in_base, turning=(0.2, 0, 0))
     track = Track.of(a1, recording, 1.0)
@@ -385,9 +385,9 @@ def test_a_long_log_is_looked_at_until_there_is_enough_motion(a1, precise_run, s
 def test_a_gyroscope_in_other_units_or_signs_is_named(a1, precise_run, factor, question):
     log = as_log(precise_run.recordings)
     wrong = replace(log.imu, angular_velocity_in_imu=log.imu.angular_velocity_in_imu * factor)
-    with pytest.raises(RecordingError) as told:
+    with pytest.raises(RecordingError) as raised:
         compare_gyroscope(a1, precise_run.stance, replace(log, imu=wrong))
-    assert question in str(told.value)
+    assert question in str(raised.value)
 
 
 def test_a_gyroscope_of_another_motion_does_not_agree(a1, precise_run):

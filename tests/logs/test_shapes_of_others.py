@@ -37,7 +37,7 @@ def a1():
 
 @pytest.fixture(scope="module")
 def whole(a1):
-    """Columns of a trot's table by our names, joints and IMU in the same rows."""
+    """Columns of a trot's table by documented names, joints and IMU in the same rows."""
     with simulate(a1, "realistic", "1.2,0.06,0.02,0.08", seed=7, timestep=1e-3) as simulation:
         log = trot(simulation.platform, a1, DURATION)
     time = log.joints.time
@@ -52,13 +52,13 @@ def whole(a1):
 
 @pytest.fixture(scope="module")
 def trotted(whole):
-    """A part of it that is enough to be read."""
+    """A part of it that is long enough to be read."""
     return {name: column[1000:1600] for name, column in whole.items()}
 
 
 @pytest.fixture(scope="module")
 def expected(a1, trotted, tmp_path_factory):
-    """The trot as it is read from a table with our names."""
+    """The trot as it is read from a table with documented names."""
     return read_log(write(tmp_path_factory.mktemp("ours") / "trot.csv", trotted), a1).recording
 
 
@@ -220,7 +220,7 @@ def test_names_in_cells_may_be_those_of_another_driver(a1, trotted, expected, tm
 
 def test_names_in_cells_that_are_no_legs_are_asked_for_by_the_joint_map(a1, trotted, tmp_path):
     path = rostopic(tmp_path / "log.csv", a1, trotted, [f"m{at}" for at in "abcdefghijkl"])
-    with pytest.raises(RecordingError, match=r"cannot be told from each other.*--joint-map"):
+    with pytest.raises(RecordingError, match=r"cannot be identified.*--joint-map"):
         accepted(a1, path)
 
 
@@ -237,16 +237,16 @@ def test_names_in_cells_that_change_are_refused(a1, trotted, tmp_path):
 
 def test_columns_that_contradict_the_names_in_cells_are_refused_with_both(a1, trotted, tmp_path):
     path = rostopic(tmp_path / "log.csv", a1, trotted)
-    told = Columns.from_text(proposal_for(a1, path), "it")
+    columns = Columns.from_text(proposal_for(a1, path), "it")
     order = [f"position.{joint}" for joint in a1.joint_names]
     wrong = {ours: f"field.position{at}" for at, ours in enumerate(order)}
     with pytest.raises(
         RecordingError, match=r"'field.position3' of .* to FR_hip_joint, and the names .* to FL_hip_joint"
     ):
-        read_log(path, a1, columns=told.with_changes(Columns(wrong)))
+        read_log(path, a1, columns=columns.with_changes(Columns(wrong)))
 
 
-def test_an_array_of_names_beside_others_determines_the_order(a1, trotted, expected, tmp_path):
+def test_an_array_of_names_among_others_determines_the_order(a1, trotted, expected, tmp_path):
     names = in_order(a1, UNITREE)
     arrays = {
         theirs: np.column_stack([trotted[f"{ours}.{name}"] for name in names])
@@ -321,7 +321,7 @@ def test_names_that_state_two_units_of_one_sensor_are_refused(a1, trotted, tmp_p
         "torque_limit_{}", "odom_effort[{}]",
     ],
 )  # fmt: skip
-def test_currents_and_what_a_state_estimator_says_are_no_torques(a1, trotted, tmp_path, name):
+def test_currents_and_state_estimates_are_not_torques(a1, trotted, tmp_path, name):
     columns = without(trotted, "torque", "gyro") | {f"w{axis}": trotted[f"gyro.{axis}"] for axis in "xyz"}
     columns |= {name.format(at): trotted[f"torque.{joint}"] for at, joint in enumerate(a1.joint_names)}
     assert "torque" not in toml_table(proposal_for(a1, write(tmp_path / "log.csv", columns)))
@@ -362,9 +362,9 @@ def test_an_order_of_legs_that_the_gyroscope_contradicts_is_refused_with_both(a1
     for quantity, word in zip(QUANTITIES, ("q", "dq", "tau"), strict=True):
         columns |= {f"{word}[{at}]": whole[f"{quantity}.{name}"] for at, name in enumerate(in_order(a1, UNITREE))}
     path = write(tmp_path / "log.csv", columns)
-    told = Columns.from_text(proposal_for(a1, path), "it")
+    columns = Columns.from_text(proposal_for(a1, path), "it")
     with pytest.raises(RecordingError, match=r"in the order FL FR RL RR, .* agrees .* in the order FR FL RR RL"):
-        estimate_log(a1, read_log(path, a1, columns=told), BayesianMethod(mass=MASS))
+        estimate_log(a1, read_log(path, a1, columns=columns), BayesianMethod(mass=MASS))
 
 
 def arrays_without_time(robot, trotted):
@@ -390,7 +390,7 @@ def test_30_a_log_without_time_is_asked_for_it_and_the_base_is_not_taken_for_joi
 
 @pytest.mark.parametrize("factor", [1, 1 / STANDARD_GRAVITY])
 def test_six_columns_of_an_imu_may_begin_with_either_sensor(a1, trotted, expected, tmp_path, factor):
-    """Gravity is in the accelerometer's: who gives its columns to the gyroscope is told so."""
+    """Gravity is in the accelerometer's columns: assigning them to the gyroscope is an error."""
     arrays, unit = arrays_without_time(a1, trotted), {} if factor == 1 else {"accelerometer": "g"}
     arrays["imu"][3:] *= factor
     np.savez(tmp_path / "log.npz", **arrays | {"imu": np.roll(arrays["imu"], 3, axis=0)})
@@ -400,9 +400,9 @@ def test_six_columns_of_an_imu_may_begin_with_either_sensor(a1, trotted, expecte
     given = {
         f"{sensor}.{axis}": f"imu[{3 * k + at}]" for k, sensor in enumerate(SENSORS) for at, axis in enumerate("xyz")
     }
-    told = Columns.from_text(proposal_for(a1, path, columns=Columns(rate=RATE)), "it")
+    columns = Columns.from_text(proposal_for(a1, path, columns=Columns(rate=RATE)), "it")
     with pytest.raises(RecordingError, match=r"imu\[0\], imu.* are read as the gyroscope, imu.*exchanged"):
-        read_log(path, a1, columns=told.with_changes(Columns(given)))
+        read_log(path, a1, columns=columns.with_changes(Columns(given)))
 
 
 # --- kinds of files
@@ -452,8 +452,8 @@ def test_every_kind_of_file_is_read_compressed_or_not(a1, trotted, expected, tmp
 
 def test_columns_of_numbers_without_names_are_named_by_the_user(a1, trotted, expected, tmp_path):
     np.savetxt(tmp_path / "log.dat", np.column_stack([*trotted.values()]), fmt="%.6f")
-    told = Columns({ours: f"[{at}]" for at, ours in enumerate(trotted)})
-    assert_same(read_log(tmp_path / "log.dat", a1, columns=told).recording, expected)
+    columns = Columns({ours: f"[{at}]" for at, ours in enumerate(trotted)})
+    assert_same(read_log(tmp_path / "log.dat", a1, columns=columns).recording, expected)
     assert "[0] to [42]" in proposal_for(a1, tmp_path / "log.dat")
 
 
@@ -483,7 +483,7 @@ def test_damaged_files_are_named(a1, tmp_path, name):
         read_log(tmp_path / name, a1)
 
 
-def test_what_is_compressed_and_no_table_is_refused(a1, tmp_path):
+def test_compressed_files_that_are_not_tables_are_refused(a1, tmp_path):
     (tmp_path / "bag.mcap.gz").write_bytes(gzip.compress(b""))
     with pytest.raises(RecordingError, match=r"is not a log that can be read: .*tables may be compressed, as .csv.gz"):
         read_log(tmp_path / "bag.mcap.gz", a1)
@@ -527,7 +527,7 @@ def test_files_that_are_not_of_one_run_are_named(a1, trotted, tmp_path):
     joints, imu = joints_and_imu(trotted)
     path = write(tmp_path / "joints.csv", joints)
     later = write(tmp_path / "later.csv", {**imu, "time": imu["time"] + 100})
-    with pytest.raises(RecordingError, match=r"IMU samples from .* they share 0.00 s. Are the stamps of one clock"):
+    with pytest.raises(RecordingError, match=r"IMU samples from .* they share 0.00 s. Are the stamps from one clock"):
         read_log(path, a1, tables=[later])
     timeless = write(tmp_path / "timeless.csv", without(imu, "time"))
     with pytest.raises(RecordingError, match=r"timeless.csv' has no time by which to join it.*time = .*or give --rate"):
@@ -562,9 +562,9 @@ def test_a_rate_may_be_typed_where_there_is_no_time(a1, trotted, expected, tmp_p
         read_log(tmp_path / "log.npz", a1)
     monkeypatch.setattr("sys.stdin", io.StringIO("\nrate = 0\nrate = 500\n\n\n"))
     assert_same(read_log(tmp_path / "log.npz", a1, columns=ask_columns(raised.value)).recording, expected)
-    said = capsys.readouterr().err
-    assert "still missing: time" in said
-    assert "the rate must be above zero" in said
+    shown = capsys.readouterr().err
+    assert "still missing: time" in shown
+    assert "the rate must be above zero" in shown
 
 
 def test_two_files_and_a_rate_from_the_command_line(a1, whole, tmp_path, capsys):

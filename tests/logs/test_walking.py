@@ -41,7 +41,7 @@ def stance(a1):
 
 @pytest.fixture(scope="module")
 def trotted(a1):
-    """What a trotting robot logs, and what it weighs."""
+    """Log of a trotting robot, and its true parameters."""
     with simulate(a1, "realistic", PAYLOAD, seed=7, timestep=1e-3) as simulation:
         return SimpleNamespace(log=trot(simulation.platform, a1, DURATION), truth=simulation.truth.composite)
 
@@ -61,7 +61,7 @@ def test_the_steps_of_a_trot_are_on_both_diagonals_in_turn(a1, stance, trotted):
 
 
 def test_a_walk_behind_a_long_rest_tells_the_clocks(a1, stance, trotted, monkeypatch):
-    """It is looked at piece by piece; one of 8 s ends before this robot walks."""
+    """The log is read piece by piece; a piece of 8 s ends before this robot walks."""
     monkeypatch.setattr(gyroscope, "_PIECE", 800)
     first = trotted.log.joints.time[0]
     kept = {"commands": None, "events": ()}
@@ -143,10 +143,10 @@ def test_every_walk_states_that_the_height_of_the_imu_is_assumed(found):
     assert "hardly determines it, and an error of 10 mm changes Ixx by" in " ".join(found.result.assumptions)
 
 
-def test_what_a_walk_cannot_tell_is_said(found):
-    said = " ".join(found.report.not_told)
-    assert "joint offsets and the IMU's mounting are not told" in said
-    assert "Lifts, or moves over planted feet from rest to rest, would." in said
+def test_limitations_of_a_walk_are_reported(found):
+    limitations = " ".join(found.report.limitations)
+    assert "joint offsets and the IMU's mounting are not separated" in limitations
+    assert "Record lifts, or stance motions from rest to rest." in limitations
 
 
 def test_steps_are_predicted_without_their_walk(found):
@@ -176,7 +176,7 @@ def test_a_walk_needs_no_rest(a1, trotted):
 def test_clocks_are_held_against_each_other_over_steps(a1, trotted):
     late = replace(trotted.log, imu=shifted(trotted.log.imu, 0.04))
     (finding,) = [one for one in estimated(a1, trotted, late).report.findings if one.about == "clocks"]
-    assert "of steps: they are moved by as much" in finding.message
+    assert "of steps: they are shifted by as much" in finding.message
     assert 36 <= float(finding.message.split(" ms late")[0].split()[-1]) <= 46
 
 
@@ -188,21 +188,21 @@ def test_clocks_that_are_more_than_a_step_apart_are_not_taken_for_the_next_steps
 
 @pytest.mark.parametrize("turn", [(0, 0, 90), (0, 0, 180), (180, 0, 0), (90, 0, 0)])
 def test_an_imu_that_is_mounted_turned_is_named(a1, stance, trotted, turn):
-    """Although the robot never rests, or too seldom to tell by it."""
+    """The robot never rests, or too seldom to detect it there."""
     mounting, imu = Rotation.from_euler("xyz", turn, degrees=True), trotted.log.imu
     sensed = {
         name: mounting.inv().apply(np.array(getattr(imu, name)))
         for name in ("angular_velocity_in_imu", "acceleration_in_imu")
     }
-    said = "roll {}, pitch {}, yaw {} deg".format(*turn)
-    with pytest.raises(MotionError, match=f"in steps the gyroscope does not turn .* by {said} relative to the base; set"):
+    angles = "roll {}, pitch {}, yaw {} deg".format(*turn)
+    with pytest.raises(MotionError, match=f"in steps the gyroscope differs from .* by {angles} to the base; give"):
         compare_gyroscope(a1, stance, replace(trotted.log, imu=replace(imu, **sensed)))
 
 
-@pytest.mark.parametrize(("factor", "said"), [(180 / np.pi, "degrees per second"), (-1.0, "wrong sign")])
-def test_a_gyroscope_that_turns_otherwise_is_named(a1, trotted, factor, said):
+@pytest.mark.parametrize(("factor", "message"), [(180 / np.pi, "degrees per second"), (-1.0, "wrong sign")])
+def test_a_gyroscope_with_a_wrong_unit_or_sign_is_named(a1, trotted, factor, message):
     turned = replace(trotted.log.imu, angular_velocity_in_imu=factor * trotted.log.imu.angular_velocity_in_imu)
-    with pytest.raises((LogError, RecordingError), match=said):
+    with pytest.raises((LogError, RecordingError), match=message):
         estimated(a1, trotted, replace(trotted.log, imu=turned))
 
 
@@ -217,7 +217,7 @@ def test_the_command_reads_a_walk(a1, trotted, tmp_path, capsys):
 def test_a_walk_is_written_and_read():
     trial = WalkTrial(steps=(TwoFeet("FL_RR", 1.0, 1.2), TwoFeet("FL_RL", 1.3, 1.5)), heading=0.5, found_at=1.0)
     assert read_trial(trial.to_data()) == trial
-    with pytest.raises(RecordingError, match="no two feet are called"):
+    with pytest.raises(RecordingError, match="is not a pair of feet"):
         read_trial({**trial.to_data(), "steps": [{"pair": "FL", "start": 0, "end": 1}]})
 
 
@@ -232,18 +232,18 @@ def swaying(bias=(0.0, 0.0, 0.0), seconds=20.0):
     return ImuStream(time, gyro, 9.81 * up + push), up, turning
 
 
-def test_up_is_what_is_felt_on_average():
+def test_up_is_the_mean_specific_force():
     imu, up, turning = swaying()
     found, turned = up_between_steps(imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu, 0.5)
     assert np.abs(found - up)[150:-150].max() < 0.01
     np.testing.assert_allclose(turned, turning * imu.time, atol=0.02)
 
 
-def test_the_bias_is_what_turns_gravity():
+def test_the_bias_rotates_gravity():
     bias = np.array([0.02, -0.015, 0.01])
     imu, _, _ = swaying(bias)
-    told = gyro_bias_of_walks([(imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu)])
-    assert np.abs(told - bias)[:2].max() < 2e-3
+    found = gyro_bias_of_walks([(imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu)])
+    assert np.abs(found - bias)[:2].max() < 2e-3
 
 
 def test_another_robots_mass_is_refused(a1, trotted):

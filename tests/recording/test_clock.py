@@ -51,13 +51,13 @@ def test_samples_that_fall_onto_one_nanosecond_are_refused():
 
 @pytest.mark.parametrize("time", [np.nan, np.inf, -np.inf, 1e10])
 def test_an_event_at_no_time_is_refused(time):
-    with pytest.raises(RecordingError, match=r"event 'x' is at .* s; times are finite, of 68 years at most"):
+    with pytest.raises(RecordingError, match=r"event 'x' is at .* s; times must be finite and below 68 years"):
         Event(time, "x")
 
 
 @pytest.mark.parametrize("data", [{"a": np.zeros(3)}, {"a": {1, 2}}, {"a": float("nan")}, 3])
 def test_an_event_says_what_json_can_hold(data):
-    with pytest.raises(RecordingError, match="event 'x' says what JSON cannot hold: "):
+    with pytest.raises(RecordingError, match="event 'x' has data that JSON cannot represent: "):
         Event(0.0, "x", data)
 
 

@@ -201,7 +201,7 @@ def other_mcap(path, topic="/chatter", **metadata):
         (lambda path: path.write_bytes(pickle.dumps({"a": 1})), "cannot be read: it is not an MCAP file"),
         (lambda path: path.mkdir(), "recording_0.mcap' cannot be read: No such file or directory"),
         (lambda path: None, "cannot be read: No such file or directory"),
-        (other_mcap, "is not a log of equipoise: it has no topic /run_log"),
+        (other_mcap, "is not an equipoise log: it has no topic /run_log"),
         (
             lambda path: other_mcap(path, "/run_log", format="equipoise.log/7"),
             "is 'equipoise.log/7'; this version reads 'equipoise.log/1': it was made by an earlier version; record or "

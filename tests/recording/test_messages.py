@@ -94,7 +94,7 @@ def test_no_messages_are_an_empty_stream():
 
 def test_messages_of_other_joints_or_types_are_refused():
     messages = joint_messages(("a", "b"), joints_of(np.ones((3, 2))))
-    with pytest.raises(RecordingError, match="name other joints"):
+    with pytest.raises(RecordingError, match="name different joints"):
         read_joints(messages, ("a", "c"), velocity=True, torque=True)
     with pytest.raises(RecordingError, match="a message of 108 bytes is among messages of 84"):
         read_joints(messages, ("a", "b"), velocity=False, torque=True)

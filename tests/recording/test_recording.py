@@ -41,7 +41,7 @@ def phased():
         ([0.0, 0.3, 0.2], "times must be finite and increasing; sample 2 is at 0.2 s after 0.3 s"),
         ([np.nan, 0.3, 0.4], "times must be finite and increasing; sample 0 is at nan s"),
         ([0.0, 0.1, np.inf], "times must be finite and increasing; sample 2 is at inf s after 0.1 s"),
-        ([[0.0, 0.1, 0.2]], r"times have shape (1, 3); they are one row of numbers"),
+        ([[0.0, 0.1, 0.2]], r"times have shape (1, 3); they must be one-dimensional"),
     ],
 )
 def test_times_must_increase(kind, time, message):
@@ -83,7 +83,7 @@ def test_a_value_that_is_no_number_is_named_by_sample_and_time(kind, name, bad):
 def test_a_wrong_shape_is_told_with_the_right_one(kind, name, shape, expected):
     with pytest.raises(RecordingError) as caught:
         stream_of(kind, **{name: np.zeros(shape)})
-    assert str(caught.value) == f"{kind} {name} has shape {shape}; its times and joints make it {expected}"
+    assert str(caught.value) == f"{kind} {name} has shape {shape}; its times and joints require {expected}"
 
 
 def stream_of(kind, **values):
@@ -216,11 +216,11 @@ def test_what_one_part_lacks_the_whole_lacks(missing):
 
 
 def test_only_consecutive_recordings_of_the_same_joints_can_be_joined():
-    with pytest.raises(RecordingError, match="there is nothing to concatenate"):
+    with pytest.raises(RecordingError, match="no recordings to concatenate"):
         Recording.concatenate([])
     with pytest.raises(
         RecordingError, match=r"joint times must be finite and increasing; sample 10 is at 0 s after 0\.9 s"
     ):
         Recording.concatenate([recording_of(), recording_of()])
-    with pytest.raises(RecordingError, match="recordings of different joints cannot be one: a, b, and a, c"):
+    with pytest.raises(RecordingError, match="recordings of different joints cannot be joined: a, b, and a, c"):
         Recording.concatenate([recording_of(), recording_of(start=1.0, names=("a", "c"))])

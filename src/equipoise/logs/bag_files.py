@@ -1,4 +1,4 @@
-"""Which files are bags: found without what reads them."""
+"""Detection of bag files, without importing their readers."""
 
 from __future__ import annotations
 

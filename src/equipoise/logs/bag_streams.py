@@ -1,7 +1,7 @@
-"""The messages of a bag's topics as arrays: JointState, Imu, and Unitree's states and commands.
+"""Messages of a bag's topics as arrays: JointState, Imu, and Unitree's states and commands.
 
-Messages become numbers some thousand at a time, while the bag is read: a message's bytes take four times the memory of its
-numbers, and the bytes of a long log more than there is.
+Messages are converted in batches while the bag is read: their bytes take four times the memory of their numbers, and those
+of a long log would not fit.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from equipoise.recording.recording import read_only
 from equipoise.robot.model import LEG_NAMES
 
 Arrays = dict[tuple[str, str], NDArray[Any]]
-"""Numbers of n messages, (n,) or (n, k), by quantity and joint; the joint is empty for what all joints share."""
+"""Numbers of n messages, (n,) or (n, k), by quantity and joint; the joint is empty for quantities of the whole robot."""
 
 _BATCH = 4096  # messages
 _OF_JOINTS = ("position", "velocity", "torque")
@@ -108,7 +108,7 @@ class GatheredTopic:
         return table
 
     def _stacked(self, quantity: str, names: Sequence[str]) -> FloatArray | None:
-        """Return a quantity of all joints, NaN where a message lacks it; None if all do. Its columns are given up."""
+        """Return a quantity of all joints, NaN where a message lacks it; None if all do. Its columns are removed."""
         missing = np.full(self._count, np.nan)
         columns = [self._tables.pop((quantity, name), missing)[: self._count] for name in names]
         return None if all(np.isnan(column).all() for column in columns) else np.column_stack(columns)
@@ -119,7 +119,7 @@ def _missing(key: tuple[str, str]) -> float:
 
 
 def _joint_states(topic: GatheredTopic, of: Messages) -> Arrays:
-    """Columns by name; messages may name different joints, or the same in another order."""
+    """Return columns by name; messages may name different joints, or the same in another order."""
     del topic
     names = [text for path, text in of.texts.items() if path.startswith("name.")]
     arrays: Arrays = {("header", ""): _stamps(of, "header.stamp")}
@@ -133,7 +133,7 @@ def _joint_states(topic: GatheredTopic, of: Messages) -> Arrays:
 def _imus(topic: GatheredTopic, of: Messages) -> Arrays:
     del topic
     orientation = of.stacked("orientation.{}", "wxyz")
-    orientation[of.numbers["orientation_covariance"][:, 0] == -1] = np.nan  # as the message's definition has it
+    orientation[of.numbers["orientation_covariance"][:, 0] == -1] = np.nan  # by the definition of the message
     return {
         ("header", ""): _stamps(of, "header.stamp"),
         ("gyroscope", ""): of.stacked("angular_velocity.{}", "xyz"),
@@ -146,7 +146,7 @@ def _whole_states(topic: GatheredTopic, of: Messages) -> Arrays:
     motors, torque, imu, foot_force = STATES[topic.type]
     if f"{motors}.0.q" not in of.numbers:
         raise RecordingError(
-            f"the {topic.type} of {topic.topic} hold no motors: its robot publishes them elsewhere, if at all"
+            f"the {topic.type} messages of {topic.topic} hold no motors: name the topic that has them with --joint-topic"
         )
     arrays: Arrays = {("gyroscope", ""): of.numbers[f"{imu}.gyroscope"]}
     arrays["accelerometer", ""] = of.numbers[f"{imu}.accelerometer"]

@@ -1,7 +1,7 @@
-"""Many CDR messages of one type as arrays, at a hundredth of the time that decoding them one by one takes.
+"""Decoding of many CDR messages of one type into arrays, a hundred times faster than one by one.
 
-Where texts and lengths are the same in two messages, all numbers are at the same places: the first message is walked by its
-type's definition, and all like it are read as rows of one NumPy record.
+Two messages with the same texts and lengths have their numbers at the same offsets: the first is parsed by its type's
+definition, and all like it are read as rows of one NumPy record.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
-_HEAD = 4  # bytes before every message: how it is written
+_HEAD = 4  # bytes before every message: its encoding
 _NUMBERS = {
     "bool": "u1", "byte": "u1", "octet": "u1", "char": "u1", "uint8": "u1", "int8": "i1", "uint16": "u2", "int16": "i2",
     "uint32": "u4", "int32": "i4", "uint64": "u8", "int64": "i8", "float32": "f4", "float64": "f8",
@@ -36,7 +36,7 @@ class Messages:
     texts: Mapping[str, str]
 
     def stacked(self, form: str, names: Sequence[object]) -> NDArray[np.float64]:
-        """(n, k) numbers at k paths, which a form makes of names, as "motor_state.{}.q"."""
+        """Return (n, k) numbers at k paths, made from a form as "motor_state.{}.q" and names."""
         return np.column_stack([self.numbers[form.format(name)] for name in names]).astype(float)
 
 
@@ -72,7 +72,7 @@ def read_messages(types: Mapping[str, Any], message_type: str, bodies: Sequence[
 
 
 class _Walk:
-    """Walks one message and notes where what is.
+    """Parser of one message that records the offsets of its fields.
 
     Attributes:
         names: paths of the numbers.
@@ -90,13 +90,13 @@ class _Walk:
         self._offsets: list[int] = []
 
     def record(self, length: int) -> np.dtype[Any]:
-        """The numbers of one message of a length in bytes."""
+        """Return the record type of messages of a length in bytes."""
         if self._position > length:
-            raise ValueError("a message is shorter than its type says")
+            raise ValueError("a message is shorter than its type requires")
         return np.dtype({"names": self.names, "formats": self._formats, "offsets": self._offsets, "itemsize": length})
 
     def mask(self, length: int) -> NDArray[np.uint8]:
-        """(length,) all bits where bytes must be shared, else none."""
+        """Return (length,) bytes: all bits set where messages must agree, else none."""
         mask = np.zeros(length, dtype=np.uint8)
         mask[self.fixed] = 0xFF
         return mask
@@ -149,11 +149,11 @@ class _Walk:
         self._offsets.append(offset)
 
     def _count(self) -> int:
-        """A length, which alike messages share."""
+        """Return a length, which messages of one group share."""
         self._align(4)
         start, self._position = self._position, self._position + 4
         if self._position > len(self._body):
-            raise ValueError("a message is shorter than its type says")
+            raise ValueError("a message is shorter than its type requires")
         self.fixed += range(start, self._position)
         return int(np.frombuffer(self._body, self._order + "u4", 1, start)[0])
 

@@ -1,4 +1,4 @@
-"""Findings in a log, in words."""
+"""Findings in a log."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LogFinding:
-    """Something that was seen in a log, harmless or not, in a sentence about one of its parts."""
+    """Observation about one part of a log, harmless or not."""
 
     about: str
     message: str

@@ -1,8 +1,8 @@
-"""Which joint of a log is which joint of the robot: names differ between descriptions, drivers and firmware.
+"""Map from the robot's joints to a log's: names differ between model files, drivers and firmware.
 
-Tried in this order, leg by leg: what the user says; the same names; the same names but for case, separators, a namespace
-before them or "joint" after them; the same leg and the same places in it, by the words that people use for them. A leg is
-taken as a whole: the "hip" of some is the abduction, and of others what comes after it.
+Tried in this order, leg by leg: the user's joint map; equal names; names that differ only in case, separators, a namespace
+before them or "joint" after them; leg and place in it, by common words. A leg is matched as a whole: "hip" may be the
+abduction or the joint after it.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _PLACE_WORDS = {
     **dict.fromkeys(("thigh", "upper", "hfe", "hy", "fe", "pitch", "femur", "flexion"), 1),
     **dict.fromkeys(("calf", "knee", "kfe", "kn", "lower", "shank", "shin", "tibia"), 2),
 }
-_WEAK_WORDS = {"leg": 1, "foot": 2}  # some call a thigh and a shank so; to others they are part of any joint's name
-# "hip" alone is the abduction to some and the hip pitch to others, which the leg's other names decide.
+_WEAK_WORDS = {"leg": 1, "foot": 2}  # a thigh and a shank in some models; in others part of any joint's name
+# "hip" alone is the abduction or the hip pitch: the leg's other names decide.
 _HIP, _HIP_AXES = "hip", {"x": 0, "y": 1, "z": None}
 _LATER, _EITHER = 2, 1  # costs of a word that is not the name's first, and of one that may mean something else
 
@@ -52,7 +52,7 @@ class JointMatch:
 
 @dataclass(frozen=True)
 class JointMap:
-    """All joints of the robot, in its order, and what the log has besides.
+    """Matches of all joints of the robot, in its order, and the log's other joints.
 
     Attributes:
         matches: matches, one for each joint of the robot.
@@ -68,21 +68,21 @@ class JointMap:
         return np.array([match.column for match in self.matches], dtype=np.intp)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         joints = {m.robot_joint: {"log": m.log_joint, "how": m.how} for m in self.matches}
         return {"joints": joints, "ignored": list(self.ignored)}
 
 
 def map_joints(robot: RobotModel, log_joints: Sequence[str], given: Mapping[str, str | int] | None = None) -> JointMap:
-    """The log's joint for each joint of the robot.
+    """Map each joint of the robot to a joint of the log.
 
     Args:
         log_joints: names in the order of the log's columns.
-        given: log's name or column by the robot's name, as the user says.
+        given: the user's joint map: log's name or column by the robot's name.
 
     Raises:
-        SettingsError: what the user says names a joint that is not there.
-        RecordingError: a joint of the robot has no counterpart, or several; the message shows what was found.
+        SettingsError: the user's map names a joint that does not exist.
+        RecordingError: a joint of the robot has no counterpart, or several; the message lists the matches.
     """
     found = _given(robot, log_joints, given or {})
     problems: list[str] = []
@@ -116,7 +116,7 @@ def map_by_order(robot: RobotModel, legs: Sequence[str], motors: Sequence[str]) 
         motors: names to call the columns by.
 
     Raises:
-        RecordingError: the robot's legs have not three joints.
+        RecordingError: a leg of the robot does not have three joints.
     """
     matches: dict[str, JointMatch] = {}
     for leg in legs:
@@ -154,20 +154,20 @@ def read_joint_map(path: Path) -> dict[str, str | int]:
 
 def _given(robot: RobotModel, log_joints: Sequence[str], given: Mapping[str, str | int]) -> dict[str, JointMatch]:
     found: dict[str, JointMatch] = {}
-    for joint, said in given.items():
+    for joint, name in given.items():
         if joint not in robot.joint_names:
             raise SettingsError(
-                f"the joint map names {joint!r}, which is no leg joint of {robot.name!r}; those are "
+                f"the joint map names {joint!r}, which is not a leg joint of {robot.name!r}; those are "
                 f"{', '.join(robot.joint_names)}"
             )
-        column = log_joints.index(said) if said in log_joints else said
+        column = log_joints.index(name) if name in log_joints else name
         if not isinstance(column, int) or not 0 <= column < len(log_joints):
-            raise SettingsError(f"the joint map says {said!r} for {joint}; the log's joints are {_listed(log_joints)}")
+            raise SettingsError(f"the joint map gives {name!r} for {joint}; the log's joints are {_listed(log_joints)}")
         found[joint] = JointMatch(joint, log_joints[column], column, "given")
     columns = [match.column for match in found.values()]
     if len(set(columns)) < len(columns):
         twice = next(match.log_joint for match in found.values() if columns.count(match.column) > 1)
-        raise SettingsError(f"the joint map gives {twice!r} to two joints")
+        raise SettingsError(f"the joint map assigns {twice!r} to two joints")
     return found
 
 
@@ -176,7 +176,7 @@ def _several(joint: str, columns: Sequence[int], log_joints: Sequence[str]) -> s
 
 
 def _same_name(leg: Leg, joints: Sequence[str], log_joints: Sequence[str], free: Sequence[int]) -> list[list[int]]:
-    """Columns for each of a leg's joints."""
+    """Return the columns for each of a leg's joints."""
     del leg
     return [[column for column in free if log_joints[column] == joint] for joint in joints]
 
@@ -199,7 +199,7 @@ def _leg_and_place(leg: Leg, joints: Sequence[str], log_joints: Sequence[str], f
 
 
 def _assign(places: Sequence[int], columns: Sequence[int], log_joints: Sequence[str]) -> list[list[int]]:
-    """Columns of a leg by place, so that all fit best together; several where that is not one way."""
+    """Return the columns of a leg by place, with the least total cost; several where the optimum is not unique."""
     costs = [_place_costs(words_of(log_joints[column])) for column in columns]
     if not any(costs):
         costs = _numbered(columns, log_joints)
@@ -214,7 +214,7 @@ def _assign(places: Sequence[int], columns: Sequence[int], log_joints: Sequence[
 
 
 def _place_costs(words: Sequence[str]) -> dict[int, int]:
-    """Places in a leg that a name may mean; the first word that names one counts most."""
+    """Return the costs of the places in a leg that a name may mean; the first word that names one counts most."""
     costs: dict[int, int] = {}
     later = 0
     for word, following in itertools.zip_longest(words, words[1:]):
@@ -236,7 +236,7 @@ def _place_costs(words: Sequence[str]) -> dict[int, int]:
 
 
 def _numbered(columns: Sequence[int], log_joints: Sequence[str]) -> list[dict[int, int]]:
-    """Places by numbers from the hip down, as in FL_0 FL_1 FL_2, counted from 0 or 1."""
+    """Return places by numbers from the hip down, as in FL_0 FL_1 FL_2, counted from 0 or 1."""
     numbers = [[int(word) for word in words_of(log_joints[column]) if word.isdigit()] for column in columns]
     last = [number[-1] if number else -1 for number in numbers]
     first = min(last, default=-1)
@@ -255,11 +255,11 @@ def _unmapped(
 ) -> RecordingError:  # fmt: skip
     used = {match.column for match in found.values()}
     free = [name for column, name in enumerate(log_joints) if column not in used]
-    said = "; ".join(problems) or f"nothing in the log is called like {', '.join(missing)}"
-    known = ", ".join(f"{match.robot_joint} = {match.log_joint}" for match in found.values()) or "none"
+    reason = "; ".join(problems) or f"no name in the log resembles {', '.join(missing)}"
+    matched = ", ".join(f"{match.robot_joint} = {match.log_joint}" for match in found.values()) or "none"
     return RecordingError(
-        f"the log's joints cannot be told from each other: {said}. Found so far: {known}. The log's other joints: "
-        f"{_listed(free)}. Say which is which in a TOML file (--joint-map), with lines as {missing[0]} = "
+        f"the log's joints cannot be identified: {reason}. Found so far: {matched}. The log's other joints: "
+        f"{_listed(free)}. Map them in a TOML file (--joint-map), with lines as {missing[0]} = "
         f"{(free or ['...'])[0]!r}"
     )
 

@@ -1,7 +1,7 @@
 """Types of the messages that logs are read from, for bags that do not carry the definitions of their own types.
 
-`unitree_go` is what Unitree's Go2 and B2 publish. What their older robots publish has other fields with every version of the
-SDK; bags of ROS 1 carry the definitions.
+Unitree's Go2 and B2 publish `unitree_go`. The messages of its older robots differ between versions of the SDK; bags of ROS 1
+carry the definitions.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MOTOR_NAMES = tuple(f"motor {index}" for index in range(MOTORS))
 
 @lru_cache(maxsize=1)
 def known_types() -> Mapping[str, Any]:
-    """Field definitions of ROS 2's own types and of `unitree_go`, by name."""
+    """Return the field definitions of ROS 2's own types and of `unitree_go`, by name."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - half a second to import
 
     types: dict[str, Any] = dict(get_typestore(Stores.ROS2_HUMBLE).fielddefs)
@@ -50,7 +50,7 @@ def known_types() -> Mapping[str, Any]:
 
 
 def store_of(types: Mapping[str, Any]) -> Any:
-    """Field definitions as a `Typestore`, which can write messages of ROS 1 again as ROS 2 has them."""
+    """Return field definitions as a `Typestore`, which converts messages of ROS 1 to ROS 2."""
     from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
     store = get_typestore(Stores.EMPTY)

@@ -1,4 +1,4 @@
-"""Estimates from logs that are not ours: what in them can be used is found, and what they cannot tell is said."""
+"""Estimation from external logs, with a report on the segments that are used and on what the log does not determine."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from equipoise.result.calibration import Calibration
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 
-_CLOCK_KNOWN = 5e-3  # [s]: closer than the legs can tell, and the estimate finds the rest
+_CLOCK_TOLERANCE = 5e-3  # [s]: below what the legs resolve; the estimate finds the rest
 _WALKING_TILT = 0.01  # [rad]
 _UPSIDE_DOWN = 0.7  # cosine: nearer to down than a robot on a slope is to level
 _OTHER_ORDERS = (("FR", "FL", "RR", "RL"), ("RL", "RR", "FL", "FR"), ("RR", "RL", "FR", "FL"))
@@ -40,28 +40,28 @@ class LogReport:
         log: log as it was read.
         segments: pieces of the log, and whether they are used.
         findings: findings of reader, conversion and clocks.
-        not_told: sentences on what cannot be told from the log, and why.
+        limitations: messages on what the log does not determine, with the reason.
     """
 
     log: Log
     segments: tuple[LogSegment, ...]
     findings: tuple[LogFinding, ...]
-    not_told: tuple[str, ...] = ()
+    limitations: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         return {
             "about": dict(self.log.about),
             **self.log.joint_map.to_dict(),
             "segments": [_segment_to_dict(segment) for segment in self.segments],
             "findings": [dataclasses.asdict(finding) for finding in self.findings],
-            "not_told": list(self.not_told),
+            "not_told": list(self.limitations),
         }
 
 
 @dataclass(frozen=True, eq=False)
 class LogEstimate:
-    """A result, and what the log that it is from holds."""
+    """Result of a log, and the report on that log."""
 
     result: Calibration
     report: LogReport
@@ -71,10 +71,10 @@ def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = No
     """Estimate the robot's parameters from a log, by the Bayesian method.
 
     Raises:
-        LogError: nothing in it can be used, or its sensors cannot be believed; the error carries the report.
+        LogError: nothing in it can be used, or its sensors are not plausible; the error carries the report.
         RecordingError: its units, signs or order of joints cannot be right.
         MotionError: the IMU is mounted turned.
-        SettingsError: the mass is that of another robot.
+        SettingsError: the mass does not fit the robot.
     """
     method, stance = method or BayesianMethod(), nominal_stance(robot)
     if method.mass is not None:
@@ -89,19 +89,19 @@ def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = No
     recordings = usable(segments)
     if not recordings:
         raise _nothing_usable(report)
-    method = _for_what_is_told(method, recordings)
+    method = _with_wide_mounting_prior(method, recordings)
     try:
         result = method.estimate(robot, recordings, stance, lifts_needed=False)
     except RecordingError as error:
         raise LogError(str(error), report, {"log": report.to_dict()}) from error
     report = replace(report, segments=_judged(segments, result))
-    return LogEstimate(result, replace(report, not_told=tuple(_not_told(result, report, method))))
+    return LogEstimate(result, replace(report, limitations=tuple(_limitations(result, report, method))))
 
 
-def _for_what_is_told(method: BayesianMethod, recordings: Sequence[Recording]) -> BayesianMethod:
-    """Return the method with a prior of the IMU's mounting as wide as robots have it, unless the user set one.
+def _with_wide_mounting_prior(method: BayesianMethod, recordings: Sequence[Recording]) -> BayesianMethod:
+    """Return the method with a prior std of the IMU's mounting that covers real robots, unless the user set one.
 
-    Stance motions tell it whatever the prior is; a walk hardly does, and its intervals depend on the prior.
+    Stance motions determine the mounting whatever the prior is; after a walk alone the intervals depend on the prior.
     """
     moved = any(isinstance(one.trial, PostureTrial) for one in recordings)
     if moved or method.prior_run is not None or method.priors.imu_tilt != Priors().imu_tilt:
@@ -110,28 +110,26 @@ def _for_what_is_told(method: BayesianMethod, recordings: Sequence[Recording]) -
 
 
 def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findings: list[LogFinding]) -> Recording:
-    """With the IMU's stamps moved so that gyroscope and legs turn together."""
+    """Return the recording with the IMU's stamps shifted so that the gyroscope agrees with the legs."""
     compared = compare_gyroscope(robot, stance, recording)
     if compared is None:
-        message = (
-            "too little motion over planted feet or in steps to hold the clocks of joints and IMU against each other"
-        )
+        message = "too little stance motion and too few steps to compare the clocks of joints and IMU"
         findings.append(LogFinding("clocks", message))
         return recording
     if not compared.agrees:
         _check_legs(robot, stance, recording)
         message = (
-            f"in {compared.motion} the gyroscope does not turn as the legs say ({compared.unexplained:.0%} of it differs): "
-            "are the joints, the IMU's axes and the robot the right ones?"
+            f"in {compared.motion} the gyroscope differs from the rotation by the legs ({compared.unexplained:.0%} of the "
+            "variance): check the joint map, the IMU's axes and the robot model"
         )
         findings.append(LogFinding("gyroscope", message))
         return recording
-    if abs(compared.offset) < _CLOCK_KNOWN:
+    if abs(compared.offset) < _CLOCK_TOLERANCE:
         return recording
     later = "late" if compared.offset < 0 else "early"
     message = (
-        f"the IMU's stamps are {abs(compared.offset) * 1000:.0f} ms {later} against the joints', by {compared.time:.0f} s of "
-        f"{compared.motion}: they are moved by as much"
+        f"the IMU's stamps are {abs(compared.offset) * 1000:.0f} ms {later} against the joints', according to "
+        f"{compared.time:.0f} s of {compared.motion}: they are shifted by as much"
     )
     findings.append(LogFinding("clocks", message))
     return replace(recording, imu=replace(recording.imu, time=recording.imu.time + compared.offset))
@@ -179,14 +177,14 @@ def _rates(recording: Recording, stance: Stance) -> list[LogFinding]:
     ]
     return [
         LogFinding(
-            "rates", f"{name} samples come at {found:.0f} Hz; a lift is over in half a second and wants {wanted:.0f} Hz"
+            "rates", f"{name} samples come at {found:.0f} Hz; a lift lasts half a second and needs {wanted:.0f} Hz"
         )
         for name, found, wanted in slow
     ]
 
 
 def _judged(segments: list[LogSegment], result: Calibration) -> tuple[LogSegment, ...]:
-    """Segments with what the estimate found: trials are in the order of their recordings."""
+    """Return the segments with the estimate's notes: trials are in the order of their recordings."""
     notes = iter([trial.note for trial in result.trials])
     judged: list[LogSegment] = []
     for segment in segments:
@@ -195,57 +193,53 @@ def _judged(segments: list[LogSegment], result: Calibration) -> tuple[LogSegment
     return tuple(judged)
 
 
-def _not_told(result: Calibration, report: LogReport, method: BayesianMethod) -> list[str]:
-    """Return what the log does not determine, causes first."""
+def _limitations(result: Calibration, report: LogReport, method: BayesianMethod) -> list[str]:
+    """Return messages on what the log does not determine, causes first."""
     used = [segment for segment in report.segments if segment.used and segment.recording is not None]
     trials = [segment.recording.trial for segment in used if segment.recording is not None]
     diagonals = {trial.diagonal for trial in trials if isinstance(trial, LiftTrial)}
     crawls = any(isinstance(trial, CrawlTrial) for trial in trials)
     pairs = {step.pair for trial in trials if isinstance(trial, WalkTrial) for step in trial.steps}
-    said: list[str] = []
+    messages: list[str] = []
     if pairs and not diagonals:
-        said.append(
-            "The robot walks and lifts no two feet from rest: joint offsets and the IMU's mounting are not separated "
-            "from an offset of the centre of mass. Lifts, or moves over planted feet from rest to rest, would."
+        messages.append(
+            "The robot walks, without a lift of two feet from rest: joint offsets and the IMU's mounting are not separated "
+            "from an offset of the CoM. Record lifts, or stance motions from rest to rest."
         )
         if len(pairs) == 1:
-            said.append(
-                f"Its steps are all on {pairs.pop()}: along the line of these feet the centre of mass is not told."
-            )
+            messages.append(f"All steps are on {pairs.pop()}: the CoM along the line of these feet is not determined.")
     elif not diagonals and crawls:
-        said.append(
-            "The robot crawls, on three feet at least: the height of the centre of mass and the inertia are not told, and x "
-            "and y only as well as joint torques tell them. A trot, or lifts of two diagonal feet, would."
+        messages.append(
+            "The robot crawls, on three feet at least: the CoM's height and the inertia are not determined, its x and y only "
+            "by joint torques. Record a trot, or lifts of two diagonal feet."
         )
     elif not diagonals:
-        said.append(
-            "There is no lift of two diagonal feet after a rest: the height of the centre of mass and the inertia cannot be "
-            "told, and x and y only as well as joint torques tell them."
+        messages.append(
+            "There is no lift of two diagonal feet after a rest: the CoM's height and the inertia are not determined, its x "
+            "and y only by joint torques."
         )
     elif len(diagonals) < len(DIAGONALS):
-        said.append(
-            f"All lifts are on {diagonals.pop()}: the centre of mass is known across that line, and along it only as well as "
-            "joint torques tell it."
+        messages.append(
+            f"All lifts are on {diagonals.pop()}: they determine the CoM across that line; along it only joint torques do."
         )
     if not pairs and not any(isinstance(trial, PostureTrial) for trial in trials):
-        said.append(
-            "There is no move over planted feet from rest to rest: a joint's zero cannot be told from an offset of the centre "
-            "of mass."
+        messages.append(
+            "There is no stance motion from rest to rest: joint offsets are not separated from an offset of the CoM."
         )
     if method.mass is None and report.log.recording.joints.torque is None:
-        said.append(
+        messages.append(
             "There are no joint torques and no --mass: the mass is the model's, and the inertia, which scales with it, is as "
             "uncertain."
         )
     for verdict, words in (
         ("doubtful", "Doubtful, as a check failed"),
-        ("not identified", "Not told by this log"),
-        ("weak", "Told only roughly"),
+        ("not identified", "Not identified by this log"),
+        ("weak", "Weakly identified"),
     ):
         names = [quantity.name for quantity in result.composite if quantity.verdict == verdict]
         if names:
-            said.append(f"{words}: {', '.join(names)}.")
-    return said
+            messages.append(f"{words}: {', '.join(names)}.")
+    return messages
 
 
 def _nothing_usable(report: LogReport) -> LogError:
@@ -253,8 +247,8 @@ def _nothing_usable(report: LogReport) -> LogError:
     reasons = dict.fromkeys(f"{what}: {why_not}" for why_not, what in reversed(by_reason.items()))
     return LogError(
         f"nothing in the log can be used. It holds {'; '.join(list(reasons)[:4]) or 'rests alone'}. What can be used are "
-        "rests on four feet with joint torques, lifts of two diagonal feet or moves over planted feet after them, and walks "
-        "that stand on two feet now and then, as a trot does, or with joint torques on three, as a crawl does",
+        "rests on four feet with joint torques, lifts of two diagonal feet or stance motions after them, and gaits that "
+        "stand on two feet, as a trot, or with joint torques on three, as a crawl",
         report,
         {"log": report.to_dict()},
     )

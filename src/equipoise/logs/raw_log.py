@@ -1,7 +1,7 @@
-"""Logs that are not ours: streams as a file has them, and the one `Recording` that is made of them.
+"""Streams of an external log, and their conversion to one `Recording`.
 
-A reader (rosbag.py, tables/) gives a `RawLog`. `assemble` maps its joints, drops what cannot be a sample, puts all streams
-on one clock that starts at zero, and notes what it found.
+A reader (rosbag.py, tables/) returns a `RawLog`. `assemble` maps its joints, drops invalid samples, puts all streams on one
+clock that starts at zero, and collects findings.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from equipoise.logs.orientation import angular_velocity_of
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording, read_only
 from equipoise.robot.model import RobotModel
 
-_MOST_BAD = 0.05  # of a stream's samples: more is no dropped packet but another kind of file
+_MOST_BAD = 0.05  # of a stream's samples: more is not packet loss but another kind of file
 _LEAST_OVERLAP = 1.0  # [s] of joints and IMU together
-_HELD = 0.3  # of consecutive samples that repeat: an IMU that was written more often than it was read
+_REPEATED = 0.3  # of consecutive samples that repeat: an IMU that was written more often than it was read
 _SLOWEST = 20.0  # [Hz]
-_LONGEST_HELD = 20  # samples: an IMU that repeats for longer is frozen
+_LONGEST_REPEATED = 20  # samples: an IMU that repeats for longer is frozen
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class RawJoints:
         names: (k,) names of the columns.
         position: (n, k) joint positions [rad].
         velocity, torque: (n, k) joint velocities and torques, or None [rad/s], [Nm].
-        foot_force: (n, 4) what the sensors of the feet FL FR RL RR say, in any unit, or None.
+        foot_force: (n, 4) readings of the foot force sensors FL FR RL RR, in any unit, or None.
     """
 
     time: FloatArray
@@ -56,8 +56,7 @@ class RawImu:
         time: (n,) stamps [s].
         angular_velocity_in_imu: (n, 3) angular velocity [rad/s], or None if the log has only an orientation.
         acceleration_in_imu: (n, 3) specific force [m/s2], or None.
-        quat_wxyz: (n, 4) orientation of the IMU in the room, as a filter fused it, or None; used where there is no
-            angular velocity.
+        quat_wxyz: (n, 4) fused orientation of the IMU in the world, or None; used where there is no angular velocity.
     """
 
     time: FloatArray
@@ -72,9 +71,9 @@ class RawLog:
 
     Attributes:
         joints, imu, commands: streams of the log.
-        about: topics, columns and stamps that the streams are from, for people.
+        about: topics, columns and stamps that the streams are from, for display.
         findings: findings of the reader.
-        joint_map: joint map, if the log's format says which joint is which.
+        joint_map: joint map, if the log's format determines it.
     """
 
     joints: RawJoints
@@ -94,7 +93,7 @@ class Log:
         joint_map: map from the robot's joints to the log's.
         about: topics, columns and stamps that the streams are from.
         findings: findings of reader and conversion.
-        foot_forces: what the sensors of the feet say, or None.
+        foot_forces: readings of the foot force sensors, or None.
     """
 
     recording: Recording
@@ -136,7 +135,7 @@ def assemble(
 
 
 def rate(time: FloatArray) -> float:
-    """Samples a second, gaps left aside."""
+    """Return the median sample rate, which gaps do not affect [Hz]."""
     return 1 / float(np.median(np.diff(time))) if len(time) > 1 else 0.0
 
 
@@ -164,7 +163,7 @@ def _joint_stream(
 
 
 def _foot_forces(raw: RawJoints, origin: float) -> FootForces | None:
-    """Return the readings of the sensors of the feet; None where there are none, or none that ever changes."""
+    """Return the readings of the foot force sensors; None without them, or if they never change."""
     if raw.foot_force is None:
         return None
     latest = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(raw.time[:-1], nan=-np.inf)]))
@@ -176,14 +175,14 @@ def _foot_forces(raw: RawJoints, origin: float) -> FootForces | None:
 
 
 def _taken(values: FloatArray, rows: NDArray[np.intp], columns: NDArray[np.intp] | None = None) -> FloatArray:
-    """Some rows and columns of a table; the table itself if those are all: a log has no room for copies."""
+    """Return some rows and columns of a table; the table itself if those are all, since logs are too large to copy."""
     if columns is not None and columns.tolist() != list(range(values.shape[1])):
         return read_only(values[rows[:, None], columns])
     return values if len(rows) == len(values) else read_only(values[rows])
 
 
 def _rows_of_legs(raw: RawJoints, columns: NDArray[np.intp], findings: list[LogFinding]) -> NDArray[np.intp]:
-    """Samples with any of the legs' joints: an arm may share the topic."""
+    """Return the samples with any of the legs' joints: an arm may share the topic."""
     there = ~np.isnan(raw.position)[:, columns]
     rows = np.flatnonzero(there.any(axis=1))
     if not rows.size:
@@ -204,7 +203,7 @@ def _rows_of_legs(raw: RawJoints, columns: NDArray[np.intp], findings: list[LogF
 def _measured(
     values: FloatArray | None, rows: NDArray[np.intp], columns: NDArray[np.intp], what: str, findings: list[LogFinding]
 ) -> FloatArray | None:
-    """A quantity that not every driver reports: None if it is missing, not a number, or zero throughout."""
+    """Return a quantity that not every driver reports: None if it is missing, not a number, or zero throughout."""
     if values is None:
         instead = ": they are taken from the positions" if what == "velocities" else ""
         findings.append(LogFinding("joints", f"the log has no joint {what}{instead}"))
@@ -217,7 +216,7 @@ def _measured(
         )
         return None
     if not _any_numbers(chosen):
-        findings.append(LogFinding("joints", f"joint {what} are zero throughout: taken as not measured"))
+        findings.append(LogFinding("joints", f"joint {what} are zero throughout: treated as not measured"))
         return None
     return chosen
 
@@ -225,8 +224,8 @@ def _measured(
 def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings: list[LogFinding]) -> ImuStream:
     if raw.acceleration_in_imu is None or not _any_numbers(raw.acceleration_in_imu):
         raise RecordingError(
-            "the log has no accelerometer. A fused orientation says where up is, and not what pushes at the body while it "
-            "tips, from which a lift is read: log the accelerometer as it is, gravity in it"
+            "the log has no accelerometer. A fused orientation gives the vertical, not the specific force while the body "
+            "tips, which a lift needs: log the raw accelerometer, with gravity"
         )
     values = [_angular_velocity(raw, raw.acceleration_in_imu, findings), raw.acceleration_in_imu]
     kept = _kept("IMU", raw.time, values, span, findings)
@@ -234,8 +233,8 @@ def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings:
         same = np.all([(np.diff(part[kept], axis=0) == 0).all(axis=1) for part in values], axis=0)
         repeated = np.concatenate([[False], same])
         longest = int(np.diff(np.flatnonzero(np.concatenate([[True], ~repeated[1:], [True]]))).max())
-        if repeated.mean() > _HELD and longest <= _LONGEST_HELD:
-            # Held values would look like a sensor with half the noise that lags by half its period.
+        if repeated.mean() > _REPEATED and longest <= _LONGEST_REPEATED:
+            # Repeated values would look like a sensor with half the noise that lags by half its period.
             message = f"{repeated.mean():.0%} of the IMU samples repeat the last one, as if written faster than read: left out"
             findings.append(LogFinding("IMU", message))
             kept = kept[~repeated]
@@ -243,17 +242,17 @@ def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings:
 
 
 def _angular_velocity(raw: RawImu, acceleration_in_imu: FloatArray, findings: list[LogFinding]) -> FloatArray:
-    """The gyroscope's, or that of the orientation."""
+    """Return the gyroscope's angular velocity, or that of the orientation."""
     gyroscope = raw.angular_velocity_in_imu
     if gyroscope is not None and _any_numbers(gyroscope):
         return gyroscope
     if raw.quat_wxyz is None:
         if gyroscope is None:
-            raise RecordingError("the log has neither gyroscope nor orientation: nothing in it says how the body turns")
-        return gyroscope  # of zeros, or no numbers: told where they are looked at
+            raise RecordingError("the log has neither gyroscope nor orientation, and needs one: log the raw gyroscope")
+        return gyroscope  # of zeros, or no numbers: reported by the later checks
     message = (
-        "the log has none: the body turns as its fused orientation does, which a filter has smoothed and delayed. That is "
-        "weaker; the intervals know its noise and not the filter. Log the raw gyroscope"
+        "the log has none: the angular velocity is derived from the fused orientation, which a filter has smoothed and "
+        "delayed. The intervals include its noise, not the filter's error. Log the raw gyroscope"
     )
     findings.append(LogFinding("gyroscope", message))
     return angular_velocity_of(raw.time, raw.quat_wxyz, acceleration_in_imu)
@@ -267,7 +266,7 @@ def _any_numbers(values: FloatArray) -> bool:
 def _commands(
     raw: RawJoints | None, joint_map: JointMap, origin: float, span: tuple[float, float], findings: list[LogFinding]
 ) -> CommandStream | None:
-    """Commands only help to notice frozen encoders: what does not fit is left out and noted."""
+    """Return the commands, or None with a finding if they do not fit: they only help to detect frozen encoders."""
     if raw is None:
         return None
     names = [match.log_joint for match in joint_map.matches]
@@ -287,20 +286,20 @@ def _commands(
 def _kept(
     name: str, time: FloatArray, values: Sequence[FloatArray], span: tuple[float, float], findings: list[LogFinding]
 ) -> NDArray[np.intp]:
-    """Indices of the samples that can be used: numbers, with stamps that increase.
+    """Return the indices of the valid samples: numbers, with stamps that increase.
 
     Raises:
         RecordingError: there are none, or too many that cannot be used.
     """
     index = np.flatnonzero(~np.isfinite(time) | ((time >= span[0]) & (time <= span[1])))
     if not index.size:
-        raise RecordingError(f"the log holds no {name} sample within the time that was asked for")
+        raise RecordingError(f"the log holds no {name} sample within the requested time: check --from and --until")
     finite = np.all([np.isfinite(part).all(axis=1) for part in values], axis=0)
     broken = ~np.isfinite(time[index]) | ~finite[index]
     if broken.mean() > _MOST_BAD:
         raise RecordingError(
-            f"{broken.mean():.0%} of the {name} samples are not numbers, the first at sample {int(np.argmax(broken))}: a "
-            "sensor that fails so often cannot be believed between"
+            f"{broken.mean():.0%} of the {name} samples are not numbers, the first at sample {int(np.argmax(broken))}: "
+            f"at most {_MOST_BAD:.0%} may fail; check the sensor"
         )
     if broken.any():
         findings.append(LogFinding(name, f"{broken.sum()} of {len(index)} {name} samples are not numbers: left out"))
@@ -324,8 +323,8 @@ def _kept(
 def _check_rate(name: str, time: FloatArray) -> None:
     if rate(time) < _SLOWEST:
         raise RecordingError(
-            f"{name} samples come at {rate(time):.3g} Hz, or their stamps are not in seconds: below {_SLOWEST:.0f} Hz nothing "
-            "can be said of a motion; 100 Hz and more are usual"
+            f"{name} samples come at {rate(time):.3g} Hz, or their stamps are not in seconds: at least {_SLOWEST:.0f} Hz are "
+            "needed; 100 Hz and more are usual"
         )
 
 
@@ -334,5 +333,5 @@ def _check_overlap(joints: FloatArray, imu: FloatArray) -> None:
     if overlap < _LEAST_OVERLAP:
         raise RecordingError(
             f"joint samples are from {joints[0]:.2f} to {joints[-1]:.2f} s, IMU samples from {imu[0]:.2f} to {imu[-1]:.2f} s: "
-            f"they share {max(overlap, 0.0):.2f} s. Are the stamps of one clock, and is the whole log in the file?"
+            f"they share {max(overlap, 0.0):.2f} s. Are the stamps from one clock, and is the whole log in the file?"
         )

@@ -1,4 +1,4 @@
-"""Reads any log that is not ours: each kind of file has its reader, by the file's suffix."""
+"""Reading of external logs: each kind of file has its reader, selected by suffix."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from equipoise.user_file import refuse_unreadable
 
 @runtime_checkable
 class LogReader(Protocol):
-    """A function that reads one kind of file."""
+    """Function that reads one kind of file."""
 
     def __call__(self, path: Path, robot: RobotModel, topics: Topics) -> RawLog:
-        """The streams of a log.
+        """Return the streams of a log.
 
         Args:
             path: path of an existing file.
@@ -66,19 +66,19 @@ def read_log(
     columns: Columns | None = None,
     tables: Sequence[Path] = (),
 ) -> Log:
-    """A log that is not ours, as a recording of the robot.
+    """Read an external log as a recording of the robot.
 
     Args:
-        path: folder of a rosbag2 bag, a file of a kind that `READERS` names, or one for which a package brings a reader.
+        path: folder of a rosbag2 bag, a file of a kind in `READERS`, or one for which a package provides a reader.
         robot: model of the robot that was logged.
-        topics: topics of a bag, where their types do not say which.
-        joint_map: log's joint name or column, by the robot's name, where names do not say which.
-        span: from when until when to read, after the log's first sample [s].
-        columns: columns of a table that has other names than ours, and its rate if it has no time.
+        topics: topics of a bag, where their types are ambiguous.
+        joint_map: log's joint name or column, by the robot's name, where names are ambiguous.
+        span: start and end of what is read, after the log's first sample [s].
+        columns: columns of a table without the documented names, and its rate if it has no time.
         tables: further tables of the same run, as of the IMU; they are joined by time.
 
     Raises:
-        ColumnsError: a table has other names than ours; it carries a proposal.
+        ColumnsError: a table lacks documented column names; it carries a proposal.
         RecordingError: the log cannot be read, or lacks what is needed.
         SettingsError: the joint map or the columns do not fit.
         MissingDependencyError: a bag needs rosbags, Parquet needs pyarrow, or the package of the reader cannot be used.
@@ -95,7 +95,7 @@ def read_log(
 
 
 def _refuse(path: Path) -> None:
-    """Raise RecordingError for what is not a log that can be read."""
+    """Raise RecordingError for a path that is not a readable log."""
     if not path.exists():
         raise RecordingError(f"the log {str(path)!r} does not exist")
     try:
@@ -106,9 +106,9 @@ def _refuse(path: Path) -> None:
         return
     if path.suffix.lower() in files.PICKLES:
         raise RecordingError(files.pickle_refused(path))
-    known = ", ".join(f".{suffix}" for suffix in READERS)
+    kinds = ", ".join(f".{suffix}" for suffix in READERS)
     raise RecordingError(
-        f"{str(path)!r} is not a log that can be read: it must be the folder of a rosbag2 bag, or a file {known}; tables may "
+        f"{str(path)!r} is not a log that can be read: it must be the folder of a rosbag2 bag, or a file {kinds}; tables may "
         "be compressed, as .csv.gz"
     )
 
@@ -117,12 +117,12 @@ def _refuse_unless_table(path: Path) -> None:
     if path.is_dir() or f".{suffix_of(path)}" not in files.SUFFIXES:
         raise SettingsError(
             f"--columns, --rate and several files are for tables ({', '.join(files.SUFFIXES)}), and {str(path)!r} is not one: "
-            "joints of other logs are named by --joint-map, topics by --joint-topic and --imu-topic"
+            "name joints of other logs with --joint-map, topics with --joint-topic and --imu-topic"
         )
 
 
 def _read(reader: LogReader, path: Path, robot: RobotModel, topics: Topics) -> RawLog:
-    """Return what a reader finds; whatever it raises becomes an error of ours."""
+    """Return a reader's log; any exception of the reader becomes an EquipoiseError."""
     try:
         raw = cast("object", reader(path, robot, topics))
     except EquipoiseError:
@@ -131,6 +131,6 @@ def _read(reader: LogReader, path: Path, robot: RobotModel, topics: Topics) -> R
         raise RecordingError(f"the log {str(path)!r} cannot be read: {type(error).__name__}: {error}") from error
     if not isinstance(raw, RawLog):
         raise MissingDependencyError(
-            f"the reader of .{suffix_of(path)} logs gives a {type(raw).__name__}; it must give a RawLog"
+            f"the reader of .{suffix_of(path)} logs returns a {type(raw).__name__}; it must return a RawLog"
         )
     return raw

@@ -37,14 +37,14 @@ Reader = Ros1Reader | Ros2Reader
 
 
 def read_bag(path: Path, robot: RobotModel, topics: Topics) -> RawLog:
-    """The streams of a bag.
+    """Return the streams of a bag.
 
     Args:
         path: folder of a bag, or an .mcap, .db3 or .bag file.
-        robot: Unitree's states have no names; their motors are in the order of this robot's legs.
+        robot: model of the robot; the motors of Unitree's states, which have no names, are mapped to its legs.
 
     Raises:
-        RecordingError: it cannot be read, or its topics do not say which to take.
+        RecordingError: it cannot be read, or its topics are ambiguous.
     """
     try:
         return _read(path, robot, topics)
@@ -63,7 +63,9 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
     # A recorder that was killed leaves files without metadata.
     parts = [path] if not path.is_dir() or (path / METADATA).exists() else bag_files(path)
     if not parts:
-        raise RecordingError(f"the folder {str(path)!r} is no bag: it has neither {METADATA} nor .mcap or .db3 files")
+        raise RecordingError(
+            f"the folder {str(path)!r} is not a bag: it has neither {METADATA} nor .mcap or .db3 files"
+        )
     found: dict[str, tuple[str, int]] = {}
     findings: list[LogFinding] = []
     types = dict(known_types())
@@ -88,10 +90,10 @@ def _opened(part: Path) -> Reader:
 
 
 def _gather(reader: Reader, gathered: Mapping[str, GatheredTopic], types: dict[str, Any]) -> None:
-    """Collects the messages of topics, and the definitions that the bag itself carries."""
+    """Collect the messages of topics, and the definitions that the bag itself carries."""
     connections = [connection for connection in reader.connections if connection.topic in gathered]
     own = _own_types(connections)
-    # A bag of ROS 1 defines ROS's own types as well, otherwise than ROS 2, as which its messages are read.
+    # A ROS 1 bag also defines ROS's own types, differently from ROS 2; its messages are read as ROS 2 messages.
     types |= own if isinstance(reader, Ros2Reader) else {name: own[name] for name in own.keys() - types.keys()}
     for topic, kind, received, body in chain.from_iterable(_chunks(reader, connections, types)):
         of = gathered.get(topic)
@@ -135,7 +137,7 @@ def _raw_log(
     streams = {topic: of.streams() for topic, of in gathered.items()}
     times, kind = common_times([clock for clock, _, _ in streams.values()], (joint_topic, imu_topic), findings)
     named = {"joints": joint_topic, "IMU": imu_topic, "commands": command_topic}
-    about = {what: f"{topic} ({gathered[topic].type})" for what, topic in named.items() if topic is not None}
+    about = {stream: f"{topic} ({gathered[topic].type})" for stream, topic in named.items() if topic is not None}
     about["stamps"] = kind
     if gathered[imu_topic].frame:
         about["IMU frame"] = gathered[imu_topic].frame

@@ -1,4 +1,4 @@
-"""Which clock a bag's messages are put on: their own stamps if those are sane, else the times at which they were received.
+"""Clock of a bag's messages: their own stamps if those are plausible, else the receive times.
 
 Stamps are whole nanoseconds since 1970, too long for a float: the first is subtracted before they become seconds.
 """
@@ -18,7 +18,7 @@ IntArray = NDArray[np.int64]
 
 _INCREASING = 0.95  # of the stamps
 _SPAN = 0.2  # by which the stamps' span may differ from that of the receive times
-_TICK_MISS = 0.02  # [s] that a steady clock may miss receive times by: delays of the link
+_TICK_MISS = 0.02  # [s] by which a steady clock may miss receive times: delays of the connection
 _OVERLAP = 0.5  # of the shorter stream that must lie within the other
 
 
@@ -28,9 +28,9 @@ class Stamps:
 
     Attributes:
         topic: name of the topic.
-        received: (n,) times at which the recorder got the messages [ns since 1970].
+        received: (n,) times at which the recorder received the messages [ns since 1970].
         header: (n,) stamps in the messages [ns], or empty if they have none.
-        ticks: (n,) counts of a clock on board in an unknown unit, or empty.
+        ticks: (n,) counts of an onboard clock in an unknown unit, or empty.
     """
 
     topic: str
@@ -48,11 +48,11 @@ class Stamps:
             return "its stamps do not increase"
         span, received = np.ptp(self.header), np.ptp(self.received)
         if abs(float(span) - float(received)) > _SPAN * max(float(received), 1e8):
-            return f"its stamps span {span * 1e-9:.1f} s and were received in {received * 1e-9:.1f} s"
+            return f"its stamps span {span * 1e-9:.1f} s, its receive times {received * 1e-9:.1f} s"
         return None
 
     def by_ticks(self) -> FloatArray | None:
-        """Receive times without their jitter, by a clock on board that runs steadily [ns after the first]."""
+        """Return receive times without their jitter, from a steady onboard clock [ns after the first]."""
         if self.ticks.size < 10 or (np.diff(self.ticks) <= 0).any():
             return None
         ticks, received = (self.ticks - self.ticks[0]).astype(float), (self.received - self.received[0]).astype(float)
@@ -64,21 +64,21 @@ class Stamps:
 def common_times(
     streams: Sequence[Stamps], needed: Sequence[str], findings: list[LogFinding]
 ) -> tuple[dict[str, FloatArray], str]:
-    """Times of all streams after the earliest sample [s], and which clock they are by.
+    """Return the times of all streams after the earliest sample [s], and the name of their clock.
 
     Args:
-        needed: names of the topics that decide: joints and IMU.
+        needed: names of the topics that decide, those of joints and IMU.
     """
     sensed = [stream for stream in streams if stream.topic in needed]
     reasons = [f"{stream.topic}: {why}" for stream in sensed if (why := stream.why_not_header()) is not None]
     if not reasons and not _overlap([stream.header for stream in sensed]):
-        reasons.append("the stamps of joints and IMU are of different clocks")
+        reasons.append("the stamps of joints and IMU are from different clocks")
     if not reasons:
         origin = min(int(stream.header[0]) for stream in sensed)
         clocks = {stream.topic: stream.header if stream.header.size else stream.received for stream in streams}
         return {topic: _seconds(clock, origin) for topic, clock in clocks.items()}, "the messages' own stamps"
     if any(stream.header.size for stream in sensed):
-        message = f"{'; '.join(reasons)}: receive times are used, which wander by the delays of the link"
+        message = f"{'; '.join(reasons)}: receive times are used, which include the delays of the connection"
         findings.append(LogFinding("stamps", message))
     return _by_receipt(streams, min(int(stream.received[0]) for stream in sensed))
 
@@ -92,7 +92,7 @@ def _by_receipt(streams: Sequence[Stamps], origin: int) -> tuple[dict[str, Float
             times[stream.topic] = _seconds(stream.received, origin)
         else:
             times[stream.topic] = np.asarray((steady + float(stream.received[0] - origin)) * 1e-9, dtype=float)
-            kind = "receive times, made even by the robot's tick"
+            kind = "receive times, smoothed by the robot's tick"
     return times, kind
 
 

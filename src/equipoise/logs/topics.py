@@ -1,4 +1,4 @@
-"""Which topics of a bag hold joints, IMU and commands: found by their types, then by what they are usually called."""
+"""Selection of a bag's topics for joints, IMU and commands: by their types, then by their usual names."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Topics:
 def choose_topics(
     found: Found, wanted: Topics, findings: list[LogFinding]
 ) -> tuple[str | None, str | None, str | None]:
-    """Topics of joints, IMU and commands; None where there is none.
+    """Return the topics of joints, IMU and commands; None where there is none.
 
     Raises:
-        RecordingError: several would do, or what the user names would not.
+        RecordingError: several topics fit, or the topic that the user names does not.
     """
     whole_states = _of_types(found, *STATES)
     joints = _given(found, wanted.joints, "--joint-topic", (JOINT_STATE, *STATES))
@@ -66,13 +66,15 @@ def _given(found: Found, topic: str | None, flag: str, types: Sequence[str]) -> 
         return None
     topic = topic if topic in found or topic.startswith("/") else f"/{topic}"
     if topic not in found or found[topic][0] not in types:
-        what = f"is a {found[topic][0]}" if topic in found else "is not in the bag"
-        raise RecordingError(f"{flag} {topic} {what}; it must be a {' or '.join(types)}. The bag has {_listed(found)}")
+        problem = f"is a {found[topic][0]}" if topic in found else "is not in the bag"
+        raise RecordingError(
+            f"{flag} {topic} {problem}; it must be a {' or '.join(types)}. The bag has {_listed(found)}"
+        )
     return topic
 
 
 def _one(found: Found, candidates: Sequence[str], what: str, flag: str, findings: list[LogFinding]) -> str | None:
-    """The only candidate, the one of the usual name, or the one with by far the most messages."""
+    """Return the only candidate, the one with the usual name, or the one with by far the most messages."""
     if len(candidates) <= 1:
         return candidates[0] if candidates else None
     usual = [topic for topic in candidates if topic.lower() in ("/joint_states", "/imu/data", "/imu")]
@@ -83,10 +85,10 @@ def _one(found: Found, candidates: Sequence[str], what: str, flag: str, findings
         choice, why = by_count[0], "it has by far the most messages"
     else:
         raise RecordingError(
-            f"several topics hold {what}: {', '.join(candidates)}. Say which with {flag}; the bag has {_listed(found)}"
+            f"several topics hold {what}: {', '.join(candidates)}. Choose one with {flag}; the bag has {_listed(found)}"
         )
     others = ", ".join(topic for topic in candidates if topic != choice)
-    findings.append(LogFinding("topics", f"{choice} is taken for {what}, not {others}: {why}"))
+    findings.append(LogFinding("topics", f"{choice} is used for {what}, not {others}: {why}"))
     return choice
 
 
@@ -95,9 +97,9 @@ def _listed(found: Found) -> str:
 
 
 def nothing_to_read(path: Path, found: Found, joints: str | None, imu: str | None) -> RecordingError:
-    """The error of a bag without joints or IMU."""
+    """Return the error of a bag without joints or IMU."""
     missing = [what for what, topic in (("joint states", joints), ("IMU samples", imu)) if topic is None]
     return RecordingError(
         f"the bag {str(path)!r} holds no {' and no '.join(missing)}: it needs {JOINT_STATE} and {IMU}, or {LOW_STATE} or "
-        f"its like. It has {_listed(found)}"
+        f"a similar type. It has {_listed(found)}"
     )

@@ -1,8 +1,8 @@
-"""ROS messages of a fixed size as rows of a NumPy array: many are written, or read, at once.
+"""ROS messages of a fixed size as rows of a NumPy array, written or read many at once.
 
-ROS 2 sends messages as CDR: four bytes that say "little endian", then the fields in order, each aligned to its own size
-counted from behind those four bytes. Only strings and sequences vary in length; for one robot they do not, so that all
-messages of a stream differ in a few numbers at fixed places.
+ROS 2 sends messages as CDR: four bytes for "little endian", then the fields in order, each aligned to its own size, counted
+after those four bytes. Strings and sequences have a constant length for one robot, so that all messages of a stream differ
+in a few numbers at fixed offsets.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _LITTLE_ENDIAN = b"\0\1\0\0"
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Messages that differ only in numbers at fixed places.
+    """Layout of messages that differ only in numbers at fixed offsets.
 
     Attributes:
         template: bytes of one message, its numbers zero.
@@ -48,7 +48,7 @@ class Layout:
         for name in self.fields.names or ():
             constant[name] = 0
         if constant.tobytes() != self.template * len(bodies):
-            raise RecordingError("messages of one stream name other joints, or are of another type")
+            raise RecordingError("messages of one stream name different joints, or are of different types")
         return np.frombuffer(data, self.fields)
 
 
@@ -64,7 +64,7 @@ def bodies(rows: NDArray[Any]) -> list[bytes]:
 
 
 class LayoutBuilder:
-    """A layout under construction, field by field."""
+    """Builder of a layout, field by field."""
 
     def __init__(self) -> None:
         self._template = bytearray(_LITTLE_ENDIAN)
@@ -97,7 +97,7 @@ class LayoutBuilder:
         return self.number("sec", "<i4").number("nanosec", "<u4").text(frame)
 
     def sequence(self, name: str, count: int) -> LayoutBuilder:
-        """Add a sequence of doubles that differ between messages; an empty one is only its length."""
+        """Add a sequence of doubles that differ between messages; an empty one consists of its length."""
         return self.constant(count, "<u4").number(name, "<f8", count)
 
     def build(self) -> Layout:

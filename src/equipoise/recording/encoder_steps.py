@@ -1,4 +1,4 @@
-"""Resolution of encoders, from their readings: a coarse encoder reads the same for long and is not frozen."""
+"""Resolution of encoders from their readings: a coarse encoder that repeats a reading for long is not frozen."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 
 _COARSEST = 2 * np.pi / 1024
-"""Step of an encoder of 10 bits [rad]; assumed where no encoder has read a step."""
+"""Step of an encoder of 10 bits [rad]; assumed if no encoder has shown a step."""
 _STILL_STEPS = 30
 """Commanded travel of a loaded joint that need not turn by one step, in steps.
 
@@ -17,7 +17,7 @@ Targets move as the load does, and friction holds the joint: simulated A1, Go2, 
 
 
 def smallest_steps(position: FloatArray) -> FloatArray:
-    """Return the smallest step that each encoder has read.
+    """Return the smallest step that each encoder has shown.
 
     Args:
         position: (n, nj) readings in order [rad].
@@ -34,9 +34,9 @@ def frozen_travel(least: float, steps: FloatArray) -> FloatArray:
 
     Args:
         least: travel for encoders of fine resolution [rad].
-        steps: (nj,) smallest steps that were read [rad]; an encoder that has read none is taken to be as coarse as the
-            coarsest of the others.
+        steps: (nj,) smallest steps that were read [rad]; an encoder without one is assumed to be as coarse as the coarsest
+            of the others.
     """
-    known = np.isfinite(steps)
-    coarsest = steps[known].max() if known.any() else _COARSEST
-    return np.maximum(least, _STILL_STEPS * np.minimum(np.where(known, steps, coarsest), _COARSEST))
+    measured = np.isfinite(steps)
+    coarsest = steps[measured].max() if measured.any() else _COARSEST
+    return np.maximum(least, _STILL_STEPS * np.minimum(np.where(measured, steps, coarsest), _COARSEST))

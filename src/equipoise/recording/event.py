@@ -15,7 +15,7 @@ from equipoise.recording.clock import LONGEST, rounded
 
 @dataclass(frozen=True)
 class Event:
-    """Something that the experiment says about a moment: `name` with `data` (JSON values) at `time` [s]."""
+    """Event of an experiment: `name` with `data` (JSON values) at `time` [s]."""
 
     time: float
     name: str
@@ -23,19 +23,19 @@ class Event:
 
     def __post_init__(self) -> None:
         if not abs(self.time) < LONGEST:
-            raise RecordingError(f"event {self.name!r} is at {self.time:g} s; times are finite, of 68 years at most")
+            raise RecordingError(f"event {self.name!r} is at {self.time:g} s; times must be finite and below 68 years")
         object.__setattr__(self, "time", float(rounded(np.asarray(self.time, dtype=float))))
         try:
             object.__setattr__(self, "data", json.loads(json.dumps(dict(self.data), allow_nan=False)))
         except (TypeError, ValueError) as error:
-            raise RecordingError(f"event {self.name!r} says what JSON cannot hold: {error}") from error
+            raise RecordingError(f"event {self.name!r} has data that JSON cannot represent: {error}") from error
 
 
 PHASE = "phase"
 """Name of the events that mark where a phase of a motion begins; data: {"name": ...}."""
 
 TRIAL = "trial"
-"""Name of the event that says what a recording is; data: kind, and what belongs to the kind."""
+"""Name of the event that describes a recording's trial; data: kind, and the fields of the kind."""
 
 BROKEN = "broken"
-"""Name of the event that ends a recording whose motion did not come to its end."""
+"""Name of the event that ends a recording whose motion was broken off."""

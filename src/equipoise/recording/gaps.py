@@ -1,4 +1,4 @@
-"""Gaps in a long recording: it is cut where a stream pauses, so that nothing is integrated over what was not sensed."""
+"""Splitting of a long recording at gaps of its streams, so that no motion is integrated across missing samples."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 from equipoise.recording.recording import Recording
 
 LONGEST_GAP = 0.06
-"""[s] without a sample that a recording is not cut at: dropped packets."""
+"""Longest time without a sample at which a recording is not split [s]: dropped packets."""
 _JUST_BEHIND = 1e-9  # [s], to which recordings round their times
-_PERIODS = 3.5  # of a slow stream: that much longer than usual is a gap
+_PERIODS = 3.5  # of a slow stream: a longer interval is a gap
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A part of a recording without gaps.
+    """Part of a recording without gaps.
 
     Attributes:
-        recording: the part's recording.
+        recording: recording of the part.
         gap: start and end of the gap before it [s], or None.
         missing: name of the samples that were missing there.
     """
@@ -30,7 +30,7 @@ class Piece:
 
 
 def split_at_gaps(recording: Recording) -> list[Piece]:
-    """The parts between gaps of either stream, in order; the recording itself if there is none."""
+    """Return the parts between gaps of either stream, in order; the recording itself if there is none."""
     gaps = sorted(_gaps(recording))
     if not gaps and min(recording.joints.time.size, recording.imu.time.size) > 1:
         return [Piece(recording)]
@@ -40,7 +40,7 @@ def split_at_gaps(recording: Recording) -> list[Piece]:
         _append(
             pieces, recording, start, max(gap_start + _JUST_BEHIND, np.nextafter(gap_start, np.inf)), before, missing
         )
-        # A gap of the other stream that overlaps this one makes one gap of the two.
+        # Overlapping gaps of the two streams become one.
         overlapping = before is not None and gap_start < before[1]
         before = (before[0], max(before[1], gap_end)) if overlapping and before is not None else (gap_start, gap_end)
         missing = f"{missing} and {stream}" if overlapping and stream != missing else stream

@@ -1,4 +1,4 @@
-"""Content of the log of a run: samples and entries as messages of ROS 2.
+"""Content of a run's log: samples and entries as ROS 2 messages.
 
 Foxglove, PlotJuggler and rosbag2's readers open its MCAP files:
 
@@ -10,7 +10,7 @@ Foxglove, PlotJuggler and rosbag2's readers open its MCAP files:
     resumed the file continues a run: the number of plays in the files before it that still count
     play    a motion begins: the number of its commands, and the id of the trial that it is a part of, or null
     piece   samples of the motion follow: names of the joints, and which streams there are
-    kept    a recording is complete: the id of its trial, all plays of which make it up, or null: the last play does;
+    kept    a recording is complete: the id of its trial, whose plays it consists of, or null for the last play alone;
             whether its motion broke off
 """
 
@@ -43,7 +43,7 @@ TYPES = {LOG: STRING, JOINTS: JOINT_STATE, INERTIAL: IMU, COMMANDS: JOINT_STATE,
 def messages_of(piece: Recording) -> Iterator[tuple[int, str, bytes]]:
     """Yield times [ns], topics and bodies of a piece's messages; an event comes before the samples of its time."""
     names, joints, imu, commands = piece.joint_names, piece.joints, piece.imu, piece.commands
-    # Events stay in the order in which they were noted, whatever their times: those are in the texts.
+    # Events stay in the order in which they were recorded; their own times are in the texts.
     times = np.maximum.accumulate(nanoseconds(np.array([event.time for event in piece.events])))
     yield from _stamped(EVENTS, times, (text_message(json.dumps(vars(event))) for event in piece.events))
     yield from _stamped(JOINTS, nanoseconds(joints.time), joint_messages(names, joints))

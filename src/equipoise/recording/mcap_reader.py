@@ -1,4 +1,4 @@
-"""Messages of an MCAP file, also of one that is still written or whose writer was killed."""
+"""Messages of an MCAP file, even while it is written or after its writer was killed."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ Message = tuple[str, str, int, bytes]
 _MAGIC = b"\x89MCAP0\r\n"  # `mcap.writer` has it too, and takes a twentieth of a second to import
 _RECORD = struct.Struct("<BQ")  # opcode and length
 _MESSAGE = struct.Struct("<H4xQ8x")  # channel, sequence number, two times
-_NO_DATA = 64  # bytes: so many zeros at the end are what a power cut left in place of data
+_NO_DATA = 64  # bytes: zeros at the end that a power cut left in place of data
 
 
 class MessageReader:
-    """Reads a file from its beginning to its last whole chunk; each call of `chunks` continues where the last one ended.
+    """Reader of a file up to its last whole chunk; each call of `chunks` continues where the last one ended.
 
     The library's own reader takes twice as long, and cannot continue in a file that grows.
 
     Attributes:
         path: path of the file.
         channels: metadata of each channel that was read, by topic.
-        closed: whether the end of the file was read; else its writer was killed, or still writes.
+        closed: whether the end of the file was read; otherwise its writer was killed, or still writes.
         position: number of bytes that were read.
     """
 
@@ -91,7 +91,7 @@ class MessageReader:
                 self.closed = True
                 break
         if not self.closed and self.position and size > len(_MAGIC) and end.endswith(_MAGIC):
-            raise ValueError("it was closed, and lacks records that it must have had")
+            raise ValueError("it was closed, and lacks records of a complete file")
 
     def _of_records(self, records: bytes) -> list[Message]:
         """Return the messages among records; note their schemas and channels."""
@@ -116,7 +116,7 @@ class MessageReader:
 
 
 def finish(path: Path) -> None:
-    """End a file whose writer was killed behind its last whole chunk: other programs open no file without an end.
+    """Write the end of a file whose writer was killed, after its last whole chunk: other programs require it.
 
     Raises:
         RecordingError: the file cannot be read.
@@ -135,7 +135,7 @@ def finish(path: Path) -> None:
 
 
 def was_closed(path: Path) -> bool:
-    """Return whether a file was closed; else its writer was killed, or a copy of it broke off. Reads its end alone."""
+    """Return whether a file was closed; otherwise its writer was killed, or a copy is incomplete. Read its end only."""
     with opened(path) as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(size - len(_MAGIC), 0))

@@ -1,4 +1,4 @@
-"""The messages of a recording: sensor_msgs/JointState, sensor_msgs/Imu and std_msgs/String, as ROS 2 defines them."""
+"""Messages of a recording: sensor_msgs/JointState, sensor_msgs/Imu and std_msgs/String, as ROS 2 defines them."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ float64 z
 """,
     STRING: "string data\n",
 }
-"""Fields of each type in ROS's own form, for readers that do not know the types."""
+"""Definitions of the types in ROS's own form, for readers that lack them."""
 
 _UNKNOWN_COVARIANCE = (0.0,) * 9  # what zeros mean, by the definition of the message
 _NO_ORIENTATION = (-1.0, *(0.0,) * 8)  # likewise
@@ -61,7 +61,7 @@ _NO_ORIENTATION = (-1.0, *(0.0,) * 8)  # likewise
 
 @lru_cache(maxsize=64)
 def joint_state(joint_names: tuple[str, ...], velocity: bool, effort: bool) -> Layout:
-    """sensor_msgs/JointState of certain joints, with or without velocities and efforts."""
+    """Return the layout of sensor_msgs/JointState for some joints, with or without velocities and efforts."""
     count = len(joint_names)
     builder = LayoutBuilder().header("").constant(count, "<u4")
     for name in joint_names:
@@ -72,14 +72,14 @@ def joint_state(joint_names: tuple[str, ...], velocity: bool, effort: bool) -> L
 
 @lru_cache(maxsize=1)
 def imu() -> Layout:
-    """sensor_msgs/Imu that knows no orientation."""
+    """Return the layout of sensor_msgs/Imu without an orientation."""
     builder = LayoutBuilder().header("imu").constant((0, 0, 0, 1, *_NO_ORIENTATION), "<f8")
     builder.number("angular_velocity", "<f8", 3).constant(_UNKNOWN_COVARIANCE, "<f8")
     return builder.number("acceleration", "<f8", 3).constant(_UNKNOWN_COVARIANCE, "<f8").build()
 
 
 def joint_messages(joint_names: tuple[str, ...], joints: JointStream) -> list[bytes]:
-    """A joint stream as JointState messages."""
+    """Return a joint stream as JointState messages."""
     layout = joint_state(joint_names, joints.velocity is not None, joints.torque is not None)
     rows = layout.stamped(nanoseconds(joints.time))
     for name, array in (("position", joints.position), ("velocity", joints.velocity), ("effort", joints.torque)):
@@ -89,37 +89,37 @@ def joint_messages(joint_names: tuple[str, ...], joints: JointStream) -> list[by
 
 
 def command_messages(joint_names: tuple[str, ...], commands: CommandStream) -> list[bytes]:
-    """A command stream as JointState messages, which have positions only."""
+    """Return a command stream as JointState messages, with positions only."""
     return joint_messages(joint_names, JointStream(commands.time, commands.position))
 
 
 def imu_messages(stream: ImuStream) -> list[bytes]:
-    """An IMU stream as Imu messages."""
+    """Return an IMU stream as Imu messages."""
     rows = imu().stamped(nanoseconds(stream.time))
     rows["angular_velocity"], rows["acceleration"] = stream.angular_velocity_in_imu, stream.acceleration_in_imu
     return bodies(rows)
 
 
 def text_message(text: str) -> bytes:
-    """A String message."""
+    """Return a String message."""
     return LayoutBuilder().text(text).build().template
 
 
 def read_joints(messages: list[bytes], joint_names: tuple[str, ...], velocity: bool, torque: bool) -> JointStream:
-    """The joint stream in JointState messages; raises RecordingError if they are others."""
+    """Return the joint stream in JointState messages; raise RecordingError for other messages."""
     rows = joint_state(joint_names, velocity, torque).read(messages)
     rates, efforts = rows["velocity"] if velocity else None, rows["effort"] if torque else None
     return JointStream(seconds(stamps(rows)), rows["position"], rates, efforts)
 
 
 def read_imu(messages: list[bytes]) -> ImuStream:
-    """The IMU stream in Imu messages; raises RecordingError if they are others."""
+    """Return the IMU stream in Imu messages; raise RecordingError for other messages."""
     rows = imu().read(messages)
     return ImuStream(seconds(stamps(rows)), rows["angular_velocity"], rows["acceleration"])
 
 
 def read_text(message: bytes) -> str:
-    """The text of a String message; raises RecordingError if it is another one."""
+    """Return the text of a String message; raise RecordingError for another message."""
     if len(message) < 9 or struct.unpack_from("<I", message, 4)[0] != len(message) - 8:
-        raise RecordingError("a message on a topic of texts is no text")
+        raise RecordingError("a message on a topic of texts is not a text")
     return message[8:-1].decode()

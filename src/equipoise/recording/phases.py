@@ -1,4 +1,4 @@
-"""Names of the phases of our motions, as recordings hold them."""
+"""Names of the phases of motions in recordings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Phase:
     STAND: Final = "stand"
     RESUME: Final = "resume"
     ENDING: Final = "ending"
-    # over planted feet
+    # stance motions
     READY: Final = "ready"
     REPLANT: Final = "replant"
     BEFORE: Final = "before"
@@ -21,7 +21,7 @@ class Phase:
     MOVE: Final = "move"
     SETTLE: Final = "settle"
     REST: Final = "rest"
-    # turned by hand
+    # rotated by hand
     LIE: Final = "lie"
     TURN: Final = "turn"
     """The joints only resist being moved, and the operator turns the robot; a simulated one is turned."""

@@ -1,8 +1,8 @@
-"""Recordings: time-stamped sensor samples of one motion, with the commands sent and what was being done.
+"""Recordings: time-stamped sensor samples of one motion, with the commands and events.
 
-Every stream has its own times, so that a clock offset between IMU and joints can be found at all. Streams are validated
-when they are made and are read-only afterwards. Times are rounded to whole nanoseconds when they are made, so
-that a recording is the same on disk and in memory.
+Every stream has its own times, so that a clock offset between IMU and joints can be identified. A stream is validated when
+it is created, and read-only afterwards. Its times are rounded to whole nanoseconds, so that a recording is the same on disk
+and in memory.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from equipoise.recording.trials import RecordedTrial, read_trial
 
 @dataclass(frozen=True, eq=False)
 class JointStream:
-    """Joint sensors. What is missing on a robot is None.
+    """Samples of the joint sensors; quantities that the robot does not measure are None.
 
     Attributes:
         time: (n,) increasing times [s].
@@ -44,7 +44,7 @@ class JointStream:
 
     @property
     def rates(self) -> FloatArray:
-        """(n, nj) joint velocities as read; by differences of positions where none are [rad/s]."""
+        """Return (n, nj) measured joint velocities, or differences of positions without them [rad/s]."""
         if self.velocity is not None:
             return self.velocity
         return np.asarray(np.gradient(self.position, self.time, axis=0), dtype=float)
@@ -52,7 +52,7 @@ class JointStream:
 
 @dataclass(frozen=True, eq=False)
 class ImuStream:
-    """Gyroscope and accelerometer, in the IMU's own frame.
+    """Samples of gyroscope and accelerometer, in the IMU's frame.
 
     Attributes:
         time: (n,) increasing times [s].
@@ -72,7 +72,7 @@ class ImuStream:
 
 @dataclass(frozen=True, eq=False)
 class CommandStream:
-    """Commands sent.
+    """Commands that were sent.
 
     Attributes:
         time: (n,) increasing times [s].
@@ -98,9 +98,9 @@ class Recording:
         joint_names: (nj) names of the joint columns.
         joints: joint sensors.
         imu: inertial sensors.
-        commands: commands that were sent, or None (a log from elsewhere).
+        commands: commands that were sent, or None (an external log).
         events: events in order of time.
-        trial_id: id of the trial in its run, by which the log finds its motions; None of recordings from elsewhere.
+        trial_id: id of the trial in its run, by which the log finds its motions; None for external recordings.
         found_trial: trial that was found in a log; a commanded trial is the data of an event.
     """
 
@@ -121,16 +121,16 @@ class Recording:
 
     @property
     def duration(self) -> float:
-        """From the first to the last joint sample [s]."""
+        """Return the time from the first to the last joint sample [s]."""
         return float(self.joints.time[-1] - self.joints.time[0]) if self.joints.time.size else 0.0
 
     @property
     def broken(self) -> bool:
-        """True if the motion did not come to its end."""
+        """Return whether the motion was broken off."""
         return any(event.name == BROKEN for event in self.events)
 
     def broken_off(self) -> Recording:
-        """Return the recording with an event that its motion did not come to its end."""
+        """Return the recording with an event for a motion that was broken off."""
         end = float(self.joints.time[-1]) if self.joints.time.size else 0.0
         return self if self.broken else replace(self, events=(*self.events, Event(end, BROKEN)))
 
@@ -150,7 +150,7 @@ class Recording:
 
     @property
     def trial(self) -> RecordedTrial | None:
-        """The trial that the recording is; None if it is not a trial, or of an unknown kind.
+        """Return the recording's trial; None if it is not a trial, or of an unknown kind.
 
         Raises:
             RecordingError: the trial's data are damaged.
@@ -159,19 +159,19 @@ class Recording:
 
     @property
     def complete(self) -> bool:
-        """True if its trial has reached its purpose; one that was interrupted later counts."""
+        """Return whether its trial has reached its purpose, even if it was interrupted later."""
         trial = self.trial
         return trial is not None and self.has_phase(trial.complete_with)
 
     @property
     def interrupted(self) -> bool:
-        """True if its trial was begun, as by lifting feet, and did not become complete."""
+        """Return whether its trial was begun, as by lifting feet, and is not complete."""
         trial = self.trial
         return trial is not None and self.has_phase(trial.starts_with) and not self.complete
 
     @property
     def refused(self) -> bool:
-        """True if its trial was never begun: out of reach, or not safe."""
+        """Return whether its trial was never begun: out of reach, or not safe."""
         return self.trial is not None and not self.complete and not self.interrupted
 
     def has_phase(self, name: str) -> bool:
@@ -179,14 +179,14 @@ class Recording:
         return any(event.name == PHASE and event.data.get("name") == name for event in self.events)
 
     def phase(self, name: str, until: str | None = None) -> Recording:
-        """The part of the recording from where a phase begins to where the next one does.
+        """Return the part of the recording from the start of a phase to the start of the next one.
 
         Args:
             name: name of the phase.
             until: name of a later phase, at the beginning of which to end.
 
         Raises:
-            RecordingError: there is no such phase, or it holds no sample.
+            RecordingError: the phase does not exist, or holds no sample.
         """
         starts = [event for event in self.events if event.name == PHASE]
         names = [event.data.get("name") for event in starts]
@@ -202,7 +202,7 @@ class Recording:
         return part
 
     def between(self, start: float, end: float) -> Recording:
-        """Samples and events with start <= time < end [s]; the bounds are rounded to nanoseconds as times are."""
+        """Return samples and events with start <= time < end [s]; the bounds are rounded to nanoseconds as times are."""
         start, end = (float(rounded(np.asarray(bound))) if abs(bound) < LONGEST else bound for bound in (start, end))
         return Recording(
             self.joint_names,
@@ -214,13 +214,13 @@ class Recording:
 
     @classmethod
     def concatenate(cls, parts: Sequence[Recording]) -> Recording:
-        """Consecutive recordings as one. A stream that one part lacks is missing in the whole."""
+        """Join consecutive recordings; a stream that one part lacks is missing in the whole."""
         if not parts:
-            raise RecordingError("there is nothing to concatenate")
+            raise RecordingError("no recordings to concatenate")
         for part in parts:
             if part.joint_names != parts[0].joint_names:
                 raise RecordingError(
-                    f"recordings of different joints cannot be one: {', '.join(parts[0].joint_names)}, and "
+                    f"recordings of different joints cannot be joined: {', '.join(parts[0].joint_names)}, and "
                     f"{', '.join(part.joint_names)}"
                 )
         commands = [part.commands for part in parts if part.commands is not None]
@@ -236,7 +236,7 @@ class Recording:
 def _validated_time(stream: Any, kind: str) -> int:
     time = _own(stream.time)
     if time.ndim != 1:
-        raise RecordingError(f"{kind} times have shape {time.shape}; they are one row of numbers")
+        raise RecordingError(f"{kind} times have shape {time.shape}; they must be one-dimensional")
     wrong = ~(np.abs(time) < LONGEST)
     on_grid = rounded(time[~wrong])
     if not np.array_equal(on_grid, time[~wrong]):  # those of a part are, and are shared
@@ -264,7 +264,7 @@ def _validate(stream: Any, kind: str, name: str, shape: tuple[int, ...], require
         return
     array = _own(value)
     if array.shape != shape:
-        raise RecordingError(f"{kind} {name} has shape {array.shape}; its times and joints make it {shape}")
+        raise RecordingError(f"{kind} {name} has shape {array.shape}; its times and joints require {shape}")
     if not np.isfinite(array).all():
         first = int(np.argmax(~np.isfinite(array).all(axis=1)))
         raise RecordingError(f"{kind} {name} is not finite at sample {first} (t = {stream.time[first]:.3f} s)")
@@ -281,7 +281,7 @@ def _own(value: Any) -> FloatArray:
 
 
 def read_only(array: FloatArray) -> FloatArray:
-    """Return an array that has no other owner, read-only from now on: a stream takes it without a copy."""
+    """Make an array read-only and return it, so that a stream takes it without a copy."""
     array.setflags(write=False)
     return array
 

@@ -1,4 +1,4 @@
-"""The log of a run: everything that was played, written while it happens, and which parts of it are recordings.
+"""Log of a run, written during the run: all motions that were played, and the parts that are recordings.
 
 `log_messages` describes its content. A run's log is a folder with a file for each time that the run was begun or resumed.
 """
@@ -29,7 +29,7 @@ _ROOM = 1 << 24  # bytes that wait in memory while the disk is full; they are wr
 
 
 class RunLog(AbstractContextManager["RunLog"]):
-    """Writes one file of a log. Use it as a context manager, or close it.
+    """Writer of one file of a log. Use it as a context manager, or close it.
 
     A motion is announced by `begin` and written by `add`, whole or piece by piece; `keep` makes a recording of the motions of
     its trial. What `add` or `keep` has returned from outlives the process.
@@ -82,7 +82,7 @@ class RunLog(AbstractContextManager["RunLog"]):
         self._begun = _play(commands, trial)
 
     def add(self, piece: Recording) -> None:
-        """Write what was just played: a whole motion, or the next piece of it."""
+        """Write the samples that were just played: a whole motion, or its next piece."""
         self._do(self._add, piece)
 
     def keep(self, recording: Recording) -> None:
@@ -101,7 +101,7 @@ class RunLog(AbstractContextManager["RunLog"]):
         self.close()
 
     def _do(self, write: Callable[..., None], *arguments: object) -> None:
-        """Have something written by the log's own thread, and wait for it."""
+        """Run a function in the log's own thread, and wait for it."""
         if self._file.closed:
             raise OutputError(f"cannot write the recording {str(self.path)!r}: it is closed")
         with _output_errors(self.path):
@@ -123,7 +123,7 @@ class RunLog(AbstractContextManager["RunLog"]):
         self._put([{"entry": "kept", "trial": trial, "broken": recording.broken}])
 
     def _put(self, entries: list[dict[str, Any]], messages: Iterable[tuple[int, str, bytes]] = ()) -> None:
-        """Write entries and the messages behind them, in order of time; entries have the time of the message behind them."""
+        """Write entries and the messages after them, in order of time; an entry has the time of the message after it."""
         behind = sorted(messages, key=lambda message: message[0])
         if behind:
             self._time = behind[0][0]
@@ -156,7 +156,7 @@ def resume_log(folder: Path, repeats: bool) -> tuple[RunLog, LogContent]:
         content = read_log(folder)
         plays = content.complete_plays if repeats else content.plays
         log = RunLog(log_file(folder, len(files)), len(plays))
-        with suppress(OSError):  # this program reads the file before it without an end, too
+        with suppress(OSError):  # equipoise also reads a previous file without an end
             finish(files[-1])
         return log, content
 
@@ -184,7 +184,7 @@ def _play(commands: int, trial: int | None) -> dict[str, Any]:
 
 
 def _lock(file: BinaryIO, path: Path) -> None:
-    """Keep other processes from writing to a file, or from resuming its log; raises OutputError if one does."""
+    """Lock a file against writing and resuming by other processes; raise OutputError if one holds the lock."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
@@ -201,6 +201,6 @@ def _output_errors(path: Path) -> Generator[None]:
         if isinstance(error, OutputError):
             raise
         raise OutputError(
-            f"cannot write the recording {str(path)!r}: {error.strerror}; is there such a folder, may you write there, is "
-            "there room?"
+            f"cannot write the recording {str(path)!r}: {error.strerror}; check the folder, its "
+            "permissions and the free space"
         ) from error

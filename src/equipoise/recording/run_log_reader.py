@@ -24,7 +24,7 @@ LoggedPiece = tuple[Mapping[str, Any], dict[str, list[bytes]]]
 
 @dataclass(eq=False)
 class Play:
-    """One motion that was played.
+    """Motion that was played.
 
     Attributes:
         commands: number of commands that were planned; a motion that was stopped early has fewer samples.
@@ -39,7 +39,7 @@ class Play:
 
     @cached_property
     def recording(self) -> Recording:
-        """Recording of the motion; raises what a damaged message raises."""
+        """Return the recording of the motion; raise the error of a damaged message."""
         return Recording.concatenate([read_piece(entry, messages) for entry, messages in self.pieces])
 
 
@@ -74,7 +74,7 @@ def log_files(folder: Path) -> list[Path]:
 
 
 def read_log(path: Path) -> LogContent:
-    """Read a log as far as it was written, also one whose process was killed.
+    """Read a log as far as it was written, even if its process was killed.
 
     Args:
         path: a file, or the folder of a run, whose files are joined.
@@ -97,16 +97,16 @@ def read_log(path: Path) -> LogContent:
 
 
 def check_format(reader: MessageReader) -> None:
-    """Refuse the file of another program or version (RecordingError)."""
+    """Raise RecordingError for the file of another program or version."""
     found = reader.channels.get(LOG, {}).get("format")
     if found is None:
-        raise RecordingError(f"{str(reader.path)!r} is not a log of equipoise: it has no topic {LOG}")
+        raise RecordingError(f"{str(reader.path)!r} is not an equipoise log: it has no topic {LOG}")
     check_schema(found, FORMAT, f"the log {str(reader.path)!r}")
 
 
 @contextmanager
 def damage_reported(path: Path) -> Generator[None]:
-    """Raise RecordingError for entries and messages that a log cannot hold."""
+    """Raise RecordingError for invalid entries and messages of a log."""
     try:
         yield
     except RecordingError as error:
@@ -116,7 +116,7 @@ def damage_reported(path: Path) -> Generator[None]:
 
 
 def read_piece(entry: Mapping[str, Any], messages: Mapping[str, list[bytes]]) -> Recording:
-    """Return the recording of one piece: its messages by topic, which its entry describes."""
+    """Return the recording of one piece from its entry and its messages by topic."""
     names = tuple(str(name) for name in entry["joint_names"])
     commands = None
     if entry["commands"]:
@@ -132,7 +132,7 @@ def read_piece(entry: Mapping[str, Any], messages: Mapping[str, list[bytes]]) ->
 
 
 class LogAssembler:
-    """Assembles motions and recordings from messages, taken in the order in which they were written.
+    """Assembler of motions and recordings from messages, in the order in which they were written.
 
     Attributes:
         plays: motions so far.
@@ -164,7 +164,7 @@ class LogAssembler:
     def content(self, closed: bool) -> LogContent:
         plays = self.plays
         for play in plays:
-            _ = play.recording  # which holds what the messages hold
+            _ = play.recording  # cached: the messages are no longer needed
             play.pieces.clear()
         unfinished = self._broken or self._begun(plays)
         return LogContent(
@@ -192,10 +192,10 @@ class LogAssembler:
         self._since = len(self.plays)
 
     def _resume(self, count: int) -> None:
-        """Leave out plays that are played again; those behind the last recording that stay are a part of none."""
+        """Remove plays that are repeated; remaining plays after the last recording belong to none."""
         if count > len(self.plays):
             raise RecordingError(
-                f"the files before it hold {len(self.plays)} of {count} motions; copy them again from where they are whole"
+                f"the files before it hold {len(self.plays)} of {count} motions; copy the complete files again"
             )
         del self.plays[count:]
         for play in self.plays[self._complete :]:

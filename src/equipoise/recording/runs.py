@@ -1,4 +1,4 @@
-"""Runs of samples that are alike."""
+"""Runs of equal flags."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ from numpy.typing import NDArray
 
 
 def true_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last (exclusive) index of every run of true flags."""
+    """Return the first and last (exclusive) index of every run of true flags."""
     padded = np.concatenate([[False], flags, [False]]).astype(int)
     return [(int(a), int(b)) for a, b in np.flatnonzero(np.diff(padded)).reshape(-1, 2)]

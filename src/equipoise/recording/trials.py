@@ -1,8 +1,8 @@
-"""Trials: what a recording says that it is.
+"""Trials: the kinds of motion that a recording may hold.
 
 A commanded trial is written into a recording as the data of one event, `{"kind": "lift", "diagonal": "FL_RR", ...}`, and
-`Recording.trial` reads it from there. A trial found in a log is `Recording.found_trial`. How far a trial came is said by the
-phases in its recording: `Recording.complete`, `interrupted`, `refused`.
+`Recording.trial` reads it from there. A trial found in a log is `Recording.found_trial`. The phases of its recording
+determine how far it came: `Recording.complete`, `interrupted`, `refused`.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ class RecordedTrial:
 
     Attributes:
         kind: kind of trial, "lift", "posture", "excitation", "stand", "walk", "crawl", "turn" or "motors".
-        starts_with: name of the phase with which the robot does what the trial is for; before it, it may be refused.
-        complete_with: name of the phase that begins once the trial has shown what it is for.
+        starts_with: name of the phase in which the trial proper begins; before it, the trial may be refused.
+        complete_with: name of the phase that begins once the trial has reached its purpose.
         found_at: time in a log in which the trial was found, None if we commanded it [s].
     """
 
@@ -37,7 +37,7 @@ class RecordedTrial:
 
     @property
     def about(self) -> str:
-        """The diagonal or the axis; empty if there is none."""
+        """Return the diagonal or the axis; empty if there is none."""
         return ""
 
     def to_data(self) -> dict[str, Any]:
@@ -47,7 +47,7 @@ class RecordedTrial:
 
 @dataclass(frozen=True, kw_only=True)
 class LiftTrial(RecordedTrial):
-    """Two diagonal feet are lifted; of a lift found in a log no more is known.
+    """Lift of two diagonal feet; one found in a log has no other fields.
 
     Attributes:
         diagonal: diagonal that the robot stands on, "FL_RR" or "FR_RL".
@@ -60,7 +60,7 @@ class LiftTrial(RecordedTrial):
 
     def __post_init__(self) -> None:
         if self.diagonal not in DIAGONALS:
-            raise ValueError(f"no diagonal is called {self.diagonal!r}")
+            raise ValueError(f"{self.diagonal!r} is not a diagonal")
 
     @property
     def about(self) -> str:
@@ -69,7 +69,7 @@ class LiftTrial(RecordedTrial):
 
 @dataclass(frozen=True, kw_only=True)
 class CommandedLift(LiftTrial):
-    """A lift that we commanded.
+    """Commanded lift.
 
     Attributes:
         offset: shift of the support line from where it is at the nominal stance, along the base's x axis [m].
@@ -83,17 +83,17 @@ class CommandedLift(LiftTrial):
 
 
 MEANWHILE = ("passive", *AXES, *(f"swing {direction}" for direction in SWINGS))
-"""Words for the motions of a robot on two feet."""
+"""Names of the motions of a robot on two feet."""
 
 
 def meanwhile(turn: Axis | None, swing: Swing | None) -> str:
-    """One of MEANWHILE."""
+    """Return the name of the motion on two feet, one of MEANWHILE."""
     return f"swing {swing}" if swing else turn or "passive"
 
 
 @dataclass(frozen=True, kw_only=True)
 class DesignedLift(CommandedLift):
-    """A lift of the Bayesian method: in a posture, on a side of the CoM, perhaps with a turn of the body.
+    """Lift of the Bayesian method: in a posture, on a side of the CoM, optionally with a rotation of the body.
 
     Attributes:
         posture: posture of the base.
@@ -109,19 +109,19 @@ class DesignedLift(CommandedLift):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for what, called, known in (("turn", self.turn, AXES), ("swing", self.swing, SWINGS)):
-            if called not in (None, *known):
-                raise ValueError(f"no {what} is called {called!r}")
+        for field_name, value, allowed in (("turn", self.turn, AXES), ("swing", self.swing, SWINGS)):
+            if value not in (None, *allowed):
+                raise ValueError(f"{value!r} is not a {field_name}; those are {', '.join(allowed)}")
 
     @property
     def meanwhile(self) -> str:
-        """Motion of the robot on two feet, one of MEANWHILE."""
+        """Return the motion of the robot on two feet, one of MEANWHILE."""
         return meanwhile(self.turn, self.swing)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PostureTrial(RecordedTrial):
-    """A move over planted feet, from rest to rest.
+    """Stance motion from rest to rest.
 
     Attributes:
         posture: posture of the base at its end; None if it was found in a log.
@@ -135,7 +135,7 @@ class PostureTrial(RecordedTrial):
 
 @dataclass(frozen=True, kw_only=True)
 class ExcitationTrial(RecordedTrial):
-    """The base oscillates over planted feet.
+    """Excitation: the base oscillates on four feet.
 
     Attributes:
         frequencies: frequencies by the axes about which the base turns [Hz].
@@ -159,7 +159,7 @@ class ExcitationTrial(RecordedTrial):
 
 @dataclass(frozen=True, kw_only=True)
 class StandTrial(RecordedTrial):
-    """The robot stands still on four feet."""
+    """Rest on four feet."""
 
     kind: ClassVar[str] = "stand"
     starts_with: ClassVar[str] = Phase.MOVE
@@ -168,7 +168,7 @@ class StandTrial(RecordedTrial):
 
 @dataclass(frozen=True)
 class TwoFeet:
-    """A time in which a robot that walks stands on two feet.
+    """Time in which a walking robot stands on two feet.
 
     Attributes:
         pair: name of the two feet, one of PAIRS.
@@ -181,17 +181,17 @@ class TwoFeet:
 
     def __post_init__(self) -> None:
         if self.pair not in PAIRS:
-            raise ValueError(f"no two feet are called {self.pair!r}")
+            raise ValueError(f"{self.pair!r} is not a pair of feet")
 
     @property
     def standing(self) -> tuple[str, ...]:
-        """Names of the legs whose feet stand."""
+        """Return the names of the legs whose feet stand."""
         return PAIRS[self.pair]
 
 
 @dataclass(frozen=True)
 class ThreeFeet:
-    """A time in which a robot that walks stands on three feet.
+    """Time in which a walking robot stands on three feet.
 
     Attributes:
         lifted: name of the leg whose foot is up.
@@ -208,13 +208,13 @@ class ThreeFeet:
 
     @property
     def standing(self) -> tuple[str, ...]:
-        """Names of the legs whose feet stand."""
+        """Return the names of the legs whose feet stand."""
         return tuple(leg for leg in LEG_NAMES if leg != self.lifted)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SteppingTrial(RecordedTrial):
-    """The robot takes steps; found in a log.
+    """Steps of a robot, found in a log.
 
     Attributes:
         steps: times in which feet are up.
@@ -226,17 +226,17 @@ class SteppingTrial(RecordedTrial):
 
     @property
     def duration(self) -> float:
-        """From the first step's begin to the last one's end; the recording holds some time around it [s]."""
+        """Return the time from the first step's start to the last one's end, without the margins [s]."""
         return self.steps[-1].end - self.steps[0].start if self.steps else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class WalkTrial(SteppingTrial):
-    """The robot walks on two feet at a time.
+    """Walk with two feet on the floor at a time.
 
     Attributes:
         steps: times on two feet.
-        heading: angle by which the robot had turned since the log began when the walk does, to its left [rad].
+        heading: heading at the start of the walk, relative to the start of the log, positive to the left [rad].
     """
 
     kind: ClassVar[str] = "walk"
@@ -246,7 +246,7 @@ class WalkTrial(SteppingTrial):
 
 @dataclass(frozen=True, kw_only=True)
 class CrawlTrial(SteppingTrial):
-    """The robot walks one foot after the other.
+    """Crawl: one foot is moved after the other.
 
     Attributes:
         steps: times on three feet.
@@ -258,7 +258,7 @@ class CrawlTrial(SteppingTrial):
 
 @dataclass(frozen=True, kw_only=True)
 class TurnTrial(RecordedTrial):
-    """The robot lies down, the operator turns it to face the other way, and it stands up."""
+    """Rotation by hand: the robot lies down, the operator turns it to face the other way, and it stands up."""
 
     kind: ClassVar[str] = "turn"
     starts_with: ClassVar[str] = Phase.LIE
@@ -267,10 +267,10 @@ class TurnTrial(RecordedTrial):
 
 @dataclass(frozen=True, kw_only=True)
 class MotorTrial(RecordedTrial):
-    """The robot swings all joints at once, lying with its legs up; or those of one leg, standing on its other three feet.
+    """Motion of the joints: all at once while the robot lies with its legs up, or one leg's while it stands on three feet.
 
     Attributes:
-        kp, kd: gains of the joints that swing, meanwhile [Nm/rad], [Nm s/rad]; None: the platform's own, which are not known.
+        kp, kd: gains of the joints that swing [Nm/rad], [Nm s/rad]; None: the platform's own, which are not available.
         leg: name of the leg that swings while the others stand; None: all do.
     """
 
@@ -291,10 +291,10 @@ class MotorTrial(RecordedTrial):
 
 
 def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
-    """Return the trial that the data of its event describe; None if it is of a kind that is not ours.
+    """Return the trial in an event's data; None for an unknown kind.
 
     Raises:
-        RecordingError: a value that belongs to the kind is missing, or not allowed.
+        RecordingError: a value of the kind is missing, or not allowed.
     """
     kind = next((kind for kind in _KINDS if kind.kind == data.get("kind")), None)
     if kind is None:

@@ -44,7 +44,7 @@ def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = Fa
     nudges = sum(segment.kind == "nudge" for segment in report.segments)
     if nudges and not verbose:
         console.print(f"Not shown: {nudges} motions over planted feet that are too small to tell anything.")
-    for message in report.not_told:
+    for message in report.limitations:
         console.print(f"[yellow]cannot be told:[/] {escape(message)}")
 
 

@@ -1,4 +1,4 @@
-"""Times on two diagonal feet, and tests that they are lifts: from rest, by the legs, with the others standing."""
+"""Diagonal stances, and tests that they are lifts: from rest, by the legs, with the other feet standing."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from equipoise.robot.stance import Stance
 # On an A1; lengths and times are multiplied by those of the stance's scale.
 _CLEAR = 2.5e-3  # [m] above the standing feet: off the floor, as lift_samples.py has it
 _DRAWN_UP = (
-    6e-3  # [m] by which a leg lifts its foot: at least 9 mm in lifts, 2 mm where another steps and the robot tips
+    6e-3  # [m] by which a leg lifts its foot: at least 9 mm in lifts, 2 mm where another leg steps and the robot tips
 )
 _STANDING_SLID = 5e-3  # [m] of two standing feet against each other; below 1 mm in lifts
 _SOON = 1.5  # [s] from the rest's end until two feet are up: the attitude drifts
-_NEXT_STEP = 0.15  # [s]; feet that rise so soon after others came down walk
+_NEXT_STEP = 0.15  # [s]; feet that rise sooner after others came down walk
 SHORTEST_STANCE = 0.05
-"""[s] on an A1; shorter ones are not worth a word."""
+"""[s] on an A1; shorter ones are not reported."""
 
 
 def diagonal_stances(paths: FootPaths, stance: Stance) -> list[TwoFeet]:
@@ -50,7 +50,7 @@ def why_no_lift(paths: FootPaths, stances: Sequence[TwoFeet], rest: LoggedRest, 
     if slid > _STANDING_SLID * scale.length:
         return f"the standing feet have moved by {slid * 1000:.0f} mm since the rest: they step or slip"
     if first.start - rest.end > _SOON * scale.time:
-        return f"two feet go up {first.start - rest.end:.1f} s after the last rest: the attitude is not known well"
+        return f"two feet go up {first.start - rest.end:.1f} s after the last rest: the attitude has drifted"
     lifted = _lifted(first.pair)
     drawn_up = paths.drawn_up - paths.drawn_up[:, [not up for up in lifted]].mean(axis=1, keepdims=True)
     if drawn_up[inside][:, lifted].min(axis=1).max() < _DRAWN_UP * scale.length:

@@ -1,8 +1,8 @@
-"""Paths of the feet since the robot stood still, from its encoders and its gyroscope.
+"""Paths of the feet since the last rest, from encoders and gyroscope.
 
-The base's way through the room is unknown, so that only differences between feet mean something: each foot's way less the
-mean way of the feet that stand. Standing feet roll, which is no way of theirs: a sphere's centre moves with its angular
-velocity x (radius up).
+The base's path in the world is unknown, so that only differences between feet are meaningful: each foot's displacement less
+the mean of the standing feet. Rolling of standing feet is removed: a sphere's centre moves with its angular velocity x
+(radius up).
 """
 
 from __future__ import annotations
@@ -20,19 +20,18 @@ from equipoise.recording.runs import true_runs
 from equipoise.robot.model import LEG_NAMES
 from equipoise.robot.stance import Stance
 
-_PLANTED_WINDOW, _PLANTED_SLID = 0.2, 1.5e-3  # [s], [m] on an A1: feet that move less in a window do not slip
+_STANCE_WINDOW, _STANCE_SLID = 0.2, 1.5e-3  # [s], [m] on an A1: feet that move less in a window do not slip
 
 
 @dataclass(frozen=True, eq=False)
 class FootPaths:
-    """The feet of n steps after a rest, in base axes at that rest.
+    """Paths of the feet in n steps after a rest, in base axes at that rest.
 
     Attributes:
         time: (n,) times [s].
-        way: (n, 4, 3) displacement of each foot since the rest, rolling taken off, all with the same unknown one of the
-            base [m].
+        way: (n, 4, 3) displacement of each foot since the rest without rolling; the base's unknown one is common to all [m].
         height: (n, 4) heights of these displacements, against gravity [m].
-        drawn_up: (n, 4) distance by which each foot is nearer to the base than at the rest, along up then [m].
+        drawn_up: (n, 4) decrease of each foot's distance to the base since the rest, along the vertical of the rest [m].
         turned: (n,) angle of the base's rotation since the rest [rad].
     """
 
@@ -44,10 +43,10 @@ class FootPaths:
 
     @classmethod
     def after(cls, legs: LegChains, track: Track, rest: LoggedRest, end: float) -> FootPaths:
-        """From a rest's end to a time [s].
+        """Compute the paths from a rest's end to a time [s].
 
         Args:
-            track: samples with the gyroscope's bias taken off.
+            track: samples with the gyroscope's bias removed.
         """
         part = track.indices(rest.end, end)
         time, position, angular_velocity_in_base = (
@@ -75,22 +74,22 @@ class FootPaths:
         return cls(time, way, way @ rest.up, drawn_up, np.linalg.norm(attitude.as_rotvec(), axis=1))
 
     def slid(self, feet: tuple[str, ...] = LEG_NAMES) -> FloatArray:
-        """(n,) by how much the farthest of some feet has moved against their mean [m]."""
+        """Return (n,) the largest displacement of some feet against their mean [m]."""
         way = self.way[:, [LEG_NAMES.index(foot) for foot in feet]]
         return np.linalg.norm(way - way.mean(axis=1, keepdims=True), axis=2).max(axis=1)
 
     def rise_above(self, feet: tuple[str, ...]) -> FloatArray:
-        """(n, 4) heights above the mean of the feet that stand [m]."""
+        """Return (n, 4) heights above the mean of the standing feet [m]."""
         standing = [LEG_NAMES.index(foot) for foot in feet]
         return self.height - self.height[:, standing].mean(axis=1, keepdims=True)
 
     def between(self, start: float, end: float) -> FootPaths:
-        """The part with start <= time < end [s]."""
+        """Return the part with start <= time < end [s]."""
         part = (self.time >= start) & (self.time < end)
         return FootPaths(*(getattr(self, field.name)[part] for field in fields(self)))
 
     def off_the_floor(self, least: float, shortest: float) -> list[str]:
-        """Feet that are higher than the two lowest by a least height [m] for a while [s] altogether."""
+        """Return the feet that are above the two lowest by a least height [m] for a least total time [s]."""
         if len(self.time) < 2:
             return []
         lowest = np.sort(self.height, axis=1)[:, :2].mean(axis=1, keepdims=True)
@@ -98,17 +97,17 @@ class FootPaths:
         return [foot for foot, time in zip(LEG_NAMES, duration.tolist(), strict=True) if time > shortest]
 
     def longest_standing(self, stance: Stance, shortest: float) -> tuple[float, float] | None:
-        """The longest stretch in which no foot moves, though they moved before or after; None if it is shorter than that.
+        """Return the longest stretch in which no foot moves; None if it is too short.
 
         Args:
             shortest: shortest duration that counts [s].
         """
-        window = max(2, round(_PLANTED_WINDOW * stance.scale.time / float(np.diff(self.time).mean())))
+        window = max(2, round(_STANCE_WINDOW * stance.scale.time / float(np.diff(self.time).mean())))
         if len(self.time) <= window:
             return None
         moved = self.way[window:] - self.way[:-window]
         slid = np.linalg.norm(moved - moved.mean(axis=1, keepdims=True), axis=2).max(axis=1)
-        runs = true_runs(slid < _PLANTED_SLID * stance.scale.length)
+        runs = true_runs(slid < _STANCE_SLID * stance.scale.length)
         if not runs:
             return None
         first, last = max(runs, key=lambda run: run[1] - run[0])

@@ -1,8 +1,7 @@
-"""The gyroscope held against the legs: over planted feet the encoders alone say how the base turns, and over two standing
-feet how it turns across their line.
+"""Comparison of the gyroscope with the legs.
 
-What both feel of one motion tells by how much their clocks differ, before anything else is read from a log; and whether the
-gyroscope is in other units or axes.
+In stance motions the encoders alone determine the base's rotation; on two standing feet, its rotation across their line. The
+comparison gives the offset between the clocks, and detects a gyroscope in other units or axes.
 """
 
 from __future__ import annotations
@@ -28,34 +27,34 @@ from equipoise.robot.stance import Stance
 
 Unexplained = Callable[[float, FloatArray], float]
 
-_PLANTED, _STEPS = "motion over planted feet", "steps"
+_STANCE_MOTION, _STEPS = "stance motion", "steps"
 
-# [s] that clocks may differ by: more is no delay, and rests and motions no longer meet. A step is much like the next one, so
-# that those around the right one are looked at, too.
+# [s] by which clocks may differ: with more, rests and motions no longer coincide. One step resembles the next, so that the
+# offsets around the right one are compared, too.
 _FARTHEST, _FARTHEST_OF_STEPS = 0.5, 2.0
-_AS_GOOD = 1.5  # times what is left at the best offset
-_APART = 0.1  # [s] between offsets that are not the same
+_AS_GOOD = 1.5  # times the residual at the best offset
+_APART = 0.1  # [s] between distinct offsets
 _COARSE, _FINE = 0.01, 0.0025  # [s]
-_SLIP = 0.02  # [m/s] on an A1, rms over the feet: planted feet that roll stay below
-_SLOWEST = 0.05  # [rad/s]: slower motion tells nothing
+_SLIP = 0.02  # [m/s] on an A1, rms over the feet: standing feet that roll stay below
+_SLOWEST = 0.05  # [rad/s]: slower motion is not compared
 _ENOUGH = 1.0  # [s] of such motion
-# Steps that are looked at at once, that are enough of such motion, and too few.
+# Numbers of steps: in one batch, sufficient, and too few.
 _PIECE, _PLENTY, _FEWEST = 30_000, 12_000, 8
-_WRONG = 0.4  # of the variance unexplained: 0.03 to 0.07 where nothing is wrong
+_WRONG = 0.4  # of the variance unexplained: 0.03 to 0.07 without a mistake
 _DOUBTFUL, _CURED = 0.08, 0.25
 _UPRIGHT = 0.7  # cosine of the lean of a robot that walks, at least
 
 
 @dataclass(frozen=True)
 class GyroscopeComparison:
-    """The gyroscope against the legs.
+    """Comparison of the gyroscope with the legs.
 
     Attributes:
         offset: time to be added to the IMU's stamps so that it agrees with the joints [s].
-        unexplained: fraction of the base's angular velocity by the legs that the gyroscope leaves unexplained.
-        agrees: whether that fraction is small enough to believe the offset.
+        unexplained: fraction of the variance of the base's angular velocity by the legs that the gyroscope does not explain.
+        agrees: whether that fraction is small enough to accept the offset.
         time: duration of the motion that was compared [s].
-        motion: kind of motion, in words.
+        motion: name of the kind of motion.
     """
 
     offset: float
@@ -66,14 +65,14 @@ class GyroscopeComparison:
 
 
 def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -> GyroscopeComparison | None:
-    """Compare the IMU's clock with the joints'; None if there is too little motion over planted feet, or walking.
+    """Compare the IMU's clock with the joints'; None if there is too little stance motion and walking.
 
     Raises:
-        RecordingError: the gyroscope turns as the legs do only in other units or with another sign.
-        MotionError: it does so if the IMU is mounted turned.
+        RecordingError: the gyroscope agrees with the legs only in other units or with another sign.
+        MotionError: it agrees only if the IMU is mounted turned.
     """
-    legs, motion = LegChains(robot), _PLANTED
-    # Where a stamp is far away, one track of it all would be as long as the gap.
+    legs, motion = LegChains(robot), _STANCE_MOTION
+    # One track across a stamp that is far away would be as long as the gap.
     tracks = [Track.of(robot, piece.recording, stance.scale.time) for piece in split_at_gaps(recording)]
     parts = [part for track in tracks for part in _parts(track)]
     seen = _moving_part(legs, stance, parts)
@@ -89,7 +88,7 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
         inside = (edges[0] >= recording.imu.time[0]) & (edges[1] <= recording.imu.time[-1])
         return seen.unexplained(angle.means_between(*edges) @ correction.T, inside)
 
-    offset, left = _best_offset(unexplained, np.eye(3), _FARTHEST if motion == _PLANTED else _FARTHEST_OF_STEPS)
+    offset, left = _best_offset(unexplained, np.eye(3), _FARTHEST if motion == _STANCE_MOTION else _FARTHEST_OF_STEPS)
     if left > _DOUBTFUL:
         _name_mistake(robot, unexplained, min(_CURED, left / 3), motion)
     return GyroscopeComparison(offset, left, left <= _WRONG, float(np.diff(seen.edges, axis=0).sum()), motion)
@@ -101,8 +100,8 @@ class _Seen:
 
     Attributes:
         edges: (2, n) begin and end of each [s].
-        turning: (n, 3) angular velocity, or what it does to arms, in base axes.
-        arms: (n, 3) arms that are seen to turn, in base axes [m]; None: the angular velocity itself is seen.
+        turning: (n, 3) angular velocity, or its cross product with the arms, in base axes.
+        arms: (n, 3) arms whose rotation is measured, in base axes [m]; None: the angular velocity itself is measured.
     """
 
     edges: FloatArray
@@ -110,24 +109,24 @@ class _Seen:
     arms: FloatArray | None = None
 
     def unexplained(self, angular_velocity: FloatArray, inside: NDArray[np.bool_]) -> float:
-        """Fraction of its variance that (n, 3) angular velocities leave."""
-        felt = angular_velocity if self.arms is None else cross(angular_velocity, self.arms)
-        difference, reference = (felt - self.turning)[inside], self.turning[inside]
+        """Return the fraction of its variance that (n, 3) angular velocities leave."""
+        sensed = angular_velocity if self.arms is None else cross(angular_velocity, self.arms)
+        difference, reference = (sensed - self.turning)[inside], self.turning[inside]
         spread = ((reference - reference.mean(axis=0)) ** 2).sum()
         return float(((difference - difference.mean(axis=0)) ** 2).sum() / max(spread, 1e-12))
 
 
 def _parts(track: Track) -> Iterator[Track]:
-    """A long track in pieces; none has hardly any steps."""
+    """Yield a long track in pieces; none is very short."""
     for first in range(0, max(len(track.time) - _FEWEST, 0), _PIECE):
         last = first + _PIECE
         yield track.part(slice(first, last if len(track.time) - last > _FEWEST else None))
 
 
 def _walking_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Seen | None:
-    """Return how the line between two standing feet turns in the base: none of them moves over the floor but by rolling.
+    """Return the rotation of the line between two standing feet, in the base frame, over all steps of the first long walk.
 
-    Of velocities v in the base frame, less rolling, that is v_one - v_other = -omega x (p_one - p_other).
+    With velocities v in the base frame, less rolling: v_one - v_other = -omega x (p_one - p_other).
     """
     found = (_walked(legs, stance, part) for part in parts)
     return next((seen for seen in found if seen is not None), None)
@@ -140,7 +139,7 @@ def _walked(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
     up = np.median(track.acceleration_in_base, axis=0)
     up = up / max(float(np.linalg.norm(up)), 1e-9)
     turns = [turn for turn in (np.eye(3), *RIGHT_ANGLE_TURNS) if (turn @ up)[2] > _UPRIGHT]
-    # A gyroscope with the wrong sign or unit finds no steps, nor does an IMU that is turned; with what undoes that they do.
+    # With a gyroscope of wrong sign or unit, or a turned IMU, no steps are found: try the corrections of each mistake.
     for turn, factor in (
         *((turn, np.eye(3)) for turn in turns),
         *((np.eye(3), np.diag(of)) for _, of in GYROSCOPE_MISTAKES),
@@ -179,10 +178,9 @@ def _seen_in(legs: LegChains, track: Track, steps: Sequence[TwoFeet]) -> _Seen |
 
 
 def _moving_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Seen | None:
-    """Return how the base turns over planted feet, by the legs.
+    """Return the rotation of the base in stance motions, by the legs; None if there is too little.
 
-    Some minutes of motion tell all that there is to tell; a long log is looked at a piece at a time until there are as many.
-    None if there is too little.
+    Some minutes of motion suffice: a long log is read piece by piece until there are as many.
     """
     steps: list[FloatArray] = []
     turning: list[FloatArray] = []
@@ -199,10 +197,10 @@ def _moving_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Se
 
 
 def angular_velocity_by_legs(legs: LegChains, stance: Stance, track: Track) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return (n, 3) angular velocities of the base by the encoders, in base axes, and where they are valid.
+    """Return (n, 3) angular velocities of the base by the encoders, in base axes, and (n,) whether they are valid.
 
-    A planted foot's velocity in the base frame is J dq = rolling - v - omega x p: least squares over the four feet. Where
-    that leaves much, a foot moves over the floor.
+    A standing foot's velocity in the base frame is J dq = rolling - v - omega x p: least squares over the four feet. A large
+    residual means that a foot slides.
     """
     velocity = np.gradient(track.joint_position, track.time, axis=0)
     up = np.median(track.acceleration_in_base, axis=0)
@@ -217,7 +215,7 @@ def angular_velocity_by_legs(legs: LegChains, stance: Stance, track: Track) -> t
 def _turning(
     legs: LegChains, position: FloatArray, velocity: FloatArray, up: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) angular velocity of the base by the encoders, in base axes, and (n,) speed that it leaves to the feet [m/s]."""
+    """Return (n, 3) angular velocity of the base by the encoders, in base axes, and (n,) residual foot speed [m/s]."""
     motion = legs.motion(position, velocity, np.zeros((len(position), 3)))
     # A foot that rolls moves its centre by its angular velocity x radius: omega's part is in the design, the legs' here.
     radius = legs.foot_radius[:, None] * up
@@ -232,7 +230,7 @@ def _turning(
 
 
 def _best_offset(unexplained: Unexplained, correction: FloatArray, farthest: float = _FARTHEST) -> tuple[float, float]:
-    """Return the offset with the least residual, and that residual; of offsets that are nearly as good the smallest."""
+    """Return the offset with the least residual, and that residual; among nearly equal offsets the smallest."""
     coarse = np.arange(-farthest, farthest + _COARSE / 2, _COARSE)
     left = np.array([unexplained(float(offset), correction) for offset in coarse])
     least = min(coarse[left <= _AS_GOOD * left.min()], key=abs)
@@ -249,10 +247,10 @@ def _name_mistake(robot: RobotModel, unexplained: Unexplained, limit: float, mot
     turned = [(_best_offset(unexplained, turn)[1], index) for index, turn in enumerate(RIGHT_ANGLE_TURNS)]
     by_turn, index = min(turned)
     if by_turn < min(limit, cured):
-        seen = f"in {motion} the gyroscope does not turn as the legs say that the base does"
-        raise imu_mounting_error(robot, RIGHT_ANGLE_TURNS[index], seen)
+        seen = f"in {motion} the gyroscope differs from the base's rotation by the legs"
+        raise mounted_turned(robot, RIGHT_ANGLE_TURNS[index], seen)
     if cured < limit:
         raise RecordingError(
-            f"in {motion} the gyroscope does not turn as the legs say that the base does: it must be in rad/s, in the axes of "
-            f"the IMU's frame ({what})"
+            f"in {motion} the gyroscope differs from the base's rotation by the legs: it must be in rad/s, in the axes of the "
+            f"IMU's frame ({what})"
         )

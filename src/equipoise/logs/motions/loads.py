@@ -1,7 +1,7 @@
-"""Loads of the feet, by joint torques or by the feet's own sensors: a test of the feet that legs and IMU see standing.
+"""Loads of the feet, by joint torques or foot force sensors, as a test of the contacts found by legs and IMU.
 
-What sensors of feet say has any unit and any offset, and torques have gains and friction: loads are held against what the
-feet carry on average while the robot walks, a quarter of its weight each.
+Foot force sensors have any unit and offset, and torques have gains and friction: loads are relative to the mean load of a
+foot while the robot walks, a quarter of its weight.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from equipoise.robot.kinematics import feet_and_forces
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.statics import PLAUSIBLE_LOAD, torques_of_legs
 
-# Of what a foot carries on average. Feet that are up in simulated trots carry 0.3 by joint torques, as legs are swung, and in
-# a real Go1's 0.5 at most by sensors; those that stand 0.8 at least. Feet that only seem to be up carry 0.8 to 1.5.
+# Of a foot's mean load. Feet in the air read 0.3 by joint torques in simulated trots, as legs are swung, and at most 0.5 by
+# sensors on a real Go1; standing feet at least 0.8. Feet that only seem to be up carry 0.8 to 1.5.
 _CARRIES, _IDLE = 0.7, 0.3
-_UNLOADED = 0.02  # of the time a foot's sensor reads less than this: it is up then
-_DEAD = 0.25  # of what the other feet's sensors read: not to be believed
+_UNLOADED = 0.02  # quantile of a foot's readings that is taken as no load
+_DEAD = 0.25  # of what the other feet's sensors read: not plausible
 _LOOKED_AT = 1000  # samples of a walk that its mean is of, at most
 
 Step = TwoFeet | ThreeFeet
@@ -34,7 +34,7 @@ Step = TwoFeet | ThreeFeet
 
 @dataclass(frozen=True, eq=False)
 class FootForces:
-    """Readings of the sensors of the feet.
+    """Readings of the foot force sensors.
 
     Attributes:
         time: (n,) times, on the joints' clock [s].
@@ -47,10 +47,10 @@ class FootForces:
 
 @dataclass(frozen=True, eq=False)
 class FootLoads:
-    """Loads of the feet, over what a foot carries on average.
+    """Loads of the feet, relative to the mean load of a foot.
 
     Attributes:
-        source: what they are from, in words.
+        source: name of the sensors.
         time: (n,) times [s].
         load: (n, 4) loads of the feet FL FR RL RR; not a number where a sensor is not plausible.
     """
@@ -61,7 +61,7 @@ class FootLoads:
 
     @classmethod
     def by_sensors(cls, track: Track, sensed: FootForces, steps: Sequence[Step]) -> FootLoads:
-        """Return loads by sensors of the feet, over each one's own mean from the first step to the last.
+        """Return loads by foot force sensors, relative to each one's mean from the first step to the last.
 
         Args:
             steps: times on two feet and three.
@@ -78,7 +78,7 @@ class FootLoads:
 
     @classmethod
     def by_torques(cls, robot: RobotModel, track: Track, steps: Sequence[Step]) -> FootLoads | None:
-        """Return loads by joint torques less those that carry the legs, in the steps; None if they do not carry such a robot.
+        """Return loads by joint torques, without those of the legs' weight, in the steps; None if they are not plausible.
 
         Args:
             track: samples with joint torques.
@@ -92,13 +92,13 @@ class FootLoads:
         return cls("joint torques", track.time[looked_at], _vertical_forces(robot, track, looked_at) / usual)
 
     def contradicts(self, step: Step) -> bool:
-        """Return whether a foot that is up carries all in all, or one that stands does not."""
-        # The median: feet that land do it hard, and what is near a step's ends is left out of it anyway.
+        """Return whether a lifted foot carries load on the whole, or a standing one does not."""
+        # The median: landing feet hit the floor hard, and a step's ends are left out anyway.
         load, stands = np.median(self._in(step)[1], axis=0), np.isin(LEG_NAMES, step.standing)
         return bool((load[~stands] > _CARRIES).any() or (load[stands] < _IDLE).any())
 
     def cut(self, step: ThreeFeet, shortest: float) -> ThreeFeet | None:
-        """The longest part of a step in which the foot that is up carries nothing; None if that is shorter than that.
+        """Return the longest part of a step in which the lifted foot carries no load; None if it is too short.
 
         Args:
             shortest: shortest duration that counts [s].
@@ -110,19 +110,19 @@ class FootLoads:
         return part if part.end - part.start >= shortest else None
 
     def _in(self, step: Step) -> tuple[FloatArray, FloatArray]:
-        """Times and loads of a step."""
+        """Return times and loads of a step."""
         inside = (self.time >= step.start) & (self.time <= step.end)
         return self.time[inside], self.load[inside]
 
 
 class Contacts:
-    """Steps that legs and IMU see, held against what the feet carry, where anything says that.
+    """Comparison of the steps found by legs and IMU with the loads of the feet, where those are measured.
 
-    Sensors of feet that contradict most steps are themselves in doubt, and not used.
+    Foot force sensors that contradict most steps are not used.
 
     Args:
         robot: model of the robot.
-        foot_forces: what the sensors of its feet say, if it has any.
+        foot_forces: readings of its foot force sensors, if it has any.
     """
 
     def __init__(self, robot: RobotModel, foot_forces: FootForces | None) -> None:
@@ -133,10 +133,10 @@ class Contacts:
     def confirmed(
         self, track: Track, on_two: Sequence[TwoFeet], on_three: Sequence[ThreeFeet], shortest: float
     ) -> tuple[list[TwoFeet], list[ThreeFeet]]:
-        """Steps of a track less those that loads contradict.
+        """Return the steps of a track without those that loads contradict.
 
-        Those on three feet are cut to when the foot that is up carries nothing: on uneven floors one may seem to be up.
-        Those on two are not: it makes them tell no more.
+        Those on three feet are cut to the time in which the lifted foot carries no load: on uneven floors a foot may only
+        seem to be up. Those on two are not: it would add no information.
 
         Args:
             on_two, on_three: steps, in order.
@@ -168,20 +168,20 @@ class Contacts:
         return kept
 
     def findings(self) -> list[LogFinding]:
-        """Contradictions, in words."""
+        """Return findings on the contradictions."""
         found = [
             LogFinding(
                 "contacts",
-                f"by {source} {count} of {self._seen[source]} steps that legs and IMU see are none: feet that seem to be up "
-                "carry the robot, or such that seem to stand do not. They are left out",
+                f"{source} contradict {count} of {self._seen[source]} steps found by legs and IMU: a lifted foot carries "
+                "load, or a standing one does not. These steps are left out",
             )
             for source, count in self._contradicted.items()
             if count
         ]
         if self._doubted:
             message = (
-                f"foot forces contradict most of {self._doubted} steps that legs and IMU see, and are not used: is each that "
-                "of its leg, and does it grow with the load?"
+                f"foot forces contradict most of {self._doubted} steps found by legs and IMU, and are not used: check that "
+                "each belongs to its leg and grows with the load"
             )
             found.append(LogFinding("contacts", message))
         return found
@@ -193,12 +193,12 @@ def _walking(track: Track, steps: Sequence[Step]) -> slice:
 
 
 def _spread(part: slice, count: int) -> NDArray[np.intp]:
-    """Indices of some samples of a part of a track, evenly spread."""
+    """Return the indices of some samples of a part of a track, evenly spaced."""
     return np.unique(np.linspace(part.start, part.stop - 1, count, dtype=np.intp))
 
 
 def _vertical_forces(robot: RobotModel, track: Track, samples: NDArray[np.intp]) -> FloatArray:
-    """(k, 4) forces on the feet along the base's up, by the joint torques of k samples, by index [N]."""
+    """Return (k, 4) forces on the feet along the base's z, by the joint torques of k samples, by index [N]."""
     assert track.joint_torque is not None
     position = track.joint_position[samples]
     of_legs = np.array([torques_of_legs(robot, one) for one in position])

@@ -10,7 +10,7 @@ from equipoise.conventions import AXES, Axis, FloatArray
 from equipoise.recording.runs import true_runs
 
 # On an A1; times are multiplied by the robot's scale.
-_ENVELOPE = 0.8  # [s] that the strength of the motion is taken over
+_ENVELOPE = 0.8  # [s] over which the strength of the motion is averaged
 _STEADY = 0.5  # of the strongest
 _SHORTEST, _FEWEST_PERIODS = 1.5, 3  # [s]
 _DOMINANT = 0.5  # of an axis' power within two bins of its peak: a hand-held wiggle has less
@@ -34,13 +34,13 @@ class Oscillation:
 
     @property
     def words(self) -> str:
-        """In words, short."""
+        """Return a short description."""
         axes = [f"{axis} {frequency:.1f} Hz" for axis, frequency in self.frequencies.items()]
         return ", ".join([*axes, f"{self.end - self.start:.1f} s"])
 
 
 def find_oscillation(time: FloatArray, angular_velocity_in_base: FloatArray, time_scale: float) -> Oscillation | None:
-    """The longest steady part, if a sinusoid dominates it about one axis at least.
+    """Return the longest steady part, if a sinusoid dominates it about one axis at least.
 
     Args:
         time: (n,) evenly spaced times [s].
@@ -65,7 +65,7 @@ def find_oscillation(time: FloatArray, angular_velocity_in_base: FloatArray, tim
 
 
 def _dominant(angular_velocity_in_base: FloatArray, step: float) -> dict[Axis, float]:
-    """Frequencies of the axes that a sinusoid dominates [Hz]."""
+    """Return the frequencies of the axes that a sinusoid dominates [Hz]."""
     centred = angular_velocity_in_base - angular_velocity_in_base.mean(axis=0)
     size = centred.std(axis=0)
     power = np.abs(np.fft.rfft(centred * np.hanning(len(centred))[:, None], axis=0)) ** 2

@@ -1,7 +1,7 @@
-"""Rests in a long recording: where nothing moves, and whether a robot stands there on four feet.
+"""Rests in a long recording, and tests that the robot stands on four feet in them.
 
-Still is what neither the encoders nor the gyroscope see move; a constant gyroscope bias does not matter. Standing is what
-the feet say that the encoders place: under the base, on one plane, as level as floors are.
+At rest neither encoders nor gyroscope change; a constant gyroscope bias does not matter. The robot stands if its feet,
+according to the encoders, are under the base and on one plane that is as level as floors are.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import PLAUSIBLE_LOAD, carried_mass
 
-# Of means over a quarter of a window: spread within it. Resting A1s and Solos show a third to a half of this, moving ones ten
+# Spread of the means over the quarters of a window. Resting A1s and Solos show a third to a half of this, moving ones ten
 # times as much.
 _WINDOW, _PARTS = 16, 4  # [steps]
 _STILL_JOINTS, _STILL_BASE = 1.5e-3, 6e-3  # [rad], [rad/s]
 _NOISE_FACTOR = 4.0  # of a mean's white noise: its spread over four parts and a dozen joints
-_SHORTEST = 0.2  # [s] on an A1; half of it serves each neighbour
+_SHORTEST = 0.2  # [s] on an A1; half of it is used by each neighbour
 _RAISED = 0.02  # [m] on an A1: a foot so far off the plane of the others is not on the floor
-_LEANING = 0.25  # [rad] between the feet's floor and the accelerometer's: no floor that a calibration is done on
+_LEANING = 0.25  # [rad] between the feet's floor and the accelerometer's: too much for a floor
 LOWEST = 0.4
-"""Hips over their height at the nominal stance, of robots that stand: crouching ones have 0.6, lying ones 0.3."""
+"""Least hip height of a standing robot, relative to the nominal stance: crouching robots have 0.6, lying ones 0.3."""
 
 
 @dataclass(frozen=True, eq=False)
 class LoggedRest:
-    """A piece of time in which nothing moves.
+    """Interval in which nothing moves.
 
     Attributes:
         start, end: times at which the rest begins and ends [s].
         joint_position: (nj,) mean of the joint positions [rad].
         up: (3,) unit vector against gravity, in base axes, by the accelerometer.
         angular_velocity_in_base: (3,) mean of the gyroscope, in base axes: its bias [rad/s].
-        folded: whether the legs are folded, as those of a robot that lies.
+        folded: whether the legs are folded, as on a lying robot.
         why_not: reason why the robot does not stand on four feet here, or None if it does.
     """
 
@@ -55,12 +55,12 @@ class LoggedRest:
 
     @property
     def standing(self) -> bool:
-        """On four feet."""
+        """Return whether the robot stands on four feet."""
         return self.why_not is None
 
 
 def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[LoggedRest]:
-    """All rests of a track, in order of time."""
+    """Return all rests of a track, in order of time."""
     rests: list[LoggedRest] = []
     legs = LegChains(robot)
     for first, last in _still_runs(track, max(_WINDOW, round(_SHORTEST / STEP))):
@@ -90,7 +90,7 @@ def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[LoggedRe
 
 
 def _still_runs(track: Track, shortest: int) -> list[tuple[int, int]]:
-    """First and last (exclusive) index of every run of steps in which nothing moves."""
+    """Return the first and last (exclusive) index of every run of steps in which nothing moves."""
     if len(track.time) < _WINDOW:
         return []
     part_noise = np.sqrt(_PARTS / _WINDOW)
@@ -104,7 +104,7 @@ def _still_runs(track: Track, shortest: int) -> list[tuple[int, int]]:
 
 
 def _spread(values: FloatArray) -> FloatArray:
-    """(n - window + 1,) largest spread, over columns, of the means over the parts of each window."""
+    """Return (n - window + 1,) largest spread, over columns, of the means over the parts of each window."""
     length = _WINDOW // _PARTS
     largest = np.zeros(len(values) - _WINDOW + 1)
     for column in values.T:
@@ -121,7 +121,7 @@ def _folded(stance: Stance, feet: FloatArray, normal: FloatArray) -> bool:
 
 
 def _why_not_level(stance: Stance, feet: FloatArray, normal: FloatArray, up: FloatArray) -> str | None:
-    """Return why (4, 3) feet in the base frame, and the normal of their plane, are not those of a standing robot, or None."""
+    """Return why (4, 3) feet in the base frame, and the normal of their plane, do not fit a standing robot, or None."""
     # One foot that is raised by d turns the plane through all four: each is then d / 4 off it.
     raised = 4 * float(np.abs((feet - feet.mean(axis=0)) @ normal).max())
     if raised > _RAISED * stance.scale.length:
@@ -133,8 +133,8 @@ def _why_not_level(stance: Stance, feet: FloatArray, normal: FloatArray, up: Flo
 
 
 def why_not_carried(robot: RobotModel, position: FloatArray, torque: FloatArray) -> str | None:
-    """Return why (nj,) joint torques [Nm] at (nj,) joint positions [rad] are not those of a standing robot, or None."""
+    """Return why (nj,) joint torques [Nm] at (nj,) joint positions [rad] do not fit a standing robot, or None."""
     carried = carried_mass(robot, position, torque)
-    if abs(carried) < PLAUSIBLE_LOAD[0] * robot.mass:  # a wrong sign is another matter, and screened for
+    if abs(carried) < PLAUSIBLE_LOAD[0] * robot.mass:  # a wrong sign is screened for separately
         return f"the joint torques carry only {carried:.1f} kg: it hangs, or lies"
     return None

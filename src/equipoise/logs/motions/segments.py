@@ -1,10 +1,10 @@
 """Segments of a long recording without events: rests, stance motions, excitations, lift trials, walks, crawls.
 
-Every piece of it ends up in a `LogSegment`: what it is, and whether it can be used or why not. What can be used comes with a
-`Recording` that says what it is in the words that the estimators know, as if we had commanded it ourselves.
+Every piece becomes a `LogSegment`: its kind, and the reason if it is not used. A segment that is used has a `Recording` with
+the trial and the phases of a commanded motion.
 
-Encoders and gyroscope say where the feet go (foot_paths.py), encoders and accelerometer where the robot stands still
-(rests.py); joint torques and sensors of the feet, where there are any, must not contradict the steps (loads.py).
+Encoders and gyroscope determine the paths of the feet (foot_paths.py), encoders and accelerometer the rests (rests.py).
+Joint torques and foot force sensors, if there are any, must not contradict the steps (loads.py).
 """
 
 from __future__ import annotations
@@ -51,30 +51,30 @@ from equipoise.robot.statics import carried_mass
 Kind = Literal["rest", "move", "nudge", "excitation", "lift", "walk", "crawl", "steps", "slip", "motion", "gap"]
 
 # On an A1; lengths and times are multiplied by those of the stance's scale.
-_OFF_FLOOR = 6e-3  # [m] above the feet that stand: plainly off the floor
-_SLID = 6e-3  # [m] that planted feet may seem to have moved by after a move: 1 to 4 mm with encoders off by 5 mrad
-_SLIDING = 12e-3  # [m] on the way
+_OFF_FLOOR = 6e-3  # [m] above the standing feet: clearly off the floor
+_SLID = 6e-3  # [m] of apparent foot displacement after a stance motion: 1 to 4 mm with encoders off by 5 mrad
+_SLIDING = 12e-3  # [m] during it
 _FALLING = 5.0  # [m/s2]: a robot whose accelerometer reads less has no foot on the floor
-_MOVED = 0.1  # [rad] of a joint: smaller moves tell no joint offsets, and add what feet creep by while they stand
-_LONGEST_MOVE = 8.0  # [s]: the gyroscope's attitude is good for a milliradian so long
-_HELD = 1.0  # [s] of a rest that are used, at most: what is nearest to the motion
+_MOVED = 0.1  # [rad] of a joint: smaller moves determine no joint offsets, and add the creep of the feet
+_LONGEST_MOVE = 8.0  # [s]: so long the gyroscope's attitude is accurate within a milliradian
+_USED_REST = 1.0  # [s] of a rest that are used, at most: the part nearest to the motion
 # [s] at a rest's ends that are left out, if it is long enough: a fifth of a millimetre's creep there moves a CoM by as much.
 _SETTLING, _LEAVING = 0.3, 0.12
 _LANDED = 0.2  # [s] after a lift that are kept with it
-_UNTOLD = 0.5  # [s] around a walk that are not worth a word
-_SHORTEST_EXCITATION = 1.5  # [s] of planted motion that torques are worth reading of
+_NEGLIGIBLE = 0.5  # [s] around a walk that are not reported separately
+_SHORTEST_EXCITATION = 1.5  # [s] of motion on four feet whose torques are informative
 _OF_STEPS = ("steps", "slip", "motion")
 """Kinds of segments in which the robot may walk."""
 
 
 @dataclass(frozen=True, eq=False)
 class LogSegment:
-    """A piece of a recording.
+    """Piece of a recording.
 
     Attributes:
         start, end: times at which the piece begins and ends [s].
         kind: kind of motion.
-        what: kind in words.
+        what: description of the motion.
         why_not: reason why it is not used, or None if it is.
         recording: recording with the trial and the phases that the estimators expect, if it is used on its own.
     """
@@ -88,12 +88,12 @@ class LogSegment:
 
     @property
     def used(self) -> bool:
-        """Return whether the estimate gets it; most rests go with the motions between them."""
+        """Return whether the estimate uses it; most rests belong to the motions between them."""
         return self.why_not is None
 
     @property
     def steps(self) -> int:
-        """Number of times on two feet of a walk, on three of a crawl."""
+        """Return the number of times on two feet of a walk, on three of a crawl."""
         trial = None if self.recording is None else self.recording.trial
         return len(trial.steps) if isinstance(trial, SteppingTrial) else 0
 
@@ -105,11 +105,11 @@ def find_segments(
     foot_forces: FootForces | None = None,
     findings: list[LogFinding] | None = None,
 ) -> list[LogSegment]:
-    """All segments of a recording, in order of time.
+    """Return all segments of a recording, in order of time.
 
     Args:
-        foot_forces: what the sensors of its feet say, if it has any.
-        findings: what was noticed of contacts is appended here.
+        foot_forces: readings of its foot force sensors, if it has any.
+        findings: list to which findings on contacts are appended.
 
     Raises:
         RecordingError: a sensor that is not plausible, as `screen` finds it in the rests.
@@ -146,12 +146,12 @@ def _gyro_bias(stance: Stance, tracks: Sequence[Track], rests: Sequence[LoggedRe
 
 
 def usable(segments: Sequence[LogSegment]) -> list[Recording]:
-    """The recordings of all segments that can be used."""
+    """Return the recordings of all segments that can be used."""
     return [segment.recording for segment in segments if segment.recording is not None]
 
 
 def _screen_rests(robot: RobotModel, recording: Recording, rests: Sequence[LoggedRest]) -> None:
-    """Screen the sensors at the rests, if the robot does not seem to stand in most of them: one of them may lie."""
+    """Screen the sensors at the rests, if the robot does not seem to stand in most: a sensor may be wrong."""
     if 2 * sum(rest.standing for rest in rests) > len(rests):
         return
     upright = [rest for rest in rests if not rest.folded]
@@ -159,7 +159,7 @@ def _screen_rests(robot: RobotModel, recording: Recording, rests: Sequence[Logge
 
 
 class _PieceReader:
-    """Reads one piece without gaps."""
+    """Reader of one piece without gaps."""
 
     def __init__(
         self, robot: RobotModel, stance: Stance, recording: Recording, track: Track, rests: list[LoggedRest],
@@ -175,43 +175,43 @@ class _PieceReader:
 
     @cached_property
     def _steps(self) -> tuple[list[TwoFeet], list[ThreeFeet]]:
-        """Times on two feet and on three."""
+        """Return the times on two feet and on three."""
         if self._walking is None:
             return [], []
         shortest = SHORTEST_ON_THREE * self.stance.scale.time
         return self.contacts.confirmed(self.track, self._walking.on_two(), self._walking.on_three(), shortest)
 
     def segments(self) -> list[LogSegment]:
-        """Rests and what lies between them, in order."""
+        """Return rests and the segments between them, in order."""
         walked = [piece for segment in self._between_rests() for piece in self._walked(segment)]
         return [piece for segment in walked for piece in self._crawled(segment)]
 
     def _walked(self, segment: LogSegment) -> list[LogSegment]:
-        """The walks in a segment that is of no use otherwise, and what is left of it around them."""
+        """Return the walks in a segment that is not used otherwise, and the rest of it around them."""
         if segment.used or segment.kind not in _OF_STEPS:
             return [segment]
         steps = [one for one in self._steps[0] if segment.start <= one.start and one.end <= segment.end]
         return self._around([self._walk(walk) for walk in walks(steps, self.stance)], segment)
 
     def _crawled(self, segment: LogSegment) -> list[LogSegment]:
-        """Return the crawls in a segment that is not a walk, and what is left of it around them."""
+        """Return the crawls in a segment that is not a walk, and the rest of it around them."""
         if segment.used or segment.kind not in _OF_STEPS:
             return [segment]
         steps = [one for one in self._steps[1] if segment.start <= one.start and one.end <= segment.end]
         return self._around([self._crawl(crawl) for crawl in crawls(steps, self.stance)], segment)
 
     def _around(self, motions: Sequence[LogSegment], segment: LogSegment) -> list[LogSegment]:
-        """Return motions in a segment, and what is left of it around them; what is short goes with the next motion."""
-        pieces, start, untold = list[LogSegment](), segment.start, _UNTOLD * self.stance.scale.time
+        """Return motions in a segment, and the rest of it around them; short parts are merged into the next motion."""
+        pieces, start, negligible = list[LogSegment](), segment.start, _NEGLIGIBLE * self.stance.scale.time
         for motion in motions:
-            if motion.start > start + untold:
+            if motion.start > start + negligible:
                 pieces.append(replace(segment, start=start, end=motion.start))
                 start = motion.start
             pieces.append(replace(motion, start=start))
             start = motion.end
         if not pieces:
             return [segment]
-        if segment.end > start + untold:
+        if segment.end > start + negligible:
             return [*pieces, replace(segment, start=start)]
         return [*pieces[:-1], replace(pieces[-1], end=segment.end)]
 
@@ -225,20 +225,20 @@ class _PieceReader:
 
     def _crawl(self, steps: list[ThreeFeet]) -> LogSegment:
         start, end = steps[0].start, steps[-1].end
-        why_not = self._why_not_told(steps)
+        why_not = self._why_no_crawl(steps)
         what = f"crawl, {len(steps)} times on three feet" if why_not is None else "crawl, its steps on three feet"
         trial = CrawlTrial(steps=tuple(steps), found_at=start)
         return LogSegment(start, end, "crawl", what, why_not, None if why_not else self._of_walk(start, end, trial))
 
-    def _why_not_told(self, steps: Sequence[ThreeFeet]) -> str | None:
+    def _why_no_crawl(self, steps: Sequence[ThreeFeet]) -> str | None:
         """Return why times on three feet determine nothing, or None."""
         if self.track.joint_torque is None:
-            return "no joint torques: a robot on three feet tells nothing without them"
+            return "no joint torques: times on three feet determine nothing without them"
         parts = [self.track.indices(step.start, step.end) for step in steps]
         position = np.concatenate([self.track.joint_position[part] for part in parts]).mean(axis=0)
         torque = np.concatenate([self.track.joint_torque[part] for part in parts]).mean(axis=0)
         if carried_mass(self.robot, position, torque) < 0:  # where the robot rests this is screened for
-            return "the joint torques pull the robot down: have they the wrong sign?"
+            return "the joint torques pull the robot down: check their sign"
         return why_not_carried(self.robot, position, torque)
 
     def _of_walk(self, start: float, end: float, trial: RecordedTrial) -> Recording:
@@ -263,7 +263,7 @@ class _PieceReader:
         return sorted(found, key=lambda segment: segment.start)
 
     def _rest(self, index: int) -> LogSegment:
-        """A rest; torques of one that serves no motion tell something on their own."""
+        """Return the segment of a rest; its torques are used on their own if no motion uses it."""
         rest = self.rests[index]
         if not rest.standing:
             return LogSegment(rest.start, rest.end, "rest", "still", rest.why_not)
@@ -286,20 +286,22 @@ class _PieceReader:
             return [lift]
         if paths.slid().max() > _SLIDING * self.stance.scale.length:
             return self._not_standing(rest, paths, until, after)
-        return [self._planted(index, paths, until, after)]
+        return [self._stance_motion(index, paths, until, after)]
 
     # --- lifts
 
     def _lift(self, index: int, paths: FootPaths, until: float) -> LogSegment | None:
-        """The first time that two diagonal feet are up; None if they never are."""
+        """Return the segment of the first time that two diagonal feet are up; None if they never are."""
         scale, rest = self.stance.scale, self.rests[index]
         stances = diagonal_stances(paths, self.stance)
         if not stances:
             return None
         first = stances[0]
         why_not = why_no_lift(paths, stances, rest, self.stance)
-        felt = np.linalg.norm(self.track.acceleration_in_base[self.track.indices(first.start, first.end)], axis=1)
-        if why_not is None and felt.size and felt.min() < _FALLING:
+        specific_force = np.linalg.norm(
+            self.track.acceleration_in_base[self.track.indices(first.start, first.end)], axis=1
+        )
+        if why_not is None and specific_force.size and specific_force.min() < _FALLING:
             why_not = "it jumps: no foot is on the floor for a moment"
         if why_not is not None:
             return LogSegment(rest.end, until, "steps", f"steps, the first on {first.pair}", why_not)
@@ -312,10 +314,10 @@ class _PieceReader:
         recording = _marked(whole, phases, begin, landed, LiftTrial(diagonal=first.pair, found_at=begin))
         return LogSegment(rest.end, until, "lift", what, None, recording)
 
-    # --- planted feet
+    # --- four feet on the floor
 
-    def _planted(self, index: int, paths: FootPaths, until: float, after: LoggedRest | None) -> LogSegment:
-        """A move or an excitation over planted feet."""
+    def _stance_motion(self, index: int, paths: FootPaths, until: float, after: LoggedRest | None) -> LogSegment:
+        """Return the segment of a stance motion or an excitation."""
         rest = self.rests[index]
         excitation = self._excitation(rest.end, until)
         if excitation is not None:
@@ -324,7 +326,7 @@ class _PieceReader:
         if why_not is None:
             return self._move(index, paths, until)
         kind: Kind = "nudge" if after is not None and _moved(rest, after) < _MOVED else "motion"
-        motion = LogSegment(rest.end, until, kind, "motion over planted feet", why_not)
+        motion = LogSegment(rest.end, until, kind, "motion on four feet", why_not)
         return self._weighable(rest.end, until, after) or motion
 
     def _why_no_move(self, rest: LoggedRest, until: float, after: LoggedRest | None) -> str | None:
@@ -334,11 +336,13 @@ class _PieceReader:
             return f"{until - rest.end:.0f} s from rest to rest: the gyroscope's attitude drifts by then"
         moved = _moved(rest, after)
         if moved < _MOVED:
-            return f"it ends within {np.degrees(moved):.0f} deg of where it began: too little to tell joint offsets by"
+            return (
+                f"it ends within {np.degrees(moved):.0f} deg of where it began: too little to determine joint offsets"
+            )
         return None
 
     def _move(self, index: int, paths: FootPaths, until: float) -> LogSegment:
-        start, what = self.rests[index].end, f"move over planted feet, {np.degrees(paths.turned[-1]):.0f} deg"
+        start, what = self.rests[index].end, f"stance motion, {np.degrees(paths.turned[-1]):.0f} deg"
         slid = float(paths.slid()[-1])
         if slid > _SLID * self.stance.scale.length:
             return LogSegment(start, until, "slip", what, f"feet slipped by {slid * 1000:.0f} mm")
@@ -349,32 +353,32 @@ class _PieceReader:
         return LogSegment(start, until, "move", what, None, _marked(self.recording, phases, begin, end, trial))
 
     def _excitation(self, start: float, end: float) -> LogSegment | None:
-        """An oscillation over planted feet: torques tell of it, and the paper's I and C follow."""
+        """Return the segment of an oscillation on four feet; None if there is none."""
         part = self.track.indices(start, end)
         found = find_oscillation(
             self.track.time[part], self.track.angular_velocity_in_base[part], self.stance.scale.time
         )
         if found is None:
             return None
-        what = f"excitation over planted feet, {found.words}"
+        what = f"excitation, {found.words}"
         if self.recording.joints.torque is None:
             return LogSegment(
-                start, end, "excitation", what, "no joint torques: an excitation tells nothing without them"
+                start, end, "excitation", what, "no joint torques: an excitation determines nothing without them"
             )
-        return LogSegment(start, end, "excitation", what, None, self._excitationing(start, end, found))
+        return LogSegment(start, end, "excitation", what, None, self._excitation_recording(start, end, found))
 
     def _weighable(self, start: float, end: float, after: LoggedRest | None) -> LogSegment | None:
-        """Any other motion over planted feet that is long enough for its torques to tell something.
+        """Return the segment of any other motion on four feet that is long enough for its torques to be informative.
 
-        After it the robot must stand: one that lies down touches the floor with more than its feet before it is still.
+        After it the robot must stand: a robot that lies down touches the floor with more than its feet before it is still.
         """
         short = end - start < _SHORTEST_EXCITATION * self.stance.scale.time
         if self.recording.joints.torque is None or short or after is None or not after.standing:
             return None
-        recording = self._excitationing(start, end, Oscillation(start, end, {}))
-        return LogSegment(start, end, "excitation", f"motion over planted feet, {end - start:.1f} s", None, recording)
+        recording = self._excitation_recording(start, end, Oscillation(start, end, {}))
+        return LogSegment(start, end, "excitation", f"motion on four feet, {end - start:.1f} s", None, recording)
 
-    def _excitationing(self, start: float, end: float, steady: Oscillation) -> Recording:
+    def _excitation_recording(self, start: float, end: float, steady: Oscillation) -> Recording:
         phases = [(Phase.RAMP, start), (Phase.EXCITATION, steady.start), (Phase.END, steady.end)]
         trial = ExcitationTrial(frequencies=steady.frequencies, found_at=start)
         return _marked(self.recording, phases, start, end, trial)
@@ -382,7 +386,7 @@ class _PieceReader:
     def _not_standing(
         self, rest: LoggedRest, paths: FootPaths, until: float, after: LoggedRest | None
     ) -> list[LogSegment]:
-        """Walking, or sliding; with an excitation in it, if the feet stay for long enough somewhere."""
+        """Return the segments of walking or sliding, with an excitation if the feet stay for long enough."""
         stretch = paths.longest_standing(self.stance, _SHORTEST_EXCITATION * self.stance.scale.time)
         excitation = None if stretch is None else self._excitation(*stretch) or self._weighable(*stretch, after)
         if stretch is not None and excitation is not None:
@@ -400,20 +404,20 @@ class _PieceReader:
         slid = float(part.slid().max(initial=0.0))
         return LogSegment(start, end, "slip", "motion with sliding feet", f"feet slipped by {slid * 1000:.0f} mm")
 
-    # --- rests serve the motions on either side of them
+    # --- a rest is used by the motions on either side of it
 
     def _before(self, index: int) -> tuple[float, float]:
-        """Start and end of the part of a rest that serves the motion after it [s]."""
+        """Return start and end of the part of a rest that the motion after it uses [s]."""
         start, end = self._settled(index)
-        return max(start, end - _HELD * self.stance.scale.time), end
+        return max(start, end - _USED_REST * self.stance.scale.time), end
 
     def _after(self, index: int) -> tuple[float, float]:
-        """Start and end of the part of a rest that serves the motion before it [s]."""
+        """Return start and end of the part of a rest that the motion before it uses [s]."""
         start, end = self._settled(index)
-        return start, min(end, start + _HELD * self.stance.scale.time)
+        return start, min(end, start + _USED_REST * self.stance.scale.time)
 
     def _settled(self, index: int) -> tuple[float, float]:
-        """A rest without its ends, in which the base still creeps, or creeps already [s]."""
+        """Return start and end of a rest without the creep of the base at its ends [s]."""
         rest, scale = self.rests[index], self.stance.scale
         length = rest.end - rest.start
         return rest.start + min(_SETTLING * scale.time, length / 3), rest.end - min(_LEAVING * scale.time, length / 4)

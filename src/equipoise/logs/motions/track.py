@@ -1,7 +1,6 @@
-"""A long recording on one clock: means over short, equal steps of what the joints and the IMU sense.
+"""A long recording on one clock: means of joint and IMU samples over short, equal steps.
 
-Joints and IMU may have different rates, and samples may come unevenly: a mean over a step is a difference of the signal's
-integral, which does not care.
+Joints and IMU may have different rates and uneven samples: a mean over a step is a difference of the signal's integral.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ STEP = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """n equal steps of a recording.
+    """Means of a recording over n equal steps.
 
     Attributes:
         time: (n,) times of the steps' middles [s].
@@ -70,11 +69,11 @@ class Track:
         )
 
     def without_bias(self, gyro_bias: FloatArray) -> Track:
-        """With a (3,) bias in base axes taken off the angular velocity [rad/s]."""
+        """Return the track with a (3,) bias in base axes subtracted from the angular velocity [rad/s]."""
         return replace(self, angular_velocity_in_base=self.angular_velocity_in_base - gyro_bias)
 
     def part(self, steps: slice) -> Track:
-        """Some of the steps."""
+        """Return some of the steps."""
         torque = None if self.joint_torque is None else self.joint_torque[steps]
         return replace(
             self,
@@ -86,18 +85,18 @@ class Track:
         )
 
     def indices(self, start: float, end: float) -> slice:
-        """Steps whose middles are within start <= time < end [s]."""
+        """Return the steps whose middles are within start <= time < end [s]."""
         first, last = np.searchsorted(self.time, [start, end])
         return slice(int(first), int(last))
 
 
 def at_once(count: int) -> list[slice]:
-    """Some thousand steps each: all that `LegChains.motion` knows of a motion of many minutes would fill the memory."""
+    """Return slices of some thousand steps: the arrays of `LegChains.motion` for many minutes would fill the memory."""
     return [slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE)]
 
 
 class Integral:
-    """The integral of (m, k) samples joined by straight lines: what means over any steps are read from."""
+    """Integral of (m, k) linearly interpolated samples, for means over any steps."""
 
     def __init__(self, time: FloatArray, values: FloatArray) -> None:
         self._time = time
@@ -106,11 +105,11 @@ class Integral:
         self._columns = [np.ascontiguousarray(column) for column in integrals.T]
 
     def means(self, edges: FloatArray) -> FloatArray:
-        """(n - 1, k) means between n edges; those should be no nearer to each other than the samples are."""
+        """Return (n - 1, k) means between n edges, which should not be closer together than the samples."""
         return np.diff(self._at(edges), axis=0) / np.diff(edges)[:, None]
 
     def means_between(self, begin: FloatArray, end: FloatArray) -> FloatArray:
-        """(n, k) means over n steps from (n,) times to (n,) times."""
+        """Return (n, k) means over n steps from (n,) times to (n,) times."""
         return (self._at(end) - self._at(begin)) / (end - begin)[:, None]
 
     def _at(self, time: FloatArray) -> FloatArray:
@@ -119,12 +118,12 @@ class Integral:
 
 
 def _means(time: FloatArray, values: FloatArray, edges: FloatArray) -> FloatArray:
-    """`Integral.means`, of one column after the other: a log has more samples than there should be copies of."""
+    """Return `Integral.means`, column by column to save memory."""
     return np.hstack([Integral(time, column[:, None]).means(edges) for column in values.T])
 
 
 def _noise_of_means(time: FloatArray, values: FloatArray, step: float) -> float:
-    """Standard deviation that white noise leaves in a step's mean: the median over columns, motion left aside."""
+    """Return the std of white noise in a step's mean: the median over columns, without motion."""
     if len(time) < 8:
         return 0.0
     return noise_in_motion(values) / np.sqrt(max(1.0, step / float(np.median(np.diff(time)))))

@@ -1,7 +1,7 @@
-"""Walks: the times in which a robot stands on two feet or on three, and pieces of a log that hold some of them.
+"""Detection of walks: times in which a robot stands on two or three feet, and pieces of a log with several of them.
 
-No contact sensors are needed. Feet stand where none moves against the others but by rolling, and those that are off the floor
-are plainly higher; what the floor does to feet as they come and go is left to what is trimmed off either end.
+No contact sensors are needed. Standing feet move against each other only by rolling, and feet off the floor are clearly
+higher. Touchdown and lift-off fall into the parts that are trimmed off either end.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ from equipoise.robot.model import LEG_NAMES, PAIRS
 from equipoise.robot.stance import Stance
 
 # On an A1; lengths and times are multiplied by those of the stance's scale.
-_CLEAR = 5e-3  # [m] above the standing feet: off the floor, though joint offsets and the attitude are not known
+_CLEAR = 5e-3  # [m] above the standing feet: off the floor, with uncertain joint offsets and attitude
 _SLIP = 0.25  # [m/s] of two standing feet against each other: soft feet that roll show 0.1
-_STAYS = 0.1  # [m/s] of a foot against standing ones, all the time: it stands too
+_STAYS = 0.1  # [m/s] of a foot against standing ones, throughout: it stands, too
 _UNEVEN = 0.03  # [m] of one standing foot above the other
-_FALLING, _LANDING = 5.0, 20.0  # [m/s2]: no foot is on the floor; one meets it hard
+_FALLING, _LANDING = 5.0, 20.0  # [m/s2]: no foot is on the floor; a foot lands hard
 _SHORTEST = 0.09  # [s]
-_FEWEST = 4  # steps: fewer are no walk, but a lift that failed or a stumble
+_FEWEST = 4  # steps: fewer are not a walk, but a failed lift or a stumble
 _RARE = 0.25  # of the times that a robot stands on its usual two feet
 _PIECE = 2.0  # [s] that are one motion to the estimate
 _PAUSE = 1.0  # [s] without a step that ends a walk
 SHORTEST_ON_THREE = 0.25
-"""[s] on an A1: longer than the feet of a trot are up, one of which may land late."""
+"""[s] on an A1: longer than a foot is up in a trot, even one that lands late."""
 
 _Step = TypeVar("_Step", TwoFeet, ThreeFeet)
 
 
 def find_steps(legs: LegChains, stance: Stance, track: Track) -> tuple[list[TwoFeet], FloatArray]:
-    """All times on two feet in order, and (n,) how far the robot has turned to its left by each step of the track [rad].
+    """Return all times on two feet in order, and (n,) the robot's heading change at each step, positive to the left [rad].
 
     Args:
-        track: samples with the gyroscope's bias taken off.
+        track: samples with the gyroscope's bias removed.
     """
     walking = WalkingFeet.of(legs, stance, track)
     return ([], np.zeros(len(track.time))) if walking is None else (walking.on_two(), walking.turned)
@@ -62,9 +62,8 @@ class WalkingFeet:
         turned: (n,) angle by which the robot has turned to its left since the first [rad].
         foot: (n, 4, 3) centres of the feet, in the base frame [m].
         height: (n, 4) heights of the soles against gravity, from the base's origin [m].
-        velocity: (n, 4, 3) velocities that rolling does not explain, in base axes, all with the same unknown one of the
-            base [m/s].
-        carried: (n,) whether the accelerometer feels neither a fall nor a blow.
+        velocity: (n, 4, 3) velocities without rolling, in base axes; the base's unknown one is common to all [m/s].
+        carried: (n,) whether the accelerometer reads neither a fall nor an impact.
     """
 
     stance: Stance
@@ -77,7 +76,7 @@ class WalkingFeet:
 
     @classmethod
     def of(cls, legs: LegChains, stance: Stance, track: Track) -> WalkingFeet | None:
-        """Make it of a track with the gyroscope's bias taken off; None if it is too short to determine the vertical."""
+        """Make it from a track without gyroscope bias; None if it is too short to determine the vertical."""
         time, clock = track.time, stance.scale.time
         if len(time) * track.step < 2 * CONTEXT * clock:
             return None
@@ -85,11 +84,11 @@ class WalkingFeet:
             time, track.angular_velocity_in_base, track.acceleration_in_base, CONTEXT / 2 * clock
         )
         foot, height, velocity = _feet(legs, track, up)
-        felt = np.linalg.norm(track.acceleration_in_base, axis=1)
-        return cls(stance, time, turned, foot, height, velocity, (felt > _FALLING) & (felt < _LANDING))
+        force = np.linalg.norm(track.acceleration_in_base, axis=1)
+        return cls(stance, time, turned, foot, height, velocity, (force > _FALLING) & (force < _LANDING))
 
     def on_two(self) -> list[TwoFeet]:
-        """All times on two feet, in order."""
+        """Return all times on two feet, in order."""
         found: list[TwoFeet] = []
         for pair, standing in PAIRS.items():
             feet = [LEG_NAMES.index(leg) for leg in standing]
@@ -98,9 +97,9 @@ class WalkingFeet:
         return sorted(found, key=lambda step: step.start)
 
     def on_three(self) -> list[ThreeFeet]:
-        """All times on three feet, in order; of a robot that lies none.
+        """Return all times on three feet, in order; none while the robot lies.
 
-        What is felt says well enough on average where up is; for a moment the plane of the feet that stand says it better.
+        For a moment the plane of the standing feet is a better reference than the IMU's vertical.
         """
         found: list[ThreeFeet] = []
         nominal = float(self.stance.feet_in_base[:, 2].mean())
@@ -113,7 +112,7 @@ class WalkingFeet:
         return sorted(found, key=lambda step: step.start)
 
     def _stand_too(self, feet: list[int], start: float, end: float) -> bool:
-        """Return whether feet that seem to be up, as the robot speeds up, stand with the others from one time to another [s].
+        """Return whether feet that seem to be up, as the robot accelerates, stand from one time to another [s].
 
         Args:
             feet: indices of the two feet that stand.
@@ -134,7 +133,7 @@ class WalkingFeet:
     def _standing(
         self, feet: list[int], shortest: float, where: NDArray[np.bool_] | None = None
     ) -> list[tuple[float, float]]:
-        """Times [s] in which some feet stand, by index, and the others are off the floor.
+        """Return the times [s] in which some feet stand, by index, and the others are off the floor.
 
         Args:
             shortest: shortest duration that counts, on an A1 [s].
@@ -155,20 +154,20 @@ class WalkingFeet:
 
 
 def walks(steps: Sequence[TwoFeet], stance: Stance) -> list[list[TwoFeet]]:
-    """Return steps that follow each other, in pieces that are one motion to the estimate; only walks are kept."""
+    """Return consecutive steps in pieces, each one motion of the estimate; only walks are kept."""
     clock = stance.scale.time
     gaits = [_without_rare(bout) for bout in _bouts(steps, _PAUSE * clock)]
     return [piece for gait in gaits if len(gait) >= _FEWEST for piece in _pieces(gait, _PIECE * clock)]
 
 
 def crawls(steps: Sequence[ThreeFeet], stance: Stance) -> list[list[ThreeFeet]]:
-    """Return pieces as `walks` does, of times on three feet: one is enough."""
+    """Return consecutive times on three feet in pieces; a single one is enough."""
     bouts, duration = _bouts(steps, _PAUSE * stance.scale.time), _PIECE * stance.scale.time
     return [piece for bout in bouts if bout for piece in _pieces(bout, duration)]
 
 
 def _bouts(steps: Sequence[_Step], pause: float) -> list[list[_Step]]:
-    """Steps that follow each other within a time [s]."""
+    """Return groups of steps that follow each other within a pause [s]."""
     bouts: list[list[_Step]] = [[*steps[:1]]]
     for before, step in pairwise(steps):
         if step.start - before.end > pause:
@@ -178,7 +177,7 @@ def _bouts(steps: Sequence[_Step], pause: float) -> list[list[_Step]]:
 
 
 def _without_rare(bout: Sequence[TwoFeet]) -> list[TwoFeet]:
-    """Without pairs of feet that the gait hardly ever stands on: there a third foot still drags, or already does."""
+    """Return the steps without pairs of feet that are rare in the gait: a third foot still drags there."""
     counts = Counter(step.pair for step in bout)
     return [step for step in bout if counts[step.pair] >= _RARE * max(counts.values())]
 
@@ -196,7 +195,7 @@ def _pieces(bout: Sequence[_Step], duration: float) -> list[list[_Step]]:
 
 
 def _above_plane(foot: FloatArray, standing: FloatArray) -> FloatArray:
-    """(n,) heights of (n, 3) feet above the planes of (n, 3, 3) others, which the base is above [m]."""
+    """Return (n,) heights of (n, 3) feet above the planes of (n, 3, 3) others, on the base's side [m]."""
     first = standing[:, 0]
     normal = cross(standing[:, 1] - first, standing[:, 2] - first)
     normal = normal * (np.sign(-np.einsum("ni,ni->n", normal, first)) / np.linalg.norm(normal, axis=1))[:, None]
@@ -204,10 +203,10 @@ def _above_plane(foot: FloatArray, standing: FloatArray) -> FloatArray:
 
 
 def _feet(legs: LegChains, track: Track, up: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n, 4, 3) centres of the feet [m], (n, 4) heights of their soles against gravity [m], and (n, 4, 3) velocities that
-    rolling does not explain [m/s].
+    """Return the feet relative to the base's origin.
 
-    All as seen from the base's origin.
+    Returns:
+        (n, 4, 3) centres [m], (n, 4) heights of the soles against gravity [m], (n, 4, 3) velocities without rolling [m/s].
     """
     moving = np.gradient(track.joint_position, track.time, axis=0)
     foot, height, velocity = (np.empty((len(track.time), 4, *more)) for more in ((3,), (), (3,)))

@@ -1,1 +1,1 @@
-"""Tables: files of columns, which of them is which, and the streams that they make."""
+"""Tables: files of columns, the meaning of their columns, and their streams."""

@@ -1,4 +1,4 @@
-"""Meaning of a table's column according to its name: the words that people use for sensors, axes, joints, time and units."""
+"""Meaning of a table's column according to its name: common words for sensors, axes, joints, time and units."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _SIGNS = str.maketrans(
     {"²": "2", "⁻": "-", "¹": "1", "°": "deg", "µ": "u", "μ": "u", "_": "/", **dict.fromkeys(" ·*^.", "")}
 )
 _SHORTER = {"degrees?": "deg", "radians?": "rad", "sec(ond)?s?$": "s", "/sec(ond)?": "/s"}
-# Units by their spellings, in lower case; those of the last line are not read.
+# Units by their spellings, in lower case; those of the last line are recognized and not used.
 _SPELLINGS = {
     **{unit.lower(): unit for units in UNITS.values() for unit in units},
     "millis": "ms", "micros": "us", "nanos": "ns", "dps": "deg/s", "degs-1": "deg/s", "rads": "rad/s", "rads-1": "rad/s",
@@ -139,7 +139,7 @@ def _words(name: str) -> list[str]:
 
 
 def _stamp_words(name: str) -> tuple[str, ...]:
-    bare, _, bracketed = _without_unit(name)  # the "ns" of "stamp_ns" is no unit before it is known to be one
+    bare, _, bracketed = _without_unit(name)  # the "ns" of "stamp_ns" is not removed: only a bracketed unit is certain
     return tuple(_words(bare if bracketed else name))
 
 
@@ -160,62 +160,62 @@ def _unit(text: str) -> str | None:
 
 
 def _meaning(words: Sequence[str]) -> Named | None:
-    said, last = set(words), words[-1] if words else ""
+    present, last = set(words), words[-1] if words else ""
     leg = leg_of(words)
-    if said & _COUNTS:
+    if present & _COUNTS:
         return None
-    if leg is not None and said & _FORCES and not said & _AXES:
+    if leg is not None and present & _FORCES and not present & _AXES:
         return Named("foot_force", leg, tuple(word for word in words if leg_of([word]) is None))
-    if said & _NAMES and last.isdigit():
+    if present & _NAMES and last.isdigit():
         return Named("name", last, tuple(words[:-1]))
     sensor = None if leg else _sensor(words)
     if sensor is not None:
         return sensor
-    if said & _TIME and leg is None:
+    if present & _TIME and leg is None:
         return Named("time", "", tuple(words))
-    if "imu" in said and last.isdigit() and set(words[:-1]) <= _WHOLE_IMU:
+    if "imu" in present and last.isdigit() and set(words[:-1]) <= _WHOLE_IMU:
         return Named("imu", last, tuple(words[:-1]))
     return _joint(words, leg)
 
 
 def _sensor(words: Sequence[str]) -> Named | None:
     """Return the meaning of an IMU's column: its kind by words before the axis, or by letters that are one with it."""
-    said, last = set(words), words[-1] if words else ""
+    present, last = set(words), words[-1] if words else ""
     axis = re.fullmatch(r"([a-z]*?)([wxyz])", last)
     kind = None
-    if said & _GYROSCOPE or (said & _ANGULAR and said & _RATE):
+    if present & _GYROSCOPE or (present & _ANGULAR and present & _RATE):
         kind = "gyro"
-    elif said & _ORIENTATION:
+    elif present & _ORIENTATION:
         kind = "orientation"
-    elif said & _ACCELEROMETER and not said & _ANGULAR:
+    elif present & _ACCELEROMETER and not present & _ANGULAR:
         kind = "accelerometer"
-    elif last in _ANGLES and not said & _RATE and not said & {"joint", "motor", "hip"}:
+    elif last in _ANGLES and not present & _RATE and not present & {"joint", "motor", "hip"}:
         return Named("orientation", last, tuple(words[:-1]))
     elif axis is not None and axis[1] in _LETTERS:
         return Named(_LETTERS[axis[1]], axis[2], (*words[:-1], axis[1]))
     elif axis is not None and not axis[1] and words[-2:-1] and words[-2] in _LETTERS:
         kind = _LETTERS[words[-2]]
-    if kind is None or "joint" in said or "motor" in said:
+    if kind is None or "joint" in present or "motor" in present:
         return None
     if last in _ANGLES:
         return Named(kind, last, tuple(words[:-1]))
     if axis is not None:
         return Named(kind, axis[2], (*words[:-1], axis[1]))
-    if said & _IN_ANGLES and last in ("0", "1", "2"):
+    if present & _IN_ANGLES and last in ("0", "1", "2"):
         return Named(kind, _ANGLES[int(last)], tuple(words[:-1]))
     return Named(kind, last, tuple(words[:-1])) if last.isdigit() else None
 
 
 def _joint(words: Sequence[str], leg: str | None) -> Named | None:
-    said = set(words)
-    quantity = next((kind for kind, of in _QUANTITIES.items() if said & of), None)
-    commanded = bool(said & _COMMANDS)
-    if said & _NOT_JOINTS or (quantity is None and leg is None and not commanded):
+    present = set(words)
+    quantity = next((kind for kind, of in _QUANTITIES.items() if present & of), None)
+    commanded = bool(present & _COMMANDS)
+    if present & _NOT_JOINTS or (quantity is None and leg is None and not commanded):
         return None
     if commanded and quantity in ("velocity", "torque"):
         return None
-    if said & _ESTIMATES and (
-        quantity != "torque" or said & (_ESTIMATES - {"estimate", "estimated"}) or "state" in said
+    if present & _ESTIMATES and (
+        quantity != "torque" or present & (_ESTIMATES - {"estimate", "estimated"}) or "state" in present
     ):
         return None
     kind = "command" if commanded else quantity or "position"

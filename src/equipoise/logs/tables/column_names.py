@@ -1,6 +1,6 @@
-"""Which column of a table is which of ours, and in what unit: by our own names, or as a TOML file says.
+"""Map from the documented column names to a table's columns and units, from a TOML file or by equal names.
 
-Ours is on the left: `gyro.x = "wx"`, `position.FL_hip_joint = "q[0]"`; `units.gyro = "deg/s"` is a unit that is not ours.
+The documented name is on the left: `gyro.x = "wx"`, `position.FL_hip_joint = "q[0]"`; `units.gyro = "deg/s"` states a unit.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ UNITS: dict[str, dict[str, float]] = {
     "orientation": _ANGLE,
     "foot_force": {"counts": 1.0, "N": 1.0},  # only how they change counts
 }
-"""Factors to ours by kind of column; the first of a kind is ours."""
+"""Factors to the documented unit by kind of column; the first unit of a kind is the documented one."""
 _STEPS = {"ns": 1e5, "us": 100.0, "ms": 0.5}  # smallest median steps of times in these units
 
 
 @dataclass(frozen=True)
 class Columns:
-    """A table's columns by our names.
+    """A table's columns by their documented names.
 
     Attributes:
-        names: names in the table by ours, as {"gyro.x": "wx"}; an empty one leaves out a column that has our name.
-        units: units by kind, where they are not ours, as {"gyro": "deg/s"}.
-        rate: samples a second, where the table has no time.
+        names: names in the table by documented name, as {"gyro.x": "wx"}; an empty one leaves out a column of that name.
+        units: units by kind, where they are not the documented ones, as {"gyro": "deg/s"}.
+        rate: samples per second, where the table has no time.
     """
 
     names: Mapping[str, str] = field(default_factory=dict[str, str])
@@ -62,12 +62,12 @@ class Columns:
     def __post_init__(self) -> None:
         """Raise SettingsError for a rate that is not a positive number."""
         if self.rate is not None and not 0 < self.rate < np.inf:
-            raise SettingsError(f"the rate must be above zero, in samples a second, not {self.rate:g}")
+            raise SettingsError(f"the rate must be above zero, in samples per second, not {self.rate:g}")
 
     def of_table(self, names: Iterable[str]) -> Columns:
-        """With those columns of a table that have our names already."""
-        told = set(self.names.values())
-        return Columns({name: name for name in names if is_ours(name) and name not in told}).with_changes(self)
+        """Return the columns with those of a table that already have documented names."""
+        assigned = set(self.names.values())
+        return Columns({name: name for name in names if is_ours(name) and name not in assigned}).with_changes(self)
 
     @classmethod
     def from_toml(cls, path: Path) -> Columns:
@@ -101,56 +101,56 @@ class Columns:
         for name, theirs in names.items():
             if not is_ours(name):
                 raise SettingsError(
-                    f"{what}: {name!r} is no column of ours; {did_you_mean(name, (TIME, *_SENSED))}they are {TIME}, "
+                    f"{what}: {name!r} is not a documented column; {did_you_mean(name, (TIME, *_SENSED))}those are {TIME}, "
                     f"{', '.join(_SENSED)}, {', '.join(f'{kind}.JOINT' for kind in JOINT_KINDS)}"
                 )
             if not isinstance(theirs, str):
-                raise SettingsError(f'{what}: {theirs!r} is no column\'s name; write it as {_key(name)} = "..."')
+                raise SettingsError(f'{what}: {theirs!r} is not a column\'s name; write it as {_key(name)} = "..."')
         for kind, unit in cast("dict[str, Any]", units).items() if isinstance(units, dict) else [("units", units)]:
-            known = UNITS.get(kind)
-            if known is None:
+            allowed = UNITS.get(kind)
+            if allowed is None:
                 raise SettingsError(f"{what}: units are of {', '.join(UNITS)}, not of {kind!r}")
-            if not isinstance(unit, str) or unit not in known:
-                raise SettingsError(f"{what}: {unit!r} is no unit of {kind}; those are {', '.join(known)}")
+            if not isinstance(unit, str) or unit not in allowed:
+                raise SettingsError(f"{what}: {unit!r} is not a unit of {kind}; those are {', '.join(allowed)}")
         if not isinstance(rate, (int, float, type(None))):
-            raise SettingsError(f"{what}: {rate!r} is not a rate; write it as rate = 500, in samples a second")
+            raise SettingsError(f"{what}: {rate!r} is not a rate; write it as rate = 500, in samples per second")
         return cls(cast("dict[str, str]", names), cast("dict[str, str]", units), rate)
 
     def with_changes(self, changes: Columns) -> Columns:
-        """With other names and units; who loses a column to another of ours has none."""
+        """Return the columns with other names and units; a name whose column is reassigned has none."""
         names = {**self.names, **dict.fromkeys(self.losers(changes), ""), **changes.names}
         return Columns(names, {**self.units, **changes.units}, changes.rate or self.rate)
 
     def losers(self, changes: Columns) -> list[str]:
-        """Ours whose columns changes give to others."""
+        """Return the documented names whose columns the changes assign to others."""
         given = {theirs for theirs in changes.names.values() if theirs}
         return [ours for ours, theirs in self.names.items() if theirs in given and ours not in changes.names]
 
     def check(self, names: Sequence[str], what: str) -> None:
-        """Raise SettingsError for names that a table has not, and for one that is two of ours."""
-        told = {ours: theirs for ours, theirs in self.names.items() if theirs}
-        for ours, theirs in told.items():
+        """Raise SettingsError for names that a table lacks, and for one that has two documented names."""
+        assigned = {ours: theirs for ours, theirs in self.names.items() if theirs}
+        for ours, theirs in assigned.items():
             if theirs not in names:
                 raise SettingsError(
-                    f"the columns say {theirs!r} for {ours}, which {what} has not; {did_you_mean(theirs, names)}it has "
+                    f"--columns maps {ours} to {theirs!r}, which {what} does not have; {did_you_mean(theirs, names)}it has "
                     f"{', '.join(names)}"
                 )
         by_theirs: dict[str, str] = {}
-        for ours, theirs in told.items():
+        for ours, theirs in assigned.items():
             if theirs in by_theirs:
-                raise SettingsError(f"the columns give {theirs!r} to {by_theirs[theirs]} and to {ours}")
+                raise SettingsError(f"--columns assigns {theirs!r} to {by_theirs[theirs]} and to {ours}: keep one")
             by_theirs[theirs] = ours
 
     def factor(self, kind: str) -> float:
-        """Return the factor from a kind's numbers to our unit."""
+        """Return the factor from a kind's numbers to the documented unit."""
         return UNITS[kind][self.units[kind]] if kind in self.units else 1.0
 
     def has(self, names: Iterable[str]) -> bool:
-        """Return whether all of some of ours are there."""
+        """Return whether the table has columns for all of some documented names."""
         return all(map(self.names.get, names))
 
     def joints(self, kind: str) -> list[str]:
-        """Names of the joints that have a column of a kind."""
+        """Return the names of the joints that have a column of a kind."""
         return [
             ours.removeprefix(f"{kind}.") for ours, name in self.names.items() if name and ours.startswith(f"{kind}.")
         ]
@@ -163,7 +163,7 @@ class Columns:
         return (*absent, *([] if self.joints("position") else ["position.JOINT"]))
 
     def to_toml(self, notes: Mapping[str, str] | None = None) -> str:
-        """Return TOML as `from_toml` reads it; columns that have our names are left out.
+        """Return TOML as `from_toml` reads it; columns with documented names are left out.
 
         Args:
             notes: remarks by kind, written above its columns.
@@ -193,7 +193,7 @@ def unit_of_steps(time: FloatArray) -> str:
 
 
 def leaves(name: str, value: object) -> Iterator[tuple[str, Any]]:
-    """Yield what is nested in tables and lists, by the names of its path."""
+    """Yield the values nested in tables and lists, by the names of their paths."""
     if isinstance(value, Mapping):
         for key, part in cast("Mapping[str, Any]", value).items():
             yield from leaves(f"{name}.{key}".removeprefix("."), part)

@@ -1,7 +1,7 @@
-"""The columns of a file, whatever its kind: text as CSV, JSON lines, Parquet, NumPy's .npz and .npy, MATLAB's .mat.
+"""Columns of a file: CSV, JSON lines, Parquet, NumPy's .npz and .npy, MATLAB's .mat.
 
-An array of several columns is `q[0]`, `q[1]`...; a structure's field is `imu.gyro`. What holds no numbers, or has another
-number of rows than most, is passed over. Nothing is unpickled. Files may be compressed by gzip.
+An array of several columns is `q[0]`, `q[1]`...; a structure's field is `imu.gyro`. Arrays without numbers, or with another
+number of rows than most, are skipped. Nothing is unpickled. Files may be compressed by gzip.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from equipoise.logs.tables.column_names import leaves
 from equipoise.user_file import json_value
 
 _Named = list[tuple[str, NDArray[Any]]]
-_WIDEST = 64  # columns of an array: pictures have more, and logs are longer
+_WIDEST = 64  # columns of an array: images have more, and logs are longer
 _EPOCH = np.datetime64(0, "ns")
 
 
 @dataclass(frozen=True, eq=False)
 class TableFile:
-    """A file of columns, or several that are joined; a column becomes numbers when it is asked for.
+    """File of columns, or several that are joined; a column is converted to numbers when it is read.
 
     Attributes:
         title: name in messages, as "the table 'log.csv'".
         rows: number of rows.
         names: names of its columns, in their order.
-        read: (n,) numbers of a column by its index; whole numbers and time stamps stay so.
-        passed_over: what else is in the file, as "video (100, 3, 64)".
+        read: (n,) numbers of a column by its index; integers and time stamps keep their type.
+        passed_over: other contents of the file, as "video (100, 3, 64)".
         texts: cells of the columns that hold texts, by name.
     """
 
@@ -56,7 +56,7 @@ class TableFile:
                 raise RecordingError(f"{self.title} has the column {name!r} twice")
 
     def column(self, name: str) -> FloatArray:
-        """(n,) a column; cells without a number are NaN, and time stamps of their own kind are seconds since 1970.
+        """Return (n,) a column; cells without a number are NaN, and time stamps are seconds since 1970.
 
         Raises:
             RecordingError: a cell holds something else.
@@ -65,7 +65,7 @@ class TableFile:
         return _seconds(values, _EPOCH) if values.dtype.kind == "M" else np.asarray(values, dtype=float)
 
     def clock(self, name: str) -> FloatArray:
-        """(n,) a column of times; whole numbers are after their first: floats hold nanoseconds since 1970 to some 256."""
+        """Return (n,) a column of times; integers are relative to the first, since floats round nanoseconds since 1970."""
         values = self.read(self.names.index(name))
         if values.dtype.kind == "M":
             return _seconds(values, min(values[~np.isnat(values)], default=_EPOCH))
@@ -84,7 +84,7 @@ class TableFile:
         if len(texts) > 1:
             raise RecordingError(
                 f"column {name!r} of {self.title} names {texts[0]!r} in some rows and {texts[1]!r} in others: a column must "
-                "be of one joint; split the log"
+                "belong to one joint; split the log"
             )
         return texts[0] if texts else None
 
@@ -96,7 +96,7 @@ def suffix_of(path: Path) -> str:
 
 
 def open_table(path: Path) -> TableFile:
-    """The columns of a file, with a clock where it has one in two columns.
+    """Return the columns of a file, with a clock where it has one in two columns.
 
     Raises:
         RecordingError: it cannot be read, or holds no columns of numbers.
@@ -110,8 +110,8 @@ def open_table(path: Path) -> TableFile:
         raise
     except Exception as error:  # damaged files fail in many ways in several libraries
         raise RecordingError(
-            f"the log {str(path)!r} cannot be read: it is damaged, or not a .{suffix_of(path)} file ({_told(error)}); copy or "
-            "save it again"
+            f"the log {str(path)!r} cannot be read: it is damaged, or not a .{suffix_of(path)} file ({_first_line(error)}); "
+            "copy or save it again"
         ) from error
 
 
@@ -126,12 +126,12 @@ def _with_clocks(file: TableFile) -> TableFile:
         whole, remainder = file.column(seconds), np.round(1e9 * unit * file.column(rest))
         if (largest := np.nan_to_num(remainder).max(initial=0)) >= 1e9:
             raise RecordingError(
-                f"{rest!r} of {file.title} reaches {1e-9 * largest:g} s, and beside {seconds!r} it should be the rest of a "
+                f"{rest!r} of {file.title} reaches {1e-9 * largest:g} s, and next to {seconds!r} it should be below a "
                 f"second: if it is the whole time, write time = {rest!r} into a file for --columns"
             )
-        known = np.isfinite(whole + remainder)
-        stamps = np.where(known, whole, 0).astype(np.int64) * 10**9 + np.where(known, remainder, 0).astype(np.int64)
-        return np.where(known, stamps.astype("datetime64[ns]"), np.datetime64("NaT"))
+        valid = np.isfinite(whole + remainder)
+        stamps = np.where(valid, whole, 0).astype(np.int64) * 10**9 + np.where(valid, remainder, 0).astype(np.int64)
+        return np.where(valid, stamps.astype("datetime64[ns]"), np.datetime64("NaT"))
 
     return replace(file, names=(*clocks, *file.names), read=read) if clocks else file
 
@@ -144,7 +144,7 @@ def _seconds(stamps: NDArray[Any], start: np.datetime64) -> FloatArray:
 
 
 def _open_text(path: Path, stream: IO[bytes]) -> TableFile:
-    """Read lines of cells between commas, semicolons, tabs or spaces; the names of columns may be in a remark before them."""
+    """Read lines of cells between commas, semicolons, tabs or spaces; a comment before them may name the columns."""
     lines = stream.read().decode("utf-8-sig").splitlines()
     first = next((at for at, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in "#%"), len(lines))
     head = "".join(lines[first : first + 1])
@@ -183,7 +183,7 @@ def _with_names(
 
 
 def _open_json_lines(path: Path, stream: IO[bytes]) -> TableFile:
-    """Read an object a line; what is nested in it is named by its path, as `imu.gyro[0]`."""
+    """Read one object per line; nested values are named by their path, as `imu.gyro[0]`."""
     found: list[tuple[int, dict[str, Any]]] = []
     for number, line in enumerate(stream, 1):
         try:
@@ -225,14 +225,14 @@ def _is_number(cell: str) -> bool:
 
 
 def _numbers(path: Path, name: str, cells: Sequence[str], lines: Sequence[int]) -> FloatArray:
-    """A column's numbers; empty cells are not numbers (NaN)."""
+    """Return a column's numbers; empty cells are NaN."""
     try:
         return np.array([cell if cell.strip() else "nan" for cell in cells], dtype=float)
     except ValueError:
         wrong = ((line, cell) for line, cell in zip(lines, cells, strict=True) if not _is_number(cell.strip() or "nan"))
         line, cell = next(wrong)
         raise RecordingError(
-            f"{cell!r} in column {name!r}, line {line} of {str(path)!r} is no number (decimal points, no units)"
+            f"{cell!r} in column {name!r}, line {line} of {str(path)!r} is not a number (decimal points, no units)"
         ) from None
 
 
@@ -260,7 +260,7 @@ def _open_parquet(path: Path, stream: IO[bytes]) -> TableFile:
             return np.asarray(column.cast(pa.float64(), safe=False).fill_null(np.nan).to_numpy(), dtype=float)
         except pa.ArrowException as error:
             what = f"column {names[index]!r} of {str(path)!r} holds no numbers"
-            raise RecordingError(f"{what}: {_told(error)}") from error
+            raise RecordingError(f"{what}: {_first_line(error)}") from error
 
     texts = {
         name: [cell or "" for cell in table.column(index).unique().to_pylist()]
@@ -279,13 +279,13 @@ def _open_numpy(path: Path, stream: IO[bytes]) -> TableFile:
     except ValueError as error:
         if _of_objects(error) or path.read_bytes()[:1] == b"\x80":  # with which pickles begin
             raise RecordingError(pickle_refused(path)) from error
-        # NumPy takes what begins as no format of its own to be a pickle, and tells how to run what is in it.
+        # NumPy takes an unknown format for a pickle, and its message explains how to load one.
         raise ValueError("it holds no arrays") from error
     return _of_arrays(path, arrays, pickled)
 
 
 def _numpy_arrays(stream: IO[bytes]) -> tuple[_Named, list[str]]:
-    """The arrays of a file, whichever of its two kinds it is, and the names of those of objects."""
+    """Return the arrays of a file of either kind, and the names of the arrays of objects."""
     arrays: _Named = []
     pickled: list[str] = []
     loaded: Any = np.load(stream, allow_pickle=False)
@@ -319,7 +319,7 @@ def _open_mat(path: Path, stream: IO[bytes]) -> TableFile:
 
 
 def _of_arrays(path: Path, arrays: _Named, passed_over: list[str]) -> TableFile:
-    """Those of numbers, along the axis that most of them share."""
+    """Return the table of the arrays of numbers, along the axis that most of them share."""
     fields = [part for name, array in arrays for part in _fields(name, array)]
     usable = [(name, np.squeeze(array)) for name, array in fields if array.dtype.kind in "fiu"]
     rows = _samples(path, usable)
@@ -348,7 +348,7 @@ def _of_texts(array: NDArray[Any]) -> bool:
 
 
 def _samples(path: Path, arrays: _Named) -> int:
-    """The length that most arrays have along their longest axis; short ones are gains or limits."""
+    """Return the length that most arrays have along their longest axis; short ones are gains or limits."""
     by_length: dict[int, list[str]] = {}
     for name, array in arrays:
         if array.ndim:
@@ -356,16 +356,16 @@ def _samples(path: Path, arrays: _Named) -> int:
     rows = max(by_length, key=lambda length: (length > _WIDEST, len(by_length[length]), length), default=0)
     rivals = [length for length, names in by_length.items() if len(names) == len(by_length[rows]) and length > _WIDEST]
     if len(rivals) > 1:
-        told = " and ".join(f"{length} samples ({', '.join(by_length[length])})" for length in rivals)
+        lengths = " and ".join(f"{length} samples ({', '.join(by_length[length])})" for length in rivals)
         raise RecordingError(
-            f"the log {str(path)!r} has arrays of {told}, and a table has one length: save those of each in a file "
-            "of its own with their time, and name all files"
+            f"the log {str(path)!r} has arrays of {lengths}, and a table has one length: save those of each length "
+            "in a separate file with their time, and name all files"
         )
     return rows
 
 
 def _fields(name: str, array: NDArray[Any]) -> _Named:
-    """A structured array's fields by their names."""
+    """Return a structured array's fields by their names."""
     if array.dtype.names is None:
         return [(name, array)]
     return [(f"{name}.{field}".lstrip("."), array[field]) for field in array.dtype.names]
@@ -376,13 +376,14 @@ def pickle_refused(path: Path) -> str:
     load = {".pt": "torch.load(FILE)", ".pth": "torch.load(FILE)", ".npy": "numpy.load(FILE, allow_pickle=True).item()"}
     loaded = load.get(path.suffix.lower(), "pickle.load(open(FILE, 'rb'))")
     return (
-        f"the log {str(path)!r} holds Python objects, and whoever opens it runs what is in them: it is not read. If you trust "
-        f"it, convert it: log = {loaded.replace('FILE', repr(path.name))}; numpy.savez({path.with_suffix('.npz').name!r}, "
-        "time=..., q=..., dq=..., tau=..., gyro=..., acc=...), each an array of numbers with a row a sample"
+        f"the log {str(path)!r} holds Python objects, which can run code when they are loaded: it is not read. If its "
+        f"source is reliable, convert it: log = {loaded.replace('FILE', repr(path.name))}; "
+        f"numpy.savez({path.with_suffix('.npz').name!r}, time=..., q=..., "
+        "dq=..., tau=..., gyro=..., acc=...), each an array of numbers with one row per sample"
     )
 
 
-def _told(error: Exception) -> str:
+def _first_line(error: Exception) -> str:
     return str(getattr(error, "strerror", None) or error).split("\n", maxsplit=1)[0]
 
 
@@ -395,4 +396,4 @@ _OPEN: dict[str, Callable[[Path, IO[bytes]], TableFile]] = {
 }
 SUFFIXES = tuple(f".{suffix}" for suffix in _OPEN)
 PICKLES = (".pkl", ".pickle", ".p", ".pt", ".pth", ".joblib")
-"""Files that hold Python objects, and code with them."""
+"""Suffixes of files that hold Python objects, which can run code when they are loaded."""

@@ -17,7 +17,7 @@ from equipoise.logs.tables.files import TableFile, open_table
 
 
 def open_tables(paths: Sequence[Path], columns: Columns) -> TableFile:
-    """Return the table of one file, or of several in whose rows are the samples of one time.
+    """Return the table of one file, or of several joined by time.
 
     A name that is in several files, or in none but a number, follows the name of its file: `velocity.FL_hip_joint`.
 

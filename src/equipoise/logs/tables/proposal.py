@@ -37,10 +37,10 @@ _FLOATING_BASE = {"position": 7, "command": 7, "velocity": 6, "torque": 6}  # co
 
 
 def propose(robot: RobotModel, file: TableFile, known: Columns) -> tuple[tuple[str, ...], str]:
-    """Return the columns that no name suggests, and TOML for --columns: the others, remarks, and lines to complete.
+    """Return the columns without a suggestion, and TOML for --columns: suggestions, comments, and lines to complete.
 
     Args:
-        known: columns that are known already.
+        known: columns that are already mapped.
 
     Raises:
         RecordingError: names contradict each other.
@@ -132,7 +132,7 @@ def _stated_unit(kind: str, found: Mapping[str, str]) -> str | None:
 
 
 def _unused_columns(file: TableFile, used: Collection[str]) -> str:
-    """Return remarks that name what a file holds besides."""
+    """Return comments that name the columns of a file that are not used."""
     parts = {part for name in used for part in (name, *FORMULA.split(name))}
     others = ", ".join([*_unused(file.names, parts), *file.passed_over])
     listed = "".join(c if c.isprintable() else "?" for c in f"not used: {others}")
@@ -140,7 +140,7 @@ def _unused_columns(file: TableFile, used: Collection[str]) -> str:
 
 
 def _sensor(kind: str, of_kind: Families) -> dict[str, str]:
-    """Return the first family with a column for every part of a sensor, by our names."""
+    """Return the first family with a column for every part of a sensor, by documented names."""
     for family, sensor in itertools.product(of_kind.values(), _SENSORS[kind]):
         parts = [name.partition(".")[2] for name in sensor]
         numbered = _numbers(family)[:4] if sensor in (GYROSCOPE, ACCELEROMETER) else []
@@ -158,7 +158,7 @@ def _numbers(family: Collection[str]) -> list[str]:
 def _named_joints(
     robot: RobotModel, kind: str, of_kind: Iterable[Mapping[str, str]]
 ) -> tuple[dict[str, str], str] | None:
-    """Return the first family that names every joint, by our names, and the reason."""
+    """Return the first family that names every joint, by documented names, and the reason."""
     for family in of_kind:
         try:
             matches = map_joints(robot, list(family)).matches
@@ -169,7 +169,7 @@ def _named_joints(
 
 
 def _numbered_joints(robot: RobotModel, file: TableFile, kind: str, by_kind: ByKind) -> tuple[dict[str, str], str]:
-    """Return the first family with a numbered column for every joint, by our names, and the reason."""
+    """Return the first family with a numbered column for every joint, by documented names, and the reason."""
     count = len(robot.joint_names)
     for words, family in by_kind.get(kind, {}).items():
         if in_cells := _joints_in_cells(robot, file, kind, words, by_kind):
@@ -188,14 +188,14 @@ def _numbered_joints(robot: RobotModel, file: TableFile, kind: str, by_kind: ByK
 
 
 def check_names_in_cells(robot: RobotModel, file: TableFile, columns: Columns) -> None:
-    """Raise RecordingError where a column is a joint's, and the names in the log's cells give it to another."""
+    """Raise RecordingError where the names in the log's cells assign a column to another joint than the user."""
     by_kind, ours_of = _by_kind(file, ()), {theirs: ours for ours, theirs in columns.names.items() if theirs}
     for kind, words in [(of, words) for of in JOINT_KINDS for words in by_kind.get(of, ())]:
         for in_cells, column in _joints_in_cells(robot, file, kind, words, by_kind).items():
             joints = [ours.partition(".")[2] for ours in (ours_of.get(column, in_cells), in_cells)]
             if joints[0] != joints[1] and set(joints) <= set(robot.joint_names):
                 raise RecordingError(
-                    f"the columns give {column!r} of {file.title} to {joints[0]}, and the names in the log's cells to "
+                    f"--columns assigns {column!r} of {file.title} to {joints[0]}, and the names in the log's cells to "
                     f"{joints[1]}: correct the file for --columns, or leave these columns out of it"
                 )
 
@@ -203,7 +203,7 @@ def check_names_in_cells(robot: RobotModel, file: TableFile, columns: Columns) -
 def _joints_in_cells(
     robot: RobotModel, file: TableFile, kind: str, words: tuple[str, ...], by_kind: ByKind
 ) -> dict[str, str]:
-    """Return a family's numbered columns by the names in the log's cells, the model's for them if there are."""
+    """Return a family's numbered columns by the names in the log's cells, or by the model's names if these match."""
     family = by_kind[kind][words]
     labels = _labels(file, kind, words, _numbers(family), by_kind)
     by_label = {label: family[number] for number, label in labels.items()}
@@ -242,7 +242,7 @@ def _by_kind(file: TableFile, taken: Collection[str]) -> ByKind:
 
 
 def _without_incomplete_sensors(known: Columns) -> Columns:
-    """Return columns without those that have our name for some axes of a sensor: the other axes belong to them."""
+    """Return columns without the documented names of incomplete sensors: the table's other axes belong to those."""
     incomplete = [sensor for sensors in _SENSORS.values() for sensor in sensors if not known.has(sensor)]
     names = {
         name: theirs
@@ -253,7 +253,7 @@ def _without_incomplete_sensors(known: Columns) -> Columns:
 
 
 def _unused(names: Sequence[str], used: Collection[str]) -> Iterator[str]:
-    """Yield columns that are not used; an unused array as its first to its last."""
+    """Yield columns that are not used; an unused array as its first and last column."""
     for _, of in itertools.groupby(names, lambda name: name.rpartition("[")[0] if name.endswith("]") else name):
         array = list(of)
         free = [name for name in array if name not in used]

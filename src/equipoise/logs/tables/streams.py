@@ -7,9 +7,9 @@ gyro.x gyro.y gyro.z                   [rad/s], in the IMU's frame
 accelerometer.x .y .z                  [m/s2], +9.81 upward at rest
 orientation.w .x .y .z                 unit quaternion from the IMU's axes to level ones; or .roll .pitch .yaw [rad]
 command.JOINT                          position targets [rad]; optional
-foot_force.FL .FR .RL .RR              what the feet's sensors say, in any unit; optional
+foot_force.FL .FR .RL .RR              readings of the foot force sensors, in any unit; optional
 
-Cells may be empty: a row that has only joints, or only the IMU, is how streams of different rates share a table.
+Cells may be empty: streams of different rates share a table by rows with only joints, or only the IMU.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ from equipoise.robot.model import RobotModel
 def read_table(
     path: Path, robot: RobotModel, topics: Topics, columns: Columns | None = None, tables: Sequence[Path] = ()
 ) -> RawLog:
-    """The streams of a table: a `LogReader`.
+    """Return the streams of a table: a `LogReader`.
 
     Args:
-        columns: what the user says of columns that have not our names.
+        columns: the user's map of columns without documented names.
         tables: further tables of the same run, which are joined with it by their time.
 
     Raises:
-        ColumnsError: columns are missing; it proposes which are which.
+        ColumnsError: columns are missing; it proposes a map.
         RecordingError: it cannot be read, or cells are not numbers.
         SettingsError: the user's columns are not in the table.
         MissingDependencyError: Parquet needs pyarrow.
@@ -62,23 +62,23 @@ def read_table(
     known = given.of_table(file.names)
     file.refuse_twins(known.names.values())
     if known.missing():
-        raise _strange(file, known, *propose(robot, file, known))
+        raise _missing_columns(file, known, *propose(robot, file, known))
     check_names_in_cells(robot, file, known)
     return _Streams(file, known).raw_log(suffix_of(path))
 
 
 class _Streams:
-    """Streams in the columns of a file."""
+    """Conversion of a file's columns to streams."""
 
     def __init__(self, file: TableFile, columns: Columns) -> None:
         self.file, self.columns, rate = file, columns, columns.rate
         self.time = np.arange(file.rows) / rate if rate else file.clock(columns.names[TIME]) * columns.factor(TIME)
 
     def raw_log(self, kind: str) -> RawLog:
-        """All of it.
+        """Return all streams.
 
         Args:
-            kind: word for the kind of the file.
+            kind: name of the kind of file.
         """
         findings: list[LogFinding] = []
         joints, imu = self._joints("position", findings), self._imu()
@@ -89,7 +89,7 @@ class _Streams:
         return RawLog(joints, imu, commands, about, tuple(findings))
 
     def _joints(self, kind: str, findings: list[LogFinding]) -> RawJoints:
-        """The rows in which there is a position of any joint."""
+        """Return the rows with a position of any joint."""
         names = self.columns.joints(kind)
         position = self._stacked([f"{kind}.{name}" for name in names])
         rows = ~np.isnan(position).all(axis=1)
@@ -98,12 +98,12 @@ class _Streams:
             if kind != "position" or not self.columns.joints(quantity):
                 return None
             table = self._stacked([f"{quantity}.{name}" for name in names])
-            known = np.isfinite(table.sum(axis=1))
-            if np.count_nonzero(known) < 2 or 2 * np.count_nonzero(known & rows) > np.count_nonzero(rows):
+            valid = np.isfinite(table.sum(axis=1))
+            if np.count_nonzero(valid) < 2 or 2 * np.count_nonzero(valid & rows) > np.count_nonzero(rows):
                 return table[rows]
             message = f"{quantity} has times of its own: it is interpolated at those of the positions"
             findings.append(LogFinding("joints", message))
-            return _interpolated(self.time[rows], self.time[known], table[known])
+            return _interpolated(self.time[rows], self.time[valid], table[valid])
 
         force = None
         if kind == "position" and self.columns.has(FOOT_FORCES):
@@ -111,7 +111,7 @@ class _Streams:
         return RawJoints(self.time[rows], tuple(names), position[rows], other("velocity"), other("torque"), force)
 
     def _imu(self) -> RawImu:
-        """The rows in which there is anything of the IMU."""
+        """Return the rows with any value of the IMU."""
         gyroscope = self._stacked(GYROSCOPE) if self.columns.has(GYROSCOPE) else None
         acceleration, orientation = self._stacked(ACCELEROMETER), self._orientation()
         parts = [part for part in (gyroscope, acceleration, orientation) if part is not None]
@@ -130,23 +130,23 @@ class _Streams:
             turns, pushes = (", ".join(self.columns.names[name] for name in of) for of in (GYROSCOPE, ACCELEROMETER))
             raise RecordingError(
                 f"{turns} of {self.file.title} are read as the gyroscope, {pushes} as the accelerometer, and gravity is in "
-                "the gyroscope's: are they exchanged? Name both in a file for --columns"
+                "the gyroscope's: they seem to be exchanged. Name both in a file for --columns"
             )
 
     def _orientation(self) -> FloatArray | None:
-        """(n, 4) quaternions, w first."""
+        """Return (n, 4) quaternions, w first."""
         if self.columns.has(QUATERNION):
             return self._stacked(QUATERNION, factor=1.0)
         if not self.columns.has(ANGLES):
             return None
         angles = self._stacked(ANGLES)
-        known = np.isfinite(angles).all(axis=1)
+        valid = np.isfinite(angles).all(axis=1)
         quaternions = np.full((len(angles), 4), np.nan)
-        quaternions[known] = quaternions_of(angles[known])
+        quaternions[valid] = quaternions_of(angles[valid])
         return quaternions
 
     def _stacked(self, names: Sequence[str], factor: float | None = None) -> FloatArray:
-        """(n, k) columns in our unit, or times a factor; NaN where the table has none."""
+        """Return (n, k) columns in the documented unit, or times a factor; NaN where the table has none."""
         missing = np.full(len(self.time), np.nan)
         factor = self.columns.factor(names[0].split(".")[0]) if factor is None else factor
         columns = [self.columns.names.get(name) for name in names]
@@ -159,7 +159,7 @@ def _interpolated(at: FloatArray, time: FloatArray, table: FloatArray) -> FloatA
     return np.column_stack(columns)
 
 
-def _strange(file: TableFile, known: Columns, nameless: Sequence[str], proposal: str) -> ColumnsError:
+def _missing_columns(file: TableFile, known: Columns, nameless: Sequence[str], proposal: str) -> ColumnsError:
     return ColumnsError(
         f"{file.title} has no {', '.join(known.missing())}. The names of its columns suggest the mapping below"
         + (f", but nothing for {', '.join(nameless)}: write these lines yourself" if nameless else "")
@@ -178,5 +178,5 @@ def _check_seconds(file: TableFile, name: str, time: FloatArray) -> None:
         long = {"ns": "nanoseconds", "us": "microseconds", "ms": "milliseconds"}[unit]
         raise RecordingError(
             f"{name} samples of {file.title} are {step:g} apart in {TIME!r}, which must be in seconds (are they "
-            f'{long}? Then a file for --columns says units.time = "{unit}")'
+            f'{long}? Then write units.time = "{unit}" into a file for --columns)'
         )
