@@ -150,7 +150,7 @@ def test_what_is_found_in_a_log_is_read_as_it_was_written(trial):
             "it lacks 'lift_height'",
         ),
         ({**TRIALS["paper lift"][0], "offset": "far"}, "offset is 'far'; it must be a number"),
-        ({**TRIALS["precise lift"][0], "turn": "about"}, "'about' is not a turn; those are x, y, z"),
+        ({**TRIALS["precise lift"][0], "turn": "about"}, "'about' is not a turn; those are roll, pitch, yaw"),
         ({**TRIALS["precise lift"][0], "posture": 3}, "posture is 3; it must be a table"),
         ({"kind": "excitation", "frequencies": {"x": 2.0}, "amplitude": 0.1}, "no axes are called x"),
         ({"kind": "posture", "posture": {"roll": None}}, "posture.roll is None; it must be a number"),

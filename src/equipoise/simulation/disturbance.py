@@ -1,4 +1,4 @@
-"""Forces on a simulated robot from outside: a cable, a push."""
+"""External forces on a simulated robot: a cable, a push."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Disturbance:
         self.push(np.zeros(3))
 
     def push(self, force_in_world: FloatArray) -> None:
-        """Push the base at its CoM with a (3,) force [N] besides its cable's, until the next call."""
+        """Apply a (3,) force [N] at the base's CoM, in addition to the cable's, until the next call."""
         self.wrench[self._base, :3] = self._cable_in_world + force_in_world
 
     @property
@@ -33,7 +33,7 @@ class Disturbance:
         return control | pushed if self.wrench.any() else control
 
     def beside(self, control: FloatArray) -> FloatArray:
-        """(n, nu) controls with what else `spec` names."""
+        """Return (n, nu) controls with the other inputs that `spec` names."""
         if not self.wrench.any():
             return control
         return np.hstack([control, np.tile(self.wrench.ravel(), (len(control), 1))])

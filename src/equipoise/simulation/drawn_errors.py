@@ -72,7 +72,7 @@ class DrawnErrors:
 
     @cached_property
     def leg_inertia_scale(self) -> FloatArray:
-        """(nj,) inertia of the link that each joint moves, about its CoM, over what its mass makes it."""
+        """(nj,) inertia of the link that each joint moves, about its CoM, over that which follows from its mass."""
         return 1 + self.drawn["leg_inertia"]
 
     @cached_property
@@ -97,7 +97,7 @@ class DrawnErrors:
 
     @cached_property
     def imu_tilt(self) -> FloatArray:
-        """(3,) rotation vector of the IMU in the frame where it should be [rad]."""
+        """(3,) rotation vector of the IMU in its nominal frame [rad]."""
         return self.drawn["imu_tilt"]
 
     @cached_property
@@ -130,7 +130,7 @@ class DrawnErrors:
         return self.sizes.viscous_friction * self.drawn["friction_spread"]
 
     def sliding_friction(self, speed: FloatArray, torque: FloatArray) -> FloatArray:
-        """(nj,) largest friction of the joints, viscous friction apart, at speeds [rad/s] and true motor torques [Nm]."""
+        """Return (nj,) largest non-viscous friction of the joints at speeds [rad/s] and true motor torques [Nm]."""
         sizes, friction = self.sizes, self.coulomb_friction
         if sizes.stribeck:
             ratio = speed / _STRIBECK_SPEED
@@ -145,15 +145,15 @@ class DrawnErrors:
         return self.sizes.springs * self.drawn["spring_spread"]
 
     def encoder_error(self, position: FloatArray) -> FloatArray:
-        """(..., nj) error of the encoders at joint positions [rad], their zeros apart."""
+        """Return (..., nj) error of the encoders at joint positions [rad], without the joint offsets."""
         return self.sizes.encoder_eccentricity * np.sin(position - self.drawn["encoder_eccentricity"])
 
     def encoder_error_slope(self, position: FloatArray) -> FloatArray:
-        """(..., nj) derivative of `encoder_error` by the position."""
+        """Return (..., nj) derivative of `encoder_error` by the position."""
         return self.sizes.encoder_eccentricity * np.cos(position - self.drawn["encoder_eccentricity"])
 
     def noise(self, first_sample: int, count: int) -> FloatArray:
-        """(count, 3 nj + 6) noise of consecutive samples.
+        """Return (count, 3 nj + 6) noise of consecutive samples.
 
         Columns: positions, velocities, torques, gyroscope, accelerometer. The same sample has the same noise however the
         samples are asked for.
@@ -161,11 +161,11 @@ class DrawnErrors:
         return _keyed(self.noise_seed, 1, first_sample, count, self._noise_scale)
 
     def jitter(self, first_sample: int, count: int) -> FloatArray:
-        """(count,) time stamps of consecutive samples, less when they were read [s]; keyed as the noise is."""
+        """Return (count,) time stamps of consecutive samples minus their read times [s]; keyed as the noise."""
         return _keyed(self.noise_seed, 3, first_sample, count, np.array([self.sizes.jitter]))[:, 0]
 
     def lost(self, first_sample: int, count: int) -> NDArray[np.bool_]:
-        """(count,) whether consecutive samples are lost; keyed as the noise is."""
+        """Return (count,) whether consecutive samples are lost; keyed as the noise."""
         drawn = _keyed(self.noise_seed, 4, first_sample, count, np.ones(1))[:, 0]
         return drawn < _normal_quantile(self.sizes.lost_samples)
 
@@ -178,17 +178,17 @@ class DrawnErrors:
 
 
 def named_generator(seed: int, name: str) -> np.random.Generator:
-    """The random stream that belongs to a name: no other name's draws change it."""
+    """Return the random stream of a name, independent of the draws of other names."""
     return np.random.default_rng([seed, 2, *name.encode()])
 
 
 def _normal_quantile(share: float) -> float:
-    """Value below which that share of standard normal numbers is."""
+    """Return the quantile of the standard normal distribution."""
     return float(NormalDist().inv_cdf(share)) if share else -np.inf
 
 
 def _keyed(seed: int, stream: int, first: int, count: int, scale: FloatArray) -> FloatArray:
-    """(count, n) normal numbers of consecutive samples, one column for each of the (n,) standard deviations."""
+    """Return (count, n) normal numbers of consecutive samples, one column for each of the (n,) standard deviations."""
     noise = np.zeros((count, scale.size))
     if scale.any():
         done = 0

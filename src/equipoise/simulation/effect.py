@@ -27,7 +27,7 @@ PARTS: Mapping[str, Callable[[int], int]] = {
     "axis": lambda joints: 3,
     "pair of axes": lambda joints: 6,
 }
-"""Parts of which each has its own drawn value: number of them, of a robot with so many leg joints."""
+"""Kinds of parts with a drawn value each: their number on a robot with a number of leg joints."""
 
 LAWS: Mapping[str, Callable[[np.random.Generator, float, int], FloatArray]] = {
     "exact": lambda generator, size, count: np.full(count, size),
@@ -54,7 +54,7 @@ MUJOCO = ("mujoco",)
 
 @dataclass(frozen=True)
 class Effect:
-    """A row of the table.
+    """Row of the table.
 
     Attributes:
         meaning: noun phrase, with sign and frame.
@@ -98,7 +98,7 @@ class Effect:
         assert self.measure in MEASURES
 
     def drawn(self, generator: np.random.Generator, size: float, joints: int) -> FloatArray:
-        """Return the values of a robot with so many leg joints."""
+        """Return the values of a robot with a number of leg joints."""
         return LAWS[self.law](generator, size, PARTS[self.each](joints))
 
     def scaled(self, size: float, scale: Scale) -> float:
@@ -112,23 +112,23 @@ class Effect:
 
     @property
     def by_itself(self) -> float:
-        """Return the size that it is tried with alone, on an A1."""
+        """Return the size when it is simulated alone, on an A1."""
         return self.in_stress if self.alone is None else self.alone
 
     def amount(self, size: float) -> float:
-        """Return the amount of the effect at a size: of a spring or a filter, one over it."""
+        """Return the amount of the effect at a size: the reciprocal for a spring or a filter."""
         if not self.inverse:
             return float(size)
         return 1 / size if size else 0.0
 
     def times(self, size: float, factor: float) -> float:
-        """The size of so many times the effect."""
+        """Return the size of a multiple of the effect."""
         if not self.inverse:
             return size * factor
         return size / factor if factor else self.none
 
 
 def effect(meaning: str, unit: str, each: str, law: str, source: str, **more: Any) -> Any:
-    """A row of the table as a field; the arguments are those of `Effect`."""
+    """Return a row of the table as a field; the arguments are those of `Effect`."""
     row = Effect(meaning, unit, each, law, source, **more)
     return field(default=row.none, metadata={ROW: row})

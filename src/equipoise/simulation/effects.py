@@ -1,11 +1,10 @@
-"""The table of effects: what a simulated robot can have beyond its model file, and the presets `ideal`, `realistic`, `stress`.
+"""Table of effects of simulated robots beyond the model file, and the presets `ideal`, `realistic`, `stress`.
 
-A field of `SensorErrors` is a row. Its value is the effect's size; the rest of the row says what there is one of it for, how
-values are drawn, its size in each preset and why, what it grows with on another robot, and which engines have it. Flags,
-draws, studies, refusals and the documents follow from it. A new effect is a row here, and its name where it acts.
+A field of `SensorErrors` is a row, and its value the effect's size. The row also holds the parts with a value each, the law
+of the draws, the size in each preset with its source, the scaling to other robots, and the engines that support it. Flags,
+draws, studies, errors and documents are derived from it. A new effect needs a row here, and its name where it acts.
 
-The estimator knows nothing of this table, and reads no number of it: what is believed beforehand is said, with sources of
-its own, in `estimator/unknowns.py`.
+The estimator does not read this table: its priors, with separate sources, are in `estimator/unknowns.py`.
 """
 
 from __future__ import annotations
@@ -39,10 +38,10 @@ _MOTORS = "one motor type, one constant: a vendor's bench had real torques of 1/
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """Sizes of what a simulated robot has beyond its model file: errors of sensors, motors, legs, feet and floor, a cable.
+    """Sizes of a simulated robot's effects: errors of sensors, motors, legs, feet and floor, and a cable.
 
-    All as by default: a perfect robot, as its file says. Fields, units and meanings are the rows of the table of effects
-    (`SensorErrors.rows()`, docs/simulation-studies.md); a size is an rms value, or exact, or what its row's law says.
+    The defaults are an ideal robot, as in its model file. Fields, units and meanings are the rows of the table of effects
+    (`SensorErrors.rows()`, docs/method/world.md); a size is an rms value, exact, or as the law of its row defines it.
     """
 
     encoder_noise: float = effect(
@@ -293,12 +292,12 @@ class SensorErrors:
 
     @classmethod
     def rows(cls) -> tuple[Effect, ...]:
-        """The table of effects."""
+        """Return the table of effects."""
         return _rows()
 
     @classmethod
     def row(cls, name: str) -> Effect:
-        """The row of a name; raises SettingsError if there is none."""
+        """Return the row of a name; raise SettingsError if it does not exist."""
         rows = {row.name: row for row in cls.rows()}
         if name not in rows:
             raise SettingsError(
@@ -307,7 +306,7 @@ class SensorErrors:
         return rows[name]
 
     def scaled_to(self, scale: Scale) -> SensorErrors:
-        """An A1's effects on a robot of another size: each grows with what its row says."""
+        """Return an A1's effects scaled to a robot of another size, each by the measure of its row."""
         return dataclasses.replace(
             self, **{r.name: r.scaled(getattr(self, r.name), scale) for r in self.rows() if r.measure}
         )
@@ -316,27 +315,27 @@ class SensorErrors:
         """Return the sizes with these effects added, or of other sizes.
 
         Args:
-            effects: size by name, taken as it is; None: the size that it is tried with alone, on a robot of that scale.
+            effects: size by name, not scaled; None: the size when it is simulated alone, on a robot of that scale.
             scale: scale of the robot.
 
         Raises:
-            SettingsError: the effect is not known, or the size means nothing.
+            SettingsError: the effect is unknown, or the size is invalid.
         """
         rows = {name: self.row(name) for name in effects}
         usual = {name: row.scaled(row.by_itself, scale) for name, row in rows.items()}
         return dataclasses.replace(self, **{n: usual[n] if size is None else size for n, size in effects.items()})
 
     def without(self, names: Iterable[str]) -> SensorErrors:
-        """Without these effects; raises SettingsError where there is none of a name."""
+        """Return the sizes without these effects; raise SettingsError for an unknown name."""
         return dataclasses.replace(self, **{name: self.row(name).none for name in names})
 
     def times(self, factors: Mapping[str, float]) -> SensorErrors:
-        """So many times each of these effects, by name."""
+        """Return the sizes with each of these effects multiplied by its factor, by name."""
         rows = {name: self.row(name) for name in factors}
         return dataclasses.replace(self, **{n: rows[n].times(getattr(self, n), factors[n]) for n in factors})
 
     def refuse_what_lacks(self, engine: str) -> None:
-        """Refuse what an engine cannot have; raises SettingsError."""
+        """Raise SettingsError for effects that an engine does not support."""
         lacking = [r.name for r in self.rows() if engine not in r.engines and getattr(self, r.name) != r.none]
         if lacking:
             raise SettingsError(
@@ -350,7 +349,7 @@ def read_effects(texts: Iterable[str]) -> dict[str, float | None]:
     """Read effects with their sizes from "springs=3000,cable"; None: no size is given.
 
     Raises:
-        SettingsError: the effect is not known, or the size is not a number.
+        SettingsError: the effect is unknown, or the size is not a number.
     """
     read: dict[str, float | None] = {}
     for word in read_names(texts):
@@ -364,7 +363,7 @@ def read_effects(texts: Iterable[str]) -> dict[str, float | None]:
 
 
 def read_names(texts: Iterable[str]) -> tuple[str, ...]:
-    """The words between commas."""
+    """Return the words between commas."""
     return tuple(word.strip() for text in texts for word in text.split(",") if word.strip())
 
 
@@ -381,7 +380,7 @@ REALISTIC = SensorErrors(**{row.name: row.realistic for row in SensorErrors.rows
 """An A1's values, for a robot with the A1's m g h."""
 
 STRESS = SensorErrors(**{row.name: row.in_stress for row in SensorErrors.rows()})
-"""Effects that ordinary robots have all at once, on an A1; more than the estimator knows of."""
+"""Effects of ordinary robots all at once, on an A1; more than the estimator models."""
 
 PRESETS: dict[Noise, SensorErrors] = {"ideal": IDEAL, "realistic": REALISTIC, "stress": STRESS}
 

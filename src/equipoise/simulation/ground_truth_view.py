@@ -30,7 +30,7 @@ class GroundTruth:
 
 
 class Bystander:
-    """Looks every few control periods and keeps what it saw.
+    """Recorder of the true state every few control periods.
 
     Attributes:
         ground_truths: glimpses in order of time.

@@ -37,7 +37,7 @@ class LegErrors:
 
     @classmethod
     def of(cls, robot: RobotModel, stance: Stance, errors: DrawnErrors) -> LegErrors:
-        """The drawn errors of a robot's legs."""
+        """Return the drawn errors of a robot's legs."""
         drawn, joints = errors.drawn, len(robot.joint_names)
         com, end, turn = (np.zeros((joints, 3)) for _ in range(3))
         per_leg = joints // 4
@@ -46,7 +46,7 @@ class LegErrors:
         foot_each = drawn["foot_position"].reshape(4, 3)
         for index, (joint, kind, axes, axis) in enumerate(_links(robot, stance)):
             com[joint] = axes @ (com_each[joint] + com_kind[kind])
-            if kind >= per_leg - 2:  # a hip has no length of its own beside its position
+            if kind >= per_leg - 2:  # a hip has no length besides its position
                 end[joint] = axes[:, 0] * (drawn["leg_length"][joint] + length_kind[kind])
             if kind == per_leg - 1:
                 end[joint] += axes @ foot_each[index // per_leg]
@@ -72,7 +72,7 @@ def in_frame_of_hips(body: InertialParameters, errors: DrawnErrors) -> InertialP
 
 
 def _links(robot: RobotModel, stance: Stance) -> list[tuple[int, int, FloatArray, FloatArray]]:
-    """Each leg link: the joint that moves it, its place in the leg; in its own axes directions (3, 3) and its joint's axis.
+    """Return for each leg link its joint and place in the leg, and in its own axes directions (3, 3) and its joint's axis.
 
     Columns: along it; across it, forward if it hangs; across it, inward if it hangs. Those of a right leg are
     the mirrored left one's, so that what all have in common is symmetric.
@@ -94,7 +94,7 @@ def _links(robot: RobotModel, stance: Stance) -> list[tuple[int, int, FloatArray
 
 
 def _directions(along: FloatArray, side: float) -> FloatArray:
-    """(3, 3) columns: along, forward across, and the third, mirrored on the other side."""
+    """Return (3, 3) columns: along, forward across, and the third, mirrored on the other side."""
     length = np.linalg.norm(along)
     first = along / length if length > 1e-6 else np.array([0.0, side, 0.0])
     forward = np.array([1.0, 0, 0]) if abs(first[0]) < _PARALLEL else np.array([0.0, 0, 1])
@@ -103,7 +103,7 @@ def _directions(along: FloatArray, side: float) -> FloatArray:
 
 
 def _across(axis: FloatArray) -> FloatArray:
-    """(3, 2) two directions across an axis; none across that of a joint that slides."""
+    """Return (3, 2) two directions across an axis; zero for a prismatic joint."""
     if not axis.any():
         return np.zeros((3, 2))
     first = _unit_normal(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
@@ -111,6 +111,6 @@ def _across(axis: FloatArray) -> FloatArray:
 
 
 def _unit_normal(one: FloatArray, other: FloatArray) -> FloatArray:
-    """(3,) unit vector across two others, right-handed."""
+    """Return the (3,) unit vector perpendicular to two others, right-handed."""
     normal = np.asarray(np.cross(one, other), dtype=np.float64)
     return np.asarray(normal / np.linalg.norm(normal), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""The simulated robot in MuJoCo: joint PD inside the engine, motions rolled out at the engine's own speed."""
+"""Simulated robot in MuJoCo: joint PD inside the engine, motions rolled out at the engine's speed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from equipoise.simulation.mujoco_drive import ChangingFriction
 from equipoise.simulation.mujoco_model import ACCELEROMETER, IMU_SITE, SimulatedRobot
 from equipoise.simulation.simulated import SimulatedPlatform, Start
 
-_PRESSED = 1e-6  # [m] into the floor, that a robot is placed with at most
+_PRESSED = 1e-6  # [m]: largest penetration of the floor when a robot is placed
 _STATE, _WHOLE_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.mjtState.mjSTATE_INTEGRATION
 
 
@@ -44,7 +44,7 @@ class MujocoPlatform(SimulatedPlatform):
     ) -> None:
         self._simulated = simulated
         self._model = simulated.model
-        self._gains = np.empty(0), np.empty(0)  # that the engine was told
+        self._gains = np.empty(0), np.empty(0)  # last ones set in the engine
         super().__init__(robot, simulated.errors, simulated.kp, simulated.kd, self._model.opt.timestep, control_period)
         self._data = mujoco.MjData(self._model) if data is None else data
         self._ahead = mujoco.MjData(self._model)  # scratch: one engine step beyond the present
@@ -73,7 +73,7 @@ class MujocoPlatform(SimulatedPlatform):
         data.qpos[self._simulated.qpos] = joint_position
         mujoco.mj_forward(model, data)
         deepest = min((float(contact.dist) for contact in data.contact), default=0.0)
-        if deepest < -_PRESSED:  # feet or footholds that the model does not know of
+        if deepest < -_PRESSED:  # feet or footholds that are not in the model
             data.qpos[2] -= deepest
             mujoco.mj_forward(model, data)
 
@@ -96,7 +96,7 @@ class MujocoPlatform(SimulatedPlatform):
     def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
         super()._set_gains(kp, kd)
         if not (np.array_equal(self._kp, self._gains[0]) and np.array_equal(self._kd, self._gains[1])):
-            self._gains = self._kp.copy(), self._kd.copy()  # who commands may change its arrays
+            self._gains = self._kp.copy(), self._kd.copy()  # the caller may change its arrays
             self._simulated.set_gains(*self._gains)
 
     def _run(self, control: FloatArray, raw: FloatArray) -> None:
@@ -120,7 +120,7 @@ class MujocoPlatform(SimulatedPlatform):
         raw[:, -3:] = sensors[:, self._accelerometer]
 
     def _rolled(self, initial: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n, ...) states after each step, and what the engine's sensors saw at its start."""
+        """Return (n, ...) states after each step, and the engine's sensor values at its start."""
         steps = len(control)
         states, sensors = np.empty((1, steps, initial.size)), np.empty((1, steps, self._model.nsensordata))
         self._rollout.rollout(
@@ -138,7 +138,7 @@ class MujocoPlatform(SimulatedPlatform):
         return states[0], sensors[0]
 
     def _stepped(self, initial: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Do the same, step by step: for what has to be set before each."""
+        """Roll out step by step, for inputs that must be set before each step."""
         data, model = self._data, self._model
         states, sensors = np.empty((len(control), initial.size)), np.empty((len(control), model.nsensordata))
         warm = np.array(data.qacc_warmstart)
@@ -180,6 +180,6 @@ class MujocoPlatform(SimulatedPlatform):
         )
 
     def _reported_torque(self, torque: FloatArray, speed_change: FloatArray) -> FloatArray:
-        """(..., nj) what motors say of a torque that the speed at a step's end damps; they have no more than their limit."""
+        """Return (..., nj) reported torques, with the damping at a step's end and the motors' limits."""
         damped = torque / self._errors.torque_gain - self._kd * speed_change
         return np.minimum(np.maximum(damped, -self._robot.effort_limit), self._robot.effort_limit)

@@ -1,4 +1,4 @@
-"""Feet, belly and floor of the simulated robot in MuJoCo: hard points, or the patches, rubber and footholds of its effects."""
+"""Feet, belly and floor of the simulated robot in MuJoCo: point contacts, or patches, rubber and footholds of its effects."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FLOOR = "equipoise_floor"
 IMPRATIO = 100.0
 # Of contacts [s]: as hard as MuJoCo keeps up to the longest step, which is half of it; at longer ones it would soften them.
 CONTACT_TIME = 2e-3
-# Share of a contact's or a joint's slip that is taken back at once. At MuJoCo's own, 0.9 to 0.95, planted feet creep four
+# Share of a contact's or a joint's slip that is taken back at once. At MuJoCo's own, 0.9 to 0.95, standing feet creep four
 # times as far while the body shakes, and sink in by 40 instead of 3 um.
 IMPEDANCE = 0.99, 0.99
 # Damping of rubber over its stiffness [s]: a robot that bounces at 16 Hz on its feet loses a fifth of its swing each time.
@@ -32,7 +32,7 @@ _FILE_KEYS = ("condim", "friction", "solref", "solimp", "solmix", "priority", "m
 
 
 def foot_name(leg: str) -> str:
-    """Name of the geom at a foot's centre."""
+    """Return the name of the geom at a foot's centre."""
     return f"equipoise_{leg}_foot"
 
 
@@ -103,7 +103,9 @@ def _add_foot(
         how: position and contact parameters of its geoms.
     """
     if width and sizes.foot_oval:
-        raise SettingsError("feet are cylinders, by foot_width or by the model file, or ovals: leave out foot_oval")
+        raise SettingsError(
+            "feet that are cylinders, by foot_width or the model file, cannot be ovals: leave out foot_oval"
+        )
     shape, size = mujoco.mjtGeom.mjGEOM_SPHERE, [radius, 0, 0]
     if width:
         shape, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [radius, width, 0]
@@ -131,7 +133,7 @@ def quat_wxyz(rotation: FloatArray) -> FloatArray:
 
 
 def floors_of_feet(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors) -> list[int]:
-    """Ids of the geoms that the feet FL FR RL RR stand on."""
+    """Return the ids of the geoms that the feet FL FR RL RR stand on."""
     uneven = errors.drawn["foothold_height"].any()
     return [model.geom(f"{FLOOR}_{leg}" if uneven else FLOOR).id for leg in robot.legs]
 
@@ -166,7 +168,7 @@ def soften_feet(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors) -
 
 
 def _friction(errors: DrawnErrors) -> list[float]:
-    """Sliding, torsional [m] and rolling [m]; those that a contact has no dimension for say nothing."""
+    """Return the sliding, torsional [m] and rolling [m] friction; those without a contact dimension have no effect."""
     sizes = errors.sizes
     if _dimensions(errors) == 3:
         return [errors.floor_friction, 0.005, 0.0001]
@@ -174,7 +176,7 @@ def _friction(errors: DrawnErrors) -> list[float]:
 
 
 def _dimensions(errors: DrawnErrors) -> int:
-    """3: feet slide; 4: they turn on the spot, too; 6: and roll."""
+    """Return the contact dimensions: 3 for sliding, 4 with torsional, 6 with rolling friction."""
     if errors.sizes.rolling_friction:
         return 6
     return 4 if errors.sizes.torsional_friction else 3
@@ -202,7 +204,7 @@ def _of_the_file(spec: mujoco.MjSpec, robot: RobotModel) -> dict[str, dict[str, 
                 found[leg] = {key: getattr(model, f"geom_{key}")[index] for key in _FILE_KEYS}
     if missing := sorted(robot.feet.keys() - found):
         raise SettingsError(
-            f"the model file of {robot.name!r} says nothing of how its feet touch the floor (only the spheres of an MJCF do; "
+            f"the model file of {robot.name!r} has no contact parameters of its feet (only the spheres of an MJCF do; "
             f"there is none at {', '.join(missing)}); leave --contact-model file out"
         )
     return found

@@ -1,4 +1,4 @@
-"""Springs and play behind motors of the simulated robot in MuJoCo, and friction that depends on load and rest."""
+"""Springs and backlash behind motors of the simulated robot in MuJoCo, and friction that depends on load and rest."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 from equipoise.simulation.drawn_errors import DrawnErrors
 
-_TEETH = 10.0  # stiffness of the stops of a play without springs, over that of the springs in `stress`
+_TEETH = 10.0  # stiffness of the stops of backlash without springs, over that of the springs in `stress`
 
 
 def as_a_spring(
@@ -34,13 +34,13 @@ def as_a_spring(
     """
     softness = 1 / (timestep**2 * stiffness + timestep * damping)
     impedance = inverse_weight / (softness + inverse_weight)
-    # The engine divides what it is told by the impedance.
+    # The engine divides these parameters by the impedance.
     solref = -impedance * stiffness * softness, -impedance * (timestep * stiffness + damping) * softness
     return solref, (impedance, impedance, 0.001, 0.5, 2.0), softness
 
 
 def spring_name(joint: str) -> str:
-    """Name of the joint behind a motor."""
+    """Return the name of the joint behind a motor."""
     return f"equipoise_{joint}_spring"
 
 
@@ -66,7 +66,7 @@ def add_springs(spec: mujoco.MjSpec, robot: RobotModel, errors: DrawnErrors, arm
 
 
 def has_springs(errors: DrawnErrors) -> bool:
-    """Return whether anything gives between motors and links."""
+    """Return whether there is compliance or backlash between motors and links."""
     return bool(errors.sizes.springs or errors.sizes.backlash)
 
 
@@ -132,7 +132,7 @@ class ChangingFriction:
         self._friction[self._dof] = self._errors.sliding_friction(speed, self._motor_torque(data, speed))
 
     def _motor_torque(self, data: mujoco.MjData, speed: FloatArray) -> FloatArray:
-        """(nj,) true torques of the motors at a state [Nm]."""
+        """Return (nj,) true torques of the motors at a state [Nm]."""
         torque = data.ctrl - data.qpos[self._qpos]
         torque *= self._kp
         torque += self._minus_kd * speed

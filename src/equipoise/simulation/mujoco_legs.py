@@ -71,7 +71,7 @@ def _forget_shared_frames(model: mujoco.MjModel) -> None:
 
 
 def add_rotor_spin(model: mujoco.MjModel, joints: Ids, inertia: FloatArray) -> None:
-    """Let the links that carry the motors feel their rotors spin.
+    """Add the reaction of the spinning rotors to the links that carry the motors.
 
     A rotor of inertia I_r behind a gear of ratio N turns by N q' in the link that carries it, whose angular velocity about the
     joint's axis a is w. Its energy is I_r (N q' + w)^2 / 2. An armature A = N^2 I_r has the first square, and the link's own

@@ -1,4 +1,4 @@
-"""Loads of the simulated robot in MuJoCo besides its links: a payload, a load that swings or flows, forces from the room."""
+"""Loads of the simulated robot in MuJoCo: a payload, a swinging or sloshing load, external forces."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _add_part(base: mujoco.MjsBody, name: str, payload: Payload, share: float) -
     """
     parameters = payload.parameters
     tensor = share * parameters.inertia
-    # A body that cannot turn by itself may have no inertia; MuJoCo only wants the number to be positive.
+    # A body that cannot rotate on its own may have no inertia; MuJoCo requires only a positive number.
     floor = 1e-9 * np.eye(3) if not tensor.any() else np.zeros((3, 3))
     xx, yy, zz, xy, xz, yz = (tensor + floor)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     body = base.add_body(name=name, pos=[0, 0, 0])
@@ -68,9 +68,7 @@ def _add_part(base: mujoco.MjsBody, name: str, payload: Payload, share: float) -
 def _add_water(base: mujoco.MjsBody, stance: Stance, payload: Payload | None, share: float) -> None:
     """Add a share of the payload on springs along the base's x and y axes: the first mode of water in a tank."""
     if payload is None:
-        raise SettingsError(
-            f"slosh is {share:g}, and the robot carries no payload that could be water; give one, as 1.5,0.1,0,0.08"
-        )
+        raise SettingsError(f"slosh is {share:g}, and the robot carries no payload; give one, as 1.5,0.1,0,0.08")
     water = _add_part(base, WATER, payload, share)
     mass, frequency = share * payload.parameters.mass, np.sqrt(GRAVITY / (_WAVE * stance.scale.length))
     for axis in np.eye(3)[:2]:

@@ -1,4 +1,4 @@
-"""The simulated robot: a MuJoCo model made from the robot's own file, and the truth that it holds."""
+"""MuJoCo model of the simulated robot, made from the robot's model file."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _NO_ISLANDS = int(getattr(mujoco.mjtDisableBit, "mjDSBL_ISLAND", 0))
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRobot:
-    """A compiled MuJoCo model and where the robot's joints are in it.
+    """Compiled MuJoCo model with the indices of the robot's joints.
 
     Attributes:
         model: compiled model; the engine's joint PD, torque limits, feet, floor, payload and actuator errors are in it.
@@ -181,7 +181,7 @@ def set_joints(
 
 
 def _read(source: ModelSource) -> mujoco.MjSpec:
-    """The file without what is ours to choose: options of the engine, and shapes that touch."""
+    """Return the file's spec without engine options and contact shapes, which are set separately."""
     root = ET.fromstring(source.xml)
     for parent in (root, *root.findall("mujoco")):
         for option in parent.findall("option"):
@@ -222,12 +222,12 @@ def _floating_base(spec: mujoco.MjSpec, robot: RobotModel) -> mujoco.MjsBody:
     free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
     if not free:
         base.add_freejoint()
-    # The floor is at z = 0 and the platform places the base: the file's pose of it says nothing.
+    # The floor is at z = 0 and the platform places the base: the file's pose of it is not used.
     return base
 
 
 def _strip(spec: mujoco.MjSpec) -> None:
-    """Take out what the file says of losses, contacts and gravity compensation."""
+    """Remove the file's losses, contacts and gravity compensation."""
     for joint in spec.joints:
         joint.damping, joint.stiffness = linear(0.0, joint.damping), linear(0.0, joint.stiffness)
         joint.frictionloss = 0.0
@@ -240,7 +240,7 @@ def _strip(spec: mujoco.MjSpec) -> None:
 
 
 def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
-    """Remove joints that do not belong to a leg, with their links turned to where they are held."""
+    """Remove joints that do not belong to a leg, with their links at the locked positions."""
     if not robot.locked_joints:
         return
     compiled = spec.compile()
@@ -271,7 +271,7 @@ def _motion(joint: Any, position: float) -> pin.SE3:
 def _add_actuators_and_sensors(
     spec: mujoco.MjSpec, robot: RobotModel, base: mujoco.MjsBody, errors: DrawnErrors
 ) -> None:
-    """Joint PD inside the engine (gains are set later), reported torque, and the IMU."""
+    """Add joint PD inside the engine (gains are set later), reported torque, and the IMU."""
     for index, joint in enumerate(robot.joint_names):
         actuator = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED

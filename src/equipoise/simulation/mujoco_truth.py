@@ -68,7 +68,7 @@ def link_truth(robot: RobotModel, simulated: SimulatedRobot) -> dict[str, dict[s
 
 
 def _sum(model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.bool_]) -> InertialParameters:
-    """The bodies as one, by the parallel axis theorem."""
+    """Return the bodies as one, by the parallel axis theorem."""
     masses = model.body_mass[bodies]
     positions = data.xipos[bodies]
     axes = data.ximat[bodies].reshape(-1, 3, 3)
@@ -96,7 +96,7 @@ class MujocoWitness:
         self._up = -np.array(simulated.errors.gravity_direction)
 
     def look(self) -> GroundTruth:
-        """The present moment."""
+        """Return the true state at the present moment."""
         model, data = self._model, self._data
         data.qpos[:] = self._present.qpos
         mujoco.mj_kinematics(model, data)

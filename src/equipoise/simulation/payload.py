@@ -19,7 +19,7 @@ _FARTHEST = 5.0  # times the leg's length
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """Something rigidly fixed to the base; simulation only.
+    """Load rigidly fixed to the base; simulation only.
 
     Attributes:
         parameters: mass, CoM in the base frame, inertia about its own CoM in base axes. A zero inertia is a point mass.
@@ -34,7 +34,7 @@ class Payload:
             raise SettingsError(f"no body can have this payload's inertia: {defect}")
 
     def check(self, robot: RobotModel) -> None:
-        """Refuse what no robot of this size carries, or not there: it is most likely in grams or millimetres.
+        """Refuse masses and positions that are implausible for the robot's size, as in grams or millimetres.
 
         Raises:
             SettingsError: it is too heavy or too far away.
@@ -53,7 +53,7 @@ class Payload:
 
     @classmethod
     def parse(cls, text: str) -> Payload:
-        """From "MASS,X,Y,Z" or "MASS,X,Y,Z,IXX,IYY,IZZ": kg, m in the base frame, kg m2 about the payload's own CoM."""
+        """Parse "MASS,X,Y,Z" or "MASS,X,Y,Z,IXX,IYY,IZZ": kg, m in the base frame, kg m2 about the payload's own CoM."""
         try:
             numbers = [float(word) for word in text.split(",")]
         except ValueError:

@@ -1,4 +1,4 @@
-"""From what happens in an engine to the samples of a platform: filters, delays, errors, noise, stamps, and what is lost."""
+"""Conversion of engine values to the samples of a platform: filters, delays, errors, noise, stamps, lost samples."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ORDER = 2  # of the IMU's low pass
 
 
 class Samples:
-    """The sensors of a simulated robot. Rows hold 3 nj + 6 values: positions, velocities, torques, gyroscope, accelerometer.
+    """Sensors of a simulated robot. Rows hold 3 nj + 6 values: positions, velocities, torques, gyroscope, accelerometer.
 
     Args:
         errors: errors of the sensors.
@@ -35,13 +35,13 @@ class Samples:
 
     @property
     def past_steps(self) -> int:
-        """Engine steps before the present that samples may need."""
+        """Return the number of past engine steps that samples may need."""
         sizes = self._errors.sizes
         longest = sizes.sensor_delay + abs(sizes.imu_clock_offset) + sizes.imu_latency + sizes.gyro_lag
         return int(np.ceil(longest / self._timestep)) + 2 + self._substeps // 2
 
     def filtered(self, raw: FloatArray, keep: bool = True) -> FloatArray:
-        """Raw values (n, 3 nj + 6) at consecutive engine steps, with the IMU's behind its filter.
+        """Return raw values (n, 3 nj + 6) at consecutive engine steps, with the IMU's after its filter.
 
         Args:
             keep: whether the steps have happened, and are not only predicted.
@@ -60,7 +60,7 @@ class Samples:
         return np.hstack([raw[:, :-6], passed])
 
     def sensed(self, raw: FloatArray, first: int, count: int, period: int) -> FloatArray:
-        """Delay, clock offset, bias and noise: raw values at every engine step to samples at every control period.
+        """Convert raw values at every engine step to samples at every control period: delay, clock offset, bias, noise.
 
         Args:
             first: row of the first sample's moment.
@@ -96,11 +96,11 @@ class Samples:
         return samples + errors.noise(period, count)
 
     def time(self, period: NDArray[np.intp]) -> FloatArray:
-        """(n,) times at which control periods begin [s]."""
+        """Return (n,) times at which control periods begin [s]."""
         return np.asarray(period, dtype=np.float64) * (self._substeps * self._timestep)
 
     def stamps(self, period: int, count: int) -> FloatArray:
-        """(count,) time stamps of the samples of consecutive control periods [s]."""
+        """Return (count,) time stamps of the samples of consecutive control periods [s]."""
         times = self.time(period + np.arange(count))
         if not self._errors.sizes.jitter:
             return times
@@ -109,7 +109,7 @@ class Samples:
         return np.asarray(times + np.minimum(np.maximum(jitter, -largest), largest), dtype=float)
 
     def arrived(self, period: int, count: int) -> NDArray[np.bool_]:
-        """(count,) whether consecutive control periods have a sample; the first one of all has.
+        """Return (count,) whether consecutive control periods have a sample; the very first one has.
 
         At a slower rate the first period has one behind each moment at which one is due: the rate is kept on average.
         """
@@ -129,7 +129,7 @@ class Samples:
         return self._newest
 
     def shown(self, samples: FloatArray, period: int) -> FloatArray:
-        """(n, 3 nj + 6) samples of consecutive control periods as a loop sees them: for a lost one, the last before it."""
+        """Return (n, 3 nj + 6) samples of consecutive control periods as a loop receives them: a lost one repeats the last."""
         there = self.arrived(period, len(samples))
         latest = np.maximum.accumulate(np.where(there, np.arange(len(samples)), -1))
         seen = samples if there.all() else samples[np.maximum(latest, 0)]
@@ -153,7 +153,7 @@ def _row(state: RobotState) -> FloatArray:
 
 
 def _low_pass(frequency: float, timestep: float) -> FloatArray | None:
-    """Sections of the IMU's filter; None: it has none, or one that lets all pass that the engine can show."""
+    """Return the sections of the IMU's filter; None without one, or with a cut-off beyond the engine's sample rate."""
     if not frequency or frequency >= 0.5 / timestep:
         return None
     from scipy import signal  # noqa: PLC0415 - a second to import, which robots without the filter need not wait for
@@ -162,7 +162,7 @@ def _low_pass(frequency: float, timestep: float) -> FloatArray | None:
 
 
 def _mean_over(steps: int) -> FloatArray:
-    """Weights of the engine steps about a moment of a mean over so many; of an even number the ends count half."""
+    """Return the weights of a centred mean over a number of engine steps; with an even number the ends count half."""
     weights = np.full(2 * (steps // 2) + 1, 1.0 / steps)
     if steps % 2 == 0:
         weights[[0, -1]] /= 2
@@ -170,7 +170,7 @@ def _mean_over(steps: int) -> FloatArray:
 
 
 def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:
-    """Rows (..., n) of raw values (m, n) at ticks (...) + offset engine steps, linear in between, the ends held."""
+    """Return rows (..., n) of raw values (m, n) at ticks (...) + offset engine steps, linear in between, constant outside."""
     whole = int(np.floor(offset + 1e-9))  # a delay of four steps is not one of 3.9999999999
     fraction = offset - whole
     before = raw.take(ticks + whole, axis=0, mode="clip")

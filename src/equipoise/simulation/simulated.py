@@ -76,11 +76,11 @@ class SimulatedPlatform(SteppedPlatform):
 
     @abstractmethod
     def _place(self, joint_position: FloatArray, base_height: float) -> None:
-        """Put the robot there, level and at rest."""
+        """Place the robot there, level and at rest."""
 
     @abstractmethod
     def _run(self, control: FloatArray, raw: FloatArray) -> None:
-        """Move on by one engine step for each row of (n, nj) targets [rad], and fill in (n, 3 nj + 6) raw sensor values.
+        """Advance by one engine step for each row of (n, nj) targets [rad], and fill in (n, 3 nj + 6) raw sensor values.
 
         Interrupted, it has not moved on at all.
 
@@ -97,15 +97,15 @@ class SimulatedPlatform(SteppedPlatform):
 
     @abstractmethod
     def _set_clock_to_zero(self) -> None:
-        """For those who watch the engine from outside."""
+        """Set the engine's clock to zero, for observers of the engine."""
 
     @abstractmethod
     def _turn_by(self, angle: float) -> None:
-        """Turn the robot about the floor's normal through its base's origin, to its left [rad]; all else stays."""
+        """Rotate the robot about the floor's normal through its base's origin, to its left [rad]."""
 
     @abstractmethod
     def _base_up(self) -> float:
-        """Cosine of the angle between the base's z axis and the floor's normal."""
+        """Return the cosine of the angle between the base's z axis and the floor's normal."""
 
     def read(self) -> RobotState:
         raw = np.concatenate([self._raw_past, self._samples.filtered(self._raw_now()[None], keep=False)])
@@ -166,7 +166,7 @@ class SimulatedPlatform(SteppedPlatform):
         return round(self._errors.sizes.command_delay / self._timestep)
 
     def _with_zeros(self, position: FloatArray) -> FloatArray:
-        """The loop closes on the encoders: what they misread, the joint is off by."""
+        """Return the joint targets at which the encoders read a position, since the loop closes on them."""
         target = position - self._errors.joint_offset
         return target - self._errors.encoder_error(target) if self._errors.sizes.encoder_eccentricity else target
 
@@ -179,7 +179,7 @@ class SimulatedPlatform(SteppedPlatform):
         self._kp = np.maximum(self._kp, _LEAST_KP)
 
     def _control(self, trajectory: Trajectory) -> FloatArray:
-        """(n substeps, nj) position targets; feed-forward folds into the target of a PD loop."""
+        """Return (n substeps, nj) position targets; feed-forward is included in the target of the PD loop."""
         if self._closed:
             raise MotionError("the simulated robot is closed; simulate it again to move it")
         joints = len(self.joint_names)
@@ -204,7 +204,7 @@ class SimulatedPlatform(SteppedPlatform):
         return self._samples.sensed(self._advance(control, turn), past, len(control) // self._substeps, first)
 
     def _advance(self, control: FloatArray, turn: float = 0.0) -> FloatArray:
-        """Roll the engine forward; returns raw sensor values at every engine step, the kept past first."""
+        """Roll the engine forward; return raw sensor values at every engine step, those of the past first."""
         delayed = np.concatenate([self._late_control, control])
         past = len(self._raw_past)
         history = np.empty((past + len(control), self._raw_width))
@@ -251,7 +251,7 @@ def _turns(trajectory: Trajectory) -> FloatArray | None:
 
 
 def _whole_steps(control_period: float, timestep: float) -> int:
-    """Engine steps per control period."""
+    """Return the engine steps per control period."""
     steps = round(control_period / timestep) if timestep > 0 else 0
     if steps < 1 or not np.isclose(steps * timestep, control_period, rtol=1e-9):
         raise SettingsError(

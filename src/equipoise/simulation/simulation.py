@@ -1,4 +1,4 @@
-"""A simulated robot in one call: the model, the platform on it, and the truth about it."""
+"""Simulated robot in one call: model, platform, and ground truth."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class Witness(Protocol):
     """Ground truth of the simulated robot, besides its platform: for evaluation, never for control."""
 
     def look(self) -> GroundTruth:
-        """The present moment."""
+        """Return the true state at the present moment."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """A simulated robot. Use it as a context manager, or close the platform.
+    """Simulated robot. Use it as a context manager, or close the platform.
 
     Attributes:
         platform: platform that experiments may use.
@@ -56,7 +56,7 @@ class Simulation:
 
     @property
     def truth_of_parts(self) -> dict[str, dict[str, dict[str, float]]]:
-        """True values of each part by name, as a result takes them: of "motors", and of "links" where the engine tells."""
+        """Return true values of each part by name for a result: of "motors", and of "links" if the engine provides them."""
         return {"motors": self._motor_truth(), "links": self.link_truth}
 
     def _motor_truth(self) -> dict[str, dict[str, float]]:
