@@ -343,7 +343,7 @@ def test_an_orientation_is_proposed_where_there_is_no_gyroscope(a1, leaning, tmp
         read_log(path, a1)
     proposed = Columns.from_text(raised.value.proposal, "it")
     read = read_log(path, a1, columns=replace(proposed, units={"orientation": "deg" if angles else "rad"}))
-    assert any("turns as its fused orientation does" in finding.message for finding in read.findings)
+    assert any("derived from the fused orientation" in finding.message for finding in read.findings)
 
 
 # --- what the user says
@@ -357,9 +357,9 @@ def test_columns_may_be_some_and_in_other_units(a1, leaning, tmp_path):
         columns[f"accelerometer.{axis}"] = columns[f"accelerometer.{axis}"] / 9.80665
     columns["time"] = 1000 * columns["time"]
     units = 'units.time = "ms"\nunits.gyro = "deg/s"\nunits.accelerometer = "g"\n'
-    columns = Columns.from_text('gyro.x = "wx"\ngyro.y = "wy"\ngyro.z = "wz"\n' + units, "it")
+    named = Columns.from_text('gyro.x = "wx"\ngyro.y = "wy"\ngyro.z = "wz"\n' + units, "it")
     for path in (write_csv(tmp_path / "log.csv", columns), write_parquet(tmp_path / "log.parquet", columns)):
-        same(read_log(path, a1, columns=columns).recording, log)
+        same(read_log(path, a1, columns=named).recording, log)
 
 
 @pytest.mark.parametrize(
@@ -393,7 +393,7 @@ def test_an_empty_name_leaves_out_a_column_that_has_ours(a1, leaning, tmp_path):
 def test_columns_that_the_table_has_not_are_named(a1, leaning, tmp_path):
     path = write_csv(tmp_path / "log.csv", columns_of(leaning[0]))
     with pytest.raises(
-        SettingsError, match=r"say 'gyr.x' for gyro.x, which the table .* has not; did you mean 'gyro.x'"
+        SettingsError, match=r"maps gyro.x to 'gyr.x', which the table .* does not have; did you mean 'gyro.x'"
     ):
         read_log(path, a1, columns=Columns({"gyro.x": "gyr.x"}))
     with pytest.raises(SettingsError, match=r"give 'gyro.z' to gyro.x and to gyro.z"):
@@ -453,7 +453,7 @@ def test_arrays_of_two_lengths_are_refused_by_name(a1, leaning, tmp_path):
     rows = len(arrays["t"])
     with pytest.raises(
         RecordingError,
-        match=rf"arrays of {rows} samples \(q, t\) and {2 * rows} samples \(gyro, acc\), .*a file of its own",
+        match=rf"arrays of {rows} samples \(q, t\) and {2 * rows} samples \(gyro, acc\), .*a separate file",
     ):
         read_log(tmp_path / "log.npz", a1)
 
@@ -540,14 +540,14 @@ def test_an_orientation_turns_as_the_gyroscope_that_is_not_there(a1, leaning, tm
         log.imu.angular_velocity_in_imu,
         atol=0.01 * np.ptp(log.imu.angular_velocity_in_imu),
     )
-    assert any("turns as its fused orientation does" in finding.message for finding in read.findings)
+    assert any("derived from the fused orientation" in finding.message for finding in read.findings)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda q: np.roll(q, -1, axis=1), "is w the last"),
-        (lambda q: q * [1, -1, -1, -1], "is it of the room in the IMU"),
+        (lambda q: q * [1, -1, -1, -1], "is it the inverse rotation"),
         (lambda q: 2 * q, "have a norm of 2; it must be 1"),
     ],
 )
@@ -571,7 +571,7 @@ def test_the_quaternion_order_is_detected_on_a_robot_that_faces_forward(a1, lean
     quaternions = np.roll(np.roll(turned.as_quat(), 1, axis=1), order, axis=1)
     path = write_csv(tmp_path / "log.csv", with_orientation(replace(log, imu=imu), quaternions))
     if order == 0:
-        assert any("as its fused orientation does" in finding.message for finding in read_log(path, a1).findings)
+        assert any("derived from the fused orientation" in finding.message for finding in read_log(path, a1).findings)
     else:
         with pytest.raises(RecordingError, match="is w the last"):
             read_log(path, a1)

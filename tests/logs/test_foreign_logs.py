@@ -312,7 +312,7 @@ def test_states_of_older_robots_are_read_by_the_definitions_in_their_bags(a1, lo
 def test_states_without_motors_are_refused(a1, log, tmp_path):
     """The state of an A1 that walks by its own controller has no motors."""
     path = Bag(tmp_path / "bag", "ros1").legged_states(a1, log, "HighState", LEGGED_OF_OLD).write()
-    with pytest.raises(RecordingError, match="HighState of /highstate hold no motors"):
+    with pytest.raises(RecordingError, match="HighState messages of /highstate hold no motors"):
         read_log(path, a1)
 
 

@@ -99,7 +99,7 @@ def test_unrelated_names_are_listed_in_the_error(a1):
     with pytest.raises(RecordingError) as raised:
         map_joints(a1, logged)
     for part in (
-        "nothing in the log is called like FL_hip_joint",
+        "no name in the log resembles FL_hip_joint",
         "Found so far: none",
         "'j0'",
         "'j11'",
@@ -120,8 +120,8 @@ def test_the_users_joint_map_takes_precedence(a1):
     ("given", "message"),
     [
         ({"FL_wing": "x"}, "names 'FL_wing', which is not a leg joint"),
-        ({"FL_hip_joint": "wing"}, "says 'wing' for FL_hip_joint"),
-        ({"FL_hip_joint": 12}, "says 12 for FL_hip_joint"),
+        ({"FL_hip_joint": "wing"}, "gives 'wing' for FL_hip_joint"),
+        ({"FL_hip_joint": 12}, "gives 12 for FL_hip_joint"),
         ({"FL_hip_joint": 3, "FR_hip_joint": 3}, "assigns 'RL_hip_joint' to two joints"),
     ],
 )
