@@ -396,7 +396,7 @@ def test_columns_that_the_table_has_not_are_named(a1, leaning, tmp_path):
         SettingsError, match=r"maps gyro.x to 'gyr.x', which the table .* does not have; did you mean 'gyro.x'"
     ):
         read_log(path, a1, columns=Columns({"gyro.x": "gyr.x"}))
-    with pytest.raises(SettingsError, match=r"give 'gyro.z' to gyro.x and to gyro.z"):
+    with pytest.raises(SettingsError, match=r"assigns 'gyro.z' to gyro.x and to gyro.z"):
         read_log(path, a1, columns=Columns({"gyro.x": "gyro.z", "gyro.z": "gyro.z"}))
     with pytest.raises(SettingsError, match="cannot be read"):
         Columns.from_toml(tmp_path / "none.toml")

@@ -575,7 +575,7 @@ def test_two_files_and_a_rate_from_the_command_line(a1, whole, tmp_path, capsys)
     ]
     arguments = ["estimate", *paths, "--robot", "unitree_a1", "--mass", "13.6", "--json", "--no-report"]
     assert main([*arguments, "--rate", "0"]) == 2
-    assert "the rate must be above zero, in samples a second, not 0" in capsys.readouterr().out
+    assert "the rate must be above zero, in samples per second, not 0" in capsys.readouterr().out
     assert main([*arguments, "--rate", "500"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["composite"]["mass"] == pytest.approx(13.6, abs=0.1)
