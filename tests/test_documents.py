@@ -169,6 +169,32 @@ def test_python_on_the_pages_runs(block, workspace, monkeypatch):
         assert_shown(printed.getvalue(), block.shown, abs=0.6, rel=0.1)
 
 
+def test_the_class_of_your_robot_calibrates_a_robot_in_its_mujoco_scene(tmp_path):
+    robot = load_robot("unitree_a1")
+    spec = mujoco.MjSpec.from_string(robot.source.xml)
+    spec.worldbody.first_body().add_freejoint()
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
+    for joint in spec.joints[1:]:
+        joint.armature, joint.frictionloss = 0.01, 0.2
+    spec.body("trunk").add_site(name="imu")
+    for name, kind in (
+        ("gyro", mujoco.mjtSensor.mjSENS_GYRO),
+        ("accelerometer", mujoco.mjtSensor.mjSENS_ACCELEROMETER),
+    ):
+        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
+    spec.compile()
+    (tmp_path / "scene.xml").write_text(spec.to_xml(), encoding="utf-8")
+    page = ROOT / "docs" / "your-robot.md"
+    (block,) = (block for block in blocks(page) if "class MyRobot" in block.code)
+    names = {"__name__": "my_module"}
+    exec(compile(block.code, page.name, "exec"), names)
+    with names["MyRobot"](robot, scene=str(tmp_path / "scene.xml")) as platform:
+        result = calibrate(platform, robot, BayesianMethod(60.0, mass=platform.model.body_mass.sum()))
+    assert [check.name for check in result.checks if not check.passed] == []
+    com = [quantity.value for quantity in result.composite.com_in_base]
+    np.testing.assert_allclose(com, result.nominal.composite.com, atol=2e-3)
+
+
 @pytest.mark.parametrize("command", [c for c in commands("python") if c[1][0].startswith("examples/")], ids=label)
 def test_examples_run_and_print_the_output_that_a_page_shows(command, workspace, monkeypatch):
     _, (script, *arguments), shown = command

@@ -263,7 +263,7 @@ def test_platforms_are_listed_with_their_settings(capsys):
         "unitree-go1",
     ]
     assert main(["platforms"]) == 0
-    assert "docs/unitree-go2.md" in capsys.readouterr().out
+    assert "docs/hardware/unitree-go2-b2.md" in capsys.readouterr().out
 
 
 def test_a_simulated_robot_is_recorded_for_ten_seconds(tmp_path, capsys):

@@ -75,8 +75,8 @@ def estimate_run(
         predictions = predict_held_out(posterior, settings.prior_run)
         predicted = held_out(predictions)
         masses = compare_estimate(posterior, settings.scale, settings.prior_run)
-        unsorted = judge(posterior, predicted, masses)
-        unsorted += [] if settings.prior_run is None else [check_of_changes(changes, settings.prior_run)]
+        unsorted = run_checks(posterior, predicted, masses)
+        unsorted += [] if settings.prior_run is None else [prior_run_check(changes, settings.prior_run)]
         checks = tuple(sorted(unsorted, key=lambda check: check.passed))
         _refuse_worse_than_file(predicted, checks)
         findings = (*map(Change.finding, changes), *sensor_findings(posterior))
@@ -141,7 +141,7 @@ def estimate_run(
         evidence=PosteriorEvidence(tuple(recordings), posterior, changes, predictions),
         held_out=predicted,
         mass_comparison=masses,
-        uncertainty_budget=budget_of(posterior),
+        uncertainty_budget=uncertainty_budget(posterior),
         links=links if passed else {name: link.doubted() for name, link in links.items()},
         timings=timings,
     )

@@ -127,7 +127,7 @@ def information_before(
     """Return the (size, size) information before a run."""
     unknowns = candidates.unknowns
     weighed = None if mass is None else (candidates.predictor.robot.mass, mass[1])
-    _, rows = prior_rows(unknowns.believing(prior_run.belief(unknowns, variances)), unknowns.start(), weighed)
+    _, rows = prior_rows(unknowns.with_prior(prior_run.distribution(unknowns, variances)), unknowns.start(), weighed)
     return rows.T @ rows
 
 

@@ -74,7 +74,8 @@ DRIVERS: dict[str, Driver] = {
         Driver(
             "ros2", "Gazebo and ros2_control robots: JointState and Imu in, positions or impedance out; no ROS needed here",
             "load command controllers, --set interface=eth0 --set stack=NAME; topics and joint order are settings",
-            "docs/ros2.md", "equipoise.drivers.ros2.driver", "equipoise.drivers.ros2.ros2_settings:Ros2Settings", needs=_DDS,
+            "docs/hardware/ros2.md", "equipoise.drivers.ros2.driver", "equipoise.drivers.ros2.ros2_settings:Ros2Settings",
+            needs=_DDS,
         ),
         Driver(
             "unitree-a1", "Unitree A1 over UDP (beta: not tested on a robot)",

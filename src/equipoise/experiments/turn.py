@@ -36,7 +36,7 @@ def be_turned(standing: StandingRobot, stance: Stance) -> Recording:
         MotionError: the operator did not confirm in time, or the robot no longer lies.
     """
     by_itself = TURNS in standing.platform.accepts
-    said = None if by_itself else TiltLimit(math.inf, (0.0, 0.0, 0.0), stop_requested=standing.told)
+    said = None if by_itself else TiltLimit(math.inf, (0.0, 0.0, 0.0), stop_requested=standing.operator_done)
     motion = standing.motion().phase(Phase.TURN).hold_limp(_SIMULATED if by_itself else _PATIENCE)
     recording = standing.play(motion, said)
     if not by_itself and (recording.commands is None or recording.commands.time.size == motion.count):

@@ -240,7 +240,8 @@ class RobotLoop:
         self._sent_at = now
         raise OverrunError(
             f"no command was sent for {(now - before) * 1000:.0f} ms while the robot was moved or held: the robot process was "
-            "stopped, this computer was suspended, or other programs used its processors. See docs/robots.md"
+            "stopped, this computer was suspended, or other programs used its processors. See "
+            "docs/hardware/safety.md#real-time-priority"
         )
 
     def _observe(self) -> tuple[RobotState, ...]:

@@ -37,5 +37,7 @@ class MassComparison:
     def message(self) -> str:
         """Both masses and their difference."""
         constants = f", with the torque constants of {self.earlier}" if self.earlier else ""
-        masses = f"the given mass is {self.given:g} kg, and the joint torques carry {self.from_torques:.2f} kg{constants}"
+        masses = (
+            f"the given mass is {self.given:g} kg, and the joint torques carry {self.from_torques:.2f} kg{constants}"
+        )
         return f"{masses} ({self.difference:+.0%}, limit {self.limit:.0%})"

@@ -41,7 +41,7 @@ class SensorErrors:
     """Sizes of a simulated robot's effects: errors of sensors, motors, legs, feet and floor, and a cable.
 
     The defaults are an ideal robot, as in its model file. Fields, units and meanings are the rows of the table of effects
-    (`SensorErrors.rows()`, docs/method/world.md); a size is an rms value, exact, or as the law of its row defines it.
+    (`SensorErrors.rows()`, docs/simulation-studies.md); a size is an rms value, exact, or as the law of its row defines it.
     """
 
     encoder_noise: float = effect(

@@ -1,6 +1,6 @@
 """ROS 2 robots and Gazebo, without a ROS installation: JointState and Imu in, commands of joints out, over DDS.
 
-docs/ros2.md lists the required controllers.
+docs/hardware/ros2.md lists the required controllers.
 """
 
 from __future__ import annotations

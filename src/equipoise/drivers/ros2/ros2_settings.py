@@ -35,7 +35,7 @@ class Ros2Settings:
     """Settings of the connection to a ROS 2 robot.
 
     Attributes:
-        interface: network interface of this computer; "lo": ROS runs on this computer and is limited to it (docs/ros2.md).
+        interface: network interface of this computer; "lo" limits ROS to this computer (docs/hardware/ros2.md).
         domain: number of the robot's domain, its ROS_DOMAIN_ID.
         peers: addresses for discovery of the robot, in addition to multicast.
         accept_cyclonedds: version of cyclonedds to use although robots, or others on the domain, run another.

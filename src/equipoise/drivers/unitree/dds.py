@@ -189,7 +189,7 @@ class UnitreeDdsConnection:
             raise OtherCommanderError(
                 f"another program commands the motors of {self.name}: {self._others.name_of_writer(others[0][1])} sent "
                 f"{len(others)} commands on {COMMAND_TOPIC}. Both would move the robot: end that program, on this computer or "
-                "on the robot (its own sport mode, if that was not released: docs/unitree-go2.md)"
+                "on the robot (its own sport mode, if that was not released: docs/hardware/unitree-go2-b2.md)"
             )
 
     def _may_release(self) -> bool:

@@ -1,7 +1,8 @@
 """Layouts of the low-level packets of the Unitree A1 and Go1.
 
 Each robot has one of two forms, which its answers determine. The A1's compressed form and the Go1's plain one were tested
-against packets that the makers' own SDKs sent and accepted (see docs/unitree-udp.md), not against packets of a real robot.
+against packets that the makers' own SDKs sent and accepted (see docs/hardware/unitree-a1-go1.md),
+not against packets of a real robot.
 The A1's uncompressed structures (its header, packed) and the Go1's scrambled checksum, from one public program, are not
 proven.
 """

@@ -68,7 +68,7 @@ class MotionSwitcher:
         if not _wait_for(lambda: self._requests.readers and self._responses.writers, _FOUND):
             raise self._failure(
                 f"was not found within {_FOUND:g} s; a simulator without it needs release_sport_mode=false; for robot "
-                "firmware without it, see docs/unitree-go2.md"
+                "firmware without it, see docs/hardware/unitree-go2-b2.md"
             )
         if (robots := self._responses.writers) > 1:
             raise self._failure(

@@ -248,7 +248,7 @@ def _name_mistake(robot: RobotModel, unexplained: Unexplained, limit: float, mot
     by_turn, index = min(turned)
     if by_turn < min(limit, cured):
         seen = f"in {motion} the gyroscope differs from the base's rotation by the legs"
-        raise mounted_turned(robot, RIGHT_ANGLE_TURNS[index], seen)
+        raise imu_mounting_error(robot, RIGHT_ANGLE_TURNS[index], seen)
     if cured < limit:
         raise RecordingError(
             f"in {motion} the gyroscope differs from the base's rotation by the legs: it must be in rad/s, in the axes of the "
