@@ -110,7 +110,7 @@ def stand(
         "time": round(verdict.time_balanced, 2),
         "failure": verdict.failure,
         "believed_error": round(1000 * error, 2),
-        "excitation": None if verdict.excitation is None else round(1000 * verdict.excitation, 3),
+        "com_std": None if verdict.com_std is None else round(1000 * verdict.com_std, 3),
         "tilt": round(float(np.degrees(verdict.tilt)), 2),
         "torque": None if verdict.largest_torque is None else round(verdict.largest_torque, 1),
         "observed_error": None if verdict.observed_error is None else round(1000 * verdict.observed_error, 2),
@@ -208,13 +208,13 @@ def lean_table(rows: list[dict]) -> list[str]:
         stood = [row for row in rows if row["kind"] == "known" and row["robot"] == robot and row.get("balanced")]
         if not stood:
             continue
-        excitation = [row["excitation"] for row in stood if row["error"] == 0]
+        com_stds = [row["com_std"] for row in stood if row["error"] == 0]
         tilts = []
         for size in (0, 2, 4, 6):
             some = [row["tilt"] for row in stood if abs(row["error"]) == size]
             tilts.append(f"{np.mean(some):.1f}" if some else "falls")
         torque = max(row["torque"] for row in stood)
-        lines.append(f"| {robot} | {np.mean(excitation):.2f} | {', '.join(tilts)} | {torque:.1f} |")
+        lines.append(f"| {robot} | {np.mean(com_stds):.2f} | {', '.join(tilts)} | {torque:.1f} |")
     return lines
 
 

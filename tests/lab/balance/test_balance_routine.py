@@ -72,7 +72,7 @@ def test_an_a1_with_the_true_model_balances(balanced):
     assert verdict.failure is None
     assert verdict.time_balanced == 3.0
     assert verdict.judged_by == "truth"
-    assert verdict.excitation < 0.5e-3
+    assert verdict.com_std < 0.5e-3
     assert verdict.largest_tilt < np.radians(2)
     assert verdict.largest_torque < 15
     assert verdict.foot_travel < 1e-3
@@ -109,7 +109,7 @@ def test_an_a1_with_a_com_error_of_20_mm_falls_and_its_joints_are_held(a1, falle
     assert not verdict.balanced
     assert verdict.failure is not None
     assert 0.1 < verdict.time_balanced < 1.5
-    assert verdict.excitation is None
+    assert verdict.com_std is None
     assert not evaluate(fallen.run).balanced
     assert fallen.run.ending in ("touched", "tilted")
     recording = fallen.run.recording

@@ -32,7 +32,7 @@ class Verdict:
         time_balanced: time on two feet [s].
         failure: description of the event that ended the trial, or None.
         judged_by: source of the verdict: "truth" or "senses" (the robot's own estimates).
-        excitation: standard deviation of the CoM across the support line [m]; None if the robot fell too soon.
+        com_std: standard deviation of the CoM across the support line [m]; None if the robot fell too soon.
         off_line: mean distance of the CoM in front of the line [m]; None if the robot fell too soon.
         tilt: tilt of the base, mean of the last second [rad].
         largest_tilt: largest tilt of the base [rad].
@@ -46,7 +46,7 @@ class Verdict:
     time_balanced: float
     failure: str | None
     judged_by: str
-    excitation: float | None
+    com_std: float | None
     off_line: float | None
     tilt: float
     largest_tilt: float
