@@ -14,7 +14,7 @@ PICTURES = {
     for function in (
         schematics.draw_lift, schematics.draw_tilt, schematics.draw_planes, schematics.draw_frames,
         results.draw_methods, results.draw_balance,
-        runs.draw_result, runs.draw_bisection, runs.draw_tipping, runs.draw_sway, runs.draw_sensors, runs.draw_plan,
+        runs.draw_result, runs.draw_bisection, runs.draw_tipping, runs.draw_excitation, runs.draw_sensors, runs.draw_plan,
         runs.draw_payload,
     )
 }  # fmt: skip

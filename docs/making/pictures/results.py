@@ -62,7 +62,7 @@ def draw_balance() -> Figure:
         axes.plot(errors, share, color=colour, linestyle=dash, marker="o", markersize=3.5, label=robot)
     axes.set_xlim(-16, 16)
     axes.set_ylim(-0.05, 1.15)
-    axes.set_xlabel("believed less true centre of mass, across the support line [mm]")
+    axes.set_xlabel("CoM of the controller minus true CoM, across the support line [mm]")
     axes.set_ylabel("stood for 10 s")
     axes.set_yticks([0, 0.5, 1], ["none", "half", "all"])
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

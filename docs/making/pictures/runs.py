@@ -88,7 +88,7 @@ def _draw_numbers(axes, quantities) -> None:
     axes.set_yticks(range(len(quantities)), [one.name.replace("com_", "CoM ") for one in quantities])
     axes.tick_params(axis="y", length=0)
     axes.invert_yaxis()
-    axes.set_xlabel("less the truth, in half intervals")
+    axes.set_xlabel("error over the half-width of the 95 % interval")
     axes.set_title("What was found, and what the file says")
     axes.spines["left"].set_visible(False)
     axes.legend(loc="lower left")
@@ -173,15 +173,15 @@ def draw_tipping() -> Figure:
                       textcoords="offset points", color=colour, ha="center", va="bottom" if above else "top")  # fmt: skip
     axes.axhline(0, color=FAINT, linewidth=1)
     axes.margins(x=0.05, y=0.15)
-    axes.set_xlabel("time since two feet began to rise [s]")
-    axes.set_ylabel("turned about the line [deg]")
+    axes.set_xlabel("time from lift-off [s]")
+    axes.set_ylabel("angle about the support line [deg]")
     axes.annotate("forward", (0.01, 0.95), xycoords="axes fraction", color=ORANGE, fontsize=9, va="top")
     axes.annotate("backward", (0.01, 0.05), xycoords="axes fraction", color=BLUE, fontsize=9)
     return figure
 
 
-def draw_sway() -> Figure:
-    """Equations 3 to 5 on a simulated sway about yaw."""
+def draw_excitation() -> Figure:
+    """Equations 3 to 5 on a simulated excitation about yaw."""
     result, _, _ = _run("paper")
     fit = result.evidence.fits["yaw"]
     figure = new_figure(7.6, 2.6)
@@ -201,27 +201,27 @@ def draw_sway() -> Figure:
 
 
 def draw_sensors() -> Figure:
-    """Joint zeros that the Bayesian method found, beside those that were drawn for the simulated robot."""
+    """Joint offsets of the Bayesian method and of the simulated robot."""
     result, _, errors = _run("bayesian")
     names = _robot().joint_names
     figure = new_figure(7.6, 2.9)
     axes = figure.add_subplot()
     places = np.arange(len(names))
-    zeros = [result.joints[name].zero for name in names]
-    values, halves = (np.array([getattr(zero, which) for zero in zeros]) for which in ("value", "half"))
-    axes.errorbar(places, np.degrees(values), np.degrees(halves), fmt="o", color=BLUE, capsize=4, markersize=5,
-                  label="found, with 95 %")  # fmt: skip
+    offsets = [result.joints[name].zero for name in names]
+    values, half_widths = (np.array([getattr(offset, which) for offset in offsets]) for which in ("value", "half_width"))
+    axes.errorbar(places, np.degrees(values), np.degrees(half_widths), fmt="o", color=BLUE, capsize=4, markersize=5,
+                  label="estimate, 95 %")  # fmt: skip
     axes.plot(places, np.degrees(errors.joint_offset), "x", color=ORANGE, mew=2, markersize=7, label="truth")
     axes.axhline(0, color=FAINT, linewidth=1)
     axes.set_xticks(places, [name.replace("_joint", "").replace("_", "\n") for name in names])
-    axes.set_ylabel("encoder zero off by [deg]")
+    axes.set_ylabel("joint offset [deg]")
     axes.grid(axis="y")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return figure
 
 
 def draw_plan() -> Figure:
-    """What the planner expects of a robot time."""
+    """Predicted accuracy over the robot time."""
     stance = nominal_stance(_robot())
     budgets = [45, 60, 80, 100, 120, 160, 200]
     plans = [plan_ahead(_robot(), stance, BayesianMethod(budget)) for budget in budgets]
@@ -239,7 +239,7 @@ def draw_plan() -> Figure:
             )
         axes.set_ylim(0, None)
         axes.set_xlabel("robot time [s]")
-        axes.set_title(f"{title}, 1 sd")
+        axes.set_title(f"{title}, 1 std")
         axes.grid(axis="y")
         axes.legend(ncols=3)
     return figure
@@ -257,7 +257,7 @@ def draw_payload() -> Figure:
     mass, com = figure.subplots(1, 2, width_ratios=[1, 3])
     for axes, chosen, factor, label in ((mass, slice(0, 1), 1000, "[g]"), (com, slice(1, 4), 1000, "[mm]")):
         places = np.arange(len(names[chosen]))
-        axes.bar(places - 0.19, factor * apart[chosen], 0.36, color=FAINT, label="one result less the other")
+        axes.bar(places - 0.19, factor * apart[chosen], 0.36, color=FAINT, label="difference of two results")
         axes.bar(places + 0.19, factor * together[chosen], 0.36, color=ORANGE, label="estimated together")
         axes.set_xticks(places, [name.replace("com_", "CoM ") for name in names[chosen]])
         axes.set_ylabel(f"standard deviation {label}")
