@@ -9,7 +9,7 @@ from style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, new_figure
 
 _RESULTS = Path(__file__).parents[3] / "benchmarks" / "results"
 _METHODS = {"static": MUTED, "paper": BLUE, "bayesian": ORANGE}
-_WORDS = {"static": "static: torques of a robot that stands", "paper": "paper: bisection", "bayesian": "bayesian"}
+_WORDS = {"static": "static: joint torques at rest", "paper": "paper: bisection", "bayesian": "bayesian"}
 
 
 def _lines(name: str) -> list[dict]:

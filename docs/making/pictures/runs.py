@@ -89,7 +89,7 @@ def _draw_numbers(axes, quantities) -> None:
     axes.tick_params(axis="y", length=0)
     axes.invert_yaxis()
     axes.set_xlabel("error over the half-width of the 95 % interval")
-    axes.set_title("What was found, and what the file says")
+    axes.set_title("Estimate and model file")
     axes.spines["left"].set_visible(False)
     axes.legend(loc="lower left")
 
