@@ -64,7 +64,7 @@ def test_a_broken_package_leaves_the_list_whole_with_reason_and_remedy(tmp_path,
 
 def test_a_missing_package_is_named_with_its_command():
     rows, _, error = listed("", "cyclonedds")
-    message = r"talking over DDS needs cyclonedds: pip install 'cyclonedds>=\d[\d.]*,<\d[\d.]*'$"
+    message = r"DDS needs cyclonedds: pip install 'cyclonedds>=\d[\d.]*,<\d[\d.]*'$"
     assert all(re.search(message, rows[name]) for name in ON_DDS)
     assert re.search(message, error.strip())
 
@@ -78,7 +78,7 @@ def test_a_driver_whose_own_package_is_broken():
         "except MissingDependencyError as error: print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    message = r"platform 'unitree-go1' needs a package that is broken \(ModuleNotFoundError: .*\): install it again\n"
+    message = r"platform 'unitree-go1' needs a package that is broken \(ModuleNotFoundError: .*\): reinstall it\n"
     assert re.fullmatch(message, done.stdout)
 
 

@@ -173,7 +173,7 @@ def test_lifts_grow_to_a_bound(a1):
 
 
 def test_unknown_settings_are_rejected():
-    with pytest.raises(SettingsError, match="method 'magic' is not known"):
+    with pytest.raises(SettingsError, match="method 'magic' is unknown"):
         method_named("magic")
     with pytest.raises(SettingsError, match="'measured' or 'commanded'"):
         PaperMethod(feet="guessed")

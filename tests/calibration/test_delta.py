@@ -145,7 +145,7 @@ def test_verdicts_depend_on_the_size_of_a_quantity():
 
 
 def test_invalid_scales_are_rejected():
-    with pytest.raises(SettingsError, match=r"a scale's mass is 0 kg; it must be 0\.05 kg or more"):
+    with pytest.raises(SettingsError, match=r"a mass of 0 kg is too small; pass at least 0\.05 kg"):
         ScaleReadings((0.0, 1.0))
     with pytest.raises(SettingsError, match=r"noise of the scale is -1; it must be above 0 and below 1"):
         ScaleReadings(noise=-1)

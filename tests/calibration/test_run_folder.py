@@ -444,7 +444,7 @@ def test_a_damaged_header_is_reported(run, content, message):
         ("description", {"kp": "strong"}, "is damaged"),
         ("model", {}, "KeyError"),
         ("model", {"repairs": 3}, "is damaged"),
-        ("settings", {}, "settings of run .* are damaged: method 'None' is not known"),
+        ("settings", {}, "settings of run .* are damaged: method 'None' is unknown"),
     ],
 )
 def test_a_header_with_damaged_content_is_reported(run, key, value, message):

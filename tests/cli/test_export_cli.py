@@ -179,7 +179,7 @@ def test_errors_name_the_remedy(run, a1, tmp_path, capsys):
 def test_no_folder_is_made_for_a_mistyped_path(what, run, tmp_path, capsys):
     out = tmp_path / "nosuch" / "a1"
     message = fails(capsys, 6, "export", str(run), *what, "--out", str(out))
-    assert f"{str(out)!r}: No such file or directory; is " in message
+    assert f"{str(out)!r}: No such file or directory; check that the folder exists" in message
     assert not out.parent.exists()
 
 

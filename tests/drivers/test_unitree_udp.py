@@ -749,7 +749,7 @@ def test_shares_of_packets_are_lost_doubled_and_overtaken():
 
 
 def test_a_share_is_a_share():
-    with pytest.raises(SettingsError, match=r"loss is 1\.5; it is a share"):
+    with pytest.raises(SettingsError, match=r"loss is 1\.5; it must be from 0 to 1"):
         NetworkFaults(loss=1.5)
 
 

@@ -76,7 +76,7 @@ CASES = [
     ),
     *(Case("repeat", phase, SensorError, "samples are repeated") for phase in ("stand", "watch")),
     *(Case("delay", phase, SensorError, "out of order|are repeated") for phase in ("move", "watch")),
-    *(Case("overheat", phase, HealthError, "motor of joint 'FL_calf_joint' has 90 deg C") for phase in PHASES),
+    *(Case("overheat", phase, HealthError, "motor of joint 'FL_calf_joint' is at 90 deg C") for phase in PHASES),
     *(Case("empty battery", phase, HealthError, "battery charge is 8%") for phase in ("move", "watch")),
     *(Case("remote damp", phase, StopRequestedError, "requested to damp the robot") for phase in ("move", "watch")),
     *(
@@ -250,7 +250,7 @@ LYING = [
     Case("stick joint", "raise", MotionError, _STUCK),
     Case("nan", "swing", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite"),
     Case("repeat", "swing", SensorError, "samples are repeated"),
-    Case("overheat", "swing", HealthError, "motor of joint 'FL_calf_joint' has 90 deg C"),
+    Case("overheat", "swing", HealthError, "motor of joint 'FL_calf_joint' is at 90 deg C"),
     # Limp and upright, the thigh hangs in its friction.
     Case("lose torque", "swing", MotionError, "FL_thigh_joint.* (is it on|lost power)", joint=THIGH),
     Case("freeze encoder", "swing", SensorError, "encoder of joint 'FL_calf_joint' is frozen"),
@@ -301,7 +301,7 @@ STANDING = [
     Case("lose torque", "lift", FALLS, "FL_calf_joint|falling"),
     Case("outside", "lift", FALLS, "falling|FL|FR|RL|RR", push=250.0),
     Case("nan", "swing", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite"),
-    Case("overheat", "swing", HealthError, "motor of joint 'FL_calf_joint' has 90 deg C"),
+    Case("overheat", "swing", HealthError, "motor of joint 'FL_calf_joint' is at 90 deg C"),
     Case("kill link", "swing", CommunicationError, "the link is gone"),
     Case("lose torque", "swing", MotionError, "FL_calf_joint.*lost power|FL_calf_joint.*is it on"),
     Case("lose torque", "swing", FALLS, "FR_calf_joint|falling", joint=_OTHER_CALF),
@@ -333,7 +333,7 @@ def test_a_hot_robot_over_three_feet_is_lowered_level(tmp_path, monkeypatch):
             hyq = load_robot("hyq")
     except MissingDependencyError as error:
         pytest.skip(str(error))
-    case = Case("overheat", "settle", HealthError, "has 90 deg C", after=0.1)
+    case = Case("overheat", "settle", HealthError, "is at 90 deg C", after=0.1)
     outcome, _, recorder, report = run(hyq, [case], tmp_path / "run", settings=Motors(motor_time=8.0))
     assert is_of(outcome, case.error), outcome
     assert_put_down(hyq, case, outcome, recorder, report)

@@ -52,7 +52,7 @@ def turned(a1, angle, confirmed=None):
         assert TURNS not in guard.accepts
         standing, _ = stand_up(guard, a1, stance)
         standing.keep = kept.append
-        standing.told = confirmed or (lambda: robot.carried == WHILE)
+        standing.operator_done = confirmed or (lambda: robot.carried == WHILE)
         BayesianTrials(standing, stance, composite_parameters(a1, stance.joint_position).com).turn()
     return robot, kept[0]
 

@@ -307,7 +307,7 @@ def test_a_joint_map_from_the_command_line(bag, tmp_path, capsys):
     (tmp_path / "map.toml").write_text('FL_hip_joint = "elbow"\n')
     arguments = ["estimate", str(bag), "--robot", "unitree_a1", "--joint-map", str(tmp_path / "map.toml")]
     assert main(arguments) == 2
-    assert "says 'elbow' for FL_hip_joint; the log's joints are" in capsys.readouterr().err
+    assert "gives 'elbow' for FL_hip_joint; the log's joints are" in capsys.readouterr().err
 
 
 def test_an_equipoise_run_is_read_as_before(precise_run, a1, tmp_path, capsys):

@@ -201,6 +201,6 @@ def _output_errors(path: Path) -> Generator[None]:
         if isinstance(error, OutputError):
             raise
         raise OutputError(
-            f"cannot write the recording {str(path)!r}: {error.strerror}; check the folder, its "
-            "permissions and the free space"
+            f"cannot write the recording {str(path)!r}: {error.strerror}; check that the folder "
+            "exists, is writable and has free space"
         ) from error
