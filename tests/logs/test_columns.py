@@ -168,7 +168,7 @@ def test_the_proposal_for_a_table_with_other_names_reads_it(a1, leaning, tmp_pat
     path = write(tmp_path / "log", a1, log)
     assert is_log(path)
     with pytest.raises(
-        ColumnsError, match=r"The names of its columns suggest the mapping below. Check it, save it"
+        ColumnsError, match=r"The names of its columns suggest the mapping below. Check this proposal, save it"
     ) as raised:
         read_log(path, a1)
     assert raised.value.details["columns"] == raised.value.proposal
