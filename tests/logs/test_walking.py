@@ -195,7 +195,8 @@ def test_an_imu_that_is_mounted_turned_is_named(a1, stance, trotted, turn):
         for name in ("angular_velocity_in_imu", "acceleration_in_imu")
     }
     angles = "roll {}, pitch {}, yaw {} deg".format(*turn)
-    with pytest.raises(MotionError, match=f"in steps the gyroscope differs from .* by {angles} relative to the base; set imu_rpy"):
+    message = f"in steps the gyroscope differs from .* by {angles} relative to the base; set imu_rpy"
+    with pytest.raises(MotionError, match=message):
         compare_gyroscope(a1, stance, replace(trotted.log, imu=replace(imu, **sensed)))
 
 
