@@ -194,7 +194,7 @@ def test_a_log_without_anything_usable_shows_what_it_holds(a1, log, found):
         ),
         (lambda log: with_imu(log, acceleration_in_imu=lambda values: values / 9.81), "is it in units of g"),
         (lambda log: with_imu(log, angular_velocity_in_imu=np.zeros_like), "readings are the same in the whole log"),
-        (lambda log: with_joints(log, torque=np.negative), "have they the wrong sign"),
+        (lambda log: with_joints(log, torque=np.negative), "do they have the wrong sign"),
         (lambda log: with_joints(log, torque=lambda values: 1000 * values), "are they those of the joints, in Nm"),
         (
             lambda log: with_joints(log, position=first_thigh, velocity=first_thigh),
