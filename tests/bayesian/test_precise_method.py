@@ -207,7 +207,7 @@ def test_the_plan_is_printed_without_moving_anything(capsys):
         (["--method", "paper", "--duration", "60s"], "--duration belongs to --method bayesian"),
         (["--tolerance", "0.001"], "--tolerance belongs to --method paper"),
         (["--motor-stance", "belly"], "--motor-stance belongs to --parameters motors"),
-        (["--method", "motors", "--parameters", "base,motors"], "--method motors finds motors alone"),
+        (["--method", "motors", "--parameters", "base,motors"], "--method motors estimates motors only"),
         (["--duration", "25s"], "a duration of 25 s allows no lift after the search; give"),
         (
             ["--mass-std", "0.1"],

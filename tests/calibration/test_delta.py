@@ -199,7 +199,7 @@ def test_incomparable_runs_are_rejected(folders, tmp_path, capsys):
     header["settings"], precise = PaperMethod().to_dict(), header["settings"]
     (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")
     assert main(["compare", str(paper), str(folders / "after")]) == 2
-    assert "is of the method 'paper'; what was added is told by runs of 'bayesian'" in capsys.readouterr().err
+    assert "is of the method 'paper'; compare runs of the method 'bayesian'" in capsys.readouterr().err
     header["settings"] = precise
     header["description"]["foot_radius"] = 0.03
     (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")

@@ -297,7 +297,7 @@ def test_a_run_of_another_robot_than_is_named_is_refused(run, tmp_path, a1_urdf,
     file.write_text(a1_urdf, encoding="utf-8")
     name = load_robot(file).name
     assert fails(capsys, 2, "estimate", str(run), "--robot", str(file)) == (
-        f"error: the run {str(run)!r} is of the robot 'unitree_a1', and --robot names {name!r}; leave out --robot"
+        f"error: the run {str(run)!r} is of the robot 'unitree_a1', but --robot is {name!r}; leave out --robot"
     )
 
 
@@ -389,7 +389,7 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path):
     assert process.returncode == 130
     assert "Traceback" not in rest
     assert f"kept in {folder}" in rest
-    assert f"go on: equipoise calibrate --resume {folder}" in rest
+    assert f"resume: equipoise calibrate --resume {folder}" in rest
     log = RunFolder.open(folder).read()
     assert log.closed
     assert len(log.recordings) == 3
@@ -414,7 +414,7 @@ def test_ctrl_c_while_a_result_is_drawn_says_how_to_see_it(tmp_path):
     assert process.returncode == 130
     assert not (folder / "report.html").exists()
     resume = ["calibrate", "--resume", str(folder)]
-    assert f"go on: equipoise {' '.join(resume)}\n" in told
+    assert f"resume: equipoise {' '.join(resume)}\n" in told
     assert main([*resume]) == 0
     assert (folder / "report.html").exists()
 
@@ -460,7 +460,7 @@ def test_calibrate_says_what_it_does_before_it_does_it(tmp_path, capsys):
     assert main(["calibrate", "--method", "static", "--out", str(tmp_path / "run")]) == 0
     said = capsys.readouterr().err.splitlines()[0]
     assert said.startswith(
-        "unitree_a1 (name another, or a URDF or MJCF file), simulated in mujoco, preset realistic, method static"
+        "unitree_a1 (default; for another: equipoise calibrate ROBOT), simulated in mujoco, preset realistic, method static"
     )
 
 

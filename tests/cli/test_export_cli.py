@@ -126,7 +126,7 @@ def test_without_a_format_the_table_is_shown(arguments, run, capsys):
     assert main(["export", *(str(run) if word == "RUN" else word for word in arguments)]) == 0
     printed, told = capsys.readouterr()
     assert all(name in printed for name in FORMATS)
-    nothing = f"nothing was written; name a format, as in: equipoise export {run} --to urdf\n"
+    nothing = f"nothing was written; name a format, for example: equipoise export {run} --to urdf\n"
     assert told == (nothing if arguments == ["RUN"] else "")
     assert max(map(len, printed.splitlines()[: len(FORMATS) + 3])) <= 80
     assert main(["export", *(str(run) if word == "RUN" else word for word in arguments), "--json"]) == 0
@@ -141,7 +141,7 @@ def test_the_users_file_is_overwritten_only_by_name(run, a1, tmp_path, capsys):
     mine.parent.mkdir(exist_ok=True)
     mine.write_bytes(a1.source.path.read_bytes())
     message = fails(capsys, 6, "export", str(copy), "--to", "urdf", "--file", str(mine))
-    assert message == f"error: {str(mine)!r} is the file to edit; to overwrite it name it with --out too"
+    assert message == f"error: {str(mine)!r} is the file to edit; to overwrite it, pass it to --out too"
     assert mine.read_bytes() == a1.source.path.read_bytes()
     assert main(["export", str(copy), "--to", "urdf", "--file", str(mine), "--out", str(mine)]) == 0
     assert mine.read_bytes() != a1.source.path.read_bytes()
@@ -159,7 +159,7 @@ def test_what_is_not_identified_is_refused_and_forced(a1, tmp_path, capsys):
 
 def test_errors_name_the_remedy(run, a1, tmp_path, capsys):
     assert "'gazebo' is not a format" in fails(capsys, 2, "export", str(run), "--to", "gazebo")
-    assert "name a run: equipoise export RUN --to urdf" in fails(capsys, 2, "export", "--to", "urdf")
+    assert "no run is given: equipoise export RUN --to urdf" in fails(capsys, 2, "export", "--to", "urdf")
     assert "is a folder without run.json; name the run folder of a calibration" in fails(
         capsys, 5, "export", str(tmp_path), "--to", "urdf"
     )
@@ -200,8 +200,8 @@ def test_all_formats_go_into_a_folder_and_what_cannot_be_is_said(run, tmp_path, 
 
 
 def test_all_takes_no_flag_of_one_format_and_fails_where_nothing_can_be_written(run, a1, tmp_path, capsys):
-    assert "--all writes every format by itself" in fails(capsys, 2, "export", str(run), "--all", "--to", "urdf")
-    assert "name a run: equipoise export RUN --all" in fails(capsys, 2, "export", "--all")
+    assert "--all writes every format; leave out" in fails(capsys, 2, "export", str(run), "--all", "--to", "urdf")
+    assert "no run is given: equipoise export RUN --all" in fails(capsys, 2, "export", "--all")
     assert "did not estimate legs" in fails(capsys, 8, "export", str(run), "--all", "--parameters", "legs")
     result = found(a1)
     unknown = {name: Body.partly(getattr(result.nominal, name)) for name in ("composite", "base")}

@@ -62,8 +62,8 @@ def test_a_table_is_printed_and_garbage_is_counted(monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("flags", "typed", "message"),
     [
-        (DOCTOR, "no\n", "not confirmed, nothing was commanded: type unitree_a1"),
-        (["doctor", "--hanging"], "unitree_a1\n", "'mujoco' has no driver: --hanging measures the motor boards"),
+        (DOCTOR, "no\n", "not confirmed, no command was sent; type unitree_a1 to confirm"),
+        (["doctor", "--hanging"], "unitree_a1\n", "'mujoco' has no driver; --hanging needs a real robot"),
     ],
 )
 def test_nothing_is_sent_unless_the_robot_is_named_and_real(monkeypatch, capsys, flags, typed, message):

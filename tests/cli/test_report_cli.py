@@ -65,7 +65,7 @@ def test_an_estimate_with_other_settings_leaves_the_runs_own_alone(tmp_path, cap
     capsys.readouterr()
     assert main(["estimate", str(run), *other]) == 0
     shown = capsys.readouterr().out
-    assert f"not kept, and not what {run / 'calibration.json'} holds" in shown
+    assert f"not saved, and different from {run / 'calibration.json'}" in shown
     assert "export with" not in shown
     assert not (run / "report.html").exists()
     assert main(["estimate", str(run), *other, "--out", str(out)]) == 0
@@ -139,7 +139,7 @@ def test_a_json_result_has_its_page_beside_it(run, tmp_path, capsys):
 
 
 def test_errors_say_what_to_do(run, tmp_path, capsys):
-    assert "no run was named; give a run folder" in fails(capsys, 2)
+    assert "no run is given; name a run folder" in fails(capsys, 2)
     assert f"{str(run)!r} is named twice" in fails(capsys, 2, run, run)
     assert "does not exist; name the run folder of a calibration" in fails(capsys, 5, tmp_path / "nowhere")
     (tmp_path / "file").write_text("in the way", encoding="utf-8")

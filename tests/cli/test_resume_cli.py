@@ -116,7 +116,7 @@ def test_a_run_that_is_complete_is_estimated_again(whole, capsys):
     before = (whole / "recording_0.mcap").read_bytes()
     assert main(["calibrate", "--resume", str(whole), "--json"]) == 0
     captured = capsys.readouterr()
-    assert captured.err == f"the run in {whole} is complete; this is what its recordings say\n"
+    assert captured.err == f"the run in {whole} is complete; this is its result\n"
     assert json.loads(captured.out) == json.loads((whole / "calibration.json").read_text(encoding="utf-8"))
     assert (whole / "recording_0.mcap").read_bytes() == before
 
@@ -132,7 +132,7 @@ def test_a_run_that_is_complete_is_estimated_again(whole, capsys):
 )  # fmt: skip
 def test_a_run_goes_on_as_it_began(whole, arguments, named, capsys):
     assert main(["calibrate", "--resume", str(whole), *arguments]) == 2
-    assert f"error: --resume goes on as the run began; {named} cannot be given with it" in capsys.readouterr().err
+    assert f"error: --resume uses the settings of the run; {named} cannot be given with it" in capsys.readouterr().err
 
 
 def test_what_is_no_run_cannot_be_gone_on_with(tmp_path, capsys):
@@ -144,7 +144,7 @@ def test_what_is_no_run_cannot_be_gone_on_with(tmp_path, capsys):
     ("facts", "message"),
     [
         ({"platform": "unitree-z9", "platform_settings": {}}, "platform 'unitree-z9' is not known"),
-        ({"seed": None}, "does not say its seed; runs of"),
+        ({"seed": None}, "has no 'seed' in its provenance; only runs of"),
         ({"sim_preset": "loud"}, "preset 'loud' is not known"),
         ({"payload": "heavy"}, "is not MASS,X,Y,Z"),
         ({"seed": 4}, "standing up"),

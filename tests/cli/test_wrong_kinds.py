@@ -1,4 +1,4 @@
-"""Verbs that are given a file of another kind: one sentence states what it is, and what to name instead."""
+"""Error messages for files of the wrong kind."""
 
 import os
 
@@ -70,7 +70,9 @@ def test_a_log_of_another_kind_is_told_apart(tmp_path, capsys):
     (tmp_path / "log.csv").write_text("time", encoding="utf-8")
     for verb in (["estimate"], ["view"], ["lab", "validate"]):
         said = fails(capsys, 5, *verb, "log.csv")
-        assert said == f"error: 'log.csv' is a .csv file; {RUN}; if it is another kind of log, say whose with --robot"
+        assert (
+            said == f"error: 'log.csv' is a .csv file; {RUN}; for a log of another program, name its robot with --robot"
+        )
 
 
 @pytest.mark.usefixtures("folder")

@@ -270,7 +270,7 @@ def test_an_unmet_requirement_has_an_exit_code(folder, precise_run, words, capsy
     assert main(["estimate", str(folder), "--fail-unless", words, "--json", "--no-report"]) == (0 if well else UNMET)
     captured = capsys.readouterr()
     assert json.loads(captured.out)["verdicts"] == met
-    assert ("required, and not met" in captured.err) == (not well)
+    assert ("requirement not met" in captured.err) == (not well)
 
 
 def test_an_unknown_requirement_is_refused(folder, capsys):

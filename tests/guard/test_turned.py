@@ -153,7 +153,7 @@ def test_enter_is_received_without_waiting(monkeypatch, capsys):
     ready = [False, False, True, True]
     monkeypatch.setattr(operator_prompt.sys, "stdin", terminal)
     monkeypatch.setattr(operator_prompt.select, "select", lambda *given: ([terminal] if ready.pop(0) else [], [], []))
-    confirmed = Keyboard().turned
+    confirmed = Keyboard().rotation_confirmed
     assert [confirmed(), confirmed(), confirmed()] == [False, False, True]
     assert capsys.readouterr().err.count("press Enter") == 1
     with pytest.raises(MotionError, match="the standard input is closed"):

@@ -636,9 +636,9 @@ def test_at_a_terminal_the_proposal_is_asked_about(a1, leaning, tmp_path, capsys
     first = main(arguments)
     shown = errors.getvalue()
     for part in (
-        "Enter reads it so", "still missing: gyro.x", "did you mean 'gyro[0]'", "what you wrote cannot be read",
-        "accelerometer.y has no column now: 'acc[1]' was its\nstill missing: accelerometer.y",
-        "gyro.y has no column now: 'acc[1]' was its\nstill missing: gyro.y", "cannot write", f"saved: {kept}",
+        "Press Enter to accept", "still missing: gyro.x", "did you mean 'gyro[0]'", "your line cannot be read",
+        "accelerometer.y no longer has a column; it was 'acc[1]'\nstill missing: accelerometer.y",
+        "gyro.y no longer has a column; it was 'acc[1]'\nstill missing: gyro.y", "cannot write", f"saved: {kept}",
     ):  # fmt: skip
         assert part in shown, part
     assert max(map(len, shown.partition("Enter reads")[2].splitlines()[:2])) <= 80

@@ -211,7 +211,7 @@ def test_the_command_reads_a_walk(a1, trotted, tmp_path, capsys):
     file = write_csv(tmp_path / "trot.csv", columns_of(trotted.log))
     assert main(["estimate", str(file), "--robot", "unitree_a1", "--mass", "13.6"]) == 0
     shown = capsys.readouterr().out
-    assert "steps of a walk" in shown
+    assert "walking steps" in shown
     assert "0 lifts" not in shown
 
 

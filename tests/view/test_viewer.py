@@ -220,11 +220,11 @@ def test_a_missing_package_is_named_before_anything_moves(tmp_path, verb):
 @pytest.mark.parametrize(
     ("flags", "code", "message"),
     [
-        (["calibrate", "--browser"], 2, "--browser is where --view shows the run; give --view too"),
+        (["calibrate", "--browser"], 2, "--browser needs --view; give both"),
         (["view", "nowhere"], 5, "'nowhere' does not exist; name the run folder of a calibration"),
         (["view", ".", "--from", "3s"], 2,
-         "tables, topics, --joint-map, --columns, --rate, --from, --until and descriptions are for logs that are not ours: "
-         "give --robot too"),
+         "tables, topics, --joint-map, --columns, --rate, --from, --until and robot flags are for logs of other programs; "
+         "pass --robot too"),
         (["view", ".", "--out", "gone/a.rrd"], 6, "'gone/a.rrd' cannot be written: there is no folder 'gone'"),
         (["view", ".", "--out", "a.mp4"], 6, "'a.mp4' is not the name of a Rerun file; append .rrd"),
     ],

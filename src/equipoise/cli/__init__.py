@@ -1,4 +1,4 @@
-"""The command line: one function per verb, and what they print. No arithmetic."""
+"""Command line: one function per verb. No arithmetic."""
 
 from __future__ import annotations
 
@@ -19,36 +19,36 @@ from equipoise.plugins import Table
 
 INTERRUPTED = 130
 VERBS = {
-    "calibrate": ("equipoise.cli.calibrate", "find mass, centre of mass and inertia; simulated or on the robot"),
-    "plan": ("equipoise.cli.inspect", "what 'calibrate' would do, and how accurate it would be"),
-    "estimate": ("equipoise.cli.inspect", "estimate again from a run, or from a log that is not ours"),
+    "calibrate": ("equipoise.cli.calibrate", "estimate mass, centre of mass and inertia, simulated or on the robot"),
+    "plan": ("equipoise.cli.inspect", "show the motions of 'calibrate' and predict its accuracy"),
+    "estimate": ("equipoise.cli.inspect", "estimate again from a run, or from a log of another program"),
     "view": ("equipoise.cli.view", "show a run or a log in the Rerun viewer"),
-    "report": ("equipoise.cli.report", "a page to read and to show: a run, or several compared"),
+    "report": ("equipoise.cli.report", "write a page about one run, or a page that compares several"),
     "export": ("equipoise.cli.export", "write the result into the file that your controller reads"),
-    "compare": ("equipoise.cli.compare", "the payload that was added between two calibrations"),
-    "payload": ("equipoise.cli.payload", "measure the payload that is on the robot now, in half a minute"),
-    "doctor": ("equipoise.cli.robot", "look at a robot without moving it"),
+    "compare": ("equipoise.cli.compare", "compute the payload that was added between two calibrations"),
+    "payload": ("equipoise.cli.payload", "measure the payload on the robot against an earlier run, in half a minute"),
+    "doctor": ("equipoise.cli.robot", "check a robot's sensors and joint map without moving it"),
     "record": ("equipoise.cli.robot", "log a robot's sensors without moving it"),
-    "robots": ("equipoise.cli.overview", "robots known by name"),
-    "platforms": ("equipoise.cli.overview", "simulators and robots, how they start, their settings"),
-    "audit": ("equipoise.cli.inspect", "what speaks against the inertias in a model file"),
+    "robots": ("equipoise.cli.overview", "list the robots that have a name"),
+    "platforms": ("equipoise.cli.overview", "list simulators and robots, with their start and settings"),
+    "audit": ("equipoise.cli.inspect", "check the inertias in a model file"),
 }
-"""Verbs: the module of each, which is imported when the verb is used, and its purpose in a few words."""
+"""Module of each verb, imported when the verb is used, and its purpose."""
 GROUPS: Table[Mapping[str, tuple[str, str]]] = Table("group of verbs", "equipoise.verbs", dict, {})
-"""Tables of verbs as `VERBS`, which installed packages add: `equipoise GROUP VERB`. The lab is one."""
+"""Tables like `VERBS` from installed packages, for `equipoise GROUP VERB`. The lab is one."""
 
 
 def find_verb(name: str, arguments: Sequence[str] = ()) -> Callable[..., int | None]:
-    """Return the function of a verb, with the flags that it has for these arguments.
+    """Return the function of a verb.
 
-    A verb whose flags depend on others has a function `VERB_for`, which makes it from the arguments.
+    If the flags of a verb depend on its arguments, `VERB_for` returns the function.
 
     Args:
         name: verb, or group and verb as "lab balance".
         arguments: words that follow it.
 
     Raises:
-        SettingsError: a flag is given beside --resume, which takes all settings from the run.
+        SettingsError: a flag is not allowed with --resume, which takes all settings from the run.
     """
     group, _, verb = name.rpartition(" ")
     module = importlib.import_module((GROUPS[group] if group else VERBS)[verb][0])
@@ -59,7 +59,7 @@ def find_verb(name: str, arguments: Sequence[str] = ()) -> Callable[..., int | N
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
+    """Run the command line and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments == ["--version"]:
         print(f"equipoise {_version.__version__}")
@@ -73,9 +73,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     with _warnings_on_stderr("--quiet" in arguments):
         try:
             code = _run(arguments)
-        except SystemExit as stop:  # tyro has printed its help, or what is wrong with the flags
+        except SystemExit as stop:  # tyro has printed help or an error
             code = int(stop.code or 0)
-            return _failed("UsageError", "the flags cannot be used; see stderr", code, arguments) if code else 0
+            return _failed("UsageError", "invalid flags; see stderr", code, arguments) if code else 0
         except EquipoiseError as error:
             if "--debug" in arguments:
                 traceback.print_exc()
@@ -84,31 +84,31 @@ def main(argv: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
             return _failed("Interrupted", "interrupted", INTERRUPTED, arguments)
-        except BrokenPipeError:  # the reader, `head` say, has seen enough
+        except BrokenPipeError:  # the reader, such as `head`, has closed
             sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - flushed when Python exits
             return 0
         except OSError as error:
             print(f"error: cannot write: {error}", file=sys.stderr)
             return OutputError.exit_code
-    return int(code or 0)  # verbs that judge return an exit code
+    return int(code or 0)  # None from verbs that always succeed
 
 
 def _run(arguments: Sequence[str]) -> int | None:
-    """Do what the arguments say, importing only the verb that they name; raises SystemExit if they cannot be used."""
+    """Import and run the verb that the arguments name; raises SystemExit for invalid flags."""
     name, words, verbs = arguments[0], arguments[1:], VERBS
     if name not in VERBS and name in GROUPS:
         verbs = GROUPS[name]
         if not words or words[0] in ("-h", "--help"):
             from equipoise.terminal.lists import print_group
 
-            print_group(name, {verb: what for verb, (_, what) in verbs.items()})
+            print_group(name, {verb: purpose for verb, (_, purpose) in verbs.items()})
             return 0 if words else 2
         name, words = f"{name} {words[0]}", words[1:]
-    group, _, asked = name.rpartition(" ")
-    if asked not in verbs:
+    group, _, requested = name.rpartition(" ")
+    if requested not in verbs:
         program = f"equipoise {group}".rstrip()
         raise SettingsError(
-            f"{program} has no verb {asked!r}; {did_you_mean(asked, verbs)}'{program} --help' lists them"
+            f"{program} has no verb {requested!r}; {did_you_mean(requested, verbs)}'{program} --help' lists them"
         )
     from equipoise.cli.arguments import refuse_missing
 
@@ -123,7 +123,7 @@ def _run(arguments: Sequence[str]) -> int | None:
 
 
 def _switches(verb: Callable[..., Any], words: Sequence[str]) -> dict[str, bool] | None:
-    """The flags of a verb that takes nothing but switches: a list is there before a parser is; None: it takes others."""
+    """Return the flags of a verb that has only switches, without loading the parser; None for other verbs or words."""
     parameters = signature(verb).parameters
     if any(parameter.default is not False for parameter in parameters.values()):
         return None
@@ -146,7 +146,7 @@ def _warnings_on_stderr(quiet: bool) -> Generator[None]:
 def _failed(
     kind: str, message: str, code: int, arguments: Sequence[str], details: Mapping[str, Any] | None = None
 ) -> int:
-    """With --json an error is an object too. Returns the exit code."""
+    """Print the error as an object with --json, and return the exit code."""
     from equipoise.cli.arguments import chosen
 
     if "--json" in arguments or chosen(arguments, "--format", "") == "json":

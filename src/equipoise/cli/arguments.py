@@ -1,4 +1,4 @@
-"""Words of a command line that count before it is parsed. Nothing here imports NumPy, a robot model or a verb."""
+"""Arguments that are read before parsing. This module imports no NumPy, robot model or verb."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _RUN_FIRST = ("compare", "estimate", "export", "report", "view", "lab validate")
 
 
 def chosen(words: Sequence[str], flag: str, default: str) -> str:
-    """Return the value of a flag that other flags depend on."""
+    """Return the last value of a flag on which other flags depend."""
     value = default
     for index, word in enumerate(words):
         if word == flag and index + 1 < len(words):
@@ -25,17 +25,19 @@ def chosen(words: Sequence[str], flag: str, default: str) -> str:
 
 
 def refuse_missing(verb: str, words: Sequence[str]) -> None:
-    """Refuse a robot or a run that does not exist, before the verb is imported: that takes a second.
+    """Raise if a robot or run does not exist, before the verb is imported, which takes a second.
 
     Args:
         verb: verb, or group and verb as "lab balance".
-        words: words that follow it; robots and runs are recognised in front of the first flag, and a robot after --robot.
+        words: words that follow it: robots and runs before the first flag, and a robot after --robot.
 
     Raises:
-        ModelError: there is no such robot.
-        RecordingError: there is no such run.
+        ModelError: a robot does not exist.
+        RecordingError: a run does not exist.
     """
-    if {"-h", "--help"} & {*words} or chosen(words, "--format", "") == "github":  # which annotates what is missing
+    if {"-h", "--help"} & {*words} or chosen(
+        words, "--format", ""
+    ) == "github":  # which prints an annotation for a missing file
         return
     first = [*takewhile(lambda word: not word.startswith("-"), words)]
     robot = chosen(words, "--robot", "")

@@ -31,17 +31,17 @@ def compare(
     out: File = None,
     output: Output,
 ) -> None:
-    """Find what was added to a robot between two calibrations, or taken off: its mass,
+    """Compute the payload that was added or removed between two calibrations: its mass,
     centre of mass and inertia.
 
-    Both runs are estimated together: joint offsets, the IMU's mounting and a scale's
-    factor are the same in both, and cancel. The robot may have been switched off in
-    between, not taken apart.
+    Both runs are estimated together, so that joint offsets, the IMU's mounting and
+    the scale's gain error cancel. Between the runs the robot may be switched off but
+    not disassembled.
 
     Example: equipoise compare runs/a runs/b --mass 15.1 16.3
 
     Args:
-        mass: Masses of the whole robot before and after, from one scale [kg]; default those of the runs.
+        mass: Masses of the whole robot before and after, from one scale [kg]; default: those of the runs.
         scale_gain_std: Standard deviation of the error that both scale readings share, as a fraction of the mass.
         scale_noise_std: Standard deviation of the error of each single reading, as a fraction of the mass.
         out: JSON file to save the result in.
@@ -53,35 +53,35 @@ def compare(
     from equipoise.terminal.several_runs import print_payload_change
 
     folders = RunFolder(before, headers[0]), RunFolder(after, headers[1])
-    robot, methods = _shared_robot(*folders), (_precise(folders[0]), _precise(folders[1]))
+    robot, methods = _shared_robot(*folders), (_bayesian(folders[0]), _bayesian(folders[1]))
     scale = _scale(methods, mass or (None, None), scale_gain_std, scale_noise_std)
     first, second = (base_recordings(folder.recordings()) for folder in folders)
-    found = find_payload_change(robot, first, second, scale, methods[0].combined_priors)
+    change = find_payload_change(robot, first, second, scale, methods[0].combined_priors)
     truths = [folder.truth() for folder in folders]
     if truths[0] is not None and truths[1] is not None:
-        found = found.with_truth(truths[0], truths[1])
-    found = replace(found, provenance={"before": str(before), "after": str(after), "masses": scale.masses})
+        change = change.with_truth(truths[0], truths[1])
+    change = replace(change, provenance={"before": str(before), "after": str(after), "masses": scale.masses})
     if out is not None:
-        write_file(out, json_module.dumps(found.to_dict(), indent=2) + "\n")
-    output.write(found.to_dict(), lambda: print_payload_change(found))
+        write_file(out, json_module.dumps(change.to_dict(), indent=2) + "\n")
+    output.write(change.to_dict(), lambda: print_payload_change(change))
     if out is not None and not output.json:
         print(f"saved: {out}")
 
 
 def _shared_robot(before: RunFolder, after: RunFolder) -> RobotModel:
-    """The robot of two runs that can be compared; raises SettingsError if they cannot."""
+    """Return the robot of two runs; raises SettingsError if they cannot be compared."""
     if before.path.resolve() == after.path.resolve():
-        raise SettingsError(f"{str(after.path)!r} is named twice; what was added shows between two runs")
+        raise SettingsError(f"{str(after.path)!r} is named twice; give two different runs")
     models = [folder.robot() for folder in (before, after)]
     if models[0].source.xml != models[1].source.xml or models[0].description != models[1].description:
         raise SettingsError(
-            f"the runs are of different models, {models[0].name!r} and {models[1].name!r}: what was added shows only between "
-            "runs with the same model file and description"
+            f"the runs have different models, {models[0].name!r} and {models[1].name!r}; compare runs of the same "
+            "model file and robot configuration"
         )
     return models[0]
 
 
-def _precise(folder: RunFolder) -> BayesianMethod:
+def _bayesian(folder: RunFolder) -> BayesianMethod:
     from equipoise.bayesian.method import BayesianMethod
     from equipoise.method.combined import CombinedMethod
 
@@ -89,7 +89,7 @@ def _precise(folder: RunFolder) -> BayesianMethod:
     method = method.base if isinstance(method, CombinedMethod) else method
     if not isinstance(method, BayesianMethod):
         raise SettingsError(
-            f"the run {str(folder.path)!r} is of the method {method.name!r}; what was added is told by runs of "
+            f"the run {str(folder.path)!r} is of the method {method.name!r}; compare runs of the method "
             f"{BayesianMethod.name!r}"
         )
     return method

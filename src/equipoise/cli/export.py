@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from equipoise.result.calibration import Calibration
 
 _FOLDER = "export"
+_PARAMETERS = (
+    "'base' (mass, centre of mass, inertia), 'sensors' (joint offsets, IMU, clock), 'motors' (friction, armature, gain, "
+    "delay), 'legs' (masses and first moments of their links; with the base in a model file), several with commas, or 'all' "
+    "that the format holds. Default: base, or all if the format does not hold the base."
+)
 Run = Annotated[
     Positional[Path | None],
     arg(metavar="RUN", help="Run folder of a calibration, or a result as JSON.", help_behavior_hint=""),
@@ -31,7 +36,7 @@ def export(
     *,
     to: Annotated[str | None, arg(metavar="FORMAT", help_behavior_hint="")] = None,
     all: Flag = False,
-    parameters: Annotated[str | None, arg(metavar="NAMES", help_behavior_hint="")] = None,
+    parameters: Annotated[str | None, arg(metavar="NAMES", help=_PARAMETERS, help_behavior_hint="")] = None,
     out: File = None,
     file: File = None,
     force: Flag = False,
@@ -41,14 +46,13 @@ def export(
     list: Flag = False,
     output: Output,
 ) -> None:
-    """Write a result into the file that a controller or simulator reads. Without --to:
-    which formats there are.
+    """Write a result into the file that a controller or simulator reads. Without --to,
+    list the formats.
 
-    urdf and mjcf are the run's own model file with another inertial of the base
-    link, and otherwise the same to the byte. Another --parameters, and another result
-    than the run's own, go into files of their own: a1_motors.urdf, a1_weighed.urdf.
-    Every file says which body it holds, in which frame, at which stance and from
-    which run. What the run did not identify is refused.
+    urdf and mjcf copy the run's model file and change only the inertial of the base
+    link. Other --parameters, and results of another name, are written to separate
+    files, such as a1_motors.urdf. Every file states its body, frame, stance and run.
+    Parameters that are not identified are not written, unless you pass --force.
 
     Example: equipoise export runs/go2 --to urdf
              equipoise export runs/go2 --to xacro --file const.xacro --out const.xacro
@@ -56,36 +60,30 @@ def export(
 
     Args:
         to: Format; --list shows all.
-        all: Every format that can hold what is asked for, into the folder --out; what cannot be written is said.
-        parameters: 'base' (mass, centre of mass, inertia), 'sensors' (joint offsets, IMU, clock), 'motors' (friction,
-            armature, gain,
-            delay), 'legs' (masses and first moments of their links; a model file takes them with the base), several with
-            commas, or 'all' that the format holds. Default: base, or all where a format holds no base.
-        out: File to write, in a folder that is there; default export/ in the run folder. Your own file is overwritten only if
-            it is named here.
-        file: Your file to edit: for urdf and mjcf in place of the run's model file; sdf and xacro write a new one without it.
-        force: Write what is not identified or doubtful, or the nearest body to what was added, all the same; the file says so.
-        add_payload_link: Leave the base link as it is and write what was added as a fixed link equipoise_payload.
-        samples: mjlab, isaaclab: list so many drawn bodies too.
-        seed: Of everything drawn.
-        list: Show the formats.
+        all: Write all formats that can hold the parameters into the folder --out, and list the others with the reason.
+        out: File to write, in an existing folder; default export/ in the run folder. To overwrite your own file, name it here.
+        file: Your file to edit: for urdf and mjcf instead of the run's model file; sdf and xacro write a new file without it.
+        force: Also write doubtful parameters and those that are not identified, or the valid body nearest to the payload.
+        add_payload_link: Leave the base link unchanged and write the payload as the fixed link equipoise_payload.
+        samples: For mjlab and isaaclab: number of sampled bodies to list.
+        seed: Seed of the samples.
+        list: List the formats.
     """
     if run is None or list or not (all or to):
         if (all or to) and not list:
-            raise SettingsError(f"name a run: equipoise export RUN {f'--to {to}' if to else '--all'}")
+            raise SettingsError(f"no run is given: equipoise export RUN {f'--to {to}' if to else '--all'}")
         _show_formats(output.json)
         if run is not None and not list:
             print(
-                f"nothing was written; name a format, as in: equipoise export {typed(run)} --to urdf", file=sys.stderr
+                f"nothing was written; name a format, for example: equipoise export {typed(run)} --to urdf",
+                file=sys.stderr,
             )
         return
     if not run.is_file():
         read_header(run)
     if all:
         if to or file or add_payload_link or samples:
-            raise SettingsError(
-                "--all writes every format by itself: without --to, --file, --add-payload-link, --samples"
-            )
+            raise SettingsError("--all writes every format; leave out --to, --file, --add-payload-link and --samples")
         _export_all(run, out, force, seed, parameters, output)
         return
     assert to is not None
@@ -104,7 +102,7 @@ def export(
         run=str(run),
         parameters=parameters,
     )
-    path = written.save(out or _place(run, written, file))
+    path = written.save(out or _default_path(run, written, file))
     table = {"schema": "equipoise.export/1", "path": str(path), "run": str(run), **written.to_dict()}
     output.write(table, lambda: None if output.quiet else print_export(written, path))
 
@@ -113,9 +111,9 @@ def _export_all(run: Path, out: Path | None, force: bool, seed: int, parameters:
     from equipoise.exports.formats import Export, export_all
     from equipoise.terminal.export_listing import print_exports
 
-    found = export_all(_result(run), force=force, seed=seed, run=str(run), parameters=parameters)
-    written = {name: one for name, one in found.items() if isinstance(one, Export)}
-    refused = {name: one for name, one in found.items() if not isinstance(one, Export)}
+    exports = export_all(_result(run), force=force, seed=seed, run=str(run), parameters=parameters)
+    written = {name: one for name, one in exports.items() if isinstance(one, Export)}
+    refused = {name: one for name, one in exports.items() if not isinstance(one, Export)}
     if not written:
         raise next(iter(refused.values()))
     folder = made_folder(out or _folder(run))
@@ -131,7 +129,7 @@ def _folder(run: Path) -> Path:
 
 
 def _file_name(run: Path, written: Export) -> str:
-    """With the result's own name, if it is not that of a run: one result would replace the other."""
+    """Return the name of an export; the stem of a result file is appended, so that results of one run do not collide."""
     name = Path(written.file_name)
     return name.with_stem(f"{name.stem}_{run.stem}").name if run.is_file() and run.name != RESULT else name.name
 
@@ -140,22 +138,22 @@ def _show_formats(json: bool) -> None:
     from equipoise.exports.formats import Format, all_formats
     from equipoise.terminal.export_listing import print_formats
 
-    known = all_formats()
+    formats = all_formats()
     if not json:
-        print_formats(known)
+        print_formats(formats)
         return
     rows = [
         {"name": row.name, "bodies": row.bodies, "lacks": row.lacks, "parts": row.parts, "where": row.where, "file": row.file,
          "payload_link": row.payload,
          "page": row.page if "/" in row.page or not row.page else f"docs/reference/exports.md#{row.page}"}
         if isinstance(row, Format) else {"name": name, "cannot_be_used": str(row)}
-        for name, row in known.items()
+        for name, row in formats.items()
     ]  # fmt: skip
     print(json_module.dumps({"schema": "equipoise.formats/1", "formats": rows}, indent=2))
 
 
 def _result(run: Path) -> Calibration:
-    """Of a run folder, with its model; so has a JSON file that lies in the folder of the run that it is of."""
+    """Return the result of a run folder or JSON file, with the robot model of its run if that is in the same folder."""
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.result.calibration import Calibration
 
@@ -168,9 +166,9 @@ def _result(run: Path) -> Calibration:
     return dataclasses.replace(result, robot_model=model)
 
 
-def _place(run: Path, written: Export, file: Path | None) -> Path:
-    """Where a file goes that was given no place; never over the user's."""
+def _default_path(run: Path, written: Export, file: Path | None) -> Path:
+    """Return the path for an export without --out; raises OutputError if that is the file to edit."""
     path = made_folder(_folder(run)) / _file_name(run, written)
     if file is not None and path.exists() and path.samefile(file):
-        raise OutputError(f"{str(path)!r} is the file to edit; to overwrite it name it with --out too")
+        raise OutputError(f"{str(path)!r} is the file to edit; to overwrite it, pass it to --out too")
     return path

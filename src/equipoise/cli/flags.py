@@ -1,4 +1,4 @@
-"""What the verbs share: the types of their flags, and loading what the flags name."""
+"""Flag types that verbs share, and functions that load the runs, logs and platforms that flags name."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from equipoise.errors import RecordingError, SettingsError
 from equipoise.platform.engines import ENGINES
 from equipoise.robot.description import RobotDescription
 
-if TYPE_CHECKING:  # half a second that neither the help of a verb nor a wrong flag needs
+if TYPE_CHECKING:  # they take half a second to import
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.logs.raw_log import Log
     from equipoise.robot.model import RobotModel
@@ -34,33 +34,35 @@ RobotOrNone = Annotated[
         help_behavior_hint="(default: unitree_a1)",
     ),
 ]
-Run = Annotated[Positional[Path], arg(metavar="RUN", help="Run folder of a calibration, or a log of another kind.")]
+Run = Annotated[Positional[Path], arg(metavar="RUN", help="Run folder of a calibration, or a log of another program.")]
 Described = Annotated[RobotDescription, arg(name="robot")]
-# An option whose default is found at run time: its help says how.
+# Flags whose default depends on the run: their help explains it.
 Duration = Annotated[str | None, arg(metavar="TIME", help_behavior_hint="")]
 Topic = Annotated[str | None, arg(metavar="TOPIC", help_behavior_hint="")]
 Verbose = Annotated[bool, arg(aliases=["-v"], help_behavior_hint="")]
 Flag = Annotated[bool, arg(help_behavior_hint="")]
 Count = Annotated[int | None, arg(metavar="N", help_behavior_hint="")]
 _PLATFORMS = (
-    "Where: mujoco, dart (simulated); unitree-go2, unitree-b2 (robot lies, cable in, --set interface=eth0; its sport mode is "
-    "released); ros2 (Gazebo, ros2_control: load its controllers; settings are domain, interface, topics); unitree-a1, "
-    "unitree-go1 (beta: lying, in low-level mode, this computer in its network); MODULE:CLASS, a class of your own, also in "
-    "this folder. 'equipoise platforms' lists what packages add too, and all settings."
+    "Simulator or robot. mujoco, dart: simulators. unitree-go2, unitree-b2: robot lying, cable connected, --set "
+    "interface=eth0; sport mode is released. ros2: Gazebo or ros2_control with loaded controllers. unitree-a1, unitree-go1 "
+    "(beta): robot lying in low-level mode, this computer in its network. MODULE:CLASS: your own class, also from this "
+    "folder. 'equipoise platforms' lists all platforms and their settings."
 )
 PlatformName = Annotated[str, arg(metavar="PLATFORM", help=_PLATFORMS)]
-_SET = "A setting of the platform, as interface=eth0; may be given again."
+_SET = "Setting of the platform, for example interface=eth0. May be repeated."
 SettingsGiven = UseAppendAction[Annotated[tuple[str, ...], arg(metavar="KEY=VALUE", help=_SET, help_behavior_hint="")]]
 _SETTINGS = "TOML file with settings of the platform."
 SettingsFile = Annotated[Path | None, arg(metavar="PATH", help=_SETTINGS, help_behavior_hint="")]
-_WITH = "Effects besides, or of another size, as springs=3000,cable; docs/simulation-studies.md lists all. May be given again."
-_WITHOUT = "Effects that are left out, as springs,cable. May be given again."
+_WITH = "Additional effects or other sizes, for example springs=3000,cable; see docs/simulation-studies.md. May be repeated."
+_WITHOUT = "Effects to disable, for example springs,cable. May be repeated."
 _CONTACTS = (
-    "How feet touch the floor: own, hard points or as the effects have them; file, as the model file (an MJCF) says."
+    "Foot contact: default, hard points as modified by the effects; file, the contacts of the model file (MJCF)."
 )
 PresetName = Annotated[
     Literal["ideal", "realistic", "stress"],
-    arg(help="Effects of the simulated robot; ideal has none, and no friction; stress has more than is estimated."),
+    arg(
+        help="Effects of the simulated robot: ideal has none and no friction; stress adds effects that are not estimated."
+    ),
 ]
 WithEffects = UseAppendAction[
     Annotated[tuple[str, ...], arg(metavar="NAME=SIZE,NAME", help=_WITH, help_behavior_hint="")]
@@ -68,13 +70,13 @@ WithEffects = UseAppendAction[
 WithoutEffects = UseAppendAction[
     Annotated[tuple[str, ...], arg(metavar="NAME,NAME", help=_WITHOUT, help_behavior_hint="")]
 ]
-_PAYLOAD = "MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM."
+_PAYLOAD = "MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about the payload's CoM."
 PayloadGiven = Annotated[str | None, arg(metavar="M,X,Y,Z", help=_PAYLOAD, help_behavior_hint="")]
 ContactModelName = Annotated[Literal["default", "file"], arg(help=_CONTACTS)]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
 _REQUIRED = (
-    "End with 11 where the result is less than that, as identified,checks: all that the method estimates is identified; all "
-    "checks passed; or com_x, com_y and other quantities are identified."
+    "Exit with 11 unless all conditions are met, for example identified,checks. identified: every estimated quantity is "
+    "identified; checks: all checks passed; com_x, com_y, ...: that quantity is identified."
 )
 Required = Annotated[str | None, arg(metavar="WORDS", help=_REQUIRED, help_behavior_hint="")]
 Json = Annotated[bool, arg(help="Print one JSON object and nothing else on stdout.", help_behavior_hint="")]
@@ -82,19 +84,19 @@ Json = Annotated[bool, arg(help="Print one JSON object and nothing else on stdou
 
 @dataclass(frozen=True)
 class Output:
-    """What is printed."""
+    """Printed output."""
 
     json: Json = False
-    quiet: Annotated[bool, arg(help="No progress, no warnings.", help_behavior_hint="")] = False
-    debug: Annotated[bool, arg(help="Show a traceback if something goes wrong.", help_behavior_hint="")] = False
+    quiet: Annotated[bool, arg(help="Print no progress and no warnings.", help_behavior_hint="")] = False
+    debug: Annotated[bool, arg(help="Print a traceback if an error occurs.", help_behavior_hint="")] = False
 
     @property
     def silent(self) -> bool:
-        """Whether nothing but the result is printed."""
+        """True if only the result is printed."""
         return self.quiet or self.json
 
     def write(self, table: Any, text: Callable[[], object]) -> None:
-        """Print JSON values with --json, else what a function prints."""
+        """Print JSON values with --json; else call a function that prints text."""
         if self.json:
             print(json_module.dumps(table, indent=2))
         else:
@@ -103,19 +105,19 @@ class Output:
 
 @dataclass(frozen=True)
 class LogFlags:
-    """A log that is not ours.
+    """Log of another program.
 
     Attributes:
-        robot: Whose log it is: a name or a model file, as in 'calibrate'. A run of ours knows.
-        joint_topic: Joint states of a bag that has several.
-        imu_topic: IMU samples of a bag that has several.
-        command_topic: Joint commands of a bag that has several.
-        joint_map: TOML file with lines as FL_hip_joint = "front_left_hip": the log's name, or column, of a joint.
-        columns: TOML file with lines as gyro.x = "wx", for a table with other names; without it they are proposed.
-        rate: Samples a second of a table that has no time.
-        start: Use the log from here on, after its first sample.
-        until: Use the log until here.
-        tables: Further tables of the same run, as of the IMU, joined by time.
+        robot: Robot of the log: a name or a model file, as in 'calibrate'. Not needed for a run folder.
+        joint_topic: Topic of the joint states, if a bag has several.
+        imu_topic: Topic of the IMU samples, if a bag has several.
+        command_topic: Topic of the joint commands, if a bag has several.
+        joint_map: TOML file with the log's name or column of each joint, for example FL_hip_joint = "front_left_hip".
+        columns: TOML file with the columns of a table, for example gyro.x = "wx"; without it, columns are proposed.
+        rate: Sampling rate of a table without time stamps.
+        start: Start of the part to use, after the first sample.
+        until: End of the part to use, after the first sample.
+        tables: Further tables of the same run, for example of the IMU, merged by time.
     """
 
     robot: Annotated[str | None, arg(metavar="ROBOT", help_behavior_hint="")] = None
@@ -130,48 +132,48 @@ class LogFlags:
     tables: Annotated[Positional[tuple[Path, ...]], arg(metavar="[TABLE...]", help_behavior_hint="")] = ()
 
     def read(self, path: Path, model: RobotModel, asking: bool) -> Log:
-        """Read a log with what the flags say of it; raises SettingsError and LogError.
+        """Read a log as the flags describe it; raises SettingsError and LogError.
 
         Args:
             path: file, or folder of a bag.
-            model: robot whose log it is.
-            asking: whether the operator is asked to confirm proposed columns.
+            model: robot of the log.
+            asking: true to ask the operator to confirm proposed columns.
         """
         from equipoise.logs.tables.column_names import Columns
         from equipoise.logs.topics import Topics
-        from equipoise.terminal.column_dialogue import read_as_told
+        from equipoise.terminal.column_dialogue import read_with_dialogue
 
         if (path / HEADER).is_file() and (recorded := read_header(path).get("robot")) != model.name:
             raise SettingsError(
-                f"the run {str(path)!r} is of the robot {recorded!r}, and --robot names {model.name!r}; leave out --robot"
+                f"the run {str(path)!r} is of the robot {recorded!r}, but --robot is {model.name!r}; leave out --robot"
             )
         topics = Topics(self.joint_topic, self.imu_topic, self.command_topic)
         span = seconds(self.start, "from"), seconds(self.until, "until")
         columns = None if self.columns is None else Columns.from_toml(self.columns)
         if self.rate is not None:
             columns = (columns or Columns()).with_changes(Columns(rate=self.rate))
-        return read_as_told(path, model, topics, self.joint_map, columns, span, asking, self.tables)
+        return read_with_dialogue(path, model, topics, self.joint_map, columns, span, asking, self.tables)
 
 
 def open_run(path: Path, source: LogFlags, description: RobotDescription) -> RunFolder:
     """Open a run folder.
 
     Raises:
-        SettingsError: flags were given that are for logs.
-        RecordingError: it is not a run folder.
+        SettingsError: flags for logs are given.
+        RecordingError: the path is not a run folder.
     """
     if source != LogFlags() or description != RobotDescription():
         raise SettingsError(
-            "tables, topics, --joint-map, --columns, --rate, --from, --until and descriptions are for logs that are not ours: "
-            "give --robot too"
+            "tables, topics, --joint-map, --columns, --rate, --from, --until and robot flags are for logs of other programs; "
+            "pass --robot too"
         )
     try:
         header = read_header(path)
     except RecordingError as error:
         from equipoise.logs.reader import is_log
 
-        foreign = is_log(path) and "expected" not in error.details  # a file with a schema of equipoise is not foreign
-        hint = "; if it is another kind of log, say whose with --robot" if foreign else ""
+        is_foreign = is_log(path) and "expected" not in error.details  # not a file with an equipoise schema
+        hint = "; for a log of another program, name its robot with --robot" if is_foreign else ""
         raise RecordingError(f"{error}{hint}") from error
     from equipoise.calibration.run_folder import RunFolder
 
@@ -179,7 +181,7 @@ def open_run(path: Path, source: LogFlags, description: RobotDescription) -> Run
 
 
 def is_simulated(platform: str) -> bool:
-    """Return whether a platform is a simulator."""
+    """Return true if a platform is a simulator."""
     return platform in ENGINES
 
 
@@ -189,13 +191,13 @@ def exit_code(required: Sequence[str], verdicts: Mapping[str, bool]) -> int:
 
     unmet = [word for word in required if not verdicts[word]]
     for word in unmet:
-        print(f"required, and not met: {word}", file=sys.stderr)
+        print(f"requirement not met: {word}", file=sys.stderr)
     return UNMET if unmet else 0
 
 
 @contextmanager
 def connected(platform: str, model: Any, pairs: tuple[str, ...], settings: Path | None) -> Generator[Any]:
-    """A platform to look at: a robot that is connected to, or one that is simulated with ordinary sensors."""
+    """Connect to a robot, or simulate one with realistic sensors, and yield its platform."""
     find_platform(platform)
     given = given_settings(pairs, settings)
     if not is_simulated(platform):

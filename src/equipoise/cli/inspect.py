@@ -1,4 +1,4 @@
-"""The verbs that move nothing: plan, estimate, audit."""
+"""Verbs that need no robot: plan, estimate, audit."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from tyro.constructors import StructConstructorSpec
 from equipoise.calibration.run_header import HEADER, RESULT, read_header
 from equipoise.cli import flags
 from equipoise.cli.arguments import chosen
-from equipoise.cli.calibrate import rehearsed
+from equipoise.cli.calibrate import show_rehearsal
 from equipoise.cli.methods import DEFAULT_METHOD, METHOD_FLAGS, owners, refuse_flag_of
-from equipoise.cli.operator_prompt import with_known_imu
+from equipoise.cli.operator_prompt import with_imu_pose
 from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.report import try_to_save
 from equipoise.cli.setting_flags import flags_of, optional, spec_of, values_of
@@ -42,8 +42,8 @@ def plan(
     description: flags.Described,
     output: flags.Output,
 ) -> None:
-    """Show what 'calibrate' would do, and how accurate it would be. Moves nothing,
-    needs no simulator.
+    """Show the motions of 'calibrate' and predict its accuracy. Moves nothing and needs
+    no simulator.
 
     Example: equipoise plan go2 --duration 60s
     """
@@ -54,7 +54,7 @@ def plan(
     model = load_robot(robot, description)
     result = method.forecast(model, nominal_stance(model))
     if result is None:
-        rehearsed(model, method, flags.DEFAULT_PLATFORM, output.json)
+        show_rehearsal(model, method, flags.DEFAULT_PLATFORM, output.json)
     elif output.json:
         table = {"schema": "equipoise.plan/1", "robot": model.name, **result.to_dict(), "imu": model.imu.to_dict()}
         print(json_module.dumps(table, indent=2))
@@ -68,13 +68,13 @@ def plan(
 
 @dataclass(frozen=True)
 class EstimateOutput(flags.Output):
-    """What is written and shown.
+    """Written and printed output.
 
     Attributes:
-        out: JSON file to save the result in, and the page of the same name beside it. A run's own result is not replaced.
-        report: Leave out the page.
-        verbose: Show every piece of a log, and how long each stage of the estimate took.
-        explain: Show where the uncertainty comes from, and what would make it less.
+        out: JSON file to save the result in, with a page of the same name. The run's own result is not replaced.
+        report: Do not write the page.
+        verbose: Show every segment of a log, and the duration of each stage of the estimate.
+        explain: Show the sources of the uncertainty, and how to reduce it.
     """
 
     out: flags.File = None
@@ -83,7 +83,7 @@ class EstimateOutput(flags.Output):
     explain: flags.Flag = False
 
     def save(self, result: Calibration, page: Path | None) -> list[Path]:
-        """Save a result where it is asked for, else the page alone, if it has a place; return the files."""
+        """Save a result to --out, or only its page if there is no --out; return the files."""
         if self.out is not None:
             result.save(self.out)
             page = self.out.with_suffix(".html")
@@ -91,7 +91,7 @@ class EstimateOutput(flags.Output):
         return saved + (try_to_save(result, page) if self.report and page is not None else [])
 
     def show(self, result: Calibration, files: Sequence[Path], kept: Path | None) -> None:
-        """Print a result, and where its uncertainty comes from; `kept`: file or folder to export it from."""
+        """Print a result and, with --explain, its uncertainty budget; `kept`: file or folder to export it from."""
         from equipoise.terminal.results import print_budget, print_calibration
 
         print_calibration(result, files, self.verbose, kept)
@@ -100,7 +100,9 @@ class EstimateOutput(flags.Output):
 
 
 def estimate(
-    log: Annotated[Positional[Path], arg(metavar="LOG", help="Run folder of a calibration, or a log of another kind.")],
+    log: Annotated[
+        Positional[Path], arg(metavar="LOG", help="Run folder of a calibration, or a log of another program.")
+    ],
     *,
     fail_unless: flags.Required = None,
     given: Annotated[Mapping[str, Any], arg(name="method")],
@@ -108,14 +110,15 @@ def estimate(
     description: flags.Described,
     output: EstimateOutput,
 ) -> int:
-    """Estimate again from a run's recordings, or from a log that is not ours. Needs no
-    robot and no simulator.
+    """Estimate again from the recordings of a run, or from a log of another program.
+    Needs no robot and no simulator.
 
-    Logs are bags of ROS 2 (a folder, an .mcap or a .db3 file) and of ROS 1 with
-    JointState and Imu or unitree_go/LowState, and tables (.csv, .dat, .txt, .jsonl,
-    .parquet, .npz, .npy, .mat, also with .gz); docs/logs.md says what is in them.
-    Several tables of one run are joined by time. What can be used is found: lifts of
-    two diagonal feet, moves and excitations over planted feet, walks and crawls.
+    Logs are ROS 2 bags (a folder, .mcap or .db3 file), ROS 1 bags, and tables
+    (.csv, .dat, .txt, .jsonl, .parquet, .npz, .npy, .mat, also with .gz). A bag holds
+    JointState and Imu or unitree_go/LowState messages; docs/logs.md describes the
+    contents. Several tables of one run are merged by time. Usable segments are
+    detected: lifts of two diagonal feet, stance motions, excitation, walking and
+    crawling.
 
     Example: equipoise estimate bags/wiggle --robot go2 --mass 16.2 --from 10s
              equipoise estimate joints.csv imu.csv --robot go2
@@ -131,11 +134,13 @@ def estimate(
 
 
 def _given_flags(arguments: Sequence[str]) -> StructConstructorSpec:
-    """Return the flags of a run's method that an estimate may be made again with; raises SettingsError."""
+    """Return the flags of the run's method that may change in a new estimate; raises SettingsError."""
     name = _method_of(arguments)
     kind = settings_of(name)
     flags = (optional(flag) for flag in flags_of(kind) if flag.name in kind.judging)
-    return spec_of(f"Settings of {name}; default as in the run.", flags, lambda values: values_of(kind, values))
+    return spec_of(
+        f"Settings of {name}; the defaults are those of the run.", flags, lambda values: values_of(kind, values)
+    )
 
 
 def _refuse_other(flag: str, arguments: Sequence[str]) -> None:
@@ -146,11 +151,11 @@ CHOSEN: dict[Any, ChosenFlags] = {
     Method: METHOD_FLAGS,
     Mapping[str, Any]: (_given_flags, _refuse_other),
 }
-"""Flags of the parameters of `plan` and `estimate` that `--method`, `--parameters` and the run choose."""
+"""Parameters of `plan` and `estimate` whose flags depend on `--method`, `--parameters` and the run."""
 
 
 def _method_of(arguments: Sequence[str]) -> str:
-    """The method of the run that is named; what is wrong with a run is told when it is opened."""
+    """Return the method of the named run, or the default; opening the run reports its errors."""
     if chosen(arguments, "--robot", ""):
         return DEFAULT_METHOD
     for path in map(Path, arguments):
@@ -163,9 +168,9 @@ def _method_of(arguments: Sequence[str]) -> str:
 
 def _estimate_run(folder: RunFolder, given: Mapping[str, Any], output: EstimateOutput) -> Calibration:
     method = folder.method()
-    asked = method.having(given)
-    result = folder.estimate(asked)
-    own = asked == method and not folder.cut  # the run's page, and what the next run may know, are of the run's result
+    changed = method.having(given)
+    result = folder.estimate(changed)
+    own = changed == method and not folder.cut  # only this result replaces the run's page and posterior
     files = output.save(result, folder.path if own else None)
     if own and folder.complete:
         folder.save_posterior(result)
@@ -174,36 +179,36 @@ def _estimate_run(folder: RunFolder, given: Mapping[str, Any], output: EstimateO
         return result
     output.show(result, files, output.out or (folder.path if own and folder.complete else None))
     if not own and output.out is None:
-        file, holds = folder.path / "again.json", folder.path / RESULT
-        print(f"not kept, and not what {holds} holds: to keep, see and export it add --out {file}")
+        file, kept = folder.path / "again.json", folder.path / RESULT
+        print(f"not saved, and different from {kept}: to save, view and export it, add --out {file}")
     return result
 
 
-def estimated_log(
+def estimate_from_log(
     path: Path, source: flags.LogFlags, description: RobotDescription, given: Mapping[str, Any], output: flags.Output,
     verbose: bool = False,
 ) -> LogEstimate:  # fmt: skip
-    """What a log that is not ours says; what was found in it is printed first where nothing can be estimated.
+    """Estimate from a log of another program; if that fails, print the contents of the log before raising.
 
     Args:
         given: settings of the method.
-        verbose: whether every piece of the log is printed then.
+        verbose: true to print every segment of the log then.
     """
     from equipoise.bayesian.method import BayesianMethod
     from equipoise.logs.offline import estimate_log
     from equipoise.terminal.log_summary import print_log_report
 
     method = BayesianMethod(**given)
-    model = with_known_imu(load_robot(source.robot or "", description))  # the result states it
+    model = with_imu_pose(load_robot(source.robot or "", description))  # the result contains it
     log = source.read(path, model, not output.silent)
     try:
-        found = estimate_log(model, log, method)
+        estimated = estimate_log(model, log, method)
     except LogError as error:
         if not output.json:
             print_log_report(error.report, verbose)
         raise
     return replace(
-        found, result=found.result.with_provenance(log=", ".join(map(str, (path, *source.tables))), **log.about)
+        estimated, result=estimated.result.with_provenance(log=", ".join(map(str, (path, *source.tables))), **log.about)
     )
 
 
@@ -212,13 +217,13 @@ def _estimate_log(
 ) -> Calibration:
     from equipoise.terminal.log_summary import print_log_report
 
-    found = estimated_log(path, source, description, given, output, output.verbose)
-    result = found.result
+    estimated = estimate_from_log(path, source, description, given, output, output.verbose)
+    result = estimated.result
     files = output.save(result, None)
     if output.json:
-        print(json_module.dumps({**result.to_dict(), "log": found.report.to_dict()}, indent=2))
+        print(json_module.dumps({**result.to_dict(), "log": estimated.report.to_dict()}, indent=2))
     else:
-        print_log_report(found.report, output.verbose)
+        print_log_report(estimated.report, output.verbose)
         output.show(result, files, output.out)
     return result
 
@@ -236,19 +241,19 @@ def audit(
     description: flags.Described,
     output: flags.Output,
 ) -> int:
-    """Check the inertial parameters in robots' model files. Needs no simulator. Ends
-    with 1 where something is in error.
+    """Check the inertial parameters in model files. Needs no simulator. Exits with 1 if
+    there is an error.
 
     Example: equipoise audit my_robot.urdf
              equipoise audit --format github urdf/*.urdf
 
     Args:
-        format: 'github' writes annotations that a workflow of GitHub shows beside the lines of a change; 'json' is --json.
+        format: 'github' prints annotations for the lines of a change in a GitHub workflow; 'json' is --json.
     """
     from equipoise.terminal.results import print_audit
 
     if not robots:
-        raise SettingsError("name a robot, or a URDF or MJCF file: equipoise audit my_robot.urdf")
+        raise SettingsError("no robot is given; name a robot, or a URDF or MJCF file: equipoise audit my_robot.urdf")
     if format == "github":
         return max(_annotate(robot, description) for robot in robots)
     audits = [_audit(robot, description) for robot in robots]
@@ -261,19 +266,19 @@ def audit(
 def _audit(robot: str, description: RobotDescription) -> Audit:
     from equipoise.robot.audit import audit as run
 
-    with warnings.catch_warnings():  # the audit says what was repaired
+    with warnings.catch_warnings():  # the audit reports repairs itself
         warnings.simplefilter("ignore")
         return run(load_robot(robot, description))
 
 
 def _annotate(robot: str, description: RobotDescription) -> int:
-    """Print the annotations of one file; one that cannot be read does not hide the findings in others."""
-    from equipoise.terminal.annotations import annotation_lines, refusal
+    """Print the annotations of one file; an unreadable file gives an annotation, so that other files are still checked."""
+    from equipoise.terminal.annotations import annotation_lines, error_annotation
 
     try:
         result = _audit(robot, description)
     except ModelError as error:
-        print(refusal(robot, error))
+        print(error_annotation(robot, error))
         return error.exit_code
     print("".join(f"{line}\n" for line in annotation_lines(robot, result)), end="")
     return _in_error(result)

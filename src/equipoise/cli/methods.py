@@ -1,4 +1,4 @@
-"""Which method a verb is about, and the flags that its settings make."""
+"""Method of a verb, and the flags of its settings."""
 
 from __future__ import annotations
 
@@ -21,55 +21,57 @@ DEFAULT_METHOD = "bayesian"
 MOTORS = "motors"
 _BASE, _LEGS = "base", "legs"
 _ALL = {_BASE, _LEGS, MOTORS}
-_WHAT = (
-    "What is to be found: 'base' (mass, centre of mass, inertia), 'legs' (masses, first moments and lengths of their links; "
-    "with the base), 'motors' (friction, armature, gain and delay of each joint), several with commas, or 'all'."
+_PARAMETERS = (
+    "Parameters to estimate: 'base' (mass, centre of mass, inertia), 'legs' (masses, first moments and lengths of their "
+    "links; includes the base), 'motors' (friction, armature, gain and delay of each joint), several with commas, or 'all'."
 )
 
 
-def asked_for(what: str) -> set[str]:
-    """Of "base", "legs" and "motors" those that `--parameters` names; legs are found with the base. Raises SettingsError."""
-    words = {word.strip() for word in what.split(",")}
-    asked = _ALL if words == {"all"} else words
-    if not asked or asked - _ALL:
-        raise SettingsError(f"--parameters is {what!r}; it must be base, legs, motors, several with commas, or all")
-    return asked | {_BASE} if _LEGS in asked else asked
+def requested_parameters(names: str) -> set[str]:
+    """Return the set of "base", "legs" and "motors" that `--parameters` names; "legs" adds "base". Raises SettingsError."""
+    words = {word.strip() for word in names.split(",")}
+    requested = _ALL if words == {"all"} else words
+    if not requested or requested - _ALL:
+        raise SettingsError(f"--parameters is {names!r}; it must be base, legs, motors, several with commas, or all")
+    return requested | {_BASE} if _LEGS in requested else requested
 
 
-def method_asked_for(arguments: Sequence[str]) -> str:
-    """The method's name: motors by themselves are one of their own; raises SettingsError."""
-    if asked_for(chosen(arguments, "--parameters", _BASE)) == {MOTORS}:
+def requested_method(arguments: Sequence[str]) -> str:
+    """Return the name of the method, "motors" if only motors are requested; raises SettingsError."""
+    if requested_parameters(chosen(arguments, "--parameters", _BASE)) == {MOTORS}:
         if chosen(arguments, "--method", MOTORS) != MOTORS:
             raise SettingsError("--parameters motors needs no --method; for both use --parameters base,motors")
         return MOTORS
     method = chosen(arguments, "--method", DEFAULT_METHOD)
     if method == MOTORS and chosen(arguments, "--parameters", MOTORS) != MOTORS:
-        raise SettingsError("--method motors finds motors alone; for more leave it out, as --parameters base,motors")
+        raise SettingsError(
+            "--method motors estimates motors only; for both use --parameters base,motors without --method"
+        )
     return method
 
 
 def method_flags(arguments: Sequence[str]) -> StructConstructorSpec:
-    """Return `--method`, `--parameters` and the flags of the settings of the method that they name; raises SettingsError."""
-    name = method_asked_for(arguments)
-    with_motors = name != MOTORS and MOTORS in asked_for(chosen(arguments, "--parameters", _BASE))
-    words = _summaries() if {"-h", "--help"} & set(arguments) else ""
-    choice = Annotated[literal_type_from_choices([*METHODS]), arg(help=words)]
-    what = Annotated[str, arg(help=_WHAT, metavar="NAMES")]
+    """Return `--method`, `--parameters` and the flags of the requested method; raises SettingsError."""
+    name = requested_method(arguments)
+    with_motors = name != MOTORS and MOTORS in requested_parameters(chosen(arguments, "--parameters", _BASE))
+    summaries = _summaries() if {"-h", "--help"} & set(arguments) else ""
+    choice = Annotated[literal_type_from_choices([*METHODS]), arg(help=summaries)]
+    parameters = Annotated[str, arg(help=_PARAMETERS, metavar="NAMES")]
     flags = [
         StructFieldSpec("method", cast("Any", choice), name),
-        StructFieldSpec("parameters", cast("Any", what), MOTORS if name == MOTORS else _BASE),
+        StructFieldSpec("parameters", cast("Any", parameters), MOTORS if name == MOTORS else _BASE),
         *flags_of(settings_of(name)),
         *(flags_of(settings_of(MOTORS)) if with_motors else ()),
     ]
-    return spec_of(f"What to do, and the settings of {name}.", flags, _method)
+    return spec_of(f"Method, parameters, and the settings of {name}.", flags, _method)
 
 
 def _method(flags: Mapping[str, Any]) -> Method:
     """Return the method that flags describe; raises SettingsError."""
-    method, asked = method_from(flags["method"], flags), asked_for(flags["parameters"])
-    if _LEGS in asked:
+    method, requested = method_from(flags["method"], flags), requested_parameters(flags["parameters"])
+    if _LEGS in requested:
         method = _with_legs(method)
-    if method.name == MOTORS or MOTORS not in asked:
+    if method.name == MOTORS or MOTORS not in requested:
         return method
     from equipoise.method.combined import CombinedMethod
 
@@ -77,7 +79,7 @@ def _method(flags: Mapping[str, Any]) -> Method:
 
 
 def method_from(name: str, flags: Mapping[str, Any]) -> Method:
-    """Return a method from the values of its flags; raises SettingsError, before it is imported where a value is wrong."""
+    """Return a method from the values of its flags; raises SettingsError for a wrong value before importing the method."""
     settings = settings_of(name)
     values = values_of(settings, flags)
     settings(**values)
@@ -85,32 +87,32 @@ def method_from(name: str, flags: Mapping[str, Any]) -> Method:
 
 
 def _with_legs(method: Method) -> Method:
-    """The method, which finds what the legs weigh too; raises SettingsError where it cannot."""
+    """Return the method with the legs' parameters; raises SettingsError if it cannot estimate them."""
     from equipoise.bayesian.method import BayesianMethod
 
     if not isinstance(method, BayesianMethod):
         raise SettingsError(
-            f"--parameters legs is for --method bayesian; {method.name} does not find legs: leave them out"
+            f"--parameters legs needs --method bayesian; {method.name} does not estimate legs: leave them out"
         )
     return dataclasses.replace(method, swings=True)
 
 
 def refuse_other_method(flag: str, arguments: Sequence[str]) -> None:
     """Raise SettingsError for a flag of another method than the one that the arguments name."""
-    refuse_flag_of(owners(flag), flag, f"--method {method_asked_for(arguments)}")
+    refuse_flag_of(owners(flag), flag, f"--method {requested_method(arguments)}")
 
 
 METHOD_FLAGS: ChosenFlags = (method_flags, refuse_other_method)
-"""Flags of a parameter of the type `Method`, which `--method` and `--parameters` choose."""
+"""Flags of a parameter of type `Method`; they depend on `--method` and `--parameters`."""
 
 
 def refuse_flag_of(names: Sequence[str], flag: str, this: str) -> None:
-    """Raise SettingsError if other methods have a flag.
+    """Raise SettingsError if a flag belongs to other methods.
 
     Args:
         names: names of the methods that have it.
         flag: name of the flag, with underscores.
-        this: method of the verb, as "--method paper".
+        this: method of the verb, for example "--method paper".
     """
     if names:
         shown = f"--{flag.replace('_', '-')}"
@@ -123,7 +125,7 @@ def owners(flag: str, judging: bool = False) -> list[str]:
 
     Args:
         flag: name of the flag, with underscores.
-        judging: whether only flags count with which recordings may be estimated again.
+        judging: true for only the flags that may change in a new estimate of the same recordings.
     """
     name = flag.removeprefix("no_")
     return [
@@ -136,19 +138,19 @@ def owners(flag: str, judging: bool = False) -> list[str]:
 
 
 def _methods(find: Callable[[str], type[Any]]) -> dict[str, type[Any] | EquipoiseError]:
-    """Return the class that a function finds for each method, or why the method cannot be used."""
+    """Return the class that a function returns for each method, or the error of a method that cannot be used."""
     found: dict[str, type[Any] | EquipoiseError] = {}
     for name in METHODS:
         try:
             found[name] = find(name)
-        except EquipoiseError as error:  # raised again where the method is asked for by name
+        except EquipoiseError as error:  # raised again if the method is requested by name
             found[name] = error
     return found
 
 
 def _summaries() -> str:
-    said = [
+    summaries = [
         f"{name}: cannot be used here, {kind}." if isinstance(kind, EquipoiseError) else f"{name}: {kind.summary}."
         for name, kind in _methods(method_named).items()
     ]
-    return " ".join([*said, "Each has flags of its own: --method NAME --help."])
+    return " ".join([*summaries, "For the flags of a method: --method NAME --help."])

@@ -1,4 +1,4 @@
-"""The operator at the terminal: names the IMU's frame, answers yes or no, turns the robot while a calibration goes on."""
+"""Prompts for the operator at the terminal: IMU frame, confirmation, rotation of the robot during a calibration."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ if TYPE_CHECKING:
     from equipoise.robot.model import RobotModel
 
 _ORIGIN = "origin"
-_KEYS = 0.02  # [s] between looks at the keyboard
+_KEYS = 0.02  # [s] between polls of the keyboard
 
-_ASKED = """
-The robot lies limp. Turn it by 180 deg (150 to 210 will do) where it lies, on its belly again, its legs folded; leave the
-cable's other end where it is. Then keep clear and press Enter: it stands up. Ctrl-C ends the run."""
+_ROTATION_PROMPT = """
+The joints are damped. Turn the robot by 180 deg (150 to 210 is enough) on the spot, on its belly with folded legs. Do not move
+the far end of the cable. Then keep clear and press Enter: the robot stands up. Ctrl-C ends the run."""
 
 
 class Keyboard:
-    """The operator's keyboard while a robot is moved: the space bar stops the robot, lines answer questions.
+    """Keyboard of the operator while a robot moves: the space bar stops the robot, lines answer questions.
 
-    Use it as a context manager; at a terminal it reads keys as they are pressed.
+    Use it as a context manager; at a terminal it reads single keys.
 
     Args:
-        stop: function that puts the robot down, as `RemoteRobot.stop`; None: the space bar does nothing.
+        stop: function that stops the robot, such as `RemoteRobot.stop`; None: the space bar has no effect.
     """
 
     def __init__(self, stop: Callable[[str], None] | None = None) -> None:
         self._stop, self._over = stop, threading.Event()
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
-        self._asked = False
+        self._prompted = False
 
     def __enter__(self) -> Keyboard:
         if self._stop is not None and sys.stdin.isatty():
@@ -52,27 +52,27 @@ class Keyboard:
         if self._thread is not None:
             self._thread.join()
 
-    def turned(self) -> bool:
-        """Return whether Enter was pressed since the first call, which asks for the robot to be turned. It never waits."""
-        if not self._asked:
-            self._asked = True
-            self._ask(_ASKED)
+    def rotation_confirmed(self) -> bool:
+        """Return true once Enter was pressed after the first call, which prints the prompt. It does not block."""
+        if not self._prompted:
+            self._prompted = True
+            self._ask(_ROTATION_PROMPT)
         return self._line() is not None
 
     def confirmed(self, question: str) -> bool:
-        """Ask the operator a question while the robot stands; anything but yes is a no."""
-        self._ask(f"\n{question}\nType yes to go on; anything else ends the run:")
+        """Ask a question while the robot stands; return true only for "y" or "yes"."""
+        self._ask(f"\n{question}\nType yes to continue; any other answer ends the run:")
         while (line := self._line()) is None:
             time.sleep(_KEYS)
         return line.strip().lower() in ("y", "yes")
 
     def _ask(self, question: str) -> None:
-        while self._thread is not None and self._line() is not None:  # typed before it was asked
+        while self._thread is not None and self._line() is not None:  # discard lines typed before the question
             pass
         print(question, file=sys.stderr, flush=True)
 
     def _line(self) -> str | None:
-        """Return a line that was typed, or None; raise MotionError if nothing can be typed."""
+        """Return a typed line, or None; raises MotionError if the standard input is closed."""
         if self._thread is not None:
             with contextlib.suppress(queue.Empty):
                 return self._lines.get_nowait()
@@ -80,7 +80,9 @@ class Keyboard:
         if not select.select([sys.stdin], [], [], 0)[0]:
             return None
         if not (line := sys.stdin.readline()):
-            raise MotionError("the operator cannot answer: the standard input is closed. Run it at a terminal")
+            raise MotionError(
+                "the standard input is closed, so the operator cannot answer; run the command at a terminal"
+            )
         return line
 
     def _read_keys(self) -> None:
@@ -107,13 +109,13 @@ class Keyboard:
             termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
-def with_known_imu(model: RobotModel, simulated: bool = False) -> RobotModel:
-    """Return the model with a known pose of its IMU: if it is only assumed, ask the operator for the frame.
+def with_imu_pose(model: RobotModel, simulated: bool = False) -> RobotModel:
+    """Return the model with the pose of its IMU; if it is only assumed, ask the operator for the frame.
 
-    A simulated IMU is where the model is assumed to have it: only a frame that may be the IMU's is asked about.
+    In simulation the assumed pose is correct, so the operator is asked only if the model has a candidate frame.
 
     Raises:
-        SettingsError: its pose is not known, and there is no operator, or the answer is not a frame of the base.
+        SettingsError: the pose is unknown and there is no terminal, or the answer is not a frame of the base.
     """
     imu = model.imu
     if imu.is_assumed and (imu.proposed or not simulated):
@@ -142,12 +144,12 @@ def _answer(model: RobotModel) -> str:
     )  # fmt: skip
     answer = sys.stdin.readline().strip() or (imu.proposed[0] if imu.proposed else "")
     if not answer:
-        raise SettingsError(f"no frame was named. {_flags(model)}")
+        raise SettingsError(f"no IMU frame was given. {_flags(model)}")
     return answer
 
 
 def _described(model: RobotModel, answer: str) -> RobotModel:
-    said: dict[str, Any] = {"imu_position": (0.0, 0.0, 0.0)} if answer == _ORIGIN else {"imu_frame": answer}
-    described = dataclasses.replace(model, description=dataclasses.replace(model.description, **said))
-    _ = described.imu  # raises SettingsError if there is no such frame
+    pose: dict[str, Any] = {"imu_position": (0.0, 0.0, 0.0)} if answer == _ORIGIN else {"imu_frame": answer}
+    described = dataclasses.replace(model, description=dataclasses.replace(model.description, **pose))
+    _ = described.imu  # raises SettingsError if the frame does not exist
     return described

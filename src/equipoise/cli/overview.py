@@ -1,4 +1,4 @@
-"""The verbs that list what is there: robots, platforms. Lists are quick: nothing here needs NumPy, or reads flags."""
+"""Verbs that list robots and platforms. This module starts fast: it imports no NumPy and no flag parser."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json as json_module
 
 
 def robots(*, json: bool = False) -> None:
-    """List the robots known by name, with mass, legs and where each model comes from.
+    """List the robots that have a name, with mass, legs and source of the model.
 
     Example: equipoise robots --json
 
@@ -25,7 +25,7 @@ def robots(*, json: bool = False) -> None:
 
 
 def platforms(*, json: bool = False) -> None:
-    """List the platforms: simulators and robots, how each starts, and what can be set with --set KEY=VALUE.
+    """List the platforms: simulators and robots, how each starts, and its settings for --set KEY=VALUE.
 
     Example: equipoise platforms
 

@@ -1,4 +1,4 @@
-"""Words of a command line to the call of a verb, by tyro; surplus numbers and flags of other methods are refused by name."""
+"""Parser of command lines on tyro, with clear errors for surplus numbers and for flags of other methods."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ from equipoise.robot.description import RobotDescription
 
 Verb = Callable[..., Any]
 ChosenFlags = tuple[Callable[[Sequence[str]], StructConstructorSpec], Callable[[str, Sequence[str]], None] | None]
-"""Flags of a parameter that other words of the command line choose, and a function that refuses a flag of another choice."""
+"""Function that returns the flags of a parameter from the arguments, and one that raises for flags of another choice."""
 
 
 def parse(
     verb: Verb, words: Sequence[str], program: str, chosen: Mapping[Any, ChosenFlags]
 ) -> Callable[[], int | None]:
-    """Return the call of a verb that the words ask for.
+    """Return a verb, bound to its arguments.
 
     Args:
         verb: function whose parameters are flags.
-        words: words behind the verb.
-        program: name of the verb in help, as "equipoise plan".
-        chosen: flags of parameters by their type, where other words choose them.
+        words: words after the verb.
+        program: name of the verb in help, for example "equipoise plan".
+        chosen: flags that depend on other arguments, by the type of their parameter.
 
     Raises:
-        SettingsError: a flag belongs to another method or another kind of platform, or has a number too many.
-        SystemExit: tyro has printed help, or that the words cannot be used.
+        SettingsError: a flag belongs to another method or another kind of platform, or has a surplus number.
+        SystemExit: tyro has printed help or an error.
     """
     hints = typing.get_type_hints(verb)
     used = {kind: flags for kind, flags in _ALWAYS.items() | chosen.items() if kind in hints.values()}
@@ -54,30 +54,32 @@ def parse(
     def given(**values: Any) -> dict[str, Any]:
         return values
 
-    asked = functools.partial(
+    run_tyro = functools.partial(
         tyro.cli, given, args=words, prog=program, registry=_rules(specs),
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )  # fmt: skip
     with _help_in_width() if {"-h", "--help"} & {*words} else nullcontext():
-        values, unknown = asked(return_unknown_args=True)
+        values, unknown = run_tyro(return_unknown_args=True)
     _refuse_surplus_numbers([*unknown, *_words_in(values)], words)
     for flag in (word.partition("=")[0] for word in unknown if word.startswith("--")):
         for _, refuse in used.values():
             if refuse is not None:
                 refuse(flag[2:].replace("-", "_"), words)
     if unknown:
-        asked()  # prints what tyro says of them
+        run_tyro()  # prints the error of tyro
     return functools.partial(call, verb, values)
 
 
 def call(verb: Verb, values: Mapping[str, Any]) -> int | None:
-    """Call a verb with the values of its parameters; those of groups of flags are made first, the last group first.
+    """Call a verb with the values of its parameters; groups of flags are constructed first, in reverse order.
 
     Raises:
         SettingsError: a value cannot be used.
     """
     made: dict[str, Any] = {}
-    for name, value in reversed([*values.items()]):  # the method, which imports most, comes after robot and platform
+    for name, value in reversed(
+        [*values.items()]
+    ):  # the method imports most, so errors of robot and platform come first
         made[name] = cast("Any", value)() if isinstance(value, functools.partial) else value
     return verb(**made)
 
@@ -97,10 +99,10 @@ def _rules(specs: Mapping[Any, StructConstructorSpec]) -> ConstructorRegistry:
 
 
 def _number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-    """Read a number, or a fixed count of words and numbers; None where the flag is not given."""
-    asked = without_none(cast("Any", info).type)
-    one = typing.get_origin(asked) is not tuple
-    kinds = (asked,) if one else typing.get_args(asked)
+    """Return the parser of a number or of a fixed count of words and numbers; None for other types."""
+    kind = without_none(cast("Any", info).type)
+    one = typing.get_origin(kind) is not tuple
+    kinds = (kind,) if one else typing.get_args(kind)
     if not {*kinds} <= {int, float, str} or {*kinds} == {str}:
         return None
 
@@ -125,7 +127,7 @@ def _read(word: str, kind: type[Any]) -> Any:
 
 
 def _words_in(values: Mapping[str, Any]) -> list[str]:
-    """Return the words and paths among the values of a verb, its robot or run among them."""
+    """Return the words and paths among the values of a verb, including its robot or run."""
     found: list[str] = []
     for value in values.values():
         words = cast("tuple[Any, ...]", value) if isinstance(value, tuple) else (value,)
@@ -134,7 +136,7 @@ def _words_in(values: Mapping[str, Any]) -> list[str]:
 
 
 def _refuse_surplus_numbers(taken: Sequence[str], words: Sequence[str]) -> None:
-    """Refuse a number too many behind a flag, which the parser takes for the robot or the run."""
+    """Raise SettingsError for a surplus number after a flag, which the parser reads as the robot or the run."""
     for word in taken:
         place = len(words) - 1 - words[::-1].index(word) if word in words else 0
         flags = [index for index, before in enumerate(words[:place]) if before.startswith("--")]
@@ -152,7 +154,7 @@ def _is_number(word: str) -> bool:
 
 
 class _Captured(io.StringIO):
-    """What is written; coloured if it would be where it goes."""
+    """Captured text; coloured if stdout is a terminal."""
 
     def isatty(self) -> bool:
         return sys.__stdout__ is not None and sys.__stdout__.isatty()
@@ -160,7 +162,7 @@ class _Captured(io.StringIO):
 
 @contextmanager
 def _help_in_width() -> Generator[None]:
-    """Break the lines of paragraphs between words, which tyro leaves as long as they are."""
+    """Wrap the paragraphs of help, which tyro does not wrap."""
     written, width = _Captured(), shutil.get_terminal_size().columns
     try:
         with redirect_stdout(written):

@@ -13,7 +13,7 @@ from tyro.constructors import StructConstructorSpec
 
 from equipoise.cli.flags import Described, File, Output, Required, Robot, exit_code
 from equipoise.cli.methods import DEFAULT_METHOD, method_from
-from equipoise.cli.operator_prompt import with_known_imu
+from equipoise.cli.operator_prompt import with_imu_pose
 from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.setting_flags import flags_of, optional, spec_of
 from equipoise.cli.target import TARGET_FLAGS, RunTarget
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 _FLAGS = ("prior_run", "mass", "mass_std", "confirm_mass", "duration", "cable", "surface")
 _REQUIRED = (
-    "End with 11 where the answer is less than that, as identified,checks: what was added is identified, or nothing was; all "
-    "checks passed; or mass, com_x and others of what was added."
+    "Exit with 11 unless all conditions are met, for example identified,checks. identified: the payload, or its absence, is "
+    "identified; checks: all checks passed; mass, com_x, ...: that quantity of the payload is identified."
 )
 PAYLOAD = "payload.json"
 
@@ -42,15 +42,16 @@ def payload(
     fail_unless: Annotated[Required, arg(help=_REQUIRED)] = None,
     method: Method,
     description: Described,
-    place: Annotated[RunTarget, arg(name="platform")],
+    target: Annotated[RunTarget, arg(name="platform")],
     output: Output,
 ) -> int:
-    """Find what is on a robot now beside its last calibration: mass, place and how
-    sure, in half a minute and one line.
+    """Measure the payload on the robot against an earlier run, in half a minute: mass
+    and CoM with intervals.
 
-    It stands, moves over planted feet, lifts two feet some six times. Sensors, legs
-    and friction are those of the run that --prior-run names; what changed since, as an
-    encoder's zero, is said. Answers may be 'too small to matter', 'cannot tell'.
+    The robot stands up, moves with all feet on the floor and lifts two feet about six
+    times. Sensors, legs and friction come from --prior-run; parameters that changed
+    since, such as a joint offset, are reported. The answer may also be 'too small to
+    matter' or 'cannot tell'.
 
     Example: equipoise payload go2 --prior-run runs/last
              equipoise payload go2 --prior-run runs/last --mass 16.31 --json
@@ -67,52 +68,54 @@ def payload(
     assert isinstance(method, BayesianMethod)
     required = read_requirements(fail_unless)
     if method.prior_run is None:
-        raise SettingsError("name the run folder of this robot's last calibration: --prior-run RUN")
-    model = with_known_imu(load_robot(robot, description), place.simulated)
+        raise SettingsError(
+            "no prior run is given; pass the run folder of this robot's last calibration: --prior-run RUN"
+        )
+    model = with_imu_pose(load_robot(robot, description), target.simulated)
     if not output.silent:
         print(model.imu.message, file=sys.stderr)
     check(model, method)
-    confirm(place, model, method)
+    confirm(target, model, method)
     out = run_path(model, out)
-    with new_run(place, model, out, method) as run:
+    with new_run(target, model, out, method) as run:
         result = run(output.silent)
-    found = _with_truth(measure_payload(model, method.prior_run, result), method.prior_run)
-    write_file(out / PAYLOAD, json_module.dumps(found.to_dict(), indent=2) + "\n")
-    output.write(found.to_dict(), lambda: _print(found))
-    return exit_code(required, found.verdicts)
+    measurement = _with_truth(measure_payload(model, method.prior_run, result), method.prior_run)
+    write_file(out / PAYLOAD, json_module.dumps(measurement.to_dict(), indent=2) + "\n")
+    output.write(measurement.to_dict(), lambda: _print(measurement))
+    return exit_code(required, measurement.verdicts)
 
 
 def _payload_flags(arguments: Sequence[str]) -> StructConstructorSpec:
-    """Return the flags of the settings of the Bayesian method that this verb has."""
+    """Return the flags of the Bayesian method that this verb has."""
     del arguments
-    own = flags_of(settings_of(DEFAULT_METHOD))
-    flags = [optional(flag) for flag in own if flag.name in _FLAGS]
+    flags = [optional(flag) for flag in flags_of(settings_of(DEFAULT_METHOD)) if flag.name in _FLAGS]
 
     def method(values: Mapping[str, Any]) -> Method:
         return method_from(DEFAULT_METHOD, values)
 
-    return spec_of("The prior run, the scale and the duration.", flags, method)
+    return spec_of("Prior run, scale and duration.", flags, method)
 
 
 CHOSEN: dict[type, ChosenFlags] = {Method: (_payload_flags, None), RunTarget: TARGET_FLAGS}
 
 
-def _with_truth(found: PayloadMeasurement, known: PriorRun) -> PayloadMeasurement:
-    """Return the measurement with the ground truth, where both runs are simulated."""
+def _with_truth(measurement: PayloadMeasurement, prior_run: PriorRun) -> PayloadMeasurement:
+    """Return the measurement with the ground truth if both runs are simulated."""
     from equipoise.calibration.run_folder import RunFolder
 
     try:
-        before = RunFolder.open(known.run).truth()
-    except RecordingError:  # moved since: it was read whole
-        return found
-    if before is None or found.result.truth is None:
-        return found
-    return replace(found, change=found.change.with_truth(before, found.result.truth))
+        before = RunFolder.open(prior_run.run).truth()
+    except RecordingError:  # the folder was moved after the prior run was read
+        return measurement
+    truth = measurement.result.truth
+    if before is None or truth is None:
+        return measurement
+    return replace(measurement, change=measurement.change.with_truth(before, truth))
 
 
-def _print(found: PayloadMeasurement) -> None:
-    for failed in (check for check in found.result.checks if not check.passed):
+def _print(measurement: PayloadMeasurement) -> None:
+    for failed in (check for check in measurement.result.checks if not check.passed):
         print(f"check failed: {failed.name}: {failed.message}")
-    for warning in found.change.warnings:
+    for warning in measurement.change.warnings:
         print(f"changed: {warning}")
-    print(found.message)
+    print(measurement.message)

@@ -1,4 +1,4 @@
-"""`equipoise report`: the page of a run, and the page that compares runs."""
+"""`equipoise report`: page of a run, and page that compares runs."""
 
 from __future__ import annotations
 
@@ -23,29 +23,28 @@ Runs = Annotated[
 
 
 def report(runs: Runs, *, out: File = None, output: Output) -> None:
-    """Write a run's report.html anew, or one page that compares two or more runs.
+    """Write report.html of a run again, or one page that compares two or more runs.
 
-    The page is one file that needs nothing else, no network either: send it, print
-    it, keep it. docs/report-and-viewer.md says how to read it. Runs may be of one robot or of
-    several.
+    The page is a single file that needs no network; docs/report-and-viewer.md explains
+    it. The runs may be of different robots.
 
     Example: equipoise report runs/go2
              equipoise report runs/before runs/after --out before-after.html
 
     Args:
-        out: File to write, in a folder that is there; default report.html in the run's folder, or comparison.html here.
+        out: File to write, in an existing folder; default report.html in the run folder, or comparison.html in this folder.
     """
     paths = [run for given in runs for run in _runs(given)]
     if not paths:
-        raise SettingsError("no run was named; give a run folder, as runs/unitree_a1-20260101-120000")
+        raise SettingsError("no run is given; name a run folder, for example runs/unitree_a1-20260101-120000")
     for path in paths:
         if not path.is_file():
             read_header(path)
     from equipoise.report.page import REPORT, save_comparison, save_report
 
     if len(paths) == 1:
-        beside = paths[0].with_suffix(".html") if paths[0].is_file() else paths[0] / REPORT
-        file = save_report(_estimated(paths[0]), out or beside)
+        page = paths[0].with_suffix(".html") if paths[0].is_file() else paths[0] / REPORT
+        file = save_report(_estimated(paths[0]), out or page)
     else:
         repeated = len(runs) == 1
         file = save_comparison(_named(paths), out or (runs[0] / REPORT if repeated else Path(_COMPARISON)))
@@ -54,13 +53,13 @@ def report(runs: Runs, *, out: File = None, output: Output) -> None:
 
 
 def _runs(path: Path) -> list[Path]:
-    """A run itself, or the runs in a folder of a --repeat."""
+    """Return the run itself, or the runs in the folder of a --repeat."""
     inside = sorted(run.parent for run in path.glob("*/run.json")) if path.is_dir() else []
     return [path] if (path / "run.json").exists() or not inside else inside
 
 
 def _estimated(path: Path) -> Calibration:
-    """Return a result with the evidence of its recordings, where they are whole."""
+    """Return a result, with the data for its figures if the recordings are complete."""
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.result.calibration import Calibration
 
@@ -68,18 +67,18 @@ def _estimated(path: Path) -> Calibration:
 
 
 def _named(paths: list[Path]) -> dict[str, Calibration]:
-    """Results by the shortest end of their paths that tells them apart."""
+    """Return results by the shortest distinct end of their paths; raises SettingsError for a duplicate."""
     parts = [path.resolve().parts for path in paths]
     for count in range(1, max(len(part) for part in parts) + 1):
         names = ["/".join(part[-count:]) for part in parts]
         if len(set(names)) == len(names):
-            return {name: _found(path) for name, path in zip(names, paths, strict=True)}
-    again = next(str(path) for path in paths if [other.resolve() for other in paths].count(path.resolve()) > 1)
-    raise SettingsError(f"{again!r} is named twice; compare it with another run")
+            return {name: _result(path) for name, path in zip(names, paths, strict=True)}
+    duplicate = next(str(path) for path in paths if [other.resolve() for other in paths].count(path.resolve()) > 1)
+    raise SettingsError(f"{duplicate!r} is named twice; give different runs")
 
 
-def _found(path: Path) -> Calibration:
-    """Return the result of a run; it is estimated if that is not on disk."""
+def _result(path: Path) -> Calibration:
+    """Return the saved result of a run, or estimate it."""
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.result.calibration import Calibration
 
@@ -90,12 +89,12 @@ def _found(path: Path) -> Calibration:
 
 
 def try_to_save(shown: Calibration | dict[str, Calibration], path: Path, remedy: str = "") -> list[Path]:
-    """Save the page of a result, or of several compared; a page that cannot be drawn or written costs the page alone.
+    """Save the page of a result, or of several for comparison; print a warning if it cannot be written.
 
     Args:
         shown: result, or results by name.
         path: file or folder.
-        remedy: words behind the warning that there is no page.
+        remedy: text after the warning.
     """
     try:
         from equipoise.report.page import save_comparison, save_report

@@ -1,4 +1,4 @@
-"""The verbs about robots that are there: doctor, record."""
+"""Verbs that read the sensors of a robot: doctor, record."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from equipoise.cli import flags
-from equipoise.cli.operator_prompt import with_known_imu
+from equipoise.cli.operator_prompt import with_imu_pose
 from equipoise.cli.setting_flags import seconds
 from equipoise.drivers.platforms import (
     Driver,
@@ -30,12 +30,11 @@ if TYPE_CHECKING:
     from equipoise.recording.run_log import RunLog
     from equipoise.robot.model import RobotModel
 
-_SIMULATED_TIME = 10.0  # [s]: nobody waits for a robot that is not there, and disks fill
+_SIMULATED_TIME = 10.0  # [s] of a simulated recording without --duration
 
-
-_ASKED = """
-The robot must hang with its legs free of the floor. Its own controller lets go of the motors: the legs drop. They are damped,
-and commands stop for 0.1, 1 and 10 s. Swing a leg by hand all the time, 20 s in all. Ctrl-C ends it.
+_HANGING_PROMPT = """
+The robot must hang with its legs free of the floor. Its own controller releases the motors: the legs drop. They are damped,
+and commands stop for 0.1, 1 and 10 s. Swing a leg by hand during the whole test, 20 s. Ctrl-C ends it.
 Type {name} to begin: """
 
 
@@ -50,31 +49,29 @@ def doctor(
     description: flags.Described,
     output: flags.Output,
 ) -> int:
-    """Connect to a robot, look for five seconds, move nothing, and say what is right
-    and what is not.
+    """Check a robot's sensors and joint map for five seconds, without moving it.
 
-    Rates, jitter, the joint map, gravity against the stance, joint torques, battery
-    and temperatures where there are any; on a Go2 or B2 which controller holds the
-    motors, and what 'calibrate' will do about it. Ends with 0 if nothing speaks
-    against a calibration, else with 1.
+    Checks rates, jitter, the joint map, gravity against the stance and, if available,
+    joint torques, battery and temperatures. On a Go2 or B2 it also shows the
+    controller that holds the motors, and how 'calibrate' takes over. Exits with 0 if
+    all checks pass, else with 1.
 
     Example: equipoise doctor go2 --platform unitree-go2 --set interface=eth0
 
     Args:
-        duration: How long to look; default 5 s.
-        hanging: The robot hangs with its legs free: measure what its motor boards do when commands stop. Its own controller
-            lets go of the motors, and they are damped; you are asked for the robot's name first.
+        duration: Duration of the check; default 5 s.
+        hanging: Measure how the motors of a hanging robot respond when commands stop; you confirm with the robot's name first.
     """
-    lasting = _lasting(duration) or 5.0
+    time = _positive_time(duration) or 5.0
     find_platform(platform)
     from equipoise.drivers.checkup import examine, joint_table, takeover_findings
     from equipoise.terminal.robot_reports import print_checkup
 
     if hanging:
         return _examine_hanging(platform, load_robot(robot, description), given_settings(set, settings), output)
-    model = with_known_imu(load_robot(robot, description), flags.is_simulated(platform))
+    model = with_imu_pose(load_robot(robot, description), flags.is_simulated(platform))
     with flags.connected(platform, model, set, settings) as connection:
-        findings = examine(connection, model, lasting) + takeover_findings(connection)
+        findings = examine(connection, model, time) + takeover_findings(connection)
         joints = joint_table(model, connection.read().joint_position)
     rows = [dataclasses.asdict(finding) for finding in findings]
     table = {"schema": "equipoise.doctor/1", "robot": model.name, "platform": platform, "findings": rows}
@@ -84,30 +81,30 @@ def doctor(
 
 
 def _examine_hanging(platform: str, robot: RobotModel, given: dict[str, Any], output: flags.Output) -> int:
-    """Measure a hanging robot; print a row for each phase.
+    """Measure the motor boards of a hanging robot and print a row for each phase.
 
     Raises:
         SettingsError: the platform has no driver, or the operator did not type the robot's name.
-        CommunicationError: the robot falls silent.
+        CommunicationError: the robot stops sending.
     """
     from equipoise.drivers.motor_boards import HangingPhase, measure_hanging
     from equipoise.terminal.robot_reports import print_hanging
 
     if not isinstance(find_platform(platform), Driver):
-        raise SettingsError(f"platform {platform!r} has no driver: --hanging measures the motor boards of a real robot")
-    print(_ASKED.format(name=robot.name), end="", file=sys.stderr, flush=True)
+        raise SettingsError(f"platform {platform!r} has no driver; --hanging needs a real robot")
+    print(_HANGING_PROMPT.format(name=robot.name), end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip() != robot.name:
-        raise SettingsError(f"not confirmed, nothing was commanded: type {robot.name}")
+        raise SettingsError(f"not confirmed, no command was sent; type {robot.name} to confirm")
     if any(name == "hanging" for name, *_ in settings_of(platform)):
         given = {**given, "hanging": True}
     robot, phases = for_platform(platform, robot), list[HangingPhase]()
-    with closing(open_connection(platform, robot, given)) as link:
+    with closing(open_connection(platform, robot, given)) as connection:
         try:
-            for phase in measure_hanging(link, robot):
+            for phase in measure_hanging(connection, robot):
                 print(phase.name, file=sys.stderr)
                 phases.append(phase)
         finally:
-            link.release()
+            connection.release()
     rows = [dataclasses.asdict(phase) for phase in phases]
     table = {"schema": "equipoise.hanging/1", "robot": robot.name, "platform": platform, "phases": rows}
     output.write(table, lambda: print_hanging(robot, platform, phases))
@@ -125,19 +122,19 @@ def record(
     description: flags.Described,
     output: flags.Output,
 ) -> None:
-    """Log a robot's joint sensors and IMU without moving it, until --duration is over
-    or Ctrl-C.
+    """Log a robot's joint sensors and IMU without moving it, for --duration or until
+    Ctrl-C.
 
-    The file is MCAP with JointState and Imu, which Foxglove and PlotJuggler open,
-    and 'equipoise estimate FILE --robot ROBOT'.
+    The file is MCAP with JointState and Imu messages, for Foxglove, PlotJuggler and
+    'equipoise estimate FILE --robot ROBOT'.
 
     Example: equipoise record go2 --platform unitree-go2 --set interface=eth0 --duration 60s
 
     Args:
-        duration: How long; default until Ctrl-C, in simulation, whose time runs faster, 10 s.
-        out: The file, in a folder that is there; default logs/ROBOT-TIME.mcap.
+        duration: Duration of the log; default until Ctrl-C, or 10 s in simulation.
+        out: File to write, in an existing folder; default logs/ROBOT-TIME.mcap.
     """
-    lasting = _lasting(duration) or (_SIMULATED_TIME if flags.is_simulated(platform) else None)
+    time = _positive_time(duration) or (_SIMULATED_TIME if flags.is_simulated(platform) else None)
     find_platform(platform)
     from equipoise.drivers.checkup import watch
     from equipoise.platform.interruptions import Interruptions
@@ -151,9 +148,9 @@ def record(
         flags.connected(platform, model, set, settings) as connection,
         _log_at(out) as log,
         interruptions.noted(),
-        RecordingProgress(output.silent, out, lasting) as progress,
+        RecordingProgress(output.silent, out, time) as progress,
     ):
-        for piece in watch(connection, model, lasting):
+        for piece in watch(connection, model, time):
             log.add(piece)
             samples += len(piece.joints.time)
             progress.update(piece)
@@ -164,19 +161,19 @@ def record(
         print(json_module.dumps({**table, "joint_samples": samples}))
     else:
         print(out)
-        print(f"what it can tell: equipoise estimate {typed(out)} --robot {typed(robot)}", file=sys.stderr)
+        print(f"estimate from it: equipoise estimate {typed(out)} --robot {typed(robot)}", file=sys.stderr)
 
 
-def _lasting(duration: str | None) -> float | None:
+def _positive_time(duration: str | None) -> float | None:
     value = seconds(duration, "duration")
     if value == 0:
-        raise SettingsError(f"--duration is {duration}; give it as 10s, or leave it out")
+        raise SettingsError(f"--duration is {duration}; give a positive time such as 10s, or leave it out")
     return value
 
 
 @contextmanager
 def _log_at(path: Path) -> Generator[RunLog]:
-    """A new log, gone if nothing comes; raises OutputError if there is a file already, or it cannot be written."""
+    """Yield a new log, deleted if it stays empty; raises OutputError if the file exists or cannot be written."""
     if path.exists():
         raise OutputError(f"{str(path)!r} exists; name a new file with --out")
     from equipoise.recording.run_log import RunLog
@@ -185,5 +182,5 @@ def _log_at(path: Path) -> Generator[RunLog]:
         try:
             yield log
         finally:
-            if log.empty:  # the robot was silent
+            if log.empty:  # the robot sent nothing
                 path.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Flags of settings: tyro reads a dataclass and its docstring; times, units, files and values by name become flags here."""
+"""Flags from dataclasses of settings: times, units, files and values by name."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _BY_NAME = {
     str: (str, "NAME=FRAME"),
     tuple[float, float]: (tuple[str, float, float], "NAME LO HI"),
 }
-"""Type and words of a flag that may be repeated, one name each, by the type of the value."""
+"""Type and metavar of a repeatable flag with a name, by the type of its value."""
 
 
 def fields_of(kind: type[Any]) -> tuple[StructFieldSpec, ...]:
@@ -36,7 +36,7 @@ def fields_of(kind: type[Any]) -> tuple[StructFieldSpec, ...]:
 
 
 def flags_of(kind: type[Any], prefix: str = "") -> Iterator[StructFieldSpec]:
-    """Yield a flag for each setting in a dataclass and in those that it holds; see `Method` for what metadata change."""
+    """Yield a flag for each setting of a dataclass and its nested dataclasses; see `Method` for the metadata."""
     for setting, metadata, nested in _settings_in(kind, prefix):
         if nested is None:
             yield _flag(prefix + setting.name, setting, metadata)
@@ -50,7 +50,7 @@ def settings_from(kind: type[Settings], flags: Mapping[str, Any]) -> Settings:
 
 
 def values_of(kind: type[Any], flags: Mapping[str, Any], prefix: str = "") -> Mapping[str, Any]:
-    """Return the settings of a dataclass whose flags were given, by field name; raises SettingsError."""
+    """Return the settings whose flags are given, by field name; raises SettingsError."""
     found: dict[str, Any] = {}
     for setting, metadata, nested in _settings_in(kind, prefix):
         inner = cast("Any", setting).type
@@ -63,7 +63,7 @@ def values_of(kind: type[Any], flags: Mapping[str, Any], prefix: str = "") -> Ma
 
 
 def optional(flag: StructFieldSpec) -> StructFieldSpec:
-    """Return a flag whose value is None where it is not given; a switch stays as it is."""
+    """Return a flag that defaults to None; a switch is unchanged."""
     kind, *config = typing.get_args(cast("Any", flag).type)
     if kind is bool:
         return flag
@@ -74,12 +74,12 @@ def optional(flag: StructFieldSpec) -> StructFieldSpec:
 def spec_of(
     words: str, flags: Iterable[StructFieldSpec], make: Callable[[Mapping[str, Any]], Any]
 ) -> StructConstructorSpec:
-    """Return what tyro needs of a group of flags.
+    """Return the specification of a group of flags for tyro.
 
     Args:
         words: text above the flags in help.
-        flags: flags; of those with one name the first.
-        make: function that makes the value of the group from those of its flags, once all flags are read.
+        flags: flags; of several with the same name the first is used.
+        make: function that returns the value of the group from the values of its flags, called after parsing.
     """
 
     def given(**values: Any) -> Any:
@@ -93,9 +93,9 @@ def spec_of(
 
 
 def description_flags(arguments: Sequence[str]) -> StructConstructorSpec:
-    """Return the flags of a robot description, and of a file that holds one; flags win."""
+    """Return the flags of a robot configuration and of its file; flags override the file."""
     del arguments
-    words = "TOML file with a robot description; flags win over it."
+    words = "TOML file with a robot configuration; flags override it."
     file = Annotated[Path | None, arg(metavar="PATH", help=words, help_behavior_hint="")]
     flags = [StructFieldSpec("robot_config", cast("Any", file), None), *flags_of(RobotDescription)]
 
@@ -104,18 +104,18 @@ def description_flags(arguments: Sequence[str]) -> StructConstructorSpec:
         path = values["robot_config"]
         return description if path is None else RobotDescription.from_toml(path).overridden_by(description)
 
-    return spec_of("What the model file leaves out or gets wrong.", flags, described)
+    return spec_of("Values that the model file lacks or has wrong.", flags, described)
 
 
 def without_none(kind: Any) -> Any:
-    """Return a type without None, if one is left."""
+    """Return a type without None, if exactly one other type remains."""
     union = typing.get_origin(kind) in (typing.Union, types.UnionType)
     kinds = [part for part in (typing.get_args(kind) if union else (kind,)) if part is not type(None)]
     return kinds[0] if len(kinds) == 1 else kind
 
 
 def _settings_in(kind: type[Any], prefix: str) -> Iterator[tuple[StructFieldSpec, Mapping[str, Any], str | None]]:
-    """Yield each setting that has flags, its metadata, and, if it holds settings itself, what their flags begin with."""
+    """Yield each setting that has flags, its metadata and, for nested settings, the prefix of their flags."""
     metadata = {field.name: field.metadata for field in dataclasses.fields(kind)}
     for setting in fields_of(kind):
         about = metadata[setting.name]
@@ -131,12 +131,12 @@ def _words(setting: StructFieldSpec) -> str:
 
 
 def _is_time(setting: StructFieldSpec) -> bool:
-    """Whether it is given as 60s or 2min."""
+    """Return true if the setting is a time, given as 60s or 2min."""
     return without_none(cast("Any", setting).type) is float and _unit(_words(setting)) == "s"
 
 
 def _flag(name: str, setting: StructFieldSpec, metadata: Mapping[str, Any]) -> StructFieldSpec:
-    """Return a setting as a flag, which shows no default that the words tell already."""
+    """Return the flag of a setting; defaults that the help text states are not repeated."""
     kind, default, words = cast("Any", setting).type, setting.default, _words(setting)
     plain, metavar = without_none(kind), _metavar(without_none(kind), words)
     if plain is bool:
@@ -145,7 +145,7 @@ def _flag(name: str, setting: StructFieldSpec, metadata: Mapping[str, Any]) -> S
         kind, default, metavar = str | None, None, metadata.get("metavar", "FILE")
     elif typing.get_origin(plain) is dict:
         kind, metavar = _BY_NAME[typing.get_args(plain)[1]]
-        kind, default, words = UseAppendAction[tuple[kind, ...]], (), f"{words} May be given again."
+        kind, default, words = UseAppendAction[tuple[kind, ...]], (), f"{words} May be repeated."
     elif _is_time(setting):
         kind, default = str | None, None if default is None else f"{default:g}s"
     hint = "" if default is None or default == () or plain is bool else None
@@ -164,7 +164,7 @@ def _read(value: Any, name: str, setting: StructFieldSpec, metadata: Mapping[str
 
 
 def _values_by_name(given: Iterable[str | tuple[str, float, float]], kind: Any, flag: str) -> dict[str, Any]:
-    """Return values by name from NAME=VALUE, or from a name and its values; raises SettingsError for anything else."""
+    """Return values by name from NAME=VALUE, or from a name and its values; raises SettingsError for other text."""
     found: dict[str, Any] = {}
     for words in given:
         if isinstance(words, tuple):
@@ -182,7 +182,7 @@ def _values_by_name(given: Iterable[str | tuple[str, float, float]], kind: Any, 
 
 
 def seconds(text: str | None, flag: str) -> float | None:
-    """Return a flag's time [s] from 60, 60s, 1.5min, 2m or 1h; raises SettingsError for anything else."""
+    """Return a time [s] from 60, 60s, 1.5min, 2m or 1h; raises SettingsError for other text."""
     if text is None:
         return None
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:e[+-]?[0-9]+)?)\s*(s|sec|m|min|h)?\s*", text)

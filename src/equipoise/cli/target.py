@@ -1,4 +1,4 @@
-"""Platform that a run happens on, as flags name it: a simulated robot or a real one. Reading the flags loads neither."""
+"""Platform of a run, from flags: a simulated robot or a real one. Parsing the flags loads neither."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RunTarget:
-    """Platform that a run happens on.
+    """Platform of a run.
 
     Attributes:
         platform: name of a simulator or a robot's platform, or MODULE:CLASS.
@@ -35,24 +35,24 @@ class RunTarget:
 
     @property
     def simulated(self) -> bool:
-        """Whether the robot is simulated."""
+        """True if the robot is simulated."""
         return isinstance(self, SimulatedTarget)
 
     def facts(self) -> Mapping[str, Any]:
-        """Return provenance of a run, enough to resume it."""
+        """Return the provenance that is needed to resume a run."""
         raise NotImplementedError
 
     def again(self, number: int) -> RunTarget:
-        """Return the place of a repetition: a simulated robot has the same errors and other noise."""
+        """Return the target of a repetition: a simulated robot has the same errors and different noise."""
         del number
         return self
 
     @staticmethod
     def of(folder: RunFolder) -> RunTarget:
-        """Return the place of a run.
+        """Return the target of a run.
 
         Raises:
-            RecordingError: its provenance is not enough to resume it.
+            RecordingError: the provenance is not sufficient to resume the run.
         """
         facts = folder.provenance
         if "platform_settings" in facts:
@@ -60,7 +60,8 @@ class RunTarget:
         names = ("platform", "sim_preset", "payload", "seed", "start")
         if missing := [name for name in names if name not in facts]:
             raise RecordingError(
-                f"the run {str(folder.path)!r} does not say its {missing[0]}; runs of 'equipoise calibrate' can be resumed"
+                f"the run {str(folder.path)!r} has no {missing[0]!r} in its provenance; only runs of "
+                "'equipoise calibrate' can be resumed"
             )
         effects = facts.get("effects", {}).items()
         return SimulatedTarget(
@@ -72,12 +73,12 @@ class RunTarget:
 
 @dataclass(frozen=True)
 class SimulatedTarget(RunTarget):
-    """The simulated robot. 'equipoise calibrate --platform NAME --help' shows the flags of a real one.
+    """Simulated robot. 'equipoise calibrate --platform NAME --help' shows the flags of a real robot.
 
     Attributes:
-        start: How the simulated robot begins (and ends).
-        seed: Of everything drawn.
-        noise_seed: Of the noise alone, for several runs of one robot; default as --seed.
+        start: Posture at the start and end of the run.
+        seed: Seed of all random numbers.
+        noise_seed: Seed of the noise only, for several runs of one robot; default --seed.
     """
 
     sim_preset: flags.PresetName = "realistic"
@@ -93,7 +94,7 @@ class SimulatedTarget(RunTarget):
         from equipoise.robot.scale import Scale
         from equipoise.simulation.effects import read_names, sizes_of
 
-        # Before anything takes long: what there is not, and what the engine cannot have.
+        # Raise early for unknown effects and for those that the engine lacks.
         without = read_names(self.disable_effect)
         sizes_of(self.sim_preset, Scale(1.0, 1.0), self.sizes, without).refuse_what_lacks(self.platform)
         object.__setattr__(self, "disable_effect", without)
@@ -104,14 +105,14 @@ class SimulatedTarget(RunTarget):
 
     @property
     def sizes(self) -> dict[str, float | None]:
-        """Size of each effect that the preset has not, or has in another size."""
+        """Size of each effect that is not in the preset, or has another size there."""
         from equipoise.simulation.effects import read_effects
 
         return read_effects(self.enable_effect)
 
     @property
     def world(self) -> str:
-        """The simulated robot's effects in words."""
+        """Description of the simulated robot's effects."""
         others = [name if size is None else f"{name} {size:g}" for name, size in self.sizes.items()]
         words = [f"preset {self.sim_preset}", *(f"with {other}" for other in others)]
         words += [f"without {name}" for name in self.disable_effect]
@@ -133,7 +134,7 @@ class SimulatedTarget(RunTarget):
         return dataclasses.replace(self, noise_seed=seed + number) if number else self
 
     def simulate(self, robot: RobotModel) -> Simulation:
-        """Return the simulated robot."""
+        """Return the simulation of a robot."""
         from equipoise.simulation.simulation import simulate
 
         return simulate(
@@ -144,12 +145,12 @@ class SimulatedTarget(RunTarget):
 
 @dataclass(frozen=True)
 class HardwareTarget(RunTarget):
-    """The real robot.
+    """Real robot.
 
     Attributes:
-        set: A setting of the platform, as interface=eth0; may be given again.
+        set: Setting of the platform, for example interface=eth0. May be repeated.
         settings: TOML file with settings of the platform.
-        yes: Do not ask before the first motion.
+        yes: Start without confirmation.
     """
 
     set: flags.SettingsGiven = ()
@@ -158,7 +159,7 @@ class HardwareTarget(RunTarget):
     given: Suppress[Mapping[str, Any]] = field(default_factory=dict[str, Any])
 
     def __post_init__(self) -> None:
-        find_platform(self.platform)  # before anything is made for it
+        find_platform(self.platform)  # raises for an unknown platform
         object.__setattr__(self, "given", {**self.given, **given_settings(self.set, self.settings)})
 
     def facts(self) -> Mapping[str, Any]:
@@ -173,13 +174,13 @@ def target_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     return spec_of(kind.__doc__ or "", fields_of(kind), lambda values: kind(**values))
 
 
-def refuse_other_place(flag: str, arguments: Sequence[str]) -> None:
-    """Raise SettingsError for a flag of simulators on a real robot, or the other way round."""
+def refuse_other_target(flag: str, arguments: Sequence[str]) -> None:
+    """Raise SettingsError for a simulator flag on a real robot, or a robot flag on a simulator."""
     platform = chosen(arguments, "--platform", flags.DEFAULT_PLATFORM)
     kind, other = ("real robots", HardwareTarget) if flags.is_simulated(platform) else ("simulators", SimulatedTarget)
     if flag in {setting.name for setting in fields_of(other)}:
         raise SettingsError(f"--{flag.replace('_', '-')} is for {kind}; {platform} is not")
 
 
-TARGET_FLAGS: ChosenFlags = (target_flags, refuse_other_place)
-"""Flags of a parameter of the type `RunTarget`, which `--platform` chooses."""
+TARGET_FLAGS: ChosenFlags = (target_flags, refuse_other_target)
+"""Flags of a parameter of type `RunTarget`; they depend on `--platform`."""

@@ -1,4 +1,4 @@
-"""`equipoise view`, and the view beside a run: `--view`."""
+"""`equipoise view`, and the viewer of `--view`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from equipoise.view.follow import News
 
 RECORDING = "view.rrd"
-"""Name of the file in a run folder."""
+"""Name of the Rerun file in a run folder."""
 
 
 def view(
@@ -40,20 +40,20 @@ def view(
     description: Described,
     output: Output,
 ) -> None:
-    """Show a run or any recording in the Rerun viewer: the robot moving, the support
-    line, the CoM estimate converging.
+    """Show a run or a log in the Rerun viewer: robot motion, support line and the
+    converging CoM estimate.
 
-    A window opens. On a computer without a display a file is written instead, and
-    its path is printed.
+    Opens a window. On a computer without a display it writes a file and prints its
+    path.
 
     Example: equipoise view runs/go2
              equipoise view bags/wiggle --robot go2
              equipoise view runs/go2 --out go2.rrd
 
     Args:
-        follow: Keep up with a run, or with the file of 'equipoise record' (give --robot), that another process writes.
+        follow: Follow a run, or a file of 'equipoise record' (with --robot), while another process writes it.
         browser: Serve the viewer to a browser on this computer until Ctrl-C. For another computer: docs/report-and-viewer.md.
-        out: Write this file and open no viewer; 'rerun FILE.rrd' opens it.
+        out: Write this file instead of opening a viewer; 'rerun FILE.rrd' opens it.
     """
     from equipoise.view.viewer import BROWSER, how_to_open, require_rerun
     from equipoise.view.viewer import view as show
@@ -64,17 +64,17 @@ def view(
         _require_new(target)
     title, model, method, news = _opened(run, source, description, follow, not output.silent)
 
-    def greet(place: str) -> None:
+    def announce(address: str) -> None:
         if target == BROWSER and output.json:
-            _print_json("url", place)
+            _print_json("url", address)
         elif target == BROWSER:
-            print(place if output.quiet else f"{how_to_open(place)}\nCtrl-C ends it.", flush=True)
+            print(address if output.quiet else f"{how_to_open(address)}\nCtrl-C ends it.", flush=True)
         elif not output.silent:
-            print(f"{how_to_open(place)}; an estimate is computed after each trial", file=sys.stderr, flush=True)
+            print(f"{how_to_open(address)}; an estimate is computed after each trial", file=sys.stderr, flush=True)
 
     try:
-        show(target, title, model, method, news, greet, threading.Event())
-    except KeyboardInterrupt:  # ends the page, or a run that is followed
+        show(target, title, model, method, news, announce, threading.Event())
+    except KeyboardInterrupt:  # ends the server, or following a run
         return
     if Path(target).suffix == ".rrd":
         _print_json("file", target) if output.json else print(_saved(target))
@@ -112,7 +112,7 @@ def _require_new(target: str) -> None:
 
 
 def _target(browser: bool, file: Path) -> str:
-    """Return the browser if it is asked for, a window if one can be opened, else a file."""
+    """Return the browser if requested, a window if there is a display, else a file."""
     from equipoise.view.viewer import BROWSER, WINDOW, has_display
 
     return BROWSER if browser else WINDOW if has_display() else str(file)
@@ -131,8 +131,8 @@ def viewer_of(folder: RunFolder, browser: bool, stays: bool) -> Generator[None]:
     """Show a run while it is written into a folder.
 
     Args:
-        browser: whether a page is served instead of a window.
-        stays: whether it is served after the run, until Enter or Ctrl-C at a terminal.
+        browser: true to serve a page instead of opening a window.
+        stays: true to serve it after the run, until Enter or Ctrl-C at a terminal.
     """
     from equipoise.view.viewer import BROWSER, viewer_beside
 

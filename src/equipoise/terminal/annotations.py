@@ -1,4 +1,4 @@
-"""Findings about model files as GitHub's workflow commands, which annotate the lines of a change."""
+"""Audit findings as GitHub workflow commands, which annotate the lines of a change."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def annotation_lines(path: str, result: Audit) -> list[str]:
     """Return one annotation for each finding, at the line of the first body that it names.
 
     Args:
-        path: path of the model file as it was given, or name of a robot, which has no lines.
+        path: path of the model file as passed by the user, or name of a robot, which has no lines.
     """
     text = _text(path)
     return [
@@ -28,7 +28,7 @@ def annotation_lines(path: str, result: Audit) -> list[str]:
     ]
 
 
-def refusal(path: str, error: EquipoiseError) -> str:
+def error_annotation(path: str, error: EquipoiseError) -> str:
     """Return the annotation of a file that cannot be read, or is not a quadruped."""
     return _annotation("error", path, 1, "", str(error))
 
@@ -41,7 +41,7 @@ def _text(path: str) -> str:
 
 
 def _line(text: str, body: str) -> int:
-    """Return the line of <link name="body"> or <body name="body">; the first, where there is none."""
+    """Return the line of <link name="body"> or <body name="body">, or 1 if there is none."""
     found = re.search(rf"<(?:link|body)\b[^>]*?\bname\s*=\s*[\"']{re.escape(body)}[\"']", text)
     return 1 + text.count("\n", 0, found.start()) if body and found else 1
 

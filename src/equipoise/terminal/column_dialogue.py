@@ -1,4 +1,4 @@
-"""Reading a log that is not ours, with a dialogue about which column of a table is which."""
+"""Reader for logs of other programs, with a dialogue that assigns the columns of a table."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from equipoise.logs.topics import Topics
 from equipoise.robot.model import RobotModel
 from equipoise.user_file import write_file
 
-_HOW = """Enter reads it so. A line changes it: gyro.x = "wx"; gyro.x = "" leaves a column
-out; units.gyro = "deg/s"; rate = 500 if there is no time. Ctrl-C ends."""
+_HELP = """Press Enter to accept, or type a line to change it: gyro.x = "wx"; gyro.x = "" omits a
+column; units.gyro = "deg/s"; rate = 500 if there is no time. Ctrl-C ends."""
 
 
-def read_as_told(
+def read_with_dialogue(
     path: Path, model: RobotModel, topics: Topics, joint_map: Path | None, columns: Columns | None,
     span: tuple[float | None, float | None], asking: bool, tables: Sequence[Path] = (),
 ) -> Log:  # fmt: skip
-    """A log, by what the flags say of it.
+    """Return a log, read with the given topics, joint map and columns.
 
     Args:
-        asking: whether the operator may be asked which column of a table is which, at a terminal.
+        asking: true to ask the operator at a terminal to assign the columns of a table.
         tables: further tables of the same run.
     """
     joints = None if joint_map is None else read_joint_map(joint_map)
@@ -39,41 +39,41 @@ def read_as_told(
 
 
 def ask_columns(error: ColumnsError) -> Columns:
-    """What somebody makes of a proposal.
+    """Return the columns after the operator has confirmed or changed the proposal.
 
     Raises:
         ColumnsError: the standard input is closed.
     """
-    _tell(f"{error.what}:\n\n{error.proposal}\n{_HOW}")
+    _print(f"{error.what}:\n\n{error.proposal}\n{_HELP}")
     columns = Columns.from_text(error.proposal, "the proposal")
     answer = "?"
     while answer or columns.of_table(error.names).missing():
         answer = _answer("columns> ", error)
         try:
-            line = Columns.from_text(answer, "what you wrote")
+            line = Columns.from_text(answer, "your line")
             changed = columns.with_changes(line)
             changed.check(error.names, "the table")
         except SettingsError as wrong:
-            _tell(str(wrong))
+            _print(str(wrong))
             continue
         for loser in columns.losers(line):
-            _tell(f"{loser} has no column now: {columns.names[loser]!r} was its")
+            _print(f"{loser} no longer has a column; it was {columns.names[loser]!r}")
         columns = changed
         missing = columns.of_table(error.names).missing()
         if missing:
-            _tell(f"still missing: {', '.join(missing)}")
+            _print(f"still missing: {', '.join(missing)}")
     _offer_to_save(columns, error)
     return columns
 
 
 def _offer_to_save(columns: Columns, error: ColumnsError) -> None:
-    while answer := _answer("save it for --columns as (Enter: not at all)> ", error):
+    while answer := _answer("file to save it for --columns (Enter: do not save)> ", error):
         try:
             write_file(Path(answer).expanduser(), columns.to_toml(), "the columns ")
         except OutputError as wrong:
-            _tell(str(wrong))
+            _print(str(wrong))
             continue
-        _tell(f"saved: {answer}")
+        _print(f"saved: {answer}")
         return
 
 
@@ -85,5 +85,5 @@ def _answer(prompt: str, error: ColumnsError) -> str:
     return line.strip()
 
 
-def _tell(words: str) -> None:
+def _print(words: str) -> None:
     print(words, file=sys.stderr, flush=True)

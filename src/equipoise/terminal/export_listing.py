@@ -16,21 +16,21 @@ _SHORT = 40  # lines that fit on a screen
 _FILES = {"model": "model file", "given": "--file", "": ""}
 
 
-def print_formats(known: Mapping[str, Format | EquipoiseError]) -> None:
-    """All formats: what each wants, and where it goes; or why one cannot be used."""
-    formats = [row for row in known.values() if isinstance(row, Format)]
+def print_formats(available: Mapping[str, Format | EquipoiseError]) -> None:
+    """Print the table of formats, and a warning for each that cannot be used."""
+    formats = [row for row in available.values() if isinstance(row, Format)]
     console = Console()
     rows = [[row.name, ",".join(row.holds), row.where, _FILES[row.file]] for row in formats]
     show_table("", ["--to", "writes", "for", "edits"], rows, console)
-    for row in known.values():
+    for row in available.values():
         if isinstance(row, EquipoiseError):
             console.print(f"[yellow]warning:[/yellow] {escape(str(row))}", soft_wrap=True)
     linked = ", ".join(row.name for row in formats if row.payload)
     console.print(
-        "base: the base link with all that is fixed to it or held; composite: the whole robot frozen at its stance;\n"
-        "sensors: joint offsets, IMU, clock; motors: friction, armature, gain, delay. --parameters says which of them.\n"
-        f"--add-payload-link, which writes what was added as a link of its own, is for {linked}.\n"
-        "Next: equipoise export RUN --to FORMAT. What to check there: docs/reference/exports.md",
+        "base: base link with the links that are fixed or locked to it; composite: the whole robot frozen at its stance;\n"
+        "sensors: joint offsets, IMU, clock; motors: friction, armature, gain, delay. Select with --parameters.\n"
+        f"--add-payload-link writes the payload as a separate link; formats: {linked}.\n"
+        "Next: equipoise export RUN --to FORMAT. Checks for each format: docs/reference/exports.md",
         soft_wrap=True,
     )
 
@@ -38,7 +38,7 @@ def print_formats(known: Mapping[str, Format | EquipoiseError]) -> None:
 def print_exports(
     written: Mapping[str, Export], paths: Mapping[str, Path], refused: Mapping[str, EquipoiseError]
 ) -> None:
-    """Print what each file holds and its warnings, each sentence once; then what was not written, with the reason."""
+    """Print warnings, each once, the contents and path of each file, and the reason for each format not written."""
     console = Console()
     for note in dict.fromkeys(note for one in written.values() for note in one.notes):
         console.print(f"[yellow]warning:[/yellow] {escape(note)}", soft_wrap=True)
@@ -49,7 +49,7 @@ def print_exports(
 
 
 def print_export(written: Export, path: Path) -> None:
-    """Print the path of an export and its warnings; short texts of ours are shown whole."""
+    """Print the path of an export and its warnings; short generated texts are printed in full."""
     console = Console()
     for note in written.notes:
         console.print(f"[yellow]warning:[/yellow] {escape(note)}", soft_wrap=True)

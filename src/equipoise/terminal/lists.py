@@ -16,10 +16,10 @@ from equipoise.terminal.rich_tables import show_table
 def print_verbs(verbs: Mapping[str, str]) -> None:
     """Print a line for each verb."""
     console = Console(highlight=False)
-    console.print("What your quadruped weighs, where its centre of mass is and how hard it is to turn.\n")
-    console.print("  equipoise calibrate                  try it: a simulated Unitree A1")
-    console.print("  equipoise calibrate my_robot.urdf    yours, simulated")
-    console.print("  equipoise platforms                  yours, on its own feet\n")
+    console.print("Measure the mass, centre of mass and inertia of a quadruped with its joint sensors and IMU.\n")
+    console.print("  equipoise calibrate                  example: a simulated Unitree A1")
+    console.print("  equipoise calibrate my_robot.urdf    your robot, simulated")
+    console.print("  equipoise platforms                  your robot: connection and settings\n")
     print_group("", verbs)
 
 
@@ -28,12 +28,12 @@ def print_group(group: str, verbs: Mapping[str, str]) -> None:
     console = Console(highlight=False)
     for verb, words in verbs.items():
         console.print(f"  [bold]{verb:<12}[/bold]  {words}")
-    console.print(f"\n'{' '.join(filter(None, ('equipoise', group, 'VERB')))} --help' says more.")
+    console.print(f"\n'{' '.join(filter(None, ('equipoise', group, 'VERB')))} --help' shows the flags.")
 
 
 def print_robots(rows: Collection[CatalogEntry]) -> None:
-    """The catalogue."""
-    heads = ["name", "|mass [kg]", "legs", "|leg [m]", "source", "what"]
+    """Print the catalogue of robots."""
+    heads = ["name", "|mass [kg]", "legs", "|leg [m]", "source", "note"]
     about = [
         [row.name, f"{row.mass:.3f}", row.legs, f"{row.leg_length:.3f}", row.source,
          row.note if row.install is None else "not installed"]
@@ -43,13 +43,13 @@ def print_robots(rows: Collection[CatalogEntry]) -> None:
     show_table("", heads, about, console)
     for install in dict.fromkeys(row.install for row in rows if row.install is not None):
         console.print(f"To install {', '.join(row.name for row in rows if row.install == install)}: {escape(install)}")
-    console.print("Any URDF or MJCF file works too, by its path; so does robot_descriptions:NAME with that package.")
+    console.print("Other robots: the path of a URDF or MJCF file, or robot_descriptions:NAME with that package.")
 
 
 def print_platforms(rows: Sequence[PlatformRow]) -> None:
-    """Platforms, how they start, and their settings."""
+    """Print the platforms with their start and settings."""
     console = Console(emoji=False)
-    console.print("mujoco, dart: simulators; without --platform a calibration is simulated in MuJoCo.\n")
+    console.print("mujoco, dart: simulators; mujoco is the default.\n")
     for row in rows:
         console.print(f"[bold]{escape(row.name)}[/bold]" + (f": {escape(row.what)}" if row.what else ""))
         if row.start:
@@ -59,11 +59,11 @@ def print_platforms(rows: Sequence[PlatformRow]) -> None:
             continue
         settings = [[name, kind, _setting(default)] for name, kind, default in row.settings]
         show_table("", ["", "", ""], settings, console)
-    console.print("A class of your own, perhaps in this folder: --platform MODULE:CLASS.")
+    console.print("Your own class, also from this folder: --platform MODULE:CLASS.")
 
 
 def _setting(value: Any) -> str:
-    """A setting's value as --set takes it."""
+    """Return the value of a setting in the form of --set."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, tuple):

@@ -1,4 +1,4 @@
-"""Logs in the terminal: joints, segments, findings, and parameters that the log does not determine."""
+"""Log summary in the terminal: joints, segments, findings, and parameters that are not identified."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 _COUNTED = {
     "lift": "lift",
-    "move": "move over planted feet",
-    "excitation": "excitation over planted feet",
-    "walk": "step of a walk",
-    "crawl": "step of a crawl",
+    "move": "stance motion",
+    "excitation": "excitation",
+    "walk": "walking step",
+    "crawl": "crawling step",
     "rest": "rest",
 }
 
@@ -30,38 +30,38 @@ def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = Fa
     """Print the source of the log's data, its joints, its segments and the findings.
 
     Args:
-        verbose: whether every piece has a row of its own, and every joint.
-        stderr: whether to print there, where stdout is for something else.
+        verbose: true for a row per segment and per joint.
+        stderr: true to print on stderr.
     """
     console = Console(stderr=stderr)
-    for what, where in report.log.about.items():
-        console.print(escape(f"{what}: {where}"))
+    for name, value in report.log.about.items():
+        console.print(escape(f"{name}: {value}"))
     _print_joints(console, report, verbose)
     for finding in report.findings:
         console.print(f"[yellow]{escape(finding.about)}:[/] {escape(finding.message)}")
     rows = list(_rows(report.segments, verbose))
-    show_table("What the log holds", ["|from [s]", "|to [s]", "what", ""], rows, console)
+    show_table("Segments of the log", ["|from [s]", "|to [s]", "segment", "use"], rows, console)
     nudges = sum(segment.kind == "nudge" for segment in report.segments)
     if nudges and not verbose:
-        console.print(f"Not shown: {nudges} motions over planted feet that are too small to tell anything.")
+        console.print(f"Not shown: {nudges} stance motions that are too small to be used.")
     for message in report.limitations:
-        console.print(f"[yellow]cannot be told:[/] {escape(message)}")
+        console.print(f"[yellow]not identifiable:[/] {escape(message)}")
 
 
 def _print_joints(console: Console, report: LogReport, verbose: bool) -> None:
     joint_map = report.log.joint_map
     by_name = all(match.robot_joint == match.log_joint for match in joint_map.matches)
     if by_name and not verbose:
-        console.print(f"joints: all {len(joint_map.matches)} by their own names")
+        console.print(f"joints: all {len(joint_map.matches)} matched by name")
     else:
         rows = [[match.robot_joint, match.log_joint, match.how] for match in joint_map.matches]
-        show_table("", ["joint", "in the log", "found by"], rows, console)
+        show_table("", ["joint", "in the log", "matched by"], rows, console)
     if joint_map.ignored:
         console.print(escape(f"other joints, not used: {', '.join(joint_map.ignored)}"))
 
 
 def _rows(segments: Sequence[LogSegment], verbose: bool) -> Iterable[tuple[str, str, str, str]]:
-    """Cells; pieces that are used, or left out for the same reason, one after the other, share a row unless verbose."""
+    """Yield rows; unless verbose, consecutive segments with the same use or reason share a row."""
     if verbose:
         for segment in segments:
             yield _row([segment], segment.what, segment.why_not)
@@ -72,7 +72,7 @@ def _rows(segments: Sequence[LogSegment], verbose: bool) -> Iterable[tuple[str, 
         if why_not is None:
             yield _row(parts, _counted(parts), None)
         else:
-            yield _row(parts, parts[0].what if len(parts) == 1 else f"{len(parts)} times {parts[0].what}", why_not)
+            yield _row(parts, parts[0].what if len(parts) == 1 else f"{len(parts)} x {parts[0].what}", why_not)
 
 
 def _row(segments: Sequence[LogSegment], what: str, why_not: str | None) -> tuple[str, str, str, str]:
@@ -81,13 +81,12 @@ def _row(segments: Sequence[LogSegment], what: str, why_not: str | None) -> tupl
 
 
 def _counted(segments: Sequence[LogSegment]) -> str:
-    """As "3 lifts, 1 move over planted feet, 58 steps of a walk"."""
+    """Return counts by kind, such as "3 lifts, 1 stance motion, 58 walking steps"."""
     counts = Counter(segment.kind for segment in segments)
     for kind in ("walk", "crawl"):
         counts[kind] = sum(segment.steps for segment in segments if segment.kind == kind)
     words: list[str] = []
     for kind, word in _COUNTED.items():
         if count := counts.get(kind):
-            first, *rest = word.split(" ", 1)
-            words.append(" ".join([f"{count} {first}{'s' if count > 1 else ''}", *rest]))
+            words.append(f"{count} {word}{'s' if count > 1 else ''}")
     return ", ".join(words)

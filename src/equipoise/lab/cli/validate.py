@@ -11,7 +11,7 @@ from tyro.conf import arg
 from equipoise.calibration.run_folder import RunFolder
 from equipoise.calibration.run_header import HEADER
 from equipoise.cli.flags import Described, File, LogFlags, Output, Run, open_run
-from equipoise.cli.inspect import estimated_log
+from equipoise.cli.inspect import estimate_from_log
 from equipoise.lab.replay.validation import validate as replay_lifts
 from equipoise.lab.terminal import print_validation
 from equipoise.result.calibration import Calibration
@@ -52,7 +52,7 @@ def validate(
     if source.robot is None:
         result = open_run(run, source, description).estimate()
     else:
-        result = estimated_log(run, source, description, {}, output).result
+        result = estimate_from_log(run, source, description, {}, output).result
     validation = replay_lifts(result, {name: _body(name, description) for name in against})
     text = json_module.dumps(validation.to_dict(), indent=2) + "\n"
     file = out or (run / VALIDATION if (run / HEADER).is_file() else None)
