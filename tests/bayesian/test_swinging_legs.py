@@ -103,7 +103,7 @@ def test_unidentified_links_are_reported(found, capsys):
     print_calibration(result, [])
     shown = capsys.readouterr().out
     assert "a1: links, 95 % +-" in shown
-    assert "In brackets: hardly surer than before the run." in " ".join(shown.split())
+    assert "In brackets: standard deviation hardly below the prior's." in " ".join(shown.split())
     assert max(map(len, shown.splitlines())) <= 80
 
 
@@ -149,6 +149,6 @@ def test_the_command_line_plans_swings_for_the_bayesian_method_only(capsys):
     assert main(["plan", "unitree_a1", "--parameters", "legs", "--duration", "60s"]) == 0
     shown = capsys.readouterr().out
     assert "swing aside" in shown
-    assert "links, the model file's, predicted 95 % +-" in shown
+    assert "links of the model file, predicted 95 % +-" in shown
     assert main(["plan", "unitree_a1", "--parameters", "legs", "--method", "paper"]) == 2
     assert "--parameters legs is for --method bayesian" in capsys.readouterr().err

@@ -186,7 +186,7 @@ def test_the_command_prints_the_payload(folders, scale, weighed, capsys):
     assert json.loads(out.read_text(encoding="utf-8")) == table
     assert main(["compare", *runs]) == 0
     text = capsys.readouterr().out
-    assert "unitree_a1: what was added" in text
+    assert "unitree_a1: payload that was added" in text
     assert f"{weighed.payload.mass.value:.3f}" in text
 
 

@@ -60,7 +60,7 @@ def test_a_calibration_ends_well_without_its_page(tmp_path):
     assert RunFolder.open(out).complete
     told = [line for line in done.stderr.splitlines() if line.startswith("warning: ")]
     assert told == [
-        f"warning: reports need Plotly: pip install 'equipoise[report]'; to write it elsewhere: equipoise report {out} --out FILE"
+        f"warning: reports need Plotly: pip install 'equipoise[report]'; to retry: equipoise report {out} --out FILE"
     ]
 
 

@@ -66,7 +66,7 @@ def test_the_doctor_shows_our_gains_beside_the_makers(a1, capsys):
     shown = " ".join(capsys.readouterr().out.split())
     assert "unitree_a1 on unitree-go2: joint map" in shown
     assert re.search(
-        r"Gains of the joints: \d+ Nm/rad and \d+\.\d Nm s/rad; .* The maker's example stands with 60 and 5;", shown
+        r"Joint gains: \d+ Nm/rad and \d+\.\d Nm s/rad; .* The manufacturer's example uses 60 and 5;", shown
     )
     print_checkup(a1, "mujoco", [], [])
     assert "Gains" not in capsys.readouterr().out

@@ -148,7 +148,7 @@ def test_a_platform_without_a_driver_changes_nothing(a1):
 
 
 def test_the_gains_of_a_run_are_named_as_the_makers(a1):
-    assert "those of the maker's example" in gain_lines(for_platform("unitree-go2", a1), "unitree-go2")[0]
+    assert "as in the manufacturer's example" in gain_lines(for_platform("unitree-go2", a1), "unitree-go2")[0]
     ours = gain_lines(a1, "unitree-go2")
-    assert "maker" not in ours[0]
+    assert "manufacturer" not in ours[0]
     assert "--kp 60 --kd 5" in ours[1]

@@ -52,4 +52,4 @@ def test_it_is_saved_read_and_shown(precise_run, tmp_path, capsys):
 
 def test_a_method_without_a_budget_prints_this(paper_result, capsys):
     print_budget(paper_result)
-    assert "does not say where its uncertainty comes from" in capsys.readouterr().out
+    assert "has no uncertainty budget" in capsys.readouterr().out

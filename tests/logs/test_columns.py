@@ -645,7 +645,7 @@ def test_at_a_terminal_the_proposal_is_asked_about(a1, leaning, tmp_path, capsys
     by_dialogue = capsys.readouterr().out
     assert main([*arguments, "--columns", str(kept)]) == first
     assert capsys.readouterr().out == by_dialogue
-    assert "What the log holds" in by_dialogue
+    assert "Segments of the log" in by_dialogue
 
 
 def test_a_dialogue_whose_end_nobody_types_is_the_error(a1, leaning, tmp_path, monkeypatch):

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from equipoise.result.calibration import Calibration
     from equipoise.robot.model import RobotModel
 
-_REPORT_HINT = "; to write it elsewhere: equipoise report {} --out FILE"
+_REPORT_HINT = "; to retry: equipoise report {} --out FILE"
 _DEFAULT_ROBOT = "unitree_a1"
 CHOSEN: dict[type, ChosenFlags] = {Method: METHOD_FLAGS, RunTarget: TARGET_FLAGS}
 

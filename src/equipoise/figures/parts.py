@@ -52,7 +52,9 @@ class Parts:
         """Meaning of each mark in the table, a sentence each."""
         shown = [one for part in self.found.values() for one in part.quantities.values()]
         marks = {
-            "In brackets: hardly surer than before the run.": any(one.verdict == "not identified" for one in shown),
+            "In brackets: standard deviation hardly below the prior's.": any(
+                one.verdict == "not identified" for one in shown
+            ),
             "(!): what was simulated is outside the interval.": any(one.missed for one in shown),
         }
         return [message for message, there in marks.items() if there]

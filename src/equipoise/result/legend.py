@@ -13,8 +13,8 @@ from equipoise.result.quantity import Quantity
 from equipoise.robot.stance import stance_at
 
 _VERDICTS = {
-    "weak": "weak: less than ten times surer than before the run",
-    "not identified": "not identified: hardly surer than before the run",
+    "weak": "weak: standard deviation above one tenth of the prior's",
+    "not identified": "not identified: standard deviation hardly below the prior's",
     "doubtful": "doubtful: a check failed",
 }
 

@@ -30,7 +30,7 @@ from equipoise.user_file import typed
 
 
 class TrialProgress:
-    """The current trial, its bracket and the expected end: a live line in a terminal, plain lines elsewhere."""
+    """Progress of a run: current trial and remaining time, as a live line in a terminal, else as plain lines."""
 
     def __init__(self, quiet: bool) -> None:
         self._console = Console(stderr=True)
@@ -51,7 +51,7 @@ class TrialProgress:
         self._task = self._live.add_task("standing up", total=None)
 
     def update(self, progress: RoutineProgress) -> None:
-        """Show what is being done."""
+        """Show the current motion."""
         self._live.update(self._task, description=progress.doing, completed=progress.done, total=progress.expected)
         if not self._quiet and not self._console.is_terminal:
             print(f"[{progress.done + 1}/{progress.expected}] {progress.doing}", file=sys.stderr, flush=True)
@@ -67,11 +67,11 @@ class TrialProgress:
 def print_calibration(
     result: Calibration, files: Sequence[Path], verbose: bool = False, kept: Path | None = None
 ) -> None:
-    """Print failed checks, estimates with the truth where it is known, findings and next steps.
+    """Print failed checks, estimates, ground truth if available, findings and next commands.
 
     Args:
         files: paths of the files that were written.
-        kept: run folder or JSON file that holds this very result, if one does.
+        kept: run folder or JSON file that contains this result, if any.
     """
     console = Console()
     for check in result.checks:
@@ -94,15 +94,15 @@ def print_calibration(
 
 
 def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -> list[str]:
-    """Return the next commands; a result that is doubtful or incomplete is not exported."""
-    said = [f"see {file}" for file in files if file.suffix == ".html"]
+    """Return the next commands, without export for a doubtful or incomplete result."""
+    steps = [f"see {file}" for file in files if file.suffix == ".html"]
     if kept is None:
-        return said
+        return steps
     if result.trustworthy and all(quantity.value is not None for quantity in result.base):
         alone = kept.is_file() and not (kept.parent / HEADER).exists()
         model = f" --file {typed(result.robot_model.source.path)}" if alone and result.robot_model is not None else ""
-        said.append(f"export with: equipoise export {typed(kept)} --to {result.model['format']}{model}")
-    return [*said, *([f"estimate again: equipoise estimate {typed(kept)}"] if (kept / RESULT) in files else [])]
+        steps.append(f"export with: equipoise export {typed(kept)} --to {result.model['format']}{model}")
+    return [*steps, *([f"estimate again: equipoise estimate {typed(kept)}"] if (kept / RESULT) in files else [])]
 
 
 def _print_numbers(console: Console, result: Calibration) -> None:
@@ -111,23 +111,23 @@ def _print_numbers(console: Console, result: Calibration) -> None:
     feet = f", {result.feet} feet" if result.feet else ""
     title = f"{result.robot}: method {result.method}{feet}; the whole robot at its stance"
     print_table(console, numbers_table(numbers(result), title), without=["|change"])
-    for message in (*legend(result), *_found(result)):
+    for message in (*legend(result), *_remarks(result)):
         console.print(escape(message))
 
 
-def _found(result: Calibration) -> Iterator[str]:
-    """Yield what the table does not hold, a sentence each."""
+def _remarks(result: Calibration) -> Iterator[str]:
+    """Yield the remarks under the table of numbers."""
     base = result.base
     if base.mass.value is not None and np.isfinite(base.com_in_base.values).all():
         com = " ".join(f"{1000 * value:.2f}" for value in base.com_in_base.values)
         yield (
-            f"Base link {result.model['base_link']!r} with all that is fixed to it: {base.mass.value:.3f} kg, CoM {com} mm; "
-            "its inertia, covariances and the paper's stance-effective body are in the JSON form."
+            f"Base link {result.model['base_link']!r} with its fixed links: {base.mass.value:.3f} kg, CoM {com} mm; its "
+            "inertia, covariances and the paper's stance-effective body are in the JSON form."
         )
     if result.held_out is not None:
-        yield f"Held out: {result.held_out.message()}."
+        yield f"Held-out prediction: {result.held_out.message()}."
     if significant := [finding.message for finding in result.sensors if finding.significant]:
-        yield "Worth fixing: " + "; ".join(significant) + "."
+        yield "Sensor errors to correct: " + "; ".join(significant) + "."
     lifts = sum(trial.kind == "lift" for trial in result.trials)
     time = sum(trial.duration for trial in result.trials)
     walked = not lifts and any(trial.kind in ("walk", "crawl") for trial in result.trials)
@@ -146,14 +146,14 @@ def print_budget(result: Calibration) -> None:
     """Print the shares of each variance by source, and remedies."""
     console = Console()
     if not result.uncertainty_budget:
-        console.print(f"The method {result.method} does not say where its uncertainty comes from.")
+        console.print(f"The method {result.method} has no uncertainty budget.")
         return
     print_table(console, uncertainty_table(result), without=[REMEDY])
     for line in remedies(result):
         console.print(escape(line))
 
 
-_REASONS = 4
+_REASONS = 4  # shown for postures that are left out
 
 
 def print_plan(robot: str, plan: Forecast) -> None:
@@ -166,18 +166,20 @@ def print_plan(robot: str, plan: Forecast) -> None:
         [label, *(number(value, factor, form) for value in (model, *(NORMAL_95 * one for one in stds)))]
         for (_, label, factor, form), model, *stds in zip(ROWS, plan.body, *columns, strict=True)
     ]
-    heads = ("parameter", "|model", "|95 % +-", "|nothing known")[: 2 + len(columns)]
-    show_table("Predicted, for ordinary sensors and a scale", heads, rows)
+    heads = ("parameter", "|model", "|95 % +-", "|without prior run")[: 2 + len(columns)]
+    show_table("Predicted accuracy, with realistic sensors and a scale", heads, rows)
     if plan.links:
-        _print_parts(console, f"{robot}: links, the model file's, predicted 95 % +-", parts_of_legs(plan.links))
+        _print_parts(console, f"{robot}: links of the model file, predicted 95 % +-", parts_of_legs(plan.links))
     console.print(
-        "Lifts: passive, or with the body turning to and fro about an axis, or with the two lifted feet swinging. Postures "
-        "without lifts are moves over planted feet, from which joint offsets follow."
+        "Lifts: passive, with the body oscillating about an axis, or with the two lifted feet swinging. Postures without "
+        "lifts are stance motions, which determine the joint offsets."
     )
     for reason in plan.left_out[:_REASONS]:
         console.print(f"left out: {escape(reason)}")
     if len(plan.left_out) > _REASONS:
-        console.print(f"and {len(plan.left_out) - _REASONS} more postures and lifts that this robot cannot do")
+        console.print(
+            f"and {len(plan.left_out) - _REASONS} more postures and lifts that are not feasible for this robot"
+        )
 
 
 def print_audit(result: Audit) -> None:
@@ -203,11 +205,11 @@ def print_audit(result: Audit) -> None:
             f"Ixx Iyy Izz {' '.join(f'{value:.4g}' for value in result.composite.inertia.diagonal())} kg m2."
         )
     if result.ratio_message is not None:
-        console.print(escape(f"A single-rigid-body controller wants the composite: {result.ratio_message}."))
+        console.print(escape(f"A single-rigid-body controller needs the composite: {result.ratio_message}."))
     console.print(escape(f"{result.imu.message}."))
     colours = {"error": "red", "warning": "yellow", "note": "cyan"}
     for finding in result.findings:
         about = f"{finding.body}: " if finding.body else ""
         console.print(f"[{colours[finding.severity]}]{finding.severity}:[/] {escape(about + finding.text)}")
     if not any(finding.severity != "note" for finding in result.findings):
-        console.print("Nothing speaks against these inertias.")
+        console.print("No error or warning was found in these inertias.")

@@ -12,14 +12,14 @@ from rich.table import Table
 
 from equipoise.figures.blocks import BAR, LONG, Block, DataTable
 
-_WIDE = 5  # columns from which on units have a line of their own
+_WIDE = 5  # with more columns, units are on a separate line
 
 
 def print_table(console: Console, table: DataTable, without: Collection[str] = ()) -> None:
-    """Print a table; its title may be wider.
+    """Print a table without its columns of bars.
 
     Args:
-        without: heads of columns that are left out, as are bars.
+        without: heads of further columns to omit.
     """
     chosen = [index for index, head in enumerate(table.columns) if head not in {BAR, *without}]
     between = "\n[" if len(chosen) > _WIDE else " ["
@@ -39,18 +39,18 @@ def print_table(console: Console, table: DataTable, without: Collection[str] = (
 def show_table(
     title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], console: Console | None = None
 ) -> None:
-    """Print a table that pages do not show."""
+    """Print a table of strings."""
     print_table(console or Console(), DataTable(title, columns, rows))
 
 
 def print_saved(console: Console, files: Sequence[Path]) -> None:
-    """Print the paths of the files that were written, if there are any."""
+    """Print the paths of the written files, if any."""
     if files:
         console.print("saved: " + escape(", ".join(map(str, files))), soft_wrap=True)
 
 
 def print_block(console: Console, block: Block) -> None:
-    """Print a paragraph, a list or a table; figures are for pages."""
+    """Print a paragraph, a list or a table; figures are not printed."""
     if isinstance(block, DataTable):
         print_table(console, block)
     elif isinstance(block, str):

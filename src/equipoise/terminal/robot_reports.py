@@ -1,4 +1,4 @@
-"""Examined robots and rehearsed calibrations in the terminal."""
+"""Robot checks, calibration plans and recording progress in the terminal."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.terminal.rich_tables import show_table
 
-_MARKS = {True: "ok", False: "look", None: ""}
+_MARKS = {True: "ok", False: "check", None: ""}
 _HEAVY = 0.8  # of a torque limit
 
 
@@ -29,13 +29,13 @@ def print_checkup(
     joints: Sequence[tuple[str, str, float, float, float]],
     findings: Sequence[CheckupFinding],
 ) -> None:
-    """A robot that was examined, and the gains that a calibration would send it."""
+    """Print the checks of a robot, and the gains that a calibration sends."""
     console = Console(emoji=False)
     positions = [
         [leg, joint, f"{position:+.3f}", f"{lower:+.2f}", f"{upper:+.2f}"]
         for leg, joint, position, lower, upper in joints
     ]
-    heads = ["leg", "joint", "|is at [rad]", "|from", "|to"]
+    heads = ["leg", "joint", "|position [rad]", "|from", "|to"]
     show_table(f"{robot.name} on {platform}: joint map", heads, positions, console)
     show_table("", ["", "", ""], [[_MARKS[one.fine], one.name, one.value] for one in findings], console)
     for finding in findings:
@@ -44,8 +44,8 @@ def print_checkup(
     console.print(escape(f"{robot.imu.message}."))
     for line in gain_lines(robot, platform):
         console.print(line)
-    wrong = any(finding.fine is False for finding in findings)
-    console.print("nothing was moved" if wrong else "nothing was moved; nothing speaks against a calibration")
+    failed = any(finding.fine is False for finding in findings)
+    console.print("nothing was moved" if failed else "nothing was moved; all checks passed")
 
 
 def print_hanging(robot: RobotModel, platform: str, phases: Sequence[HangingPhase]) -> None:
@@ -57,16 +57,16 @@ def print_hanging(robot: RobotModel, platform: str, phases: Sequence[HangingPhas
     rows = [
         [
             phase.name,
-            _known(phase.commanded_damping, ".2f"),
-            _known(phase.damping, ".2f"),
-            _known(phase.largest_torque, ".2f"),
-            _known(phase.largest_speed, ".2f"),
+            _formatted(phase.commanded_damping, ".2f"),
+            _formatted(phase.damping, ".2f"),
+            _formatted(phase.largest_torque, ".2f"),
+            _formatted(phase.largest_speed, ".2f"),
             ", ".join(map(str, phase.motor_modes)),
             str(phase.samples),
             str(phase.rejected),
             f"{phase.longest_gap * 1000:.0f}",
-            _known(phase.lost, "d"),
-            _known(phase.temperature, ".0f"),
+            _formatted(phase.lost, "d"),
+            _formatted(phase.temperature, ".0f"),
         ]
         for phase in phases
     ]
@@ -74,82 +74,82 @@ def print_hanging(robot: RobotModel, platform: str, phases: Sequence[HangingPhas
     show_table(f"{robot.name} on {platform}, hanging", heads, rows, console)
 
 
-def _known(value: float | None, form: str) -> str:
+def _formatted(value: float | None, form: str) -> str:
     return "" if value is None else format(value, form)
 
 
 def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
-    """All that a calibration would do."""
+    """Print the plan of a calibration: postures, joint ranges and torques."""
     console = Console(emoji=False)
     for line in rehearsal_lines(rehearsal, platform):
         console.print(escape(line))
     robot, limit = rehearsal.robot, rehearsal.robot.effort_limit
     postures: list[list[str]] = []
-    for what in dict.fromkeys(posture.what for posture in rehearsal.postures):
-        same = [posture for posture in rehearsal.postures if posture.what == what]  # lifts with other turns
+    for name in dict.fromkeys(posture.what for posture in rehearsal.postures):
+        same = [posture for posture in rehearsal.postures if posture.what == name]  # lifts that differ in rotation
         largest = np.max([np.abs(posture.torque) for posture in same], axis=0)
         joint = _hardest(robot, largest)
         limited = np.isfinite(limit[joint])
         share = f"{largest[joint] / limit[joint]:.0%}" if limited else f"{largest[joint]:.1f} Nm, no limit,"
         torque = f"{share} at {robot.joint_names[joint]}" if largest[joint] > 0 else "-"
-        postures.append([what, str(sum(posture.times for posture in same)), torque])
-    show_table("Postures", ["posture", "|times", "largest torque, of its limit"], postures, console)
+        postures.append([name, str(sum(posture.times for posture in same)), torque])
+    show_table("Postures", ["posture", "|times", "largest torque, of the limit"], postures, console)
     joints: list[list[str]] = []
     lower, upper = rehearsal.joint_range
-    for index, name in enumerate(robot.joint_names):
+    for index, joint_name in enumerate(robot.joint_names):
         allowed = f"{robot.lower_limit[index]:+.2f}, {robot.upper_limit[index]:+.2f}"
         most = f" of {limit[index]:.1f}" if np.isfinite(limit[index]) else ", no limit"
         torque = f"{rehearsal.largest_torque[index]:.1f}{most}"
-        joints.append([name, f"{lower[index]:+.2f}", f"{upper[index]:+.2f}", allowed, torque])
+        joints.append([joint_name, f"{lower[index]:+.2f}", f"{upper[index]:+.2f}", allowed, torque])
     show_table("Joints", ["joint", "|from [rad]", "|to", "|limits [rad]", "|torque [Nm]"], joints, console)
-    console.print("By the model, from lying to lying. Nothing was moved.")
+    console.print("Computed with the model, from lying to lying. Nothing was moved.")
 
 
 def rehearsal_lines(rehearsal: Rehearsal, platform: str) -> list[str]:
-    """The plan in a few lines, as they stand before the first motion."""
+    """Return the plan in a few lines, as printed before the first motion."""
     robot, torque = rehearsal.robot, rehearsal.largest_torque
     joint = _hardest(robot, torque)
     share = torque[joint] / robot.effort_limit[joint]
-    beside = f"{share:.0%} of its limit" if share > 0 else "for which the model file gives no limit"
+    limit = f"{share:.0%} of its limit" if share > 0 else "which has no limit in the model file"
     lines = [
         f"{robot.name} on {platform}: method {rehearsal.method.name}, about {rehearsal.duration:.0f} s.",
-        f"It looks, stands up, {rehearsal.doing}, and ends where it began.",
-        f"Largest torque by the model: {torque[joint]:.1f} Nm at {robot.joint_names[joint]}, {beside}.",
+        f"The robot is checked, stands up, {rehearsal.doing}, and returns to its initial posture.",
+        f"Largest torque according to the model: {torque[joint]:.1f} Nm at {robot.joint_names[joint]}, {limit}.",
     ]
     lines += gain_lines(robot, platform)
     if share > _HEAVY:
-        lines.append("That is close to what the motor can do.")
+        lines.append("This is close to the limit of the motor.")
     return lines
 
 
 def _hardest(robot: RobotModel, torque: FloatArray) -> int:
-    """The joint whose torque is nearest to its limit; where none has a limit, the one with the largest torque.
+    """Return the joint with the largest share of its torque limit; without limits, with the largest torque.
 
     Args:
-        torque: (nj,) torques either way [Nm].
+        torque: (nj,) absolute torques [Nm].
     """
     share = torque / robot.effort_limit
     return int(np.argmax(share if share.any() else torque))
 
 
 def gain_lines(robot: RobotModel, platform: str) -> list[str]:
-    """Return the gains of the motors and those of the robot's maker; nothing for a simulator."""
+    """Return lines with the joint gains and those of the manufacturer; none for a simulator."""
     driver = DRIVERS.get(platform)
     if driver is None:
         return []
     kp, kd = robot.gains(nominal_stance(robot).hip_height)
-    source = ", those of the maker's example" if driver.makers_gains == (kp, kd) else ""
+    source = ", as in the manufacturer's example" if driver.makers_gains == (kp, kd) else ""
     lines = [
-        f"Gains of the joints: {kp:.0f} Nm/rad and {kd:.1f} Nm s/rad{source}; the damping alone lets the robot down."
+        f"Joint gains: {kp:.0f} Nm/rad and {kd:.1f} Nm s/rad{source}; the robot is lowered with the damping alone."
     ]
     if driver.makers_gains is not None and driver.makers_gains != (kp, kd):
-        theirs = "{:g} and {:g}; --kp {:g} --kd {:g}".format(*driver.makers_gains, *driver.makers_gains)
-        lines.append(f"The maker's example stands with {theirs} takes these.")
+        example = "{:g} and {:g}; --kp {:g} --kd {:g}".format(*driver.makers_gains, *driver.makers_gains)
+        lines.append(f"The manufacturer's example uses {example} sets these.")
     return lines
 
 
 class RecordingProgress:
-    """Duration of a recording so far, on one line of stderr."""
+    """Progress of a recording, on one line of stderr."""
 
     def __init__(self, quiet: bool, into: Path, duration: float | None) -> None:
         self._console = Console(stderr=True, emoji=False)
@@ -168,11 +168,11 @@ class RecordingProgress:
             self._console.print()
 
     def update(self, piece: Recording) -> None:
-        """A piece was recorded."""
+        """Add a recorded piece and show the progress."""
         self._samples += len(piece.joints.time)
         if self._quiet or len(piece.joints.time) == 0:
             return
         if self._start is None:
             self._start = float(piece.joints.time[0])
-        passed = float(piece.joints.time[-1]) - self._start
-        self._console.print(f"{passed:.1f} s, {self._samples} joint samples; Ctrl-C ends it", end="\r")
+        elapsed = float(piece.joints.time[-1]) - self._start
+        self._console.print(f"{elapsed:.1f} s, {self._samples} joint samples; Ctrl-C ends it", end="\r")

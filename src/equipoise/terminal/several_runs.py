@@ -1,4 +1,4 @@
-"""Two runs compared, and a calibration that was repeated, in the terminal."""
+"""Comparison of two runs, and spread of repeated calibrations, in the terminal."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ from equipoise.terminal.rich_tables import print_table, show_table
 if TYPE_CHECKING:
     from equipoise.calibration.payload_change import PayloadChange
 
-_NONE = "Nothing that matters was added or taken off. What changed in the whole robot:"
+_NONE = "No significant payload was added or removed. Change of the whole robot:"
 _UNSURE = (
-    "It cannot be told whether anything was added or taken off; a scale that weighs both times tells more (--mass-before, "
-    "--mass-after). What changed in the whole robot:"
+    "The data do not determine whether anything was added or removed. Weigh the robot before and after and pass --mass "
+    "BEFORE AFTER. Change of the whole robot:"
 )
 _CHANGES = {
-    "no change": "no change: zero, and surely so",
-    "not identified": "not identified: a change cannot be told from none",
+    "no change": "no change: the interval contains zero and is narrow",
+    "not identified": "not identified: the interval contains zero and is wide",
 }
-_TOO_MUCH = 2.0  # of spread over deviation, with a handful of repetitions
+_TOO_MUCH = 2.0  # ratio of spread to std, for a few repetitions
 
 
-def print_payload_change(delta: PayloadChange) -> None:
-    """The payload with intervals, and what it does to the whole robot."""
+def print_payload_change(change: PayloadChange) -> None:
+    """Print the payload with intervals, and the change of the whole robot."""
     console = Console()
-    for warning in delta.warnings:
+    for warning in change.warnings:
         console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
-    what = "taken off" if delta.removed else "added"
-    title = f"{delta.robot}: what was {what}; CoM in the base frame, inertia about its own CoM"
-    print_table(console, numbers_table(numbers_of(delta.payload), title), without=["|model", "|change"])
-    if delta.payload.com_in_base.x.value is None:
-        console.print(_NONE if delta.payload.mass.verdict == "no change" else _UNSURE)
+    verb = "removed" if change.removed else "added"
+    title = f"{change.robot}: payload that was {verb}; CoM in the base frame, inertia about its own CoM"
+    print_table(console, numbers_table(numbers_of(change.payload), title), without=["|model", "|change"])
+    if change.payload.com_in_base.x.value is None:
+        console.print(_NONE if change.payload.mass.verdict == "no change" else _UNSURE)
     rows = [
         [label, number(one.value, factor, "+" + form), number(one.half_width, factor, form), one.verdict or ""]
-        for one, (_, label, factor, form) in zip(delta.change, ROWS, strict=True)
+        for one, (_, label, factor, form) in zip(change.change, ROWS, strict=True)
     ]
-    show_table("The whole robot at its stance, after less before", ["parameter", "|change", "|95 % +-", ""], rows)
-    said = verdict_message(delta.change, _CHANGES)
-    console.print(f"CoM from the origin of the base link, inertia about the CoM. {said}")
+    show_table("Whole robot at its stance, after minus before", ["parameter", "|change", "|95 % +-", ""], rows)
+    meanings = verdict_message(change.change, _CHANGES)
+    console.print(f"CoM from the origin of the base link, inertia about the CoM. {meanings}")
 
 
 def print_repeatability(robot: str, repeated: Sequence[Repeated], count: int) -> None:
-    """Spread against what the intervals allow."""
+    """Print the spread of repeated results, and their reported std."""
     console = Console()
     by_name = {one.quantity.name: one for one in repeated}
     rows: list[list[str]] = []
@@ -59,14 +59,16 @@ def print_repeatability(robot: str, repeated: Sequence[Repeated], count: int) ->
             finer = f".{int(form[1]) + 1}f"
             mean, std = number(one.quantity.value, factor, form), number(one.quantity.std, factor, finer)
             rows.append([label, mean, number(one.spread, factor, finer), std, number(one.ratio, 1, ".2f")])
-    heads = ["parameter", "|mean", "|spread (sd)", "|reported sd", "|spread / sd"]
+    heads = ["parameter", "|mean", "|spread (std)", "|reported std", "|spread / std"]
     show_table(f"{robot}: {count} calibrations", heads, rows)
     worst = [one for one in repeated if one.ratio is not None and one.ratio > _TOO_MUCH]
     if worst:
         names = ", ".join(one.quantity.name for one in worst)
-        console.print(f"{names}: they differ by more than they say that they may; something changes between the runs.")
+        console.print(
+            f"{names}: the results differ by more than their intervals allow; something changes between the runs."
+        )
     else:
         console.print(
-            "Intervals also cover what is the same in each run (joint offsets, a scale's error), which repeating does "
-            "not show."
+            "Intervals also cover errors that are the same in each run (joint offsets, scale error); repetition does not "
+            "show these."
         )
