@@ -1,4 +1,4 @@
-"""Commands that tests of the command line give."""
+"""Helpers for tests of the command line."""
 
 import os
 import pty
@@ -9,7 +9,7 @@ from equipoise.cli import main
 
 
 def fails(capsys, code, *arguments):
-    """Run, expect that exit code and one clear sentence on stderr, and return it."""
+    """Run a command, expect the exit code and one error line on stderr, and return the line."""
     assert main(list(arguments)) == code
     captured = capsys.readouterr()
     assert "Traceback" not in captured.err
@@ -19,10 +19,10 @@ def fails(capsys, code, *arguments):
 
 
 def at_a_terminal(arguments, until, answer, monkeypatch):
-    """Run a command whose operator reads its stderr until a text, and types an answer; return what a process would show.
+    """Run a command whose operator reads its stderr until a text, and types an answer.
 
     Returns:
-        what it asked, what it printed once it was answered, and its exit code.
+        stderr up to the text, stderr after the answer, and the exit code.
     """
     keyboard, terminal = pty.openpty()
     printed, error = os.pipe()

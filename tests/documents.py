@@ -1,4 +1,4 @@
-"""Documents as tests read them: their pages, their blocks of code, and the commands in those."""
+"""Pages of the documents, their code blocks, and the commands in these."""
 
 import re
 import shlex
@@ -14,7 +14,7 @@ _NUMBER = re.compile(r"-?\d+\.\d+|-?\d+")
 
 @dataclass(frozen=True)
 class Block:
-    """A block of code on a page; `shown` is the block right behind it, if that is output."""
+    """Code block on a page; `shown` is the following block if it is output."""
 
     page: str
     language: str
@@ -23,7 +23,7 @@ class Block:
 
 
 def blocks(page):
-    """All blocks of code of a page, in order."""
+    """Return the code blocks of a page, in order."""
     text = page.read_text(encoding="utf-8")
     found = [(match.start(), match.end(), match[1], match[2]) for match in _FENCED.finditer(text)]
     plain = _FENCED.sub(lambda match: re.sub(r"[^\n]", "x", match[0]), text)
@@ -39,7 +39,7 @@ def blocks(page):
 
 
 def commands(program):
-    """(page, arguments, what is shown behind) of every command with a program, on all pages, each once."""
+    """Return (page, arguments, shown output) of each distinct command of a program on all pages."""
     seen = {}
     for page in PAGES:
         for block in blocks(page):
@@ -54,7 +54,7 @@ def commands(program):
 
 
 def assert_shown(printed, shown, **tolerance):
-    """What is printed is what is shown, but for numbers, which may differ a little; '...' stands for any lines."""
+    """Assert that printed text equals shown text, within a tolerance for numbers; '...' matches any lines."""
     lines = printed.rstrip().splitlines()
     for line in shown.rstrip().splitlines():
         if line.strip() == "...":
@@ -71,6 +71,6 @@ def assert_shown(printed, shown, **tolerance):
 
 
 def _like(ours, theirs):
-    """But for numbers, blanks, and verdicts, which may be on either side of a limit."""
+    """Return true if two lines are equal except for numbers, blanks and verdicts, which may differ near a limit."""
     plain = [re.sub(r"[+-]?\d+(\.\d+)?|(not )?identified|weak|\s+", "#", line).strip() for line in (ours, theirs)]
     return re.sub("#+", "#", plain[0]) == re.sub("#+", "#", plain[1])

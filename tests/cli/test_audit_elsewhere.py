@@ -1,4 +1,4 @@
-"""The audit in other people's repositories: annotations, the hook for pre-commit, the action."""
+"""`audit` in other repositories: annotations, pre-commit hook and GitHub action."""
 
 import os
 import shutil
@@ -17,7 +17,7 @@ HOOKS = HERE / ".pre-commit-hooks.yaml"
 
 @pytest.fixture
 def repository(tmp_path, a1_urdf):
-    """Somebody's, with a robot that no body can be and one that is well."""
+    """Repository with one invalid and one valid robot."""
     folder = tmp_path / "theirs"
     (folder / "urdf").mkdir(parents=True)
     (folder / "urdf" / "well.urdf").write_text(a1_urdf, encoding="utf-8")
@@ -26,7 +26,7 @@ def repository(tmp_path, a1_urdf):
 
 
 def flattened(urdf):
-    """With a trunk that is far too hard to turn about one axis."""
+    """Return the URDF with an impossible trunk inertia."""
     before, trunk = urdf.split('<link name="trunk">')
     return before + '<link name="trunk">' + trunk.replace('ixx="', 'ixx="9', 1)
 
@@ -88,7 +88,7 @@ def git(folder, *words):
 
 @pytest.mark.skipif(not PROGRAM.exists(), reason="equipoise is not installed as a program")
 def test_pre_commit_audits_a_repository(repository, tmp_path):
-    """With the program that is installed here in place of one that pre-commit would install, which takes minutes."""
+    """pre-commit uses the installed program, because installing one takes minutes."""
     pre_commit = shutil.which("pre-commit")
     if pre_commit is None:
         pytest.skip("pre-commit is not installed: the hook is NOT TRIED")

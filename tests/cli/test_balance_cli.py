@@ -1,4 +1,4 @@
-"""The verb `balance` as a user and a script meet it, and its picture."""
+"""`equipoise lab balance` for users and scripts, and its figure."""
 
 import json
 
@@ -76,7 +76,7 @@ def test_a_calibration_is_read_from_its_file_or_its_folder(tmp_path, capsys, pre
     assert "designed on a calibration by the method bayesian; sensor errors are corrected as calibrated." in out
 
 
-def test_ctrl_c_keeps_what_was_recorded(tmp_path, capsys, monkeypatch):
+def test_ctrl_c_keeps_the_recordings(tmp_path, capsys, monkeypatch):
     original = MujocoPlatform.step
 
     def interrupted(self, command):
@@ -95,7 +95,7 @@ def test_ctrl_c_keeps_what_was_recorded(tmp_path, capsys, monkeypatch):
     assert recording.joints.time[-1] > stopped[0]
 
 
-def test_wrong_flags_say_what_is_right(tmp_path, capsys):
+def test_errors_of_flags_name_the_valid_values(tmp_path, capsys):
     assert "pass one of them" in fails(capsys, 2, "--com", "x.json", "--com-error", "5mm")
     assert "'5 apples' is not a length" in fails(capsys, 2, "--com-error", "5 apples")
     assert "--duration 'soon' is not a time" in fails(capsys, 2, "--duration", "soon")

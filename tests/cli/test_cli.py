@@ -1,4 +1,4 @@
-"""The command line as a user and a script meet it."""
+"""Command line for users and scripts."""
 
 import json
 import os
@@ -36,7 +36,7 @@ COMMAND = [sys.executable, "-m", "equipoise"]
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A short calibration by the command line; its folder."""
+    """Folder of a short calibration."""
     folder = tmp_path_factory.mktemp("runs") / "a1"
     assert main(["calibrate", *QUICK, "--out", str(folder), "--payload", "1,0.05,0.02,0.1", "--seed", "3"]) == 0
     return folder
@@ -106,7 +106,7 @@ def test_robots_lists_the_catalogue(capsys):
     assert "unitree_a1" in capsys.readouterr().out
 
 
-def test_audit_says_what_the_composite_is_over_the_base(capsys):
+def test_audit_prints_the_ratio_of_composite_to_base(capsys):
     assert main(["audit", "unitree_a1"]) == 0
     assert "x the base's" in capsys.readouterr().out.replace("\n", " ")
     assert main(["audit", "unitree_a1", "--json"]) == 0
@@ -118,7 +118,7 @@ def test_audit_says_what_the_composite_is_over_the_base(capsys):
     assert json.loads(capsys.readouterr().out)["error"]["exit_code"] == 3
 
 
-def test_an_audit_that_finds_an_error_ends_with_one(tmp_path, a1_urdf, capsys):
+def test_an_audit_with_an_error_exits_with_one(tmp_path, a1_urdf, capsys):
     root = ET.fromstring(a1_urdf)
     root.find("link[@name='trunk']/inertial/inertia").set("izz", "0.5")
     file = tmp_path / "robot.urdf"
@@ -127,7 +127,7 @@ def test_an_audit_that_finds_an_error_ends_with_one(tmp_path, a1_urdf, capsys):
     assert "error: trunk: " in capsys.readouterr().out
 
 
-def test_names_that_the_terminal_has_no_letters_for_are_printed_all_the_same(tmp_path, a1_urdf):
+def test_names_outside_the_terminals_encoding_are_printed(tmp_path, a1_urdf):
     file = tmp_path / "ходок.urdf"
     file.write_text(a1_urdf, encoding="utf-8")
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
@@ -171,7 +171,7 @@ def test_a_file_that_is_missing(capsys):
     assert "does not exist" in fails(capsys, 3, "calibrate", "no/such/robot.urdf")
 
 
-def test_a_name_that_is_unknown_lists_the_known_ones(capsys):
+def test_an_unknown_name_lists_the_valid_names(capsys):
     assert "known names are unitree_a1, a1" in fails(capsys, 3, "calibrate", "rex")
 
 
@@ -220,7 +220,7 @@ def test_a_stance_out_of_reach(capsys):
         ("--excitation-duration", "0.1"), ("--excitation-duration", "1e9"),
     ],
 )  # fmt: skip
-def test_settings_beyond_all_sense_are_refused_before_a_run_begins(flags, tmp_path, capsys):
+def test_absurd_settings_raise_before_a_run_begins(flags, tmp_path, capsys):
     fails(capsys, 2, "calibrate", "--method", "paper", *flags, "--out", str(tmp_path / "run"))
     assert not (tmp_path / "run").exists()
 
@@ -239,7 +239,7 @@ def test_settings_beyond_all_sense_are_refused_before_a_run_begins(flags, tmp_pa
         (["calibrate", "--payload", "1.5,100,0,80"], "a payload 128 m from the base's origin is not on 'unitree_a1'"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_meant_is_said_before_anything_is_done(words, message, tmp_path, capsys):
+def test_invalid_arguments_raise_before_a_run_begins(words, message, tmp_path, capsys):
     out = ["--out", str(tmp_path / "run")] if len(words) > 1 else []
     assert message in fails(capsys, 2, *words, *out)
     assert not (tmp_path / "run").exists()
@@ -253,7 +253,7 @@ def test_what_cannot_be_meant_is_said_before_anything_is_done(words, message, tm
         (["--seed", "1.5"], "Error parsing --seed: '1.5' is not a whole number"),
     ],
 )
-def test_what_is_no_number_is_called_so(words, message, capsys):
+def test_words_that_are_not_numbers_raise(words, message, capsys):
     assert main(["calibrate", *words]) == 2
     assert message in capsys.readouterr().err
 
@@ -271,14 +271,14 @@ def test_what_is_no_number_is_called_so(words, message, capsys):
         (None, "cannot read priors from"),
     ],
 )
-def test_a_file_of_priors_that_is_none(text, message, tmp_path, capsys):
+def test_an_invalid_file_of_priors_raises(text, message, tmp_path, capsys):
     file = tmp_path / "priors.toml"
     if text is not None:
         file.write_text(text, encoding="utf-8")
     assert message in fails(capsys, 2, "plan", "--priors", str(file))
 
 
-def test_what_is_said_of_cable_legs_and_priors_is_planned_with(tmp_path, capsys):
+def test_the_plan_uses_cable_legs_and_priors(tmp_path, capsys):
     def std(*flags):
         assert main(["plan", "--duration", "40s", "--json", *flags]) == 0
         return json.loads(capsys.readouterr().out)["predicted_deviation"]
@@ -292,7 +292,7 @@ def test_what_is_said_of_cable_legs_and_priors_is_planned_with(tmp_path, capsys)
     assert main(["plan", "--cable", "long"]) == 2
 
 
-def test_a_run_of_another_robot_than_is_named_is_refused(run, tmp_path, a1_urdf, capsys):
+def test_a_run_of_another_robot_is_refused(run, tmp_path, a1_urdf, capsys):
     file = tmp_path / "other.urdf"
     file.write_text(a1_urdf, encoding="utf-8")
     name = load_robot(file).name
@@ -314,16 +314,16 @@ def test_a_wrong_flag_is_an_object_too_with_json(capsys):
     assert json.loads(capsys.readouterr().out)["error"]["exit_code"] == 2
 
 
-def test_a_seed_that_is_no_number(capsys):
+def test_a_seed_that_is_not_a_number(capsys):
     assert main(["calibrate", "--seed", "x"]) == 2
     assert "seed" in capsys.readouterr().err
 
 
 def test_a_flag_that_does_not_exist(capsys):
     assert main(["calibrate", "--colour"]) == 2
-    said = capsys.readouterr().err
-    assert "--colour" in said
-    assert "equipoise calibrate --help" in said, "the help that has the flags, not the list of verbs"
+    message = capsys.readouterr().err
+    assert "--colour" in message
+    assert "equipoise calibrate --help" in message, "the help that has the flags, not the list of verbs"
 
 
 def test_an_output_folder_that_holds_another_run(run, capsys):
@@ -335,7 +335,7 @@ def test_an_output_folder_that_cannot_be_written(tmp_path, capsys):
     assert "cannot write" in fails(capsys, 6, "calibrate", "--out", str(tmp_path / "file" / "run"), "--quiet")
 
 
-def test_a_folder_that_is_no_run(tmp_path, capsys):
+def test_a_folder_that_is_not_a_run(tmp_path, capsys):
     assert "is a folder without run.json; name the run folder of a calibration" in fails(
         capsys, 5, "estimate", str(tmp_path)
     )
@@ -367,7 +367,7 @@ def test_flags_of_a_robot_description_are_used(capsys):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_ctrl_c_keeps_what_was_measured(tmp_path):
+def test_ctrl_c_keeps_the_completed_trials(tmp_path):
     folder = tmp_path / "run"
     process = subprocess.Popen(
         [*COMMAND, "calibrate", "--method", "paper", "--tolerance", "0.0002", "--t-thres", "10", "--out", str(folder)],
@@ -401,7 +401,7 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_ctrl_c_while_a_result_is_drawn_says_how_to_see_it(tmp_path):
+def test_ctrl_c_while_the_page_is_written_prints_the_command_for_it(tmp_path):
     folder = tmp_path / "run"
     process = subprocess.Popen(
         [*COMMAND, "calibrate", "--method", "paper", "--out", str(folder), "--quiet"], stderr=subprocess.PIPE, text=True
@@ -410,11 +410,11 @@ def test_ctrl_c_while_a_result_is_drawn_says_how_to_see_it(tmp_path):
         assert process.poll() is None
         time.sleep(0.002)
     process.send_signal(signal.SIGINT)
-    told = process.communicate(timeout=30)[1]
+    printed = process.communicate(timeout=30)[1]
     assert process.returncode == 130
     assert not (folder / "report.html").exists()
     resume = ["calibrate", "--resume", str(folder)]
-    assert f"resume: equipoise {' '.join(resume)}\n" in told
+    assert f"resume: equipoise {' '.join(resume)}\n" in printed
     assert main([*resume]) == 0
     assert (folder / "report.html").exists()
 
@@ -422,7 +422,7 @@ def test_ctrl_c_while_a_result_is_drawn_says_how_to_see_it(tmp_path):
 # What somebody sees who does not know the verbs.
 
 
-def test_without_a_verb_all_are_shown(capsys):
+def test_without_a_verb_all_verbs_are_listed(capsys):
     assert main([]) == 2
     bare = capsys.readouterr().out
     assert main(["--help"]) == 0
@@ -432,18 +432,18 @@ def test_without_a_verb_all_are_shown(capsys):
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_has_help_and_is_debugged_quietly_and_in_json(verb, capsys):
+def test_every_verb_has_help_debug_quiet_and_json(verb, capsys):
     assert main([verb, "--help"]) == 0
     shown = capsys.readouterr().out
     assert "{None}" not in shown
     assert "(default: True)" not in shown
     assert "--json" in shown
-    if verb not in ("robots", "platforms"):  # nothing goes wrong there, and nothing is said on the way
+    if verb not in ("robots", "platforms"):  # they print no progress
         assert "--debug" in shown
         assert "--quiet" in shown
 
 
-def test_a_mistyped_name_is_guessed(capsys):
+def test_a_mistyped_name_gets_a_suggestion(capsys):
     assert "did you mean 'go2'? known names are" in fails(capsys, 3, "calibrate", "Go3")
 
 
@@ -456,10 +456,10 @@ def test_quiet_silences_warnings_about_the_model(capsys, tmp_path, a1_urdf):
     assert capsys.readouterr().err == ""
 
 
-def test_calibrate_says_what_it_does_before_it_does_it(tmp_path, capsys):
+def test_calibrate_prints_its_settings_first(tmp_path, capsys):
     assert main(["calibrate", "--method", "static", "--out", str(tmp_path / "run")]) == 0
-    said = capsys.readouterr().err.splitlines()[0]
-    assert said.startswith(
+    message = capsys.readouterr().err.splitlines()[0]
+    assert message.startswith(
         "unitree_a1 (default; for another: equipoise calibrate ROBOT), simulated in mujoco, preset realistic, method static"
     )
 

@@ -1,4 +1,4 @@
-"""`equipoise export` as a user and a script meet it."""
+"""`equipoise export` for users and scripts."""
 
 import dataclasses
 import json
@@ -25,7 +25,7 @@ def run(a1, tmp_path_factory):
     return path
 
 
-def test_the_file_lies_in_the_run_and_the_terminal_says_what_it_is(run, a1, capsys):
+def test_the_file_is_in_the_run_folder_and_described(run, a1, capsys):
     assert main(["export", str(run), "--to", "urdf"]) == 0
     path = run / "export" / "a1.urdf"
     printed = capsys.readouterr().out
@@ -83,12 +83,12 @@ def test_another_result_in_the_runs_folder_is_of_its_model(run, capsys):
         (["c-header", "--parameters", "sensors"], "sensors.h"),
     ],
 )
-def test_a_file_is_called_by_what_is_in_it(arguments, name, run, capsys):
+def test_file_names_contain_the_parameters(arguments, name, run, capsys):
     assert main(["export", str(run), "--to", *arguments]) == 0
     assert f"saved: {run / 'export' / name}\n" in capsys.readouterr().out
 
 
-def test_what_can_be_exported_is_said_with_the_format_of_its_model(run, tmp_path, capsys):
+def test_the_next_command_names_the_format_of_the_model(run, tmp_path, capsys):
     result = RunFolder.open(run).result()
     print_calibration(result, [run / "report.html"], kept=run)
     assert f"export with: equipoise export {run} --to urdf\n" in capsys.readouterr().out
@@ -124,10 +124,10 @@ def test_quiet_prints_nothing(run, capsys):
 @pytest.mark.parametrize("arguments", [[], ["--list"], ["RUN"]])
 def test_without_a_format_the_table_is_shown(arguments, run, capsys):
     assert main(["export", *(str(run) if word == "RUN" else word for word in arguments)]) == 0
-    printed, told = capsys.readouterr()
+    printed, warnings = capsys.readouterr()
     assert all(name in printed for name in FORMATS)
     nothing = f"nothing was written; name a format, for example: equipoise export {run} --to urdf\n"
-    assert told == (nothing if arguments == ["RUN"] else "")
+    assert warnings == (nothing if arguments == ["RUN"] else "")
     assert max(map(len, printed.splitlines()[: len(FORMATS) + 3])) <= 80
     assert main(["export", *(str(run) if word == "RUN" else word for word in arguments), "--json"]) == 0
     table = json.loads(capsys.readouterr().out)
@@ -147,7 +147,7 @@ def test_the_users_file_is_overwritten_only_by_name(run, a1, tmp_path, capsys):
     assert mine.read_bytes() != a1.source.path.read_bytes()
 
 
-def test_what_is_not_identified_is_refused_and_forced(a1, tmp_path, capsys):
+def test_parameters_that_are_not_identified_need_force(a1, tmp_path, capsys):
     doubtful = found(a1, verdicts={("composite", "com_z"): "not identified"})
     doubtful.save(tmp_path / "calibration.json")
     arguments = ["export", str(tmp_path / "calibration.json"), "--to", "quad-sdk"]
@@ -176,14 +176,14 @@ def test_errors_name_the_remedy(run, a1, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("what", [["--to", "urdf"], ["--all"]])
-def test_no_folder_is_made_for_a_mistyped_path(what, run, tmp_path, capsys):
+def test_a_mistyped_path_creates_no_folder(what, run, tmp_path, capsys):
     out = tmp_path / "nosuch" / "a1"
     message = fails(capsys, 6, "export", str(run), *what, "--out", str(out))
-    assert f"{str(out)!r}: No such file or directory; check that the folder exists" in message
+    assert f"{str(out)!r}: No such file or directory; check that " in message
     assert not out.parent.exists()
 
 
-def test_all_formats_go_into_a_folder_and_what_cannot_be_is_said(run, tmp_path, capsys):
+def test_all_formats_go_into_a_folder_and_others_are_listed(run, tmp_path, capsys):
     assert main(["export", str(run), "--all", "--parameters", "all", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert len({row.output for row in FORMATS.values()}) == len(FORMATS)

@@ -1,4 +1,4 @@
-"""Every flag that a verb's help shows, typed as its help shows it."""
+"""Flags of every verb, in the form that help shows."""
 
 import dataclasses
 import functools
@@ -29,7 +29,7 @@ SHAPES = {
 
 
 def named(words):
-    """The name of a verb, which may have a group before it, and the words that follow."""
+    """Return the name of a verb with its group, and the words that follow."""
     count = 2 if words[0] == "lab" else 1
     return " ".join(words[:count]), words[count:]
 
@@ -79,7 +79,7 @@ LINE = re.compile(r"^  (?:(-\w), )?(--[a-z][\w-]*)((?: \S+)*?)(?:  .*)?$", re.MU
 
 @pytest.fixture(scope="module")
 def folder(a1, precise_run, tmp_path_factory):
-    """Where the commands find a run and a file of settings without any."""
+    """Folder with a run and an empty file of settings."""
     folder = tmp_path_factory.mktemp("user")
     with RunFolder.create(folder / "run", a1, precise_run.settings, {"time": "2026-01-01T00:00:00+00:00"}) as run:
         run.save(precise_run.result.with_provenance(**run.provenance))
@@ -89,7 +89,7 @@ def folder(a1, precise_run, tmp_path_factory):
 
 @pytest.fixture
 def words(shape, folder, monkeypatch):
-    """A verb with what it does not go without."""
+    """Verb with its required arguments."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv("COLUMNS", "80")
     return ["run" if word == "RUN" else word for word in SHAPES[shape]]
@@ -97,7 +97,7 @@ def words(shape, folder, monkeypatch):
 
 @pytest.fixture
 def read(monkeypatch):
-    """What the last verb that was called got; the verbs do nothing but read their settings."""
+    """Settings of the last called verb; the verbs only read their settings."""
     seen = {}
 
     def found(name, arguments=()):
@@ -116,13 +116,13 @@ def read(monkeypatch):
 
 
 def shown_flags(words, capsys):
-    """(flag, metavar) of each line of a verb's help; an empty metavar is that of a switch."""
+    """Return (flag, metavar) of each line of a verb's help; switches have an empty metavar."""
     assert main([*words, "--help"]) == 0
     return [(name, metavar.strip()) for _, name, metavar in LINE.findall(capsys.readouterr().out) if name != "--help"]
 
 
 def values_of(flag, metavar):
-    """What a user might type behind a flag; each inner list is for one command."""
+    """Return valid values for a flag; each inner list is for one command."""
     if flag in OWN:
         return [[OWN[flag]]]
     if metavar.startswith("{"):
@@ -155,7 +155,7 @@ def test_help_shows_every_setting_of_a_method(method, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_numbers_too_few_or_too_many_and_words_are_refused_by_the_flag_s_name(words, read, capsys):
+def test_errors_of_numbers_name_the_flag(words, read, capsys):
     for flag, metavar in shown_flags(words, capsys):
         if metavar in NUMBERS:
             right = NUMBERS[metavar].split()
@@ -169,16 +169,16 @@ def test_numbers_too_few_or_too_many_and_words_are_refused_by_the_flag_s_name(wo
     "payload unitree_a1 --duration",
     "view run --from", "view run --until", "lab monte-carlo --trial-limit",
 ])  # fmt: skip
-def test_what_is_not_a_time_is_refused_by_the_flag_s_name(words, folder, monkeypatch, capsys):
+def test_errors_of_times_name_the_flag(words, folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     assert_refused([*words.split(), "soon"], words.split()[-1], capsys)
 
 
 def assert_refused(words, flag, capsys):
     assert main(words) == 2, words
-    said = capsys.readouterr().err
-    assert flag in said, words
-    assert "Traceback" not in said
+    message = capsys.readouterr().err
+    assert flag in message, words
+    assert "Traceback" not in message
 
 
 @pytest.mark.parametrize(("shape", "flags", "name", "value"), [
@@ -199,11 +199,11 @@ def test_flags_of_several_values_reach_the_description(words, read, flags, name,
     ("--foot-frames FL", "--foot-frames FL is not NAME=FRAME"),
     ("--stance FL_hip_joint=left", "--stance FL_hip_joint=left is not NAME=ANGLE, in radians"),
 ])  # fmt: skip
-def test_what_is_wrong_with_values_is_said_in_a_sentence(capsys, flags, message):
+def test_wrong_values_raise_one_clear_error(capsys, flags, message):
     assert message in fails(capsys, 2, "audit", "unitree_a1", *flags.split())
 
 
-def test_a_folder_called_as_a_number_is_not_taken_for_one(folder, monkeypatch, read):
+def test_a_folder_may_have_a_number_as_its_name(folder, monkeypatch, read):
     monkeypatch.chdir(folder)
     (folder / "7").mkdir(exist_ok=True)
     assert main(["export", "--seed", "3", "7"]) == 0

@@ -1,4 +1,4 @@
-"""`doctor --hanging` against the emulator of a Go2, whose boards damp by themselves after 0.1 s without a command."""
+"""`doctor --hanging` against the emulator of a Go2, whose boards damp after 0.1 s without a command."""
 
 import io
 import json
@@ -26,10 +26,10 @@ def test_a_hanging_robot_is_damped_and_left_alone_in_turn(monkeypatch, capsys, a
             peer.fault(push=[0, 0, 2 * 9.81 * a1.mass], after=0.4 * number, **{"for": 0.12})
         code = main([*DOCTOR, "--set", "interface=lo", "--set", f"domain={domain}", "--json"])
         log = peer.end()
-    told = capsys.readouterr()
-    assert code == 0, told.err
-    assert "The robot must hang" in told.err
-    phases = json.loads(told.out)["phases"]
+    printed = capsys.readouterr()
+    assert code == 0, printed.err
+    assert "The robot must hang" in printed.err
+    phases = json.loads(printed.out)["phases"]
     assert [phase["name"] for phase in phases] == [
         "as found", "damped", "silent for 0.1 s", "damped", "silent for 1.5 s", "damped",
     ]  # fmt: skip

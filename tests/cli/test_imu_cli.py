@@ -1,4 +1,4 @@
-"""The pose of the IMU on the command line: always stated; where it is not known, asked for, or refused in a script."""
+"""IMU pose on the command line: always printed; if unknown, a terminal asks and a script fails."""
 
 import io
 import json
@@ -21,7 +21,7 @@ STATIC = ["--method", "static", "--sim-preset", "ideal", "--no-report"]
 
 @pytest.fixture(autouse=True)
 def script(monkeypatch):
-    """Replace the terminal by a closed standard input: there is no operator."""
+    """Close the standard input, so that there is no operator."""
     monkeypatch.setattr(sys, "stdin", io.StringIO())
 
 
@@ -39,7 +39,7 @@ def with_bno(tmp_path):
     return str(path)
 
 
-def said(capsys):
+def streams(capsys):
     captured = capsys.readouterr()
     return " ".join(captured.out.split()), " ".join(captured.err.split())
 
@@ -47,7 +47,7 @@ def said(capsys):
 @pytest.mark.parametrize("verb", [["audit"], ["plan", "--duration", "60s"], ["calibrate", "--dry-run"], ["doctor"]])
 def test_verbs_that_move_nothing_state_it(plain, capsys, verb):
     assert main([verb[0], plain, *verb[1:]]) == 0
-    assert ORIGIN in said(capsys)[0]
+    assert ORIGIN in streams(capsys)[0]
 
 
 @pytest.mark.parametrize("verb", [["audit"], ["plan", "--duration", "60s"], ["calibrate", "--dry-run"]])
@@ -59,7 +59,7 @@ def test_a_proposed_frame_is_stated_by_verbs_that_use_no_imu(with_bno, capsys, v
 
 def test_a_simulated_run_without_an_imu_frame_states_where_the_imu_is(plain, capsys, tmp_path):
     assert main(["calibrate", plain, *STATIC, "--out", str(tmp_path / "run")]) == 0
-    out, err = said(capsys)
+    out, err = streams(capsys)
     assert ORIGIN in out
     assert ORIGIN in err
     assert RunFolder.open(tmp_path / "run").result().model["imu"] == ORIGIN
@@ -83,7 +83,7 @@ def test_a_named_frame_is_used_and_stated(with_bno, capsys, tmp_path):
     out = tmp_path / "run"
     assert main(["calibrate", with_bno, *STATIC, "--imu-frame", "bno085", "--out", str(out)]) == 0
     stated = "IMU: frame 'bno085' (described by imu_frame), at 50.0 0.0 20.0 mm in the base frame"
-    assert stated in said(capsys)[0]
+    assert stated in streams(capsys)[0]
     assert RunFolder.open(out).robot().imu.frame == "bno085"
     assert main(["calibrate", with_bno, *STATIC, "--imu-frame", "trunk", "--out", str(tmp_path / "other")]) == 0
 
@@ -117,14 +117,14 @@ def test_an_operator_is_asked(with_bno, tmp_path, answer, frame, position, monke
     assert imu.placement.translation == pytest.approx(position)
 
 
-def test_an_answer_that_is_no_frame_of_the_base_is_refused(with_bno, tmp_path, monkeypatch):
+def test_an_answer_that_is_not_a_frame_of_the_base_raises(with_bno, tmp_path, monkeypatch):
     run, _, error = answered(with_bno, tmp_path / "run", "bno08", monkeypatch)
     assert run == 2
     assert "imu_frame is 'bno08', which is not a frame of the base; did you mean 'bno085'?" in error
 
 
 def answered(robot, out, answer, monkeypatch):
-    """Exit code, question and the rest of stderr of a calibration whose operator answers."""
+    """Return exit code, question and the rest of stderr of a calibration with an operator."""
     command = ["calibrate", robot, *STATIC, "--quiet", "--out", str(out)]
     asked, error, code = at_a_terminal(command, "origin of the base", answer, monkeypatch)
     return code, " ".join(asked.split()), error

@@ -1,4 +1,4 @@
-"""A robot's computer without simulator, Plotly and readers of bags: results come, and what is lacking is named."""
+"""Installation without simulator, Plotly and bag readers: results are computed, and missing packages are named."""
 
 import subprocess
 import sys
@@ -46,28 +46,28 @@ def test_a_run_is_estimated_and_its_page_left_out(run):
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
-def test_a_verb_that_lacks_something_says_what_to_install(run, words, message):
+def test_a_verb_names_the_missing_package(run, words, message):
     done = lean(*(word.format(run) for word in words))
     assert done.returncode == 7
     assert done.stderr.splitlines()[-1] == f"error: {message}"
 
 
-def test_a_calibration_ends_well_without_its_page(tmp_path):
+def test_a_calibration_succeeds_without_its_page(tmp_path):
     out = tmp_path / "run"
     words = ("calibrate", "--method", "static", "--sim-preset", "ideal", "--out", out)
     done = lean(*words, lacking=("plotly",))
     assert done.returncode == 0, done.stderr
     assert RunFolder.open(out).complete
-    told = [line for line in done.stderr.splitlines() if line.startswith("warning: ")]
-    assert told == [
+    printed = [line for line in done.stderr.splitlines() if line.startswith("warning: ")]
+    assert printed == [
         f"warning: reports need Plotly: pip install 'equipoise[report]'; to retry: equipoise report {out} --out FILE"
     ]
 
 
 @pytest.mark.parametrize("verb", ["monte-carlo", "reproduce", "balance", "validate"])
-def test_verbs_of_the_lab_have_help_without_what_studies_need(verb):
+def test_verbs_of_the_lab_have_help_without_their_packages(verb):
     assert lean("lab", verb, "--help", lacking=("pyarrow", "dask", "distributed")).returncode == 0
 
 
-def test_plans_and_rehearsals_need_none_of_it():
+def test_plans_and_dry_runs_need_no_optional_package():
     assert lean("plan", "unitree_a1", "--duration", "40s").returncode == 0

@@ -1,4 +1,4 @@
-"""A given mass that disagrees with the joint torques, on the command line: refused in a script, asked at a terminal."""
+"""A --mass that disagrees with the joint torques: a script fails, a terminal asks."""
 
 import io
 import json

@@ -21,7 +21,7 @@ def run(tmp_path_factory):
 
 @pytest.fixture
 def copy(run, tmp_path):
-    """A run to write into."""
+    """Copy of a run."""
     return shutil.copytree(run, tmp_path / "copy")
 
 
@@ -32,7 +32,7 @@ def fails(capsys, code, *arguments):
     return line
 
 
-def test_calibrate_writes_the_page_and_says_what_next(tmp_path, capsys):
+def test_calibrate_writes_the_page_and_prints_the_next_commands(tmp_path, capsys):
     folder = tmp_path / "run"
     assert main([*QUICK, "--out", str(folder)]) == 0
     printed = capsys.readouterr().out
@@ -41,14 +41,14 @@ def test_calibrate_writes_the_page_and_says_what_next(tmp_path, capsys):
     assert "export with" not in printed  # without an inertia
 
 
-def test_calibrate_writes_none_if_told_so(tmp_path, capsys):
+def test_calibrate_writes_no_page_with_no_report(tmp_path, capsys):
     folder = tmp_path / "run"
     assert main([*QUICK, "--no-report", "--out", str(folder)]) == 0
     assert not (folder / "report.html").exists()
     assert "see " not in capsys.readouterr().out
 
 
-def test_estimate_writes_it_anew(copy, capsys):
+def test_estimate_writes_the_page_again(copy, capsys):
     (copy / "report.html").unlink()
     assert main(["estimate", str(copy), "--no-report"]) == 0
     assert not (copy / "report.html").exists()
@@ -57,7 +57,7 @@ def test_estimate_writes_it_anew(copy, capsys):
     assert f"see {copy / 'report.html'}" in capsys.readouterr().out
 
 
-def test_an_estimate_with_other_settings_leaves_the_runs_own_alone(tmp_path, capsys):
+def test_an_estimate_with_other_settings_keeps_the_result_of_the_run(tmp_path, capsys):
     run, out, other = tmp_path / "run", tmp_path / "found.json", ["--feet", "commanded"]
     quick = ["--method", "paper", "--tolerance", "0.02", "--excitation-duration", "1.0", "--quiet"]
     assert main(["calibrate", *quick, "--no-report", "--out", str(run)]) == 0
@@ -76,19 +76,19 @@ def test_an_estimate_with_other_settings_leaves_the_runs_own_alone(tmp_path, cap
 
 
 @pytest.mark.parametrize("verb", [["estimate"], ["report"], ["calibrate", "--resume"]], ids=lambda verb: verb[0])
-def test_where_a_recording_was_cut_the_page_stays_that_of_the_result(verb, copy, capsys):
+def test_a_cut_recording_keeps_the_page_of_the_result(verb, copy, capsys):
     whole = (copy / "recording_0.mcap").read_bytes()
     (copy / "recording_0.mcap").write_bytes(whole[: int(0.97 * len(whole))])
     (copy / "report.html").unlink()
     kept = (copy / "calibration.json").read_bytes()
     main([*verb, str(copy)])
-    told = capsys.readouterr()
-    assert told.err.count("ends in the middle: it was cut, and may lack motions") == 1
+    printed = capsys.readouterr()
+    assert printed.err.count("ends in the middle: it was cut, and may lack motions") == 1
     assert (copy / "calibration.json").read_bytes() == kept
     assert (copy / "report.html").exists() == (verb != ["estimate"])
 
 
-def test_estimate_gives_its_numbers_also_where_the_page_cannot_be_written(copy, capsys):
+def test_estimate_prints_numbers_if_the_page_cannot_be_written(copy, capsys):
     (copy / "report.html").unlink()
     (copy / "report.html").mkdir()
     (copy / "report.html" / "report.html").mkdir()
@@ -98,7 +98,7 @@ def test_estimate_gives_its_numbers_also_where_the_page_cannot_be_written(copy, 
     assert captured.err.startswith("warning: cannot write the report")
 
 
-def test_report_writes_a_runs_page_anew(copy, capsys):
+def test_report_writes_the_page_of_a_run_again(copy, capsys):
     (copy / "report.html").unlink()
     assert main(["report", str(copy)]) == 0
     assert capsys.readouterr().out == f"saved: {copy / 'report.html'}\n"
@@ -108,12 +108,12 @@ def test_report_writes_a_runs_page_anew(copy, capsys):
 def test_several_runs_are_compared_on_one_page(run, copy, tmp_path, capsys):
     out = tmp_path / "both.html"
     assert main(["report", str(run), str(copy), "--out", str(out), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == {"schema": "equipoise.report/1", "report": str(out), "runs": [str(run), str(copy)]}
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == {"schema": "equipoise.report/1", "report": str(out), "runs": [str(run), str(copy)]}
     assert "<h1>2 runs compared</h1>" in out.read_text(encoding="utf-8")
 
 
-def test_a_comparison_goes_where_the_user_is(run, copy, tmp_path, capsys, monkeypatch):
+def test_a_comparison_is_written_to_the_working_folder(run, copy, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["report", str(run), str(copy), "--quiet"]) == 0
     assert capsys.readouterr().out == ""
@@ -131,14 +131,14 @@ def test_repeated_runs_have_a_page_each_and_one_that_compares_them(tmp_path, cap
     assert (folder / "report.html").exists()
 
 
-def test_a_json_result_has_its_page_beside_it(run, tmp_path, capsys):
+def test_the_page_of_a_json_result_is_in_its_folder(run, tmp_path, capsys):
     result = shutil.copy(run / "calibration.json", tmp_path / "found.json")
     assert main(["report", str(result)]) == 0
     assert capsys.readouterr().out == f"saved: {tmp_path / 'found.html'}\n"
     assert main(["report", str(result), str(run), "--out", str(tmp_path / "both.html")]) == 0
 
 
-def test_errors_say_what_to_do(run, tmp_path, capsys):
+def test_errors_state_the_fix(run, tmp_path, capsys):
     assert "no run is given; name a run folder" in fails(capsys, 2)
     assert f"{str(run)!r} is named twice" in fails(capsys, 2, run, run)
     assert "does not exist; name the run folder of a calibration" in fails(capsys, 5, tmp_path / "nowhere")

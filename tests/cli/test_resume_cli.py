@@ -1,4 +1,4 @@
-"""`equipoise calibrate --resume`: a process that is really killed, and one that goes on where it was."""
+"""`equipoise calibrate --resume` after a killed process."""
 
 import contextlib
 import json
@@ -19,7 +19,7 @@ COMMAND = [sys.executable, "-m", "equipoise", "calibrate", "--quiet"]
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """A run that nobody interrupted; its folder."""
+    """Folder of a complete run."""
     folder = tmp_path_factory.mktemp("whole") / "run"
     assert main(["calibrate", *QUICK, *ROBOT, "--quiet", "--out", str(folder)]) == 0
     return folder
@@ -27,12 +27,12 @@ def whole(tmp_path_factory):
 
 @pytest.fixture
 def cut(whole, tmp_path):
-    """A copy of the run as a kill half way leaves it."""
+    """Copy of the run, killed half-way."""
     return cut_at(0.5, whole, tmp_path / "run")
 
 
 def cut_at(part, whole, copy):
-    """A copy of a run as a kill leaves it when so much of its log is written."""
+    """Return a copy of a run that was killed after part of its log."""
     shutil.copytree(whole, copy)
     for name in ("calibration.json", "metadata.yaml"):
         (copy / name).unlink()
@@ -61,7 +61,7 @@ def result(folder):
     return table
 
 
-def test_a_run_that_was_killed_goes_on_to_the_same_result(whole, tmp_path, capsys):
+def test_a_resumed_run_has_the_same_result(whole, tmp_path, capsys):
     folder, moments = tmp_path / "run", (0.0, 0.5)
     size = (whole / "recording_0.mcap").stat().st_size
     killed_at([*QUICK, *ROBOT, "--out", str(folder)], folder, moments[0] * size)
@@ -89,8 +89,8 @@ def printed_as_text(table):
 
 
 @pytest.mark.parametrize(("parts", "how"), [((0.5, 0.9), "belly"), ((0.6,), "three-feet")])
-def test_a_run_that_was_killed_in_the_swing_of_its_motors_goes_on_to_the_same_result(tmp_path, parts, how):
-    """Lying, its legs turned up, or on three feet; what was measured of the base before stays."""
+def test_a_run_killed_during_motor_swings_has_the_same_result(tmp_path, parts, how):
+    """The robot lies with raised legs, or stands on three feet; the recordings of the base stay."""
     whole, arguments = tmp_path / "whole", ["--parameters", "base,motors", "--method", "static", "--motor-time", "5s"]
     arguments += ["--motor-stance", how, "--no-report"]
     assert main(["calibrate", *arguments, *ROBOT, "--quiet", "--out", str(whole)]) == 0
@@ -100,8 +100,8 @@ def test_a_run_that_was_killed_in_the_swing_of_its_motors_goes_on_to_the_same_re
         assert result(copy) == result(whole)
 
 
-def test_one_of_several_runs_goes_on(tmp_path):
-    """Each of a --repeat is whole by itself: the same robot and sensors, other noise."""
+def test_one_of_several_runs_is_resumed(tmp_path):
+    """Each run of a --repeat is complete, with the same robot and sensors and different noise."""
     method = ["--method", "static", "--no-report", "--quiet"]
     assert main(["calibrate", *method, *ROBOT, "--repeat", "2", "--out", str(tmp_path)]) == 0
     first, second = (result(tmp_path / name) for name in ("01", "02"))
@@ -130,12 +130,12 @@ def test_a_run_that_is_complete_is_estimated_again(whole, capsys):
         (["--foot-radius", "0.03"], "--foot-radius"), (["--method", "static"], "--method"),
     ],
 )  # fmt: skip
-def test_a_run_goes_on_as_it_began(whole, arguments, named, capsys):
+def test_resume_refuses_other_settings(whole, arguments, named, capsys):
     assert main(["calibrate", "--resume", str(whole), *arguments]) == 2
     assert f"error: --resume uses the settings of the run; {named} cannot be given with it" in capsys.readouterr().err
 
 
-def test_what_is_no_run_cannot_be_gone_on_with(tmp_path, capsys):
+def test_only_a_run_can_be_resumed(tmp_path, capsys):
     assert main(["calibrate", "--resume", str(tmp_path)]) == 5
     assert "name the run folder of a calibration" in capsys.readouterr().err
 
@@ -150,7 +150,7 @@ def test_what_is_no_run_cannot_be_gone_on_with(tmp_path, capsys):
         ({"seed": 4}, "standing up"),
     ],
 )
-def test_a_run_that_cannot_be_repeated_is_told_and_stays_as_it_is(cut, facts, message, capsys):
+def test_a_run_that_cannot_be_repeated_raises_and_is_unchanged(cut, facts, message, capsys):
     header = json.loads((cut / "run.json").read_text(encoding="utf-8"))
     header["provenance"] |= facts
     if facts.get("seed", 0) is None:
@@ -164,7 +164,7 @@ def test_a_run_that_cannot_be_repeated_is_told_and_stays_as_it_is(cut, facts, me
     assert all(one.equals(other) for one, other in zip(now, before, strict=True))
 
 
-def test_a_run_that_another_process_makes_is_left_alone(cut, capsys):
+def test_a_run_of_another_process_is_refused(cut, capsys):
     with RunFolder.resume(cut, repeats=True)[0]:
         assert main(["calibrate", "--resume", str(cut), "--quiet"]) == 6
     assert "is being written by another process" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Robots by the command line: against a simulated one in its own process, over UDP."""
+"""Verbs for robots, against an emulator in its own process over UDP."""
 
 import dataclasses
 import io
@@ -31,7 +31,7 @@ STATIC = ["--method", "static", "--quiet", "--yes"]
 
 @contextmanager
 def robot(*flags, protocol="go1"):
-    """A simulated Go1 or A1, and the flags that find it."""
+    """Yield an emulated Go1 or A1, and the flags for it."""
     port = free_port()
     with running_emulator("unitree_udp", "--protocol", protocol, "--port", port, *flags) as peer:
         found = [f"robot=127.0.0.1,port={port}", f"local_port={free_port()}", "silence=5"]
@@ -40,7 +40,7 @@ def robot(*flags, protocol="go1"):
 
 
 def sunk():
-    """A limp robot sinks to the floor at first; a calibration begins where it lies."""
+    """Wait until the limp robot has sunk to the floor, where a calibration begins."""
     time.sleep(3.0)
 
 
@@ -51,17 +51,17 @@ def _named(pair):
 
 @pytest.mark.realtime
 @pytest.mark.parametrize(("protocol", "form"), [(robot, list(forms)[-1]) for robot, forms in FORMS.items()])
-def test_the_doctor_looks_and_moves_nothing_whatever_form_of_packets_the_robot_speaks(protocol, form, capsys):
+def test_the_doctor_moves_nothing_with_each_packet_form(protocol, form, capsys):
     with robot("--form", form, protocol=protocol) as (peer, flags):
         code = main(["doctor", *flags, "--duration", "1s", "--json"])
         table = json.loads(capsys.readouterr().out)
-    assert code in (0, 1)  # a busy machine's samples come late, and the doctor says so
+    assert code in (0, 1)  # a busy machine's samples come late, which the doctor reports
     assert {finding["name"] for finding in table["findings"]} >= {"joint samples", "gravity against the stance"}
     assert len(table["joints"]) == 12
     assert not any(entry.get("mode") == "commanded" for entry in peer.log)
 
 
-def test_the_doctor_shows_our_gains_beside_the_makers(a1, capsys):
+def test_the_doctor_shows_the_gains_and_those_of_the_manufacturer(a1, capsys):
     print_checkup(a1, "unitree-go2", [], [])
     shown = " ".join(capsys.readouterr().out.split())
     assert "unitree_a1 on unitree-go2: joint map" in shown
@@ -85,7 +85,7 @@ def test_recording_moves_nothing_and_leaves_a_log(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("verb", ["doctor", "record"])
-def test_a_robot_that_is_silent_is_told_and_leaves_no_file(verb, tmp_path, monkeypatch, capsys):
+def test_a_silent_robot_raises_and_leaves_no_file(verb, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(HardwarePlatform.__init__, "__defaults__", (0.2,))
     flags = ["--set", "address=127.0.0.1", "--set", f"port={free_port()}", "--set", f"local_port={free_port()}"]
@@ -101,10 +101,10 @@ def test_a_calibration_ends_with_the_robot_lying_damped_and_released(tmp_path, c
         sunk()
         code = main(["calibrate", *flags, *STATIC, "--out", str(out)])
         time.sleep(0.5)
-    told = capsys.readouterr()
-    assert code == 0, told.err
+    printed = capsys.readouterr()
+    assert code == 0, printed.err
     modes = [entry["mode"] for entry in peer.log if "mode" in entry]
-    assert "lying" not in told.out
+    assert "lying" not in printed.out
     assert modes[modes.index("commanded") :][:3] == ["commanded", "damped", "released"]
     provenance = RunFolder.open(out).provenance
     assert provenance["platform"] == "unitree-go1"
@@ -116,10 +116,10 @@ def test_nothing_moves_unless_the_robot_is_named(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "stdin", io.StringIO("no\n"))
     with robot("--start", "lying") as (peer, flags):
         code = main(["calibrate", *flags, "--method", "static", "--out", str(tmp_path / "run")])
-    told = capsys.readouterr().err
+    printed = capsys.readouterr().err
     assert code == 2
-    assert "Type unitree_a1 to begin" in told
-    assert "not confirmed, nothing was moved" in told
+    assert "Type unitree_a1 to begin" in printed
+    assert "not confirmed, nothing was moved" in printed
     assert not any(entry.get("mode") == "commanded" for entry in peer.log)
     assert not (tmp_path / "run").exists()
 
@@ -127,7 +127,7 @@ def test_nothing_moves_unless_the_robot_is_named(tmp_path, monkeypatch, capsys):
 @pytest.mark.realtime
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
 def test_a_program_that_is_killed_leaves_a_damped_robot(tmp_path):
-    """Its packets are not of the likeliest form. The robot process lowers it, so it sinks under control."""
+    """The packets have the less likely form. The robot process lowers the robot under control."""
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     with robot("--start", "lying", "--form", "scrambled") as (peer, flags):
         sunk()
@@ -156,17 +156,17 @@ def test_flags_of_another_platform_are_refused(arguments, message, capsys):
     assert message in capsys.readouterr().err
 
 
-def test_a_dry_run_moves_nothing_and_tells_all(tmp_path, monkeypatch, capsys):
+def test_a_dry_run_moves_nothing_and_prints_the_plan(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["calibrate", "--platform", "unitree-go2", "--method", "paper", "--dry-run"]) == 0
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for words in (
         "unitree_a1 on unitree-go2: method paper",
         "excitation about yaw",
         "FL_hip_joint",
         "Nothing was moved.",
     ):
-        assert words in told
+        assert words in printed
     assert main(["calibrate", "--method", "paper", "--dry-run", "--json"]) == 0
     table = json.loads(capsys.readouterr().out)
     assert table["schema"] == "equipoise.rehearsal/1"
@@ -190,18 +190,18 @@ def test_a_dry_run_counts_lifts_and_names_each_posture_once(a1, capsys):
     ],
     ids=["no joint has a limit", "one has"],
 )
-def test_a_dry_run_says_where_there_is_no_limit_of_a_torque(a1, joints, largest, row, capsys):
+def test_a_dry_run_marks_joints_without_a_torque_limit(a1, joints, largest, row, capsys):
     rehearsal = rehearse(a1, Static())
     limit = np.array([*joints * [np.inf], *a1.effort_limit[joints:]])
     print_rehearsal(dataclasses.replace(rehearsal, robot=dataclasses.replace(a1, effort_limit=limit)), "mujoco")
-    told = capsys.readouterr().out
-    assert "inf" not in told
-    assert len(re.findall(r"\d, no limit *$", told, re.MULTILINE)) == joints
-    assert re.search(largest, " ".join(told.split()))
-    assert re.search(row, told)
+    printed = capsys.readouterr().out
+    assert "inf" not in printed
+    assert len(re.findall(r"\d, no limit *$", printed, re.MULTILINE)) == joints
+    assert re.search(largest, " ".join(printed.split()))
+    assert re.search(row, printed)
 
 
-def test_recording_says_where_also_to_no_terminal(tmp_path, monkeypatch, capsys):
+def test_recording_prints_its_path_without_a_terminal(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["record", "--duration", "1s", "--out", "here.mcap"]) == 0
     assert capsys.readouterr().err.startswith("recording into here.mcap for 1 s\n")
@@ -210,14 +210,14 @@ def test_recording_says_where_also_to_no_terminal(tmp_path, monkeypatch, capsys)
 
 
 @pytest.mark.parametrize("verb", ["record", "doctor"])
-def test_no_time_at_all_is_not_the_default(verb, tmp_path, monkeypatch, capsys):
+def test_a_duration_of_zero_raises(verb, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main([verb, "--duration", "0s"]) == 2
     assert "--duration is 0s; give it as 10s" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("verb", ["record", "report"])
-def test_a_mistyped_folder_is_not_made(verb, tmp_path, capsys):
+def test_a_mistyped_path_creates_no_folder(verb, tmp_path, capsys):
     run, out = tmp_path / "run", tmp_path / "lgos" / "new" / "file"
     arguments = ["--duration", "1s"]
     if verb == "report":
@@ -228,7 +228,7 @@ def test_a_mistyped_folder_is_not_made(verb, tmp_path, capsys):
     assert not (tmp_path / "lgos").exists()
 
 
-def test_a_recording_goes_into_logs_unless_said_otherwise(tmp_path, monkeypatch, capsys):
+def test_a_recording_goes_into_logs_by_default(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["record", "--duration", "1s", "--quiet"]) == 0
     (log,) = (tmp_path / "logs").iterdir()

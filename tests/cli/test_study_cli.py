@@ -1,4 +1,4 @@
-"""`equipoise lab monte-carlo` as a user and a script meet it."""
+"""`equipoise lab monte-carlo` for users and scripts."""
 
 import json
 
@@ -12,7 +12,7 @@ QUICK = ["lab", "monte-carlo", "--methods", "static", "--workers", "1", "--quiet
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """A small study whose error sources vary, by the command line; its folder and what it printed."""
+    """Folder and output of a small study with varying error sources."""
     folder = tmp_path_factory.mktemp("studies") / "study"
     only = ["--vary-effects", "--only-effects", "joint_offset,torque_gain", "--seed", "2"]
     assert main([*QUICK, *only, "--trials", "30", "--out", str(folder)]) == 0
@@ -75,7 +75,7 @@ def test_json_is_one_object_and_a_second_run_runs_nothing(study, capsys):
     assert [slope["source"] for slope in table["slopes"]] == ["size_joint_offset", "size_torque_gain", "payload_mass"]
 
 
-def test_the_terminal_shows_what_the_page_says(study, capsys):
+def test_the_terminal_shows_the_numbers_of_the_page(study, capsys):
     folder, only = study
     assert main([*QUICK, *only, "--trials", "30", "--out", str(folder), "--no-report"]) == 0
     printed = capsys.readouterr().out
@@ -83,7 +83,7 @@ def test_the_terminal_shows_what_the_page_says(study, capsys):
         assert words in printed
 
 
-def test_fewer_trials_than_there_are_is_a_summary_of_those(study, capsys):
+def test_fewer_trials_give_a_summary_of_those(study, capsys):
     folder, only = study
     assert main([*QUICK, *only, "--trials", "3", "--out", str(folder), "--json", "--no-report"]) == 0
     assert json.loads(capsys.readouterr().out)["methods"][0]["trials"] == 3
@@ -95,7 +95,7 @@ def test_a_folder_of_another_study(study, capsys):
     assert "contains another study (it differs in seed)" in message
 
 
-def test_a_study_that_fails_throughout_says_why(tmp_path, capsys):
+def test_a_study_of_failures_prints_the_reason(tmp_path, capsys):
     folder = tmp_path / "study"
     assert main([*QUICK, "--payload", "20,0.5,0,0.3", "--trials", "2", "--out", str(folder)]) == 0
     captured = capsys.readouterr()
@@ -154,7 +154,7 @@ def test_random_robots_alone_have_no_slopes(tmp_path, capsys, monkeypatch):
         (2, ["--tolerance", "0.9"], "leaves nothing to search"),
     ],
 )
-def test_wrong_flags_are_one_sentence_and_leave_no_folder(code, flags, words, tmp_path, capsys):
+def test_wrong_flags_raise_one_clear_error_and_leave_no_folder(code, flags, words, tmp_path, capsys):
     if "dask" in flags:
         pytest.importorskip("distributed")
     assert words in fails(capsys, code, *flags, "--out", str(tmp_path / "study"))

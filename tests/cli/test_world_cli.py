@@ -1,4 +1,4 @@
-"""Presets of effects on the command line: what is with, what is without, and what is refused."""
+"""Presets of effects on the command line: enabled, disabled and refused effects."""
 
 import json
 from types import SimpleNamespace
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 QUIET = ["--quiet", "--no-report"]
 
 
-def test_a_run_keeps_which_world_it_was_made_in(tmp_path):
+def test_a_run_keeps_its_effects(tmp_path):
     out = tmp_path / "run"
     world = [
         "--sim-preset",
@@ -37,7 +37,7 @@ def test_a_run_keeps_which_world_it_was_made_in(tmp_path):
     )
 
 
-def test_a_usual_run_says_nothing_of_effects():
+def test_the_provenance_of_a_default_run_has_no_effects():
     assert set(SimulatedTarget("mujoco").facts()) == {
         "platform",
         "sim_preset",
@@ -58,19 +58,19 @@ def test_a_usual_run_says_nothing_of_effects():
         (["--enable-effect", "cable=-1"], "cable is -1.0; it must be"),
     ],
 )
-def test_what_cannot_be_is_refused_by_name(verb, flags, words, tmp_path, capsys):
+def test_invalid_effects_are_refused_by_name(verb, flags, words, tmp_path, capsys):
     assert main([*verb.split(), *flags, "--quiet", "--out", str(tmp_path / "out")]) == 2
     assert words in capsys.readouterr().err
 
 
-def test_an_engine_says_what_it_cannot_have(tmp_path, capsys):
+def test_effects_that_an_engine_lacks_raise(tmp_path, capsys):
     pytest.importorskip("dartpy")
     flags = ["--platform", "dart", "--enable-effect", "springs", "--quiet", "--out", str(tmp_path / "out")]
     assert main(["calibrate", *flags]) == 2
     assert "dart cannot simulate springs; take out" in capsys.readouterr().err
 
 
-def test_balancing_lives_on_lost_samples(tmp_path):
+def test_balancing_tolerates_lost_samples(tmp_path):
     flags = ["--sim-preset", "ideal", "--enable-effect", "lost_samples=0.02", "--duration", "1s", "--diagonal", "FL_RR"]
     assert (
         main(["lab", "balance", *flags, "--com-error=0mm", "--check", "--quiet", "--no-report", "--out", str(tmp_path)])

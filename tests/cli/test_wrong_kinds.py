@@ -47,39 +47,40 @@ def folder(a1, tmp_path, monkeypatch):
     ],
 )
 @pytest.mark.usefixtures("folder")
-def test_the_kind_of_file_and_what_is_needed_are_named(verb, needed, name, kind, capsys):
-    said = fails(capsys, 5, *(name if word == "FILE" else word for word in verb))
-    assert said in (
+def test_errors_name_the_kind_of_file_and_the_needed_kind(verb, needed, name, kind, capsys):
+    message = fails(capsys, 5, *(name if word == "FILE" else word for word in verb))
+    assert message in (
         f"error: {name!r} {kind}; {needed}",
         f"error: {name!r} {kind}; {RUN}",
         f"error: --prior-run {name}: it {kind}; {RUN}",
     )
     if needed == RESULT and name.endswith((".urdf", ".xml")):
-        assert said.endswith(RESULT)
+        assert message.endswith(RESULT)
 
 
 @pytest.mark.usefixtures("folder")
 def test_a_result_is_not_a_run(tmp_path, capsys):
     (tmp_path / "result.json").write_text('{"schema": "equipoise.calibration/1"}', encoding="utf-8")
-    said = fails(capsys, 5, "estimate", "result.json")
-    assert said == f"error: 'result.json' is the result of a calibration; {RUN}"
+    message = fails(capsys, 5, "estimate", "result.json")
+    assert message == f"error: 'result.json' is the result of a calibration; {RUN}"
 
 
 @pytest.mark.usefixtures("folder")
-def test_a_log_of_another_kind_is_told_apart(tmp_path, capsys):
+def test_a_log_of_another_program_is_recognized(tmp_path, capsys):
     (tmp_path / "log.csv").write_text("time", encoding="utf-8")
     for verb in (["estimate"], ["view"], ["lab", "validate"]):
-        said = fails(capsys, 5, *verb, "log.csv")
+        message = fails(capsys, 5, *verb, "log.csv")
         assert (
-            said == f"error: 'log.csv' is a .csv file; {RUN}; for a log of another program, name its robot with --robot"
+            message
+            == f"error: 'log.csv' is a .csv file; {RUN}; for a log of another program, name its robot with --robot"
         )
 
 
 @pytest.mark.usefixtures("folder")
-def test_a_run_of_an_earlier_version_is_no_log_of_another_kind(tmp_path, capsys):
+def test_a_run_of_an_earlier_version_is_not_a_foreign_log(tmp_path, capsys):
     run = tmp_path / "old"
     run.mkdir()
     (run / "run.json").write_text('{"schema": "equipoise.run/3"}', encoding="utf-8")
     (run / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 5\n", encoding="utf-8")
-    said = fails(capsys, 5, "estimate", "old")
-    assert said.endswith("it was made by an earlier version; record or estimate again")
+    message = fails(capsys, 5, "estimate", "old")
+    assert message.endswith("it was made by an earlier version; record or estimate again")

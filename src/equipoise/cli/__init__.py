@@ -19,14 +19,14 @@ from equipoise.plugins import Table
 
 INTERRUPTED = 130
 VERBS = {
-    "calibrate": ("equipoise.cli.calibrate", "estimate mass, centre of mass and inertia, simulated or on the robot"),
+    "calibrate": ("equipoise.cli.calibrate", "estimate mass, centre of mass and inertia, simulated or real"),
     "plan": ("equipoise.cli.inspect", "show the motions of 'calibrate' and predict its accuracy"),
     "estimate": ("equipoise.cli.inspect", "estimate again from a run, or from a log of another program"),
     "view": ("equipoise.cli.view", "show a run or a log in the Rerun viewer"),
     "report": ("equipoise.cli.report", "write a page about one run, or a page that compares several"),
     "export": ("equipoise.cli.export", "write the result into the file that your controller reads"),
     "compare": ("equipoise.cli.compare", "compute the payload that was added between two calibrations"),
-    "payload": ("equipoise.cli.payload", "measure the payload on the robot against an earlier run, in half a minute"),
+    "payload": ("equipoise.cli.payload", "measure the payload on the robot in half a minute"),
     "doctor": ("equipoise.cli.robot", "check a robot's sensors and joint map without moving it"),
     "record": ("equipoise.cli.robot", "log a robot's sensors without moving it"),
     "robots": ("equipoise.cli.overview", "list the robots that have a name"),

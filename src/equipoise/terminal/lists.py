@@ -16,7 +16,7 @@ from equipoise.terminal.rich_tables import show_table
 def print_verbs(verbs: Mapping[str, str]) -> None:
     """Print a line for each verb."""
     console = Console(highlight=False)
-    console.print("Measure the mass, centre of mass and inertia of a quadruped with its joint sensors and IMU.\n")
+    console.print("Measure a quadruped's mass, centre of mass and inertia with its own sensors.\n")
     console.print("  equipoise calibrate                  example: a simulated Unitree A1")
     console.print("  equipoise calibrate my_robot.urdf    your robot, simulated")
     console.print("  equipoise platforms                  your robot: connection and settings\n")
