@@ -158,7 +158,7 @@ def test_a_group_of_verbs_lists_its_own(capsys):
     bare = capsys.readouterr().out
     assert main(["lab", "--help"]) == 0
     assert capsys.readouterr().out == bare
-    assert "\n  emulate       a simulated robot that speaks" in bare
+    assert "\n  emulate       start an emulator" in bare
     assert fails(capsys, 2, "lab", "balence").startswith(
         "error: equipoise lab has no verb 'balence'; did you mean 'balance'?"
     )
@@ -233,7 +233,7 @@ def test_absurd_settings_raise_before_a_run_begins(flags, tmp_path, capsys):
         (["calibrate", "--duration", "2h"], "duration is 7200 s; it must be above zero, up to 3600 s"),
         (["calibrate", "--duration", "1s"], "a duration of 1 s allows no lift after the search; give 28 s or more"),
         (["calibrate", "--duration", "2"], "a duration of 2 s allows no lift after the search; give 28 s or more, or minutes"),
-        (["payload", "unitree_a1", "--mass-std", "1"], "a standard deviation is given for the scale's mass, and no mass"),
+        (["payload", "unitree_a1", "--mass-std", "1"], "mass_std is given without a mass; give both or neither"),
         (["calibrate", "--locked-joints", "foo=1"], "leg joint or does not exist; this robot has no others, so leave it out"),
         (["calibrate", "--payload", "1500,0,0,0"], "a payload of 1500 kg is 120 times what 'unitree_a1' weighs"),
         (["calibrate", "--payload", "1.5,100,0,80"], "a payload 128 m from the base's origin is not on 'unitree_a1'"),
@@ -388,7 +388,7 @@ def test_ctrl_c_keeps_the_completed_trials(tmp_path):
     rest = process.communicate(timeout=30)[1]
     assert process.returncode == 130
     assert "Traceback" not in rest
-    assert f"kept in {folder}" in rest
+    assert f"saved in {folder}" in rest
     assert f"resume: equipoise calibrate --resume {folder}" in rest
     log = RunFolder.open(folder).read()
     assert log.closed

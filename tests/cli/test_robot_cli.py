@@ -185,7 +185,7 @@ def test_a_dry_run_counts_lifts_and_names_each_posture_once(a1, capsys):
 @pytest.mark.parametrize(
     ("joints", "largest", "row"),
     [
-        (12, r"Nm at \w+, for which the model file gives no limit\.", r"\d\.\d Nm, no limit, at"),
+        (12, r"Nm at \w+, which has no limit in the model file\.", r"\d\.\d Nm, no limit, at"),
         (11, r"Nm at RR_calf_joint, \d+% of its limit\.", r"\d+% at RR_calf_joint"),
     ],
     ids=["no joint has a limit", "one has"],
@@ -213,7 +213,7 @@ def test_recording_prints_its_path_without_a_terminal(tmp_path, monkeypatch, cap
 def test_a_duration_of_zero_raises(verb, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main([verb, "--duration", "0s"]) == 2
-    assert "--duration is 0s; give it as 10s" in capsys.readouterr().err
+    assert "--duration is 0s; give a positive time such as 10s" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("verb", ["record", "report"])
@@ -224,7 +224,7 @@ def test_a_mistyped_path_creates_no_folder(verb, tmp_path, capsys):
         assert main(["calibrate", "--method", "static", "--quiet", "--no-report", "--out", str(run)]) == 0
         arguments = [str(run)]
     assert main([verb, *arguments, "--out", str(out)]) == 6
-    assert f"{str(out)!r}: No such file or directory; check that the folder exists" in capsys.readouterr().err
+    assert f"{str(out)!r}: No such file or directory; check " in capsys.readouterr().err
     assert not (tmp_path / "lgos").exists()
 
 

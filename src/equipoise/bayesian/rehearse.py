@@ -25,7 +25,7 @@ def rehearse(robot: RobotModel, stance: Stance, settings: BayesianSettings, plan
     doing = (
         f"moves its body through {len(plan.visits)} postures with all feet on the floor, lifts two diagonal feet "
         f"{plan.lifts + search} times{', is turned by hand half-way, joints damped' if settings.rotate_halfway else ''}"
-        f"{', excitations' if excitation else ''}"
+        f"{', oscillates its body about all axes' if excitation else ''}"
     )
     return Course(doing, time, tuple(postures))
 
