@@ -151,4 +151,4 @@ def test_the_command_line_plans_swings_for_the_bayesian_method_only(capsys):
     assert "swing aside" in shown
     assert "links of the model file, predicted 95 % +-" in shown
     assert main(["plan", "unitree_a1", "--parameters", "legs", "--method", "paper"]) == 2
-    assert "--parameters legs is for --method bayesian" in capsys.readouterr().err
+    assert "--parameters legs needs --method bayesian" in capsys.readouterr().err

@@ -204,7 +204,7 @@ def test_incomparable_runs_are_rejected(folders, tmp_path, capsys):
     header["description"]["foot_radius"] = 0.03
     (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")
     assert main(["compare", str(paper), str(folders / "after")]) == 2
-    assert "the runs are of different models" in capsys.readouterr().err
+    assert "the runs have different models" in capsys.readouterr().err
     assert main(["compare", str(folders / "after"), str(folders / "after")]) == 2
     assert "is named twice" in capsys.readouterr().err
     assert main(["compare", str(folders / "nothing"), str(folders / "after")]) == 5

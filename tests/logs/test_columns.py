@@ -641,7 +641,7 @@ def test_at_a_terminal_the_proposal_is_asked_about(a1, leaning, tmp_path, capsys
         "gyro.y no longer has a column; it was 'acc[1]'\nstill missing: gyro.y", "cannot write", f"saved: {kept}",
     ):  # fmt: skip
         assert part in shown, part
-    assert max(map(len, shown.partition("Enter reads")[2].splitlines()[:2])) <= 80
+    assert max(map(len, shown.partition("Press Enter")[2].splitlines()[:2])) <= 80
     by_dialogue = capsys.readouterr().out
     assert main([*arguments, "--columns", str(kept)]) == first
     assert capsys.readouterr().out == by_dialogue

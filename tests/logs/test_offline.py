@@ -298,7 +298,7 @@ def test_flags_of_logs_and_of_runs_are_not_mixed(bag, tmp_path, capsys):
     assert main(["estimate", str(bag)]) == 5
     assert "name its robot with --robot" in capsys.readouterr().err
     assert main(["estimate", str(bag), "--imu-topic", "/imu/data"]) == 2
-    assert "give --robot too" in capsys.readouterr().err.replace("\n", " ")
+    assert "pass --robot too" in capsys.readouterr().err.replace("\n", " ")
     assert main(["estimate", str(bag), "--robot", "unitree_a1", "--feet", "measured"]) == 2
     assert "--feet belongs to --method paper; this is --method bayesian" in capsys.readouterr().err
 

@@ -35,9 +35,7 @@ def refuse_missing(verb: str, words: Sequence[str]) -> None:
         ModelError: a robot does not exist.
         RecordingError: a run does not exist.
     """
-    if {"-h", "--help"} & {*words} or chosen(
-        words, "--format", ""
-    ) == "github":  # which prints an annotation for a missing file
+    if {"-h", "--help"} & {*words} or chosen(words, "--format", "") == "github":  # which annotates missing files
         return
     first = [*takewhile(lambda word: not word.startswith("-"), words)]
     robot = chosen(words, "--robot", "")

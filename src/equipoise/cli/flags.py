@@ -60,9 +60,7 @@ _CONTACTS = (
 )
 PresetName = Annotated[
     Literal["ideal", "realistic", "stress"],
-    arg(
-        help="Effects of the simulated robot: ideal has none and no friction; stress adds effects that are not estimated."
-    ),
+    arg(help="Effects of the simulated robot: none and no friction (ideal), or more than are estimated (stress)."),
 ]
 WithEffects = UseAppendAction[
     Annotated[tuple[str, ...], arg(metavar="NAME=SIZE,NAME", help=_WITH, help_behavior_hint="")]

@@ -100,9 +100,7 @@ class EstimateOutput(flags.Output):
 
 
 def estimate(
-    log: Annotated[
-        Positional[Path], arg(metavar="LOG", help="Run folder of a calibration, or a log of another program.")
-    ],
+    log: Annotated[Positional[Path], arg(metavar="LOG", help="Run folder, or a log of another program.")],
     *,
     fail_unless: flags.Required = None,
     given: Annotated[Mapping[str, Any], arg(name="method")],
@@ -113,12 +111,11 @@ def estimate(
     """Estimate again from the recordings of a run, or from a log of another program.
     Needs no robot and no simulator.
 
-    Logs are ROS 2 bags (a folder, .mcap or .db3 file), ROS 1 bags, and tables
-    (.csv, .dat, .txt, .jsonl, .parquet, .npz, .npy, .mat, also with .gz). A bag holds
-    JointState and Imu or unitree_go/LowState messages; docs/logs.md describes the
-    contents. Several tables of one run are merged by time. Usable segments are
-    detected: lifts of two diagonal feet, stance motions, excitation, walking and
-    crawling.
+    Logs are ROS 2 bags (a folder, .mcap or .db3 file), ROS 1 bags, and tables (.csv,
+    or .dat, .txt, .jsonl, .parquet, .npz, .npy, .mat, also with .gz); docs/logs.md
+    describes their contents. Several tables of one run are merged by time. Usable
+    segments are detected: lifts of two diagonal feet, stance motions, excitation,
+    walking and crawling.
 
     Example: equipoise estimate bags/wiggle --robot go2 --mass 16.2 --from 10s
              equipoise estimate joints.csv imu.csv --robot go2
@@ -138,9 +135,7 @@ def _given_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     name = _method_of(arguments)
     kind = settings_of(name)
     flags = (optional(flag) for flag in flags_of(kind) if flag.name in kind.judging)
-    return spec_of(
-        f"Settings of {name}; the defaults are those of the run.", flags, lambda values: values_of(kind, values)
-    )
+    return spec_of(f"Settings of {name}; default as in the run.", flags, lambda values: values_of(kind, values))
 
 
 def _refuse_other(flag: str, arguments: Sequence[str]) -> None:

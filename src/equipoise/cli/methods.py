@@ -44,9 +44,7 @@ def requested_method(arguments: Sequence[str]) -> str:
         return MOTORS
     method = chosen(arguments, "--method", DEFAULT_METHOD)
     if method == MOTORS and chosen(arguments, "--parameters", MOTORS) != MOTORS:
-        raise SettingsError(
-            "--method motors estimates motors only; for both use --parameters base,motors without --method"
-        )
+        raise SettingsError("--method motors estimates motors only; for both use only --parameters base,motors")
     return method
 
 

@@ -80,9 +80,7 @@ class Keyboard:
         if not select.select([sys.stdin], [], [], 0)[0]:
             return None
         if not (line := sys.stdin.readline()):
-            raise MotionError(
-                "the standard input is closed, so the operator cannot answer; run the command at a terminal"
-            )
+            raise MotionError("no answer is possible: the standard input is closed; run the command at a terminal")
         return line
 
     def _read_keys(self) -> None:

@@ -68,9 +68,7 @@ def payload(
     assert isinstance(method, BayesianMethod)
     required = read_requirements(fail_unless)
     if method.prior_run is None:
-        raise SettingsError(
-            "no prior run is given; pass the run folder of this robot's last calibration: --prior-run RUN"
-        )
+        raise SettingsError("no prior run is given; pass this robot's last run folder: --prior-run RUN")
     model = with_imu_pose(load_robot(robot, description), target.simulated)
     if not output.silent:
         print(model.imu.message, file=sys.stderr)

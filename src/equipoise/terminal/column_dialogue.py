@@ -15,8 +15,9 @@ from equipoise.logs.topics import Topics
 from equipoise.robot.model import RobotModel
 from equipoise.user_file import write_file
 
-_HELP = """Press Enter to accept, or type a line to change it: gyro.x = "wx"; gyro.x = "" omits a
-column; units.gyro = "deg/s"; rate = 500 if there is no time. Ctrl-C ends."""
+_HELP = """Press Enter to accept, or type a line to change it: gyro.x = "wx";
+gyro.x = "" to omit a column; units.gyro = "deg/s"; rate = 500 without times.
+Ctrl-C ends."""
 
 
 def read_with_dialogue(

@@ -64,9 +64,7 @@ def print_repeatability(robot: str, repeated: Sequence[Repeated], count: int) ->
     worst = [one for one in repeated if one.ratio is not None and one.ratio > _TOO_MUCH]
     if worst:
         names = ", ".join(one.quantity.name for one in worst)
-        console.print(
-            f"{names}: the results differ by more than their intervals allow; something changes between the runs."
-        )
+        console.print(f"{names}: the spread exceeds the reported std; something changes between the runs.")
     else:
         console.print(
             "Intervals also cover errors that are the same in each run (joint offsets, scale error); repetition does not "
