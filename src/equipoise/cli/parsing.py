@@ -77,9 +77,7 @@ def call(verb: Verb, values: Mapping[str, Any]) -> int | None:
         SettingsError: a value cannot be used.
     """
     made: dict[str, Any] = {}
-    for name, value in reversed(
-        [*values.items()]
-    ):  # the method imports most, so errors of robot and platform come first
+    for name, value in reversed([*values.items()]):  # the method, which imports most, comes last
         made[name] = cast("Any", value)() if isinstance(value, functools.partial) else value
     return verb(**made)
 

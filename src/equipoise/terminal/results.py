@@ -177,9 +177,7 @@ def print_plan(robot: str, plan: Forecast) -> None:
     for reason in plan.left_out[:_REASONS]:
         console.print(f"left out: {escape(reason)}")
     if len(plan.left_out) > _REASONS:
-        console.print(
-            f"and {len(plan.left_out) - _REASONS} more postures and lifts that are not feasible for this robot"
-        )
+        console.print(f"and {len(plan.left_out) - _REASONS} more postures and lifts that are not feasible")
 
 
 def print_audit(result: Audit) -> None:
