@@ -27,7 +27,7 @@ def balance_table(report: BalanceReport) -> DataTable:
     verdicts = [trial.verdict for trial in report.trials]
     rows = [
         ["time balanced [s]", *(f"{v.time_balanced:.2f}" for v in verdicts)],
-        ["CoM across the line, std [mm]", *(number(v.excitation, 1000, ".2f") for v in verdicts)],
+        ["CoM across the line, std [mm]", *(number(v.com_std, 1000, ".2f") for v in verdicts)],
         ["CoM in front of the line, mean [mm]", *(number(v.off_line, 1000, "+.2f") for v in verdicts)],
         ["tilt of the base, last second [deg]", *(number(np.degrees(v.tilt), 1, ".1f") for v in verdicts)],
         ["largest tilt [deg]", *(number(np.degrees(v.largest_tilt), 1, ".1f") for v in verdicts)],
