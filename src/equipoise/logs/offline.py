@@ -55,7 +55,7 @@ class LogReport:
             **self.log.joint_map.to_dict(),
             "segments": [_segment_to_dict(segment) for segment in self.segments],
             "findings": [dataclasses.asdict(finding) for finding in self.findings],
-            "not_told": list(self.limitations),
+            "limitations": list(self.limitations),
         }
 
 
