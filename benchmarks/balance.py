@@ -41,7 +41,7 @@ from equipoise.lab.balance.model_error import DesignModel, calibrated, displaced
 from equipoise.lab.balance.observer import SensorCorrections
 from equipoise.method.table import method_named
 from equipoise.robot.model import DIAGONALS
-from equipoise.simulation.ground_truth_view import Bystander
+from equipoise.simulation.ground_truth_view import GroundTruthRecorder
 from equipoise.simulation.simulation import Simulation
 
 RESULTS = Path(__file__).parent / "results"
@@ -101,9 +101,9 @@ def stand(
     robot: equipoise.RobotModel, simulation: Simulation, design: DesignModel, diagonal: str, settings: BalanceSettings
 ) -> dict[str, object]:
     """Do one balance trial; return its numbers, lengths in mm, angles in degrees."""
-    bystander = Bystander(simulation.witness.look, 5)
-    run = balance(simulation.platform, robot, design.model, diagonal, settings, design.sensors, bystander.watch)
-    verdict: Verdict = evaluate(run, bystander.ground_truths)
+    recorder = GroundTruthRecorder(simulation.truth_view.look, 5)
+    run = balance(simulation.platform, robot, design.model, diagonal, settings, design.sensors, recorder.watch)
+    verdict: Verdict = evaluate(run, recorder.ground_truths)
     error = error_along(nominal_stance(robot), diagonal, design.model, simulation.truth)
     return {
         "balanced": verdict.balanced,

@@ -70,7 +70,7 @@ _SAID = {"vertical_pull": "heavy"}
 EFFECTS = tuple(
     row.name
     for row in SensorErrors.rows()
-    if row.by_itself not in (row.realistic, row.none) and row.name not in _LEFT_OUT
+    if row.size_alone not in (row.realistic, row.none) and row.name not in _LEFT_OUT
 )
 """Effects that are smaller in `realistic` or not part of it."""
 
@@ -225,7 +225,7 @@ def size_of(name: str, factor: float) -> str:
     if name in ALONE or name == "stress":
         return f"{factor:g} x"
     effect = SensorErrors.row(name)
-    return f"{effect.times(effect.by_itself, factor):.5g} {effect.unit}".strip()
+    return f"{effect.times(effect.size_alone, factor):.5g} {effect.unit}".strip()
 
 
 def tables(rows: Sequence[Row]) -> list[str]:

@@ -73,7 +73,7 @@ def run(name: str, seed: int, budget: int) -> Row:
 
         def keep(recording: Recording) -> None:
             recordings.append(recording)
-            leaning.append(simulation.witness.look().tilt)
+            leaning.append(simulation.truth_view.look().tilt)
 
         try:
             result = calibrate(simulation.platform, robot, settings, keep)
@@ -85,7 +85,7 @@ def run(name: str, seed: int, budget: int) -> Row:
             sd = result.composite.stds
             row |= {"truth": truth.tolist(), "error": error.tolist(), "sd": sd.tolist()}
             row["alarms"] = [check.name for check in result.checks if not check.passed]
-        leaning.append(simulation.witness.look().tilt)
+        leaning.append(simulation.truth_view.look().tilt)
     lifts = [recording for recording in recordings if isinstance(recording.trial, LiftTrial)]
     lifted = sum(recording.complete for recording in lifts)
     return row | {"fell": bool(max(leaning) > FALLEN), "lifts": lifted, "refused": len(lifts) - lifted}

@@ -116,7 +116,7 @@ def effects() -> str:
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in SensorErrors.rows():
-        sizes = (row.realistic, row.in_stress, row.by_itself)
+        sizes = (row.realistic, row.in_stress, row.size_alone)
         shown = ["" if size == row.none else f"{_short(size)} {row.unit}".strip() for size in sizes]
         about = [row.meaning, row.each, row.law, row.measure, row.source, ", ".join(row.engines)]
         lines.append("| " + " | ".join([f"`{row.name}`", *shown, *about]) + " |")

@@ -235,7 +235,7 @@ def test_absurd_settings_raise_before_a_run_begins(flags, tmp_path, capsys):
         (["calibrate", "--duration", "2"], "a duration of 2 s allows no lift after the search; give 28 s or more, or minutes"),
         (["payload", "unitree_a1", "--mass-std", "1"], "mass_std is given without a mass; give both or neither"),
         (["calibrate", "--locked-joints", "foo=1"], "leg joint or does not exist; this robot has no others, so leave it out"),
-        (["calibrate", "--payload", "1500,0,0,0"], "a payload of 1500 kg is 120 times what 'unitree_a1' weighs"),
+        (["calibrate", "--payload", "1500,0,0,0"], "a payload of 1500 kg is 120 times the mass of 'unitree_a1'"),
         (["calibrate", "--payload", "1.5,100,0,80"], "a payload 128 m from the base's origin is not on 'unitree_a1'"),
     ],
 )  # fmt: skip

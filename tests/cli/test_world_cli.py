@@ -52,9 +52,9 @@ def test_the_provenance_of_a_default_run_has_no_effects():
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (["--disable-effect", "sprngs"], "'sprngs' is no effect of a simulated robot"),
-        (["--enable-effect", "cable=much"], "'cable=much' gives cable no size"),
-        (["--enable-effect", "cable", "--disable-effect", "cable"], "with it and without it"),
+        (["--disable-effect", "sprngs"], "'sprngs' is not an effect of a simulated robot"),
+        (["--enable-effect", "cable=much"], "'cable=much' does not give cable a size"),
+        (["--enable-effect", "cable", "--disable-effect", "cable"], "both enabled and disabled"),
         (["--enable-effect", "cable=-1"], "cable is -1.0; it must be"),
     ],
 )
@@ -67,7 +67,7 @@ def test_effects_that_an_engine_lacks_raise(tmp_path, capsys):
     pytest.importorskip("dartpy")
     flags = ["--platform", "dart", "--enable-effect", "springs", "--quiet", "--out", str(tmp_path / "out")]
     assert main(["calibrate", *flags]) == 2
-    assert "dart cannot simulate springs; take out" in capsys.readouterr().err
+    assert "dart does not support the effects springs; disable them" in capsys.readouterr().err
 
 
 def test_balancing_tolerates_lost_samples(tmp_path):

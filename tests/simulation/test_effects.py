@@ -22,7 +22,7 @@ from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import PRESETS, REALISTIC, STRESS, read_effects
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_contacts import foot_geoms, foot_name
-from equipoise.simulation.mujoco_drive import ChangingFriction, as_a_spring, spring_name
+from equipoise.simulation.mujoco_drive import ChangingFriction, spring_constraint, spring_name
 from equipoise.simulation.mujoco_loads import SLING, SWINGING_LOAD, WATER
 from equipoise.simulation.mujoco_model import build_simulated_robot
 from equipoise.simulation.mujoco_truth import simulated_truth
@@ -51,8 +51,8 @@ def standing(robot, preset="ideal", seed=SEED, **effects):
     with simulate(robot, preset, seed=seed, effects=effects) as simulation:
         simulation.platform.play(Trajectory(np.tile(nominal_stance(robot).joint_position, (250, 1))))
         seen = engine(simulation)
-        seen.errors, seen.truth, seen.witness = simulation.errors, simulation.truth, simulation.witness
-        seen.ground_truth = simulation.witness.look()
+        seen.errors, seen.truth, seen.truth_view = simulation.errors, simulation.truth, simulation.truth_view
+        seen.ground_truth = simulation.truth_view.look()
         seen.data.xfrc_applied[:] = simulation.disturbance.wrench
         mujoco.mj_forward(seen.model, seen.data)
         return seen
@@ -78,7 +78,7 @@ def test_every_row_says_what_it_is_and_why():
         assert row.meaning, row.name
         assert row.source, row.name
         assert row.engines[0] == "mujoco"
-        assert row.by_itself != row.none or row.realistic, f"{row.name} has no size to try it with"
+        assert row.size_alone != row.none or row.realistic, f"{row.name} has no size to try it with"
 
 
 def test_stress_has_all_of_realistic_and_more():
@@ -117,22 +117,22 @@ def test_effects_are_read_and_taken_out():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"without": ["sprngs"]}, r"'sprngs' is no effect of a simulated robot; did you mean 'springs'\?"),
-        ({"effects": {"wind": None}}, "'wind' is no effect of a simulated robot; those are"),
+        ({"without": ["sprngs"]}, r"'sprngs' is not an effect of a simulated robot; did you mean 'springs'\?"),
+        ({"effects": {"wind": None}}, "'wind' is not an effect of a simulated robot; the effects are"),
         ({"effects": {"cable": -1.0}}, "cable is -1.0; it must be a finite number, zero or more"),
-        ({"effects": {"cable": None}, "without": ["cable"]}, "cable: with it and without it; say one of the two"),
-        ({"effects": {"lost_samples": 0.9}}, "lost_samples is 0.9: no loop lives on so few"),
-        ({"effects": {"slosh": 0.95}, "payload": "1,0,0,0"}, "slosh is 0.95: a tank has a mass of its own; give 0.9 at most"),
-        ({"effects": {"slosh": None}}, "slosh is 0.65, and the robot carries no payload; give one"),
+        ({"effects": {"cable": None}, "without": ["cable"]}, "cable: both enabled and disabled; use one of the two options"),
+        ({"effects": {"lost_samples": 0.9}}, "lost_samples is 0.9: control loops need more samples"),
+        ({"effects": {"slosh": 0.95}, "payload": "1,0,0,0"}, "slosh is 0.95: the tank itself has a mass; give 0.9 at most"),
+        ({"effects": {"slosh": None}}, "slosh is 0.65, but the robot has no payload; give one"),
         ({"effects": {"vertical_pull": np.inf}}, r"vertical_pull is inf; it must be a finite number$"),
-        ({"effects": {"foot_width": None, "foot_oval": None}}, "feet that are cylinders, by foot_width or the model file"),
-        ({"effects": {"vertical_pull": None}, "engine": "dart"}, "dart cannot simulate vertical_pull; take out"),
+        ({"effects": {"foot_width": None, "foot_oval": None}}, "cylindrical feet .foot_width or the model file."),
+        ({"effects": {"vertical_pull": None}, "engine": "dart"}, "dart does not support the effects vertical_pull; disable"),
         ({"preset": "stress", "engine": "dart"},
-        r"dart cannot simulate springs, spring.*--disable-effect springs,spring_spread"),
-        ({"effects": {"swinging_load": None}, "engine": "dart"}, "dart cannot simulate swinging_load; take out"),
+        r"dart does not support the effects springs, spring.*--disable-effect springs,spring_spread"),
+        ({"effects": {"swinging_load": None}, "engine": "dart"}, "dart does not support the effects swinging_load; disable"),
         ({"contact_model": "file", "engine": "dart"}, "dart cannot take contacts from the model file"),
-        ({"contact_model": "file"}, "the model file of 'unitree_a1' has no contact parameters of its feet"),
-        ({"contact_model": "glue"}, "contacts 'glue' are not known; they are 'default' or those of the model 'file'"),
+        ({"contact_model": "file"}, "the model file of 'unitree_a1' has no contact parameters for its feet"),
+        ({"contact_model": "glue"}, "contact model 'glue' does not exist; use 'default' or 'file'"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_by_name(a1, given, words):
@@ -141,7 +141,9 @@ def test_what_cannot_be_is_refused_by_name(a1, given, words):
 
 
 def test_a_size_that_is_no_number_is_refused():
-    with pytest.raises(SettingsError, match=r"'cable=much' gives cable no size; give a number \(N\), as cable=0.1"):
+    with pytest.raises(
+        SettingsError, match=r"'cable=much' does not give cable a size; give a number \(N\), for example cable=0.1"
+    ):
         read_effects(["cable=much"])
 
 
@@ -359,7 +361,7 @@ def test_loaded_joints_rest_at_a_stop_of_their_play(a1, springs):
 
 
 def test_stops_push_as_springs_do():
-    solref, solimp, softness = as_a_spring(3000.0, 2.0, 5e-4, 150.0)
+    solref, solimp, softness = spring_constraint(3000.0, 2.0, 5e-4, 150.0)
     impedance = solimp[0]
     assert (1 - impedance) / impedance * 150.0 == pytest.approx(softness)
     assert 1 / softness == pytest.approx(5e-4**2 * 3000 + 5e-4 * 2)
@@ -459,9 +461,9 @@ def test_feet_sink_in_by_the_load_over_their_stiffness(a1):
 def test_soft_feet_creep_no_faster_than_hard_ones(a1):
     def creep(**effects):
         with simulate(a1, "ideal", effects=effects) as simulation:
-            before = simulation.witness.look().feet
+            before = simulation.truth_view.look().feet
             simulation.platform.play(Trajectory(np.tile(nominal_stance(a1).joint_position, (250, 1))))
-            return np.abs(simulation.witness.look().feet - before)[:, :2].max() / 0.5
+            return np.abs(simulation.truth_view.look().feet - before)[:, :2].max() / 0.5
 
     assert creep(foot_stiffness=30e3) < max(2 * creep(), 30e-6)  # [m/s]
 
@@ -583,7 +585,7 @@ def test_a_foot_that_leans_touches_the_floor_where_its_shape_has_it(a1, effects,
 def test_feet_of_all_shapes_stand_level_on_the_floor(a1, skewed, effect, contacts):
     for robot in (a1, skewed):
         with simulate(robot, "ideal", effects={effect: None}) as simulation:
-            ground_truth, seen = simulation.witness.look(), engine(simulation)
+            ground_truth, seen = simulation.truth_view.look(), engine(simulation)
             assert np.abs(ground_truth.clearance).max() < 0.2e-3
             assert ground_truth.tilt < 0.02
         data = mujoco.MjData(seen.model)
@@ -698,7 +700,7 @@ def test_all_motors_can_err_together():
 def test_robots_of_all_kinds_rest_in_stress(a1, two_jointed, skewed, name, start):
     robot = {"unitree_a1": a1, "two_jointed": two_jointed, "skewed": skewed}[name]
     with simulate(robot, "stress", seed=SEED, start=start, effects={"swinging_load": None}) as simulation:
-        ground_truth = simulation.witness.look()
+        ground_truth = simulation.truth_view.look()
         assert np.abs(simulation.platform.read().joint_velocity).max() < 0.3
     assert ground_truth.tilt < 0.05
     if start == "standing":

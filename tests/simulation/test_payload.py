@@ -35,7 +35,7 @@ def test_other_numbers_are_no_payload(text):
     with pytest.raises(SettingsError) as caught:
         Payload.parse(text)
     assert str(caught.value) == (
-        f"payload {text!r} is not MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ (kg, m, kg m2), as in 1.5,0.1,0,0.08"
+        f"payload {text!r} is not MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ (kg, m, kg m2), for example 1.5,0.1,0,0.08"
     )
 
 
@@ -50,10 +50,10 @@ def test_other_numbers_are_no_payload(text):
         ("1,0,0,0,inf,1,1", r"inertia must be \(3, 3\) finite numbers"),
         (
             "1,0,0,0,1,1,3",
-            "no body can have this payload's inertia: a principal moment, 3 kg m2, exceeds the sum of the others",
+            "the payload's inertia is not physical: a principal moment, 3 kg m2, exceeds the sum of the others",
         ),
-        ("1,0,0,0,-1,1,1", "no body can have this payload's inertia: a principal moment of inertia is -1 kg m2"),
-        ("1,0,0,0,0,0,1", "no body can have this payload's inertia: a principal moment of inertia is 0 kg m2"),
+        ("1,0,0,0,-1,1,1", "the payload's inertia is not physical: a principal moment of inertia is -1 kg m2"),
+        ("1,0,0,0,0,0,1", "the payload's inertia is not physical: a principal moment of inertia is 0 kg m2"),
     ],
 )
 def test_a_payload_that_cannot_be_is_refused(text, message):

@@ -96,7 +96,7 @@ class SimulatedTarget(RunTarget):
 
         # Raise early for unknown effects and for those that the engine lacks.
         without = read_names(self.disable_effect)
-        sizes_of(self.sim_preset, Scale(1.0, 1.0), self.sizes, without).refuse_what_lacks(self.platform)
+        sizes_of(self.sim_preset, Scale(1.0, 1.0), self.sizes, without).check_supported_by(self.platform)
         object.__setattr__(self, "disable_effect", without)
         if self.payload is not None:
             from equipoise.simulation.payload import Payload

@@ -10,10 +10,10 @@ from equipoise.simulation.mujoco_model import SimulatedRobot
 
 
 class Disturbance:
-    """Acts on the simulation from outside the platform: a robot's cable, and for tests what a guard and an estimate notice.
+    """External forces on the simulation: a robot's cable, and pushes for tests of guards and estimates.
 
     Attributes:
-        wrench: (nbody, 6) forces [N] and torques [Nm] on the engine's bodies, in world axes, that act from now on.
+        wrench: (nbody, 6) forces [N] and torques [Nm] on the engine's bodies, in world axes, applied from now on.
     """
 
     def __init__(self, simulated: SimulatedRobot) -> None:
@@ -28,12 +28,12 @@ class Disturbance:
 
     @property
     def spec(self) -> int:
-        """Return which of the engine's inputs a rollout needs."""
+        """Bit mask of the engine inputs that a rollout needs."""
         control, pushed = int(mujoco.mjtState.mjSTATE_CTRL), int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
         return control | pushed if self.wrench.any() else control
 
-    def beside(self, control: FloatArray) -> FloatArray:
-        """Return (n, nu) controls with the other inputs that `spec` names."""
+    def with_wrench(self, control: FloatArray) -> FloatArray:
+        """Return (n, nu) controls, followed by the wrench if `spec` includes it."""
         if not self.wrench.any():
             return control
         return np.hstack([control, np.tile(self.wrench.ravel(), (len(control), 1))])

@@ -65,14 +65,14 @@ class Effect:
         name: name in code, in settings and as a flag.
         realistic: size in the preset `realistic`, on an A1.
         stress: size in the preset `stress`, on an A1; default: that in `realistic`.
-        alone: size that it is tried with alone, on an A1; default: that in `stress`.
+        alone: size when it is simulated alone, on an A1; default: that in `stress`.
         none: size without such an effect.
         measure: quantity that the size grows with, of `MEASURES`.
         inverse: whether a larger number is a smaller effect, as a spring's stiffness is.
         signed: whether a size may be negative.
         most: largest size, and the reason.
-        varied: whether studies vary it; what a robot cannot be without is not.
-        engines: engines that have it.
+        varied: whether studies vary it; effects that every robot has are not varied.
+        engines: engines that support it.
     """
 
     meaning: str
@@ -111,8 +111,8 @@ class Effect:
         return self.realistic if self.stress is None else self.stress
 
     @property
-    def by_itself(self) -> float:
-        """Return the size when it is simulated alone, on an A1."""
+    def size_alone(self) -> float:
+        """Size when it is simulated alone, on an A1."""
         return self.in_stress if self.alone is None else self.alone
 
     def amount(self, size: float) -> float:

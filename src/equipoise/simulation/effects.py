@@ -61,7 +61,7 @@ class SensorErrors:
         "bias of the accelerometer, in the IMU frame", "m/s2", "axis", "rms", _SHEET, realistic=0.03,
     )  # fmt: skip
     imu_tilt: float = effect(
-        "rotation vector of the IMU in the frame where it should be", "rad", "axis", "rms", _JIG,
+        "rotation vector of the IMU in its nominal frame", "rad", "axis", "rms", _JIG,
         realistic=5e-3, stress=10e-3,
     )  # fmt: skip
     torque_noise: float = effect(
@@ -105,7 +105,7 @@ class SensorErrors:
 
     springs: float = effect(
         "stiffness of the spring between a motor's encoder and the link", "Nm/rad", "robot", "exact",
-        "gear and shank of a 12 kg robot bend by some mrad under 10 Nm; not measured, the softest guess of this table",
+        "gear and shank of a 12 kg robot bend by some mrad under 10 Nm; not measured, the lowest estimate",
         stress=3000.0, measure="torque", inverse=True, engines=MUJOCO,
     )  # fmt: skip
     spring_spread: float = effect(
@@ -113,7 +113,7 @@ class SensorErrors:
         "shanks and gears differ by joint", stress=0.2, engines=MUJOCO,
     )  # fmt: skip
     backlash: float = effect(
-        "play between a motor's encoder and the link, from stop to stop", "rad", "robot", "exact",
+        "backlash between a motor's encoder and the link, from stop to stop", "rad", "robot", "exact",
         "0.1 deg: a planetary gear", stress=float(np.deg2rad(0.1)), engines=MUJOCO,
     )  # fmt: skip
     rotor_spin: float = effect(
@@ -132,7 +132,7 @@ class SensorErrors:
     )  # fmt: skip
     leg_mass_common: float = effect(
         "mass, first moment and inertia of all leg links over the model's, less one", "", "robot", "rms",
-        f"{_SCREWS}; files are wrong in common", stress=0.05,
+        f"{_SCREWS}; errors common to all links of a file", stress=0.05,
     )  # fmt: skip
     leg_com_common: float = effect(
         "shift of the CoM of all leg links of a kind", "m", "kind of leg link, along and twice across", "rms",
@@ -143,7 +143,7 @@ class SensorErrors:
         _CAD, stress=3e-3, measure="length",
     )  # fmt: skip
     leg_inertia: float = effect(
-        "inertia of a leg link about its CoM over what its mass makes it, less one", "", "joint", "rms",
+        "inertia of a leg link about its CoM over that scaled with its mass, less one", "", "joint", "rms",
         "solids of one density in CAD", alone=0.1,
     )  # fmt: skip
     leg_length_common: float = effect(
@@ -171,14 +171,14 @@ class SensorErrors:
     )  # fmt: skip
     rolling_friction: float = effect(
         "rolling friction of a foot: the largest moment over the normal force", "m", "robot", "exact",
-        f"{_RUBBER}: the patch that it stands on", stress=0.3e-3, measure="length", engines=MUJOCO,
+        f"{_RUBBER}: contact patch", stress=0.3e-3, measure="length", engines=MUJOCO,
     )  # fmt: skip
     torsional_friction: float = effect(
         "torsional friction of a foot: the largest moment over the normal force", "m", "robot", "exact",
-        f"{_RUBBER}: the patch that it stands on", stress=4e-3, measure="length", engines=MUJOCO,
+        f"{_RUBBER}: contact patch", stress=4e-3, measure="length", engines=MUJOCO,
     )  # fmt: skip
     floor_friction_spread: float = effect(
-        "friction coefficient of the floor, less the usual one", "", "robot", "half width",
+        "friction coefficient of the floor, less `floor_friction`", "", "robot", "half width",
         "rubber on floors of all kinds", stress=0.2, varied=False,
     )  # fmt: skip
     foothold_height: float = effect(
@@ -214,19 +214,19 @@ class SensorErrors:
         "on-board filters", stress=2e-3,
     )  # fmt: skip
     sample_rate: float = effect(
-        "rate of the samples; none: each control period has one", "Hz", "robot", "exact",
+        "sample rate; without it, one sample per control period", "Hz", "robot", "exact",
         "logs and buses of 100 to 200 Hz", alone=200.0, inverse=True,
     )  # fmt: skip
     jitter: float = effect(
-        "time stamp of a sample, less when it was read", "s", "robot", "rms", "DDS, UDP", stress=0.2e-3,
+        "time stamp of a sample minus its read time", "s", "robot", "rms", "DDS, UDP", stress=0.2e-3,
     )  # fmt: skip
     lost_samples: float = effect(
         "share of the samples that are lost", "", "robot", "exact", "DDS, UDP", stress=3e-3,
-        most=(0.5, "no loop lives on so few"),
+        most=(0.5, "control loops need more samples"),
     )  # fmt: skip
     encoder_eccentricity: float = effect(
         "amplitude of an encoder's error over a turn of the joint", "rad", "joint", "exact, its direction drawn",
-        "a magnet beside its axis", alone=3e-3,
+        "an eccentric encoder magnet", alone=3e-3,
     )  # fmt: skip
     cable: float = effect(
         "constant horizontal force on the base, fixed in the room", "N", "robot", "exact, its direction drawn",
@@ -239,7 +239,7 @@ class SensorErrors:
     sling: float = effect(
         "stiffness of a safety sling above the base, slack by 5 mm at the stance times the robot's length over an A1's",
         "N/m", "robot", "exact",
-        "a crane that was lowered too little", alone=1e3, measure="force over length", engines=MUJOCO,
+        "a crane that is not lowered far enough", alone=1e3, measure="force over length", engines=MUJOCO,
         varied=False,
     )  # fmt: skip
     foot_width: float = effect(
@@ -248,7 +248,7 @@ class SensorErrors:
     )  # fmt: skip
     foot_oval: float = effect(
         "radius of curvature of a foot's bottom fore and aft over the foot's radius, less one; across it loses half as much",
-        "", "robot", "exact", "rubber that wore on two sides", alone=0.3, most=(1.0, "across, a foot would be a blade"),
+        "", "robot", "exact", "rubber that wore on two sides", alone=0.3, most=(1.0, "a blade, seen across"),
         engines=MUJOCO, varied=False,
     )  # fmt: skip
     foot_flat: float = effect(
@@ -261,19 +261,19 @@ class SensorErrors:
     )  # fmt: skip
     gyro_lag: float = effect(
         "time by which gyroscope samples are older than accelerometer samples of the same stamp", "s", "robot", "exact",
-        "filters of their own in an IMU: 2 to 4 ms", alone=4e-3,
+        "separate filters inside an IMU: 2 to 4 ms", alone=4e-3,
     )  # fmt: skip
     vertical_pull: float = effect(
         "vertical force on the base above the rear feet, upward where positive", "N", "robot", "exact",
-        "a cable that hangs down, or from above", alone=-3.0, measure="force", signed=True, engines=MUJOCO,
+        "a cable that hangs down or comes from above", alone=-3.0, measure="force", signed=True, engines=MUJOCO,
     )  # fmt: skip
     hose: float = effect(
-        "stiffness of a hose between the base, above the rear feet, and the place where that point is at the stance", "N/m",
+        "stiffness of a hose between the base, above the rear feet, and the position of that point at the stance", "N/m",
         "robot", "exact", "hoses and thick cables: 10 to 20 N/m", alone=20.0, measure="force over length", engines=MUJOCO,
     )  # fmt: skip
     slosh: float = effect(
         "share of the payload that moves as water in a tank does, 2.2 Hz on an A1", "", "robot", "exact", "tanks half full",
-        alone=0.65, most=(0.9, "a tank has a mass of its own"), engines=MUJOCO, varied=False,
+        alone=0.65, most=(0.9, "the tank itself has a mass"), engines=MUJOCO, varied=False,
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -301,7 +301,7 @@ class SensorErrors:
         rows = {row.name: row for row in cls.rows()}
         if name not in rows:
             raise SettingsError(
-                f"{name!r} is no effect of a simulated robot; {did_you_mean(name, rows)}those are {', '.join(rows)}"
+                f"{name!r} is not an effect of a simulated robot; {did_you_mean(name, rows)}the effects are {', '.join(rows)}"
             )
         return rows[name]
 
@@ -322,7 +322,7 @@ class SensorErrors:
             SettingsError: the effect is unknown, or the size is invalid.
         """
         rows = {name: self.row(name) for name in effects}
-        usual = {name: row.scaled(row.by_itself, scale) for name, row in rows.items()}
+        usual = {name: row.scaled(row.size_alone, scale) for name, row in rows.items()}
         return dataclasses.replace(self, **{n: usual[n] if size is None else size for n, size in effects.items()})
 
     def without(self, names: Iterable[str]) -> SensorErrors:
@@ -334,13 +334,13 @@ class SensorErrors:
         rows = {name: self.row(name) for name in factors}
         return dataclasses.replace(self, **{n: rows[n].times(getattr(self, n), factors[n]) for n in factors})
 
-    def refuse_what_lacks(self, engine: str) -> None:
+    def check_supported_by(self, engine: str) -> None:
         """Raise SettingsError for effects that an engine does not support."""
         lacking = [r.name for r in self.rows() if engine not in r.engines and getattr(self, r.name) != r.none]
         if lacking:
             raise SettingsError(
-                f"{engine} cannot simulate {', '.join(lacking)}; take out what it cannot (--disable-effect "
-                f"{','.join(lacking)}), or "
+                f"{engine} does not support the effects {', '.join(lacking)}; disable them (--disable-effect "
+                f"{','.join(lacking)}) or "
                 f"use {self.row(lacking[0]).engines[0]}"
             )
 
@@ -358,7 +358,9 @@ def read_effects(texts: Iterable[str]) -> dict[str, float | None]:
         try:
             read[name] = float(size) if given else None
         except ValueError:
-            raise SettingsError(f"{word!r} gives {name} no size; give a number ({unit}), as {name}=0.1") from None
+            raise SettingsError(
+                f"{word!r} does not give {name} a size; give a number ({unit}), for example {name}=0.1"
+            ) from None
     return read
 
 
@@ -388,14 +390,14 @@ PRESETS: dict[Noise, SensorErrors] = {"ideal": IDEAL, "realistic": REALISTIC, "s
 def sizes_of(
     noise: Noise | SensorErrors, scale: Scale, effects: Mapping[str, float | None], without: Sequence[str]
 ) -> SensorErrors:
-    """Sizes of a robot's effects; arguments are those of `simulate`.
+    """Return the sizes of a robot's effects; arguments are those of `simulate`.
 
     Raises:
-        SettingsError: the preset or the effect is not known, or it is both enabled and left out.
+        SettingsError: the preset or the effect does not exist, or an effect is both enabled and disabled.
     """
     if isinstance(noise, str) and noise not in PRESETS:
-        raise SettingsError(f"preset {noise!r} is not known; it is one of {', '.join(PRESETS)}, or SensorErrors")
+        raise SettingsError(f"preset {noise!r} does not exist; use one of {', '.join(PRESETS)}, or SensorErrors")
     if both := set(effects) & set(without):
-        raise SettingsError(f"{', '.join(sorted(both))}: with it and without it; say one of the two")
+        raise SettingsError(f"{', '.join(sorted(both))}: both enabled and disabled; use one of the two options")
     sizes = PRESETS[noise].scaled_to(scale) if isinstance(noise, str) else noise
     return sizes.having(effects, scale).without(without) if effects or without else sizes

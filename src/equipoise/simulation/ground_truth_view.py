@@ -29,11 +29,11 @@ class GroundTruth:
     tilt: float
 
 
-class Bystander:
+class GroundTruthRecorder:
     """Recorder of the true state every few control periods.
 
     Attributes:
-        ground_truths: glimpses in order of time.
+        ground_truths: recorded states in order of time.
     """
 
     def __init__(self, look: Callable[[], GroundTruth], every: int) -> None:
@@ -41,7 +41,7 @@ class Bystander:
         self._look, self._every, self._count = look, every, 0
 
     def watch(self) -> None:
-        """Call once every control period."""
+        """Record the state if it is due; call once every control period."""
         if self._count % self._every == 0:
             self.ground_truths.append(self._look())
         self._count += 1

@@ -13,7 +13,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.simulation.drawn_errors import DrawnErrors
 
-_MOST_WORN = 0.5  # of a foot's radius: some is left
+_MOST_WORN = 0.5  # fraction of a foot's radius
 _PARALLEL = 0.9  # cosine beyond which a link points forward, and "across" begins with up
 
 
@@ -23,7 +23,7 @@ class LegErrors:
 
     Attributes:
         com_shift: (nj, 3) shift of the CoM of the link that each joint moves, in that link's axes [m].
-        end_shift: (nj, 3) shift of what hangs on that link: of the next joint or of the foot, in that link's axes [m].
+        end_shift: (nj, 3) shift of the next joint or of the foot on that link, in that link's axes [m].
         hip_shift: (4, 3) shift of the first joints of the legs FL FR RL RR, in base axes [m].
         foot_radius: (4,) radii of the feet FL FR RL RR, less the model's [m].
         axis_turn: (nj, 3) rotation vectors of the joints' axes, in the axes of the link that each moves [rad].
@@ -46,7 +46,7 @@ class LegErrors:
         foot_each = drawn["foot_position"].reshape(4, 3)
         for index, (joint, kind, axes, axis) in enumerate(_links(robot, stance)):
             com[joint] = axes @ (com_each[joint] + com_kind[kind])
-            if kind >= per_leg - 2:  # a hip has no length besides its position
+            if kind >= per_leg - 2:  # a hip's length is in its position
                 end[joint] = axes[:, 0] * (drawn["leg_length"][joint] + length_kind[kind])
             if kind == per_leg - 1:
                 end[joint] += axes @ foot_each[index // per_leg]
@@ -57,22 +57,22 @@ class LegErrors:
 
 
 def in_frame_of_hips(body: InertialParameters, errors: DrawnErrors) -> InertialParameters:
-    """A body in the base frame that the hips define: their places its origin, the directions of their axes its own.
+    """Return a body in the base frame whose origin the mean position of the hips defines.
 
-    Nothing else on a robot shows where its base frame is: encoders tell where feet are from the hips, and whoever uses a
-    centre of mass has the hips where the file has them. Hips that are all elsewhere alike are not, then: the base frame is.
-    (Axes are in the base link's directions but for errors that are their own. Places say less of directions: an A1's hips are
-    94 mm apart, and 0.7 mm too high or low each would roll it by 7 mrad.)
+    Encoders measure foot positions relative to the hips, and users of a CoM place the hips as in the model file.
+    A common shift of all hips therefore is a shift of the base frame.
+    The axes keep the base link's directions. Hip positions determine directions poorly: an A1's hips are 94 mm apart, so
+    0.7 mm of height error of each hip would roll the frame by 7 mrad.
 
     Args:
-        body: in the frame of the base link.
-        errors: with the places of its first joints less the model's.
+        body: body in the frame of the base link.
+        errors: drawn errors, which include the hip positions less the model's.
     """
     return InertialParameters(body.mass, body.com - errors.hip_position.mean(axis=0), body.inertia)
 
 
 def _links(robot: RobotModel, stance: Stance) -> list[tuple[int, int, FloatArray, FloatArray]]:
-    """Return for each leg link its joint and place in the leg, and in its own axes directions (3, 3) and its joint's axis.
+    """Return for each leg link its joint and index in the leg, and directions (3, 3) and joint axis in its own axes.
 
     Columns: along it; across it, forward if it hangs; across it, inward if it hangs. Those of a right leg are
     the mirrored left one's, so that what all have in common is symmetric.

@@ -28,7 +28,7 @@ class MujocoPlatform(SimulatedPlatform):
         stance: nominal stance, in which (or lying under which) the robot starts.
         start: posture at the start, "standing" or "lying".
         control_period: time between commands [s]; a multiple of the engine's time step.
-        data: state of the engine, for those who also watch the simulation from outside; default: one of its own.
+        data: state of the engine, for observers that share it; default: a new one.
         disturbance: forces that act on the robot from outside.
     """
 
@@ -127,9 +127,9 @@ class MujocoPlatform(SimulatedPlatform):
             [self._model],
             [self._data],
             initial[None],
-            np.ascontiguousarray(self._disturbance.beside(control))[None],
+            np.ascontiguousarray(self._disturbance.with_wrench(control))[None],
             control_spec=self._disturbance.spec,
-            skip_checks=True,  # of a few steps they take a fifth of the time
+            skip_checks=True,  # the checks take a fifth of the time of a short rollout
             nstep=steps,
             initial_warmstart=np.array(self._data.qacc_warmstart)[None],
             state=states,

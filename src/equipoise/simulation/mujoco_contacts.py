@@ -15,15 +15,15 @@ from equipoise.robot.stance import BELLY_RATIO, Stance
 from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import Contacts, SensorErrors
 from equipoise.simulation.leg_errors import LegErrors
-from equipoise.simulation.mujoco_drive import as_a_spring
+from equipoise.simulation.mujoco_drive import spring_constraint
 
 FLOOR = "equipoise_floor"
 # Tangential stiffness over normal stiffness of contacts: MuJoCo's soft contacts creep at 1, and a foot that creeps by
 # a millimetre over a trial is a support line off by a millimetre.
 IMPRATIO = 100.0
-# Of contacts [s]: as hard as MuJoCo keeps up to the longest step, which is half of it; at longer ones it would soften them.
+# [s] Contact time constant: MuJoCo softens contacts if the time step exceeds half of it.
 CONTACT_TIME = 2e-3
-# Share of a contact's or a joint's slip that is taken back at once. At MuJoCo's own, 0.9 to 0.95, standing feet creep four
+# Share of a contact's or a joint's slip that is corrected at once. At MuJoCo's default, 0.9 to 0.95, standing feet creep four
 # times as far while the body shakes, and sink in by 40 instead of 3 um.
 IMPEDANCE = 0.99, 0.99
 # Damping of rubber over its stiffness [s]: a robot that bounces at 16 Hz on its feet loses a fifth of its swing each time.
@@ -53,13 +53,13 @@ def add_contacts(
     """Add feet (balls, or of the shape that effects give them), belly (a box, for lying) and the floor; nothing else touches.
 
     Args:
-        contacts: contact parameters of feet and floor: "default", or "file", those that the model file gives its feet, on a
-            floor as MuJoCo makes it.
+        contacts: contact parameters of feet and floor: "default", or "file" for those of the feet in the model file, on a
+            floor with MuJoCo's defaults.
 
     Raises:
-        SettingsError: the file gives none, or feet would have two shapes.
+        SettingsError: the file has no contact parameters, or feet would have two shapes.
     """
-    of_the_file = _of_the_file(spec, robot) if contacts == "file" else {}
+    from_file = _parameters_from_file(spec, robot) if contacts == "file" else {}
     hard = {"solref": [CONTACT_TIME, 1.0], "solimp": [*IMPEDANCE, 0.001, 0.5, 2.0], "friction": _friction(errors)}
     floor = hard if contacts == "default" else {}
     spec.worldbody.add_geom(
@@ -68,9 +68,9 @@ def add_contacts(
     touching = {"contype": 2, "conaffinity": 1, "condim": 3, "mass": 0.0, **hard}
     heights, axes = errors.drawn["foothold_height"], _base_axes(robot, stance)
     for index, (leg, foot) in enumerate(robot.feet.items()):
-        how: dict[str, Any] = {**touching, "condim": _dimensions(errors), **of_the_file.get(leg, {})}
+        how: dict[str, Any] = {**touching, "condim": _dimensions(errors), **from_file.get(leg, {})}
         if heights.any():
-            # A floor of its own for each foot: it meets no other.
+            # Each foot has a separate floor and touches no other.
             how |= {"contype": 4 << index, "conaffinity": 4 << index}
             spec.worldbody.add_geom(
                 name=f"{FLOOR}_{leg}", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, heights[index]],
@@ -103,9 +103,7 @@ def _add_foot(
         how: position and contact parameters of its geoms.
     """
     if width and sizes.foot_oval:
-        raise SettingsError(
-            "feet that are cylinders, by foot_width or the model file, cannot be ovals: leave out foot_oval"
-        )
+        raise SettingsError("cylindrical feet (foot_width or the model file) cannot be oval; disable foot_oval")
     shape, size = mujoco.mjtGeom.mjGEOM_SPHERE, [radius, 0, 0]
     if width:
         shape, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [radius, width, 0]
@@ -144,14 +142,14 @@ def foothold_heights(errors: DrawnErrors, heading: float) -> FloatArray:
     After half a turn each foot stands where the one across stood.
 
     Args:
-        heading: angle that it was turned by [rad].
+        heading: angle by which the robot was turned [rad].
     """
     before, turned = errors.drawn["foothold_height"], (1 - np.cos(heading)) / 2
     return (1 - turned) * before + turned * before[::-1]
 
 
 def soften_feet(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors) -> None:
-    """Feet of the stiffness that was asked for, on a hard floor.
+    """Give the feet their drawn stiffness, on a hard floor.
 
     MuJoCo makes friction as stiff as the normal force, times a ratio. The ratio is raised, so that soft feet creep no faster
     than hard ones.
@@ -161,7 +159,7 @@ def soften_feet(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors) -
         return
     for geom in (geom for leg in robot.legs for geom in foot_geoms(model, leg)):
         weight = float(model.body_invweight0[model.geom_bodyid[geom], 0])
-        solref, solimp, softness = as_a_spring(stiffness, _RUBBER_TIME * stiffness, model.opt.timestep, weight)
+        solref, solimp, softness = spring_constraint(stiffness, _RUBBER_TIME * stiffness, model.opt.timestep, weight)
         model.geom_solref[geom], model.geom_solimp[geom], model.geom_priority[geom] = solref, solimp, 1
         hard = weight * (1 - IMPEDANCE[0]) / IMPEDANCE[0] / IMPRATIO
         model.opt.impratio = max(model.opt.impratio, softness / hard)
@@ -182,7 +180,7 @@ def _dimensions(errors: DrawnErrors) -> int:
     return 4 if errors.sizes.torsional_friction else 3
 
 
-def _of_the_file(spec: mujoco.MjSpec, robot: RobotModel) -> dict[str, dict[str, Any]]:
+def _parameters_from_file(spec: mujoco.MjSpec, robot: RobotModel) -> dict[str, dict[str, Any]]:
     """Return by leg the contact parameters of the file's sphere at the foot; it may belong to a body fixed to the link.
 
     Args:
@@ -204,7 +202,7 @@ def _of_the_file(spec: mujoco.MjSpec, robot: RobotModel) -> dict[str, dict[str, 
                 found[leg] = {key: getattr(model, f"geom_{key}")[index] for key in _FILE_KEYS}
     if missing := sorted(robot.feet.keys() - found):
         raise SettingsError(
-            f"the model file of {robot.name!r} has no contact parameters of its feet (only the spheres of an MJCF do; "
-            f"there is none at {', '.join(missing)}); leave --contact-model file out"
+            f"the model file of {robot.name!r} has no contact parameters for its feet: it needs an MJCF sphere at each foot, "
+            f"and {', '.join(missing)} have none; omit --contact-model file"
         )
     return found

@@ -13,24 +13,24 @@ from equipoise.simulation.drawn_errors import DrawnErrors
 _TEETH = 10.0  # stiffness of the stops of backlash without springs, over that of the springs in `stress`
 
 
-def as_a_spring(
+def spring_constraint(
     stiffness: float, damping: float, timestep: float, inverse_weight: float
 ) -> tuple[tuple[float, float], tuple[float, float, float, float, float], float]:
-    """Parameters with which a constraint pushes as a spring K with a damper D does, taken at a step's end.
+    """Return constraint parameters equivalent to a spring K with a damper D, evaluated at a step's end.
 
-    At a step's end a spring that is pressed in by r pushes with K (r + h v') + D v', v' = v + h a being the speed then. So it
-    is stable however stiff it is and long the step h; it is damped by h K more, and resists acceleration with h^2 K + h D.
-    MuJoCo's constraint pushes with (k r + b v + a) / R, R being (1 - d) / d times the inverse weight that it has worked out.
+    At a step's end a spring compressed by r exerts K (r + h v') + D v', where v' = v + h a is
+    the speed then. It is stable for any stiffness and step h, adds damping h K, and adds inertia h^2 K + h D.
+    MuJoCo's constraint exerts (k r + b v + a) / R, where R is (1 - d) / d times its inverse weight.
     With 1 / R = h^2 K + h D, k = K R and b = (h K + D) R the two are the same.
 
     Args:
         stiffness: stiffness K [N/m] or [Nm/rad].
         damping: damping D [Ns/m] or [Nms/rad].
         timestep: time step h [s].
-        inverse_weight: inverse weight of what is pushed, as the engine's model has it [1/kg] or [1/(kg m2)].
+        inverse_weight: inverse weight of the pushed body in the engine's model [1/kg] or [1/(kg m2)].
 
     Returns:
-        the engine's solref; its solimp; R.
+        the engine's solref, its solimp, and R.
     """
     softness = 1 / (timestep**2 * stiffness + timestep * damping)
     impedance = inverse_weight / (softness + inverse_weight)
@@ -45,14 +45,13 @@ def spring_name(joint: str) -> str:
 
 
 def add_springs(spec: mujoco.MjSpec, robot: RobotModel, errors: DrawnErrors, armature: float) -> None:
-    """A second joint behind each leg joint, about the same axis.
+    """Add a second joint behind each leg joint, about the same axis.
 
     The file's joint becomes the motor's side: command, encoder, torque, friction and rotor are there. The link turns by the
     sum of both.
 
     Args:
-        armature: rotor inertia of the motors' side, as the engine is going to have it [kg m2]; a motor without any would leave
-            nothing between two springs.
+        armature: rotor inertia of the motors' side in the engine [kg m2]; it must not be zero.
     """
     play = errors.sizes.backlash / 2
     for name in robot.joint_names:
@@ -71,10 +70,10 @@ def has_springs(errors: DrawnErrors) -> bool:
 
 
 def set_springs(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors) -> None:
-    """Stiffness of what is behind the motors, taken at a step's end (`as_a_spring` says how): stable with legs of any weight.
+    """Set the stiffness of the springs, evaluated at a step's end (`spring_constraint`): stable with legs of any weight.
 
-    With play the joint hangs free between two stops, which are the springs. The damping that comes with it, h K, is that of a
-    metal part: at 2 Hz it takes 0.6 % of what the spring holds.
+    With backlash the joint is free between two stops, which are the springs. The damping h K that results is that of a
+    metal part: at 2 Hz it is 0.6 % of the spring's torque.
     """
     step = model.opt.timestep
     for name, stiffness in zip(robot.joint_names, errors.spring_stiffness, strict=True):
@@ -86,7 +85,7 @@ def set_springs(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors) -
 
 
 def set_stops(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors, scale: float) -> None:
-    """Stiffness of the stops of a play. They need the inverse weights of the whole robot, so they come last.
+    """Set the stiffness of the stops of a backlash, after all else: it needs the inverse weights of the whole robot.
 
     Args:
         scale: the robot's torques over an A1's.
@@ -97,22 +96,22 @@ def set_stops(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors, sca
     for name, stiffness in zip(robot.joint_names, errors.spring_stiffness, strict=True):
         joint = model.joint(spring_name(name)).id
         weight = float(model.dof_invweight0[model.jnt_dofadr[joint]])
-        solref, solimp, _ = as_a_spring(stiffness or _TEETH * usual, 0.0, model.opt.timestep, weight)
+        solref, solimp, _ = spring_constraint(stiffness or _TEETH * usual, 0.0, model.opt.timestep, weight)
         model.jnt_solref[joint], model.jnt_solimp[joint] = solref, solimp
 
 
 class ChangingFriction:
-    """Friction of joints that depends on the motors' torques and on their speeds: it is set before each engine step.
+    """Joint friction that depends on motor torques and speeds, set before each engine step.
 
-    That is half of what such a robot costs: what it reads of the model are views, and no step looks for them.
+    It takes half of the simulation time, so views of the model's arrays are kept.
 
     Args:
-        model: compiled model, whose gains may change, and whose friction does.
+        model: compiled model; its friction is changed at each step.
         dof: (nj,) indices of the leg joints in qvel; `qpos` likewise in qpos.
         errors: drawn errors of the robot.
 
     Attributes:
-        needed: whether there is any; if not, the engine's own friction is all.
+        needed: whether the engine's own friction is insufficient.
     """
 
     def __init__(

@@ -19,10 +19,10 @@ Ids = NDArray[np.intp]
 
 
 def change_legs(model: mujoco.MjModel, robot: RobotModel, joints: Ids, legs: LegErrors, errors: DrawnErrors) -> None:
-    """Other masses, CoMs, lengths and axes of the moving leg links, with all that is fixed to them.
+    """Change masses, CoMs, lengths and axes of the moving leg links and of all bodies fixed to them.
 
-    Hips that are elsewhere are elsewhere in the base link's frame. What is fixed to a link moves with its CoM alone: a calf
-    that is longer has its foot farther out, and weighs what it did.
+    Hips are shifted in the base link's frame. Bodies fixed to a link move with its CoM alone: a longer calf has its foot
+    farther out and the same mass.
 
     Args:
         joints: (nj,) ids of the leg joints.
@@ -37,7 +37,7 @@ def change_legs(model: mujoco.MjModel, robot: RobotModel, joints: Ids, legs: Leg
 
 
 def _move(model: mujoco.MjModel, robot: RobotModel, joints: Ids, legs: LegErrors) -> None:
-    _forget_shared_frames(model)
+    _clear_shared_frames(model)
     turn = _turns(model)
     bodies = model.jnt_bodyid[joints]
     for body, shift in zip(bodies, legs.com_shift, strict=True):
@@ -56,15 +56,15 @@ def _move(model: mujoco.MjModel, robot: RobotModel, joints: Ids, legs: LegErrors
 
 
 def _turns(model: mujoco.MjModel) -> Callable[[int, int], FloatArray]:
-    """Function that gives the rotation from one body's axes to another's, joints at zero."""
+    """Return a function for the (3, 3) rotation from one body's axes to another's, joints at zero."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     axes = np.array(data.xmat).reshape(-1, 3, 3)
     return lambda of, into: axes[into].T @ axes[of]
 
 
-def _forget_shared_frames(model: mujoco.MjModel) -> None:
-    """The compiler notes which frames are the same, and never looks again; and boxes around shapes."""
+def _clear_shared_frames(model: mujoco.MjModel) -> None:
+    """Clear the compiler's flags for shared frames and its bounding boxes, which do not follow later changes."""
     for flags in (model.body_sameframe, model.geom_sameframe, model.site_sameframe):
         flags[:] = 0
     model.opt.disableflags = int(model.opt.disableflags) | int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
@@ -75,17 +75,17 @@ def add_rotor_spin(model: mujoco.MjModel, joints: Ids, inertia: FloatArray) -> N
 
     A rotor of inertia I_r behind a gear of ratio N turns by N q' in the link that carries it, whose angular velocity about the
     joint's axis a is w. Its energy is I_r (N q' + w)^2 / 2. An armature A = N^2 I_r has the first square, and the link's own
-    inertia the last; what MuJoCo leaves out is B q' w, B = A / N. As the moved link turns by w + q', that is what an inertia B
-    about a does that is put into the moved link and taken out of the one that carries it and of the armature. Nothing else
-    changes: frozen, the robot's inertia is what it was.
+    inertia the last; MuJoCo omits B q' w, B = A / N. The moved link turns by w + q', so the
+    term equals an inertia B about a, added to the moved link and subtracted from its carrier and from the armature. With
+    locked joints, the robot's inertia is unchanged.
 
-    Behind a spring the moved link turns by the spring's bending more, a hundredth of what joints turn: left aside.
+    The bending of springs, a hundredth of the joints' motion, is neglected.
 
     Args:
         joints: (nj,) ids of the leg joints.
         inertia: (nj,) inertia B of each [kg m2].
     """
-    _forget_shared_frames(model)
+    _clear_shared_frames(model)
     turn = _turns(model)
     for joint, spin in zip(joints, inertia, strict=True):
         body = int(model.jnt_bodyid[joint])

@@ -17,10 +17,10 @@ WATER = "equipoise_water"
 SWINGING_LOAD = "equipoise_swinging_load"
 SLING, HOSE, PULL = "equipoise_sling", "equipoise_hose", "equipoise_pull"
 
-_SLING, _SLACK = 1.0, 5e-3  # [m] on an A1: length of a safety sling at the stance, and how much longer it may become
+_SLING, _SLACK = 1.0, 5e-3  # [m] on an A1: length of a safety sling at the stance, and its slack
 _STRING = 0.1  # [m], of a load that swings, on an A1
-_WAVE = 0.05  # [m] length of a pendulum as slow as water in a tank 0.15 m long and half as deep, on an A1
-_SWING_DAMPING = 0.02  # share of the critical one: air and the string, or water on its walls
+_WAVE = 0.05  # [m] length of a pendulum with the period of water in a tank 0.15 m long and half as deep, on an A1
+_SWING_DAMPING = 0.02  # share of critical damping: air and the string, or water on its walls
 _FAR = 1e4  # [m] length of a cord whose force and direction are constant
 
 
@@ -30,7 +30,7 @@ def add_loads(
     """Add the payload and the loads of the effects to the base.
 
     Raises:
-        SettingsError: there is no payload that water could be in.
+        SettingsError: slosh is enabled without a payload.
     """
     sizes = errors.sizes
     if payload is not None:
@@ -54,7 +54,7 @@ def _add_part(base: mujoco.MjsBody, name: str, payload: Payload, share: float) -
     """
     parameters = payload.parameters
     tensor = share * parameters.inertia
-    # A body that cannot rotate on its own may have no inertia; MuJoCo requires only a positive number.
+    # A point mass has no inertia, but MuJoCo requires a positive one.
     floor = 1e-9 * np.eye(3) if not tensor.any() else np.zeros((3, 3))
     xx, yy, zz, xy, xz, yz = (tensor + floor)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     body = base.add_body(name=name, pos=[0, 0, 0])
@@ -68,7 +68,7 @@ def _add_part(base: mujoco.MjsBody, name: str, payload: Payload, share: float) -
 def _add_water(base: mujoco.MjsBody, stance: Stance, payload: Payload | None, share: float) -> None:
     """Add a share of the payload on springs along the base's x and y axes: the first mode of water in a tank."""
     if payload is None:
-        raise SettingsError(f"slosh is {share:g}, and the robot carries no payload; give one, as 1.5,0.1,0,0.08")
+        raise SettingsError(f"slosh is {share:g}, but the robot has no payload; give one, for example 1.5,0.1,0,0.08")
     water = _add_part(base, WATER, payload, share)
     mass, frequency = share * payload.parameters.mass, np.sqrt(GRAVITY / (_WAVE * stance.scale.length))
     for axis in np.eye(3)[:2]:
@@ -94,7 +94,7 @@ def _above_rear_feet(stance: Stance) -> FloatArray:
 
 
 def _add_cords(spec: mujoco.MjSpec, base: mujoco.MjsBody, stance: Stance, errors: DrawnErrors) -> None:
-    """Add springs from the base to the room: a sling above its origin, a hose and a vertical pull above the rear feet."""
+    """Add springs from the base to the world: a sling above its origin, a hose and a vertical pull above the rear feet."""
     sizes, sling, origin, back = errors.sizes, _SLING * stance.scale.length, np.zeros(3), _above_rear_feet(stance)
     far = -np.sign(sizes.vertical_pull) * _FAR * errors.gravity_direction
     cords = (  # name, stiffness [N/m], point of the base, the cord from there to its hook in the room, free length [m]

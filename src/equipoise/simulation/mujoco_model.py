@@ -46,7 +46,7 @@ class SimulatedRobot:
         dof: (nj,) indices of the same joints in qvel.
         kp, kd: (nj,) gains that the joint PD is commanded with [Nm/rad], [Nm s/rad].
         base_body: id of the base body.
-        links: the same model before rotors spin in it: inertias of its bodies are those of links.
+        links: the same model without rotor spin: its bodies have the inertias of the links.
     """
 
     model: mujoco.MjModel
@@ -59,10 +59,10 @@ class SimulatedRobot:
     links: mujoco.MjModel
 
     def set_gains(self, kp: FloatArray, kd: FloatArray) -> None:
-        """Gains (nj,) of the joint PD that it is commanded with [Nm/rad], [Nm s/rad]; `set_joints` says how they act."""
-        # A motor whose torque constant is off is wrong in its own loop by the same factor.
+        """Set the commanded (nj,) gains of the joint PD [Nm/rad], [Nm s/rad] (`set_joints`)."""
+        # An error of the torque constant acts on the motor's own loop by the same factor.
         errors, gain = self.errors, self.errors.torque_gain
-        # What spins in the carrying link is in its inertia: `add_rotor_spin`.
+        # `add_rotor_spin` puts the rest into the inertia of the carrying link.
         armature = errors.sizes.armature * (1 - errors.sizes.rotor_spin)
         losses = errors.coulomb_friction, errors.viscous_friction, armature
         set_joints(self.model, self.dof, gain * kp, gain * kd, losses)
@@ -76,7 +76,7 @@ def build_simulated_robot(
     timestep: float,
     contacts: Contacts = "default",
 ) -> SimulatedRobot:
-    """Build the MuJoCo model of a robot, from the file that the robot model came from.
+    """Build the MuJoCo model of a robot, from its model file.
 
     Actuators, sensors, keyframes, options, friction losses and damping of the file are replaced. Only the feet (spheres) and
     the belly (a box, for lying) touch the floor.
@@ -94,8 +94,7 @@ def build_simulated_robot(
     """
     if timestep > CONTACT_TIME / 2:
         raise SettingsError(
-            f"the engine's time step is {timestep:g} s; feet on the floor would be softer than they are at "
-            f"{CONTACT_TIME / 2:g} s and less: give a shorter one"
+            f"the engine's time step is {timestep:g} s; contacts of the feet need {CONTACT_TIME / 2:g} s or less"
         )
     kp, kd = (np.full(len(robot.joint_names), gain) for gain in robot.gains(stance.hip_height))
     legs = LegErrors.of(robot, stance, errors)
@@ -103,7 +102,7 @@ def build_simulated_robot(
         spec = _read(robot.source)
         base = _floating_base(spec, robot)
         _strip(spec)
-        _weld_held_joints(spec, robot)
+        _weld_locked_joints(spec, robot)
         add_contacts(spec, robot, stance, base, errors, legs, contacts)
         add_loads(spec, base, stance, errors, payload)
         if has_springs(errors):
@@ -112,7 +111,7 @@ def build_simulated_robot(
         set_options(spec, timestep)
         spec.option.gravity = GRAVITY * errors.gravity_direction
         if has_springs(errors) and errors.sizes.rolling_friction:
-            # MuJoCo goes over to sparse matrices at 60 degrees of freedom; cones of six dimensions pay for it at 30.
+            # MuJoCo uses sparse matrices from 60 degrees of freedom; with cones of six dimensions they are faster from 30.
             spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
         model = spec.compile()
     except SettingsError:
@@ -135,12 +134,12 @@ def build_simulated_robot(
 
 
 def set_options(spec: mujoco.MjSpec, timestep: float) -> None:
-    """Set the options of the engine; damping is not its integrator's (`set_joints` says why).
+    """Set the options of the engine; damping is not its integrator's (reason: `set_joints`).
 
-    A robot is one tree: searching it at each step for islands, which MuJoCo does since 3.3.6, finds one.
+    The search for islands (MuJoCo 3.3.6 and later) is disabled: a robot is one tree.
 
-    Fixed links are fused, which saves up to a third of the engine's time. Not before: a spec that is compiled again fuses them
-    again, and an arm's mount counts twice. MuJoCo 3.5 to 3.8 fuses turned ones wrongly.
+    Fixed links are fused, which saves up to a third of the engine's time. Older versions do not fuse: a spec that is
+    compiled again counts an arm's mount twice, and MuJoCo 3.5 to 3.8 fuses rotated links wrongly.
     """
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
@@ -157,14 +156,13 @@ def set_joints(
     kd: FloatArray,
     losses: tuple[float | FloatArray, float | FloatArray, float],
 ) -> None:
-    """PD control and losses of the joints.
+    """Set PD control and losses of the joints.
 
-    Damping D acts on the speed that a step h ends with, or light shanks would not be stable: D (v + h a), of which D h a is as
-    if the joint had a rotor of D h more. Said like that, contacts and friction reckon with it. MuJoCo's implicit integrators
-    add it when forces have been found: feet that these should hold slide, by a delay of 0.3 ms on a Go2; light shanks chatter;
-    and the accelerometer feels what does not happen.
+    Damping D acts on the speed at the end of a step h, so that light shanks are stable: D (v + h a). The term D h a is an
+    additional armature D h, which contacts and friction take into account. MuJoCo's implicit integrators add it after the
+    forces are computed: feet slide, by a delay of 0.3 ms on a Go2; light shanks chatter; the accelerometer is wrong.
 
-    Friction takes a joint's speed within a step. MuJoCo's own opposes a + b v, b = 105/s, and leads by 20 deg at 6 Hz.
+    Friction takes a joint's speed within a step. MuJoCo's default opposes a + b v, b = 105/s, and leads by 20 deg at 6 Hz.
 
     Args:
         dof: (nj,) indices of the joints in qvel.
@@ -193,12 +191,12 @@ def _read(source: ModelSource) -> mujoco.MjSpec:
         for inertial in link.findall("inertial"):
             _straighten(inertial)
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
-    spec.compiler.fusestatic = False  # `set_options` says why
+    spec.compiler.fusestatic = False  # reason: `set_options`
     return spec
 
 
 def _straighten(inertial: ET.Element) -> None:
-    """Write a URDF link's inertia in the link's own axes: MuJoCo before 3.17 reads a turned one wrongly."""
+    """Write a URDF link's inertia in the link's own axes: MuJoCo before 3.17 reads a rotated one wrongly."""
     origin, tensor = inertial.find("origin"), inertial.find("inertia")
     if origin is None or tensor is None or "rpy" not in origin.attrib:
         return
@@ -239,7 +237,7 @@ def _strip(spec: mujoco.MjSpec) -> None:
         body.gravcomp = 0.0
 
 
-def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
+def _weld_locked_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     """Remove joints that do not belong to a leg, with their links at the locked positions."""
     if not robot.locked_joints:
         return
@@ -253,7 +251,7 @@ def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
             index = int(compiled.jnt_bodyid[joint.id])
             xyzw = np.roll(compiled.body_quat[index], -1)
             pose = poses.get(index, pin.XYZQUATToSE3(np.concatenate([compiled.body_pos[index], xyzw])))
-            position = robot.locked_joints.get(spec_joint.name, 0.0)  # joints of several axes are held where they are
+            position = robot.locked_joints.get(spec_joint.name, 0.0)  # joints with several axes stay at zero
             poses[index] = pose = pose * _motion(joint, position)
             body.pos, body.quat = pose.translation, quat_wxyz(pose.rotation)
             body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT

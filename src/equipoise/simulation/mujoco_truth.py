@@ -18,10 +18,10 @@ from equipoise.simulation.mujoco_model import SimulatedRobot
 
 
 def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position: FloatArray) -> RobotInertia:
-    """The truth at a stance, payload and leg errors included; `robot` only determines which joints are knees.
+    """Return the true inertias at a stance, payload and leg errors included; `robot` only determines the knee joints.
 
-    The base's frame is the one that the hips define. Springs are unbent. A load that swings is part of the base, and where its
-    string hangs, for there it pulls; water in a payload is where it rests.
+    The hips define the base frame. Springs are undeflected. A swinging load is part of the base and counts at the hook of
+    its string, where its force acts; water in a payload is at rest.
 
     Args:
         joint_position: (nj,) true joint positions of the stance [rad].
@@ -40,14 +40,16 @@ def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position
     below_knee = np.isin(model.body_weldid, model.body_weldid[knees])
     moving = np.arange(model.nbody) > 0
 
-    def told(bodies: NDArray[np.bool_]) -> InertialParameters:
+    def inertia_of(bodies: NDArray[np.bool_]) -> InertialParameters:
         return in_frame_of_hips(_sum(model, data, bodies), simulated.errors)
 
-    return RobotInertia(composite=told(moving), base=told(on_base), stance_effective=told(moving & ~below_knee))
+    return RobotInertia(
+        composite=inertia_of(moving), base=inertia_of(on_base), stance_effective=inertia_of(moving & ~below_knee)
+    )
 
 
 def link_truth(robot: RobotModel, simulated: SimulatedRobot) -> dict[str, dict[str, float]]:
-    """Mass, first moment about its joint and length of each moving leg link by its name; `robot` determines which they are."""
+    """Mass, first moment about its joint and length of each moving leg link by its name; `robot` determines the links."""
     model = simulated.links
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -79,8 +81,8 @@ def _sum(model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.bool_]) 
     return InertialParameters(float(masses.sum()), com, inertia)
 
 
-class MujocoWitness:
-    """Ground truth of the simulated robot, besides its platform: for evaluation, never for control.
+class MujocoTruthView:
+    """Ground truth of the simulated robot, for evaluation only.
 
     Args:
         present: state of the engine that the platform moves.

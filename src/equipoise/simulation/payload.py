@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from equipoise.robot.inertial import InertialParameters
     from equipoise.robot.model import RobotModel
 
-_HEAVIEST = 2.0  # times the robot: no quadruped's motors carry more
+_HEAVIEST = 2.0  # times the robot's mass: no quadruped's motors carry more
 _FARTHEST = 5.0  # times the leg's length
 
 
@@ -31,10 +31,10 @@ class Payload:
         if self.parameters.mass <= 0:
             raise SettingsError(f"a payload's mass must be positive, got {self.parameters.mass:g} kg")
         if self.parameters.inertia.any() and (defect := self.parameters.physical_defect()):
-            raise SettingsError(f"no body can have this payload's inertia: {defect}")
+            raise SettingsError(f"the payload's inertia is not physical: {defect}")
 
     def check(self, robot: RobotModel) -> None:
-        """Refuse masses and positions that are implausible for the robot's size, as in grams or millimetres.
+        """Reject masses and positions that are implausible for the robot's size, as in grams or millimetres.
 
         Raises:
             SettingsError: it is too heavy or too far away.
@@ -42,8 +42,8 @@ class Payload:
         mass, distance = self.parameters.mass, float(np.linalg.norm(self.parameters.com))
         if mass > _HEAVIEST * robot.mass:
             raise SettingsError(
-                f"a payload of {mass:g} kg is {mass / robot.mass:.0f} times what {robot.name!r} weighs ({robot.mass:.1f} kg), "
-                "more than it can stand with; masses are in kg"
+                f"a payload of {mass:g} kg is {mass / robot.mass:.0f} times the mass of {robot.name!r} ({robot.mass:.1f} kg); "
+                f"give at most {_HEAVIEST:g} times, in kg"
             )
         if distance > _FARTHEST * robot.leg_length:
             raise SettingsError(
@@ -60,8 +60,8 @@ class Payload:
             numbers = []
         if len(numbers) not in (4, 7):
             raise SettingsError(
-                f"payload {text!r} is not MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ (kg, m, kg m2), as in 1.5,0.1,0,0.08"
+                f"payload {text!r} is not MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ (kg, m, kg m2), for example 1.5,0.1,0,0.08"
             )
-        from equipoise.robot.inertial import InertialParameters  # noqa: PLC0415 - a slip is refused without Pinocchio
+        from equipoise.robot.inertial import InertialParameters  # noqa: PLC0415 - invalid text is rejected without Pinocchio
 
         return cls(InertialParameters(numbers[0], np.array(numbers[1:4]), np.diag(numbers[4:] or np.zeros(3))))

@@ -44,11 +44,11 @@ class Samples:
         """Return raw values (n, 3 nj + 6) at consecutive engine steps, with the IMU's after its filter.
 
         Args:
-            keep: whether the steps have happened, and are not only predicted.
+            keep: whether the filter state is kept; False for predicted steps.
         """
         if self._sections is None:
             return raw
-        from scipy import signal  # noqa: PLC0415 - where there is a filter, it is imported
+        from scipy import signal  # noqa: PLC0415 - only robots with a filter need it
 
         imu = raw[:, -6:]
         if self._filter_state is None:
@@ -75,8 +75,7 @@ class Samples:
         ticks = first + self._substeps * np.arange(count)
         samples[:, :joints] = _at(raw[:, :joints], ticks, joint_steps)
         samples[:, joints:-3] = _at(raw[:, joints:-3], ticks, imu_steps - sizes.gyro_lag / step)
-        # The mean over a control period about the moment: what contacts do within a step is not to be sampled, but let go by,
-        # as an IMU's own sampling at a kilohertz and more does.
+        # The mean over a centred control period filters contact transients, as an IMU's sampling at 1 kHz or more does.
         half = self._substeps // 2
         around = ticks + np.arange(-half, half + 1)[:, None]
         samples[:, -3:] = (self._mean * _at(raw[:, -3:], around, imu_steps)).sum(axis=0)
@@ -109,9 +108,9 @@ class Samples:
         return np.asarray(times + np.minimum(np.maximum(jitter, -largest), largest), dtype=float)
 
     def arrived(self, period: int, count: int) -> NDArray[np.bool_]:
-        """Return (count,) whether consecutive control periods have a sample; the very first one has.
+        """Return (count,) whether consecutive control periods have a sample; the first one always has.
 
-        At a slower rate the first period has one behind each moment at which one is due: the rate is kept on average.
+        At a lower rate, the first control period after each due time has a sample.
         """
         periods = period + np.arange(count)
         there = np.ones(count, dtype=bool)
@@ -123,7 +122,7 @@ class Samples:
         return there
 
     def state(self, sample: FloatArray, period: int) -> RobotState:
-        """Return the state in a control period with that (3 nj + 6,) sample; if it is lost, the state before."""
+        """Return the state in a control period for a (3 nj + 6,) sample, or the last one if the sample is lost."""
         if self._newest is None or self.arrived(period, 1)[0]:
             self._newest = self._state_of(sample, period)
         return self._newest
@@ -156,7 +155,7 @@ def _low_pass(frequency: float, timestep: float) -> FloatArray | None:
     """Return the sections of the IMU's filter; None without one, or with a cut-off beyond the engine's sample rate."""
     if not frequency or frequency >= 0.5 / timestep:
         return None
-    from scipy import signal  # noqa: PLC0415 - a second to import, which robots without the filter need not wait for
+    from scipy import signal  # noqa: PLC0415 - its import takes a second; only robots with the filter need it
 
     return np.asarray(signal.butter(_ORDER, frequency, fs=1 / timestep, output="sos"))
 
@@ -171,7 +170,7 @@ def _mean_over(steps: int) -> FloatArray:
 
 def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:
     """Return rows (..., n) of raw values (m, n) at ticks (...) + offset engine steps, linear in between, constant outside."""
-    whole = int(np.floor(offset + 1e-9))  # a delay of four steps is not one of 3.9999999999
+    whole = int(np.floor(offset + 1e-9))  # rounding: a delay of four steps may be 3.9999999999
     fraction = offset - whole
     before = raw.take(ticks + whole, axis=0, mode="clip")
     if fraction < 1e-6:

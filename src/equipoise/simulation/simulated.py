@@ -38,11 +38,11 @@ PERIODS_BETWEEN_STOP_TESTS, _CHUNK = 5, 500
 
 
 class SimulatedPlatform(SteppedPlatform):
-    """A quadruped in an engine. It shows what hardware shows: encoders, reported torques, gyroscope and accelerometer.
+    """A quadruped in an engine, with the sensors of hardware: encoders, reported torques, gyroscope and accelerometer.
 
-    An engine is told one row of joint position targets for each of its steps, and answers with a row of raw sensor values
-    (3 nj + 6: positions, velocities, reported torques, gyroscope, accelerometer; without noise, delay or offset) of the
-    state at that step's start. A subclass ends its `__init__` with `_settle`.
+    The engine takes one row of joint position targets per step, and returns a row of raw sensor values of the state at that
+    step's start (3 nj + 6: positions, velocities, reported torques, gyroscope, accelerometer; no noise, delay or offset).
+    A subclass ends its `__init__` with `_settle`.
 
     Args:
         robot: model that the estimator has; the simulated robot may differ from it by its errors and payload.
@@ -76,23 +76,23 @@ class SimulatedPlatform(SteppedPlatform):
 
     @abstractmethod
     def _place(self, joint_position: FloatArray, base_height: float) -> None:
-        """Place the robot there, level and at rest."""
+        """Place the robot at a posture and height [m], level and at rest."""
 
     @abstractmethod
     def _run(self, control: FloatArray, raw: FloatArray) -> None:
         """Advance by one engine step for each row of (n, nj) targets [rad], and fill in (n, 3 nj + 6) raw sensor values.
 
-        Interrupted, it has not moved on at all.
+        An interrupted call leaves the state unchanged.
 
         Raises:
-            FallError: the simulation is no longer one.
+            FallError: the simulation is unstable.
         """
 
     @abstractmethod
     def _raw_now(self) -> FloatArray:
-        """(3 nj + 6,) raw sensor values of the present state, as `_run` will find them when the robot moves on.
+        """Return (3 nj + 6,) raw sensor values of the present state, as `_run` will compute them.
 
-        A command that acts at once is not known yet: the last one stands for it.
+        The last command stands for one without delay, which is not available yet.
         """
 
     @abstractmethod
@@ -159,7 +159,7 @@ class SimulatedPlatform(SteppedPlatform):
         self._periods = 0
         self._set_clock_to_zero()
         if not self._base_up() > 0.9:
-            raise FallError(f"{self._robot.name!r} fell over before it was asked to move; is its stance stable?")
+            raise FallError(f"{self._robot.name!r} fell over before the first motion; check that its stance is stable")
 
     @property
     def _late_steps(self) -> int:
@@ -171,7 +171,7 @@ class SimulatedPlatform(SteppedPlatform):
         return target - self._errors.encoder_error(target) if self._errors.sizes.encoder_eccentricity else target
 
     def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
-        """Gains in force until the next command; None is the platform's own."""
+        """Set the gains until the next command; None is the platform's own."""
         self._kp = self._own_kp if kp is None else kp
         self._kd = self._own_kd if kd is None else kd
         if not (np.min(self._kp) >= 0 and np.min(self._kd) >= 0):
@@ -198,7 +198,7 @@ class SimulatedPlatform(SteppedPlatform):
         """Roll the engine forward and return the samples (n, 3 nj + 6) sensed at each control period's start.
 
         Args:
-            turn: angle by which the robot, which lies, is turned meanwhile [rad].
+            turn: angle by which the lying robot is turned meanwhile [rad].
         """
         first, past = self._periods, len(self._raw_past)
         return self._samples.sensed(self._advance(control, turn), past, len(control) // self._substeps, first)
@@ -212,7 +212,7 @@ class SimulatedPlatform(SteppedPlatform):
         self._run(delayed[: len(control)], history[past:])
         if turn:
             self._turn_by(turn)
-            force_in_imu = history[past:, -3:].mean(axis=0)  # gravity alone, near enough
+            force_in_imu = history[past:, -3:].mean(axis=0)  # approximately gravity alone
             up_in_imu = force_in_imu / np.linalg.norm(force_in_imu)
             history[past:, -6:-3] += turn / (len(control) * self._timestep) * up_in_imu
         history[past:] = self._samples.filtered(history[past:])
@@ -223,8 +223,7 @@ class SimulatedPlatform(SteppedPlatform):
 
     def _became_unstable(self, time: float) -> FallError:
         return FallError(
-            f"the simulation of {self._robot.name!r} became unstable at t = {time:.2f} s; "
-            "are its inertias and gains plausible?"
+            f"the simulation of {self._robot.name!r} became unstable at t = {time:.2f} s; check its inertias and gains"
         )
 
     def _recording(self, trajectory: Trajectory, samples: list[FloatArray], first: int) -> Recording:
@@ -255,7 +254,7 @@ def _whole_steps(control_period: float, timestep: float) -> int:
     steps = round(control_period / timestep) if timestep > 0 else 0
     if steps < 1 or not np.isclose(steps * timestep, control_period, rtol=1e-9):
         raise SettingsError(
-            f"the engine's time step is {timestep:g} s; it must go a whole number of times into the control period of "
-            f"{control_period:g} s"
+            f"the engine's time step is {timestep:g} s; the control period of "
+            f"{control_period:g} s must be a whole multiple of it"
         )
     return steps

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from equipoise.simulation.disturbance import Disturbance
 
 
-class Witness(Protocol):
-    """Ground truth of the simulated robot, besides its platform: for evaluation, never for control."""
+class GroundTruthView(Protocol):
+    """Ground truth of the simulated robot, for evaluation only."""
 
     def look(self) -> GroundTruth:
         """Return the true state at the present moment."""
@@ -37,20 +37,20 @@ class Simulation:
 
     Attributes:
         platform: platform that experiments may use.
-        truth: true parameters, which they may not use: join them to a result afterwards.
+        truth: true parameters, for evaluation only: join them to a result afterwards.
         engine: version of the engine.
         errors: effects that were drawn for it; for studies, not for experiments.
-        witness: witness that sees what the robot really does; for judging, not for control.
-        disturbance: forces on the robot from outside; None in engines that are not asked for it.
-        link_truth: true values of each leg link by name, as `equipoise.result.findings.Link` has them; none from engines
-            that are not asked for them.
+        truth_view: access to the true state; for evaluation only.
+        disturbance: external forces on the robot; None in engines that do not support them.
+        link_truth: true values of each leg link by name, as in `equipoise.result.findings.Link`; empty in engines
+            that do not provide them.
     """
 
     platform: SimulatedPlatform
     truth: RobotInertia
     engine: str
     errors: DrawnErrors
-    witness: Witness
+    truth_view: GroundTruthView
     disturbance: Disturbance | None = None
     link_truth: dict[str, dict[str, float]] = field(default_factory=dict[str, "dict[str, float]"])
 
@@ -60,7 +60,7 @@ class Simulation:
         return {"motors": self._motor_truth(), "links": self.link_truth}
 
     def _motor_truth(self) -> dict[str, dict[str, float]]:
-        """True values of each joint's motor by name, as `equipoise.result.findings.Motor` has them."""
+        """Return true values of each joint's motor by name, as in `equipoise.result.findings.Motor`."""
         joints = self.platform.joint_names
         gain, armature = self.errors.torque_gain, np.full(len(joints), self.errors.sizes.armature)
         mean, period = float(gain.mean()), self.platform.control_period
@@ -71,7 +71,7 @@ class Simulation:
             "stribeck_friction": self.errors.sizes.stribeck * self.errors.coulomb_friction / mean,
             "armature": armature / mean,
             "relative_gain": gain / mean - 1,
-            # A sample shows the last command that has come to act before it was taken.
+            # A sample contains the last command that acted before it.
             "delay": np.full(len(joints), period * np.ceil(late / period - 1e-9)),
         }
         return {joint: {name: float(of[i]) for name, of in columns.items()} for i, joint in enumerate(joints)}
@@ -96,42 +96,39 @@ def simulate(
     without: Sequence[str] = (),
     contact_model: Contacts = "default",
 ) -> Simulation:
-    """A robot in a physics engine, with the effects of a preset or of one's own, perhaps a payload.
+    """Return a robot in a physics engine, with the effects of a preset or given ones, and an optional payload.
 
     Args:
-        preset: a preset, scaled to the robot, or effects of one's own, taken as they are; "ideal" has none.
+        preset: a preset, scaled to the robot, or effects, which are not scaled; "ideal" has none.
         payload: payload on the base; as text it is MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ.
         seed: seed of everything drawn. Robots of the same seed have the same errors in all engines.
         start: posture with which the robot begins.
         timestep: time step of the engine [s]; default: the engine's own choice, 0.5 ms or less.
         engine: name of the engine: "mujoco", or one that a package adds, as "dart".
         noise_seed: seed of the noise alone, for several runs of one robot; default `seed`.
-        effects: effects besides, or of other sizes: a size by name, or None for what it is tried with by itself.
+        effects: additional effects, or other sizes: a size by name, or None for the size when it is simulated alone.
         without: names of effects that are left out.
-        contact_model: how feet touch the floor: "default", as the effects say, or as the model "file" (an MJCF) says for its
-            feet, on a
-            floor as MuJoCo makes it; the effects on feet and floor then do nothing, except slope, heights, and shapes and
-            positions of feet.
+        contact_model: contact parameters of the feet: "default" uses the effects, "file" uses the model file (an MJCF) and
+            a floor with MuJoCo's defaults. With "file", effects on feet and floor have no influence, except slope,
+            heights, and shapes and positions of feet.
 
     Raises:
         MissingDependencyError: the engine is not installed.
-        SettingsError: a setting means nothing, or the time step is too long; the robot cannot carry the payload; there is no
-            such effect, or the engine cannot have it.
+        SettingsError: a setting is invalid, the time step is too long, the robot cannot carry the payload, or the effect
+            does not exist or is not supported by the engine.
     """
     if start not in ("standing", "lying"):
         raise SettingsError(f"a robot starts 'standing' or 'lying', not {start!r}")
     build_robot = ENGINES[engine]
     if contact_model not in ("default", "file"):
-        raise SettingsError(
-            f"contacts {contact_model!r} are not known; they are 'default' or those of the model 'file'"
-        )
+        raise SettingsError(f"contact model {contact_model!r} does not exist; use 'default' or 'file'")
     if isinstance(payload, str):
         payload = Payload.parse(payload)
     if payload is not None:
         payload.check(robot)
     stance = nominal_stance(robot)
     sizes = sizes_of(preset, stance.scale, effects or {}, without)
-    sizes.refuse_what_lacks(engine)
+    sizes.check_supported_by(engine)
     errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed, noise_seed)
     return build_robot(robot, stance, errors, payload, start, timestep, contact_model)
 
@@ -160,12 +157,12 @@ def build(
         SettingsError: the time step is too long.
     """
     try:
-        import mujoco  # noqa: PLC0415 - the engine that is asked for is the one that is needed
+        import mujoco  # noqa: PLC0415 - only this engine needs it
 
         from equipoise.simulation.disturbance import Disturbance  # noqa: PLC0415
         from equipoise.simulation.mujoco import MujocoPlatform  # noqa: PLC0415
         from equipoise.simulation.mujoco_model import TIMESTEP, build_simulated_robot  # noqa: PLC0415
-        from equipoise.simulation.mujoco_truth import MujocoWitness, link_truth, simulated_truth  # noqa: PLC0415
+        from equipoise.simulation.mujoco_truth import MujocoTruthView, link_truth, simulated_truth  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingDependencyError("simulation needs MuJoCo: pip install 'equipoise[simulation]'") from error
     timestep = TIMESTEP if timestep is None else timestep
@@ -174,5 +171,7 @@ def build(
     data = mujoco.MjData(simulated.model)
     disturbance = Disturbance(simulated)
     platform = MujocoPlatform(robot, simulated, stance, start, data=data, disturbance=disturbance)
-    witness = MujocoWitness(robot, simulated, data)
-    return Simulation(platform, truth, mujoco.__version__, errors, witness, disturbance, link_truth(robot, simulated))
+    truth_view = MujocoTruthView(robot, simulated, data)
+    return Simulation(
+        platform, truth, mujoco.__version__, errors, truth_view, disturbance, link_truth(robot, simulated)
+    )

@@ -15,7 +15,7 @@ from equipoise.lab.balance.observer import SensorCorrections, StateEstimator, le
 from equipoise.platform.platform import MotionInterrupted, RobotState
 from equipoise.result.body import Body
 from equipoise.robot.inertial import composite_parameters
-from equipoise.simulation.ground_truth_view import Bystander
+from equipoise.simulation.ground_truth_view import GroundTruthRecorder
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
@@ -46,13 +46,13 @@ def stand(robot, error, diagonal="FL_RR", noise="ideal", seconds=3.0, seed=0):
     stance = nominal_stance(robot)
     with simulate(robot, noise, seed=seed) as simulation:
         model = displaced(robot, stance, simulation.truth, diagonal, error).model
-        bystander = Bystander(simulation.witness.look, 5)
+        recorder = GroundTruthRecorder(simulation.truth_view.look, 5)
         run = balance(
-            Wrapped(simulation.platform), robot, model, diagonal, BalanceSettings(seconds), watch=bystander.watch
+            Wrapped(simulation.platform), robot, model, diagonal, BalanceSettings(seconds), watch=recorder.watch
         )
-        last = simulation.witness.look()
+        last = simulation.truth_view.look()
     return SimpleNamespace(
-        run=run, ground_truths=bystander.ground_truths, verdict=evaluate(run, bystander.ground_truths), last=last
+        run=run, ground_truths=recorder.ground_truths, verdict=evaluate(run, recorder.ground_truths), last=last
     )
 
 
@@ -137,7 +137,7 @@ def test_ctrl_c_puts_the_feet_down_and_keeps_the_recording(a1):
         platform = Wrapped(simulation.platform, interrupt)
         with pytest.raises(MotionInterrupted) as caught:
             balance(platform, a1, a1, "FL_RR")
-        last = simulation.witness.look()
+        last = simulation.truth_view.look()
     assert seen
     recording = caught.value.recording
     assert recording.has_phase("lift")
@@ -157,7 +157,7 @@ def test_a_measurement_that_is_not_finite_ends_the_trial_with_the_feet_down(a1, 
         platform = Wrapped(simulation.platform, spoil)
         with pytest.raises(MotionError, match="is not finite; the feet were lowered") as caught:
             balance(platform, a1, a1, "FR_RL")
-        last = simulation.witness.look()
+        last = simulation.truth_view.look()
     assert all(np.isfinite(command.position).all() for command in platform.commands)
     assert caught.value.recordings[0].has_phase("lower")
     assert np.abs(last.clearance).max() < 2e-3
@@ -176,7 +176,7 @@ def test_settings_out_of_range_raise_an_error(name, value):
 
 def test_the_ground_truth_describes_a_standing_robot_on_a_slope(a1):
     with simulate(a1, "realistic", seed=5) as simulation:
-        ground_truth = simulation.witness.look()
+        ground_truth = simulation.truth_view.look()
         down = simulation.errors.gravity_direction
         state = simulation.platform.read()
     assert np.allclose(ground_truth.up, -down)

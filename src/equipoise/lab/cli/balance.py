@@ -30,7 +30,7 @@ from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 from equipoise.simulation.effects import read_effects, read_names
-from equipoise.simulation.ground_truth_view import Bystander
+from equipoise.simulation.ground_truth_view import GroundTruthRecorder
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.simulation import Simulation, simulate
 
@@ -183,8 +183,8 @@ def _trial(
     diagonal: str,
     settings: BalanceSettings,
 ) -> BalanceTrial:
-    bystander = Bystander(simulation.witness.look, _WATCHED_PERIODS)
-    done = run(simulation.platform, robot, design.model, diagonal, settings, design.sensors, bystander.watch)
+    recorder = GroundTruthRecorder(simulation.truth_view.look, _WATCHED_PERIODS)
+    done = run(simulation.platform, robot, design.model, diagonal, settings, design.sensors, recorder.watch)
     off = error_along(stance, diagonal, design.model, simulation.truth)
-    verdict = evaluate(done, bystander.ground_truths)
-    return BalanceTrial(done, verdict, true_traces(done, bystander.ground_truths), off, design.source)
+    verdict = evaluate(done, recorder.ground_truths)
+    return BalanceTrial(done, verdict, true_traces(done, recorder.ground_truths), off, design.source)

@@ -43,7 +43,7 @@ def _frozen(skeleton: dynamics.Skeleton) -> InertialParameters:
     return InertialParameters(mass, com, about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com)))
 
 
-class DartWitness:
+class DartTruthView:
     """View of the simulated robot's true state, for evaluation and not for control."""
 
     def __init__(self, simulated: SimulatedDartRobot) -> None:
