@@ -1,4 +1,4 @@
-"""Files that nobody meant: valid ones, damaged at random, given to every reader.
+"""Randomly damaged files, given to every reader.
 
 A reader reads them or raises an error of ours. Anything else is a failure: another exception, a crash, a hang. Readers run in
 child processes, because some are written in C++.
@@ -124,7 +124,7 @@ SUFFIX = {
 
 
 def damaged(random_, samples):
-    """A valid file with something wrong, or noise."""
+    """Return a damaged valid file, or noise."""
     data = bytearray(random_.choice(samples))
     if random_.random() < 0.05:
         return random_.randbytes(random_.randrange(2000))
@@ -170,7 +170,7 @@ def _number(random_, data):
 
 
 def _token(random_, data):
-    """One word in another's place."""
+    """Return the data with one word replaced by another."""
     found = list(re.finditer(rb"[A-Za-z_]{3,}", bytes(data[:200_000])))
     if len(found) > 1:
         one, other = random_.choice(found), random_.choice(found)

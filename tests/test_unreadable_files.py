@@ -106,13 +106,13 @@ def test_a_part_of_a_bag_and_an_included_file_are_named(tmp_path, put):
 
 
 @pytest.mark.parametrize("name", [name for name in READS if name.endswith(".toml")])
-def test_toml_that_is_nested_without_end_is_refused(tmp_path, monkeypatch, capsys, name):
+def test_toml_that_is_nested_too_deep_is_rejected(tmp_path, monkeypatch, capsys, name):
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_text("a = " + 100_000 * "[" + 100_000 * "]")
     assert "it is nested too deeply" in refusal(capsys, *(name if word == "FILE" else word for word in READS[name]))
 
 
-def test_json_that_is_nested_without_end_is_refused(tmp_path):
+def test_json_that_is_nested_too_deep_is_rejected(tmp_path):
     for name in ("calibration.json", "run.json"):
         (tmp_path / name).write_text(100_000 * "[" + 100_000 * "]")
     with pytest.raises(RecordingError, match=r"is not valid JSON \(it is nested too deeply\)"):
@@ -151,7 +151,7 @@ def test_a_model_of_a_hundred_thousand_links_is_refused_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["<robot name='a'>{}</robot>", "<mujoco><worldbody>{}</worldbody></mujoco>"])
-def test_a_model_that_is_nested_without_end_is_refused(tmp_path, text):
+def test_a_model_that_is_nested_too_deep_is_rejected(tmp_path, text):
     nested = 100_000 * "<a>" + 100_000 * "</a>"
     with pytest.raises(ModelError, match="is nested more than 200 deep; it is damaged, or not of a quadruped"):
         parse_model_source(text.format(nested).encode(), tmp_path / "robot.xml")

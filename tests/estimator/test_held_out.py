@@ -72,8 +72,8 @@ def test_motions_in_one_posture_are_left_out_together_unless_that_is_much_of_the
         replace(lift, index=index, trial=replace(lift.trial, posture=BodyPosture(roll=0.1 * (index // 2))))
         for index in range(10)
     ]
-    told = replace(posterior, information=dict.fromkeys(range(10), np.zeros((0, 0))))
-    assert folds_of(leaning, told) == [[0, 1], [2, 3], [4, 5], [6, 7], [8, 9]]
+    without_information = replace(posterior, information=dict.fromkeys(range(10), np.zeros((0, 0))))
+    assert folds_of(leaning, without_information) == [[0, 1], [2, 3], [4, 5], [6, 7], [8, 9]]
 
 
 def test_a_payload_is_predicted_and_the_model_file_predicts_worse(precise_run):

@@ -192,12 +192,12 @@ def test_a_fixed_row_is_not_in_the_vector_and_has_the_models_value(a1, name):
 
 
 def test_several_rows_are_fixed_and_the_rest_stay():
-    believed = Priors(joint_offset=0.01, backlash=0.3)
-    held = believed.holding("compliance", "backlash")
+    priors = Priors(joint_offset=0.01, backlash=0.3)
+    held = priors.holding("compliance", "backlash")
     assert held == Priors(joint_offset=0.01, backlash=0.0, compliance=0.0)
-    assert held == dataclasses.replace(believed, compliance=0.0, backlash=0.0)
+    assert held == dataclasses.replace(priors, compliance=0.0, backlash=0.0)
     with pytest.raises(SettingsError, match=r"the prior of mass is 0\.0"):
-        believed.holding("mass")
+        priors.holding("mass")
 
 
 # --- files of priors

@@ -1,4 +1,4 @@
-"""Moves over planted feet: predicted ones whose answer is known, and one of a simulated robot."""
+"""Stance motions: predicted ones with known answers, and one of a simulated robot."""
 
 from dataclasses import replace
 
@@ -45,7 +45,7 @@ def residuals(rows, values):
     return found[:, :3].transpose(0, 2, 1), found[:, 3:]
 
 
-def test_planted_feet_do_not_move_and_stand_level(robot, moves):
+def test_stance_feet_do_not_move_and_stand_level(robot, moves):
     displacements, heights = residuals(rows_of(robot, moves), model_values(robot))
     assert displacements.shape == (3, 4, 3)
     assert heights.shape == (3, 2, 4)
@@ -53,8 +53,8 @@ def test_planted_feet_do_not_move_and_stand_level(robot, moves):
     assert np.abs(heights).max() < 1e-6
 
 
-def test_a_joint_zero_moves_feet_as_the_kinematics_say(robot, moves):
-    """Feet by Pinocchio, turned back by the postures themselves."""
+def test_a_joint_offset_moves_feet_as_the_kinematics_predict(robot, moves):
+    """Compare with Pinocchio's feet, rotated back by the postures."""
     rows, size = rows_of(robot, moves), 5e-3
     for joint in range(12):
         zero = size * np.eye(12)[joint]
@@ -74,7 +74,7 @@ def test_a_joint_zero_moves_feet_as_the_kinematics_say(robot, moves):
 
 
 def seen_by(move, biases):
-    """The move as sensors with these biases record it."""
+    """Return the motion as recorded by sensors with these biases."""
     tilt = Rotation.from_rotvec(biases["imu_tilt"]).as_matrix()
     before, after = (
         RestReading(
@@ -88,7 +88,7 @@ def seen_by(move, biases):
 
 
 @pytest.mark.parametrize("bias", ["joint_offset", "imu_tilt", "accelerometer_bias"])
-def test_known_biases_of_sensors_are_taken_off(robot, moves, bias):
+def test_known_sensor_biases_are_subtracted(robot, moves, bias):
     value = {"joint_offset": np.linspace(-8e-3, 6e-3, 12), "imu_tilt": np.array([0.02, -0.01, 0.03])}
     biases = model_values(robot) | {bias: value.get(bias, np.array([0.05, 0.08, -0.03]))}
     rows = rows_of(robot, [seen_by(move, biases) for move in moves])
@@ -100,14 +100,14 @@ def test_known_biases_of_sensors_are_taken_off(robot, moves, bias):
         assert np.abs(displacements).max() > 1e-4
 
 
-def test_what_the_feet_rolled_is_taken_off(robot, moves):
+def test_foot_rolling_is_subtracted(robot, moves):
     rolled = 1e-3 * np.arange(12.0).reshape(4, 3)
     biases = model_values(robot) | {"foot_radius": np.array([0.1])}
     found, _ = residuals(rows_of(robot, [replace(moves[0], rolled=rolled)]), biases)
     np.testing.assert_allclose(found[0], -1.1 * (rolled - rolled.mean(axis=0)), atol=1e-6)
 
 
-def test_the_feet_of_a_simulated_move_stay_once_their_rolling_is_known(a1, ideal_motions):
+def test_the_feet_of_a_simulated_move_stay_after_rolling_correction(a1, ideal_motions):
     recording = ideal_motions.move
     moving = recording.phase("move", until="rest")
     move = read_move(a1, LegChains(a1), recording.phase("before"), moving, recording.phase("rest"), np.zeros(3))
@@ -130,8 +130,8 @@ def test_a_rest_is_its_means(a1, ideal_motions):
     np.testing.assert_allclose(rest.acceleration_in_imu, still.imu.acceleration_in_imu.mean(axis=0))
 
 
-def test_feet_sag_under_what_they_carry(robot, moves):
-    """Against Pinocchio's feet, lowered by sag times load: a body that moves aside leans, and no encoder sees it."""
+def test_feet_sink_under_their_load(robot, moves):
+    """Compare with Pinocchio's feet lowered by compliance times load, which no encoder measures."""
     foot_compliance = 4e-5
     for move in moves:
         for rest in (move.before, move.after):

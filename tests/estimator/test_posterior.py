@@ -421,8 +421,8 @@ def test_a_lifts_noise_is_that_of_many_draws(a1, posterior, evidence, monkeypatc
     equation = TiltInvariant(a1, LegChains(a1), [replace(lift, **others), *drawn])
     y, levers = equation.evaluate(values, inertial)
     exact, *noisy = (y[trial] / levers[0, 0] for trial in equation.trials)
-    told = TiltNoise.of(drawn[0])
-    expected = told.covariance(levers[1:, 0] / levers[0, 0]) - told.unexplained
+    tilt_noise = TiltNoise.of(drawn[0])
+    expected = tilt_noise.covariance(levers[1:, 0] / levers[0, 0]) - tilt_noise.unexplained
     ratio = np.sqrt(np.mean((np.array(noisy) - exact) ** 2) / np.diag(expected).mean())
     assert 0.75 < ratio < 1.33
 

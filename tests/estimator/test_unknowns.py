@@ -80,10 +80,10 @@ def test_an_additional_row_is_estimated_reported_and_written(a1, precise_run, tm
         first, second = found[f"accelerometer bias {axis}"], found[f"second accelerometer bias {axis}"]
         assert second.value - first.value == pytest.approx(more, abs=5 * BENCH)
         assert first.std < second.std < first.std + BENCH
-    told = found["second accelerometer bias x"]
-    message = f"the second accelerometer's x reads {told.value:+.2f} m/s2 too much; take it off"
-    assert told.message == message
-    assert told.significant
+    bias_finding = found["second accelerometer bias x"]
+    message = f"the second accelerometer's x reads {bias_finding.value:+.2f} m/s2 too much; take it off"
+    assert bias_finding.message == message
+    assert bias_finding.significant
     assert not found["second accelerometer bias y"].significant
     result.save(tmp_path / "calibration.json")
     again = Calibration.load(tmp_path / "calibration.json")

@@ -1,4 +1,4 @@
-"""Topics that are read a batch at a time are what they are as a whole, whatever changes in between."""
+"""Topics read in batches equal those read as a whole."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def batches():
     return [(range(5000), first), (range(5000, 10_000), second)]
 
 
-def test_joints_and_velocities_that_come_later_are_no_numbers_before(batches):
+def test_joints_and_velocities_that_come_later_are_nan_before(batches):
     clock, joints = gathered(batches)
     assert joints.names == ("a", "b", "c")
     np.testing.assert_array_equal(joints.position[:, 0], np.arange(10_000))
@@ -53,7 +53,7 @@ def test_joints_and_velocities_that_come_later_are_no_numbers_before(batches):
 
 
 def test_messages_are_put_in_order_of_receipt(batches):
-    """As a recorder with several threads writes them."""
+    """Recorders with several threads write messages out of order."""
     (times, bodies), _ = batches
     clock, joints = gathered([(list(reversed(times)), list(reversed(bodies)))])
     np.testing.assert_array_equal(clock.received, np.arange(5000))

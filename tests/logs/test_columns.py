@@ -1,4 +1,4 @@
-"""Tables with other names than ours, read as a file or their names determine; files of arrays; refusals."""
+"""Tables with foreign column names, files of arrays, and their errors."""
 
 import io
 import json
@@ -128,7 +128,7 @@ def words_of_others(path, robot, log):
 
 
 def paths_of_topics(path, robot, log):
-    """As Parquet files of bags have them."""
+    """Return columns named as in Parquet files of bags."""
     columns = {"/joint_states/header/stamp": log.joints.time}
     for word, values in (
         ("position", log.joints.position),
@@ -248,7 +248,7 @@ def test_whole_numbers_are_numbers_of_any_unit(a1, leaning, tmp_path):
 
 @pytest.mark.parametrize("first", [0, 1])
 def test_names_that_count_are_names(a1, leaning, tmp_path, first):
-    """As pandas writes columns that have none."""
+    """Pandas numbers columns without names."""
     path, names = tmp_path / "log.csv", [str(first + index) for index in range(4)]
     path.write_text("\n".join([",".join(names), "0.1,1,2,3", "0.2,4,5,6"]))
     assert open_table(path).names == tuple(names)
@@ -264,7 +264,7 @@ def test_a_floating_base_before_the_joints_is_passed_over(a1, leaning, tmp_path)
     assert [proposed.names[f"velocity.{joint}"] for joint in a1.joint_names] == [f"dq[{at}]" for at in range(6, 18)]
 
 
-def test_a_count_of_rows_is_no_time(a1, leaning, tmp_path):
+def test_a_row_counter_is_not_a_time(a1, leaning, tmp_path):
     columns = columns_of(leaning[0])
     stamp = columns.pop("time") + np.random.default_rng(0).uniform(0, 0.5, len(columns["gyro.x"]))
     path = write_csv(tmp_path / "log.csv", {"seq": np.arange(len(stamp)), "stamp": stamp, **columns})
@@ -284,13 +284,13 @@ def test_a_column_called_time_need_not_be_in_seconds(a1, leaning, tmp_path, unit
 
 
 def test_a_stamp_before_the_first_one_is_negative(tmp_path):
-    """As drivers write zeros before they know the time; unsigned, as theirs are."""
+    """Drivers write zeros before they have the time; stamps are unsigned."""
     np.savez(tmp_path / "log.npz", t=np.array([5_000_000_000, 0, 5_002_000_000], dtype=np.uint64))
     np.testing.assert_allclose(open_table(tmp_path / "log.npz").clock("t"), [0, -5e9, 2e6])
 
 
 def test_angles_in_degrees_are_refused_unless_their_unit_is_given(a1, leaning, tmp_path):
-    """Of a robot that walks straight."""
+    """The robot walks straight."""
     log, _ = leaning
     roll, pitch = 2 * np.sin(4 * log.imu.time), 2 * np.cos(4 * log.imu.time)
     up = rotation_of(np.radians(roll), np.radians(pitch)).inv().apply([0, 0, 9.81])
@@ -346,10 +346,10 @@ def test_an_orientation_is_proposed_where_there_is_no_gyroscope(a1, leaning, tmp
     assert any("derived from the fused orientation" in finding.message for finding in read.findings)
 
 
-# --- what the user says
+# --- columns given by the user
 
 
-def test_columns_may_be_some_and_in_other_units(a1, leaning, tmp_path):
+def test_columns_may_be_partial_and_in_other_units(a1, leaning, tmp_path):
     log, _ = leaning
     columns = columns_of(log)
     for axis in "xyz":
@@ -380,7 +380,7 @@ def test_a_mistake_in_the_users_columns_is_named(tmp_path, text, message):
         Columns.from_toml(tmp_path / "columns.toml")
 
 
-def test_an_empty_name_leaves_out_a_column_that_has_ours(a1, leaning, tmp_path):
+def test_an_empty_name_excludes_a_column(a1, leaning, tmp_path):
     path = write_csv(tmp_path / "log.csv", columns_of(leaning[0]))
     columns = Columns.from_text("".join(f'torque.{joint} = ""\n' for joint in a1.joint_names), "it")
     assert read_log(path, a1, columns=columns).recording.joints.torque is None
@@ -390,7 +390,7 @@ def test_an_empty_name_leaves_out_a_column_that_has_ours(a1, leaning, tmp_path):
     assert Columns.from_text(error.value.proposal, "it").names == columns.names
 
 
-def test_columns_that_the_table_has_not_are_named(a1, leaning, tmp_path):
+def test_columns_missing_from_the_table_are_named(a1, leaning, tmp_path):
     path = write_csv(tmp_path / "log.csv", columns_of(leaning[0]))
     with pytest.raises(
         SettingsError, match=r"maps gyro.x to 'gyr.x', which the table .* does not have; did you mean 'gyro.x'"
@@ -417,7 +417,7 @@ SOME_UNITS = st.fixed_dictionaries({}, optional={kind: st.sampled_from([*of]) fo
 
 
 @given(names=NAMES, units=SOME_UNITS)
-def test_columns_are_what_was_written_of_them(names, units):
+def test_columns_are_read_as_written(names, units):
     """Names have any characters; columns with documented names need no line."""
     read = Columns.from_text(Columns(names, units).to_toml(), "it")
     assert read.names == {ours: theirs for ours, theirs in names.items() if ours != theirs}
@@ -487,7 +487,7 @@ def test_a_package_may_bring_a_reader_of_pickles(a1, tmp_path, monkeypatch):
 
 
 class Trap:
-    """What runs when it is unpickled."""
+    """Return code that runs when it is unpickled."""
 
     def __init__(self, path):
         self.path = path
@@ -531,7 +531,7 @@ def with_orientation(log, quaternions, angles=False):
 
 
 @pytest.mark.parametrize("angles", [False, True])
-def test_an_orientation_turns_as_the_gyroscope_that_is_not_there(a1, leaning, tmp_path, angles):
+def test_an_orientation_replaces_a_missing_gyroscope(a1, leaning, tmp_path, angles):
     log, quaternions = leaning
     path = write_csv(tmp_path / "log.csv", with_orientation(log, quaternions, angles))
     read = read_log(path, a1, columns=Columns(units={"orientation": "deg"}))
@@ -551,7 +551,7 @@ def test_an_orientation_turns_as_the_gyroscope_that_is_not_there(a1, leaning, tm
         (lambda q: 2 * q, "have a norm of 2; it must be 1"),
     ],
 )
-def test_an_orientation_that_is_another_is_refused(a1, leaning, tmp_path, change, message):
+def test_a_contradicting_orientation_is_rejected(a1, leaning, tmp_path, change, message):
     log, quaternions = leaning
     steep = Rotation.from_euler("x", 0.3)  # so that the inverse is another
     quaternions = np.roll((Rotation.from_quat(np.roll(quaternions, -1, axis=1)) * steep).as_quat(), 1, axis=1)
@@ -563,7 +563,7 @@ def test_an_orientation_that_is_another_is_refused(a1, leaning, tmp_path, change
 
 @pytest.mark.parametrize("order", [0, -1])
 def test_the_quaternion_order_is_detected_on_a_robot_that_faces_forward(a1, leaning, tmp_path, order):
-    """With w the last its up is right, nearly: of no turn that is a half one about z."""
+    """With w last, the upward direction is nearly right for half a turn about z."""
     log, quaternions = leaning
     small = Rotation.from_quat(np.roll(quaternions, -1, axis=1)).as_rotvec() * 0.15
     turned = Rotation.from_rotvec(small)
@@ -577,7 +577,7 @@ def test_the_quaternion_order_is_detected_on_a_robot_that_faces_forward(a1, lean
             read_log(path, a1)
 
 
-def test_zeros_before_a_filter_runs_are_no_orientation(a1, leaning, tmp_path):
+def test_zeros_before_a_filter_runs_are_not_an_orientation(a1, leaning, tmp_path):
     log, quaternions = leaning
     quaternions = np.vstack([np.zeros((5, 4)), quaternions[5:]])
     read = read_log(write_csv(tmp_path / "log.csv", with_orientation(log, quaternions)), a1)
@@ -648,7 +648,7 @@ def test_at_a_terminal_the_proposal_is_asked_about(a1, leaning, tmp_path, capsys
     assert "Segments of the log" in by_dialogue
 
 
-def test_a_dialogue_whose_end_nobody_types_is_the_error(a1, leaning, tmp_path, monkeypatch):
+def test_an_unfinished_dialogue_is_the_error(a1, leaning, tmp_path, monkeypatch):
     path = by_index(tmp_path / "log", a1, leaning[0])
     monkeypatch.setattr("sys.stdin", Terminal(""))
     monkeypatch.setattr("sys.stderr", errors := Terminal())

@@ -1,4 +1,4 @@
-"""Logs of a robot that crawls: times on three feet are found and read, and what the feet carry is held against steps."""
+"""Logs of a robot that crawls: times on three feet are detected and compared with foot loads."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -56,7 +56,7 @@ def test_every_foot_is_seen_to_be_up_in_turn(found, stance):
     assert {one.kind for one in found.report.segments if one.recording} == {"rest", "crawl"}
 
 
-def test_a_crawl_tells_the_planar_centre_of_mass_by_its_torques(a1, crawled, found):
+def test_torques_of_a_crawl_determine_the_planar_com(a1, crawled, found):
     true, whole = components(crawled.truth), found.result.composite
     errors, stds = whole.values - true, whole.stds
     assert (np.abs(errors[1:3]) < (0.006, 0.004)).all()
@@ -117,7 +117,7 @@ def test_sensors_of_the_feet_confirm_steps_in_any_unit(a1, stance, crawled, foun
 
 
 def test_a_foot_that_carries_all_the_time_is_not_up(a1, stance, crawled, found):
-    """Its sensor reads so, whatever legs, IMU and torques do."""
+    """Only the foot sensor reads so."""
     _, dragged, *_ = steps_of(found.report.segments)
     forces = sensed(a1, crawled.log)
     wrong = forces.force.copy()
@@ -150,7 +150,7 @@ def test_feet_that_are_up_carry_nothing_and_those_that_stand_do():
 
 
 @pytest.mark.parametrize("rest", [0.0, 300.0])
-def test_a_long_rest_is_not_what_sensors_read_unloaded(rest):
+def test_a_long_rest_is_not_the_unloaded_reading(rest):
     """Each foot is up for half a second, three times: little of five minutes."""
     step = 0.01
     time = step * (np.arange(round((rest + 20) / step)) + 0.5)

@@ -179,7 +179,7 @@ def test_a_bag_without_an_imu_lists_its_topics(a1, log, tmp_path):
         read_log(path, a1)
 
 
-def test_a_folder_and_a_file_that_are_no_log(a1, tmp_path):
+def test_a_folder_and_a_file_that_are_not_logs(a1, tmp_path):
     with pytest.raises(RecordingError, match="is not a log that can be read"):
         read_log(tmp_path, a1)
     with pytest.raises(RecordingError, match="does not exist"):
@@ -459,13 +459,13 @@ def test_a_csv_file_with_a_mistake(a1, log, tmp_path, change, message):
         read_log(path, a1)
 
 
-def test_semicolons_and_a_byte_order_mark_are_no_mistake(a1, log, tmp_path):
+def test_semicolons_and_a_byte_order_mark_are_accepted(a1, log, tmp_path):
     path = write_csv(tmp_path / "log.csv", columns_of(log))
     path.write_text("\ufeff" + path.read_text().replace(",", ";"), encoding="utf-8")
     same(read_log(path, a1).recording, log)
 
 
-def test_a_parquet_file_that_is_none(a1, tmp_path):
+def test_a_file_that_is_not_parquet(a1, tmp_path):
     (tmp_path / "log.parquet").write_text("time,position.FL_hip_joint\n")
     with pytest.raises(RecordingError, match=r"cannot be read: it is damaged, or not a .parquet file"):
         read_log(tmp_path / "log.parquet", a1)
@@ -522,7 +522,7 @@ def test_samples_that_are_not_numbers_are_dropped_and_many_refused(a1, log):
         assemble(a1, replace(raw(log), imu=RawImu(log.imu.time, rates, log.imu.acceleration_in_imu)))
 
 
-def test_velocities_and_torques_that_nobody_measures_are_none(a1, log):
+def test_unmeasured_velocities_and_torques_are_none(a1, log):
     joints = RawJoints(
         log.joints.time, log.joint_names, log.joints.position, np.full((COUNT, 12), np.nan), np.zeros((COUNT, 12))
     )

@@ -1,4 +1,4 @@
-"""Joints of logs by their names: what people call them, and what they leave open."""
+"""Joints of logs by their names."""
 
 import itertools
 import re
@@ -22,7 +22,7 @@ def names(form):
 
 
 def columns(robot):
-    """Where the joints of `names` should be found, in the robot's order."""
+    """Return the expected indices of the joints of `names`, in the robot's order."""
     where = {
         joint: 3 * ORDER.index(leg.name) + place
         for leg in robot.legs.values()

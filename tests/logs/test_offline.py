@@ -1,4 +1,4 @@
-"""Estimates from logs that are not ours: as good as from our own events, and honest about what a log cannot tell."""
+"""Estimates from foreign logs: as accurate as with events, and with their limitations."""
 
 import json
 import re
@@ -31,7 +31,7 @@ def log(precise_run):
     return as_log(precise_run.recordings)
 
 
-# Their torque constant is known, as by default it is not: else no torque tells a mass.
+# Their torque constant is known, as by default it is not: else torques do not determine the mass.
 KNOWN_MOTORS = Priors(torque_gain_common=1e-3)
 
 
@@ -138,7 +138,7 @@ def test_without_lifts_torques_determine_little(a1, log, found, precise_run):
     other = estimated(a1, log, priors=KNOWN_MOTORS)
     agrees(other.result, precise_run.truth)
     verdicts = verdicts_of(other)
-    assert verdicts["mass"] == "doubtful"  # nothing but torques says it, and that is a check that fails
+    assert verdicts["mass"] == "doubtful"  # only torques determine it, which is a failed check
     assert other.result.composite.mass.std < 0.03 * precise_run.truth.composite.mass  # a tenth of its prior
     assert verdicts["Ixx"] == verdicts["Izz"] == "not identified"
     assert other.report.limitations[0].startswith("There is no lift of two diagonal feet after a rest")
@@ -158,7 +158,7 @@ def test_standing_alone_determines_the_mass(a1, precise_run):
     verdicts = verdicts_of(other)
     assert verdicts["mass"] == "doubtful"  # without lifts
     assert other.result.composite.mass.std < 0.15 * precise_run.truth.composite.mass  # half of its prior
-    assert verdicts_of(unsure)["mass"] == "not identified"  # nobody knows their torque constant
+    assert verdicts_of(unsure)["mass"] == "not identified"  # their torque constant is unknown
     assert verdicts["com_z"] == verdicts["Iyy"] == "not identified"
     assert any("no stance motion" in message for message in other.report.limitations)
 
@@ -246,7 +246,7 @@ def bag(log, tmp_path_factory):
 QUANTITIES = ("position", "velocity", "torque")
 
 
-def test_a_bag_of_somebody_else_from_the_command_line(bag, precise_run, tmp_path, capsys):
+def test_a_foreign_bag_from_the_command_line(bag, precise_run, tmp_path, capsys):
     out = tmp_path / "found.json"
     known = ["--leg-prior", "narrow", "--cable", "none"]
     assert main(["estimate", str(bag), "--robot", "unitree_a1", *known, "--out", str(out)]) == 0

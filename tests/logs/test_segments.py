@@ -1,4 +1,4 @@
-"""What is found in a long recording without events, and why the rest is not used."""
+"""Segments of a long recording without events, and reasons for the unused rest."""
 
 import itertools
 from dataclasses import replace
@@ -238,7 +238,7 @@ def test_legs_that_are_folded_carry_no_robot(a1, stance):
     assert rest.why_not == "the legs are folded: it lies, or hangs"
 
 
-def test_a_raised_paw_is_no_rest_on_four_feet(a1, stance):
+def test_a_raised_paw_is_not_a_rest_on_four_feet(a1, stance):
     feet = np.array(stance.feet_in_base)
     feet[1, 2] += 0.04
     (rest,) = rests_of(a1, stance, still(a1, inverse_kinematics(a1, feet, stance.joint_position)))
@@ -250,7 +250,7 @@ def test_a_robot_that_hangs_carries_nothing(a1, stance):
     assert "the joint torques carry only" in rest.why_not
 
 
-def test_a_wall_is_no_floor(a1, stance):
+def test_a_wall_is_not_a_floor(a1, stance):
     (rest,) = rests_of(a1, stance, still(a1, stance.joint_position, acceleration=(6.0, 0, 7.8)))
     assert rest.why_not == "the plane of the feet leans by 38 deg against gravity"
 
@@ -353,7 +353,7 @@ def test_feet_rise_with_the_rotation_of_the_gyroscope(a1, stance, legs):
 
 
 @pytest.mark.parametrize("late", [0.0, 0.03, -0.2])
-def test_the_legs_tell_by_how_much_the_imus_clock_differs(a1, precise_run, late):
+def test_the_legs_determine_the_imu_clock_offset(a1, precise_run, late):
     log = as_log(precise_run.recordings)
     found = compare_gyroscope(a1, precise_run.stance, replace(log, imu=shifted(log.imu, late)))
     assert found.agrees
@@ -396,14 +396,14 @@ def test_a_gyroscope_of_another_motion_does_not_agree(a1, precise_run):
     assert not compare_gyroscope(a1, precise_run.stance, replace(log, imu=backwards)).agrees
 
 
-def test_a_robot_that_stands_tells_nothing_of_clocks(a1, stance):
+def test_a_standing_robot_does_not_determine_the_clock_offset(a1, stance):
     assert compare_gyroscope(a1, stance, still(a1, stance.joint_position)) is None
 
 
 # --- means, runs, oscillations
 
 
-def test_means_do_not_care_about_rates(a1, precise_run):
+def test_means_do_not_depend_on_rates(a1, precise_run):
     log = as_log(precise_run.recordings)
     mixed = replace(log, joints=every(log.joints, 5), imu=every(log.imu, 3))
     whole, thin = (Track.of(a1, one, 1.0) for one in (log, mixed))

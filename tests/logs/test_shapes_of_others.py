@@ -131,7 +131,7 @@ def test_23_seconds_and_a_remainder_in_two_columns_are_one_time(a1, trotted, exp
 
 
 @pytest.mark.parametrize("rest", ["stamp.nanosec", "nsecs", "header_stamp_nsec"])
-def test_a_remainder_without_its_seconds_is_no_time(a1, trotted, tmp_path, rest):
+def test_a_remainder_without_its_seconds_is_not_a_time(a1, trotted, tmp_path, rest):
     remainder = np.round(trotted["time"] * 1e9).astype(np.int64) % 10**9
     path = write(tmp_path / "log.csv", {rest: remainder, **without(trotted, "time")})
     assert '# missing: time = "..."\n# or, without a time: rate = 500' in proposal_for(a1, path)
@@ -188,7 +188,7 @@ def messages(robot, trotted):
 
 
 def rostopic(path, robot, trotted, names=None, field="field.{}{}"):
-    """As `rostopic echo -p` writes a message."""
+    """Return a message as `rostopic echo -p` writes it."""
     names = names or in_order(robot, UNITREE)
     stamp = EPOCH * 10**9 + np.round(trotted["time"] * 1e9).astype(np.int64)
     columns = {"%time": stamp, "field.header.seq": np.arange(len(stamp)), "field.header.frame_id": [""] * len(stamp)}
@@ -218,7 +218,7 @@ def test_names_in_cells_may_be_those_of_another_driver(a1, trotted, expected, tm
     assert_same(accepted(a1, path), expected)
 
 
-def test_names_in_cells_that_are_no_legs_are_asked_for_by_the_joint_map(a1, trotted, tmp_path):
+def test_names_in_cells_that_are_not_legs_need_a_joint_map(a1, trotted, tmp_path):
     path = rostopic(tmp_path / "log.csv", a1, trotted, [f"m{at}" for at in "abcdefghijkl"])
     with pytest.raises(RecordingError, match=r"cannot be identified.*--joint-map"):
         accepted(a1, path)
@@ -417,7 +417,7 @@ def as_text(delimiter, head=""):
 
 
 def as_fixed_width(path, columns):
-    """As `numpy.savetxt` writes it, after other remarks."""
+    """Return the text that `numpy.savetxt` writes, after other remarks."""
     table = np.column_stack([*columns.values()])
     np.savetxt(path, table, fmt="%12.6f", header=f"robot: a1, day: 3\n{' '.join(columns)}")
 

@@ -1,4 +1,4 @@
-"""Logs of a robot that trots: steps are found, read and estimated from, and what is wrong with such a log is named."""
+"""Logs of a robot that trots: detection of steps, estimates, and errors."""
 
 import itertools
 from dataclasses import replace
@@ -60,7 +60,7 @@ def test_the_steps_of_a_trot_are_on_both_diagonals_in_turn(a1, stance, trotted):
     assert all(0.09 < step.end - step.start < 0.3 for step in steps)
 
 
-def test_a_walk_behind_a_long_rest_tells_the_clocks(a1, stance, trotted, monkeypatch):
+def test_a_walk_after_a_long_rest_determines_the_clock_offset(a1, stance, trotted, monkeypatch):
     """The log is read piece by piece; a piece of 8 s ends before this robot walks."""
     monkeypatch.setattr(gyroscope, "_PIECE", 800)
     first = trotted.log.joints.time[0]
@@ -102,7 +102,7 @@ def test_a_foot_that_seems_up_and_carries_is_a_step_less(a1, stance, trotted):
     assert steps_in(a1, stance, dragging) == [step for step in steps if step != dragged]
 
 
-def test_a_walk_tells_the_centre_of_mass(trotted, found):
+def test_a_walk_determines_the_com(trotted, found):
     true, whole = components(trotted.truth), found.result.composite
     assert found.result.trustworthy, [check for check in found.result.checks if not check.passed]
     errors, model = np.abs(whole.values - true), np.abs([one.model for one in whole] - true)
@@ -173,7 +173,7 @@ def test_a_walk_needs_no_rest(a1, trotted):
     assert (errors[1:4] < (0.006, 0.005, 0.015)).all()
 
 
-def test_clocks_are_held_against_each_other_over_steps(a1, trotted):
+def test_clocks_are_compared_over_steps(a1, trotted):
     late = replace(trotted.log, imu=shifted(trotted.log.imu, 0.04))
     (finding,) = [one for one in estimated(a1, trotted, late).report.findings if one.about == "clocks"]
     assert "of steps: they are shifted by as much" in finding.message

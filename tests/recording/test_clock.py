@@ -26,7 +26,7 @@ def test_whole_nanoseconds_come_back(time):
 
 
 @given(st.integers(0, 10**7))
-def test_a_grid_of_two_milliseconds_is_what_its_decimals_say(sample):
+def test_a_grid_of_two_milliseconds_equals_its_decimals(sample):
     assert rounded(np.array(sample * 0.002)) == pytest.approx(float(f"{sample * 2 / 1000:.3f}"), rel=2**-52, abs=0)
 
 
@@ -50,18 +50,18 @@ def test_samples_that_fall_onto_one_nanosecond_are_refused():
 
 
 @pytest.mark.parametrize("time", [np.nan, np.inf, -np.inf, 1e10])
-def test_an_event_at_no_time_is_refused(time):
+def test_an_event_without_a_time_is_rejected(time):
     with pytest.raises(RecordingError, match=r"event 'x' is at .* s; times must be finite and below 68 years"):
         Event(time, "x")
 
 
 @pytest.mark.parametrize("data", [{"a": np.zeros(3)}, {"a": {1, 2}}, {"a": float("nan")}, 3])
-def test_an_event_says_what_json_can_hold(data):
+def test_event_data_must_be_json(data):
     with pytest.raises(RecordingError, match="event 'x' has data that JSON cannot represent: "):
         Event(0.0, "x", data)
 
 
-def test_what_an_event_says_is_plain_json_from_the_beginning():
+def test_event_data_are_plain_json_from_the_start():
     event = Event(1 / 3, "x", {"tuple": (1, 2), "numpy": np.float64(0.1), "none": None})
     assert event.data == {"tuple": [1, 2], "numpy": 0.1, "none": None}
     assert type(event.data["numpy"]) is float

@@ -1,4 +1,4 @@
-"""The file on disk: what other programs make of it, and what becomes of one that was cut, damaged or is foreign."""
+"""The file on disk: read by other programs; truncated, damaged and foreign files."""
 
 import contextlib
 import json
@@ -109,7 +109,7 @@ def test_rosbags_reads_the_files_of_a_run_that_was_killed_and_resumed_as_one_bag
     assert np.array_equal(read, np.concatenate([piece(time).joints.position for time in (5.0, 6.0, 7.0, 8.0)]))
 
 
-def test_rosbags_reads_the_file_by_itself(path):
+def test_rosbags_reads_a_single_file(path):
     write_run(path)
     with AnyReader([path]) as bag:
         assert bag.message_count == 381
@@ -117,7 +117,7 @@ def test_rosbags_reads_the_file_by_itself(path):
             bag.deserialize(raw, connection.msgtype)
 
 
-def test_a_gap_of_years_is_no_matter(path):
+def test_a_gap_of_years_is_read(path):
     with RunLog(path) as log:
         log.add(piece(0.0))
         log.add(piece(1.7e9, events=[Event(0.0, "long ago")]))
@@ -235,7 +235,7 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
             RunLog(tmp_path / folder / "x.mcap")
 
 
-def test_what_was_written_before_the_disk_was_full_can_be_read_and_the_log_goes_on_when_there_is_room(path):
+def test_a_full_disk_keeps_the_written_part_and_writing_resumes(path):
     script = (
         "import resource, sys; from pathlib import Path; from logs import piece\n"
         "from equipoise.errors import OutputError\n"
@@ -256,8 +256,8 @@ def test_what_was_written_before_the_disk_was_full_can_be_read_and_the_log_goes_
         done = subprocess.run(
             [sys.executable, "-c", script, str(path), more], env=environment, check=True, capture_output=True, text=True
         )
-        count, said = done.stdout.split(maxsplit=1)
-        assert "File too large" in said
+        count, message = done.stdout.split(maxsplit=1)
+        assert "File too large" in message
         log = read_log(path)
         assert log.closed == (more == "more")
         assert len(log.plays) == int(count) + 2 * log.closed  # what was refused is written later

@@ -103,6 +103,6 @@ def test_messages_of_other_joints_or_types_are_refused():
 
 
 @pytest.mark.parametrize("message", [b"", b"\0\1\0\0", b"\0\1\0\0\5\0\0\0ab\0"])
-def test_what_is_no_text_is_refused(message):
+def test_invalid_text_is_rejected(message):
     with pytest.raises(RecordingError, match="not a text"):
         read_text(message)

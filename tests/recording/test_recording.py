@@ -12,7 +12,7 @@ NAMES = ("a", "b")
 
 
 def recording_of(count=10, start=0.0, events=(), velocity=True, torque=True, commands=True, names=NAMES):
-    """Samples 0.1 s apart; every value tells its sample."""
+    """Samples 0.1 s apart; every value encodes its sample."""
     time = start + 0.1 * np.arange(count)
     joints = np.outer(np.arange(count), np.ones(len(names)))
     return Recording(
@@ -58,7 +58,7 @@ def test_times_must_increase(kind, time, message):
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_value_that_is_no_number_is_named_by_sample_and_time(kind, name, bad):
+def test_a_value_that_is_not_a_number_is_named_by_sample_and_time(kind, name, bad):
     values = np.zeros((3, 3))
     values[1, 2] = values[2, 0] = bad
     with pytest.raises(RecordingError) as caught:
@@ -80,7 +80,7 @@ def test_a_value_that_is_no_number_is_named_by_sample_and_time(kind, name, bad):
         ("command", "position", (), (3, 0)),
     ],
 )
-def test_a_wrong_shape_is_told_with_the_right_one(kind, name, shape, expected):
+def test_a_wrong_shape_raises_with_the_right_one(kind, name, shape, expected):
     with pytest.raises(RecordingError) as caught:
         stream_of(kind, **{name: np.zeros(shape)})
     assert str(caught.value) == f"{kind} {name} has shape {shape}; its times and joints require {expected}"
@@ -116,7 +116,7 @@ def test_streams_are_copies_that_cannot_be_written():
         stream.position = position
 
 
-def test_parts_of_a_recording_share_its_samples_and_nobody_elses():
+def test_parts_of_a_recording_share_only_its_samples():
     whole = recording_of()
     assert np.shares_memory(whole.between(-1, 100).joints.position, whole.joints.position)
     values = np.zeros((2, 2))
@@ -179,7 +179,7 @@ def test_a_phase_may_be_taken_until_a_later_one(phased):
     assert phased.phase("rest", until="lower").joints.position[:, 0].tolist() == list(range(7))
 
 
-def test_a_phase_that_is_missing_is_told_with_those_there_are(phased):
+def test_a_missing_phase_raises_with_the_present_ones(phased):
     with pytest.raises(RecordingError) as caught:
         phased.phase("excitation")
     assert str(caught.value) == "the recording has no phase 'excitation'; it has ['rest', 'lift', 'lower']"
@@ -209,7 +209,7 @@ def test_cutting_and_joining_gives_the_same(phased):
 
 
 @pytest.mark.parametrize("missing", ["velocity", "torque", "commands"])
-def test_what_one_part_lacks_the_whole_lacks(missing):
+def test_a_stream_missing_in_one_part_is_missing_in_the_whole(missing):
     whole = Recording.concatenate([recording_of(), recording_of(start=1.0, **{missing: False})])
     assert len(whole.joints.time) == 20
     assert (whole.commands if missing == "commands" else getattr(whole.joints, missing)) is None

@@ -1,4 +1,4 @@
-"""The log of a run: what was kept comes back exactly, whatever it was written in."""
+"""The log of a run: recordings are read exactly as written."""
 
 import signal
 import threading
@@ -35,7 +35,7 @@ def load_recording(path):
 
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(arrays(float, (4, 8), elements=NUMBERS))
-def test_what_is_read_is_what_was_written_to_the_last_bit(path, values):
+def test_a_log_is_read_bit_by_bit_as_written(path, values):
     time = np.cumsum(np.full(4, 1 / 3))
     recording = Recording(
         NAMES,
@@ -49,7 +49,7 @@ def test_what_is_read_is_what_was_written_to_the_last_bit(path, values):
 
 
 @pytest.mark.parametrize("missing", ["velocity", "torque", "commands"])
-def test_what_is_missing_stays_missing(path, missing):
+def test_missing_values_stay_missing(path, missing):
     recording = piece(**{missing: False})
     save_recording(recording, path)
     assert bits(load_recording(path)) == bits(recording)
@@ -99,7 +99,7 @@ def test_trials_are_the_plays_that_made_them(path, close):
     assert log.plays[3].recording.joints.torque is not None
 
 
-def test_what_was_streamed_is_not_written_again_when_it_is_kept(path):
+def test_streamed_samples_are_not_written_twice(path):
     with RunLog(path) as log:
         log.begin(10, 1)
         log.add(piece())
@@ -111,8 +111,8 @@ def test_what_was_streamed_is_not_written_again_when_it_is_kept(path):
     assert [bits(recording) for recording in read_log(path).recordings] == [bits(piece()), bits(piece(1.0))]
 
 
-def test_motions_of_equal_samples_are_told_apart_by_their_trials(path):
-    """As of a robot that stands still, whose simulated sensors have no noise."""
+def test_motions_of_equal_samples_are_distinguished_by_their_trials(path):
+    """A robot that stands still without sensor noise gives equal samples."""
     with RunLog(path) as log:
         for trial, start in ((None, 0.0), (1, 0.0), (2, 0.0), (2, 0.1)):
             log.begin(10, trial)
@@ -162,7 +162,7 @@ def test_a_trial_under_way_is_unfinished(path):
     assert [play.trial for play in content.plays] == [None, 2, 2]
 
 
-def test_what_is_kept_broken_is_not_complete(path):
+def test_a_broken_recording_is_not_complete(path):
     broken = piece(1.0, events=[trial_event(1.0)])
     with RunLog(path) as log:
         log.keep(piece(events=[trial_event(0.0)]))
@@ -210,7 +210,7 @@ def test_ctrl_c_in_the_middle_of_a_write_ends_it_whole(path, monkeypatch):
     assert len(content.plays) == 1
 
 
-def test_a_log_that_is_closed_says_so(path):
+def test_a_closed_log_raises(path):
     with RunLog(path) as log:
         pass
     log.close()
@@ -234,7 +234,7 @@ def names(folder):
 
 @pytest.mark.parametrize("part", [0.05, 0.3, 0.55, 0.8, 1.0])
 def test_a_run_that_was_killed_and_resumed_twice_is_three_files_and_one_log(tmp_path, part):
-    """What comes behind the last complete recording is played again."""
+    """Plays after the last complete recording are repeated."""
     first, second = log_file(tmp_path, 0), log_file(tmp_path, 1)
     kept = [*write_run(first, close=False)]
     for number, file in enumerate((first, second), 1):
@@ -259,7 +259,7 @@ def test_a_run_that_was_killed_and_resumed_twice_is_three_files_and_one_log(tmp_
     assert names(tmp_path) == [f"recording_{number}.mcap" for number in range(3)]
 
 
-def test_plays_that_stand_are_those_before_the_end_of_the_last_recording(tmp_path):
+def test_valid_plays_precede_the_end_of_the_last_recording(tmp_path):
     kept = write_run(log_file(tmp_path, 0))
     log, _ = resume_log(tmp_path, repeats=True)
     log.keep(piece(9.0))
@@ -270,13 +270,13 @@ def test_plays_that_stand_are_those_before_the_end_of_the_last_recording(tmp_pat
     assert content.plays[-1].recording.joints.time[0] == 9.0
 
 
-def test_what_will_not_be_repeated_stays_and_belongs_to_nothing(tmp_path):
+def test_unrepeated_plays_stay_without_a_recording(tmp_path):
     log = RunLog(log_file(tmp_path, 0))
     log.keep(whole(1, piece(events=[trial_event(0.0)])))
     log.begin(10, 2)
     log.add(piece(1.0, events=[trial_event(1.0)]))
     kill(log)
-    for start in (2.0, 0.5):  # killed twice, before the next trial is complete; the clock began anew
+    for start in (2.0, 0.5):  # killed twice, before the next trial is complete; the clock restarted
         log, content = resume_log(tmp_path, repeats=False)
         log.begin(10, 2)
         log.add(piece(start, events=[trial_event(start)]))
@@ -334,7 +334,7 @@ def test_a_log_that_another_process_writes_is_left_alone(tmp_path):
 
 
 @pytest.mark.parametrize("content", [None, b"other"])
-def test_what_is_no_log_cannot_be_resumed(tmp_path, content):
+def test_a_file_that_is_not_a_log_cannot_be_resumed(tmp_path, content):
     if content is not None:
         log_file(tmp_path, 0).write_bytes(content)
     with pytest.raises(RecordingError, match=r"cannot be read: (No such file|it is not an MCAP)"):

@@ -1,4 +1,4 @@
-"""Trials: written into events and read from them, in the form that run folders hold; how far a trial came."""
+"""Trials: written into events and read from them, in the form of run folders; progress of a trial."""
 
 import pytest
 
@@ -90,7 +90,7 @@ def test_a_trial_is_read_from_its_event(logged):
 
 
 def test_a_trial_is_written_as_its_event(logged):
-    """Word for word: a run that goes on after an interruption compares its events with those recorded."""
+    """The form must be exact: a resumed run compares its events with those recorded."""
     data, _, trial = logged
     assert Event(0.0, TRIAL, trial.to_data()) == Event(0.0, TRIAL, data)
 
@@ -113,13 +113,13 @@ def test_a_trial_is_written_as_its_event(logged):
         ("stand", "rest", "complete"),
     ],
 )
-def test_phases_say_how_far_a_trial_came(kind, phases, state):
+def test_phases_determine_the_progress_of_a_trial(kind, phases, state):
     recording = recorded(TRIALS[kind][0], phases.split())
     assert [name for name in ("complete", "interrupted", "refused") if getattr(recording, name)] == [state]
 
 
 @pytest.mark.parametrize("data", [None, {"kind": "shake", "size": 1.0}, {}])
-def test_what_is_no_trial_of_ours_is_none_and_not_complete(data):
+def test_foreign_events_are_not_trials(data):
     recording = recorded(data, [Phase.REST, Phase.UNLOAD, Phase.LOWER, Phase.END])
     assert recording.trial is None
     assert (recording.complete, recording.interrupted, recording.refused) == (False, False, False)
@@ -134,7 +134,7 @@ def test_what_is_no_trial_of_ours_is_none_and_not_complete(data):
         StandTrial(found_at=0.0),
     ],
 )
-def test_what_is_found_in_a_log_is_read_as_it_was_written(trial):
+def test_a_trial_in_a_log_is_read_as_written(trial):
     found = read_trial(Event(0.0, TRIAL, trial.to_data()).data)
     assert type(found) is type(trial)
     assert found == trial
@@ -156,7 +156,7 @@ def test_what_is_found_in_a_log_is_read_as_it_was_written(trial):
         ({"kind": "posture", "posture": {"roll": None}}, "posture.roll is None; it must be a number"),
     ],
 )
-def test_a_damaged_trial_is_told(data, reason):
+def test_a_damaged_trial_raises(data, reason):
     with pytest.raises(RecordingError) as caught:
         _ = recorded(data, []).trial
     assert f"the recording's trial {data} is damaged: {reason}" in str(caught.value)

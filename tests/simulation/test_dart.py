@@ -1,4 +1,4 @@
-"""The simulated robot in DART: what every platform does, the same robot as in MuJoCo, and what DART had to be taught."""
+"""The simulated robot in DART: platform contract, agreement with MuJoCo, and contacts."""
 
 import itertools
 import subprocess
@@ -61,12 +61,12 @@ def platform(a1):
         yield simulation.platform
 
 
-def test_the_robot_in_dart_shows_no_more_than_a_platform_does(platform):
+def test_the_robot_in_dart_fulfils_the_platform_contract(platform):
     public = {name for name in dir(platform) if not name.startswith("_")}
     assert public == {"control_period", "joint_names", "accepts", "read", "step", "play", "close"}
 
 
-def test_a_motion_that_is_broken_off_inside_the_engine_has_not_begun(platform, a1, monkeypatch):
+def test_a_motion_interrupted_inside_the_engine_has_not_begun(platform, a1, monkeypatch):
     motion = wave(platform, 60)
     with simulate(a1, "ideal", engine="dart") as simulation:
         expected = simulation.platform.play(motion)
@@ -88,7 +88,7 @@ def test_a_motion_that_is_broken_off_inside_the_engine_has_not_begun(platform, a
 
 
 def assert_same_robot(robot, payload=None, **sizes):
-    """DART weighs what MuJoCo weighs, errors of the legs included, and what the model file says."""
+    """Assert equal inertias in DART, MuJoCo and the model file, leg errors included."""
     stance = nominal_stance(robot)
     position = stance.joint_position
     errors = DrawnErrors.draw(SensorErrors(**sizes), len(robot.joint_names), 2)
@@ -144,20 +144,20 @@ def test_catalogue_robots_are_the_same_in_dart(name):
     assert_same_robot(robot)
 
 
-def test_dart_says_nothing_while_a_model_is_read(a1, tmp_path, capfd):
+def test_dart_prints_nothing_while_a_model_is_read(a1, tmp_path, capfd):
     for robot in (a1, load_text(tmp_path, quadruped_urdf(arm_joints=2)), load_text(tmp_path, quadruped_mjcf())):
         simulate(robot, "ideal", payload="1,0.1,0,0.05", engine="dart").platform.close()
     captured = capfd.readouterr()
     assert captured.out == captured.err == ""
 
 
-def test_a_model_that_dart_refuses_is_a_model_error(tmp_path):
+def test_a_model_that_dart_rejects_raises_model_error(tmp_path):
     robot = load_text(tmp_path, quadruped_urdf().replace('<mass value="0.2"/>', '<mass value="0"/>', 1))
     with pytest.raises(ModelError, match=r"DART cannot make a model of '.*robot': link 'FL_link_2' has no mass"):
         simulate(robot, "ideal", engine="dart")
 
 
-def test_an_engine_that_is_none_is_refused(a1):
+def test_an_unknown_engine_is_rejected(a1):
     with pytest.raises(SettingsError, match="engine 'bullet' is unknown; it must be one of mujoco, dart"):
         simulate(a1, "ideal", engine="bullet")
 
@@ -197,7 +197,7 @@ def test_robots_rest_in_dart_as_in_mujoco(robots, name, start):
 
 
 def rocking(robot, duration=0.6, size=0.03, period=2e-3):
-    """Roll, pitch and yaw over planted feet, smoothly, at different speeds: joint targets."""
+    """Return joint targets of smooth roll, pitch and yaw over stance feet."""
     stance = nominal_stance(robot)
     position, solved = stance.joint_position, []
     for phase in np.arange(0.0, 1.0, period / duration):
@@ -216,7 +216,7 @@ def moved(robot, motion, engine, **sizes):
 @pytest.mark.parametrize(
     "sizes", [{}, {"viscous_friction": 0.3, "armature": 0.02, "torque_gain": 0.05, "leg_mass": 0.05}]
 )
-def test_a_robot_that_rocks_feels_in_dart_what_it_feels_in_mujoco(robots, name, sizes):
+def test_sensors_of_a_rocking_robot_agree_with_mujoco(robots, name, sizes):
     motion = rocking(robots[name])
     one, other = (moved(robots[name], motion, engine, **sizes) for engine in ENGINES)
     for stream, field, part in (
@@ -228,7 +228,7 @@ def test_a_robot_that_rocks_feels_in_dart_what_it_feels_in_mujoco(robots, name, 
         assert off.std() < part * expected.std(), field
 
 
-def test_joint_friction_is_felt_as_in_mujoco(robots):
+def test_joint_friction_agrees_with_mujoco(robots):
     motion = rocking(robots["A1"])
     rough, smooth = ([moved(robots["A1"], motion, engine, **sizes) for engine in ENGINES]
                      for sizes in ({"coulomb_friction": 0.5}, {}))  # fmt: skip
@@ -239,12 +239,12 @@ def test_joint_friction_is_felt_as_in_mujoco(robots):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_an_imu_that_sits_elsewhere_is_carried_round_by_turns(a1, engine):
-    motion, beside = rocking(a1), DrawnErrors.draw(SensorErrors(imu_position=0.05), 12, 1).drawn["imu_position"]
+def test_a_displaced_imu_measures_the_lever_acceleration(a1, engine):
+    motion, offset = rocking(a1), DrawnErrors.draw(SensorErrors(imu_position=0.05), 12, 1).drawn["imu_position"]
     one, other = (moved(a1, motion, engine, imu_position=size).imu for size in (0.0, 0.05))
     turning = one.angular_velocity_in_imu
     faster = np.gradient(turning, one.time, axis=0)
-    carried = np.cross(faster, beside) + np.cross(turning, np.cross(turning, beside))
+    carried = np.cross(faster, offset) + np.cross(turning, np.cross(turning, offset))
     assert np.array_equal(turning, other.angular_velocity_in_imu)
     off = other.acceleration_in_imu - one.acceleration_in_imu - carried
     assert off[50:].std() < 0.05 * carried[50:].std()  # the first joints' jump is too fast to be differentiated
@@ -254,7 +254,7 @@ def test_an_imu_that_sits_elsewhere_is_carried_round_by_turns(a1, engine):
 
 
 def in_the_air(robot, engine, armature):
-    """How far joints have gone on their way to a target, feet in the air."""
+    """Return the displacement of the joints on their way to a target, feet in the air."""
     # MuJoCo's damping is implicit and DART's is not; in short steps that is the same.
     with simulate(robot, SensorErrors(armature=armature), timestep=0.1e-3, engine=engine) as simulation:
         platform, stance = simulation.platform, nominal_stance(robot)
@@ -264,7 +264,7 @@ def in_the_air(robot, engine, armature):
         return platform.play(jump).joints.position - begin
 
 
-def test_rotors_are_felt_as_in_mujoco_in_the_air(a1):
+def test_rotor_inertia_agrees_with_mujoco_in_the_air(a1):
     with_rotors, without = ([in_the_air(a1, engine, armature) for engine in ENGINES] for armature in (0.02, 0.0))
     slower = np.abs(with_rotors[0] - without[0]).max()
     assert slower > 0.01
@@ -272,7 +272,7 @@ def test_rotors_are_felt_as_in_mujoco_in_the_air(a1):
         assert np.abs(one - other).max() < 0.05 * slower
 
 
-def test_rotors_of_a_robot_that_stands_weigh_nothing(a1):
+def test_rotors_add_no_weight_to_a_standing_robot(a1):
     torques = []
     for armature in (0.0, 0.02):
         with simulate(a1, SensorErrors(armature=armature), engine="dart") as simulation:
@@ -281,7 +281,7 @@ def test_rotors_of_a_robot_that_stands_weigh_nothing(a1):
     assert np.abs(torques[0] - torques[1]).max() < 0.01
 
 
-def test_a_robot_in_the_air_falls_and_turns_as_momentum_has_it(a1):
+def test_a_robot_in_free_fall_conserves_momentum(a1):
     with simulate(a1, SensorErrors(armature=0.02), PAYLOAD, engine="dart") as simulation:
         platform, stance = simulation.platform, nominal_stance(a1)
         platform._place(stance.joint_position, stance.base_height + 5)
@@ -296,7 +296,7 @@ def test_a_robot_in_the_air_falls_and_turns_as_momentum_has_it(a1):
 # --- contacts
 
 
-def test_planted_feet_stay_where_they_are(a1):
+def test_stance_feet_do_not_slide(a1):
     with simulate(a1, "realistic", engine="dart") as simulation:
         here = np.repeat(nominal_stance(a1).joint_position[None], 500, axis=0)
         before = simulation.truth_view.look().feet
@@ -362,7 +362,7 @@ def test_a_robot_that_cannot_stand_under_its_payload_has_fallen_in_dart(a1):
         simulate(a1, "ideal", payload="15,0,0.7,0.3", engine="dart")
 
 
-def test_a_simulation_in_dart_that_diverges_says_so(tmp_path):
+def test_a_diverging_simulation_in_dart_raises(tmp_path):
     robot = load_text(tmp_path, quadruped_mjcf(), RobotDescription(kd=1e-6, kp=1e9), name="stiff")
     with pytest.raises(
         FallError, match=r"the simulation of 'stiff' became unstable at t = 0.0\d s; check its inertias"

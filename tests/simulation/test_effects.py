@@ -1,4 +1,4 @@
-"""Every effect is in the simulated robot with its size, draws leave each other alone, what cannot be is refused by name."""
+"""Effects of the simulated robot: sizes, independent draws, and errors by name."""
 
 import dataclasses
 import hashlib
@@ -59,7 +59,7 @@ def standing(robot, preset="ideal", seed=SEED, **effects):
 
 
 def foot_forces(seen):
-    """Of each contact: its record, force and moment in the contact's axes, the first of which is the normal."""
+    """Return each contact's record, force and moment in its axes; the first axis is the normal."""
     found = []
     for index, contact in enumerate(seen.data.contact):
         wrench = np.zeros(6)
@@ -72,7 +72,7 @@ def foot_forces(seen):
 # --- the table
 
 
-def test_every_row_says_what_it_is_and_why():
+def test_every_row_has_a_meaning_and_a_source():
     assert len({row.name for row in ROWS}) == len(ROWS)
     for row in ROWS:
         assert row.meaning, row.name
@@ -93,7 +93,7 @@ def test_stress_has_all_of_realistic_and_more():
     }  # fmt: skip
 
 
-def test_sizes_grow_with_what_their_rows_say():
+def test_sizes_scale_with_the_measure_of_their_row():
     scaled = STRESS.scaled_to(Scale(length=2.0, torque=12.0))
     for name, factor in (("springs", 12), ("foot_stiffness", 3), ("hip_position", 2), ("cable", 1), ("gyro_gain", 1)):
         assert getattr(scaled, name) == pytest.approx(factor * getattr(STRESS, name)), name
@@ -135,12 +135,12 @@ def test_effects_are_read_and_taken_out():
         ({"contact_model": "glue"}, "contact model 'glue' does not exist; use 'default' or 'file'"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_refused_by_name(a1, given, words):
+def test_impossible_effects_are_rejected_by_name(a1, given, words):
     with pytest.raises(SettingsError, match=words):
         simulate(a1, **given)
 
 
-def test_a_size_that_is_no_number_is_refused():
+def test_a_size_that_is_not_a_number_is_rejected():
     with pytest.raises(
         SettingsError, match=r"'cable=much' does not give cable a size; give a number \(N\), for example cable=0.1"
     ):
@@ -150,7 +150,7 @@ def test_a_size_that_is_no_number_is_refused():
 # --- draws
 
 
-def test_no_effect_changes_what_another_draws():
+def test_no_effect_changes_the_draws_of_another():
     everything = STRESS.having({row.name: None for row in ROWS if row.in_stress == row.none}, Scale(1, 1))
     whole = drawn(everything).drawn
     for row in ROWS:
@@ -158,7 +158,7 @@ def test_no_effect_changes_what_another_draws():
         assert all(np.array_equal(without[name], whole[name]) for name in whole if name != row.name), row.name
 
 
-def test_the_draws_of_realistic_are_those_of_ever():
+def test_the_draws_of_realistic_are_unchanged():
     errors, digest = drawn(REALISTIC), hashlib.sha256()
     for name in (
         "joint_offset", "torque_gain", "gyro_bias", "accelerometer_bias", "imu_tilt", "leg_mass_scale", "gravity_direction",
@@ -176,8 +176,8 @@ OF_EVER = {
 
 
 @pytest.mark.parametrize("noise", OF_EVER)
-def test_recordings_of_the_smaller_presets_are_those_of_ever(a1, noise):
-    """To what releases of the engine differ by; on one machine they were the same to the bit."""
+def test_recordings_of_the_smaller_presets_are_unchanged(a1, noise):
+    """The tolerance covers differences between releases of the engine."""
     target = nominal_stance(a1).joint_position + 0.02 * np.sin(np.arange(JOINTS))
     with simulate(a1, noise, seed=SEED) as simulation:
         recording = simulation.platform.play(Trajectory(np.tile(target, (50, 1))))
@@ -187,7 +187,7 @@ def test_recordings_of_the_smaller_presets_are_those_of_ever(a1, noise):
     assert np.allclose(recording.imu.acceleration_in_imu[-1], acceleration, atol=5e-3)
 
 
-def test_sizes_are_what_their_laws_say():
+def test_draws_follow_their_laws():
     sizes = STRESS.having(dict.fromkeys(("joint_axes", "leg_inertia")), Scale(1, 1))
     many = DrawnErrors.draw(sizes, 20000, SEED).drawn
     for row in ROWS:
@@ -206,7 +206,7 @@ def test_sizes_are_what_their_laws_say():
 
 
 def as_drawn(robot, errors):
-    """The estimator's model of a robot whose legs are as drawn: the sum that the truth is held against."""
+    """The estimator's model of a robot whose legs are as drawn: the reference for the truth."""
     legs, model = LegErrors.of(robot, nominal_stance(robot), errors), robot.pinocchio.copy()
     for joint in range(JOINTS):
         link, mass = model.inertias[joint + 2], float(errors.leg_mass_scale[joint])
@@ -226,7 +226,7 @@ def as_drawn(robot, errors):
 
 
 def told_by_hips(body, shift):
-    """A body in the frame whose origin lies amid hips that are shifted as it lies amid the file's."""
+    """Return a body in the base frame of shifted hips."""
     return InertialParameters.from_pinocchio(pin.SE3(np.eye(3), shift.mean(axis=0)).actInv(body.to_pinocchio()))
 
 
@@ -237,7 +237,7 @@ def assert_same_body(one, other):
 
 
 @pytest.mark.parametrize("name", ["unitree_a1", "skewed"])
-def test_the_truth_is_that_of_the_robot_with_all_leg_errors_in(a1, skewed, name):
+def test_the_truth_includes_all_leg_errors(a1, skewed, name):
     robot = {"unitree_a1": a1, "skewed": skewed}[name]
     others = {"springs": None, "backlash": None, "rotor_spin": None, "armature": None, "foot_radius": None}
     with simulate(robot, "ideal", seed=SEED, effects={**dict.fromkeys(LEG_EFFECTS), **others}) as simulation:
@@ -256,7 +256,7 @@ def test_the_truth_is_that_of_the_robot_with_all_leg_errors_in(a1, skewed, name)
     assert np.abs(feet - stance.feet_in_base).max() > 3e-4
 
 
-def test_hips_that_are_all_elsewhere_alike_are_where_the_base_frame_is(a1):
+def test_a_common_hip_shift_moves_the_base_frame(a1):
     """Legs stay in their places in it, and the base moves the other way."""
     stance, shift = nominal_stance(a1), np.tile([2e-3, -1e-3, 3e-3], (4, 1))
     nominal = nominal_inertia(a1, stance.joint_position)
@@ -282,7 +282,7 @@ def test_both_engines_have_the_same_legs(a1):
 
 
 @pytest.mark.parametrize("name", ["leg_mass_common", "leg_com_common", "leg_com", "leg_length", "hip_position"])
-def test_each_leg_error_moves_the_truth_by_itself(a1, name):
+def test_each_leg_error_alone_moves_the_truth(a1, name):
     with simulate(a1, "ideal", seed=SEED, effects={name: None}) as simulation:
         real, shift = as_drawn(a1, simulation.errors), simulation.errors.hip_position
         composite = simulation.truth.composite
@@ -291,7 +291,7 @@ def test_each_leg_error_moves_the_truth_by_itself(a1, name):
     assert np.abs(composite.com - composite_parameters(a1, stance.joint_position).com).max() > 1e-5
 
 
-def test_what_legs_have_in_common_is_symmetric(a1):
+def test_common_leg_errors_are_symmetric(a1):
     shift = LegErrors.of(a1, nominal_stance(a1), drawn(SensorErrors(leg_com_common=4e-3))).com_shift[a1.leg_joints]
     assert np.abs(shift).max() > 1e-3
     assert np.allclose(shift[0], shift[1] * [1, -1, 1])
@@ -306,7 +306,7 @@ def test_feet_have_other_radii_and_still_stand_on_the_floor(a1):
     assert np.abs(seen.ground_truth.clearance).max() < 5e-6
 
 
-def test_axes_are_askew_by_their_size(a1):
+def test_axes_are_tilted_by_their_size(a1):
     askew, plain = (engine(simulate(a1, "ideal", seed=SEED, effects=e)) for e in ({"joint_axes": 5e-3}, {}))
     joints = [plain.model.joint(name).id for name in a1.joint_names]
     cosine = np.sum(askew.model.jnt_axis[joints] * plain.model.jnt_axis[joints], axis=1)
@@ -349,7 +349,7 @@ def test_the_encoder_is_on_the_motors_side(a1):
 
 
 @pytest.mark.parametrize("springs", [0.0, 3000.0])
-def test_loaded_joints_rest_at_a_stop_of_their_play(a1, springs):
+def test_loaded_joints_rest_at_a_stop_of_the_backlash(a1, springs):
     play = 2e-3
     seen = standing(a1, backlash=play, springs=springs)
     bent = seen.data.qpos[[seen.model.joint(spring_name(name)).qposadr[0] for name in a1.joint_names]]
@@ -403,7 +403,7 @@ def test_friction_differs_by_joint_grows_with_load_and_at_rest(a1):
     assert np.allclose(moving, 0.3)
 
 
-def test_friction_under_load_is_that_of_the_torque_which_the_engine_then_has(a1):
+def test_friction_under_load_uses_the_torque_of_the_engine(a1):
     robot = dataclasses.replace(a1, effort_limit=np.where(np.arange(JOINTS) == 3, np.inf, a1.effort_limit))
     seen = standing(robot, torque_gain=0.05, load_friction=0.04, stribeck=0.3, coulomb_friction=0.3)
     model, data, dof = seen.model, seen.data, seen.simulated.dof
@@ -482,7 +482,7 @@ def test_feet_resist_rolling_and_turning_on_the_spot(a1):
     assert 0.1e-3 < max(ratios) < 0.3e-3
 
 
-def test_feet_stand_on_footholds_of_their_own_height(a1):
+def test_feet_stand_on_footholds_of_different_heights(a1):
     seen = standing(a1, foothold_height=2e-3)
     heights = seen.errors.drawn["foothold_height"]
     radii = [foot.radius for foot in a1.feet.values()]
@@ -502,7 +502,7 @@ def test_a_cable_pulls_and_the_feet_hold_it(a1):
     assert np.allclose(held * np.sign(held[2]), -(pulled + weight), atol=0.06)
 
 
-def test_a_push_comes_beside_the_cable(a1):
+def test_a_push_adds_to_the_cable(a1):
     with simulate(a1, "ideal", effects={"cable": 0.5}, seed=SEED) as simulation:
         simulation.disturbance.push(np.array([0, 3.0, 0]))
         base = simulation.platform._simulated.base_body
@@ -510,7 +510,7 @@ def test_a_push_comes_beside_the_cable(a1):
         assert np.allclose(simulation.disturbance.wrench[base, :3], expected)
 
 
-def test_a_load_swings_on_its_string_and_weighs_where_it_hangs(a1):
+def test_a_load_swings_and_counts_at_its_hook(a1):
     with simulate(a1, "ideal", effects={"swinging_load": 0.1}) as simulation, simulate(a1, "ideal") as without:
         seen, truth, bare = engine(simulation), simulation.truth.composite, without.truth.composite
         hook = np.array(seen.model.body(SWINGING_LOAD).pos)
@@ -609,7 +609,7 @@ def test_feet_that_are_cylinders_in_the_file_are_cylinders_in_the_simulation(tmp
     assert unknowns.scale[unknowns["foot_width"]] == pytest.approx([6e-3, 6e-3])
 
 
-def test_feet_are_beside_their_places_by_what_is_drawn(a1):
+def test_feet_are_displaced_by_the_drawn_errors(a1):
     with (
         simulate(a1, "ideal", effects={"foot_position": 3e-3}, seed=SEED) as simulation,
         simulate(a1, "ideal") as plain,
@@ -629,7 +629,7 @@ ATTACHED = ("vertical_pull", "hose", "slosh", "foot_width", "foot_oval", "foot_f
 
 
 @pytest.mark.parametrize("effect", ATTACHED)
-def test_what_pulls_flows_or_lags_and_shapes_of_feet_leave_the_truth_what_it_was(a1, effect):
+def test_forces_slosh_lags_and_foot_shapes_do_not_change_the_truth(a1, effect):
     payload = "1.5,0.05,-0.02,0.06,0.01,0.02,0.025"
     with simulate(a1, "ideal", payload) as plain, simulate(a1, "ideal", payload, effects={effect: None}) as simulation:
         for body in ("composite", "base", "stance_effective"):
@@ -655,7 +655,7 @@ def test_a_vertical_pull_loads_the_feet_by_its_size_at_its_point(a1, pull):
     assert abs(about_com[1]) > 0.4
 
 
-def test_a_hose_pulls_its_point_back_to_where_it_was_at_the_stance(a1):
+def test_a_hose_pulls_its_point_back_to_the_stance(a1):
     with simulate(a1, "ideal", effects={"hose": 20.0}) as simulation:
         seen = engine(simulation)
     data, start = mujoco.MjData(seen.model), [0, 0, nominal_stance(a1).base_height]
@@ -668,7 +668,7 @@ def test_a_hose_pulls_its_point_back_to_where_it_was_at_the_stance(a1):
         assert data.qfrc_passive[3:6] == pytest.approx(np.cross(arm, force), abs=1e-9)
 
 
-def test_water_moves_as_slowly_as_its_tank_has_it_and_follows_a_lean(a1):
+def test_water_has_the_period_of_its_tank_and_follows_a_lean(a1):
     with simulate(a1, "ideal", "2,0.05,-0.02,0.06", effects={"slosh": 0.65}) as simulation:
         model = engine(simulation).model
     water, data = model.body(WATER), mujoco.MjData(model)
@@ -724,7 +724,7 @@ MJCF_FOOT = (
     ],
     ids=["of the link", "of a body fixed to it"],
 )
-def test_feet_can_touch_the_floor_as_the_file_says(tmp_path, foot):
+def test_contact_parameters_can_come_from_the_file(tmp_path, foot):
     from robots import load_text  # noqa: PLC0415
 
     legs = "".join(
@@ -796,7 +796,7 @@ def test_the_imus_filter_is_a_butterworth_of_second_order(frequency, passed):
     assert np.abs(through).max() == pytest.approx(passed, rel=0.02)
 
 
-def test_a_filter_does_not_know_in_which_pieces_time_passes(a1):
+def test_the_filter_does_not_depend_on_the_pieces_of_time(a1):
     target = Trajectory(np.tile(nominal_stance(a1).joint_position + 0.02, (60, 1)))
     with simulate(a1, effects={"imu_filter": 50.0}) as whole, simulate(a1, effects={"imu_filter": 50.0}) as pieces:
         recording = whole.platform.play(target)
@@ -821,7 +821,7 @@ def test_a_gyroscope_that_lags_is_older_than_the_accelerometer():
     assert np.allclose((samples[:, -3:] - samples[:, -6:-3])[5:-5], 3e-3)
 
 
-def test_a_gyroscope_that_lags_by_two_samples_shows_what_it_would_have_shown_two_samples_before(a1):
+def test_a_gyroscope_lag_of_two_samples_shifts_its_readings_by_two(a1):
     motion = Trajectory(nominal_stance(a1).joint_position + 0.02 * np.sin(np.linspace(0, 12, 250))[:, None])
     with simulate(a1, "ideal", effects={"gyro_lag": 4e-3}) as late, simulate(a1, "ideal") as usual:
         one, other = late.platform.play(motion), usual.platform.play(motion)
@@ -846,7 +846,7 @@ def test_an_eccentric_encoder_errs_with_the_joint(a1):
     bent = simulate(a1, "ideal", effects={"encoder_eccentricity": 3e-3}, seed=SEED)
     with bent as simulation, simulate(a1, "ideal") as plain:
         moved = engine(simulation).data.qpos[7:] - engine(plain).data.qpos[7:]
-    assert np.abs(moved).max() > 1e-3  # the loop closes on what the encoder says
+    assert np.abs(moved).max() > 1e-3  # the loop closes on the encoder
 
 
 @pytest.fixture(scope="module")
@@ -865,7 +865,7 @@ def usual(held):
     return held()
 
 
-def test_lost_samples_are_missing_and_the_others_what_they_were(held, usual):
+def test_lost_samples_are_missing_and_the_others_unchanged(held, usual):
     lossy = held(lost_samples=0.1)
     kept = np.isin(usual.joints.time, lossy.joints.time)
     assert 0.05 < 1 - kept.mean() < 0.15
@@ -887,7 +887,7 @@ def test_stamps_jitter_and_keep_their_order(held, usual):
     assert np.diff(held(jitter=5e-3).joints.time).min() > 0
 
 
-def test_a_loop_lives_on_the_last_sample_that_arrived(a1):
+def test_a_loop_uses_the_last_sample_that_arrived(a1):
     with simulate(a1, effects={"lost_samples": 0.3}, seed=SEED) as simulation:
         states = [simulation.platform.step(JointCommand(nominal_stance(a1).joint_position)) for _ in range(100)]
         assert simulation.platform.read().time == states[-1].time
@@ -899,6 +899,6 @@ def test_a_loop_lives_on_the_last_sample_that_arrived(a1):
     assert np.array_equal(states[repeated].joint_position, states[repeated + 1].joint_position)
 
 
-def test_presets_are_what_the_names_say():
+def test_presets_are_found_by_name():
     assert list(PRESETS) == ["ideal", "realistic", "stress"]
     assert SensorErrors.row("springs").name == "springs"

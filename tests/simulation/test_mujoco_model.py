@@ -1,4 +1,4 @@
-"""The simulated robot's model: the robot's own file, with actuators, sensors, floor and errors of ours."""
+"""The simulated robot's model: the robot's own file, with added actuators, sensors, floor and errors."""
 
 import dataclasses
 import re
@@ -156,7 +156,7 @@ def test_steps_that_would_soften_contacts_are_refused(a1):
         ({"payload": "heavy"}, "payload 'heavy' is not MASS,X,Y,Z"),
     ],
 )
-def test_settings_that_mean_nothing_are_refused(a1, settings, message):
+def test_invalid_settings_are_rejected(a1, settings, message):
     with pytest.raises(SettingsError, match=message):
         simulate(a1, **settings)
 
@@ -165,7 +165,7 @@ def test_settings_that_mean_nothing_are_refused(a1, settings, message):
 
 
 @pytest.mark.parametrize("noise", ["ideal", "realistic"])
-def test_what_a_file_says_of_its_own_simulation_changes_nothing(tmp_path, noise):
+def test_simulation_options_of_a_file_have_no_effect(tmp_path, noise):
     # Torque limits are the robot's; the cluttered file gives some.
     plain = load_text(tmp_path, quadruped_mjcf())
     cluttered = load_text(tmp_path, CLUTTERED, name="cluttered")
@@ -177,7 +177,7 @@ def test_what_a_file_says_of_its_own_simulation_changes_nothing(tmp_path, noise)
     assert np.allclose(one.imu.acceleration_in_imu, other.imu.acceleration_in_imu, rtol=0, atol=1e-9)
 
 
-def test_actuators_sensors_and_keyframes_of_a_file_are_replaced_by_ours(tmp_path):
+def test_actuators_sensors_and_keyframes_of_a_file_are_replaced(tmp_path):
     robot = load_text(tmp_path, CLUTTERED)
     model, simulated = compiled(robot)
     assert [model.actuator(index).name for index in range(model.nu)] == list(robot.joint_names)
@@ -227,7 +227,7 @@ def test_no_message_is_printed_while_a_model_is_read(a1, robots, capfd):
 # --- actuators
 
 
-def test_torque_limits_are_enforced_as_the_motors_count_them(a1):
+def test_torque_limits_apply_to_reported_torques(a1):
     for errors in (SensorErrors(), SensorErrors(torque_gain=0.1)):
         with simulate(a1, errors) as simulation:
             here = simulation.platform.read().joint_position
@@ -280,7 +280,7 @@ def test_leg_links_are_scaled_as_a_whole_and_the_base_is_not(robots, name):
     assert after.body_subtreemass[simulated.base_body] == pytest.approx(after.body_mass.sum())
 
 
-def test_the_truth_knows_the_leg_errors(robots):
+def test_the_truth_includes_the_leg_errors(robots):
     robot = robots["URDF"]
     known, real = simulate(robot, "ideal"), simulate(robot, SensorErrors(leg_mass=0.1), seed=2)
     assert np.array_equal(known.truth.base.inertia, real.truth.base.inertia)
@@ -292,7 +292,7 @@ def test_the_truth_knows_the_leg_errors(robots):
 
 
 def rocking(robot, period, duration=0.6, size=0.03):
-    """Roll, pitch and yaw over planted feet, smoothly, at different speeds: joint targets."""
+    """Return joint targets of smooth roll, pitch and yaw over stance feet."""
     stance = nominal_stance(robot)
     position, solved = stance.joint_position, []
     for phase in np.arange(0.0, 1.0, period / duration):
@@ -303,7 +303,7 @@ def rocking(robot, period, duration=0.6, size=0.03):
     return Trajectory(np.array(solved))
 
 
-def test_the_imu_is_where_and_how_the_description_says(a1_urdf, tmp_path):
+def test_the_imu_has_the_pose_of_the_description(a1_urdf, tmp_path):
     rotation = pin.rpy.rpyToMatrix(0.3, -0.5, 2.0)
     straight = load_text(tmp_path, a1_urdf)
     mounted = load_text(tmp_path, a1_urdf, RobotDescription(imu_position=(0.1, 0.02, 0.05), imu_rpy=(0.3, -0.5, 2.0)))
@@ -318,18 +318,18 @@ def test_the_imu_is_where_and_how_the_description_says(a1_urdf, tmp_path):
     (base, imu), time = (recording.imu for recording in recordings), recordings[0].imu.time
     assert np.allclose(imu.angular_velocity_in_imu, base.angular_velocity_in_imu @ rotation, atol=1e-9)
     omega, alpha = base.angular_velocity_in_imu, np.gradient(base.angular_velocity_in_imu, time, axis=0)
-    felt = imu.acceleration_in_imu @ rotation.T - base.acceleration_in_imu
+    measured = imu.acceleration_in_imu @ rotation.T - base.acceleration_in_imu
     # What an IMU on an arm of 1 m along each axis would feel more; how much of each this one feels is its arm.
     unit = np.array([np.cross(alpha, axis) + np.cross(omega, np.cross(omega, axis)) for axis in np.eye(3)])
-    lever, felt = unit[:, 5:-5].reshape(3, -1).T, felt[5:-5].ravel()
-    arm = np.linalg.lstsq(lever, felt, rcond=None)[0]
+    lever, measured = unit[:, 5:-5].reshape(3, -1).T, measured[5:-5].ravel()
+    arm = np.linalg.lstsq(lever, measured, rcond=None)[0]
     assert np.allclose(arm, np.array([0.1, 0.02, 0.05]) - straight.imu_in_base.translation, atol=1e-3)
-    assert np.linalg.norm(felt - lever @ arm) < 0.02 * np.linalg.norm(felt)
+    assert np.linalg.norm(measured - lever @ arm) < 0.02 * np.linalg.norm(measured)
 
 
 @pytest.mark.parametrize("timestep", [0.5e-3, 1e-3])
 @pytest.mark.parametrize("payload", [None, "4,0.03,0.01,0.06"])
-def test_planted_feet_hold_while_the_body_shakes(a1, payload, timestep):
+def test_stance_feet_hold_while_the_body_shakes(a1, payload, timestep):
     with simulate(a1, "ideal", payload=payload, timestep=timestep) as simulation:
         platform = simulation.platform
         hold = Trajectory(np.repeat(nominal_stance(a1).joint_position[None], 1000, axis=0))
@@ -359,7 +359,7 @@ def no_log(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("no_log")
-def test_a_simulation_that_diverges_says_so(tmp_path):
+def test_a_diverging_simulation_raises(tmp_path):
     robot = load_text(tmp_path, quadruped_mjcf(), RobotDescription(kd=1e-6, kp=1e9), name="stiff")
     with pytest.raises(FallError, match=r"the simulation of 'stiff' became unstable at t = 0.00 s; check its inertias"):
         simulate(robot, "ideal")
@@ -375,7 +375,7 @@ def test_a_short_divergence_that_the_engine_recovers_from_does_not_pass(tmp_path
         platform.play(Trajectory(here, torque=torque))
 
 
-def test_a_model_that_the_engine_refuses_is_a_model_error(tmp_path):
+def test_a_model_that_the_engine_rejects_raises_model_error(tmp_path):
     # A leg's link without mass: the estimator's engine takes it, the simulator's does not.
     massless = quadruped_urdf().replace('<mass value="0.2"/>', '<mass value="0"/>', 1)
     robot = load_text(tmp_path, massless)

@@ -1,4 +1,4 @@
-"""Payloads on the simulated robot: what they add, and that the engine carries them where they are."""
+"""Payloads on the simulated robot: their inertia and the forces on the engine's floor."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_a_body_is_seven_numbers():
 @pytest.mark.parametrize(
     "text", ["", "1.5", "1,2,3", "1,2,3,4,5", "1,2,3,4,5,6", "1,2,3,4,5,6,7,8", "1,2,3,x", "1;2;3;4"]
 )
-def test_other_numbers_are_no_payload(text):
+def test_other_numbers_are_not_a_payload(text):
     with pytest.raises(SettingsError) as caught:
         Payload.parse(text)
     assert str(caught.value) == (
@@ -56,7 +56,7 @@ def test_other_numbers_are_no_payload(text):
         ("1,0,0,0,0,0,1", "the payload's inertia is not physical: a principal moment of inertia is 0 kg m2"),
     ],
 )
-def test_a_payload_that_cannot_be_is_refused(text, message):
+def test_an_unphysical_payload_is_rejected(text, message):
     with pytest.raises(SettingsError, match=message):
         Payload.parse(text)
 
@@ -94,7 +94,7 @@ def test_the_floor_carries_the_payload_where_it_is(a1, parameters):
     )
 
 
-def test_a_payload_adds_to_the_leg_errors_and_takes_nothing_from_them(a1):
+def test_a_payload_adds_to_the_leg_errors(a1):
     bare, loaded = (simulate(a1, "realistic", payload=payload, seed=4).truth for payload in (None, Payload(BOX)))
     assert loaded.composite.mass == pytest.approx(bare.composite.mass + BOX.mass)
     assert np.allclose(loaded.composite.com, (bare.composite + BOX).com, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Sensor and actuator errors: their sizes, how they are drawn, and what of them a platform shows."""
+"""Sensor and actuator errors: sizes, draws, and their effect on samples."""
 
 import dataclasses
 
@@ -67,7 +67,7 @@ def test_torque_like_errors_scale_with_the_robot_and_nothing_else_does():
         assert scaled[name] == pytest.approx(value * (3 if name in TORQUE_LIKE else 1))
 
 
-def test_a_preset_is_scaled_to_the_robot_and_errors_of_ones_own_are_not(a1):
+def test_only_presets_are_scaled_to_the_robot(a1):
     scale = nominal_stance(a1).scale
     sizes = simulate(a1, "realistic").platform._simulated.errors.sizes
     assert sizes == REALISTIC.scaled_to(scale)
@@ -149,7 +149,7 @@ def test_a_negative_seed_is_refused(a1):
     pieces=st.lists(st.integers(1, 1500), min_size=1, max_size=6),
     seed=st.integers(0, 2**32),
 )
-def test_noise_does_not_depend_on_the_pieces_in_which_it_is_asked_for(first, pieces, seed):
+def test_noise_does_not_depend_on_the_requested_pieces(first, pieces, seed):
     errors = DrawnErrors.draw(REALISTIC, 4, seed)
     whole = errors.noise(first, sum(pieces))
     starts = first + np.cumsum([0, *pieces[:-1]])
@@ -168,12 +168,12 @@ def test_noise_has_the_sizes_asked_for_and_no_correlation():
     assert np.abs((unit[:-1] * unit[1:]).mean(axis=0)).max() < 0.04
 
 
-def test_seeds_have_their_own_noise():
+def test_each_seed_has_different_noise():
     one, other = (DrawnErrors.draw(REALISTIC, 4, seed).noise(0, 10) for seed in (0, 1))
     assert not np.isclose(one, other).any()
 
 
-def test_no_noise_is_none():
+def test_zero_size_gives_no_noise():
     assert not drawn(joint_offset=1.0).noise(7, 30).any()
     assert drawn(encoder_noise=1.0).noise(0, 0).shape == (0, 3 * JOINTS + 6)
 
@@ -244,14 +244,14 @@ def at_every_engine_step(a1):
 
 
 def lag_of(value, rate):
-    """By how much a rate comes after the derivative of the value that it belongs to [s]."""
+    """Return the lag of a rate behind the derivative of its value [s]."""
     time = PERIOD * np.arange(len(value))
     slope = np.gradient(rate, PERIOD, axis=0)[5:-5]
     return float(np.sum((CubicSpline(time, value)(time, 1) - rate)[5:-5] * slope) / np.sum(slope**2))
 
 
 def off_derivative(position, velocity, step):
-    """How far velocities are off the derivative of positions, and how far the engine's own, half a step late, are."""
+    """Return the errors of velocities against the derivative of positions, and of the engine's own, half a step late."""
     off = (position[2:] - position[:-2]) / (2 * step) - velocity[1:-1]
     return off, np.abs(np.diff(velocity, axis=0)).max() / 2
 
@@ -267,7 +267,7 @@ def test_velocity_is_the_derivative_of_position_without_a_lag(at_every_engine_st
 
 
 @pytest.mark.parametrize("delay", [0.0, 2e-3])
-def test_stepping_feels_velocities_without_a_lag_too(at_every_engine_step, motion, delay):
+def test_stepping_measures_velocities_without_a_lag(at_every_engine_step, motion, delay):
     platform, steps = at_every_engine_step(command_delay=delay)
     states = [platform.step(motion.command(index // steps)) for index in range(steps * len(motion.position))]
     position, velocity = (np.array([getattr(s, f"joint_{name}") for s in states]) for name in ("position", "velocity"))
@@ -340,7 +340,7 @@ def test_a_clock_offset_makes_the_imu_younger_than_the_encoders(moved, offset):
     assert np.abs(late).max() > 1e-4
 
 
-def test_the_loop_closes_on_the_encoder_and_the_joint_goes_elsewhere(a1):
+def test_the_loop_closes_on_the_encoder_and_the_joint_is_offset(a1):
     zero = drawn(joint_offset=5e-3).joint_offset
     target, (kp, _) = nominal_stance(a1).joint_position, a1.gains(nominal_stance(a1).hip_height)
     with simulate(a1, SensorErrors(joint_offset=5e-3), seed=SEED) as simulation:
@@ -354,7 +354,7 @@ def test_the_loop_closes_on_the_encoder_and_the_joint_goes_elsewhere(a1):
     assert np.abs(moved_by).max() > 3e-3
 
 
-def test_an_encoder_reads_off_by_its_zero_however_the_joint_moves(a1):
+def test_the_encoder_error_is_the_joint_offset_in_any_motion(a1):
     zero = drawn(joint_offset=5e-3).joint_offset
     with simulate(a1, SensorErrors(joint_offset=5e-3), seed=SEED) as simulation:
         platform = simulation.platform
@@ -408,7 +408,7 @@ def test_a_tilted_imu_turns_rotations_alike(moved, ideal):
     assert np.allclose(turned - straight, -np.cross(tilt, straight), atol=0.02 * np.abs(straight).max())
 
 
-def test_an_ideal_imu_feels_gravity_upward(resting):
+def test_an_ideal_imu_measures_gravity_upward(resting):
     state = resting()
     assert np.linalg.norm(state.acceleration_in_imu) == pytest.approx(9.81, abs=0.01)
     assert state.acceleration_in_imu[2] > 9.8
@@ -444,7 +444,7 @@ def test_noise_of_a_whole_run_has_its_sizes(a1):
 
 @settings(max_examples=8, deadline=None)
 @given(cuts=st.lists(st.integers(1, 119), unique=True, max_size=5))
-def test_a_motion_played_in_pieces_is_felt_the_same(a1, motion, cuts):
+def test_a_motion_played_in_pieces_gives_the_same_samples(a1, motion, cuts):
     position = motion.position[:120]
     pieces = np.split(position, sorted(cuts))
     whole, pieced = (simulate(a1, "realistic", seed=SEED).platform for _ in range(2))

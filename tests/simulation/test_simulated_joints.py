@@ -1,4 +1,4 @@
-"""Friction, damping and reported torques of the joints in MuJoCo, found again from how they move."""
+"""Friction, damping and reported torques of the joints in MuJoCo, recovered from their motion."""
 
 import copy
 
@@ -45,7 +45,7 @@ def swung(robot, frequency, size, timestep, sizes):
 
 
 def lead_of(friction, speed, phase):
-    """By how much the first harmonic of friction leads that of the speed's sign [deg]."""
+    """Return the lead of the first harmonic of friction over that of the speed's sign [deg]."""
     wave = np.exp(-1j * phase)
     return np.degrees(np.angle((friction * wave).sum() / (np.sign(speed) * wave).sum()))
 

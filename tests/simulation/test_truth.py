@@ -1,4 +1,4 @@
-"""The simulated robot's truth and the robot model: two engines, no code in common, the same robot.
+"""The simulated robot's truth and the robot model: two engines without common code, the same robot.
 
 Some robots are compared with what MuJoCo reads from the user's own file too, for a cleaned file is read by both.
 """
@@ -82,7 +82,7 @@ SAME_IN_BOTH = {
 
 
 @pytest.mark.parametrize("name", SAME_IN_BOTH)
-def test_the_truth_without_errors_is_what_the_model_file_says(tmp_path, name):
+def test_the_truth_without_errors_matches_the_model_file(tmp_path, name):
     assert_engines_agree(load_text(tmp_path, *SAME_IN_BOTH[name]))
 
 
@@ -110,7 +110,7 @@ def of_the_catalogues(name, folder):
     return load_robot(name)
 
 
-def beside_the_catalogues(path, folder):
+def in_the_catalogue_folder(path, folder):
     """A file that comes with the catalogue's robots and has no line in it."""
     root = CATALOG["b1"].find().parents[2]
     return load_robot(root / path)
@@ -119,8 +119,8 @@ def beside_the_catalogues(path, folder):
 ARM_HELD = {"to_upper": 0.7, "to_lower": -0.5, "to_left_finger": 0.02, "to_right_finger": 0.03}
 EVERY_ROBOT = {
     **{name: (of_the_catalogues, name) for name in CATALOG},
-    "b1-z1": (beside_the_catalogues, "b1_description/urdf/b1-z1.urdf"),
-    "anymal-kinova": (beside_the_catalogues, "anymal_b_simple_description/robots/anymal-kinova.urdf"),
+    "b1-z1": (in_the_catalogue_folder, "b1_description/urdf/b1-z1.urdf"),
+    "anymal-kinova": (in_the_catalogue_folder, "anymal_b_simple_description/robots/anymal-kinova.urdf"),
     "URDF, arm on a mount": (
         lambda text, folder: load_text(folder, text), quadruped_urdf(extra=urdf_arm_on_a_mount()),
     ),
@@ -164,7 +164,7 @@ def read_or_skip(name, folder):
 
 @pytest.mark.parametrize("engine", [truth_in_mujoco, truth_in_dart])
 @pytest.mark.parametrize("name", EVERY_ROBOT)
-def test_with_nothing_changed_and_nothing_added_the_truth_is_the_model(tmp_path, name, engine):
+def test_the_truth_of_an_unchanged_robot_is_the_model(tmp_path, name, engine):
     robot = read_or_skip(name, tmp_path)
     stance = nominal_stance(robot)
     truth = engine(robot, stance, DrawnErrors.draw(IDEAL, len(robot.joint_names), 0))
@@ -196,7 +196,7 @@ def test_links_of_an_unchanged_robot_are_the_models(tmp_path, name):
 
 
 def composite_in_mujoco(model, robot, joint_position):
-    """Mass, CoM and inertia about it in the base frame, of a MuJoCo model that nobody cleaned; other joints at `held`."""
+    """Mass, CoM and inertia about it in the base frame, of an unmodified MuJoCo model; other joints at `held`."""
     data = mujoco.MjData(model)
     data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
     for name, value in [*zip(robot.joint_names, joint_position, strict=True), *robot.locked_joints.items()]:
@@ -309,7 +309,7 @@ ARMS = {
 
 
 @pytest.mark.parametrize("change", ARMS.values(), ids=ARMS)
-def test_a_held_arm_is_where_mujoco_has_it_at_the_same_joint_positions(tmp_path, change):
+def test_a_locked_arm_agrees_with_mujoco(tmp_path, change):
     text = change(quadruped_mjcf(arm=True))
     robot = load_text(tmp_path, text, BENT)
     assert robot.locked_joints == BENT.locked_joints
@@ -317,7 +317,7 @@ def test_a_held_arm_is_where_mujoco_has_it_at_the_same_joint_positions(tmp_path,
     assert_engines_agree(robot)
 
 
-def test_a_held_body_may_have_several_joints(tmp_path):
+def test_a_locked_body_may_have_several_joints(tmp_path):
     second = '<joint name="arm_0" axis="0 1 0"/><joint name="arm_0b" axis="1 0 0"/>'
     text = quadruped_mjcf(arm=True).replace('<joint name="arm_0" axis="0 1 0"/>', second)
     robot = load_text(tmp_path, text)
