@@ -34,7 +34,7 @@ class DrawnErrors:
     Attributes:
         sizes: sizes that they were drawn from.
         noise_seed: seed of the noise.
-        drawn: values of each effect, by its row's name, as many as its row says, in its unit (of a direction: its angle).
+        drawn: values of each effect by the name of its row, one per part, in its unit (of a direction: its angle).
     """
 
     sizes: SensorErrors

@@ -248,7 +248,7 @@ class SensorErrors:
     )  # fmt: skip
     foot_oval: float = effect(
         "radius of curvature of a foot's bottom fore and aft over the foot's radius, less one; across it loses half as much",
-        "", "robot", "exact", "rubber that wore on two sides", alone=0.3, most=(1.0, "a blade, seen across"),
+        "", "robot", "exact", "rubber that wore on two sides", alone=0.3, most=(1.0, "the foot would be a blade"),
         engines=MUJOCO, varied=False,
     )  # fmt: skip
     foot_flat: float = effect(

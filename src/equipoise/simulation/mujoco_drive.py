@@ -53,15 +53,15 @@ def add_springs(spec: mujoco.MjSpec, robot: RobotModel, errors: DrawnErrors, arm
     Args:
         armature: rotor inertia of the motors' side in the engine [kg m2]; it must not be zero.
     """
-    play = errors.sizes.backlash / 2
+    half_backlash = errors.sizes.backlash / 2
     for name in robot.joint_names:
         motor = spec.joint(name)
         motor.armature = armature
         # MuJoCo 4 has no parent of a joint's own; all versions have bodies that list theirs.
         body = next(body for body in spec.bodies if any(joint.name == name for joint in body.joints))
         link = body.add_joint(name=spring_name(name), type=motor.type, axis=motor.axis, pos=motor.pos)
-        if play:
-            link.limited, link.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-play, play]
+        if half_backlash:
+            link.limited, link.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-half_backlash, half_backlash]
 
 
 def has_springs(errors: DrawnErrors) -> bool:
