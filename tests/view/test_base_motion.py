@@ -1,4 +1,4 @@
-"""The motion of the base is computed from joints and IMU."""
+"""Motion of the base from joints and IMU."""
 
 import itertools
 from types import SimpleNamespace
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 
 class Witnessed(PlatformWrapper):
-    """Steps, and looks at the truth every ten milliseconds."""
+    """Simulated platform that records the true base motion every ten milliseconds."""
 
     def __init__(self, simulation):
         super().__init__(simulation.platform)

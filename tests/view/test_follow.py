@@ -1,4 +1,4 @@
-"""Logs are read while another process writes them."""
+"""Reader of logs that another process writes."""
 
 import shutil
 import subprocess
@@ -41,7 +41,7 @@ with RunLog(target) as log:
 
 @pytest.fixture(scope="module")
 def log(ideal_motions, tmp_path_factory):
-    """A move and a lift, cut into pieces, kept."""
+    """Return a log of a stance motion and a lift, in pieces."""
     path = tmp_path_factory.mktemp("log") / "recording_0.mcap"
     with RunLog(path) as log:
         for recording in (ideal_motions.move, ideal_motions.lift):

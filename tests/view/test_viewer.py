@@ -142,7 +142,9 @@ def test_a_killed_viewer_leaves_the_calibration_alone(tmp_path):
     assert process.returncode == 0
     assert json.loads(printed)["method"] == "paper"
     assert len(RunFolder.open(out).recordings()) > 5
-    assert "view: the Rerun viewer failed (247); 'equipoise view RUN' shows the run again" in log.read_text()
+    assert (
+        "view: the Rerun viewer failed with exit code 247; 'equipoise view RUN' shows the run again" in log.read_text()
+    )
 
 
 def test_a_killed_view_leaves_the_run_alone(a1, ideal_motions, tmp_path):
@@ -189,7 +191,7 @@ def test_how_to_open_a_view():
         "      from another computer: ssh -L 9090:127.0.0.1:9090 -L 9876:127.0.0.1:9876 "
     )
     assert page.endswith(", then open the same address there")
-    assert how_to_open(WINDOW) == "view: in a window of Rerun"
+    assert how_to_open(WINDOW) == "view: in a Rerun window"
     assert how_to_open("a.rrd") == "view: recorded in a.rrd"
 
 
@@ -239,5 +241,5 @@ def test_flags_that_cannot_be_used_are_refused(tmp_path, monkeypatch, capsys, fl
 def test_a_window_that_cannot_be_opened_is_reported(run, monkeypatch, capsys):
     monkeypatch.setenv("DISPLAY", ":99")
     assert main(["view", str(run), "--quiet"]) == 6
-    error = r"error: the Rerun viewer failed \(\d+\); 'equipoise view RUN' shows the run again\n"
+    error = r"error: the Rerun viewer failed with exit code \d+; 'equipoise view RUN' shows the run again\n"
     assert re.fullmatch(error, capsys.readouterr().err)

@@ -30,7 +30,7 @@ _STANDING = 4e-3  # [m] height above the lowest foot at which a foot hardly coun
 _WINDOW = 0.1  # [s] time in which the joints of a robot at rest move less than the next limit
 _STILL_JOINTS, _STILL_BASE = 2e-3, 0.03  # [rad], [rad/s]
 _TO_GRAVITY_AT_REST, _TO_GRAVITY = 0.3, 10.0  # [s] time constants of the correction by the accelerometer
-_SHAKEN = 1.0  # [m/s2] deviation from gravity beyond which the accelerometer is ignored
+_SHAKEN = 1.0  # [m/s2] difference from gravity beyond which the accelerometer is ignored
 _LEAST_LOAD = 0.05  # relative to a quarter of the robot's weight
 
 
@@ -71,7 +71,7 @@ class BaseTracker:
         """Return the motion over the steps that a piece completes; None if it completes none."""
         try:
             self._pending = piece if self._pending is None else Recording.concatenate([self._pending, piece])
-        except RecordingError:  # the clock was reset, or other streams were recorded from here on
+        except RecordingError:  # the clock was reset, or the recorded streams changed
             self._pending, self._step_end = piece, None
         steps = resample(self._pending, self._step_end)
         if steps is None:

@@ -19,7 +19,7 @@ from equipoise.robot.stance import Stance
 def estimates(
     robot: RobotModel, stance: Stance, method: Method, recordings: list[Recording]
 ) -> Iterator[tuple[ComEstimate, Sequence[LiftPlane]] | None]:
-    """Yield the estimate after each trial that allows one, with the support planes of its lifts; None while all are known.
+    """Yield the estimate after each trial that allows one, with the support planes of its lifts; None if none is new.
 
     Args:
         recordings: complete trials so far; the caller appends more.

@@ -1,4 +1,4 @@
-"""Reader of a run's log while another process writes it. The writing process does nothing for it."""
+"""Reader of a run's log while another process writes it, without cooperation of that process."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
 News = tuple[Sequence[Recording], Sequence[Recording]]
-"""New pieces of motion, in order, and the trials that are complete now."""
+"""New pieces of motion, in order, and the newly completed trials."""
 
 
 def log_news(robot: RobotModel, log: Log) -> News:
-    """Return a log of another program, with the trials that are found in it."""
+    """Return a log of other software, with the trials found in it."""
     try:
         parts = usable(find_segments(robot, nominal_stance(robot), log.recording, log.foot_forces))
-    except EquipoiseError:  # sensors that no estimate accepts can be shown all the same
+    except EquipoiseError:  # samples that cannot be used for an estimate can still be shown
         parts = []
     events = sorted((event for part in parts for event in part.events), key=lambda event: event.time)
     return [replace(log.recording, events=tuple(events))], parts
 
 
 def follow(path: Path, more: Callable[[], bool]) -> Iterator[News]:
-    """Yield what was written since the last time, as `FollowedLog.news`, until the log is closed.
+    """Yield new data from `FollowedLog.news` until the log is closed.
 
     Args:
-        path: file or folder as of `FollowedLog`.
-        more: whether to wait for more where the log is not closed.
+        path: file or folder, see `FollowedLog`.
+        more: function that returns whether to wait for more data.
 
     Raises:
-        RecordingError: a file is damaged or of another format, or the run was resumed, so that part of it is played again.
+        RecordingError: a file is damaged or has another format, or the run was resumed, which repeats part of it.
     """
     log = FollowedLog(path)
     while True:
@@ -53,7 +53,7 @@ class FollowedLog:
     """Log of equipoise, complete or still being written.
 
     Args:
-        path: file of the log, which need not exist yet; or the folder of a run.
+        path: file of the log, which need not exist yet, or the folder of a run.
     """
 
     def __init__(self, path: Path) -> None:
@@ -63,22 +63,22 @@ class FollowedLog:
 
     @property
     def closed(self) -> bool:
-        """Whether the log was closed."""
+        """True if the log was closed."""
         return self._readers[-1].closed and not self.superseded
 
     @property
     def superseded(self) -> bool:
-        """Whether the run was resumed, with a new file, since this log was opened."""
+        """True if the run was resumed, with a new file, since this log was opened."""
         return self._readers[-1].path != self._files()[-1]
 
     def news(self, final: bool) -> News:
         """Return pieces of motion and complete trials since the last call.
 
         Args:
-            final: whether this is the last call; else the last piece, which may still grow, is left for the next one.
+            final: whether this is the last call; otherwise the last piece, which may still grow, is left for the next call.
 
         Raises:
-            RecordingError: a file is damaged or of another format.
+            RecordingError: a file is damaged or has another format.
         """
         for reader in self._readers:
             if reader.path.exists() and (messages := reader.messages()):

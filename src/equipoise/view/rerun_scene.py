@@ -1,4 +1,4 @@
-"""Contents of a Rerun recording: the robot, its feet, support line and CoM, plots of sensors, and texts, on one time line."""
+"""Contents of a Rerun recording: robot, feet, support line and CoM, plots of sensors, and texts, on one timeline."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from equipoise.robot.stance import Stance
 from equipoise.view.base_motion import BaseMotion, BaseTracker
 
 TIMELINE = "time"
-_EVERY = 4  # steps of which one is shown: 25 a second
-# Weight above which a foot is shown as standing: slopes raise some by millimetres; largest enlargement of the CoM's ellipsoid.
+_EVERY = 4  # every fourth step is shown: 25 a second
+# Weight above which a foot is shown as standing, since slopes raise some feet; largest enlargement of the CoM's ellipsoid.
 _STANDS, _MAGNIFIED = 0.1, 10.0
 _FOOT, _LINE, _CENTRE, _PLANE, _ELLIPSOID = 0.012, 0.004, 0.012, 0.16, 0.15  # [m] sizes for an A1
 _STANDING, _IN_AIR, _ORANGE, _RED = (46, 160, 90), (170, 176, 186), (240, 140, 20), (214, 51, 108)
@@ -62,7 +62,7 @@ robot tipped forward, orange if backward, green if balanced
 
 
 def blueprint() -> Any:
-    """Return the layout of the viewer. It plays from the beginning, and waits at the end where more is recorded."""
+    """Return the layout of the viewer. It plays from the beginning and waits at the end for more data."""
     b: Any = import_module("rerun.blueprint")
     plots = [
         b.TimeSeriesView(origin=entity, name=name, plot_legend=b.PlotLegend(visible=entity != "torque"))
@@ -81,10 +81,10 @@ def blueprint() -> Any:
 
 
 class Scene:
-    """Writer of what a robot does, and of what is estimated, into a Rerun recording.
+    """Writer of a robot's motion and its estimates into a Rerun recording.
 
     Args:
-        stream: recording of Rerun to write to.
+        stream: Rerun recording to write to.
         expected: approximate number of trials, or None.
 
     Attributes:
@@ -100,22 +100,22 @@ class Scene:
         self._links = ["base", *(str(name).replace("/", "_") for name in list(robot.pinocchio.names)[2:])]
         self._start = np.nan  # time of the first sample
         self.steps, self._trials = 0, 0
-        self._events: list[Event] = []  # that are not shown yet
-        self._found: list[tuple[float, RecordedTrial]] = []  # in a log, with their beginnings; not shown yet
+        self._events: list[Event] = []  # not shown yet
+        self._found: list[tuple[float, RecordedTrial]] = []  # start and trial found in a log, not shown yet
         self._ends: list[float] = []  # of the complete trials
         self._trial: RecordedTrial | None = None
         self._lift: tuple[FloatArray, FloatArray] | None = None  # attitude and direction of the line at unloading
         self._log_static()
 
     def take(self, pieces: Sequence[Recording], complete: Sequence[Recording]) -> None:
-        """Write what was recorded next.
+        """Write new data.
 
         Args:
-            pieces: in order.
-            complete: trials that are complete now.
+            pieces: new pieces of motion, in order.
+            complete: newly completed trials.
         """
         self._found += [(float(one.joints.time[0]), one.found_trial) for one in complete if one.found_trial is not None]
-        with suppress(RecordingError):  # there is none, or the clock was reset in between
+        with suppress(RecordingError):  # no pieces, or the clock was reset between them
             pieces = [Recording.concatenate(pieces)]  # Rerun reads few large chunks faster
         for piece in pieces:
             if np.isnan(self._start):
@@ -130,7 +130,7 @@ class Scene:
         self._ends += [float(recording.joints.time[-1]) for recording in complete]
 
     def log_estimate(self, found: tuple[ComEstimate, Sequence[LiftPlane]] | None) -> None:
-        """Write an estimate at the end of its last trial, with the support planes; nothing if there is none."""
+        """Write an estimate, if any, with its support planes, at the end of its last trial."""
         if found is None:
             return
         estimate, planes = found
@@ -140,8 +140,8 @@ class Scene:
         self._stream.log("com_half_width", rr.Scalars(1000 * estimate.half_width))
         self._stream.log(place, rr.Transform3D(translation=estimate.com - self._nominal_com))
         if estimate.covariance is not None:
-            axes, half = ellipsoid_95(estimate.covariance)
-            shown = half * min(_MAGNIFIED, _ELLIPSOID * self._size / half.max())
+            axes, semi_axes = ellipsoid_95(estimate.covariance)
+            shown = semi_axes * min(_MAGNIFIED, _ELLIPSOID * self._size / semi_axes.max())
             turned, colours = Rotation.from_matrix(axes).as_quat(), [(*_RED, 90)]
             ellipsoid = rr.Ellipsoids3D(half_sizes=[shown], quaternions=[turned], colors=colours, fill_mode="solid")
             self._stream.log(f"{place}/ellipsoid", ellipsoid)
@@ -209,7 +209,7 @@ class Scene:
             self._stream.send_columns(entity, indexes=[index], columns=values)
 
     def _poses(self, base: FloatArray, rotation: FloatArray, joints: FloatArray) -> dict[str, Any]:
-        """Return columns with the poses of the base, of the links, and of the model file's CoM, which an estimate shifts."""
+        """Return columns with the poses of the base, of the links, and of the model file's CoM."""
 
         def columns(places: FloatArray, rotations: FloatArray, **others: FloatArray) -> Any:
             turned = Rotation.from_matrix(rotations).as_quat()
@@ -230,7 +230,7 @@ class Scene:
         }
 
     def _log_events(self, now: float, attitude: FloatArray, contacts: FloatArray) -> None:
-        """Write the events up to a time [s], at which the base has an attitude and the feet have contact points."""
+        """Write the events up to a time [s]; attitude of the base and contact points of the feet are those at that time."""
         while self._found and self._found[0][0] <= now:
             self._log_trial(*self._found.pop(0))
         while self._events and self._events[0].time <= now:
@@ -246,7 +246,7 @@ class Scene:
                 self._log_text("now", f"## {self._title()}\n**{phase}**\n\n{about}")
 
     def _log_trial(self, time: float, trial: RecordedTrial | None) -> None:
-        """Write that a trial begins at a time [s]."""
+        """Write the start of a trial at a time [s]."""
         self._set_time(time)
         self._trial, self._lift, self._trials = trial, None, self._trials + 1
         self._stream.log("trials", self._rr.TextLog(self._title()))
@@ -272,7 +272,7 @@ class Scene:
 
 
 def trial_title(trial: RecordedTrial | None) -> str:
-    """Return a short name of a trial; None stands for a kind of another version or package."""
+    """Return a short name of a trial; None: a trial of unknown kind, from another version or package."""
     words = ["motion"] if trial is None else [trial.kind, trial.about]
     if isinstance(trial, CommandedLift):
         words.append(trial.meanwhile if isinstance(trial, DesignedLift) else f"{1000 * trial.offset:+.1f} mm")
@@ -282,8 +282,8 @@ def trial_title(trial: RecordedTrial | None) -> str:
 def estimate_text(estimate: ComEstimate) -> str:
     """Return an estimate of the CoM as a table in Markdown."""
     rows = [
-        f"| {axis} | **{1000 * value:+.2f}** | {'not estimated' if np.isnan(half) else f'{1000 * half:.2f}'} |"
-        for axis, value, half in zip("xyz", estimate.com.tolist(), estimate.half_width.tolist(), strict=True)
+        f"| {axis} | **{1000 * value:+.2f}** | {'not estimated' if np.isnan(width) else f'{1000 * width:.2f}'} |"
+        for axis, value, width in zip("xyz", estimate.com.tolist(), estimate.half_width.tolist(), strict=True)
     ]
     interval = "half bracket" if estimate.brackets else "95 % interval"
     trials = f"In the base frame at the nominal stance, after {estimate.trials} trial{'s' * (estimate.trials > 1)}."
@@ -298,7 +298,7 @@ def plane_piece(lift: LiftPlane, com: FloatArray, size: float) -> FloatArray:
         size: half edge of the piece [m].
 
     Returns:
-        (4, 3) corners; the first two are the ends of the level line of the plane that is nearest to the CoM [m].
+        (4, 3) corners [m]; the first two are the ends of the plane's horizontal line that is nearest to the CoM.
     """
     plane = lift.plane
     along = np.cross(plane.normal, [0, 0, 1.0])
@@ -311,7 +311,7 @@ def plane_piece(lift: LiftPlane, com: FloatArray, size: float) -> FloatArray:
 
 
 def support_line(trial: RecordedTrial | None, contacts: FloatArray) -> FloatArray | None:
-    """Return (2, 3) right and left contact point of a lift's standing feet, of (4, 3) contact points of all feet [m]."""
+    """Return the (2, 3) right and left contact points of a lift's standing feet, from the (4, 3) points of all feet [m]."""
     if not isinstance(trial, LiftTrial):
         return None
     left, right = sorted(DIAGONALS[trial.diagonal], key=lambda leg: leg[1])

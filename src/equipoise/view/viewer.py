@@ -1,7 +1,7 @@
-"""Rerun's viewer in a window, in the browser, or a file for it; also beside a run, in a process of its own.
+"""Rerun viewer in a window, in the browser, or as a file; during a run, in a separate process.
 
-The run starts that process and otherwise ignores it. It reads the log that the run writes anyway. Its standard input is closed
-when the run's process ends, for whatever reason. Then it shows what was recorded and ends too.
+The run starts that process and otherwise ignores it. The process reads the run's log. Its standard input is closed when the
+run's process ends, for any reason; it then shows the remaining data and ends too.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from equipoise.view.rerun_scene import Scene, blueprint
 
 WINDOW, BROWSER = "window", "browser"
 _HOST = "127.0.0.1"
-_PAGE_PORT, _DATA_PORT = 9090, 9876  # Rerun's own; others are taken if these are in use
-_RERUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"  # it has its exit code
-_LOOK, _FLUSH = 0.1, 10.0  # [s] between looks at a log; for the last data to arrive
+_PAGE_PORT, _DATA_PORT = 9090, 9876  # Rerun's defaults; free ports replace those in use
+_RERUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"  # passes on the viewer's exit code
+_POLL, _FLUSH = 0.1, 10.0  # [s] interval between reads of a log; time limit for the last data
 
 
 def require_rerun() -> Any:
     """Return the package `rerun`; raise MissingDependencyError if it is not installed."""
-    os.environ.setdefault("RUST_LOG", "off")  # else it reports every window that was closed
+    os.environ.setdefault("RUST_LOG", "off")  # otherwise it reports every closed window
     try:
         import rerun  # noqa: PLC0415 - optional
     except ModuleNotFoundError as error:
@@ -55,11 +55,11 @@ def has_display() -> bool:
 
 
 def free_port(preferred: int) -> int:
-    """Return a port that is free on this computer: the preferred one if it is."""
+    """Return a free port of this computer, the preferred one if possible."""
     for port in (preferred, 0):
         with suppress(OSError), socket.create_server((_HOST, port)) as server:
             return int(server.getsockname()[1])
-    raise OutputError(f"no port of {_HOST} is free")
+    raise OutputError(f"no port of {_HOST} is free; write a file with --out")
 
 
 def view(
@@ -74,15 +74,14 @@ def view(
     """Show a run or a log.
 
     Args:
-        target: WINDOW, which stays open afterwards; BROWSER, which is served until `over`; or the path of a file, which is
-            replaced.
+        target: WINDOW, which stays open afterwards; BROWSER, which is served until `over`; or the path of a file to replace.
         title: name of the recording.
-        news: new pieces of motion and new complete trials.
+        news: new pieces of motion and newly completed trials.
         greet: function that is called with the file, the address of the page, or WINDOW; see `how_to_open`.
-        over: event after which a page is not served any more.
+        over: event that ends the serving of a page.
 
     Raises:
-        RecordingError: there is nothing to show.
+        RecordingError: the log holds no samples.
         OutputError: the file cannot be written, or the viewer failed.
     """
     stream = require_rerun().RecordingStream("equipoise")
@@ -100,13 +99,13 @@ def view(
         stream.connect_grpc(address, default_blueprint=blueprint())
         greet(page if served else WINDOW)
         _show(stream, robot, method, news, lambda: process.poll() is None and not (served and over.is_set()))
-        while served and process.poll() is None and not over.wait(_LOOK):
+        while served and process.poll() is None and not over.wait(_POLL):
             pass
 
 
 @contextmanager
 def _viewer(served: bool) -> Generator[tuple[subprocess.Popen[bytes], str, str]]:
-    """Start Rerun's viewer; yield its process, the address that takes data, and that of its page if it is served."""
+    """Start the Rerun viewer; yield its process, its address for data, and the address of its page."""
     port, page = free_port(_DATA_PORT), free_port(_PAGE_PORT)
     address = f"rerun+http://{_HOST}:{port}/proxy"
     command = [sys.executable, "-c", _RERUN, "--bind", _HOST, "--port", str(port)]
@@ -117,7 +116,7 @@ def _viewer(served: bool) -> Generator[tuple[subprocess.Popen[bytes], str, str]]
         yield process, address, f"http://{_HOST}:{page}/?url={address.replace('+', '%2B')}"
         if process.poll():
             raise OutputError(
-                f"the Rerun viewer failed ({process.returncode}); 'equipoise view RUN' shows the run again"
+                f"the Rerun viewer failed with exit code {process.returncode}; 'equipoise view RUN' shows the run again"
             )
     finally:
         if served:
@@ -141,12 +140,12 @@ def _show(stream: Any, robot: RobotModel, method: Method, news: Iterable[News], 
                 pending = thread.submit(next, coming)
             if not going():
                 return
-            time.sleep(_LOOK)
+            time.sleep(_POLL)
         scene.log_estimate(pending.result())
     while going() and (estimate := next(coming)) is not None:
         scene.log_estimate(estimate)
     if scene.steps == 0:
-        raise RecordingError("there is nothing to show: the log holds no samples of joints and IMU")
+        raise RecordingError("the log cannot be shown: it holds no samples of joints and IMU")
     try:
         stream.flush(timeout_sec=_FLUSH)
         stream.disconnect()
@@ -156,9 +155,9 @@ def _show(stream: Any, robot: RobotModel, method: Method, news: Iterable[News], 
 
 
 def how_to_open(place: str) -> str:
-    """Return where a view is shown, for a person who may be at another computer."""
+    """Return the location of a view, with the commands to open it from another computer."""
     if not place.startswith("http:"):
-        return f"view: in a {place} of Rerun" if place == WINDOW else f"view: recorded in {place}"
+        return f"view: in a Rerun {place}" if place == WINDOW else f"view: recorded in {place}"
     forwarded = " ".join(f"-L {port}:{_HOST}:{port}" for port in re.findall(f"{_HOST}:([0-9]+)", place))
     person = f"{getpass.getuser()}@{socket.gethostname()}"
     return f"view: {place}\n      from another computer: ssh {forwarded} {person}, then open the same address there"
@@ -173,7 +172,7 @@ def viewer_beside(folder: Path, target: str) -> Generator[subprocess.Popen[bytes
     """
     command = [sys.executable, "-m", "equipoise.view.viewer", str(folder), target]
     environment = {**os.environ, **ONE_THREAD}
-    # In a session of its own: Ctrl-C is for the run.
+    # A new session, so that Ctrl-C reaches only the run.
     process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, env=environment, start_new_session=True
     )
@@ -191,9 +190,9 @@ def viewer_beside(folder: Path, target: str) -> Generator[subprocess.Popen[bytes
 
 def main(path: str, target: str) -> None:
     """Show a run until the process that started this one ends."""
-    with suppress(AttributeError, OSError):  # not every system schedules so
+    with suppress(AttributeError, OSError):  # not supported on every system
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.nice(10)  # the process that moves the robot goes first
+    os.nice(10)  # the process that moves the robot has priority
     over = threading.Event()
     threading.Thread(target=lambda: (sys.stdin.read(), over.set()), daemon=True).start()
 
