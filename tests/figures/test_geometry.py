@@ -1,4 +1,4 @@
-"""What robots are drawn with."""
+"""Shapes of robots in figures."""
 
 import os
 
@@ -28,7 +28,7 @@ LENGTHS = st.floats(0.01, 2.0)
 
 
 def volume(mesh):
-    """By the divergence theorem: positive only if all faces look outward."""
+    """Return the volume by the divergence theorem, positive only if all faces point outward."""
     a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
     return float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6)
 
@@ -94,7 +94,7 @@ endsolid s
 """
 
 
-def test_meshes_beside_the_users_file_are_used_until_it_changes(tmp_path):
+def test_meshes_next_to_the_users_file_are_used_until_it_changes(tmp_path):
     (tmp_path / "trunk.stl").write_text(MESH, encoding="utf-8")
     visual = '<visual><geometry><mesh filename="package://{}/trunk.stl" scale="2 2 2"/></geometry></visual>'
     text = quadruped_urdf().replace("<inertial>", visual.format(tmp_path.name) + "<inertial>", 1)
@@ -159,7 +159,7 @@ def test_a_mesh_that_was_joined_wrongly_gives_way_to_its_hull():
 
 @pytest.mark.parametrize("path", ["../../../../etc/passwd", "/dev/zero", "package://../../etc/passwd", "pipe.stl"])
 def test_a_mesh_that_is_none_is_not_waited_for(a1, a1_urdf, tmp_path, path):
-    """Whatever a file names: its simple bodies are shown instead."""
+    """Simple bodies replace meshes that cannot be read."""
     os.mkfifo(tmp_path / "pipe.stl")
     visual = f'<visual><geometry><mesh filename="{path}"/></geometry></visual></link>'
     robot = load_text(tmp_path, a1_urdf.replace("</link>", visual, 1))

@@ -1,4 +1,4 @@
-"""What is seen from above, before anything draws it."""
+"""Contents of the plan view."""
 
 import dataclasses
 

@@ -25,7 +25,7 @@ INK, MUTED, ROBOT = "#1b1f24", "#5b6570", "#8b95a1"
 BAR = "interval"
 """Head of a column of bars."""
 LONG = 24
-"""Letters from which on a cell may break."""
+"""Length of a text above which a cell may wrap [characters]."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class Cell:
     """A cell of a table.
 
     Attributes:
-        text: its text.
+        text: text of the cell.
         tone: "strong", "muted" or "bad".
-        verdict: word that a page shows with a sign and a colour.
+        verdict: verdict that a page shows with a symbol and a colour.
         bar: quantity whose interval is drawn; a terminal leaves it out.
     """
 
@@ -53,10 +53,10 @@ class DataTable:
     """A table.
 
     Attributes:
-        title: its caption.
-        columns: heads; those that begin with "|" are right-aligned.
+        title: caption of the table.
+        columns: heads; columns whose head begins with "|" are right-aligned.
         rows: cells.
-        folded: whether a page shows the rows on demand.
+        folded: whether a page hides the rows until a click.
         style: class of the style sheet, "numbers", "numbers barred" or "shares".
     """
 
@@ -91,7 +91,7 @@ Block = str | tuple[str, ...] | DataTable | Figure
 
 
 class Section(NamedTuple):
-    """A part of a page below the first screen."""
+    """Section of a page below the first screen."""
 
     name: str
     title: str
@@ -100,13 +100,13 @@ class Section(NamedTuple):
 
 @dataclass(frozen=True)
 class PageContents:
-    """A page.
+    """Contents of a page.
 
     Attributes:
-        title, subtitle, lead: its head.
+        title, subtitle, lead: head of the page.
         alerts: name and message of each failed check or warning.
-        first: blocks of the first screen, figures beside the others.
-        sections: the parts below; empty ones are left out.
+        first: blocks of the first screen, figures next to the others.
+        sections: sections below; empty ones are left out.
     """
 
     title: str
@@ -123,19 +123,19 @@ def axes(x: str, y: str, **more: Any) -> Trace:
 
 
 def line(x: Iterable[float], y: Iterable[float], name: str, series: int, **more: Any) -> Trace:
-    """Return a line of a series, which differs from others in colour and dash."""
+    """Return a line of a series; colour and dash depend on the series."""
     style = {"color": SERIES[series % 4], "dash": DASHES[series % 4], "width": 2, **more.pop("line", {})}
     return {"type": "scatter", "mode": "lines", "x": short(x), "y": short(y), "name": name, "line": style, **more}
 
 
 def pieces(curves: Sequence[tuple[FloatArray, FloatArray]], name: str, series: int) -> Trace:
-    """Return a thin line of a series in pieces, a gap after each."""
+    """Return a thin line of a series through several curves, with gaps between them."""
     x, y = ([value for curve in curves for value in (*curve[axis], math.nan)] for axis in (0, 1))
     return line(x, y, name, series, line={"width": 1})
 
 
 def points(x: Iterable[float], y: Sequence[Any], name: str, marker: Trace, **more: Any) -> Trace:
-    """Return markers; y may be names."""
+    """Return markers; y may hold names."""
     return {"type": "scatter", "mode": "markers", "x": short(x, 6), "y": y, "name": name, "marker": marker, **more}
 
 
@@ -164,7 +164,7 @@ def short(values: Iterable[float], digits: int = 4) -> list[float | None]:
 
 
 def number(value: float | None, factor: float, form: str) -> str:
-    """Return a value times a factor, without a minus zero; a dash if it is not known."""
+    """Return a value times a factor as text, without negative zero; a dash for None."""
     if value is None:
         return "-"
     text = format(value * factor, form)

@@ -1,7 +1,7 @@
 """Shapes of a robot: simple bodies and meshes on its links, for pages and viewers.
 
-Visuals come from the user's own model file where that is still the one that was read and all its meshes are at hand; else the
-simple collision bodies of the cleaned model are taken. A link with neither gets a capsule along it, the base a box.
+Visuals come from the user's model file if it is unchanged and all its meshes can be read; otherwise from the collision bodies
+of the cleaned model. A link with neither gets a capsule along it, the base a box.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ Kind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
 Part = Literal["base", "hip", "thigh", "shank"]
 
 _AROUND = 24  # edges around a round body
-_MOST_FACES = 20_000  # of one mesh, before it is made coarser: some models' meshes are made for printing
+_MOST_FACES = 20_000  # of one mesh; finer ones, such as meshes for 3D printing, are coarsened
 _MOST_FACES_ON_PAGE = 1200
-_FACES_OF_GRID = 3.0  # times the square of the cells along its longest side has a mesh that is made coarser
+_FACES_OF_GRID = 3.0  # faces of a coarsened mesh per square of the number of cells along its longest side
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles.
+    """Triangle mesh.
 
     Attributes:
         vertices: (n, 3) [m].
@@ -46,7 +46,7 @@ class Mesh:
     faces: IntArray
 
     def normals(self) -> FloatArray:
-        """(n, 3) unit normals at the vertices: of the faces around each, by their areas."""
+        """Return (n, 3) unit normals at the vertices: area-weighted means of the adjacent faces' normals."""
         a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
         normals = np.zeros_like(self.vertices)
         for corner in range(3):
@@ -54,24 +54,24 @@ class Mesh:
         return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
     def moved(self, place: pin.SE3) -> Mesh:
-        """Return it in the frame in which its own frame has a placement."""
+        """Return the mesh in the frame in which its own frame has a placement."""
         return Mesh(self.vertices @ np.array(place.rotation).T + np.array(place.translation), self.faces)
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """One body on one link.
+    """Shape on a link.
 
     Attributes:
-        joint: Pinocchio's id of the joint that carries it; 1 is the base.
-        part: of the robot that it is on.
-        kind: what it is.
-        size: [m] box: its edges x, y, z; sphere: radius; cylinder and capsule: radius and the length along its z (without a
-            capsule's caps); mesh: none.
-        rotation: (3, 3) its axes in the joint's frame.
-        translation: (3,) its middle in the joint's frame [m].
-        own: of a mesh, its triangles in its own axes.
-        stands_in: for a link of which the file says nothing.
+        joint: Pinocchio's id of the link's joint; 1 is the base.
+        part: part of the robot.
+        kind: kind of shape.
+        size: box: edge lengths x, y, z; sphere: radius; cylinder and capsule: radius and length along z, without a capsule's
+            caps; mesh: empty [m].
+        rotation: (3, 3) rotation from the shape's axes to the joint's frame.
+        translation: (3,) centre in the joint's frame [m].
+        own: triangles of a mesh in its own axes.
+        stands_in: whether it replaces a shape that the model file lacks.
     """
 
     joint: int
@@ -84,39 +84,39 @@ class Shape:
     stands_in: bool = False
 
     def mesh(self) -> Mesh:
-        """Its triangles in the joint's frame."""
+        """Return the triangle mesh in the joint's frame."""
         mesh = self.own or _MESHES[self.kind](*self.size)
         return Mesh(mesh.vertices @ self.rotation.T + self.translation, mesh.faces)
 
 
 def robot_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Shape, ...]:
-    """All shapes of a robot, those of the base first.
+    """Return all shapes of a robot, those of the base first.
 
     Args:
-        most_faces: of one mesh; about so many are left of one that has more.
+        most_faces: approximate number of faces to which larger meshes are reduced.
     """
     found = _visuals(robot, most_faces) or _collisions(robot, most_faces)
     return tuple(sorted([*found, *_stand_ins(robot, found)], key=lambda shape: shape.joint))
 
 
 def at_posture(robot: RobotModel, shapes: Iterable[Shape], joint_position: FloatArray) -> list[Mesh]:
-    """The shapes' triangles in the base frame.
+    """Return the shapes' meshes in the base frame.
 
     Args:
-        joint_position: (nj,) of the leg joints [rad].
+        joint_position: (nj,) positions of the leg joints [rad].
     """
     poses = Kinematics(robot).joint_poses(joint_position)
     return [shape.mesh().moved(poses[shape.joint]) for shape in shapes]
 
 
 def robot_meshes(robot: RobotModel, joint_position: FloatArray) -> tuple[list[Mesh], list[Mesh], bool]:
-    """Return a robot in a posture, coarse enough for a page that is sent by mail.
+    """Return a robot in a posture, coarse enough to keep the page small.
 
     Args:
-        joint_position: (nj,) of the leg joints [rad].
+        joint_position: (nj,) positions of the leg joints [rad].
 
     Returns:
-        meshes of the base and of the legs in the base frame [m], and whether the model file has shapes of all links.
+        meshes of the base and of the legs in the base frame [m], and whether the model file has shapes for all links.
     """
     shapes = robot_shapes(robot, _MOST_FACES_ON_PAGE)
     meshes = list(zip(shapes, at_posture(robot, shapes, joint_position), strict=True))
@@ -126,24 +126,24 @@ def robot_meshes(robot: RobotModel, joint_position: FloatArray) -> tuple[list[Me
 
 
 def box(x: float, y: float, z: float) -> Mesh:
-    """A box with edges of these lengths about the origin [m]."""
+    """Return a box around the origin with these edge lengths [m]."""
     corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * [x / 2, y / 2, z / 2]
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return Mesh(corners, np.array([face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))]))
 
 
 def sphere(radius: float) -> Mesh:
-    """A sphere about the origin [m]."""
+    """Return a sphere around the origin [m]."""
     return capsule(radius, 0.0)
 
 
 def cylinder(radius: float, length: float) -> Mesh:
-    """A cylinder along z about the origin [m]."""
+    """Return a cylinder along z around the origin [m]."""
     return _turned([(0.0, -length / 2), (radius, -length / 2), (radius, length / 2), (0.0, length / 2)])
 
 
 def capsule(radius: float, length: float) -> Mesh:
-    """A cylinder along z with half spheres at its ends [m]."""
+    """Return a cylinder along z with hemispheres at its ends [m]."""
     angles = np.linspace(0, np.pi / 2, _AROUND // 4 + 1)
     upper = [(radius * float(np.cos(a)), length / 2 + radius * float(np.sin(a))) for a in angles[:-1]]
     upper.append((0.0, length / 2 + radius))
@@ -154,7 +154,7 @@ _MESHES = {"box": box, "sphere": sphere, "cylinder": cylinder, "capsule": capsul
 
 
 def _turned(profile: list[tuple[float, float]]) -> Mesh:
-    """The body that a profile (radius, z), from the bottom up, encloses when it turns about z."""
+    """Return the solid of revolution about z of a profile (radius, z), from the bottom up."""
     around = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
     circle = np.column_stack([np.cos(around), np.sin(around)])
     rings = [np.column_stack([r * circle, np.full(_AROUND, z)]) for r, z in profile]
@@ -171,7 +171,7 @@ def _turned(profile: list[tuple[float, float]]) -> Mesh:
 
 
 def _visuals(robot: RobotModel, most_faces: int) -> list[Shape]:
-    """Visuals of the user's own file; none if it is gone or changed, or a mesh cannot be read."""
+    """Return the visuals of the user's file; none if it is missing or changed, or a mesh cannot be read."""
     path = robot.source.path
     try:
         if hashlib.sha256(path.read_bytes()).hexdigest() != robot.source.sha256:
@@ -182,7 +182,7 @@ def _visuals(robot: RobotModel, most_faces: int) -> list[Shape]:
 
 
 def _collisions(robot: RobotModel, most_faces: int) -> list[Shape]:
-    """Simple bodies of the cleaned model."""
+    """Return the simple bodies of the cleaned model."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.xml"
         path.write_text(robot.source.xml, encoding="utf-8")
@@ -190,7 +190,7 @@ def _collisions(robot: RobotModel, most_faces: int) -> list[Shape]:
 
 
 def _read(robot: RobotModel, path: Path, model_format: str, what: Any, most_faces: int) -> Iterator[Shape]:
-    """Shapes of a file, put on the links of the robot by the links' names."""
+    """Return the shapes of a file, assigned to the robot's links by name."""
     if model_format == "urdf":
         model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
         geometry = pin.buildGeomFromUrdf(model, str(path), what, package_dirs=_package_folders(path))
@@ -210,12 +210,12 @@ def _read(robot: RobotModel, path: Path, model_format: str, what: Any, most_face
 
 
 def _package_folders(path: Path) -> list[str]:
-    """Return the folders for package://NAME/...: NAME is a folder above the file, or inside one."""
+    """Return the folders in which NAME of package://NAME/... is looked up: those above the file."""
     return [str(folder) for folder in path.resolve().parents]
 
 
 def _form(shape: Any, most_faces: int) -> tuple[Kind, tuple[float, ...], Mesh | None] | None:
-    """Kind, size and triangles of a shape of Pinocchio; None for planes and the like."""
+    """Return kind, size and mesh of a Pinocchio shape; None for unsupported shapes, such as planes."""
     geometry = shape.geometry
     name = type(geometry).__name__
     if name == "Box":
@@ -233,9 +233,9 @@ def _form(shape: Any, most_faces: int) -> tuple[Kind, tuple[float, ...], Mesh | 
 
 
 def _mended(mesh: Mesh) -> Mesh:
-    """Return the mesh, or its convex hull if it has vertices that belong to no triangle.
+    """Return the mesh, or its convex hull if some vertices belong to no triangle.
 
-    Of a file of several parts coal 3.0 counts the vertices of each part from zero, so that triangles join the wrong ones.
+    In files of several parts, coal 3.0 counts the vertices of each part from zero, so triangles join the wrong vertices.
     """
     if len(np.unique(mesh.faces)) == len(mesh.vertices):
         return mesh
@@ -260,7 +260,7 @@ def _coarser(mesh: Mesh, most_faces: int) -> Mesh:
 
 
 def _stand_ins(robot: RobotModel, found: list[Shape]) -> Iterator[Shape]:
-    """Shapes for links that have none, or only a foot's sphere."""
+    """Return shapes for links without a shape, or with only a foot's sphere."""
     shown = {shape.joint for shape in found if shape.kind != "sphere"}
     if BASE_JOINT not in shown:
         edges, middle = trunk_box(robot, around=1.0)

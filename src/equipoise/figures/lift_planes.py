@@ -1,4 +1,4 @@
-"""Support planes of lifts, all at the nominal stance in the base frame: where each lift says that the CoM is."""
+"""Support planes of lifts at the nominal stance, in the base frame; each contains the CoM according to its lift."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from equipoise.paper.evidence import SearchEvidence
 from equipoise.result.calibration import Calibration
 
 LiftPlanes = Sequence[LiftPlane]
-"""In the order of the lifts."""
+"""Support planes in the order of the lifts."""
 
 
 def lift_planes(result: Calibration) -> LiftPlanes:
-    """The planes that the paper's lifts stood on, or those that the precise ones put the CoM in.
+    """Return the support planes of the paper's lifts, or the planes through the CoM of the Bayesian method's lifts.
 
     Empty for a result from a JSON file.
     """

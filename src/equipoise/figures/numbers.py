@@ -1,4 +1,4 @@
-"""The table of a body's parameters: estimates with their intervals, the model file and the truth."""
+"""Table of a body's parameters: estimates with intervals, values of the model file and the truth."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from equipoise.result.shown import ROWS, called
 
 BODIES = {
     "composite": "the whole robot at its stance",
-    "base": "the base link with all that is fixed to it",
+    "base": "the base link with everything fixed to it",
     "stance_effective": "the paper's body: base, hips and thighs",
 }
 
 
 @dataclass(frozen=True)
 class Number:
-    """One estimated quantity in displayed units.
+    """Estimated quantity in displayed units.
 
     Attributes:
         label: name and unit.
         form: format of the numbers.
-        quantity: the quantity in those units.
+        quantity: quantity in displayed units.
     """
 
     label: str
@@ -41,7 +41,7 @@ class Number:
 
     @property
     def half_width(self) -> str:
-        """Half the 95 % interval."""
+        """Half width of the 95 % interval."""
         return number(self.quantity.half_width, 1, self.form)
 
     def __str__(self) -> str:
@@ -49,7 +49,7 @@ class Number:
 
 
 def numbers(result: Calibration, body: str = "composite") -> list[Number]:
-    """Return the estimated quantities of a body, and the paper's I and C if there are no intervals."""
+    """Return the estimated quantities of a body; without intervals, also the paper's I and C."""
     shown = numbers_of(getattr(result, body))
     return shown if result.has_intervals or body != "composite" else shown + list(_excitations(result))
 
@@ -83,7 +83,7 @@ def _excitations(result: Calibration) -> Iterator[Number]:
 def numbers_table(shown: list[Number], title: str) -> DataTable:
     """Return a row for each quantity, with a bar for its interval; empty columns are left out."""
     found = [one.quantity for one in shown]
-    there = {
+    given = {
         "|95 % +-": any(one.half_width is not None for one in found),
         "verdict": any(one.verdict for one in found),
         "|truth": any(one.truth is not None for one in found),
@@ -91,7 +91,7 @@ def numbers_table(shown: list[Number], title: str) -> DataTable:
         "|model": any(one.model is not None for one in found),
         "|change": any(one.model is not None for one in found),
     }
-    columns = [name for name in ("parameter", "|estimate", "|95 % +-", BAR, *list(there)[1:]) if there.get(name, True)]
+    columns = [name for name in ("parameter", "|estimate", "|95 % +-", BAR, *list(given)[1:]) if given.get(name, True)]
     return DataTable(title, columns, [_cells(one, columns) for one in shown], style="numbers barred")
 
 

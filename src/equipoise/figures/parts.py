@@ -31,14 +31,14 @@ _LINKS = (
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """All parts of a kind.
+    """All parts of one kind.
 
     Attributes:
-        kind: what they are, "motors" or "links".
-        each: what one of them is called by, "joint" or "link".
-        columns: what is shown of each.
-        found: by name, in an order that puts each above its like on the other side.
-        remark: sentence on what the numbers refer to.
+        kind: "motors" or "links".
+        each: head of the column of names, "joint" or "link".
+        columns: columns of the table.
+        found: parts by name, each left part directly above its right counterpart.
+        remark: sentence on the reference of the numbers.
     """
 
     kind: str
@@ -49,7 +49,7 @@ class Parts:
 
     @property
     def legend(self) -> list[str]:
-        """Meaning of each mark in the table, a sentence each."""
+        """Meaning of each mark in the table."""
         shown = [one for part in self.found.values() for one in part.quantities.values()]
         marks = {
             "In brackets: standard deviation hardly below the prior's.": any(
@@ -60,7 +60,7 @@ class Parts:
         return [message for message, there in marks.items() if there]
 
     def of(self, name: str) -> list[Quantity]:
-        """One quantity of every part."""
+        """Return one quantity of every part."""
         return [part.quantities[name] for part in self.found.values()]
 
     def table(self, title: str = "") -> DataTable:
@@ -78,28 +78,28 @@ def parts_of(result: Calibration) -> list[Parts]:
     if result.robot_model is not None:
         joints = [name for leg in result.robot_model.legs.values() for name in leg.joint_names]
     motors = Parts(
-        "motors", "joint", _told(_MOTORS, result.motors), _left_by_right(result.motors, joints),
-        "Torques are in the unit in which the motors report them on average; gains are relative to their mean.",
+        "motors", "joint", _with_values(_MOTORS, result.motors), _left_by_right(result.motors, joints),
+        "Torques are in the motors' mean reported unit; gains are relative to their mean.",
     )  # fmt: skip
     return [parts for parts in (motors, parts_of_legs(result.links)) if parts.found]
 
 
-def _told(columns: tuple[Shown, ...], found: Mapping[str, Part]) -> tuple[Shown, ...]:
-    """Return the columns that have a value; friction that grows toward rest mostly has none."""
+def _with_values(columns: tuple[Shown, ...], found: Mapping[str, Part]) -> tuple[Shown, ...]:
+    """Return the columns with a value; Stribeck friction often has none."""
     return tuple(one for one in columns if any(part.quantities[one.name].value is not None for part in found.values()))
 
 
 def parts_of_legs(links: Mapping[str, Link]) -> Parts:
-    """Links by name, leg by leg."""
+    """Return the links of the legs, from links by name in the order of the legs."""
     return Parts(
         "links", "link", _LINKS, _left_by_right(links, list(links)),
-        "Each link with all that is fixed to it, in its joint's frame: m c is its first moment, the mass times where its CoM "
-        "is, which motions show better than the mass. Lengths go from joint to joint, a calf's to the foot's middle.",
+        "Each link with everything fixed to it, in its joint's frame. m c is its first moment, mass times CoM position, which "
+        "motions determine better than the mass. Lengths are from joint to joint, a calf's to the centre of the foot.",
     )  # fmt: skip
 
 
 def _left_by_right(found: Mapping[str, Part], names: Sequence[str]) -> dict[str, Part]:
-    """Parts in an order that puts each above its like on the other side, of names by the legs FL FR RL RR."""
+    """Return parts with each left one directly above its right counterpart, from names in the order FL FR RL RR."""
     per_leg = len(names) // 4
     sides = (names[: 2 * per_leg], names[2 * per_leg :])
     pairs = (pair for side in sides for pair in zip(side[:per_leg], side[per_leg:], strict=True))
@@ -107,22 +107,22 @@ def _left_by_right(found: Mapping[str, Part], names: Sequence[str]) -> dict[str,
 
 
 def _cells(quantities: list[Quantity], shown: Shown) -> list[str]:
-    """A column; the narrowest interval says how many digits all have."""
-    halves = [quantity.half_width * shown.factor for quantity in quantities if quantity.half_width]
-    form = f".{_decimals(min(halves, default=1.0))}f"
+    """Return the cells of a column; the narrowest interval determines the digits of all."""
+    widths = [quantity.half_width * shown.factor for quantity in quantities if quantity.half_width]
+    form = f".{_decimals(min(widths, default=1.0))}f"
     return [_cell(quantity, shown, form) for quantity in quantities]
 
 
-def _decimals(half: float) -> int:
-    """Return the decimals of a number from half its interval: its first digit, and the second of what begins with 1 or 2."""
-    place = floor(log10(half))
-    return max(0, -place + (half < 3 * 10.0**place))
+def _decimals(half_width: float) -> int:
+    """Return the decimals that show the first digit of a half width, and the second if it begins with 1 or 2."""
+    place = floor(log10(half_width))
+    return max(0, -place + (half_width < 3 * 10.0**place))
 
 
 def _cell(quantity: Quantity, shown: Shown, form: str) -> str:
     if quantity.value is None or quantity.half_width is None:
         return "-"
     outside = " (!)" if quantity.missed else ""
-    value, half = quantity.value * shown.factor, quantity.half_width * shown.factor
-    told = f"{value:{shown.form}{form}}+-{half:{form}}"
-    return f"({told}){outside}" if quantity.verdict == "not identified" else told + outside
+    value, half_width = quantity.value * shown.factor, quantity.half_width * shown.factor
+    text = f"{value:{shown.form}{form}}+-{half_width:{form}}"
+    return f"({text}){outside}" if quantity.verdict == "not identified" else text + outside

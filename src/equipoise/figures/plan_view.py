@@ -1,4 +1,4 @@
-"""The plan view: a robot, its support lines and its centre of mass from above, in the base frame, x forward, y left."""
+"""Plan view: a robot, its support lines and its CoM from above, in the base frame, x forward, y left."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from equipoise.result.statistics import ellipsoid_95
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
-_SMALLEST, _WIDEST = 0.003, 0.060  # [m] from the middle of the close-up to its edge
-_UPRIGHT = 0.1  # of a plane's normal that must be level for its cut to mean anything
+_SMALLEST, _WIDEST = 0.003, 0.060  # [m] limits of the close-up's half width
+_UPRIGHT = 0.1  # smallest horizontal part of a plane's normal for a well-defined intersection
 _MARKERS: dict[str, Trace] = {
     "model": {"color": MUTED, "size": 11, "symbol": "square-open", "line": {"width": 2}},
     "truth": {"color": INK, "size": 9, "symbol": "x-thin", "line": {"width": 2, "color": INK}},
@@ -31,10 +31,10 @@ _FAINTEST = 0.35  # weight of the first lift of a bisection
 
 @dataclass(frozen=True, eq=False)
 class Ellipse:
-    """Ellipse that holds 95 % of a normal distribution in the plane.
+    """95 % ellipse of a normal distribution in the plane.
 
     Attributes:
-        major, minor: half axes [m].
+        major, minor: semi-axes [m].
         angle: angle of the major axis, from x towards y [rad].
     """
 
@@ -44,12 +44,12 @@ class Ellipse:
 
     @classmethod
     def of(cls, covariance: FloatArray) -> Ellipse:
-        """From a (2, 2) covariance of x and y [m2]."""
+        """Return the ellipse of a (2, 2) covariance of x and y [m2]."""
         directions, (minor, major) = ellipsoid_95(covariance)
         return cls(float(major), float(minor), float(np.arctan2(directions[1, 1], directions[0, 1])))
 
     def outline(self, centre: FloatArray) -> FloatArray:
-        """Return (n, 2) points of it around a (2,) centre [m]."""
+        """Return (n, 2) points of the outline around a (2,) centre [m]."""
         around = np.linspace(0, 2 * np.pi, 73)
         along, across = self.major * np.cos(around), self.minor * np.sin(around)
         cos, sin = np.cos(self.angle), np.sin(self.angle)
@@ -58,13 +58,13 @@ class Ellipse:
 
 @dataclass(frozen=True, eq=False)
 class PlanMark:
-    """A centre of mass.
+    """Centre of mass in the plan view.
 
     Attributes:
-        kind: "found"; "model", by the model file; "truth", as simulated.
-        label: words for it.
+        kind: "found", the estimate; "model", of the model file; "truth", as simulated.
+        label: label of the mark.
         position: (2,) x and y in the base frame [m].
-        ellipse: ellipse that holds it with 95 %, or None.
+        ellipse: 95 % ellipse, or None.
     """
 
     kind: Literal["found", "model", "truth"]
@@ -74,26 +74,26 @@ class PlanMark:
 
     @property
     def words(self) -> str:
-        """Label and place."""
+        """Label and position."""
         x, y = (number(value, 1000, ".2f") for value in self.position)
         return f"{self.label} x {x}, y {y} mm"
 
     @property
     def reach(self) -> float:
-        """Largest distance of the CoM from its position [m], with 95 %."""
+        """Largest distance between the CoM and its estimate [m], with 95 % probability."""
         return 0.0 if self.ellipse is None else self.ellipse.major
 
 
 @dataclass(frozen=True, eq=False)
 class PlanLine:
-    """A line, of one diagonal.
+    """Support line of one diagonal.
 
     Attributes:
         diagonal: "FL_RR" or "FR_RL".
         point: (2,) point on it, in the base frame [m].
         direction: (2,) unit vector along it, in the base frame.
-        verdict: way that the robot tipped in this lift, "forward", "backward" or "balanced"; None: the CoM is on the line.
-        weight: how solidly to draw it, above 0 up to 1: a bisection's lifts come nearer to the CoM one by one.
+        verdict: tipping direction in this lift, "forward", "backward" or "balanced"; None: the CoM is on the line.
+        weight: opacity, above 0 up to 1: the lifts of a bisection approach the CoM one by one.
     """
 
     diagonal: str
@@ -106,23 +106,23 @@ class PlanLine:
     def cut(
         cls, diagonal: str, plane: SupportPlane, height: float, verdict: str | None = None, weight: float = 1.0
     ) -> PlanLine:
-        """The line in which a support plane meets the horizontal plane at a height [m] in the base frame."""
+        """Return the intersection of a support plane with the horizontal plane at a height [m] in the base frame."""
         flat = plane.normal[:2]
         point = plane.point[:2] + flat * plane.normal[2] * (plane.point[2] - height) / (flat @ flat)
         return cls(diagonal, point, np.array([flat[1], -flat[0]]) / np.linalg.norm(flat), verdict, weight)
 
     def nearest_to(self, position: FloatArray) -> FloatArray:
-        """(2,) its point nearest to a (2,) position [m]."""
+        """Return the (2,) point of the line nearest to a (2,) position [m]."""
         return self.point + self.direction * float(self.direction @ (position - self.point))
 
     def piece(self, centre: FloatArray, reach: float) -> FloatArray:
-        """(2, 2) the ends of it that are a reach [m] to either side of its point nearest to a (2,) centre [m]."""
+        """Return (2, 2) ends of the segment within a reach [m] of the line's point nearest to a (2,) centre [m]."""
         return self.nearest_to(centre) + np.outer([-reach, reach], self.direction)
 
 
 @dataclass(frozen=True, eq=False)
 class PlanOutline:
-    """The robot at its nominal stance.
+    """Outline of the robot at its nominal stance.
 
     Attributes:
         base: (n, 2) corners of the base's convex outline, in the base frame [m].
@@ -136,7 +136,7 @@ class PlanOutline:
 
     @classmethod
     def of(cls, robot: RobotModel, joint_position: FloatArray) -> PlanOutline:
-        """At (nj,) joint positions [rad]."""
+        """Return the outline at (nj,) joint positions [rad]."""
         base, legs, _ = robot_meshes(robot, joint_position)
         feet: dict[str, FloatArray] = dict(zip(LEG_NAMES, foot_positions(robot, joint_position)[:, :2], strict=True))
         return cls(_hull(base), tuple(_hull([mesh]) for mesh in legs), feet)
@@ -147,13 +147,13 @@ class PlanView:
     """Robot, lines and marks from above.
 
     Attributes:
-        marks: centres of mass, those found first.
-        centre: (2,) middle of the close-up, in the base frame [m].
-        half_width: distance from there to its edges [m].
+        marks: centres of mass, the estimates first.
+        centre: (2,) centre of the close-up, in the base frame [m].
+        half_width: distance from the centre to the edges of the close-up [m].
         lifts: line of each lift.
         support_lines: line of each diagonal.
-        balanced: whether those are where the robot balances; else they run through its feet.
-        outline: the robot; None: its model is not at hand.
+        balanced: whether the robot balances on the support lines; otherwise they run through the feet.
+        outline: outline of the robot; None without a robot model.
     """
 
     marks: tuple[PlanMark, ...]
@@ -166,25 +166,25 @@ class PlanView:
 
     @property
     def found(self) -> list[PlanMark]:
-        """The estimates."""
+        """Marks of the estimates."""
         return [mark for mark in self.marks if mark.kind == "found"]
 
 
 def plan_view(results: Mapping[str, Calibration], lifts: LiftPlanes = ()) -> PlanView | None:
-    """Return the view of one result with model and truth, or of several; the first one's robot is drawn.
+    """Return the view of one result with model and truth, or of several results with the robot of the first.
 
     Args:
         results: results by the name to show.
         lifts: planes of all lifts, if there is one result.
 
     Returns:
-        None if none knows where its CoM is in the plane.
+        the view; None if no result has an estimate of the CoM's x and y.
     """
-    known = {name: one for name, one in results.items() if np.isfinite(one.composite.com_in_base.values[:2]).all()}
-    if not known:
+    located = {name: one for name, one in results.items() if np.isfinite(one.composite.com_in_base.values[:2]).all()}
+    if not located:
         return None
-    first, alone = next(iter(known.values())), len(results) == 1
-    marks = [_found(result, "estimate" if alone else name) for name, result in known.items()]
+    first, alone = next(iter(located.values())), len(results) == 1
+    marks = [_found(result, "estimate" if alone else name) for name, result in located.items()]
     marks += _others(first) if alone else []
     robot, outline = first.robot_model, None
     if robot is not None:
@@ -209,9 +209,9 @@ def _others(result: Calibration) -> list[PlanMark]:
 
 
 def _close_up(marks: Sequence[PlanMark]) -> tuple[FloatArray, float]:
-    """Middle and half width of a square that holds all marks, unless one is so far away that the others would be one dot.
+    """Return centre and half width of a square around all marks, except distant ones, which would make it too coarse.
 
-    The truth is always in it: a result that is far off is to be seen as such.
+    The truth is always inside, so that a large error is visible.
     """
     centre = np.mean([mark.position for mark in marks if mark.kind == "found"], axis=0)
     away = [float(np.abs(mark.position - centre).max()) for mark in marks]
@@ -235,7 +235,7 @@ def _through_feet(outline: PlanOutline) -> list[PlanLine]:
 
 
 def _cuts(lifts: LiftPlanes, height: float) -> list[PlanLine]:
-    """The support planes of all lifts, cut at the height of the CoM [m]."""
+    """Return the intersections of all lifts' support planes with the horizontal plane at the CoM's height [m]."""
     counts = Counter(lift.diagonal for lift in lifts)
     seen: Counter[str] = Counter()
     lines: list[PlanLine] = []
@@ -249,13 +249,13 @@ def _cuts(lifts: LiftPlanes, height: float) -> list[PlanLine]:
 
 
 def _hull(meshes: Sequence[Mesh]) -> FloatArray:
-    """(n, 2) corners of the convex outline of meshes, seen from above [m]."""
+    """Return (n, 2) corners of the convex outline of meshes, seen from above [m]."""
     corners = np.concatenate([mesh.vertices for mesh in meshes])[:, :2]
     return corners[ConvexHull(corners).vertices]
 
 
 def plan_figures(view: PlanView | None) -> list[Figure]:
-    """Return the robot from above, if its model is known, and the millimetres around its CoM."""
+    """Return the robot from above, if the result has its model, and a close-up around its CoM."""
     if view is None:
         return []
     caption = f"{'; '.join(mark.words for mark in view.marks)}."
@@ -266,7 +266,7 @@ def plan_figures(view: PlanView | None) -> list[Figure]:
 
 
 def _overview(view: PlanView, outline: PlanOutline) -> Figure:
-    """Return the robot, with the close-up as a square on it."""
+    """Return the robot, with a square that marks the close-up."""
     feet = np.array(list(outline.feet.values()))
     reach = np.abs(np.concatenate([outline.base, *outline.legs, feet])).max(axis=0) * [1.1, 1.5]
     (x0, y0), (x1, y1) = 1000 * (view.centre - view.half_width), 1000 * (view.centre + view.half_width)
@@ -305,7 +305,7 @@ def _around_com(view: PlanView) -> list[Trace]:
 
 
 def _path(points: FloatArray, name: str, width: float = 0, colour: str = INK, **more: Any) -> Trace:
-    """Return a trace through (n, 2) points [m]; y is across and x is up, as a reader stands behind the robot."""
+    """Return a trace through (n, 2) points [m], with x upwards and y to the left, as seen from behind the robot."""
     places = {"x": short(1000 * points[:, 1], 6), "y": short(1000 * points[:, 0], 6)}
     style = {"width": width, "color": colour}
     return {"type": "scatter", "mode": "lines", **places, "name": name, "line": style, "hoverinfo": "name", **more}
@@ -332,7 +332,7 @@ def _colour(diagonal: str) -> str:
 
 
 def _frame(centre: FloatArray, half: float | FloatArray, b: int) -> Trace:
-    """Return a layout of equal scales, forward up and left to the left, with a margin for the legend [px]."""
+    """Return a layout with equal scales, x upwards and y to the left, and a margin for the legend [px]."""
     (low_x, low_y), (high_x, high_y) = 1000 * (centre - half), 1000 * (centre + half)
     return {
         "xaxis": {"range": [high_y, low_y], "constrain": "domain"},

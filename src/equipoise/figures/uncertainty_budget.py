@@ -19,7 +19,7 @@ def uncertainty_table(result: Calibration) -> DataTable:
         cells = [Cell(_percent(share), "strong" if share == most else "") for share, most in shares]
         rows.append([source.name, *cells, source.remedy])
     short = (label.split(" [", maxsplit=1)[0].removeprefix("CoM ") for _, label, *_ in _SHOWN)
-    heads = ["errors of", *(f"|{name}" for name in short), REMEDY]
+    heads = ["source", *(f"|{name}" for name in short), REMEDY]
     return DataTable("Sources of uncertainty: percent of each variance", heads, rows, style="shares")
 
 
@@ -28,8 +28,8 @@ def _percent(share: float) -> str:
 
 
 def remedies(result: Calibration) -> tuple[str, ...]:
-    """Return for mass, CoM and moments the largest source, its part of the interval, and its remedy."""
-    said: list[str] = []
+    """Return the largest source of uncertainty of mass, CoM and moments, its part of the interval, and its remedy."""
+    lines: list[str] = []
     for index, ((_, label, factor, form), quantity) in enumerate(zip(_SHOWN, result.composite, strict=False)):
         if quantity.half_width is not None:
             source = max(result.uncertainty_budget, key=lambda one, of=index: float(one.shares[of]))
@@ -37,5 +37,5 @@ def remedies(result: Calibration) -> tuple[str, ...]:
                 quantity.half_width * factor,
                 quantity.half_width * factor * float(source.shares[index]) ** 0.5,
             )
-            said.append(f"{label}: +- {whole:{form}}, most by {source.name}, +- {part:{form}}: {source.remedy}")
-    return tuple(said)
+            lines.append(f"{label}: +- {whole:{form}}, mostly from {source.name}, +- {part:{form}}: {source.remedy}")
+    return tuple(lines)
