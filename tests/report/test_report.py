@@ -91,14 +91,14 @@ def stored(text):
 def test_a_precise_run_shows_all_parts(precise):
     contents = run_contents(precise)
     assert titles(contents) == [
-        "Unseen lifts", "Trials", "In space", "Residuals", "Sensors", "Uncertainty", "What would help",
+        "Held-out lifts", "Trials", "3D view", "Residuals", "Sensors", "Uncertainty", "Next steps",
         "Other bodies", "Checks", "Provenance",
     ]  # fmt: skip
     figures = [figure.title for figure in blocks(contents, Figure)]
     for title in (
         "Lifts on FL_RR",
         "Lifts on FR_RL",
-        "Lifts it has not seen",
+        "Prediction errors of held-out lifts",
         "Residual of each motion",
         "Support planes and centre of mass",
     ):
@@ -118,13 +118,13 @@ def test_the_numbers_say_their_frame_point_axes_and_stance(precise):
 def test_a_failed_check_takes_the_headline(precise):
     checks = (dataclasses.replace(precise.checks[0], passed=False), *precise.checks[1:])
     failed = dataclasses.replace(precise, checks=checks, composite=precise.composite.doubted())
-    assert run_contents(failed).lead.startswith(f"Doubtful: 1 of {len(checks)} checks failed. It weighs")
+    assert run_contents(failed).lead.startswith(f"Doubtful: 1 of {len(checks)} checks failed. Estimated mass: ")
     assert "doubtful: a check failed" in legend(run_contents(failed))[1]
     assert "Doubtful" not in run_contents(precise).lead
 
 
 def test_logarithmic_axes_read_one_two_five_ten(precise):
-    axis = figure_called(run_contents(precise), "How the centre of mass became known").layout["yaxis"]
+    axis = figure_called(run_contents(precise), "Convergence of the centre of mass").layout["yaxis"]
     assert {"1", "2", "5", "10", "20"} <= set(axis["ticktext"])
     assert axis["tickvals"] == [float(tick) for tick in axis["ticktext"]]
 
@@ -139,13 +139,13 @@ def test_the_papers_method_shows_its_search(paper):
     contents = run_contents(paper)
     figures = [figure.title for figure in blocks(contents, Figure)]
     for title in (
-        "The search closes in",
+        "Convergence of the search",
         "Error by iteration",
         "Excitation about yaw: joint torques",
         "Tilt by offset",
     ):
         assert title in figures
-    assert "does not find the whole robot's mass, CoM z, Ixx" in contents.lead
+    assert "does not estimate these parameters of the whole robot: mass, CoM z, Ixx" in contents.lead
     assert "gives no intervals" in blocks(contents, str)[0]
 
 
@@ -157,7 +157,7 @@ def test_the_last_error_by_iteration_is_that_of_the_result(paper):
 
 def test_the_static_method_leaves_out_what_it_does_not_know(static):
     contents = run_contents(static)
-    assert titles(contents) == ["Trials", "In space", "What would help", "Provenance"]
+    assert titles(contents) == ["Trials", "3D view", "Next steps", "Provenance"]
     assert [row[0] for row in contents.first[0].rows] == ["mass [kg]", "CoM x [mm]", "CoM y [mm]"]
     (feet,) = (trace for trace in contents.first[-2].data if trace["name"] == "feet")
     assert feet["text"] == ["FL", "FR", "RL", "RR"]
@@ -167,7 +167,7 @@ def test_a_result_from_json_shows_what_it_has(precise, tmp_path):
     precise.save(tmp_path / "result.json")
     contents = run_contents(Calibration.load(tmp_path / "result.json"))
     assert titles(contents) == [
-        "Unseen lifts", "Trials", "Residuals", "Sensors", "Uncertainty", "Other bodies", "Checks", "Provenance",
+        "Held-out lifts", "Trials", "Residuals", "Sensors", "Uncertainty", "Other bodies", "Checks", "Provenance",
     ]  # fmt: skip
     assert contents.first[0] == run_contents(precise).first[0]
     assert [block.title for block in contents.first if isinstance(block, Figure)] == ["Around the centre of mass"]
@@ -178,9 +178,9 @@ def test_the_lead_says_the_change_against_the_model(precise, precise_run, a1):
     weighed = settings.estimate(a1, precise_run.recordings, precise_run.stance)
     change = weighed.composite.mass.value - weighed.nominal.composite.mass
     assert change > 1
-    assert f"{change:.2f} kg more than its model file says" in run_contents(weighed).lead
+    assert f"{change:.2f} kg more than in the model file" in run_contents(weighed).lead
     same = dataclasses.replace(precise, composite=precise.composite.with_model(precise.truth.composite))
-    assert "as its model file says, within the interval" in run_contents(same).lead
+    assert "agrees with the model file within the interval" in run_contents(same).lead
 
 
 def test_the_lead_says_what_was_assumed(precise):
@@ -309,7 +309,7 @@ def test_a_excitation_without_an_estimate_says_why_and_a_doubt_is_told(paper):
     assert {f"roll: {skipped}", f"pitch: {doubt}"} <= set(told)
 
 
-def test_every_motion_that_was_read_has_its_misfit(precise):
+def test_every_estimated_motion_has_a_normalized_residual(precise):
     normalized_residuals = figure_called(run_contents(precise), "Residual of each motion")
     read = [number for number, trial in enumerate(precise.trials, start=1) if trial.normalized_residual is not None]
     assert sorted(number for bars in normalized_residuals.data for number in bars["x"]) == read
@@ -323,7 +323,7 @@ def test_hollow_bars_are_explained_where_there_are_any(precise):
     left_out = dataclasses.replace(precise.trials[index], note="left out: it does not fit the others")
     trials = (*precise.trials[:index], left_out, *precise.trials[index + 1 :])
     figure = figure_called(run_contents(dataclasses.replace(precise, trials=trials)), "Residual of each motion")
-    assert figure.caption.endswith("Hollow bars were left out.")
+    assert figure.caption.endswith("Hollow bars: motions excluded from the estimate.")
     fills = [fill for bars in figure.data for fill in bars["marker"]["color"]]
     assert fills.count("rgba(0,0,0,0)") == 1
 
@@ -332,17 +332,17 @@ def test_hatching_is_of_kinds_of_motions_alone(precise):
     contents = run_contents(precise)
     bars = figure_called(contents, "Residual of each motion").data
     patterns = {trace["name"]: trace["marker"]["pattern"]["shape"] for trace in bars}
-    assert patterns == {"lift": "", "move over planted feet": "/"}
+    assert patterns == {"lift": "", "stance motion": "/"}
     others = [figure for figure in blocks(contents, Figure) if "residual" not in figure.title.lower()]
     assert not any("pattern" in trace.get("marker", {}) for figure in others for trace in figure.data)
 
 
 def test_residuals_of_planted_moves_say_what_one_is(precise):
     caption = figure_called(run_contents(precise), "Residual of each motion").caption
-    assert "For a move over planted feet that is a fixed allowance" in caption
+    assert "Stance motions: the expected noise is a fixed allowance" in caption
     lifts = tuple(trial for trial in precise.trials if trial.kind == "lift")
     alone = run_contents(dataclasses.replace(precise, trials=lifts))
-    assert figure_called(alone, "Residual of each motion").caption == "1: what noise explains."
+    assert figure_called(alone, "Residual of each motion").caption == "1: the residual equals the expected noise."
 
 
 # --- sensors and checks
@@ -350,7 +350,7 @@ def test_residuals_of_planted_moves_say_what_one_is(precise):
 
 def test_angles_and_positions_have_axes_of_their_own(precise):
     contents = run_contents(precise)
-    angles, position = (figure_called(contents, name) for name in ("Joint zeros and IMU orientation", "IMU position"))
+    angles, position = (figure_called(contents, name) for name in ("Joint offsets and IMU orientation", "IMU position"))
     assert [figure.layout["xaxis"]["title"]["text"] for figure in (angles, position)] == ["error [deg]", "error [mm]"]
     found = {finding.name: finding.value for finding in precise.sensors}
     assert not any("position" in name for name in angles.data[0]["y"])
@@ -366,9 +366,9 @@ def test_what_is_worth_fixing_is_bold_and_joints_have_their_own_names(precise):
     changed = dataclasses.replace(
         precise, sensors=(other, dataclasses.replace(other, name="servo_hl_1 zero", significant=False))
     )
-    figure = figure_called(run_contents(changed), "Joint zeros and IMU orientation")
+    figure = figure_called(run_contents(changed), "Joint offsets and IMU orientation")
     assert figure.data[0]["y"] == ["servo_hl_1 zero", "<b>servo_hl_0 zero</b>"]
-    assert figure.caption.endswith("Bold: significant, and worth fixing.")
+    assert figure.caption.endswith("Bold: significant errors; correct them.")
 
 
 def test_a_passed_check_reads_as_passed(precise):
@@ -473,12 +473,12 @@ def test_ellipses_beside_each_other_are_seen_whole(precise):
 def test_a_difference_has_the_combined_interval(precise, static):
     other = dataclasses.replace(precise, composite=precise.composite)
     contents = comparison_contents({"before": precise, "after": other})
-    table = next(block for block in blocks(contents, DataTable) if block.title == "after less before")
+    table = next(block for block in blocks(contents, DataTable) if block.title == "after minus before")
     half = numbers(precise)[0].quantity.half_width
     assert table.rows[0] == ["mass [kg]", Cell("+0.000"), f"{np.sqrt(2) * half:.3f}", "within the interval"]
     assert len([block for block in contents.first if isinstance(block, Figure)]) == 2
     mixed = comparison_contents({"bayesian": precise, "static": static})
-    table = next(block for block in blocks(mixed, DataTable) if block.title == "static less bayesian")
+    table = next(block for block in blocks(mixed, DataTable) if block.title == "static minus bayesian")
     assert [row[0] for row in table.rows] == ["mass [kg]", "CoM x [mm]", "CoM y [mm]"]
     assert table.rows[0][2:] == ["", ""]
 

@@ -1,1 +1,1 @@
-"""A page to read and to show."""
+"""HTML report of a run, and of a comparison of runs."""

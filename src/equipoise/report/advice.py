@@ -1,4 +1,4 @@
-"""Predicted intervals after a scale or more robot time (precise/plan.py), and the motions to begin with."""
+"""Predicted intervals with a scale or with more robot time, and the first motions of such a run."""
 
 from __future__ import annotations
 
@@ -23,15 +23,21 @@ from equipoise.robot.inertial import COMPONENTS
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import nominal_stance
 
-_SCALE = 0.005  # of the mass: an ordinary scale
+_SCALE = 0.005  # std of an ordinary scale, as a fraction of the mass
 _MORE = 60.0  # [s] of robot time on an A1
 _SHOWN_MOTIONS = 4
-_WEAKEST = 3  # parameters, over what a calibration is meant to reach
+_WEAKEST = 3  # number of parameters to name
 
 
 @dataclass(frozen=True, eq=False)
 class Outlook:
-    """Half 95 % intervals (10,) as they are and as they would be, by what would be done; and the motions, in words."""
+    """Present and predicted uncertainty of the whole robot's parameters.
+
+    Attributes:
+        intervals: (10,) half widths of the 95 % intervals, SI units, by action; "now": present values.
+        motions: descriptions of the first motions of a longer run.
+        weakest: names of the parameters furthest above their target uncertainty, worst first.
+    """
 
     intervals: dict[str, FloatArray]
     motions: list[str]
@@ -39,37 +45,37 @@ class Outlook:
 
 
 def advice_blocks(result: Calibration) -> list[Block]:
-    """For the Bayesian method what more of it would bring; for others what the Bayesian method would."""
+    """Return the predicted effect of more data; for methods other than `bayesian`, of a run with `bayesian`."""
     robot = result.robot_model
     if robot is None:
         return []
     if motors_alone(result):
-        return ["--parameters base,motors finds mass, centre of mass and inertia in the same run."]
+        return ["To estimate mass, centre of mass and inertia in the same run, pass `--parameters base,motors`."]
     posterior = result.evidence.posterior if isinstance(result.evidence, PosteriorEvidence) else None
     try:
         return _ahead(robot) if posterior is None else _further(outlook(result, robot, posterior), result)
     except EquipoiseError as error:
-        return [f"What extra motions would bring cannot be predicted: {error}"]
+        return [f"The effect of more motions cannot be predicted: {error}"]
 
 
 def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Outlook:
     """Return the intervals after a scale, a minute more of robot time, or both.
 
     Raises:
-        EquipoiseError: nothing can be planned for the robot.
+        EquipoiseError: no motions can be planned for the robot.
     """
     unknowns = posterior.unknowns
     stance = nominal_stance(robot)
     to_body = body_jacobian(unknowns, posterior.x, unknowns.robot_body)
-    known = np.asarray(np.linalg.inv(posterior.covariance), dtype=float)
+    information = np.asarray(np.linalg.inv(posterior.covariance), dtype=float)
     found = robot.with_base(posterior.base_body.to_pinocchio())
     candidates = Candidates.of(found, stance, posterior.robot_body.com, unknowns.priors)
     time = _MORE * stance.scale.time
-    more = make_plan(candidates, time, known=known, searched=True)
+    more = make_plan(candidates, time, known=information, searched=True)
     scale = _scale_information(posterior, robot)
-    both = make_plan(candidates, time, known=known + scale, searched=True)
+    both = make_plan(candidates, time, known=information + scale, searched=True)
     now = np.sqrt(np.diag(posterior.robot_covariance))
-    with_scale = np.sqrt(np.diag(to_body @ np.linalg.inv(known + scale) @ to_body.T))
+    with_scale = np.sqrt(np.diag(to_body @ np.linalg.inv(information + scale) @ to_body.T))
     weighed = result.settings["mass"] is not None
     intervals = {"now": now, **({} if weighed else {"with a scale": np.minimum(with_scale, now)})}
     intervals[f"{time:.0f} s more"] = np.minimum(more.std, now)
@@ -82,7 +88,7 @@ def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Out
 
 
 def _scale_information(posterior: Posterior, robot: RobotModel) -> FloatArray:
-    """Return the information of a scale with an error of half a percent."""
+    """Return the information matrix of a scale with a standard deviation of 0.5 % of the mass."""
     unknowns = posterior.unknowns
     _, row = total_mass(unknowns, posterior.x)
     row = row / (_SCALE * posterior.robot_body.mass)
@@ -90,65 +96,65 @@ def _scale_information(posterior: Posterior, robot: RobotModel) -> FloatArray:
 
 
 def _in_words(plan: Plan) -> list[str]:
-    """The postures that would be visited first, with their lifts."""
+    """Return descriptions of the first postures of a plan, with their lifts."""
     return [
-        f"posture {describe(visit.posture)}: {_lifts(visit) or 'a move over standing feet'}"
+        f"posture {describe(visit.posture)}: {_lifts(visit) or 'stance motion'}"
         for visit in plan.visits[:_SHOWN_MOTIONS]
     ]
 
 
 def _lifts(visit: Visit) -> str:
-    said: list[str] = []
+    lifts: list[str] = []
     for diagonal in DIAGONALS:
         if turns := visit.turns(diagonal):
-            said.append(f"lifts on {diagonal}: {turns}")
-    return "; ".join(said)
+            lifts.append(f"lifts on {diagonal}: {turns}")
+    return "; ".join(lifts)
 
 
 def _further(seen: Outlook, result: Calibration) -> list[Block]:
     poor = [quantity.name for quantity in result.composite if quantity.verdict != "identified"]
-    said = (
+    summary = (
         f"Weak, doubtful or not identified: {', '.join(map(called, poor))}."
         if poor
         else "Every parameter is identified."
         + (
-            f" Farthest from what a calibration is meant to reach: {', '.join(map(called, seen.weakest))}."
+            f" Largest uncertainty relative to its target: {', '.join(map(called, seen.weakest))}."
             if seen.weakest
-            else " All are as sure as a calibration is meant to make them."
+            else " All uncertainties are within their targets."
         )
     )
     best = _best_step(seen, poor or seen.weakest)
     columns = ["parameter", *(f"|{name}, +-" for name in seen.intervals)]
     rows = [
-        [label, *(number(half[index], factor, f"{form[:1]}{int(form[1]) + 1}f") for half in seen.intervals.values())]
+        [label, *(number(width[index], factor, f"{form[:1]}{int(form[1]) + 1}f") for width in seen.intervals.values())]
         for index, (_, label, factor, form) in enumerate(ROWS)
     ]
-    table = DataTable("Half 95 % intervals, predicted for ordinary sensors", columns, rows)
+    table = DataTable("Half widths of the 95 % intervals, predicted for typical sensors", columns, rows)
     more = [
-        f"What these {name} would begin with, the most telling first:"
+        f"First motions of the run with {name}, most informative first:"
         for name in seen.intervals
         if name.endswith("more")
     ]
-    return [f"{said} {best}", table, *more[:1], *([tuple(seen.motions)] if more else [])]
+    return [f"{summary} {best}", table, *more[:1], *([tuple(seen.motions)] if more else [])]
 
 
 def _best_step(seen: Outlook, names: list[str]) -> str:
-    """Which single step narrows the named intervals most."""
+    """Return advice on the single action that narrows the named intervals most."""
     if not names:
         return ""
     chosen = [COMPONENTS.index(name) for name in names]
     ratios = {
-        name: float(np.mean(half[chosen] / seen.intervals["now"][chosen]))
-        for name, half in seen.intervals.items()
+        name: float(np.mean(width[chosen] / seen.intervals["now"][chosen]))
+        for name, width in seen.intervals.items()
         if name not in ("now", "both")
     }
     name = min(ratios, key=lambda one: ratios[one])
-    how = {"with a scale": "a scale (give --mass)"}.get(
-        name, f"{name.removesuffix(' more')} more of robot time (--duration)"
+    action = {"with a scale": "Weigh the robot and pass `--mass`"}.get(
+        name, f"Increase `--duration` by {name.removesuffix(' more')}"
     )
     if ratios[name] > 0.95:
-        return "Neither a scale nor a minute more of robot time would change that much."
-    return f"What would help most is {how}: these intervals would shrink to {ratios[name]:.0%} on average."
+        return "A scale or one more minute of robot time narrows these intervals by less than 5 %."
+    return f"{action}: this is predicted to reduce these intervals to {ratios[name]:.0%} of their width on average."
 
 
 def _ahead(robot: RobotModel) -> list[Block]:
@@ -158,8 +164,8 @@ def _ahead(robot: RobotModel) -> list[Block]:
         [label, number(NORMAL_95 * std, factor, form)]
         for (_, label, factor, form), std in zip(ROWS, plan.std, strict=True)
     ]
-    said = (
-        f"This method gives no intervals, and does not find everything. --method bayesian would, in "
+    message = (
+        f"This method gives no intervals and estimates only some parameters. `--method bayesian` estimates all of them in "
         f"{plan.robot_time:.0f} s of robot time, with {plan.lifts} lifts in {len(plan.visits)} postures:"
     )
-    return [said, DataTable("Predicted for ordinary sensors and a scale", ["parameter", "|95 % +-"], rows)]
+    return [message, DataTable("Prediction for typical sensors and a scale", ["parameter", "|95 % +-"], rows)]

@@ -1,4 +1,4 @@
-"""The page that compares runs, of one robot or of several."""
+"""Report that compares runs of one robot or of several robots."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from equipoise.result.calibration import Calibration
 
 _SYMBOLS = ("circle", "diamond", "square", "triangle-up")
 _SHARED = (
-    "Combined intervals take the runs' errors to be independent. Runs of one robot share joint offsets, IMU mounting and a "
-    "scale's error, which cancel: a difference is surer than said here."
+    "The interval of a difference assumes independent errors of the two runs. Runs of one robot share the errors of joint "
+    "offsets, IMU mounting and scale, which cancel: the true interval is narrower."
 )
 
 
 def comparison_contents(results: dict[str, Calibration]) -> PageContents:
-    """Return the page.
+    """Return the contents of the comparison page.
 
     Raises:
         SettingsError: fewer than two runs.
@@ -58,7 +58,7 @@ def comparison_contents(results: dict[str, Calibration]) -> PageContents:
     return PageContents(
         f"{len(results)} runs compared",
         " \u00b7 ".join(robots),
-        "" if len(robots) == 1 else f"These are {len(robots)} different robots; the first one is drawn.",
+        "" if len(robots) == 1 else f"The runs are of {len(robots)} different robots; the drawing shows the first one.",
         [_side_by_side(labels, shown), *messages, *plan_figures(plan_view(results))],
         sections,
         [(f"{name}: {kind.lower()}", message) for name, result in results.items() for kind, message in alerts(result)],
@@ -68,7 +68,7 @@ def comparison_contents(results: dict[str, Calibration]) -> PageContents:
 def _side_by_side(labels: list[str], shown: dict[str, dict[str, Number]]) -> DataTable:
     rows = [[label, *(_cell(of_run.get(label)) for of_run in shown.values())] for label in labels]
     heads = ["parameter", *(f"|{name}" for name in shown)]
-    return DataTable("What each run found, with 95 % intervals", heads, rows, style="numbers")
+    return DataTable("Estimates of each run with 95 % intervals", heads, rows, style="numbers")
 
 
 def _cell(one: Number | None) -> Cell:
@@ -79,7 +79,7 @@ def _cell(one: Number | None) -> Cell:
 
 
 def _overlay(label: str, shown: dict[str, dict[str, Number]]) -> Figure:
-    """Return one parameter of all runs with intervals, truths and models."""
+    """Return a figure of one parameter: estimates of all runs with intervals, model values and ground truth."""
     of_run = {name: runs[label] for name, runs in shown.items() if label in runs}
     data: list[Trace] = []
     for name, one in of_run.items():
@@ -109,18 +109,18 @@ def _differences(labels: list[str], shown: dict[str, dict[str, Number]], first: 
         one, two = a.quantity.half_width, b.quantity.half_width
         half = None if one is None or two is None else float(np.hypot(one, two))
         differs = half is not None and abs(difference) > half
-        said = "" if half is None else "differs" if differs else "within the interval"
+        finding = "" if half is None else "differs" if differs else "within the interval"
         cell = Cell(number(difference, 1, "+" + form), "strong" if differs else "")
-        rows.append([label, cell, "" if half is None else number(half, 1, form), said])
-    return DataTable(f"{other} less {first}", ["parameter", "|difference", "|95 % +-", ""], rows)
+        rows.append([label, cell, "" if half is None else number(half, 1, form), finding])
+    return DataTable(f"{other} minus {first}", ["parameter", "|difference", "|95 % +-", ""], rows)
 
 
 def _provenance(results: dict[str, Calibration]) -> DataTable:
-    """Return facts side by side; those that differ are strong."""
+    """Return a table of the provenance of all runs, with differences in bold."""
     by_run = {name: facts(result) for name, result in results.items()}
     rows: list[list[str | Cell]] = []
     for fact in dict.fromkeys(fact for of_run in by_run.values() for fact in of_run):
         values = [of_run.get(fact, "-") for of_run in by_run.values()]
         tone = "strong" if len(set(values)) > 1 else ""
         rows.append([fact, *(Cell(value, tone) for value in values)])
-    return DataTable("Where the runs come from; what differs is bold", ["fact", *by_run], rows)
+    return DataTable("Provenance of the runs; differences are bold", ["fact", *by_run], rows)

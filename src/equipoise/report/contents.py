@@ -1,4 +1,4 @@
-"""The page of one run."""
+"""Contents of the report of one run."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from equipoise.result.legend import doubt_message, frame_message
 
 
 def run_contents(result: Calibration) -> PageContents:
-    """Return the page; what the result does not know is left out."""
+    """Return the page, without sections that have no data."""
     planes = lift_planes(result)
     alone = motors_alone(result)
     trials = [*search_figures(result), *progress_figures(result), *tilt_figures(result), *trial_table(result)]
     uncertainty = [uncertainty_table(result), remedies(result)] if result.uncertainty_budget else []
     sections = [
-        Section("held-out", _unseen(result), held_out_blocks(result)),
+        Section("held-out", _held_out_title(result), held_out_blocks(result)),
         Section("trials", "Trials", trials),
-        Section("scene", "In space", [] if alone else scene(result, planes)),
+        Section("scene", "3D view", [] if alone else scene(result, planes)),
         Section("excitations", "Excitations", excitation_blocks(result)),
         Section("residuals", "Residuals", residual_figures(result, planes)),
         Section("links", "Legs", part_blocks(result, LINKS)),
         Section("motors", "Motors", part_blocks(result, MOTORS)),
         Section("sensors", "Sensors", sensor_blocks(result)),
         Section("uncertainty", "Uncertainty", uncertainty),
-        Section("help", "What would help", advice_blocks(result)),
+        Section("help", "Next steps", advice_blocks(result)),
         Section("bodies", "Other bodies", _other_bodies(result)),
         Section("checks", "Checks", _checks(result)),
         Section("provenance", "Provenance", provenance_blocks(result)),
@@ -63,9 +63,9 @@ def alerts(result: Calibration) -> list[tuple[str, str]]:
     return failed or ([] if result.checks else [("Warning", warning) for warning in result.warnings])
 
 
-def _unseen(result: Calibration) -> str:
+def _held_out_title(result: Calibration) -> str:
     walked = result.held_out is not None and all(lift.kind == "step" for lift in result.held_out.lifts)
-    return "Unseen steps" if walked else "Unseen lifts"
+    return "Held-out steps" if walked else "Held-out lifts"
 
 
 def _subtitle(result: Calibration) -> str:
@@ -80,29 +80,31 @@ def _subtitle(result: Calibration) -> str:
 
 
 def _lead(result: Calibration) -> str:
-    """The change against the model file, in a sentence or two."""
-    said = [doubt_message(result)] if not result.trustworthy else []
+    """Return the differences from the model file, in a few sentences."""
+    messages = [doubt_message(result)] if not result.trustworthy else []
     mass = result.composite.mass
     if mass.value is not None and mass.change is not None:
         half = "" if mass.half_width is None else f" +- {mass.half_width:.2f}"
         more = "more" if mass.change > 0 else "less"
-        against = f"{abs(mass.change):.2f} kg {more} than its model file says"
+        against = f"{abs(mass.change):.2f} kg {more} than in the model file"
         if mass.half_width is not None and abs(mass.change) <= mass.half_width:
-            against = "as its model file says, within the interval"
-        said.append(f"It weighs {mass.value:.2f}{half} kg, {against}.")
+            against = "which agrees with the model file within the interval"
+        messages.append(f"Estimated mass: {mass.value:.2f}{half} kg, {against}.")
     shifts = [1000 * one.change for one in result.composite.com_in_base if one.change is not None]
     if shifts:
         names = ("forward", "left", "up")[: len(shifts)]
         along = ", ".join(f"{number(shift, 1, '+.1f')} mm {name}" for shift, name in zip(shifts, names, strict=True))
-        said.append(f"Its centre of mass is {np.linalg.norm(shifts):.1f} mm from where the file has it ({along}).")
+        messages.append(
+            f"The centre of mass is {np.linalg.norm(shifts):.1f} mm from its position in the model file ({along})."
+        )
     if result.motors:
-        said.append(motor_message(result))
+        messages.append(motor_message(result))
     if (missing := not_estimated(result)) and not motors_alone(result):
         names = ", ".join(missing)
-        said.append(f"The method {result.method} does not find the whole robot's {names}.")
+        messages.append(f"`{result.method}` does not estimate these parameters of the whole robot: {names}.")
     if result.assumptions:
-        said.append(f"Assumed: {'; '.join(result.assumptions)}.")
-    return " ".join(said)
+        messages.append(f"Assumed: {'; '.join(result.assumptions)}.")
+    return " ".join(messages)
 
 
 def _other_bodies(result: Calibration) -> list[Block]:

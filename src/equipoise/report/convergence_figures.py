@@ -1,4 +1,4 @@
-"""Intervals of the Bayesian method after each motion."""
+"""Figures of the convergence of the Bayesian method: intervals after each motion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from equipoise.robot.inertial import COMPONENTS, components
 
 
 def progress_figures(result: Calibration) -> list[Figure]:
-    """Return half the 95 % intervals of CoM and moments against robot time; none without a posterior."""
+    """Return half widths of the 95 % intervals of CoM and moments against robot time; empty without a posterior."""
     evidence = result.evidence
     if not isinstance(evidence, PosteriorEvidence):
         return []
@@ -26,10 +26,10 @@ def progress_figures(result: Calibration) -> list[Figure]:
     com = 1000 * NORMAL_95 * std[:, 1:4]
     inertia = 100 * NORMAL_95 * std[:, 4:7] / components(posterior.robot_body)[4:7]
     shown = (
-        ("How the centre of mass became known", com, ("CoM x", "CoM y", "CoM z"), "95 % \u00b1 [mm]"),
-        ("How the moments became known", inertia, COMPONENTS[4:7], "95 % \u00b1 [%]"),
+        ("Convergence of the centre of mass", com, ("CoM x", "CoM y", "CoM z"), "95 % \u00b1 [mm]"),
+        ("Convergence of the moments of inertia", inertia, COMPONENTS[4:7], "95 % \u00b1 [%]"),
     )
-    caption = "From the information of each motion, added up in the order of the motions."
+    caption = "Half widths of the 95 % intervals, from the information of all motions up to each time."
     return [
         Figure(title, caption, [line(time, half[:, k], name, k) for k, name in enumerate(names)], _log(label, half))
         for title, half, names, label in shown
@@ -37,7 +37,7 @@ def progress_figures(result: Calibration) -> list[Figure]:
 
 
 def stds_by_motion(posterior: Posterior, motions: list[int]) -> FloatArray:
-    """(n + 1, 10) standard deviations of the whole robot's parameters before the first and after each of n motions."""
+    """Return (n + 1, 10) standard deviations of the whole robot's parameters, before the first and after each motion."""
     to_body = body_jacobian(posterior.unknowns, posterior.x, posterior.unknowns.robot_body)
     information = np.linalg.inv(posterior.covariance) - sum(posterior.information.values())
     path: list[FloatArray] = []
@@ -48,7 +48,7 @@ def stds_by_motion(posterior: Posterior, motions: list[int]) -> FloatArray:
 
 
 def _log(label: str, values: FloatArray) -> Trace:
-    """A layout with a logarithmic axis that reads 1, 2, 5, 10, 20, 50; Plotly's own leaves out the noughts."""
+    """Return a layout with a logarithmic axis labelled 1, 2, 5, 10, 20, 50: Plotly's default omits the zeros."""
     layout = axes("robot time [s]", label)
     decades = range(math.floor(math.log10(values.min())), math.ceil(math.log10(values.max())) + 1)
     ticks = [digit * 10.0**decade for decade in decades for digit in (1, 2, 5)]

@@ -1,4 +1,4 @@
-"""The paper's sinusoidal excitations: gyroscope and joint torques, with their fits."""
+"""Figures of the paper's sinusoidal excitations: gyroscope and joint torques, with their fits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _figures(fit: AxisFit) -> list[Figure]:
         ("torque about the CoM [Nm]", "joint torques", fit.torque, fit.fitted_torque),
     )
     captions = (
-        f"{fit.sinusoid.frequency:.2f} Hz by the dominant sinusoid of the gyroscope (equation 3).",
+        f"{fit.sinusoid.frequency:.2f} Hz, the frequency of the dominant sinusoid of the gyroscope (equation 3).",
         f"I = {fit.inertia:.4f} kg m2, C = {fit.damping:.3f} Nm s/rad, by least squares (equation 5).",
     )
     return [

@@ -1,4 +1,4 @@
-"""Blocks as HTML. Every text is escaped."""
+"""HTML of report blocks, with all text escaped."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from itertools import groupby
 from equipoise.figures.blocks import BAR, LONG, Block, Cell, DataTable, Figure, PageContents
 from equipoise.result.quantity import Quantity
 
-_BESIDE = ("truth", "error", "model", "change")  # on a telephone they stand below the estimate
-# Verdicts differ by a sign and a word as well as by a colour.
+_SECONDARY = ("truth", "error", "model", "change")  # shown below the estimate on narrow screens
+# Verdicts are distinguished by a sign and a word too, for readers who do not see the colours.
 _VERDICTS = {
     "identified": ("\u25cf", "good"), "weak": ("\u25d0", "warn"), "not identified": ("\u25cb", "poor"),
     "doubtful": ("\u25cb", "poor"), "passed": ("\u2713", "good"), "failed": ("\u2717", "poor"),
 }  # fmt: skip
 _MINUS = re.compile(r"(?<![\w./\-])-(?=\d)")
-_WIDTH, _MARGIN = 118, 0.08  # of a bar, and the part of it that is kept free at either end
+_WIDTH, _MARGIN = 118, 0.08  # width of a bar [px], and the empty fraction at each end
 
 
 def typeset(text: str) -> str:
@@ -26,7 +26,7 @@ def typeset(text: str) -> str:
 
 
 def blocks_html(blocks: Iterable[Block]) -> str:
-    """Return blocks one below the other, neighbouring figures in a grid."""
+    """Return the HTML of blocks in order, with neighbouring figures in a grid."""
     parts: list[str] = []
     for kind, group in groupby(blocks, key=type):
         made = [block_html(block) for block in group]
@@ -35,7 +35,7 @@ def blocks_html(blocks: Iterable[Block]) -> str:
 
 
 def block_html(block: Block) -> str:
-    """Return one block."""
+    """Return the HTML of one block."""
     if isinstance(block, DataTable):
         return _table(block)
     if isinstance(block, Figure):
@@ -46,7 +46,7 @@ def block_html(block: Block) -> str:
 
 
 def _prose(text: str) -> str:
-    """Return a typeset text, with code between backticks, as Markdown has it."""
+    """Return typeset text, with text between backticks as code."""
     return re.sub("`([^`]+)`", r"<code>\1</code>", typeset(text))
 
 
@@ -80,7 +80,12 @@ def _row(row: Sequence[str | Cell], heads: Sequence[str], numbers: Sequence[bool
     made = [cell if isinstance(cell, Cell) else Cell(cell) for cell in row]
     for index, (cell, head, right) in enumerate(zip(made, heads, numbers, strict=True)):
         tag = "td" if index else 'th scope="row"'
-        kinds = {"number": right, "long": len(cell.text) > LONG, "beside": head in _BESIDE, cell.tone: bool(cell.tone)}
+        kinds = {
+            "number": right,
+            "long": len(cell.text) > LONG,
+            "beside": head in _SECONDARY,
+            cell.tone: bool(cell.tone),
+        }
         inside = _bar(cell.bar) if cell.bar else " ".join(filter(None, (typeset(cell.text), _verdict(cell.verdict))))
         cells.append(f'<{tag} data-head="{typeset(head)}"{_class(**kinds)}>{inside}</{tag[:2]}>')
     return "".join(cells)
@@ -97,7 +102,7 @@ def _verdict(word: str) -> str:
 
 
 def bar_places(found: Quantity) -> dict[str, float]:
-    """Return places of interval, model file, truth and estimate between the ends of a bar, from 0 to 1."""
+    """Return the positions of interval, model value, truth and estimate along a bar, from 0 to 1."""
     values = {
         "lower": found.lower,
         "upper": found.upper,
@@ -124,7 +129,7 @@ def _band(x: float, width: float) -> str:
 
 
 def _mark(kind: str, x: float, y: float) -> str:
-    """Return a dot for the estimate, a square for the model file, a cross for the truth."""
+    """Return the marker of an estimate (dot), a model value (square) or the truth (cross)."""
     if kind == "found":
         return f'<circle class="found" cx="{x:.1f}" cy="{y}" r="3"/>'
     if kind == "model":
@@ -133,7 +138,7 @@ def _mark(kind: str, x: float, y: float) -> str:
 
 
 def _key(table: DataTable) -> str:
-    """Return the meaning of bars and bold changes; empty for a table without bars."""
+    """Return the legend of bars and bold changes; empty for a table without bars."""
     bars = [cell.bar for row in table.rows for cell in row if isinstance(cell, Cell) and cell.bar]
     if BAR not in table.columns or not bars:
         return ""
@@ -154,7 +159,7 @@ def _key(table: DataTable) -> str:
 
 
 def document_html(document: PageContents) -> tuple[str, str]:
-    """Return the links of the parts, and the body of a page."""
+    """Return the navigation links and the body of a page."""
     parts = [(section, f"{section.name}-title") for section in document.sections if section.blocks]
     links = "".join(f'<a href="#{section.name}">{typeset(section.title)}</a>' for section, _ in parts)
     alerts = "".join(
@@ -163,11 +168,11 @@ def document_html(document: PageContents) -> tuple[str, str]:
     )
     figures = [block for block in document.first if isinstance(block, Figure)]
     others = [block for block in document.first if not isinstance(block, Figure)]
-    beside = f'<div id="plan-view">{blocks_html(figures)}</div>' if figures else ""
+    drawing = f'<div id="plan-view">{blocks_html(figures)}</div>' if figures else ""
     head = f'<h1>{typeset(document.title)}</h1><p id="subtitle">{typeset(document.subtitle)}</p>'
     head += f'<p id="lead">{_prose(document.lead)}</p>' if document.lead else ""
     numbers = f'<div id="numbers">{blocks_html(others)}</div>' if others else ""
-    first = f'<div id="first">{numbers}{beside}</div>'
+    first = f'<div id="first">{numbers}{drawing}</div>'
     below = "".join(
         f'<section id="{section.name}" aria-labelledby="{name}"><h2 id="{name}">{typeset(section.title)}</h2>'
         f"{blocks_html(section.blocks)}</section>"
@@ -177,6 +182,6 @@ def document_html(document: PageContents) -> tuple[str, str]:
 
 
 def figures_of(document: PageContents) -> list[Figure]:
-    """Return the figures in the order in which they stand on the page."""
+    """Return the figures in page order."""
     blocks = [*document.first, *(block for section in document.sections for block in section.blocks)]
     return [block for block in blocks if isinstance(block, Figure)]

@@ -1,4 +1,4 @@
-"""Pages as self-contained files; importing it raises MissingDependencyError where Plotly is not installed."""
+"""Reports as self-contained HTML files; the import raises MissingDependencyError if Plotly is not installed."""
 
 from __future__ import annotations
 
@@ -50,23 +50,23 @@ _TEMPLATE: Trace = {
 
 
 def save_report(result: Calibration, path: str | Path) -> Path:
-    """Write the page of a run: to a file in an existing folder, or as report.html into such a folder.
+    """Write the report of a run to a file, or as report.html into an existing folder.
 
-    A result of `calibrate`, `RunFolder.estimate` or `estimate_log` has all that a page can show. One from a JSON file lacks
-    what needs the recordings.
+    A result of `calibrate`, `RunFolder.estimate` or `estimate_log` gives the full report. A result from a JSON file gives a
+    report without the figures that need the recordings.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: the file cannot be written.
     """
     return save_page(run_contents(result), path)
 
 
 def save_comparison(results: dict[str, Calibration], path: str | Path) -> Path:
-    """Write the page that compares runs, by the names to show.
+    """Write the report that compares runs, given by their names to show.
 
     Raises:
-        SettingsError: fewer than two.
-        OutputError: it cannot be written.
+        SettingsError: fewer than two runs.
+        OutputError: the file cannot be written.
     """
     return save_page(comparison_contents(results), path)
 
@@ -80,7 +80,7 @@ def save_page(document: PageContents, path: str | Path) -> Path:
 
 
 def page(document: PageContents) -> str:
-    """Return a whole page as text."""
+    """Return the HTML text of a page."""
     folder = files("equipoise.report") / "page"
     links, body = document_html(document)
     parts = {
@@ -101,6 +101,6 @@ def _plotly(figure: Figure) -> tuple[list[Trace], Trace]:
 
 
 def _json(figures: list[tuple[list[Trace], Trace]]) -> str:
-    """Return JSON in which no text can end the script element around it."""
+    """Return JSON, escaped so that no text in it can end the enclosing script element."""
     text = json.dumps(figures, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

@@ -1,4 +1,4 @@
-"""Estimated properties of motors and links: a table, and a figure for each property."""
+"""Tables and figures of the estimated properties of motors and links."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LOOKS = {
 
 
 def part_blocks(result: Calibration, kind: str) -> list[Block]:
-    """Return table and figures of "motors" or "links"; the table is left out where the first screen has it."""
+    """Return table and figures of "motors" or "links"; without the table if the top of the page shows it."""
     blocks: list[Block] = []
     for parts in parts_of(result):
         if parts.kind == kind:
@@ -32,20 +32,20 @@ def motors_alone(result: Calibration) -> bool:
 
 
 def motor_message(result: Calibration) -> str:
-    """Return the ranges of what was estimated of motors; empty if there is nothing."""
-    said: list[str] = []
+    """Return the ranges of the estimated motor parameters; empty without any."""
+    ranges: list[str] = []
     for parts in parts_of(result):
         for one in parts.columns if parts.kind == MOTORS else ():
             values = [quantity.value for quantity in parts.of(one.name) if quantity.value is not None]
             if values and one.name != "relative_gain":
                 low, high = (f"{one.factor * end:.3g}" for end in (min(values), max(values)))
                 unit = one.label.split("[")[1].rstrip("]")
-                said.append(f"{one.words} {low if low == high else f'{low} to {high}'} {unit}")
-    return f"Of its motors: {', '.join(said)}." if said else ""
+                ranges.append(f"{one.words} {low if low == high else f'{low} to {high}'} {unit}")
+    return f"Motors: {', '.join(ranges)}." if ranges else ""
 
 
 def _figure(parts: Parts, shown: Shown) -> Figure:
-    """Return estimates with their intervals, the first part on top."""
+    """Return a figure of estimates with their intervals, the first part on top."""
     names, found = [plain(name) for name in parts.found], parts.of(shown.name)
     values = {
         what: [np.nan if (value := getattr(one, what)) is None else shown.factor * value for one in found]
@@ -58,5 +58,5 @@ def _figure(parts: Parts, shown: Shown) -> Figure:
     ]
     layout = axes(shown.label, "")
     layout["yaxis"] |= {"autorange": "reversed"}
-    caption = f"Of each {parts.each}, with its 95 % interval."
+    caption = f"Estimate and 95 % interval for each {parts.each}."
     return Figure(shown.words.capitalize(), caption, data, layout, height=110 + 20 * len(names))

@@ -1,4 +1,4 @@
-"""Settings and provenance: what it takes to make the same page again."""
+"""Tables of settings and provenance, from which a run can be reproduced."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from equipoise.result.calibration import Calibration
 
 
 def facts(result: Calibration) -> dict[str, str]:
-    """Version, model, stance, seed, time, platform, by name."""
+    """Return version, model, seed, time and platform, by name."""
     model = {f"model {name.replace('_', ' ')}": str(value) for name, value in result.model.items()}
     repairs = () if result.robot_model is None else result.robot_model.source.repairs
     about = {
@@ -26,10 +26,10 @@ def facts(result: Calibration) -> dict[str, str]:
 
 def provenance_blocks(result: Calibration) -> list[Block]:
     """Return facts, settings and the stance as tables."""
-    blocks: list[Block] = [DataTable("Where this comes from", ["fact", "value"], list(facts(result).items()))]
+    blocks: list[Block] = [DataTable("Provenance of this run", ["fact", "value"], list(facts(result).items()))]
     joints = {
-        "Joint positions of the stance that all refers to": result.joint_position,
-        "Joints that were held still, and count as part of the base": result.locked_joints,
+        "Joint positions of the nominal stance": result.joint_position,
+        "Locked joints, part of the base": result.locked_joints,
     }
     for title, positions in joints.items():
         rows = [[name, number(q, 1, ".4f"), number(float(np.degrees(q)), 1, ".2f")] for name, q in positions.items()]
@@ -39,7 +39,7 @@ def provenance_blocks(result: Calibration) -> list[Block]:
 
 
 def _flat(table_of: Mapping[str, Any], nothing: str, above: str = "") -> Iterator[tuple[str, str]]:
-    """Names with dots, values as text; what is None as the word for nothing."""
+    """Yield dotted names and values as text; None becomes `nothing`."""
     for name, value in table_of.items():
         if isinstance(value, Mapping):
             yield from _flat(value, nothing, f"{above}{name}.")  # pyright: ignore[reportUnknownArgumentType]

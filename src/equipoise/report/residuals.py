@@ -1,4 +1,4 @@
-"""Residuals of the motions, and held-out predictions."""
+"""Figures and tables of residuals and of held-out predictions."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from equipoise.figures.lift_planes import LiftPlanes
 from equipoise.result.calibration import Calibration, Trial
 from equipoise.result.held_out import FOUND
 
-_KINDS = (("lift", "lift", ""), ("posture", "move over planted feet", "/"), ("walk", "walk, its worst step", "\\"))
-_RATIO = "residual over what noise explains"
+_KINDS = (("lift", "lift", ""), ("posture", "stance motion", "/"), ("walk", "walk (its worst step)", "\\"))
+_RATIO = "normalized residual (rms / expected noise)"
 _HOLLOW = "rgba(0,0,0,0)"
 
 
@@ -70,20 +70,20 @@ def _residual_summary(result: Calibration) -> list[Figure]:
 
 
 def _about_one(trials: list[Trial]) -> str:
-    """Return the meaning of the level 1 for the kinds of motions that there are, and of hollow bars if there are any."""
-    said = ["1: what noise explains."]
+    """Return the meaning of level 1 and of hollow bars, for the motions of this run."""
+    notes = ["1: the residual equals the expected noise."]
     if any(trial.kind == "posture" for trial in trials):
-        said.append(
-            "For a move over planted feet that is a fixed allowance for how feet creep, twice what an ideal robot shows, "
-            "because neighbouring moves share a rest: where feet stand well, these residuals are below 1."
+        notes.append(
+            "Stance motions: the expected noise is a fixed allowance for creeping feet, twice that of an ideal robot, "
+            "because consecutive motions share a rest. If the feet do not creep, these residuals are below 1."
         )
     if any(trial.note for trial in trials):
-        said.append("Hollow bars were left out.")
-    return " ".join(said)
+        notes.append("Hollow bars: motions excluded from the estimate.")
+    return " ".join(notes)
 
 
 def _plane_misses(result: Calibration, planes: LiftPlanes) -> list[Figure]:
-    """Return the distances of the lifts' support planes from the estimated CoM, without any sensor bias."""
+    """Return a histogram of the distances between the lifts' support planes and the estimated CoM."""
     com = result.composite.com_in_base.values
     if not np.isfinite(com).all():
         return []
@@ -91,16 +91,16 @@ def _plane_misses(result: Calibration, planes: LiftPlanes) -> list[Figure]:
     if not misses:
         return []
     caption = (
-        f"Each lift read alone, its sensors taken to be right: rms {np.sqrt(np.mean(np.square(misses))):.1f} mm. What they "
-        "share is sensor errors, which the estimate finds; hence its smaller interval."
+        f"Each lift evaluated alone, without sensor corrections: rms {np.sqrt(np.mean(np.square(misses))):.1f} mm. The estimate "
+        "corrects the sensor errors that the lifts share, so its interval is smaller."
     )
     data = [{"type": "histogram", "x": short(misses), "marker": {"color": SERIES[0]}, "nbinsx": 24, "name": "lifts"}]
     layout = axes("distance, CoM ahead positive [mm]", "lifts")
-    return [Figure("How far the support planes pass by the CoM", caption, data, layout)]
+    return [Figure("Distance from the support planes to the CoM", caption, data, layout)]
 
 
 def _tilt_by_offset(result: Calibration) -> list[Figure]:
-    """Return tilt against offset of the paper's lifts: it must change its sign at the line that was found."""
+    """Return tilt against offset of the paper's lifts: its sign should change at the estimated line."""
     data: list[Trace] = []
     for series, (diagonal, found) in enumerate(result.support_lines.items()):
         mine = [trial for trial in result.trials if trial.about == diagonal and trial.tilt is not None]
@@ -108,34 +108,34 @@ def _tilt_by_offset(result: Calibration) -> list[Figure]:
         marker = {"color": SERIES[series], "symbol": ("circle", "diamond")[series], "size": 9}
         data.append(points(offsets, short(tilts), f"lifts on {diagonal}", marker))
         data.append(line([1000 * found.offset] * 2, [-1, 1], f"balance on {diagonal}", series, line={"width": 1}))
-    caption = "Behind the centre of mass the robot tips forward, ahead of it backward."
+    caption = "The robot tips forward on a line behind its centre of mass, and backward on a line ahead of it."
     layout = axes("offset of the support line [mm]", "tilt [deg]")
     return [Figure("Tilt by offset", caption, data, layout)] if data else []
 
 
 def held_out_blocks(result: Calibration) -> list[Block]:
-    """A sentence, the errors over time if the recordings are at hand, and whose body predicts how well."""
+    """Return a summary, the errors over time if recordings are available, and the errors by predicting body."""
     predicted = result.held_out
     if predicted is None:
         return []
-    beside = "; ".join(
+    others = "; ".join(
         f"with the {body}'s body they are {predicted.error(body) / predicted.error(FOUND):.1f} times as large"
         for body in predicted.bodies
         if body != FOUND
     )
-    said = (
-        f"{predicted.counted} were each predicted from {predicted.others} alone. Errors are "
-        f"{1000 * predicted.error(FOUND):.2f} mm rms at the centre of mass; {beside}."
+    summary = (
+        f"{predicted.counted} were each predicted from {predicted.others} only. Prediction errors: "
+        f"{1000 * predicted.error(FOUND):.2f} mm rms at the centre of mass; {others}."
     )
     rows: list[list[str | Cell]] = [
         [body, f"{1000 * predicted.error(body):.2f}", f"{_in_intervals(result, body):.1f}",
          f"{predicted.inside(body)} of {len(predicted.lifts)}"]
         for body in reversed(predicted.bodies)
     ]  # fmt: skip
-    columns = ["body", "|rms error [mm]", "|over half the interval", "|inside the interval"]
+    columns = ["body", "|rms error [mm]", "|error / half width (rms)", "|inside the interval"]
     kind = predicted.lifts[0].kind
-    caption = f"At each {kind}'s end; sensors and floor as found without {predicted.left_out}, for all bodies"
-    return [said, *_errors_over_time(result), DataTable(caption, columns, rows)]
+    caption = f"Errors at the end of each {kind}; sensors and floor are estimated without {predicted.left_out}"
+    return [summary, *_errors_over_time(result), DataTable(caption, columns, rows)]
 
 
 def _in_intervals(result: Calibration, body: str) -> float:
@@ -152,6 +152,6 @@ def _errors_over_time(result: Calibration) -> list[Figure]:
         for series, body in enumerate(reversed(tuple(evidence.predictions[0].errors)))
     ]
     kind = evidence.predictions[0].kind
-    caption = f"A line a {kind}: measured less predicted tilt about the support line, as a way of the centre of mass."
-    layout = axes("time on two feet [s]", "error of the tilt [mm]")
-    return [Figure(f"{kind.capitalize()}s it has not seen", caption, lines, layout)]
+    caption = f"One line per {kind}: measured minus predicted tilt about the support line, as displacement of the centre of mass."
+    layout = axes("time on two feet [s]", "tilt error at the CoM [mm]")
+    return [Figure(f"Prediction errors of held-out {kind}s", caption, lines, layout)]

@@ -1,4 +1,4 @@
-"""The robot at its stance in three dimensions, with support planes and the CoM's ellipsoid; millimetres, base frame."""
+"""3D figure of the robot at its stance, with support planes and the CoM ellipsoid, in the base frame [mm]."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from equipoise.result.statistics import ellipsoid_95
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS
 
-_SEEN = 0.12  # size at which the ellipsoid is drawn beside the robot, over the hip height
+_SEEN = 0.12  # size of the enlarged ellipsoid, over the hip height
 _COLOURS = dict(zip(DIAGONALS, SERIES[2:], strict=True))
 _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
 def scene(result: Calibration, planes: LiftPlanes) -> list[Figure]:
-    """Return the scene with its two views: the robot, and the space around the CoM; none without the robot's model."""
+    """Return a figure with two views, of the robot and around the CoM; empty without a robot model."""
     robot = result.robot_model
     if robot is None:
         return []
@@ -55,7 +55,7 @@ def scene(result: Calibration, planes: LiftPlanes) -> list[Figure]:
             {"type": "buttons", "direction": "right", "buttons": buttons, "x": 0, "xanchor": "left", "y": 1}
         ],
     }
-    source = "" if own else " Links without a shape that can be read are drawn as stand-ins."
+    source = "" if own else " Links without a readable mesh are drawn as simple shapes."
     caption = f"The robot at its nominal stance; drag to turn, scroll to zoom.{words}{source}"
     data = [*whole, *marks, *({**trace, "visible": False} for trace in close)]
     return [Figure("Support planes and centre of mass", caption, data, layout, height=560)]
@@ -74,7 +74,7 @@ def _body(meshes: Sequence[Mesh], part: str, opacity: float) -> Trace:
 
 def _marks(result: Calibration, com: FloatArray) -> list[Trace]:
     places = [
-        ("CoM found", com, SERIES[0], "circle"),
+        ("estimated CoM", com, SERIES[0], "circle"),
         ("model file", result.nominal.composite.com, MUTED, "square"),
     ]
     if result.truth is not None:
@@ -91,28 +91,30 @@ def _marks(result: Calibration, com: FloatArray) -> list[Trace]:
 
 
 def _ellipsoids(result: Calibration, com: FloatArray, size: float) -> tuple[list[Trace], str]:
-    """Return the ellipsoid at its true size, then enlarged to be visible with the robot; and a sentence."""
+    """Return the 95 % ellipsoid at true size and enlarged, and its description."""
     covariance = result.composite.covariance
     if covariance is None:
         return [], ""
     directions, half_axes = ellipsoid_95(covariance[1:4, 1:4])
     times = max(1.0, 10.0 * round(_SEEN * size / float(half_axes.max()) / 10))
     look = {"color": SERIES[0], "opacity": 0.45, "showlegend": True, "hoverinfo": "name"}
-    names = {"95 % of the CoM": 1.0, f"95 % of the CoM, {times:.0f} times as large": times}
+    names = {"95 % ellipsoid of the CoM": 1.0, f"95 % ellipsoid of the CoM, enlarged {times:.0f}x": times}
     axes = " x ".join(f"{1000 * half:.2f}" for half in half_axes[::-1])
-    words = f" The ellipsoid holds the CoM with 95 %: half axes {axes} mm, drawn {times:.0f} times as large beside the robot."
+    words = (
+        f" The 95 % ellipsoid of the CoM has half axes {axes} mm; the view of the whole robot enlarges it {times:.0f}x."
+    )
     return [{**ellipsoid(com, one * half_axes, directions), "name": name, **look} for name, one in names.items()], words
 
 
 def _reach(result: Calibration, com: FloatArray) -> float:
-    """Return half the side of the box around the CoM [m]: it holds the truth and, if it is near, the model's CoM."""
+    """Return half the side of the box around the CoM [m]. It contains the truth and, within 30 mm, the model's CoM."""
     others = [result.nominal.composite.com] + ([] if result.truth is None else [result.truth.composite.com])
     far = [1.3 * float(np.abs(other - com).max()) for other in others]
     return max(0.003, *(one for one in far if one < 0.03), far[-1] if result.truth is not None else 0.0)
 
 
 def _extent(meshes: list[Trace], margin: float) -> list[tuple[float, float]]:
-    """Return the least and the greatest x, y and z of meshes, with a margin [m]."""
+    """Return the bounds of meshes along x, y and z, with a margin [m]."""
     places = [np.concatenate([mesh[axis] for mesh in meshes]) / 1000 for axis in "xyz"]
     return [(float(place.min()) - margin, float(place.max()) + margin) for place in places]
 
@@ -128,16 +130,16 @@ def _scene(ranges: list[tuple[float, float]]) -> Trace:
 
 
 def _surfaces(result: Calibration, found: LiftPlanes, com: FloatArray, half: tuple[float, float, float]) -> list[Trace]:
-    """Return one plane of each diagonal: as the search found it, or of the first lift on it.
+    """Return one plane for each diagonal: from the search, or from its first lift.
 
     Args:
-        half: how far they reach along the line, down and up from the CoM [m].
+        half: extent of a plane along the line, down and up from the CoM [m].
     """
     chosen = {lift.diagonal: lift.plane for lift in reversed(found)}  # the first one stays
     if result.support_lines:
         lines = result.support_lines.items()
         chosen = {name: SupportPlane(np.array(line.point), np.array(line.normal)) for name, line in lines}
-    word = "found" if result.support_lines else "first lift"
+    word = "estimate" if result.support_lines else "first lift"
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     return [
         {
@@ -150,7 +152,7 @@ def _surfaces(result: Calibration, found: LiftPlanes, com: FloatArray, half: tup
 
 
 def _outlines(found: LiftPlanes, com: FloatArray, reach: float) -> list[Trace]:
-    """Return the planes of all lifts on each diagonal, as squares about their points nearest to the CoM."""
+    """Return the planes of all lifts, as squares around their points nearest to the CoM."""
     traces: list[Trace] = []
     gap = np.full((1, 3), np.nan)
     for index, diagonal in enumerate(DIAGONALS):
@@ -171,7 +173,7 @@ def _outlines(found: LiftPlanes, com: FloatArray, reach: float) -> list[Trace]:
 
 
 def _square(plane: SupportPlane, com: FloatArray, along: float, down: float, up: float) -> FloatArray:
-    """Return (4, 3) corners of a part of a plane around its point nearest to the CoM [m]."""
+    """Return the (4, 3) corners of a rectangle in the plane around its point nearest to the CoM [m]."""
     middle = com - plane.distance_to(com) * plane.normal
     level = np.cross(plane.normal, [0.0, 0.0, 1.0])
     level /= np.linalg.norm(level)
@@ -181,13 +183,13 @@ def _square(plane: SupportPlane, com: FloatArray, along: float, down: float, up:
 
 
 def ellipsoid(middle: FloatArray, half_axes: FloatArray, directions: FloatArray) -> Trace:
-    """Return a trace; directions are columns."""
+    """Return the trace of an ellipsoid; the columns of `directions` are its axes."""
     ball = sphere(1.0)
     return merged([Mesh(middle + (ball.vertices * half_axes) @ directions.T, ball.faces)], decimals=3)
 
 
 def merged(meshes: Sequence[Mesh], decimals: int = 1) -> Trace:
-    """Return one trace of many meshes, in millimetres."""
+    """Return one trace of all meshes [mm]."""
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     points = 1000 * np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in meshes)])
     none = np.zeros((0, 3), dtype=np.int64)

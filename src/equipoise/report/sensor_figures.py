@@ -1,4 +1,4 @@
-"""Estimated sensor errors; method `bayesian`."""
+"""Figures and table of estimated sensor errors (method `bayesian`)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def sensor_blocks(result: Calibration) -> list[Block]:
         return []
     rows = [
         [Cell(one.message, "strong" if one.significant else ""), number(one.value, 1, ".3g"), number(one.half_width, 1, ".2g"),
-         one.unit, "worth fixing" if one.significant else ""]
+         one.unit, "correct it" if one.significant else ""]
         for one in result.sensors
     ]  # fmt: skip
     title = f"All {len(rows)} sensor errors, the most significant first"
@@ -25,15 +25,15 @@ def sensor_blocks(result: Calibration) -> list[Block]:
 
 
 def _figures(result: Calibration) -> list[Figure]:
-    """Return joint offsets with the orientation of the IMU, and its position."""
+    """Return a figure of joint offsets and IMU orientation, and one of the IMU position."""
     found = [one for one in result.sensors if one.name.endswith(" zero") or one.name.startswith("IMU ")]
     angles, lengths = ([one for one in found if one.unit == unit] for unit in ("rad", "m"))
-    figures = [_bars("Joint zeros and IMU orientation", angles, "deg", float(np.degrees(1.0)))] if angles else []
+    figures = [_bars("Joint offsets and IMU orientation", angles, "deg", float(np.degrees(1.0)))] if angles else []
     return figures + ([_bars("IMU position", lengths, "mm", 1000.0)] if lengths else [])
 
 
 def _bars(title: str, found: list[SensorFinding], unit: str, factor: float) -> Figure:
-    """Return the largest errors in a unit, so many of which are one SI unit."""
+    """Return a figure of the largest errors; `factor` converts from SI to the unit shown."""
     shown = sorted(found, key=lambda finding: -abs(finding.value))[:_SHOWN][::-1]
     names = [plain(finding.name) for finding in shown]
     data = [{
@@ -44,6 +44,6 @@ def _bars(title: str, found: list[SensorFinding], unit: str, factor: float) -> F
         "marker": {"color": [SERIES[1] if finding.significant else SERIES[0] for finding in shown]},
         "hovertemplate": f"%{{y}}: %{{x:.2f}} {unit}<extra></extra>",
     }]  # fmt: skip
-    bold = " Bold: significant, and worth fixing." if any(finding.significant for finding in shown) else ""
-    caption = f"Estimate less the model's value, with the 95 % interval; the {len(shown)} largest.{bold}"
+    bold = " Bold: significant errors; correct them." if any(finding.significant for finding in shown) else ""
+    caption = f"Estimate minus the model's value, with the 95 % interval; the {len(shown)} largest.{bold}"
     return Figure(title, caption, data, axes(f"error [{unit}]", ""), height=90 + 24 * len(shown))

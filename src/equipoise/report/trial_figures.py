@@ -1,4 +1,4 @@
-"""The trials: tilts over time, how the search closed in, and a table of all motions."""
+"""Figures of tilts and of the CoM search, and the table of all motions."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from equipoise.result.calibration import Calibration, Trial
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import nominal_stance
 
-_POINTS = 40  # of a curve
+_POINTS = 40  # per curve
 _VERDICTS = ("forward", "backward", "balanced")
 _SYMBOLS = {"forward": "triangle-up", "backward": "triangle-down", "balanced": "circle"}
 
 
 def tilt_figures(result: Calibration) -> list[Figure]:
-    """Return tilt over time of every lift, a figure for each diagonal."""
+    """Return the tilt of all lifts over time, one figure for each diagonal."""
     evidence, robot = result.evidence, result.robot_model
     if evidence is None or robot is None:
         return []
@@ -49,7 +49,7 @@ def _tilts(robot: RobotModel, diagonal: str, lifts: list[tuple[int, LiftTrial, R
         kinds = _VERDICTS if kind in _VERDICTS else MEANWHILE
         try:
             time, angle = tilt_curve(robot, recording, diagonal, _POINTS)
-        except EquipoiseError:  # the table of motions has it, with its reason
+        except EquipoiseError:  # the table of motions shows the lift with its reason
             continue
         first = not any(trace["legendgroup"] == kind for trace in data)
         offset = trial.offset if isinstance(trial, CommandedLift) and verdict is not None else None
@@ -57,14 +57,12 @@ def _tilts(robot: RobotModel, diagonal: str, lifts: list[tuple[int, LiftTrial, R
         hover = f"lift {index}, {kind}{where}: %{{y:.2f}} deg<extra></extra>"
         group = {"legendgroup": kind, "showlegend": first, "hovertemplate": hover, "opacity": 0.8}
         data.append(line(time, np.degrees(angle), kind, kinds.index(kind), line={"width": 1.4}, **group))
-    caption = (
-        f"Tilt of the centre of mass about the line {diagonal}, from unloading two feet until they come down again."
-    )
+    caption = f"Tilt of the centre of mass about the support line {diagonal}, from unloading of two feet to touchdown."
     return Figure(f"Lifts on {diagonal}", caption, data, axes("time [s]", "tilt, forward positive [deg]"))
 
 
 def search_figures(result: Calibration) -> list[Figure]:
-    """Return how both searches converged, and in simulation Fig. 3; method `paper`."""
+    """Return the convergence of both searches, and Fig. 3 of the paper in simulation (method `paper`)."""
     robot = result.robot_model
     if not result.support_lines or robot is None:
         return []
@@ -90,47 +88,47 @@ def _brackets(result: Calibration, start: Bracket) -> Figure:
         offsets = short(1000 * lift.offset for lift in lifts)
         data.append(points(count[1:], offsets, f"tried {diagonal}", marker, legendgroup=diagonal, **hover))
     caption = (
-        "Offsets of the support line that were tried, and the bounds left after each lift. Triangles point up where the robot "
-        "tipped forward, down where it tipped backward; circles: it stayed balanced."
+        "Offsets of the support line in each lift, and the bounds after it. Triangle up: the robot tipped forward; triangle "
+        "down: backward; circle: it stayed balanced."
     )
     return Figure(
-        "The search closes in", caption, data, axes("lifts on the diagonal", "offset of the support line [mm]")
+        "Convergence of the search", caption, data, axes("lifts on the diagonal", "offset of the support line [mm]")
     )
 
 
 def _errors(result: Calibration, start: Bracket) -> Figure:
-    """Return Fig. 3: planar CoM error against the number of halvings."""
+    """Return Fig. 3 of the paper: planar CoM error against the number of halvings."""
     assert result.truth is not None
     error = 1000 * np.hypot(*(com_by_iteration(result, start) - result.truth.composite.com[:2]).T)
     data = [line(range(1, len(error) + 1), error, "error", 0, mode="lines+markers")]
     layout = axes("halvings of both brackets", "planar error [mm]")
     layout["xaxis"]["dtick"], layout["yaxis"]["rangemode"] = 1, "tozero"
     caption = (
-        f"Distance of the centre of mass from the truth as it would have been found after each halving (the paper's Fig. 3); "
+        f"Planar distance between estimated and true centre of mass after each halving (Fig. 3 of the paper); "
         f"{error[-1]:.1f} mm at the end."
     )
     return Figure("Error by iteration", caption, data, layout)
 
 
 def narrowing(lifts: Sequence[TriedOffset], start: Bracket) -> tuple[FloatArray, FloatArray]:
-    """(n + 1,) lower and upper bound before the first lift and after each [m]."""
+    """Return (n + 1,) lower and upper bounds before the first lift and after each lift [m]."""
     brackets = list(accumulate(lifts, step, initial=start))
     return np.array([bracket.lower for bracket in brackets]), np.array([bracket.upper for bracket in brackets])
 
 
 def trial_table(result: Calibration) -> list[DataTable]:
-    """Return a row for every motion; empty columns are left out."""
+    """Return the table of all motions, without empty columns."""
     if not result.trials:
         return []
     columns: dict[str, Callable[[Trial], str]] = {
         "kind": lambda trial: trial.kind,
         "about": lambda trial: trial.about,
-        "|offset [mm]": lambda trial: _known(trial.offset, 1000, "+.1f"),
-        "|lift height [mm]": lambda trial: _known(trial.lift_height, 1000, ".0f"),
-        "|tilt [deg]": lambda trial: _known(trial.tilt, 57.29578, "+.2f"),
+        "|offset [mm]": lambda trial: _text(trial.offset, 1000, "+.1f"),
+        "|lift height [mm]": lambda trial: _text(trial.lift_height, 1000, ".0f"),
+        "|tilt [deg]": lambda trial: _text(trial.tilt, 57.29578, "+.2f"),
         "verdict": lambda trial: trial.verdict or "",
         "|duration [s]": lambda trial: f"{trial.duration:.1f}",
-        "|misfit": lambda trial: _known(trial.normalized_residual, 1, ".2f"),
+        "|normalized residual": lambda trial: _text(trial.normalized_residual, 1, ".2f"),
         "note": lambda trial: trial.note or "",
     }
     shown = {name: text for name, text in columns.items() if any(map(text, result.trials))}
@@ -139,5 +137,5 @@ def trial_table(result: Calibration) -> list[DataTable]:
     return [DataTable(title, ["|#", *shown], rows, folded=True)]
 
 
-def _known(value: float | None, factor: float, form: str) -> str:
+def _text(value: float | None, factor: float, form: str) -> str:
     return "" if value is None else number(value, factor, form)
