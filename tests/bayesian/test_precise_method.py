@@ -173,8 +173,8 @@ def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):
         "truth",
         "identified",
         "estimate: ",
-        "with its fixed links",
-        "weak: standard deviation above one tenth",
+        "with all that is fixed to it",
+        "weak: posterior std above one tenth",
     ):
         assert words in shown
 

@@ -207,5 +207,5 @@ def test_all_takes_no_flag_of_one_format_and_fails_where_nothing_can_be_written(
     unknown = {name: Body.partly(getattr(result.nominal, name)) for name in ("composite", "base")}
     bare = dataclasses.replace(result, **unknown)
     bare.save(tmp_path / "bare.json")
-    assert "this calibration does not know" in fails(capsys, 8, "export", str(tmp_path / "bare.json"), "--all")
+    assert "this calibration does not estimate" in fails(capsys, 8, "export", str(tmp_path / "bare.json"), "--all")
     assert not (tmp_path / "export").exists()

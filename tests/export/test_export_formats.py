@@ -118,7 +118,7 @@ def test_bodies_that_a_method_does_not_estimate_are_refused(name, force, result)
     )
     with pytest.raises(NotEstimatedError) as error:
         export(paper, name, force=force)
-    assert "this calibration does not know mass, inertia, com_in_base." in str(error.value)
+    assert "this calibration does not estimate mass, inertia, com_in_base." in str(error.value)
     assert str(error.value).endswith("calibrate with --method bayesian")
 
 

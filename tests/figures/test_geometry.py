@@ -1,4 +1,4 @@
-"""Shapes of robots in figures."""
+"""Shapes of robots."""
 
 import os
 
@@ -41,7 +41,7 @@ def test_a_box_is_closed_and_looks_outward(x, y, z):
 
 
 @given(LENGTHS, LENGTHS)
-def test_round_bodies_have_nearly_the_volume_of_what_they_stand_for(radius, length):
+def test_round_bodies_have_nearly_the_exact_volume(radius, length):
     ball, tube = 4 / 3 * np.pi * radius**3, np.pi * radius**2 * length
     for mesh, exact in (
         (sphere(radius), ball),
@@ -94,7 +94,7 @@ endsolid s
 """
 
 
-def test_meshes_next_to_the_users_file_are_used_until_it_changes(tmp_path):
+def test_meshes_of_the_users_file_are_used_until_it_changes(tmp_path):
     (tmp_path / "trunk.stl").write_text(MESH, encoding="utf-8")
     visual = '<visual><geometry><mesh filename="package://{}/trunk.stl" scale="2 2 2"/></geometry></visual>'
     text = quadruped_urdf().replace("<inertial>", visual.format(tmp_path.name) + "<inertial>", 1)
@@ -159,7 +159,7 @@ def test_a_mesh_that_was_joined_wrongly_gives_way_to_its_hull():
 
 @pytest.mark.parametrize("path", ["../../../../etc/passwd", "/dev/zero", "package://../../etc/passwd", "pipe.stl"])
 def test_a_mesh_that_is_none_is_not_waited_for(a1, a1_urdf, tmp_path, path):
-    """Simple bodies replace meshes that cannot be read."""
+    """Simple bodies replace unreadable meshes."""
     os.mkfifo(tmp_path / "pipe.stl")
     visual = f'<visual><geometry><mesh filename="{path}"/></geometry></visual></link>'
     robot = load_text(tmp_path, a1_urdf.replace("</link>", visual, 1))

@@ -257,7 +257,7 @@ def test_a_foreign_bag_from_the_command_line(bag, precise_run, tmp_path, capsys)
     ):  # fmt: skip
         assert part in shown, part
     assert f"see {tmp_path / 'found.html'}" in shown
-    assert "In space" in (tmp_path / "found.html").read_text(encoding="utf-8")
+    assert "3D view" in (tmp_path / "found.html").read_text(encoding="utf-8")
     saved = json.loads(out.read_text())
     assert saved["provenance"]["log"] == str(bag)
     truth = precise_run.truth.composite

@@ -218,7 +218,7 @@ def test_model_errors_of_other_joints_widen_every_interval(a1, swung):
     greased = dataclasses.replace(recording, joints=dataclasses.replace(joints, torque=joints.torque + friction))
     found = Motors().estimate(a1, [greased], nominal_stance(a1))
     *others, last = found.motors.values()
-    assert last.normalized_residual < 0.1 * max(one.normalized_residual for one in others)
+    assert last.residual < 0.1 * max(one.residual for one in others)
     assert last.armature.std > 3 * list(result.motors.values())[-1].armature.std
 
 

@@ -63,7 +63,7 @@ def static():
 
 
 def blocks(contents, kind):
-    """All blocks of a kind below the first screen."""
+    """Return all blocks of a kind below the first screen."""
     return [block for section in contents.sections for block in section.blocks if isinstance(block, kind)]
 
 
@@ -81,7 +81,7 @@ def legend(contents):
 
 
 def stored(text):
-    """The figures as a page holds them."""
+    """Return the figures of a page."""
     return json.loads(re.search(r"const figures = (.*?);\n", text).group(1))
 
 
@@ -106,7 +106,7 @@ def test_a_precise_run_shows_all_parts(precise):
     assert len(contents.first[0].rows) == 10
 
 
-def test_the_numbers_say_their_frame_point_axes_and_stance(precise):
+def test_the_notes_state_frame_point_axes_and_stance(precise):
     frame, *_ = legend(run_contents(precise))
     assert frame == (
         "CoM from the origin of base link 'trunk', x forward, z up; inertia about the CoM, in the same axes; standing with "
@@ -129,7 +129,7 @@ def test_logarithmic_axes_read_one_two_five_ten(precise):
     assert axis["tickvals"] == [float(tick) for tick in axis["ticktext"]]
 
 
-def test_what_a_run_was_not_given_is_called_so(precise):
+def test_missing_settings_are_shown_as_not_given(precise):
     given = precise.with_provenance(payload=None)
     rows = {row[0]: row[1] for block in blocks(run_contents(given), DataTable) for row in block.rows if len(row) == 2}
     assert (rows["payload"], rows["mass"]) == ("none", "not given")
@@ -155,7 +155,7 @@ def test_the_last_error_by_iteration_is_that_of_the_result(paper):
     assert figure.data[0]["y"][-1] == pytest.approx(error, rel=1e-3)
 
 
-def test_the_static_method_leaves_out_what_it_does_not_know(static):
+def test_the_static_method_omits_parameters_without_estimate(static):
     contents = run_contents(static)
     assert titles(contents) == ["Trials", "3D view", "Next steps", "Provenance"]
     assert [row[0] for row in contents.first[0].rows] == ["mass [kg]", "CoM x [mm]", "CoM y [mm]"]
@@ -163,7 +163,7 @@ def test_the_static_method_leaves_out_what_it_does_not_know(static):
     assert feet["text"] == ["FL", "FR", "RL", "RR"]
 
 
-def test_a_result_from_json_shows_what_it_has(precise, tmp_path):
+def test_a_report_from_json(precise, tmp_path):
     precise.save(tmp_path / "result.json")
     contents = run_contents(Calibration.load(tmp_path / "result.json"))
     assert titles(contents) == [
@@ -173,7 +173,7 @@ def test_a_result_from_json_shows_what_it_has(precise, tmp_path):
     assert [block.title for block in contents.first if isinstance(block, Figure)] == ["Around the centre of mass"]
 
 
-def test_the_lead_says_the_change_against_the_model(precise, precise_run, a1):
+def test_the_lead_states_the_change_from_the_model(precise, precise_run, a1):
     settings = dataclasses.replace(precise_run.settings, mass=precise_run.truth.composite.mass)
     weighed = settings.estimate(a1, precise_run.recordings, precise_run.stance)
     change = weighed.composite.mass.value - weighed.nominal.composite.mass
@@ -183,13 +183,13 @@ def test_the_lead_says_the_change_against_the_model(precise, precise_run, a1):
     assert "agrees with the model file within the interval" in run_contents(same).lead
 
 
-def test_the_lead_says_what_was_assumed(precise):
+def test_the_lead_states_assumptions(precise):
     assert "Assumed" not in run_contents(dataclasses.replace(precise, assumptions=())).lead
-    told = dataclasses.replace(precise, assumptions=("no cable pulls", "the legs are light"))
-    assert run_contents(told).lead.endswith(" Assumed: no cable pulls; the legs are light.")
+    assumed = dataclasses.replace(precise, assumptions=("no cable pulls", "the legs are light"))
+    assert run_contents(assumed).lead.endswith(" Assumed: no cable pulls; the legs are light.")
 
 
-def test_failed_checks_are_alerts_and_warnings_where_there_are_no_checks(precise, paper):
+def test_alerts_are_failed_checks_or_warnings(precise, paper):
     failed = dataclasses.replace(precise.checks[0], passed=False)
     contents = run_contents(dataclasses.replace(precise, checks=(failed,), warnings=("unused",)))
     assert contents.alerts == [(f"Check failed: {failed.name}", failed.message)]
@@ -209,7 +209,7 @@ def test_numbers_are_the_results_in_the_terminals_units(precise):
     assert mass.quantity.change == pytest.approx(precise.composite.mass.value - precise.nominal.composite.mass)
 
 
-def test_a_bar_keeps_the_order_of_what_it_shows(precise):
+def test_a_bar_keeps_the_order_of_its_values(precise):
     for one in numbers(precise):
         places = bar_places(one.quantity)
         assert 0 <= places["lower"] < places["found"] < places["upper"] <= 1
@@ -265,7 +265,7 @@ def test_bounds_narrow_to_those_of_the_support_line(paper):
         assert (lower[-1], upper[-1]) == (line.lower, line.upper)
 
 
-def test_a_tilt_curve_ends_where_the_trial_was_judged(paper):
+def test_a_tilt_curve_ends_at_the_tilt_of_its_trial(paper):
     lifts = [r for r in paper.evidence.recordings if isinstance(r.trial, LiftTrial) and r.complete]
     for recording, trial in zip(lifts, (t for t in paper.trials if t.kind == "lift"), strict=True):
         time, angle = tilt_curve(paper.robot_model, recording, trial.about, 40)
@@ -274,7 +274,7 @@ def test_a_tilt_curve_ends_where_the_trial_was_judged(paper):
         assert angle[-1] == pytest.approx(trial.tilt, abs=0.1 * abs(trial.tilt) + 2e-3)
 
 
-def test_intervals_narrow_motion_by_motion_to_what_was_found(precise):
+def test_intervals_narrow_to_the_final_ones(precise):
     posterior = precise.evidence.posterior
     path = stds_by_motion(posterior, [motion.index for motion in posterior.motions])
     assert np.all(np.diff(path, axis=0) <= 1e-9 * path[0])
@@ -294,7 +294,7 @@ def test_excitations_are_shown_as_measured_and_as_fitted(paper):
         assert f"I = {fit.inertia:.4f} kg m2, C = {fit.damping:.3f} Nm s/rad" in torque.caption
 
 
-def test_a_excitation_without_an_estimate_says_why_and_a_doubt_is_told(paper):
+def test_excitation_notes_are_listed(paper):
     fits = {axis: fit for axis, fit in paper.evidence.fits.items() if axis != "roll"}
     skipped, doubt = "skipped, not possible with all feet on the floor", "the smallest foot load is 0.3 N"
     excitations = {
@@ -305,8 +305,8 @@ def test_a_excitation_without_an_estimate_says_why_and_a_doubt_is_told(paper):
     evidence = dataclasses.replace(paper.evidence, fits=fits)
     contents = run_contents(dataclasses.replace(paper, excitations=excitations, evidence=evidence))
     assert not any(figure.title.startswith("Excitation about roll") for figure in blocks(contents, Figure))
-    told = [item for block in blocks(contents, tuple) for item in block]
-    assert {f"roll: {skipped}", f"pitch: {doubt}"} <= set(told)
+    notes = [item for block in blocks(contents, tuple) for item in block]
+    assert {f"roll: {skipped}", f"pitch: {doubt}"} <= set(notes)
 
 
 def test_every_estimated_motion_has_a_normalized_residual(precise):
@@ -315,7 +315,7 @@ def test_every_estimated_motion_has_a_normalized_residual(precise):
     assert sorted(number for bars in normalized_residuals.data for number in bars["x"]) == read
 
 
-def test_hollow_bars_are_explained_where_there_are_any(precise):
+def test_hollow_bars_are_explained(precise):
     figure = figure_called(run_contents(precise), "Residual of each motion")
     assert all(trial.note is None for trial in precise.trials if trial.normalized_residual is not None)
     assert "Hollow" not in figure.caption
@@ -337,7 +337,7 @@ def test_hatching_is_of_kinds_of_motions_alone(precise):
     assert not any("pattern" in trace.get("marker", {}) for figure in others for trace in figure.data)
 
 
-def test_residuals_of_planted_moves_say_what_one_is(precise):
+def test_caption_explains_the_level_of_stance_motions(precise):
     caption = figure_called(run_contents(precise), "Residual of each motion").caption
     assert "Stance motions: the expected noise is a fixed allowance" in caption
     lifts = tuple(trial for trial in precise.trials if trial.kind == "lift")
@@ -359,7 +359,7 @@ def test_angles_and_positions_have_axes_of_their_own(precise):
     assert position.data[0]["x"] == short(1000 * found[name] for name in names)
 
 
-def test_what_is_worth_fixing_is_bold_and_joints_have_their_own_names(precise):
+def test_significant_sensor_errors_are_bold(precise):
     other = dataclasses.replace(
         precise.sensors[0], name="servo_hl_0 zero", value=0.2, std=0.01, significant=True, unit="rad"
     )
@@ -377,7 +377,7 @@ def test_a_passed_check_reads_as_passed(precise):
     assert not [message for message in passed.values() if re.search(r"\bwould\b|elsewhere|seems", message)]
 
 
-def test_the_caption_beside_the_numbers_has_their_digits(precise):
+def test_the_caption_has_the_digits_of_the_table(precise):
     close_up = next(
         block for block in run_contents(precise).first if getattr(block, "title", "") == "Around the centre of mass"
     )
@@ -385,7 +385,7 @@ def test_the_caption_beside_the_numbers_has_their_digits(precise):
     assert close_up.caption.startswith(f"estimate x {x}, y {y} mm; ")
 
 
-# --- what would help
+# --- next steps
 
 
 def test_more_evidence_never_widens_an_interval(precise):
@@ -399,7 +399,7 @@ def test_more_evidence_never_widens_an_interval(precise):
     assert seen.motions
 
 
-def test_a_robot_that_was_weighed_is_not_told_to_be(precise):
+def test_a_weighed_robot_gets_no_advice_to_weigh_it(precise):
     settings = {**precise.settings, "mass": 13.9}
     seen = outlook(dataclasses.replace(precise, settings=settings), precise.robot_model, precise.evidence.posterior)
     assert len(seen.intervals) == 2
@@ -458,7 +458,7 @@ def test_the_package_that_is_built_has_the_page(tmp_path):
 # --- comparing
 
 
-def test_ellipses_beside_each_other_are_seen_whole(precise):
+def test_the_close_up_contains_all_ellipses(precise):
     wide = dataclasses.replace(precise.composite, covariance=16 * precise.composite.covariance)
     com = wide.com_in_base
     there = com.x.value + 2 * Ellipse.of(wide.covariance[1:3, 1:3]).major
@@ -483,10 +483,10 @@ def test_a_difference_has_the_combined_interval(precise, static):
     assert table.rows[0][2:] == ["", ""]
 
 
-def test_what_differs_in_provenance_stands_out(precise):
+def test_differences_in_provenance_are_bold(precise):
     other = precise.with_provenance(seed=9)
     contents = comparison_contents({"a": precise.with_provenance(seed=8), "b": other})
-    (table,) = (block for block in blocks(contents, DataTable) if block.title.startswith("Where"))
+    (table,) = (block for block in blocks(contents, DataTable) if block.title.startswith("Provenance"))
     rows = {row[0]: row[1:] for row in table.rows}
     assert rows["seed"] == [Cell("8", "strong"), Cell("9", "strong")]
     assert all(cell.tone == "" for cell in rows["method"])
@@ -494,7 +494,7 @@ def test_what_differs_in_provenance_stands_out(precise):
 
 def test_different_robots_are_called_so(precise):
     contents = comparison_contents({"a": precise, "b": dataclasses.replace(precise, robot="other")})
-    assert contents.lead.startswith("These are 2 different robots")
+    assert contents.lead.startswith("The runs are of 2 different robots")
 
 
 def test_one_run_is_no_comparison(precise, tmp_path):

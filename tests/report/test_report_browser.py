@@ -1,4 +1,4 @@
-"""The report in a real browser: drawn whole, without a request or an error, in both themes, on paper and on a telephone."""
+"""Rendering of the report in a browser, in both themes, on paper and on a phone."""
 
 import dataclasses
 import functools
@@ -38,7 +38,7 @@ def pages(results, tmp_path_factory):
 
 @contextmanager
 def visits(browser):
-    """Opens files and collects what goes wrong in them; checked at the end."""
+    """Browser that opens files and collects their errors, checked at the end."""
     contexts, problems, requests = [], [], []
 
     def open_page(path, width=1280, height=800, init=None):
@@ -69,14 +69,14 @@ def visit(browser):
 
 @pytest.fixture(scope="module")
 def page_of(browser, pages):
-    """One page of each kind, for tests that do not ask what is drawn already."""
+    """Return one open page of each kind."""
     with visits(browser) as open_page:
         yield functools.cache(lambda kind: open_page(pages[kind]))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_figure_is_drawn_below_a_first_screen_that_holds_numbers_and_picture(visit, pages, kind):
-    """Those below when they come near; the scene looks at the CoM when asked; on a telephone the page scrolls one way."""
+    """Figures are drawn when they approach the viewport; on a phone the page scrolls vertically only."""
     page = visit(pages[kind])
     for part in (
         "#numbers tbody tr >> nth=0",
@@ -98,7 +98,7 @@ def test_every_figure_is_drawn_below_a_first_screen_that_holds_numbers_and_pictu
     assert len(page.evaluate(DRAWN)) >= FIGURES[kind]
     if kind == "bayesian":
         assert_the_scene_looks_at_the_robot_or_at_the_com(page)
-    ellipses = "plots[1].data.filter((trace) => trace.name.startsWith('95 % of')).length"
+    ellipses = "plots[1].data.filter((trace) => trace.name.startsWith('95 % ellipsoid of')).length"
     assert page.evaluate(ellipses) == {"bayesian": 1, "paper": 0, "comparison": 1}[kind]
     page.set_viewport_size({"width": 400, "height": 800})
     page.wait_for_function("document.documentElement.scrollWidth <= 400")
@@ -170,7 +170,7 @@ def test_figures_are_saved_from_the_page_without_a_network(page_of, tmp_path):
         assert (tmp_path / "figure").read_bytes().startswith(start), title
 
 
-def test_paper_is_wide_enough_for_the_numbers_and_gets_every_figure_unasked(page_of, tmp_path):
+def test_print_shows_all_numbers_and_figures(page_of, tmp_path):
     page = page_of("bayesian")
     page.set_viewport_size({"width": 688, "height": 970})  # A4 less its margins
     page.emulate_media(media="print", color_scheme="dark")
@@ -222,7 +222,7 @@ def test_a_name_is_shown_and_never_run(visit, results, tmp_path):
         assert name in page.locator("main").inner_text()
 
 
-def test_failed_checks_come_first_and_what_was_found_is_doubtful(visit, results, tmp_path):
+def test_failed_checks_come_first(visit, results, tmp_path):
     precise = results["bayesian"]
     checks = tuple(dataclasses.replace(check, passed=False) for check in precise.checks[:2])
     failed = dataclasses.replace(precise, checks=checks, composite=precise.composite.doubted())

@@ -27,7 +27,7 @@ def body():
     return Body.known(BASE, COVARIANCE, np.full(10, 0.012), TRUE).with_truth(TRUE)
 
 
-def test_a_quantity_has_all_that_is_known_of_it(body):
+def test_quantity_attributes(body):
     std = np.sqrt(COVARIANCE[2, 2])
     y = body.com_in_base.y
     assert y == Quantity("com_y", "m", -0.003, std, "weak", 0.0, 0.0)
@@ -39,7 +39,7 @@ def test_a_quantity_has_all_that_is_known_of_it(body):
     assert body.mass.missed
 
 
-def test_quantities_are_asked_by_attribute(body):
+def test_quantities_are_attributes_of_a_body(body):
     assert [quantity.name for quantity in body] == list(COMPONENTS)
     for name in COMPONENTS[4:]:
         quantity = getattr(body.inertia, name)
@@ -61,7 +61,7 @@ def test_arrays_are_those_of_the_quantities(body):
         body.covariance[0, 0] = 0.0
 
 
-def test_a_body_gives_back_what_it_was_made_of(body):
+def test_a_body_returns_its_parameters(body):
     assert same(body.parameters(), BASE)
     assert same(body.model, TRUE)
     assert same(body.truth, TRUE)
@@ -70,7 +70,7 @@ def test_a_body_gives_back_what_it_was_made_of(body):
     assert same(body.with_model(BASE).model, BASE)
 
 
-def test_a_known_body_goes_there_and_back(body):
+def test_json_round_trip_of_a_complete_body(body):
     table = json.loads(json.dumps(body.to_dict(), allow_nan=False))
     again = Body.from_dict(table).with_model(TRUE).with_truth(TRUE)
     assert list(again) == list(body)
@@ -81,7 +81,7 @@ def test_a_known_body_goes_there_and_back(body):
     }  # fmt: skip
 
 
-def test_what_is_partly_known_goes_there_and_back():
+def test_json_round_trip_of_an_incomplete_body():
     variance = np.full((10, 10), np.nan)
     variance[0, 0] = 0.04
     body = Body.of([2.0, *9 * [np.nan]], variance, np.ones(10))
@@ -103,13 +103,16 @@ def test_what_is_partly_known_goes_there_and_back():
         (Body.of([1.0, 0, 0, 0, 1, 1, 1, 0, 0, np.nan]), "inertia"),
     ],
 )
-def test_a_body_that_is_not_known_names_what_is_missing(body, missing):
+def test_the_error_names_missing_parameters(body, missing):
     with pytest.raises(NotEstimatedError) as caught:
         body.parameters()
-    assert str(caught.value) == f"this calibration does not know {missing}; its method does not estimate it"
+    assert (
+        str(caught.value)
+        == f"this calibration does not estimate {missing}; use --method bayesian, with base in --parameters"
+    )
 
 
-def test_errors_are_of_what_both_know():
+def test_errors_exist_where_estimate_and_truth_exist():
     partial = Body.partly(mass=6.0, com_in_base=(0.01, None, None)).with_truth(BASE)
     assert partial.numbers("error") == {
         "mass": pytest.approx(-0.2), "com_in_base": [pytest.approx(-0.01), None, None], "inertia": None,
@@ -117,13 +120,13 @@ def test_errors_are_of_what_both_know():
     assert not Body.known(BASE).with_truth(BASE).errors.any()
 
 
-def test_what_is_not_estimated_still_has_the_models_value():
+def test_parameters_without_estimate_have_a_model_value():
     height = Body.partly(TRUE, com_in_base=(0.01, 0.0, None)).com_in_base.z
     assert height == Quantity("com_z", "m", model=0.05)
     assert height.interval is height.half_width is height.error is height.change is None
 
 
-def test_what_is_doubted_keeps_its_numbers_and_is_neither_identified_nor_weak():
+def test_doubted_keeps_numbers_and_changes_verdicts():
     sure = np.diag(np.repeat([1e-12, 1.0, 1e-7], [1, 1, 8]))
     body = Body.known(BASE, sure, np.full(10, 1.5e-3), TRUE).with_truth(TRUE)
     assert {quantity.verdict for quantity in body} == {"identified", "weak", "not identified"}
@@ -138,7 +141,7 @@ def test_what_is_doubted_keeps_its_numbers_and_is_neither_identified_nor_weak():
     assert list(again) == list(doubted)
 
 
-def test_a_doubted_body_has_standard_deviations_of_at_least_what_is_given():
+def test_doubted_raises_standard_deviations_to_the_lower_bounds():
     body = Body.known(BASE, np.diag(np.repeat([1e-12, 1.0, 1e-7], [1, 1, 8])) + 1e-13, np.ones(10))
     least = np.where(np.arange(10) == 2, 0.02, 1e-9)
     doubted = body.doubted(least)
@@ -148,5 +151,5 @@ def test_a_doubted_body_has_standard_deviations_of_at_least_what_is_given():
     assert np.allclose(doubted.covariance / scale, body.covariance / before)
 
 
-def test_a_doubted_body_without_verdicts_has_none_still():
+def test_doubted_adds_no_verdicts():
     assert {quantity.verdict for quantity in Body.partly(mass=6.0).doubted()} == {None}

@@ -1,4 +1,4 @@
-"""The result: its JSON form, its errors against a truth, and the model with what was found."""
+"""JSON form of a result, its errors, and the model with the estimated base."""
 
 import dataclasses
 import json
@@ -49,7 +49,7 @@ def path(tmp_path):
 # --- JSON
 
 
-def test_what_is_loaded_is_what_was_saved(calibration, path):
+def test_json_round_trip(calibration, path):
     calibration.save(path)
     assert Calibration.load(path).to_dict() == calibration.to_dict()
     assert Calibration.load(path).to_json() == calibration.to_json() == path.read_text()
@@ -89,13 +89,13 @@ def test_the_json_keys_are_those_that_others_rely_on(calibration):
     assert all(list(each) == trial for each in table["trials"])
 
 
-def test_the_stance_is_told_by_joint_name(calibration, a1):
+def test_the_stance_is_by_joint_name(calibration, a1):
     told = json.loads(calibration.to_json())["stance"]["joint_position"]
     assert list(told) == list(a1.joint_names)
     assert list(told.values()) == nominal_stance(a1).joint_position.tolist()
 
 
-def test_what_the_paper_does_not_estimate_is_null(calibration):
+def test_parameters_without_estimate_are_null(calibration):
     table = json.loads(calibration.to_json())
     x, y, z = table["composite"]["com_in_base"]
     assert isinstance(x, float)
@@ -142,7 +142,7 @@ def test_another_file_is_no_result(path, content, message):
         ("nominal", None), ("nominal", {"composite": []}), ("warnings", None),
     ],
 )  # fmt: skip
-def test_a_damaged_result_is_told(calibration, path, key, value):
+def test_a_damaged_result_raises(calibration, path, key, value):
     path.write_text(json.dumps({**calibration.to_dict(), key: value}))
     with pytest.raises(RecordingError, match=r"the result '.*calibration.json' is damaged: "):
         Calibration.load(path)
@@ -164,7 +164,7 @@ def test_a_place_that_cannot_be_written_or_read_is_named(calibration, tmp_path):
         Calibration.load(tmp_path / "missing.json")
 
 
-def test_what_was_found_about_a_joint_is_asked_by_its_name(precise_run):
+def test_joint_estimates_are_by_joint_name(precise_run):
     result = precise_run.result
     found = {finding.name: finding for finding in result.sensors}
     zero, gain = result.joints["FL_calf_joint"].zero, result.joints["FL_calf_joint"].torque_gain
@@ -226,17 +226,17 @@ def test_the_three_bodies_go_there_and_back(a1):
 
 
 def test_the_papers_method_gives_no_model(calibration):
-    with pytest.raises(NotEstimatedError, match=r"this calibration does not know mass, inertia, com_in_base\.x"):
+    with pytest.raises(NotEstimatedError, match=r"this calibration does not estimate mass, inertia, com_in_base\.x"):
         calibration.to_pinocchio()
 
 
 def test_a_result_from_json_has_no_model_at_hand(calibration, path):
     calibration.save(path)
-    with pytest.raises(NotEstimatedError, match="the robot model is not at hand: open the run folder instead"):
+    with pytest.raises(NotEstimatedError, match="the robot model is not available: open the run folder instead"):
         Calibration.load(path).to_pinocchio()
 
 
-def test_a_known_base_is_put_into_the_robots_own_model(calibration, a1):
+def test_to_pinocchio_replaces_the_base_inertia(calibration, a1):
     before = [pin.Inertia(inertia) for inertia in a1.full_pinocchio.inertias]
     model = dataclasses.replace(calibration, base=Body.known(BASE)).to_pinocchio()
     assert model.inertias[1].isApprox(BASE.to_pinocchio())

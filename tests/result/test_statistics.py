@@ -1,4 +1,4 @@
-"""How many standard deviations hold 95 %, and the limits of verdicts."""
+"""Factors of 95 % regions, and limits of verdicts."""
 
 import ast
 from pathlib import Path
@@ -30,7 +30,7 @@ def test_an_ellipsoid_of_a_covariance_holds_95_percent(dimensions):
 
 
 @pytest.mark.parametrize(("percent", "half"), list(NORMAL.items()))
-def test_intervals_of_all_levels_hold_what_they_say(percent, half):
+def test_coverage_of_intervals(percent, half):
     assert norm.cdf(half) - norm.cdf(-half) == pytest.approx(percent / 100, abs=5e-5)
 
 
@@ -38,11 +38,11 @@ def test_intervals_of_all_levels_hold_what_they_say(percent, half):
     ("std", "verdict"),
     [(0.1, "identified"), (0.101, "weak"), (0.5, "weak"), (0.501, "not identified"), (0.0, "identified")],
 )
-def test_a_verdict_is_by_how_much_narrower_a_belief_became(std, verdict):
+def test_verdicts_by_reduction_of_the_standard_deviation(std, verdict):
     assert verdict_of(std, 1.0) == verdict_of(3 * std, 3.0) == verdict
 
 
-def test_nobody_else_says_how_many_standard_deviations_hold_95_percent():
+def test_the_95_percent_factors_are_defined_once():
     source = Path(equipoise.__file__).parent
     for path in source.rglob("*.py"):
         if path != source / "result" / "statistics.py":

@@ -71,7 +71,7 @@ def tracked(robot, run):
 
 
 @pytest.mark.parametrize(("noise", "place", "tilt"), [("ideal", 1e-3, 8e-3), ("realistic", 4e-3, 10e-3)])
-def test_the_base_is_where_the_simulated_robot_has_it_also_during_lifts(a1, noise, place, tilt):
+def test_the_pose_of_the_base_agrees_with_the_simulation(a1, noise, place, tilt):
     run = witnessed(a1, noise)
     seen = tracked(a1, run)
     # Where it began in the room, and looking where to, nobody can know.
@@ -93,7 +93,7 @@ def test_the_base_is_where_the_simulated_robot_has_it_also_during_lifts(a1, nois
     assert seen.standing[in_air].max() < 0.5
 
 
-def test_the_motion_does_not_depend_on_how_a_recording_is_cut(a1, ideal_motions):
+def test_the_motion_does_not_depend_on_the_pieces_of_a_recording(a1, ideal_motions):
     recording = ideal_motions.lift
     whole = BaseTracker(a1, ideal_motions.stance).take(recording)
     tracker = BaseTracker(a1, ideal_motions.stance)

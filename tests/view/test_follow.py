@@ -70,7 +70,7 @@ def test_a_log_is_followed_while_another_process_writes_it(log, tmp_path):
     assert Recording.concatenate(pieces).equals(Recording.concatenate(expected))
 
 
-def test_a_log_cut_anywhere_gives_what_is_whole_and_later_the_rest(log, tmp_path):
+def test_a_truncated_log_yields_complete_messages_then_the_rest(log, tmp_path):
     data, target = log.read_bytes(), tmp_path / "cut.mcap"
     source, samples = FollowedLog(target), 0
     for end in np.linspace(3, len(data), 40).astype(int):
@@ -81,7 +81,7 @@ def test_a_log_cut_anywhere_gives_what_is_whole_and_later_the_rest(log, tmp_path
     assert source.closed
 
 
-def test_a_resumed_run_is_read_without_what_is_played_again(log, tmp_path):
+def test_a_resumed_run_is_read_without_repeated_motions(log, tmp_path):
     shutil.copy(log, tmp_path / "recording_0.mcap")
     lift = read_log(log).recordings[1]
     old = FollowedLog(tmp_path)
@@ -115,7 +115,7 @@ def test_a_log_that_is_not_followed_is_read_once(log, tmp_path):
     assert not FollowedLog(cut).closed
 
 
-def test_what_is_no_log_is_refused_by_name(tmp_path):
+def test_a_file_that_is_not_a_log_raises(tmp_path):
     (path := tmp_path / "x.mcap").write_bytes(b"not at all")
     with pytest.raises(RecordingError) as error:
         FollowedLog(path).news(True)

@@ -155,7 +155,7 @@ def test_the_com_is_the_model_s_shifted_by_the_estimate(entities, converged, a1,
     assert np.allclose(shift, converged[-1][0].com - com(stance.joint_position), atol=1e-6)
 
 
-def test_the_text_describes_what_happens(entities, a1):
+def test_the_text_describes_the_trial(entities, a1):
     texts = [text for (text,) in entities["/now"].column("TextDocument:text")]
     assert texts[0] == "## Before the first trial\n**stand**\n\n"
     assert any("**watch**" in text for text in texts)
@@ -207,7 +207,7 @@ def test_the_ellipsoid_contains_95_percent(a1, precise_run, tmp_path):
     assert factor[0] > 5
 
 
-def test_logs_of_other_programs_show_the_trials_that_are_found_in_them(paper_run, a1, tmp_path):
+def test_logs_of_other_programs_show_their_trials(paper_run, a1, tmp_path):
     path = paper_run[0] / "recording_0.mcap"
     entities = shown(tmp_path / "log.rrd", a1, PAPER, [log_news(a1, read_log(path, a1))])
     titles = [body for (body,) in entities["/trials"].column("TextLog:text")]

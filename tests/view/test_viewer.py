@@ -1,4 +1,4 @@
-"""The view by the command line: beside a run, in a browser, in a file; and a viewer that dies."""
+"""The viewer from the command line: live, in a browser, in a file, and after a crash."""
 
 import json
 import os

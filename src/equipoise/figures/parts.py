@@ -52,10 +52,10 @@ class Parts:
         """Meaning of each mark in the table."""
         shown = [one for part in self.found.values() for one in part.quantities.values()]
         marks = {
-            "In brackets: standard deviation hardly below the prior's.": any(
+            "In brackets: not identified, posterior std above half of the prior std.": any(
                 one.verdict == "not identified" for one in shown
             ),
-            "(!): what was simulated is outside the interval.": any(one.missed for one in shown),
+            "(!): the truth is outside the interval.": any(one.missed for one in shown),
         }
         return [message for message, there in marks.items() if there]
 

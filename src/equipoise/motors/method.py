@@ -200,7 +200,7 @@ def _motors(robot: RobotModel, fit: MotorFit, delays: tuple[np.ndarray, np.ndarr
         delay = fit.delay if delays is None else (float(delays[0][joint]), float(delays[1][joint]))
         if delay is not None:
             quantities["delay"] = Quantity("delay", "s", *delay, verdict_of(delay[1], _REFERENCE_DELAY))
-        found[name] = Motor(**quantities, normalized_residual=float(fit.normalized_residual[joint]))
+        found[name] = Motor(**quantities, residual=float(fit.residual[joint]))
     return found
 
 

@@ -91,7 +91,7 @@ def _plane_misses(result: Calibration, planes: LiftPlanes) -> list[Figure]:
     if not misses:
         return []
     caption = (
-        f"Each lift evaluated alone, without sensor corrections: rms {np.sqrt(np.mean(np.square(misses))):.1f} mm. The estimate "
+        f"Each lift alone, without sensor corrections: rms {np.sqrt(np.mean(np.square(misses))):.1f} mm. The estimate "
         "corrects the sensor errors that the lifts share, so its interval is smaller."
     )
     data = [{"type": "histogram", "x": short(misses), "marker": {"color": SERIES[0]}, "nbinsx": 24, "name": "lifts"}]
@@ -152,6 +152,8 @@ def _errors_over_time(result: Calibration) -> list[Figure]:
         for series, body in enumerate(reversed(tuple(evidence.predictions[0].errors)))
     ]
     kind = evidence.predictions[0].kind
-    caption = f"One line per {kind}: measured minus predicted tilt about the support line, as displacement of the centre of mass."
+    caption = (
+        f"Measured minus predicted tilt about the support line of each {kind}, as displacement of the centre of mass."
+    )
     layout = axes("time on two feet [s]", "tilt error at the CoM [mm]")
     return [Figure(f"Prediction errors of held-out {kind}s", caption, lines, layout)]

@@ -1,4 +1,4 @@
-"""Body: mass, centre of mass and inertia of one body, each number a quantity, and the arrays of them."""
+"""Mass, centre of mass and inertia of one body, as quantities and as arrays."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ from equipoise.result.statistics import verdict_of
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, RobotInertia, components
 
 BODIES = tuple(field.name for field in dataclasses.fields(RobotInertia))
-"""Names of the bodies of a result; its attributes."""
+"""Names of the bodies of a result, which are attributes of `Calibration`."""
 
 _UNITS = ("kg", *3 * ("m",), *6 * ("kg m2",))
 
 
 class _Group:
-    """Quantities that belong together: in a loop, or as arrays with nan for what is not known."""
+    """Group of quantities, iterable, with arrays in which nan stands for a missing value."""
 
     def __iter__(self) -> Iterator[Quantity]:
-        """The quantities, in the order of the fields."""
+        """Iterate over the quantities in the order of the fields."""
         return iter(vars(self).values())
 
     def _array(self, attribute: str) -> FloatArray:
-        known = (getattr(quantity, attribute) for quantity in self)
-        return np.array([np.nan if value is None else value for value in known])
+        entries = (getattr(quantity, attribute) for quantity in self)
+        return np.array([np.nan if value is None else value for value in entries])
 
     @property
     def values(self) -> FloatArray:
-        """Estimates."""
+        """Estimates, in SI units."""
         return self._array("value")
 
     @property
     def stds(self) -> FloatArray:
-        """Posterior standard deviations."""
+        """Posterior standard deviations, in SI units."""
         return self._array("std")
 
     @property
     def errors(self) -> FloatArray:
-        """Estimates less truth."""
+        """Estimates minus ground truth, in SI units."""
         return self._array("error")
 
 
 @dataclass(frozen=True)
 class CentreOfMass(_Group):
-    """A centre of mass; arrays are (3,) [m].
+    """Centre of mass in the base frame; arrays are (3,) [m].
 
     Attributes:
         x, y, z: coordinates [m].
@@ -64,11 +64,11 @@ class CentreOfMass(_Group):
 
 @dataclass(frozen=True)
 class InertiaTensor(_Group):
-    """An inertia tensor about a centre of mass; arrays are (3, 3) [kg m2].
+    """Inertia tensor about the CoM in base axes; arrays are (3, 3) [kg m2].
 
     Attributes:
         Ixx, Iyy, Izz: moments of inertia [kg m2].
-        Ixy, Ixz, Iyz: entries off the diagonal [kg m2].
+        Ixy, Ixz, Iyz: off-diagonal entries (not negated) [kg m2].
     """
 
     Ixx: Quantity
@@ -84,19 +84,21 @@ class InertiaTensor(_Group):
 
     @property
     def moments(self) -> tuple[Quantity, Quantity, Quantity]:
-        """Ixx, Iyy, Izz."""
+        """Moments of inertia Ixx, Iyy, Izz [kg m2]."""
         return self.Ixx, self.Iyy, self.Izz
 
 
 @dataclass(frozen=True, eq=False)
 class Body(_Group):
-    """One body's inertial parameters; in a loop the ten quantities in the order of COMPONENTS, arrays are (10,).
+    """Inertial parameters of one body.
+
+    Iteration yields its ten quantities in the order of COMPONENTS; arrays are (10,).
 
     Attributes:
         mass: mass of the body [kg].
         com_in_base: centre of mass in the base frame [m].
         inertia: inertia tensor about the CoM in base axes [kg m2].
-        covariance: (10, 10) covariance of the ten quantities, SI units; None: the method gives none.
+        covariance: (10, 10) covariance of the ten quantities, SI units; None if the method does not compute it.
     """
 
     mass: Quantity
@@ -112,13 +114,13 @@ class Body(_Group):
         compared_with: ArrayLike | None = None,
         model: InertialParameters | None = None,
     ) -> Body:
-        """From arrays; nan stands for what is not known.
+        """Return a body from arrays, in which nan stands for a missing value.
 
         Args:
             values: (10,) estimates in the order of COMPONENTS, SI units.
             covariance: (10, 10) covariance of the values.
-            compared_with: (10,) sizes that the standard deviations are compared with, in the values' units.
-            model: body by the model file.
+            compared_with: (10,) references for the verdicts on the standard deviations, SI units.
+            model: body of the model file.
         """
         table: dict[str, Any] = {"value": np.asarray(values, dtype=float)}
         if covariance is not None:
@@ -146,7 +148,7 @@ class Body(_Group):
         compared_with: ArrayLike | None = None,
         model: InertialParameters | None = None,
     ) -> Body:
-        """With everything estimated; the arguments of `of`."""
+        """Return a body with all ten parameters estimated; arguments as in `of`."""
         return cls.of(components(parameters), covariance, compared_with, model)
 
     @classmethod
@@ -156,7 +158,7 @@ class Body(_Group):
         mass: float | None = None,
         com_in_base: Sequence[float | None] = (None, None, None),
     ) -> Body:
-        """With a mass [kg] and coordinates of the CoM [m] estimated at most, and no intervals."""
+        """Return a body without inertia or intervals, from a mass [kg] and CoM coordinates in the base frame [m]."""
         return cls.of(_with_nan([mass, *com_in_base, *6 * [None]]), model=model)
 
     @classmethod
@@ -164,11 +166,11 @@ class Body(_Group):
         return cls(ten[0], CentreOfMass(*ten[1:4]), InertiaTensor(*ten[4:]), covariance)
 
     def __iter__(self) -> Iterator[Quantity]:
-        """The ten, in the order of COMPONENTS."""
+        """Iterate over the ten quantities in the order of COMPONENTS."""
         return iter((self.mass, *self.com_in_base, *self.inertia))
 
     def _with(self, **columns: Sequence[Any] | FloatArray) -> Body:
-        """Return the body with other attributes of its ten quantities, by column; nan stands for None."""
+        """Return the body with the given attributes of its ten quantities replaced; nan becomes None."""
         rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         ten = [
             dataclasses.replace(quantity, **{name: _without_nan(value) for name, value in row.items()})
@@ -177,15 +179,17 @@ class Body(_Group):
         return self._of(ten, self.covariance)
 
     def with_sure_zeros(self, sizes: FloatArray) -> Body:
-        """Return differences with the verdict "no change" where zero lies in an interval that is narrow enough.
+        """Return differences with the verdict "no change" for those with zero in a sufficiently narrow interval.
 
         Args:
-            sizes: (10,) halves of intervals that are narrow enough.
+            sizes: (10,) largest half widths for this verdict, SI units.
         """
 
         def verdict(one: Quantity, size: float) -> str | None:
-            sure = one.value is not None and one.half_width is not None and abs(one.value) <= one.half_width <= size
-            return "no change" if sure else one.verdict
+            unchanged = (
+                one.value is not None and one.half_width is not None and abs(one.value) <= one.half_width <= size
+            )
+            return "no change" if unchanged else one.verdict
 
         return self._with(verdict=[verdict(one, float(size)) for one, size in zip(self, sizes, strict=True)])
 
@@ -194,21 +198,21 @@ class Body(_Group):
         return self._with(truth=10 * [None] if truth is None else components(truth))
 
     def with_model(self, model: InertialParameters) -> Body:
-        """Return the body with another body of the model file."""
+        """Return the body with other model values."""
         return self._with(model=components(model))
 
     @property
     def model(self) -> InertialParameters | None:
-        """The body by the model file."""
+        """Body of the model file; None if incomplete."""
         return _parameters(self._array("model"))
 
     @property
     def truth(self) -> InertialParameters | None:
-        """The simulated body."""
+        """Ground truth of the simulation; None without one."""
         return _parameters(self._array("truth"))
 
     def parameters(self) -> InertialParameters:
-        """Return the inertial parameters; raises NotEstimatedError if one is missing, and names it."""
+        """Return the inertial parameters; raises NotEstimatedError if one is missing."""
         missing = ["mass"] if self.mass.value is None else []
         missing += ["inertia"] if any(quantity.value is None for quantity in self.inertia) else []
         missing += [
@@ -216,15 +220,15 @@ class Body(_Group):
         ]
         if missing:
             raise NotEstimatedError(
-                f"this calibration does not know {', '.join(missing)}; its method does not estimate it"
+                f"this calibration does not estimate {', '.join(missing)}; use --method bayesian, with base in --parameters"
             )
         return InertialParameters.from_components(self.values)
 
     def doubted(self, least: FloatArray | float = 0.0) -> Body:
-        """Return the body as a run gives it of which a check failed.
+        """Return the body with the verdict "doubtful", for a run with a failed check.
 
         Args:
-            least: (10,) smallest standard deviations, in the order of COMPONENTS; correlations stay.
+            least: (10,) lower bounds of the standard deviations, in the order of COMPONENTS; correlations are kept.
         """
         factor = np.maximum(1.0, least / self.stds)
         covariance = None if self.covariance is None else _read_only(self.covariance * np.outer(factor, factor))
@@ -232,14 +236,14 @@ class Body(_Group):
         return self._of([one.doubted() for one in wider], covariance)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form, with `uncertainty`; None: the method gives none."""
+        """Return the JSON form; its `uncertainty` is None if the method computes no intervals."""
         intervals = self.intervals()
         covariance = None if self.covariance is None else self.covariance.tolist()
         uncertainty = {"intervals": intervals, "covariance": covariance} if intervals else None
         return {**self.numbers(), "uncertainty": uncertainty}
 
     def intervals(self) -> dict[str, Any]:
-        """JSON form of deviation, 95 % interval and verdict, by name, of the quantities that have them."""
+        """Return the JSON form of standard deviation, 95 % interval and verdict, by quantity, where available."""
         return {
             one.name: {"std": one.std, "lower": one.lower, "upper": one.upper, "verdict": one.verdict}
             for one in self
@@ -247,29 +251,29 @@ class Body(_Group):
         }
 
     def numbers(self, attribute: str = "value") -> dict[str, Any]:
-        """JSON form of one attribute of the ten: `mass`, `com_in_base` as a list, `inertia` as 3 rows of 3 or None."""
+        """Return the JSON form of one attribute: `mass`, `com_in_base` (3,) and `inertia` (3, 3) or None."""
         mass, *com = (getattr(quantity, attribute) for quantity in (self.mass, *self.com_in_base))
         rows = self.inertia._array(attribute)  # pyright: ignore[reportPrivateUsage]
         return {"mass": mass, "com_in_base": com, "inertia": rows.tolist() if np.isfinite(rows).all() else None}
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> Body:
-        """Return the body of a JSON form."""
+        """Return a body from its JSON form."""
         body = cls.of(_components_of(table))
         uncertainty = table["uncertainty"]
         if uncertainty is None:
             return body
-        known = uncertainty["intervals"]
+        intervals = uncertainty["intervals"]
         body = body._with(
-            std=[known[name]["std"] if name in known else None for name in COMPONENTS],
-            verdict=[known[name]["verdict"] if name in known else None for name in COMPONENTS],
+            std=[intervals[name]["std"] if name in intervals else None for name in COMPONENTS],
+            verdict=[intervals[name]["verdict"] if name in intervals else None for name in COMPONENTS],
         )
         covariance = uncertainty["covariance"]
         return body if covariance is None else dataclasses.replace(body, covariance=_read_only(covariance))
 
 
 def _components_of(table: Mapping[str, Any]) -> FloatArray:
-    """(10,) in the order of COMPONENTS, from the JSON form."""
+    """Return (10,) values in the order of COMPONENTS from the JSON form."""
     x, y, z = table["com_in_base"]
     rows = table["inertia"]
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = 3 * [3 * [None]] if rows is None else rows
@@ -293,6 +297,6 @@ def _without_nan(value: Any) -> Any:
 def _read_only(rows: ArrayLike) -> FloatArray:
     array = np.array(rows, dtype=float)
     if array.shape != (len(COMPONENTS), len(COMPONENTS)):
-        raise ValueError(f"a covariance is (10, 10), not {array.shape}")
+        raise ValueError(f"the covariance has shape {array.shape}; it must be (10, 10)")
     array.setflags(write=False)
     return array

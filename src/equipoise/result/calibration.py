@@ -1,6 +1,6 @@
-"""Calibration: what was found, on what evidence, and how it compares with the truth where that is known.
+"""Result of a calibration, with its evidence and, in simulation, its ground truth.
 
-The JSON form is versioned by its `schema`. What a method does not estimate is null there and None here, never a guess.
+The JSON form is versioned by its `schema`. Parameters that a method does not estimate are null there and None here.
 """
 
 from __future__ import annotations
@@ -39,19 +39,19 @@ _WRITTEN = (
     "support_lines", "trials",
     "settings", "provenance", "warnings", "assumptions",
 )  # fmt: skip
-"""Fields of a calibration that stand in its JSON form as they are."""
+"""Fields of a calibration that its JSON form contains under the same names."""
 
 
 @dataclass(frozen=True)
 class ExcitationEstimate:
-    """The paper's I and C about one axis (equation 2).
+    """Moment of inertia I and damping C of the paper about one axis (equation 2).
 
     Attributes:
         moment: moment of inertia I about the excitation's axis [kg m2].
         damping: damping C about the excitation's axis [Nm s/rad].
-        frequency: frequency of the excitation, as found [Hz].
-        amplitude: amplitude of the base's rotation, as found [rad].
-        note: reason why there is no estimate, or an objection to it; None without either.
+        frequency: estimated frequency of the excitation [Hz].
+        amplitude: estimated amplitude of the base's rotation [rad].
+        note: reason for a missing estimate, or an objection to it; None without either.
     """
 
     moment: Maybe
@@ -63,18 +63,18 @@ class ExcitationEstimate:
 
 @dataclass(frozen=True)
 class Trial:
-    """One motion and what it showed.
+    """One motion and its results.
 
     Attributes:
         kind: kind of trial: "lift", "excitation", "posture" or "stand".
-        about: diagonal of a lift, axis of an excitation, or posture, in words.
+        about: diagonal of a lift, axis of an excitation, or description of a posture.
         offset: offset of the support line along the base's x axis, for a lift [m].
         lift_height: commanded height of the lifted feet [m].
         tilt: rotation of the CoM about the support line, positive forward [rad].
         verdict: direction in which the robot tipped: "forward", "backward" or "balanced".
         duration: duration of the recording [s].
-        normalized_residual: normalised residual: root mean square of the trial's residual over what its noise explains.
-        note: reason why the trial was left out, or None.
+        normalized_residual: root mean square of the trial's residual, divided by its expected noise; dimensionless.
+        note: reason for the exclusion of the trial, or None.
     """
 
     kind: str
@@ -94,7 +94,7 @@ class SupportLine:
 
     Attributes:
         offset: offset along the base's x axis at which the robot balances [m].
-        lower, upper: last bounds of that offset [m].
+        lower, upper: final bounds of that offset [m].
         point, normal: point [m] and unit normal of the support plane at the nominal stance, in the base frame.
     """
 
@@ -107,16 +107,16 @@ class SupportLine:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Data of the figures: too large for the JSON file, and made again from the recordings. Methods add theirs.
+    """Data for figures, computed from the recordings and not stored in the JSON file; methods subclass it.
 
     Attributes:
-        recordings: recordings that were estimated from, in order.
+        recordings: recordings used by the estimate, in order.
     """
 
     recordings: tuple[Recording, ...]
 
     def keepsake(self, settings: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Return what the next run of the robot uses of this one, as JSON values; None: nothing.
+        """Return data for the next run of this robot, as JSON values; None without any.
 
         Args:
             settings: settings of the method, as JSON values.
@@ -126,43 +126,43 @@ class Evidence:
 
 
 PartsTruth = Mapping[str, Mapping[str, Mapping[str, float]]]
-"""True values by name of each of a simulated robot's "motors" and "links", by name."""
+"""Ground truth of simulated "motors" and "links": kind, part name, quantity name, value in SI units."""
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """The result of a calibration.
+    """Result of a calibration.
 
-    Every number of a body is a `Quantity`: `result.composite.com_in_base.x` has its value, interval, verdict, the model
-    file's value, and in simulation the truth.
+    Every number of a body is a `Quantity` in SI units, with interval, verdict, model value and, in simulation, ground truth.
+    Example: `result.composite.com_in_base.x`. CoMs are in the base frame, inertias about the CoM in base axes.
 
     Attributes:
         robot: name of the robot.
         method: name of the method.
-        joint_position: joint positions of the nominal stance that all refers to, by joint name [rad].
-        locked_joints: positions of joints that do not belong to legs and were held still, as an arm's, by joint name [rad].
-        model: format, hash and base link of the model file, and a sentence on the IMU's pose.
-        composite: body of the whole robot, frozen at the stance.
-        base: body of the base link with all that is fixed to it.
-        stance_effective: body of the paper: base, hips and thighs about their own CoM.
+        joint_position: joint positions of the nominal stance, by joint name [rad]; all results refer to this stance.
+        locked_joints: positions of locked joints outside the legs, such as those of an arm, by joint name [rad].
+        model: format, hash and base link of the model file, and a description of the IMU's pose.
+        composite: whole robot, rigid at the nominal stance.
+        base: base link with everything fixed to it.
+        stance_effective: body of the paper: base, hips and thighs.
         excitations: moments of inertia I and damping C of the paper, by axis; `paper` only.
-        support_lines: support lines that were found, by diagonal; `paper` only.
-        sensors: errors of the sensors that were found; `bayesian` only.
+        support_lines: support lines of the search, by diagonal; `paper` only.
+        sensors: estimated sensor errors; `bayesian` only.
         checks: checks of the result, failed ones first.
         trials: all motions, in order.
         settings: settings of the method, as JSON values; "method" is its name.
         provenance: version, time, and in simulation seed, noise and payload.
-        warnings: objections to the result, worst first.
-        assumptions: what the intervals rest on: what the user said to be so, what of the model file the run contradicts, and
-            what it cannot.
-        evidence: data that pictures show; not in the JSON form.
-        robot_model: model that was used; not in the JSON form.
-        motors: what was found about each joint's motor, by the model's joint names; of runs with `motors` only.
-        links: what was found about each moving link of the legs, by the model file's names; of runs with `legs` only.
+        warnings: objections to the result, most severe first.
+        assumptions: assumptions of the intervals: those that the user stated, and model values that the data contradict or
+            cannot check.
+        evidence: data for figures; not in the JSON form.
+        robot_model: robot model of the estimate; not in the JSON form.
+        motors: estimates of each joint's motor, by joint name; only if `motors` are estimated.
+        links: estimates of each moving leg link, by the model file's name; only if `legs` are estimated.
         uncertainty_budget: sources of the uncertainty of the whole robot's parameters, the largest first; `bayesian` only.
-        held_out: lifts predicted by estimates that have not seen them; `bayesian` only.
-        mass_comparison: given mass and mass that the joint torques carry; None without one of them.
-        timings: time that each stage of the estimate took, by its name [s]; not in the JSON form.
+        held_out: predictions of lifts and steps by estimates without them; `bayesian` only.
+        mass_comparison: given mass and mass from the joint torques [kg]; None unless both exist.
+        timings: duration of each stage of the estimate, by name [s]; not in the JSON form.
     """
 
     robot: str
@@ -198,38 +198,38 @@ class Calibration:
 
     @property
     def feet(self) -> str | None:
-        """Feet that the support lines run through, "measured" or "commanded"; None without support lines."""
+        """Source of the foot positions of the support lines, "measured" or "commanded"; None without lines."""
         return self.settings.get("feet") if self.support_lines else None
 
     @property
     def has_intervals(self) -> bool:
-        """True if the method gives intervals for the whole robot."""
+        """True if any parameter of the whole robot has an interval."""
         return any(quantity.std is not None for quantity in self.composite)
 
     @property
     def nominal(self) -> RobotInertia:
-        """The three bodies by the model file."""
+        """The three bodies of the model file."""
         return RobotInertia(**{name: _given(getattr(self, name).model, name) for name in BODIES})
 
     @property
     def truth(self) -> RobotInertia | None:
-        """The three bodies as simulated; None on a real robot."""
+        """Ground truth of the three bodies; None on a real robot."""
         if self.composite.truth is None:
             return None
         return RobotInertia(**{name: _given(getattr(self, name).truth, name) for name in BODIES})
 
     @property
     def base_for_model_legs(self) -> FloatArray:
-        """(10,) base with which the model file's legs make the composite that was found, which a run determines best.
+        """(10,) base parameters that give the estimated composite with the model file's legs.
 
-        In Pinocchio's order, about the base's origin; perhaps of no body that can exist.
+        In Pinocchio's order, about the base's origin, SI units; they may be physically inconsistent.
         """
         nominal = self.nominal
         return nominal.base.vector + self.composite.parameters().vector - nominal.composite.vector
 
     @property
     def moments(self) -> dict[Axis, Quantity]:
-        """The paper's I by axis [kg m2], for axes with an estimate, with the model's and the true value of its body."""
+        """Moments of inertia I of the paper by axis [kg m2], with the model and true values of its body."""
         moments: dict[Axis, Quantity] = {}
         for axis, letter, of_body in zip(AXES, "xyz", self.stance_effective.inertia.moments, strict=True):
             if axis in self.excitations and self.excitations[axis].moment is not None:
@@ -251,7 +251,7 @@ class Calibration:
         return dataclasses.replace(self, **bodies)
 
     def with_truth_of_parts(self, truth: PartsTruth) -> Calibration:
-        """Return the result with the true values of motors and links."""
+        """Return the result with the ground truth of motors and links."""
         motors = {name: motor.with_truth(truth.get("motors", {}).get(name, {})) for name, motor in self.motors.items()}
         links = {name: link.with_truth(truth.get("links", {}).get(name, {})) for name, link in self.links.items()}
         return dataclasses.replace(self, motors=motors, links=links)
@@ -261,22 +261,22 @@ class Calibration:
         return dataclasses.replace(self, provenance={**self.provenance, **facts})
 
     def to_pinocchio(self) -> pin.Model:
-        """The user's own Pinocchio model with the base inertia found.
+        """Return the user's Pinocchio model with the estimated base inertia.
 
         Raises:
-            NotEstimatedError: the method does not estimate the whole base, or the model is not at hand.
+            NotEstimatedError: the method does not estimate all base parameters, or the model is not available.
         """
         if self.robot_model is None:
-            raise NotEstimatedError("the robot model is not at hand: open the run folder instead of its JSON file")
+            raise NotEstimatedError("the robot model is not available: open the run folder instead of its JSON file")
         base = self.base.parameters().to_pinocchio()
         robot = self.robot_model
         model = robot.full_pinocchio.copy()
-        held = robot.pinocchio.inertias[1] - robot.full_pinocchio.inertias[1]
-        model.inertias[1] = base - held if robot.locked_joints else base
+        locked = robot.pinocchio.inertias[1] - robot.full_pinocchio.inertias[1]
+        model.inertias[1] = base - locked if robot.locked_joints else base
         return model
 
     def moment_errors(self) -> dict[Axis, dict[str, float]]:
-        """Relative errors of the paper's I against both truths, by axis. Empty without a truth."""
+        """Return the relative errors of the paper's I against both true bodies, by axis; empty without a truth."""
         truth = self.truth
         if truth is None:
             return {}
@@ -290,11 +290,11 @@ class Calibration:
         }
 
     def _repr_html_(self) -> str:
-        """Return the table for a notebook: the whole robot, and warnings."""
+        """Return the HTML table of the whole robot, with warnings."""
         return notebook_table(self.robot, self.method, self.composite, self.warnings)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         return {
             "schema": SCHEMA,
             "robot": self.robot,
@@ -309,20 +309,20 @@ class Calibration:
         }
 
     def stance_dict(self) -> dict[str, Any]:
-        """JSON form of the posture that all refers to."""
+        """Return the JSON form of the nominal stance: joint positions [rad]."""
         return {"joint_position": dict(self.joint_position), "locked_joints": dict(self.locked_joints)}
 
     def _errors(self) -> dict[str, Any]:
-        """JSON form of the estimates less the truth, in the shape of the estimates."""
+        """Return the JSON form of the estimates minus the truth."""
         bodies = {name: getattr(self, name).numbers("error") for name in BODIES}
         return {**bodies, "moments_relative": self.moment_errors()}
 
     def to_json(self) -> str:
-        """The JSON form as text."""
+        """Return the JSON form as text."""
         return json.dumps(self.to_dict(), indent=2) + "\n"
 
     def save(self, path: str | Path) -> None:
-        """Write the JSON form; raises OutputError if it cannot be written. The file is there when it is complete."""
+        """Write the JSON form atomically; raises OutputError if it cannot be written."""
         write_file(Path(path), self.to_json())
 
     @classmethod
@@ -361,19 +361,19 @@ class Calibration:
 
 
 def _given(body: InertialParameters | None, name: str) -> InertialParameters:
-    """A body of the model file or of the truth; raises NotEstimatedError if it was never given."""
+    """Return a body of the model file or of the truth; raises NotEstimatedError if it is None."""
     if body is None:
-        raise NotEstimatedError(f"neither the model file nor a simulation says what the body {name!r} is")
+        raise NotEstimatedError(f"the body {name!r} is not available from a model file or a simulation")
     return body
 
 
 def library_versions() -> dict[str, str]:
-    """Return the versions of the libraries that made an estimate."""
+    """Return the versions of equipoise and Pinocchio."""
     return {"equipoise": __version__, "pinocchio": pin.__version__}
 
 
 def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]:
-    """Return the facts of the model and of the stance that a result refers to: arguments of `Calibration`."""
+    """Return model and stance of a result, as arguments of `Calibration`."""
     return {
         "robot": robot.name,
         "joint_position": {name: float(q) for name, q in zip(robot.joint_names, joint_position, strict=True)},

@@ -18,8 +18,8 @@ class SensorFinding:
         name: name of the sensor error, as "FL_thigh_joint offset".
         value: estimate of the error, in SI units.
         std: posterior standard deviation, in the same unit.
-        message: sentence for people; says what can be done where something can.
-        significant: whether it is large enough to be worth fixing, and sure.
+        message: description for the user, with a remedy if there is one.
+        significant: True if the error is large and certain enough to correct.
         unit: SI unit of the value; empty for a fraction.
     """
 
@@ -32,11 +32,10 @@ class SensorFinding:
 
     @property
     def half_width(self) -> float:
-        """Half the 95 % interval."""
+        """Half width of the 95 % interval, in the unit of the value."""
         return NORMAL_95 * self.std
 
 
-# What is not known.
 _COULOMB_FRICTION = Quantity("coulomb_friction", "Nm")
 _VISCOUS_FRICTION = Quantity("viscous_friction", "Nm s/rad")
 _STRIBECK_FRICTION = Quantity("stribeck_friction", "Nm")
@@ -52,37 +51,36 @@ Found = TypeVar("Found", bound="Part")
 
 @dataclass(frozen=True)
 class Part:
-    """Findings about a part of the robot: fields that are quantities, and others."""
+    """Estimates about one part of the robot: quantities and other fields."""
 
     @property
     def quantities(self) -> dict[str, Quantity]:
-        """All by name."""
+        """Quantities of the part, by name."""
         return {name: value for name, value in vars(self).items() if isinstance(value, Quantity)}
 
     def with_truth(self: Found, truth: Mapping[str, float]) -> Found:
-        """Return the part with true values, by name."""
+        """Return the part with ground truth, by quantity name, SI units."""
         joined = {name: replace(q, truth=truth.get(name)) for name, q in self.quantities.items()}
         return replace(self, **joined)
 
     def doubted(self: Found) -> Found:
-        """Return the part as a run gives it of which a check failed."""
+        """Return the part with the verdict "doubtful", for a run with a failed check."""
         return replace(self, **{name: quantity.doubted() for name, quantity in self.quantities.items()})
 
 
 @dataclass(frozen=True)
 class Motor(Part):
-    """Findings about one joint's motor; torques are in the unit in which the motors report them on average.
+    """Estimates about one joint's motor. Torques have the mean scale of the torques that the motors report.
 
     Attributes:
         coulomb_friction: friction that does not depend on the speed [Nm].
-        viscous_friction: friction over the speed [Nm s/rad].
-        stribeck_friction: friction at rest less Coulomb friction, which it falls to as a joint gets faster [Nm]; without a
-            value where the data do not want it.
-        armature: inertia of the rotor, seen at the joint [kg m2].
-        relative_gain: true over reported torque, over the mean of that of all motors, less one.
-        delay: age of the command that a torque obeys [s].
-        normalized_residual: what the law of friction leaves: rms of the torque that repeats with the speed [Nm]; None: not
-            known.
+        viscous_friction: friction per joint speed [Nm s/rad].
+        stribeck_friction: friction at rest minus Coulomb friction [Nm]; without a value if the data do not support it.
+        armature: inertia of the rotor, reflected to the joint [kg m2].
+        relative_gain: ratio of true to reported torque, relative to its mean over all motors, minus one.
+        delay: delay from a command to its torque [s].
+        residual: systematic residual of the motor model: rms of its means in bins of speed or load [Nm]; None if not
+            computed.
     """
 
     coulomb_friction: Quantity = _COULOMB_FRICTION
@@ -91,7 +89,7 @@ class Motor(Part):
     armature: Quantity = _ARMATURE
     relative_gain: Quantity = _RELATIVE_GAIN
     delay: Quantity = _DELAY
-    normalized_residual: float | None = None
+    residual: float | None = None
 
 
 _MASS = Quantity("mass", "kg")
@@ -101,14 +99,14 @@ _LENGTH = Quantity("length", "m")
 
 @dataclass(frozen=True)
 class Link(Part):
-    """Findings about one moving link of a leg, with all that is fixed to it, in the frame of its joint.
+    """Estimates about one moving leg link with everything fixed to it, in the frame of its joint.
 
-    Motions determine its first moment m c; its mass, and so its CoM, they determine less well.
+    Motions determine the first moment m c well; they determine mass and CoM less accurately.
 
     Attributes:
         mass: mass [kg].
-        moment_x, moment_y, moment_z: mass times the coordinates of its CoM [kg m].
-        length: distance across the joint's axis to the next joint, or to the middle of the foot [m].
+        moment_x, moment_y, moment_z: first moment, mass times CoM coordinates [kg m].
+        length: distance, perpendicular to the joint's axis, to the next joint or to the foot centre [m].
     """
 
     mass: Quantity = _MASS
@@ -119,17 +117,17 @@ class Link(Part):
 
     @property
     def moment(self) -> tuple[Quantity, Quantity, Quantity]:
-        """The first moment about the joint [kg m]."""
+        """First moment about the joint, in the joint's frame [kg m]."""
         return self.moment_x, self.moment_y, self.moment_z
 
 
 @dataclass(frozen=True)
 class JointFindings(Motor):
-    """Findings about one joint and its motor; values are None where the method estimates none.
+    """Estimates about one joint and its motor; a value is None if the method does not estimate it.
 
     Attributes:
-        zero: encoder reading less joint position [rad].
-        torque_gain: true over reported torque, less one.
+        zero: joint offset, encoder reading minus joint position [rad].
+        torque_gain: ratio of true to reported torque, minus one.
     """
 
     zero: Quantity = _ZERO
@@ -137,7 +135,7 @@ class JointFindings(Motor):
 
     @classmethod
     def of(cls, joint: str, findings: Mapping[str, SensorFinding], motor: Motor | None = None) -> JointFindings:
-        """From all findings by name, and from what was found about the joint's motor."""
+        """Return the estimates about a joint from all sensor errors by name and from its motor."""
         zero = _quantity(f"{joint} offset", "rad", findings)
         return cls(zero=zero, torque_gain=_quantity(f"{joint} torque gain", "1", findings), **vars(motor or Motor()))
 
@@ -150,12 +148,12 @@ def _quantity(name: str, unit: str, findings: Mapping[str, SensorFinding]) -> Qu
 
 @dataclass(frozen=True)
 class Check:
-    """One question to the result about itself.
+    """One check of a result.
 
     Attributes:
         name: name of the check.
-        passed: whether the check found no objection.
-        message: sentence on what was checked, and the objection.
+        passed: True if the check passed.
+        message: finding of the check.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Held-out prediction: errors of lifts and steps that are predicted by estimates without them."""
+"""Held-out prediction: errors of lifts and steps predicted by estimates without them."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ import numpy as np
 from equipoise.json_form import from_json, to_json
 
 MODEL, PRIOR_RUN, FOUND = "model file", "prior run", "this run"
-"""Names of the bodies that predict."""
+"""Names of the predicting bodies."""
 
 
 @dataclass(frozen=True)
 class HeldOutLift:
-    """One time on two feet, predicted by an estimate without it.
+    """One lift or step, predicted by an estimate without it.
 
     Attributes:
         motion: index of the recording.
-        fold: index of the motions that were left out together.
-        tilt: rotation about the support line while two feet were up, as measured; positive forward [rad].
-        errors: measured less predicted tilt times the height of the CoM above the line, by whose body predicts [m].
-        intervals: size of that error over half its 95 % interval, by whose body predicts.
+        fold: index of the group of motions held out together.
+        tilt: measured rotation about the support line during the lift or step, positive forward [rad].
+        errors: measured minus predicted tilt, times the height of the CoM above the line, by predicting body [m].
+        intervals: absolute error over the half width of its 95 % interval, by predicting body.
         kind: kind of motion, "lift" or "step".
     """
 
@@ -38,7 +38,7 @@ class HeldOutLift:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """All lifts of a run and all steps, each predicted by an estimate without it.
+    """All lifts and steps of a run, each predicted by an estimate without it.
 
     Attributes:
         lifts: lifts and steps in order.
@@ -48,12 +48,12 @@ class HeldOut:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Names of the bodies that predict: MODEL, PRIOR_RUN if there is a prior run, FOUND."""
+        """Names of the predicting bodies: MODEL, PRIOR_RUN if there is a prior run, FOUND."""
         return tuple(self.lifts[0].errors)
 
     @property
     def folds(self) -> int:
-        """Number of estimates, each without some of the motions."""
+        """Number of estimates, each without one group of motions."""
         return len({lift.fold for lift in self.lifts})
 
     def error(self, body: str) -> float:
@@ -66,12 +66,12 @@ class HeldOut:
 
     @property
     def left_out(self) -> str:
-        """Words for the motions that are left out to predict one."""
+        """Description of the motions held out for one prediction."""
         return "its walk" if self.lifts[0].kind == "step" else "the lift's posture"
 
     @property
     def others(self) -> str:
-        """Words for the motions that a lift or a step is predicted from."""
+        """Description of the motions used for the prediction of a lift or step."""
         if any(lift.kind == "step" for lift in self.lifts):
             return "other motions"
         return "other postures" if self.folds < len(self.lifts) else "all other motions"
@@ -83,17 +83,17 @@ class HeldOut:
         return " and ".join(f"{count} {kind}s" for kind, count in counts.items())
 
     def message(self) -> str:
-        """Return the number of predictions and the errors with each body."""
-        beside = "; ".join(
+        """Return a summary of the predictions and of the errors with each body."""
+        others = "; ".join(
             f"with the {body}'s body off by {1000 * self.error(body):.2f} mm" for body in self.bodies if body != FOUND
         )
         return (
             f"{self.counted} predicted from {self.others}: off by {1000 * self.error(FOUND):.2f} mm rms, "
-            f"{self.inside(FOUND)} within their intervals; {beside}"
+            f"{self.inside(FOUND)} within their intervals; {others}"
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         return {
             "folds": self.folds,
             "errors": {body: self.error(body) for body in self.bodies},
@@ -103,5 +103,5 @@ class HeldOut:
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> HeldOut:
-        """From the JSON form."""
+        """Return the predictions from their JSON form."""
         return from_json(cls, {"lifts": table["lifts"]})

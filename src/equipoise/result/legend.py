@@ -1,4 +1,4 @@
-"""Notes under a table of numbers: their frame and reference point, and the meaning of words and marks."""
+"""Notes below a table of parameters: frame, reference point, and meaning of verdicts and marks."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from equipoise.result.quantity import Quantity
 from equipoise.robot.stance import stance_at
 
 _VERDICTS = {
-    "weak": "weak: standard deviation above one tenth of the prior's",
-    "not identified": "not identified: standard deviation hardly below the prior's",
+    "weak": "weak: posterior std above one tenth of the prior std",
+    "not identified": "not identified: posterior std above half of the prior std",
     "doubtful": "doubtful: a check failed",
 }
 
 
 def frame_message(result: Calibration) -> str:
-    """Frame, point, axes and stance that the numbers refer to, and how often intervals miss."""
+    """Return frame, reference point, axes and stance of the numbers, and the coverage of the intervals."""
     words = (
         f"CoM from the origin of base link {result.model['base_link']!r}, x forward, z up; inertia about the CoM, in the "
         f"same axes{_standing(result)}."
@@ -43,17 +43,17 @@ def verdict_message(quantities: Iterable[Quantity], meanings: Mapping[str, str] 
     """Return the meaning of the verdicts and marks in a table that need explaining; empty if there are none.
 
     Args:
-        meanings: a verdict and what it means, by verdict.
+        meanings: explanation of each verdict, by verdict.
     """
-    there = list(quantities)
-    said = [words for verdict, words in meanings.items() if any(one.verdict == verdict for one in there)]
-    if any(quantity.missed for quantity in there):
-        said.append("(!): the truth is outside the interval")
-    return "; ".join(said) + "." if said else ""
+    listed = list(quantities)
+    notes = [words for verdict, words in meanings.items() if any(one.verdict == verdict for one in listed)]
+    if any(quantity.missed for quantity in listed):
+        notes.append("(!): the truth is outside the interval")
+    return "; ".join(notes) + "." if notes else ""
 
 
 def doubt_message(result: Calibration) -> str:
-    """Return the headline of a result whose checks failed, with both masses if they disagree; empty: all checks passed."""
+    """Return the headline of a result with failed checks, with both masses if they disagree; empty if all passed."""
     if result.trustworthy:
         return ""
     masses = result.mass_comparison

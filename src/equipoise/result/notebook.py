@@ -1,4 +1,4 @@
-"""A result as a notebook shows it."""
+"""HTML table of a result for notebooks."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from equipoise.result.shown import ROWS
 
 
 def notebook_table(robot: str, method: str, quantities: Iterable[Quantity], warnings: Sequence[str]) -> str:
-    """HTML table of a body's quantities that have a value, warnings above it."""
-    known = [(row, one) for row, one in zip(ROWS, quantities, strict=True) if one.value is not None]
+    """Return the HTML table of a body's estimated quantities, below the warnings."""
+    estimated = [(row, one) for row, one in zip(ROWS, quantities, strict=True) if one.value is not None]
     columns = [
         "",
         "estimate",
         "95 %",
         "",
         "model",
-        *(["truth"] if any(one.truth is not None for _, one in known) else []),
+        *(["truth"] if any(one.truth is not None for _, one in estimated) else []),
     ]
     head = "".join(f"<th>{column}</th>" for column in columns)
-    rows = "".join(f"<tr>{''.join(_cells(*row[1:], one, len(columns)))}</tr>" for row, one in known)
-    said = "".join(f"<p><b>{escape(warning)}</b></p>" for warning in warnings)
+    rows = "".join(f"<tr>{''.join(_cells(*row[1:], one, len(columns)))}</tr>" for row, one in estimated)
+    messages = "".join(f"<p><b>{escape(warning)}</b></p>" for warning in warnings)
     caption = f"<caption>{escape(robot)}: the whole robot at its stance, method {escape(method)}</caption>"
-    return f"{said}<table>{caption}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    return f"{messages}<table>{caption}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 
 
 def _cells(label: str, factor: float, form: str, one: Quantity, count: int) -> list[str]:

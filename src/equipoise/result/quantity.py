@@ -1,4 +1,4 @@
-"""Quantity: one number that was found, how sure it is, and what it is compared with."""
+"""Estimate of one number with its uncertainty, model value and ground truth."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ from equipoise.result.statistics import NORMAL_95
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number, in SI units. None stands for what is not known.
+    """Scalar estimate in SI units; missing values are None.
+
+    Scalars of a body are in the base frame: CoM from the base's origin, inertia about the CoM in base axes.
 
     Attributes:
         name: name of the quantity: "mass", "com_x", "Ixx", ...
-        unit: SI unit of the numbers below: "kg", "m", "kg m2", ...
-        value: estimate; None: the method does not estimate it.
-        std: posterior standard deviation of the value; None: the method gives none.
-        verdict: "identified", "weak" or "not identified": how much the run told beyond what was believed before; "doubtful"
-            where a check of the run failed; "no change" of a difference that is surely zero.
-        model: value by the model file.
-        truth: value of the simulated robot.
+        unit: SI unit of all its numbers: "kg", "m", "kg m2", ...
+        value: estimate; None if the method does not estimate it.
+        std: posterior standard deviation; None if the method does not compute it.
+        verdict: "identified", "weak" or "not identified", from the ratio of posterior to prior std; "doubtful" if a check
+            failed; "no change" for a difference whose narrow interval contains zero.
+        model: value of the model file.
+        truth: ground truth of the simulation.
     """
 
     name: str
@@ -32,12 +34,12 @@ class Quantity:
 
     @property
     def half_width(self) -> float | None:
-        """Half the 95 % interval."""
+        """Half width of the 95 % interval."""
         return None if self.std is None else NORMAL_95 * self.std
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """Lower and upper end of the 95 % interval."""
+        """Lower and upper bound of the 95 % interval."""
         return (
             None
             if self.value is None or self.half_width is None
@@ -46,26 +48,26 @@ class Quantity:
 
     @property
     def lower(self) -> float | None:
-        """Lower end of the 95 % interval."""
+        """Lower bound of the 95 % interval."""
         return None if self.interval is None else self.interval[0]
 
     @property
     def upper(self) -> float | None:
-        """Upper end of the 95 % interval."""
+        """Upper bound of the 95 % interval."""
         return None if self.interval is None else self.interval[1]
 
     @property
     def error(self) -> float | None:
-        """Estimate less truth."""
+        """Estimate minus ground truth."""
         return _difference(self.value, self.truth)
 
     @property
     def change(self) -> float | None:
-        """Estimate less the model file's value."""
+        """Estimate minus model value."""
         return _difference(self.value, self.model)
 
     def doubted(self) -> Quantity:
-        """Return the quantity as a run gives it of which a check failed."""
+        """Return the quantity with "doubtful" in place of "identified" or "weak", for a run with a failed check."""
         return replace(self, verdict="doubtful") if self.verdict in ("identified", "weak") else self
 
     @property

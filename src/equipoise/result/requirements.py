@@ -1,4 +1,4 @@
-"""Requirements that a script may have of a result, as words on a command line."""
+"""Requirements on a result from the command line (`--fail-unless`)."""
 
 from __future__ import annotations
 
@@ -11,35 +11,39 @@ from equipoise.result.quantity import Quantity
 from equipoise.robot.inertial import COMPONENTS
 
 UNMET = 11
-"""Exit code of a command whose result is there and does not meet what was required of it."""
+"""Exit code of a command whose result does not meet its requirements."""
 WORDS = ("identified", "checks", *COMPONENTS)
 """All quantities that the method estimates are identified; all checks passed; or one quantity is identified."""
 
 
 def read_requirements(text: str | None) -> tuple[str, ...]:
-    """Words from "identified,checks"; raises SettingsError for others."""
+    """Return the requirements of a text such as "identified,checks"; raises SettingsError for unknown ones."""
     words = tuple(word.strip() for word in (text or "").split(",") if word.strip())
     for word in words:
         if word not in WORDS:
             raise SettingsError(
-                f"--fail-unless {text}: {word!r} cannot be required; {did_you_mean(word, WORDS)}those are {', '.join(WORDS)}"
+                f"--fail-unless {text}: {word!r} is not a requirement; {did_you_mean(word, WORDS)}use {', '.join(WORDS)}"
             )
     if text is not None and not words:
-        raise SettingsError(f"--fail-unless names nothing; give it as identified,checks or one of {', '.join(WORDS)}")
+        raise SettingsError(f"--fail-unless is empty; use identified,checks or any of {', '.join(WORDS)}")
     return words
 
 
 def verdicts(body: Body, checks: Iterable[Check]) -> dict[str, bool]:
-    """Which of WORDS are met.
+    """Return True for each of WORDS that is met.
 
     Args:
-        body: body that was found.
-        checks: checks of the run that it comes from.
+        body: estimated body.
+        checks: checks of its run.
     """
-    told = [quantity for quantity in body if quantity.value is not None]
+    estimated = [quantity for quantity in body if quantity.value is not None]
     own = {quantity.name: _identified(quantity) for quantity in body}
     checked = [check.passed for check in checks]
-    return {"identified": bool(told) and all(map(_identified, told)), "checks": bool(checked) and all(checked), **own}
+    return {
+        "identified": bool(estimated) and all(map(_identified, estimated)),
+        "checks": bool(checked) and all(checked),
+        **own,
+    }
 
 
 def _identified(quantity: Quantity) -> bool:

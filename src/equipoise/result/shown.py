@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 
 class Shown(NamedTuple):
-    """One number, as tables show it.
+    """Display format of one quantity.
 
     Attributes:
         name: name of the quantity.
-        label: what it is called, with its unit.
-        factor: from the SI unit to the one that is shown.
-        form: format of the number.
-        words: what it is called in a sentence.
+        label: name with the displayed unit.
+        factor: conversion factor from the SI unit to the displayed unit.
+        form: format specification of the number.
+        words: name within a sentence.
     """
 
     name: str

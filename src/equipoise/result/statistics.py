@@ -1,4 +1,4 @@
-"""Intervals of 95 % in one, two and three dimensions, and the limits of the verdicts."""
+"""95 % regions in one, two and three dimensions, and limits of the verdicts."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import numpy as np
 from equipoise.conventions import FloatArray
 
 NORMAL_95 = 1.96
-"""Standard deviations to either side that hold 95 % of a normal distribution: the root of chi-squared's 95 %, one degree."""
+"""Half width of the 95 % interval in standard deviations: root of the 95 % quantile of chi-squared, one degree."""
 PLANAR_95 = 2.4477
-"""Standard deviations to the edge of the ellipse that holds 95 % in the plane, two degrees of freedom."""
+"""Half axis of the 95 % ellipse in standard deviations (two degrees of freedom)."""
 SPATIAL_95 = 2.7955
-"""Standard deviations to the surface of the ellipsoid that holds 95 % in space, three degrees of freedom."""
+"""Half axis of the 95 % ellipsoid in standard deviations (three degrees of freedom)."""
 NORMAL = {50: 0.674490, 90: 1.644854, 95: NORMAL_95}
-"""Standard deviations to either side that hold so many percent of a normal distribution."""
+"""Half width of an interval in standard deviations of a normal distribution, by its probability in percent."""
 IDENTIFIED, WEAK = 0.1, 0.5
-"""Standard deviation up to which a quantity counts as identified, and as weak; over what it is compared with."""
+"""Largest ratio of the standard deviation to its reference for the verdicts "identified" and "weak"."""
 
 
 def verdict_of(std: float, compared_with: float) -> str:
@@ -23,8 +23,7 @@ def verdict_of(std: float, compared_with: float) -> str:
 
     Args:
         std: posterior standard deviation.
-        compared_with: number that it is compared with, in the same unit: the one before the run, or the
-            quantity's size.
+        compared_with: reference in the same unit: the prior std, or the size of the quantity.
     """
     if std <= IDENTIFIED * compared_with:
         return "identified"
@@ -32,13 +31,13 @@ def verdict_of(std: float, compared_with: float) -> str:
 
 
 def ellipsoid_95(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the region that holds 95 % of a normal distribution around its mean: an ellipse or an ellipsoid.
+    """Return the axes of the 95 % ellipse or ellipsoid of a normal distribution.
 
     Args:
         covariance: (2, 2) or (3, 3), in a unit squared.
 
     Returns:
-        (n, n) directions of its axes as columns, right-handed, and (n,) half their lengths in that unit, ascending.
+        (n, n) directions of the axes as columns, right-handed, and (n,) half axes in the unit, ascending.
     """
     values, directions = np.linalg.eigh(covariance)
     directions[:, 0] *= np.sign(np.linalg.det(directions))

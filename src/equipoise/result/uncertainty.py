@@ -14,13 +14,13 @@ from equipoise.robot.inertial import COMPONENTS
 
 @dataclass(frozen=True, eq=False)
 class UncertaintySource:
-    """One source of errors.
+    """One source of uncertainty.
 
     Attributes:
-        name: what errs, in words.
-        shares: (10,) its part of the variance of each of the whole robot's parameters, in the order of COMPONENTS; those of
-            all sources add up to one.
-        remedy: what would make it less, in words.
+        name: name of the error source.
+        shares: (10,) fractions of the variances of the whole robot's parameters, in the order of COMPONENTS; they sum to
+            one over all sources.
+        remedy: action that reduces this uncertainty.
     """
 
     name: str
@@ -28,12 +28,12 @@ class UncertaintySource:
     remedy: str
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         shares = {name: round(float(share), 4) for name, share in zip(COMPONENTS, self.shares, strict=True)}
         return {"source": self.name, "variance_shares": shares, "remedy": self.remedy}
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> UncertaintySource:
-        """From the JSON form."""
+        """Return a source from its JSON form."""
         shares = table["variance_shares"]
         return cls(table["source"], np.array([shares[name] for name in COMPONENTS]), table["remedy"])

@@ -51,7 +51,7 @@ class MotorFit:
         delay: delay of the position loop and its standard deviation [s], if torques are not reported; else None.
         delay_and_friction: correlation of that delay with the mean viscous friction, or None.
         noise: (nj,) standard deviation of the residual of the averaged torques [Nm].
-        normalized_residual: (nj,) systematic part of the residual: rms of its means in bins of speed or load [Nm].
+        residual: (nj,) systematic part of the residual: rms of its means in bins of speed or load [Nm].
         model_error: (nj,) standard deviation of model errors that can bias parameters [Nm].
         repetition: number of averages with the same error.
         gain: (nj,) ratio of true to reported torque, including the common factor, which only the legs' masses determine.
@@ -64,7 +64,7 @@ class MotorFit:
     delay: tuple[float, float] | None
     delay_and_friction: float | None
     noise: FloatArray
-    normalized_residual: FloatArray
+    residual: FloatArray
     model_error: FloatArray
     repetition: float
     gain: FloatArray
@@ -265,8 +265,8 @@ def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
     x, residual = solution.x, solution.residual
     sigma = positive_size(residual, samples.slides)
     repetition = _repetition(residual / sigma, samples.slides)
-    covariance, normalized_residual = repetition * solution.covariance, _residual_scale(samples, residual, repetition)
-    model_error = _model_error(samples, normalized_residual)
+    covariance, residual_level = repetition * solution.covariance, _residual_scale(samples, residual, repetition)
+    model_error = _model_error(samples, residual_level)
     gain = 1 + x[table.of("gain")]
     mean, joints = gain.mean(), table.joints
     values = np.array([gain / mean - 1, *(x[table.of(name)] / mean for name in table.terms)])
@@ -292,7 +292,7 @@ def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
         delay,
         correlation,
         sigma,
-        normalized_residual,
+        residual_level,
         model_error,
         repetition,
         gain,
@@ -300,7 +300,7 @@ def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
     )
 
 
-def _model_error(samples: MotorSamples, normalized_residual: FloatArray) -> FloatArray:
+def _model_error(samples: MotorSamples, residual_level: FloatArray) -> FloatArray:
     """Return (nj,) model errors that can bias parameters, from the systematic residuals [Nm].
 
     All gears of a robot are similar. An error visible in some joints, relative to their load, is assumed in all. A joint's own
@@ -308,8 +308,8 @@ def _model_error(samples: MotorSamples, normalized_residual: FloatArray) -> Floa
     """
     carried = size(samples.torque, samples.slides)
     loaded = carried > 0
-    common = np.sqrt(np.mean((normalized_residual[loaded] / carried[loaded]) ** 2)) if loaded.any() else 0.0
-    return _MODEL_ERROR * np.sqrt((normalized_residual**2 + (common * carried) ** 2) / 2)
+    common = np.sqrt(np.mean((residual_level[loaded] / carried[loaded]) ** 2)) if loaded.any() else 0.0
+    return _MODEL_ERROR * np.sqrt((residual_level**2 + (common * carried) ** 2) / 2)
 
 
 def _error_variances(table: _Table, samples: MotorSamples, model_error: FloatArray, values: FloatArray) -> FloatArray:
