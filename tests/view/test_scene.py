@@ -227,4 +227,4 @@ def test_recordings_without_trials_are_shown(a1, ideal_motions, tmp_path):
 def test_a_log_without_samples_is_refused(a1, tmp_path):
     with pytest.raises(RecordingError) as error:
         shown(tmp_path / "empty.rrd", a1, BayesianMethod(), [([], [])])
-    assert str(error.value) == "the log cannot be shown: it holds no samples of joints and IMU"
+    assert str(error.value) == "there is nothing to show: the log has no samples of joints and IMU"

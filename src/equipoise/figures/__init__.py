@@ -1,1 +1,1 @@
-"""Tables, figures and shapes of robots and results, for every renderer."""
+"""Tables, figures and robot shapes for all renderers."""

@@ -1,6 +1,6 @@
-"""Tables, figures and texts of results: computed once, rendered by `terminal` and by `report`.
+"""Tables, figures and texts of results, which `terminal` and `report` render.
 
-Text is ASCII. Pages typeset "+-" and minus signs. Figures are Plotly figures as plain dictionaries.
+Text is ASCII. The HTML report typesets "+-" and minus signs. Figures are Plotly figures as plain dictionaries.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ if TYPE_CHECKING:  # lists of robots and formats load no NumPy
     from equipoise.result.quantity import Quantity
 
 Trace = dict[str, Any]
-"""A trace or a layout of Plotly."""
+"""Plotly trace or layout."""
 
 SERIES = ("#0b62a4", "#c2500a", "#00806a", "#a04a86")
 DASHES = ("solid", "dash", "dot", "dashdot")
-"""Lines differ by dash as well as by colour."""
+"""Dashes of the series, so that lines differ not only in colour."""
 INK, MUTED, ROBOT = "#1b1f24", "#5b6570", "#8b95a1"
 BAR = "interval"
-"""Head of a column of bars."""
+"""Heading of the column of interval bars."""
 LONG = 24
-"""Length of a text above which a cell may wrap [characters]."""
+"""Number of characters above which a cell may wrap."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Cell:
     Attributes:
         text: text of the cell.
         tone: "strong", "muted" or "bad".
-        verdict: verdict that a page shows with a symbol and a colour.
-        bar: quantity whose interval is drawn; a terminal leaves it out.
+        verdict: verdict, which the report shows with a sign and a colour.
+        bar: quantity whose interval is drawn; the terminal omits it.
     """
 
     text: str = ""
@@ -53,11 +53,11 @@ class DataTable:
     """A table.
 
     Attributes:
-        title: caption of the table.
-        columns: heads; columns whose head begins with "|" are right-aligned.
+        title: caption.
+        columns: headings; columns with a leading "|" are right-aligned.
         rows: cells.
-        folded: whether a page hides the rows until a click.
-        style: class of the style sheet, "numbers", "numbers barred" or "shares".
+        folded: True if the report shows the rows on demand.
+        style: CSS class, "numbers", "numbers barred" or "shares".
     """
 
     title: str
@@ -72,10 +72,10 @@ class Figure:
     """A Plotly figure.
 
     Attributes:
-        title: heading above it.
+        title: heading above the figure.
         caption: description, also the text alternative.
         data: traces.
-        layout: layout; the page adds the template.
+        layout: layout; the report adds the template.
         height: height [px].
     """
 
@@ -103,10 +103,10 @@ class PageContents:
     """Contents of a page.
 
     Attributes:
-        title, subtitle, lead: head of the page.
+        title, subtitle, lead: texts of the header.
         alerts: name and message of each failed check or warning.
-        first: blocks of the first screen, figures next to the others.
-        sections: sections below; empty ones are left out.
+        first: blocks of the first screen, with figures in a second column.
+        sections: sections below the first screen; empty ones are omitted.
     """
 
     title: str
@@ -123,48 +123,48 @@ def axes(x: str, y: str, **more: Any) -> Trace:
 
 
 def line(x: Iterable[float], y: Iterable[float], name: str, series: int, **more: Any) -> Trace:
-    """Return a line of a series; colour and dash depend on the series."""
+    """Return a line trace with colour and dash of its series."""
     style = {"color": SERIES[series % 4], "dash": DASHES[series % 4], "width": 2, **more.pop("line", {})}
     return {"type": "scatter", "mode": "lines", "x": short(x), "y": short(y), "name": name, "line": style, **more}
 
 
 def pieces(curves: Sequence[tuple[FloatArray, FloatArray]], name: str, series: int) -> Trace:
-    """Return a thin line of a series through several curves, with gaps between them."""
+    """Return one thin line trace of several curves, with gaps between them."""
     x, y = ([value for curve in curves for value in (*curve[axis], math.nan)] for axis in (0, 1))
     return line(x, y, name, series, line={"width": 1})
 
 
 def points(x: Iterable[float], y: Sequence[Any], name: str, marker: Trace, **more: Any) -> Trace:
-    """Return markers; y may hold names."""
+    """Return a marker trace; `y` may be names."""
     return {"type": "scatter", "mode": "markers", "x": short(x, 6), "y": y, "name": name, "marker": marker, **more}
 
 
 def level(y: float, words: str = "", colour: str = MUTED, dash: str = "dash") -> Trace:
-    """Return a layout's shape: a horizontal line across the figure, with a label."""
+    """Return a layout shape: a horizontal line across the figure, with a label."""
     label = {"text": words, "textposition": "end", "font": {"size": 11, "color": colour}}
     ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y}
     return {"type": "line", **ends, "line": {"color": colour, "dash": dash, "width": 1}, "label": label}
 
 
 def upright(x: float, words: str = "", colour: str = MUTED, dash: str = "dash") -> Trace:
-    """Return a layout's shape: a vertical line across the figure, with a label."""
+    """Return a layout shape: a vertical line across the figure, with a label."""
     shape = level(x, words, colour, dash)
     shape["label"] |= {"textangle": 0, "xanchor": "left", "yanchor": "top"}
     return {**shape, "xref": "x", "x0": x, "x1": x, "yref": "paper", "y0": 0, "y1": 1}
 
 
 def plain(words: str) -> str:
-    """Return text without tags, which Plotly would interpret."""
+    """Return text with escaped tags, which Plotly would interpret."""
     return html.escape(words, quote=False)
 
 
 def short(values: Iterable[float], digits: int = 4) -> list[float | None]:
-    """Return values rounded to significant digits; None for those that are not finite."""
+    """Return values rounded to significant digits; None for non-finite ones."""
     return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values]
 
 
 def number(value: float | None, factor: float, form: str) -> str:
-    """Return a value times a factor as text, without negative zero; a dash for None."""
+    """Return a formatted value times a factor, without minus zero; a dash for None."""
     if value is None:
         return "-"
     text = format(value * factor, form)

@@ -1,7 +1,7 @@
-"""Shapes of a robot: simple bodies and meshes on its links, for pages and viewers.
+"""Shapes of a robot's links, for reports and viewers.
 
-Visuals come from the user's model file if it is unchanged and all its meshes can be read; otherwise from the collision bodies
-of the cleaned model. A link with neither gets a capsule along it, the base a box.
+They are the visuals of the user's model file, if it is unchanged and all its meshes are readable. Otherwise they are the
+primitive collision shapes of the cleaned model. A link with neither gets a capsule, the base a box.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ Kind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
 Part = Literal["base", "hip", "thigh", "shank"]
 
 _AROUND = 24  # edges around a round body
-_MOST_FACES = 20_000  # of one mesh; finer ones, such as meshes for 3D printing, are coarsened
+_MOST_FACES = 20_000  # per mesh, before simplification: some models have very fine meshes
 _MOST_FACES_ON_PAGE = 1200
-_FACES_OF_GRID = 3.0  # faces of a coarsened mesh per square of the number of cells along its longest side
+_FACES_OF_GRID = 3.0  # faces of a simplified mesh, over the square of the number of cells along its longest side
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Mesh:
     faces: IntArray
 
     def normals(self) -> FloatArray:
-        """Return (n, 3) unit normals at the vertices: area-weighted means of the adjacent faces' normals."""
+        """Return (n, 3) unit normals at the vertices: area-weighted means over the adjacent faces."""
         a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
         normals = np.zeros_like(self.vertices)
         for corner in range(3):
@@ -54,24 +54,24 @@ class Mesh:
         return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
     def moved(self, place: pin.SE3) -> Mesh:
-        """Return the mesh in the frame in which its own frame has a placement."""
+        """Return the mesh transformed by a placement."""
         return Mesh(self.vertices @ np.array(place.rotation).T + np.array(place.translation), self.faces)
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Shape on a link.
+    """Shape on one link.
 
     Attributes:
-        joint: Pinocchio's id of the link's joint; 1 is the base.
+        joint: Pinocchio id of the joint that carries the shape; 1 is the base.
         part: part of the robot.
-        kind: kind of shape.
-        size: box: edge lengths x, y, z; sphere: radius; cylinder and capsule: radius and length along z, without a capsule's
-            caps; mesh: empty [m].
-        rotation: (3, 3) rotation from the shape's axes to the joint's frame.
-        translation: (3,) centre in the joint's frame [m].
+        kind: type of the shape.
+        size: dimensions [m]. Box: edges x, y, z; sphere: radius; cylinder and capsule: radius, length along z without
+            caps; mesh: empty.
+        rotation: (3, 3) axes of the shape in the joint's frame.
+        translation: (3,) centre of the shape in the joint's frame [m].
         own: triangles of a mesh in its own axes.
-        stands_in: whether it replaces a shape that the model file lacks.
+        stands_in: True if the model file has no shape of the link.
     """
 
     joint: int
@@ -84,7 +84,7 @@ class Shape:
     stands_in: bool = False
 
     def mesh(self) -> Mesh:
-        """Return the triangle mesh in the joint's frame."""
+        """Return the triangles in the joint's frame [m]."""
         mesh = self.own or _MESHES[self.kind](*self.size)
         return Mesh(mesh.vertices @ self.rotation.T + self.translation, mesh.faces)
 
@@ -93,30 +93,30 @@ def robot_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Shap
     """Return all shapes of a robot, those of the base first.
 
     Args:
-        most_faces: approximate number of faces to which larger meshes are reduced.
+        most_faces: approximate largest number of faces of a mesh; finer meshes are simplified.
     """
     found = _visuals(robot, most_faces) or _collisions(robot, most_faces)
     return tuple(sorted([*found, *_stand_ins(robot, found)], key=lambda shape: shape.joint))
 
 
 def at_posture(robot: RobotModel, shapes: Iterable[Shape], joint_position: FloatArray) -> list[Mesh]:
-    """Return the shapes' meshes in the base frame.
+    """Return the meshes of shapes in the base frame [m].
 
     Args:
-        joint_position: (nj,) positions of the leg joints [rad].
+        joint_position: (nj,) leg joint positions [rad].
     """
     poses = Kinematics(robot).joint_poses(joint_position)
     return [shape.mesh().moved(poses[shape.joint]) for shape in shapes]
 
 
 def robot_meshes(robot: RobotModel, joint_position: FloatArray) -> tuple[list[Mesh], list[Mesh], bool]:
-    """Return a robot in a posture, coarse enough to keep the page small.
+    """Return simplified meshes of a robot in a posture, small enough for a report.
 
     Args:
-        joint_position: (nj,) positions of the leg joints [rad].
+        joint_position: (nj,) leg joint positions [rad].
 
     Returns:
-        meshes of the base and of the legs in the base frame [m], and whether the model file has shapes for all links.
+        meshes of the base and of the legs in the base frame [m]; True if the model file has shapes of all links.
     """
     shapes = robot_shapes(robot, _MOST_FACES_ON_PAGE)
     meshes = list(zip(shapes, at_posture(robot, shapes, joint_position), strict=True))
@@ -126,35 +126,35 @@ def robot_meshes(robot: RobotModel, joint_position: FloatArray) -> tuple[list[Me
 
 
 def box(x: float, y: float, z: float) -> Mesh:
-    """Return a box around the origin with these edge lengths [m]."""
+    """Return a box centred at the origin, with the given edges [m]."""
     corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * [x / 2, y / 2, z / 2]
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return Mesh(corners, np.array([face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))]))
 
 
 def sphere(radius: float) -> Mesh:
-    """Return a sphere around the origin [m]."""
+    """Return a sphere centred at the origin [m]."""
     return capsule(radius, 0.0)
 
 
 def cylinder(radius: float, length: float) -> Mesh:
-    """Return a cylinder along z around the origin [m]."""
-    return _turned([(0.0, -length / 2), (radius, -length / 2), (radius, length / 2), (0.0, length / 2)])
+    """Return a cylinder along z, centred at the origin [m]."""
+    return _revolved([(0.0, -length / 2), (radius, -length / 2), (radius, length / 2), (0.0, length / 2)])
 
 
 def capsule(radius: float, length: float) -> Mesh:
-    """Return a cylinder along z with hemispheres at its ends [m]."""
+    """Return a capsule along z, centred at the origin; `length` excludes the caps [m]."""
     angles = np.linspace(0, np.pi / 2, _AROUND // 4 + 1)
     upper = [(radius * float(np.cos(a)), length / 2 + radius * float(np.sin(a))) for a in angles[:-1]]
     upper.append((0.0, length / 2 + radius))
-    return _turned([(r, -z) for r, z in reversed(upper)] + upper[int(length == 0) :])
+    return _revolved([(r, -z) for r, z in reversed(upper)] + upper[int(length == 0) :])
 
 
 _MESHES = {"box": box, "sphere": sphere, "cylinder": cylinder, "capsule": capsule}
 
 
-def _turned(profile: list[tuple[float, float]]) -> Mesh:
-    """Return the solid of revolution about z of a profile (radius, z), from the bottom up."""
+def _revolved(profile: list[tuple[float, float]]) -> Mesh:
+    """Return the solid of revolution about z of a profile (radius, z), given from bottom to top."""
     around = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
     circle = np.column_stack([np.cos(around), np.sin(around)])
     rings = [np.column_stack([r * circle, np.full(_AROUND, z)]) for r, z in profile]
@@ -171,7 +171,7 @@ def _turned(profile: list[tuple[float, float]]) -> Mesh:
 
 
 def _visuals(robot: RobotModel, most_faces: int) -> list[Shape]:
-    """Return the visuals of the user's file; none if it is missing or changed, or a mesh cannot be read."""
+    """Return the visuals of the user's model file; empty if the file has changed or a mesh is not readable."""
     path = robot.source.path
     try:
         if hashlib.sha256(path.read_bytes()).hexdigest() != robot.source.sha256:
@@ -182,7 +182,7 @@ def _visuals(robot: RobotModel, most_faces: int) -> list[Shape]:
 
 
 def _collisions(robot: RobotModel, most_faces: int) -> list[Shape]:
-    """Return the simple bodies of the cleaned model."""
+    """Return the collision shapes of the cleaned model."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.xml"
         path.write_text(robot.source.xml, encoding="utf-8")
@@ -190,7 +190,7 @@ def _collisions(robot: RobotModel, most_faces: int) -> list[Shape]:
 
 
 def _read(robot: RobotModel, path: Path, model_format: str, what: Any, most_faces: int) -> Iterator[Shape]:
-    """Return the shapes of a file, assigned to the robot's links by name."""
+    """Yield the shapes of a file on the robot's links, matched by link name."""
     if model_format == "urdf":
         model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
         geometry = pin.buildGeomFromUrdf(model, str(path), what, package_dirs=_package_folders(path))
@@ -210,12 +210,12 @@ def _read(robot: RobotModel, path: Path, model_format: str, what: Any, most_face
 
 
 def _package_folders(path: Path) -> list[str]:
-    """Return the folders in which NAME of package://NAME/... is looked up: those above the file."""
+    """Return the folders to resolve package://NAME/... in: all parents of the file."""
     return [str(folder) for folder in path.resolve().parents]
 
 
 def _form(shape: Any, most_faces: int) -> tuple[Kind, tuple[float, ...], Mesh | None] | None:
-    """Return kind, size and mesh of a Pinocchio shape; None for unsupported shapes, such as planes."""
+    """Return kind, size and triangles of a Pinocchio shape; None for unsupported ones such as planes."""
     geometry = shape.geometry
     name = type(geometry).__name__
     if name == "Box":
@@ -235,7 +235,7 @@ def _form(shape: Any, most_faces: int) -> tuple[Kind, tuple[float, ...], Mesh | 
 def _mended(mesh: Mesh) -> Mesh:
     """Return the mesh, or its convex hull if some vertices belong to no triangle.
 
-    In files of several parts, coal 3.0 counts the vertices of each part from zero, so triangles join the wrong vertices.
+    In files of several parts coal 3.0 numbers the vertices of each part from zero, so triangles have wrong vertices.
     """
     if len(np.unique(mesh.faces)) == len(mesh.vertices):
         return mesh
@@ -249,7 +249,7 @@ def _mended(mesh: Mesh) -> Mesh:
 
 
 def _coarser(mesh: Mesh, most_faces: int) -> Mesh:
-    """Return a small mesh unchanged; else merge all vertices in a cell of a grid."""
+    """Return the mesh, with vertices merged in grid cells if it has too many faces."""
     if len(mesh.faces) <= most_faces:
         return mesh
     cell = float(np.ptp(mesh.vertices, axis=0).max()) / np.sqrt(most_faces / _FACES_OF_GRID)
@@ -260,7 +260,7 @@ def _coarser(mesh: Mesh, most_faces: int) -> Mesh:
 
 
 def _stand_ins(robot: RobotModel, found: list[Shape]) -> Iterator[Shape]:
-    """Return shapes for links without a shape, or with only a foot's sphere."""
+    """Yield shapes for links without any, or with a foot sphere only."""
     shown = {shape.joint for shape in found if shape.kind != "sphere"}
     if BASE_JOINT not in shown:
         edges, middle = trunk_box(robot, around=1.0)

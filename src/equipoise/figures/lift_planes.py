@@ -1,4 +1,4 @@
-"""Support planes of lifts at the nominal stance, in the base frame; each contains the CoM according to its lift."""
+"""Support planes of lifts, at the nominal stance in the base frame."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ LiftPlanes = Sequence[LiftPlane]
 
 
 def lift_planes(result: Calibration) -> LiftPlanes:
-    """Return the support planes of the paper's lifts, or the planes through the CoM of the Bayesian method's lifts.
+    """Return the support planes of `paper` lifts, or the planes through the CoM from `bayesian` lifts.
 
-    Empty for a result from a JSON file.
+    The result is empty without evidence, as from a JSON file.
     """
     evidence, robot = result.evidence, result.robot_model
     if isinstance(evidence, SearchEvidence):

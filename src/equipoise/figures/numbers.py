@@ -1,4 +1,4 @@
-"""Table of a body's parameters: estimates with intervals, values of the model file and the truth."""
+"""Table of a body's parameters: estimates with intervals, model values and ground truth."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Number:
 
     Attributes:
         label: name and unit.
-        form: format of the numbers.
-        quantity: quantity in displayed units.
+        form: format specification.
+        quantity: the quantity in those units.
     """
 
     label: str
@@ -36,12 +36,12 @@ class Number:
 
     @property
     def value(self) -> float:
-        """Estimate."""
+        """Estimate, in the displayed unit."""
         return self.quantity.value or 0.0
 
     @property
     def half_width(self) -> str:
-        """Half width of the 95 % interval."""
+        """Formatted half width of the 95 % interval; a dash without one."""
         return number(self.quantity.half_width, 1, self.form)
 
     def __str__(self) -> str:
@@ -69,7 +69,7 @@ def _scaled(quantity: Quantity, factor: float) -> Quantity:
 
 
 def _excitations(result: Calibration) -> Iterator[Number]:
-    """Yield the paper's I, of base, hips and thighs, and C."""
+    """Yield moments of inertia I and damping C of the paper."""
     for axis, letter in zip(AXES, "xyz", strict=True):
         if axis in result.moments:
             yield Number(f"I_{letter} ({axis}) [kg m2]", ".4f", result.moments[axis])
@@ -81,9 +81,9 @@ def _excitations(result: Calibration) -> Iterator[Number]:
 
 
 def numbers_table(shown: list[Number], title: str) -> DataTable:
-    """Return a row for each quantity, with a bar for its interval; empty columns are left out."""
+    """Return a table of quantities with interval bars, without empty columns."""
     found = [one.quantity for one in shown]
-    given = {
+    present = {
         "|95 % +-": any(one.half_width is not None for one in found),
         "verdict": any(one.verdict for one in found),
         "|truth": any(one.truth is not None for one in found),
@@ -91,7 +91,9 @@ def numbers_table(shown: list[Number], title: str) -> DataTable:
         "|model": any(one.model is not None for one in found),
         "|change": any(one.model is not None for one in found),
     }
-    columns = [name for name in ("parameter", "|estimate", "|95 % +-", BAR, *list(given)[1:]) if given.get(name, True)]
+    columns = [
+        name for name in ("parameter", "|estimate", "|95 % +-", BAR, *list(present)[1:]) if present.get(name, True)
+    ]
     return DataTable(title, columns, [_cells(one, columns) for one in shown], style="numbers barred")
 
 
@@ -117,7 +119,7 @@ def _cells(one: Number, columns: list[str]) -> list[str | Cell]:
 
 def legend(result: Calibration) -> tuple[str, ...]:
     """Return the sentences below the table: frame, bodies, and the meaning of the verdicts."""
-    paper = "I and C are of base, hips and thighs." if result.moments and not result.has_intervals else ""
+    paper = "I and C are of the body of base, hips and thighs." if result.moments and not result.has_intervals else ""
     return tuple(filter(None, (frame_message(result), paper, verdict_message(result.composite))))
 
 

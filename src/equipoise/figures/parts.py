@@ -1,4 +1,4 @@
-"""Estimated properties of motors and links: a row for each, left above right."""
+"""Tables of estimated properties of motors and links."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class Parts:
 
     Attributes:
         kind: "motors" or "links".
-        each: head of the column of names, "joint" or "link".
-        columns: columns of the table.
-        found: parts by name, each left part directly above its right counterpart.
-        remark: sentence on the reference of the numbers.
+        each: noun for the name of a part, "joint" or "link".
+        columns: quantities to show.
+        found: parts by name; each left one is followed by its right counterpart.
+        remark: units and reference of the numbers.
     """
 
     kind: str
@@ -49,7 +49,7 @@ class Parts:
 
     @property
     def legend(self) -> list[str]:
-        """Meaning of each mark in the table."""
+        """Explanations of the marks in the table."""
         shown = [one for part in self.found.values() for one in part.quantities.values()]
         marks = {
             "In brackets: not identified, posterior std above half of the prior std.": any(
@@ -57,18 +57,20 @@ class Parts:
             ),
             "(!): the truth is outside the interval.": any(one.missed for one in shown),
         }
-        return [message for message, there in marks.items() if there]
+        return [message for message, present in marks.items() if present]
 
     def of(self, name: str) -> list[Quantity]:
         """Return one quantity of every part."""
         return [part.quantities[name] for part in self.found.values()]
 
     def table(self, title: str = "") -> DataTable:
-        """Return a row for each part."""
+        """Return a table with a row for each part."""
         columns = [_cells(self.of(one.name), one) for one in self.columns]
         rows = [list(row) for row in zip(self.found, *columns, strict=True)]
         heads = [self.each, *(f"|{one.label}" for one in self.columns)]
-        words = " ".join([f"Each {self.each}, half 95 % intervals; left above right.", *self.legend])
+        words = " ".join(
+            [f"Each {self.each} with the half width of its 95 % interval; left above right.", *self.legend]
+        )
         return DataTable(title or words, heads, rows)
 
 
@@ -79,27 +81,27 @@ def parts_of(result: Calibration) -> list[Parts]:
         joints = [name for leg in result.robot_model.legs.values() for name in leg.joint_names]
     motors = Parts(
         "motors", "joint", _with_values(_MOTORS, result.motors), _left_by_right(result.motors, joints),
-        "Torques are in the motors' mean reported unit; gains are relative to their mean.",
+        "Torques have the mean scale of the torques that the motors report; gains are relative to their mean.",
     )  # fmt: skip
     return [parts for parts in (motors, parts_of_legs(result.links)) if parts.found]
 
 
 def _with_values(columns: tuple[Shown, ...], found: Mapping[str, Part]) -> tuple[Shown, ...]:
-    """Return the columns with a value; Stribeck friction often has none."""
+    """Return the columns with at least one value; Stribeck friction often has none."""
     return tuple(one for one in columns if any(part.quantities[one.name].value is not None for part in found.values()))
 
 
 def parts_of_legs(links: Mapping[str, Link]) -> Parts:
-    """Return the links of the legs, from links by name in the order of the legs."""
+    """Return the parts of links, given by name, leg by leg."""
     return Parts(
         "links", "link", _LINKS, _left_by_right(links, list(links)),
-        "Each link with everything fixed to it, in its joint's frame. m c is its first moment, mass times CoM position, which "
-        "motions determine better than the mass. Lengths are from joint to joint, a calf's to the centre of the foot.",
+        "Each link with everything fixed to it, in its joint's frame. m c is the first moment, mass times CoM position, which "
+        "motions determine better than the mass. Lengths are from joint to joint; a calf's is to the foot centre.",
     )  # fmt: skip
 
 
 def _left_by_right(found: Mapping[str, Part], names: Sequence[str]) -> dict[str, Part]:
-    """Return parts with each left one directly above its right counterpart, from names in the order FL FR RL RR."""
+    """Return parts with each right one after its left counterpart; `names` are in leg order FL FR RL RR."""
     per_leg = len(names) // 4
     sides = (names[: 2 * per_leg], names[2 * per_leg :])
     pairs = (pair for side in sides for pair in zip(side[:per_leg], side[per_leg:], strict=True))
@@ -107,22 +109,22 @@ def _left_by_right(found: Mapping[str, Part], names: Sequence[str]) -> dict[str,
 
 
 def _cells(quantities: list[Quantity], shown: Shown) -> list[str]:
-    """Return the cells of a column; the narrowest interval determines the digits of all."""
-    widths = [quantity.half_width * shown.factor for quantity in quantities if quantity.half_width]
-    form = f".{_decimals(min(widths, default=1.0))}f"
+    """Return the cells of a column, with the digits of its narrowest interval."""
+    half_widths = [quantity.half_width * shown.factor for quantity in quantities if quantity.half_width]
+    form = f".{_decimals(min(half_widths, default=1.0))}f"
     return [_cell(quantity, shown, form) for quantity in quantities]
 
 
-def _decimals(half_width: float) -> int:
-    """Return the decimals that show the first digit of a half width, and the second if it begins with 1 or 2."""
-    place = floor(log10(half_width))
-    return max(0, -place + (half_width < 3 * 10.0**place))
+def _decimals(half: float) -> int:
+    """Return the decimals for a half width: its first significant digit, and its second if the first is 1 or 2."""
+    place = floor(log10(half))
+    return max(0, -place + (half < 3 * 10.0**place))
 
 
 def _cell(quantity: Quantity, shown: Shown, form: str) -> str:
     if quantity.value is None or quantity.half_width is None:
         return "-"
     outside = " (!)" if quantity.missed else ""
-    value, half_width = quantity.value * shown.factor, quantity.half_width * shown.factor
-    text = f"{value:{shown.form}{form}}+-{half_width:{form}}"
+    value, half = quantity.value * shown.factor, quantity.half_width * shown.factor
+    text = f"{value:{shown.form}{form}}+-{half:{form}}"
     return f"({text}){outside}" if quantity.verdict == "not identified" else text + outside

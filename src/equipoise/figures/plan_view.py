@@ -1,4 +1,4 @@
-"""Plan view: a robot, its support lines and its CoM from above, in the base frame, x forward, y left."""
+"""Plan view of a robot, its support lines and its CoM, in the base frame (x forward, y left)."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from equipoise.result.statistics import ellipsoid_95
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
-_SMALLEST, _WIDEST = 0.003, 0.060  # [m] limits of the close-up's half width
-_UPRIGHT = 0.1  # smallest horizontal part of a plane's normal for a well-defined intersection
+_SMALLEST, _WIDEST = 0.003, 0.060  # [m] limits of the half width of the close-up
+_UPRIGHT = 0.1  # smallest horizontal part of a plane's unit normal, for a well-defined cut
 _MARKERS: dict[str, Trace] = {
     "model": {"color": MUTED, "size": 11, "symbol": "square-open", "line": {"width": 2}},
     "truth": {"color": INK, "size": 9, "symbol": "x-thin", "line": {"width": 2, "color": INK}},
@@ -49,7 +49,7 @@ class Ellipse:
         return cls(float(major), float(minor), float(np.arctan2(directions[1, 1], directions[0, 1])))
 
     def outline(self, centre: FloatArray) -> FloatArray:
-        """Return (n, 2) points of the outline around a (2,) centre [m]."""
+        """Return (n, 2) points on the ellipse around a (2,) centre [m]."""
         around = np.linspace(0, 2 * np.pi, 73)
         along, across = self.major * np.cos(around), self.minor * np.sin(around)
         cos, sin = np.cos(self.angle), np.sin(self.angle)
@@ -58,11 +58,11 @@ class Ellipse:
 
 @dataclass(frozen=True, eq=False)
 class PlanMark:
-    """Centre of mass in the plan view.
+    """Marker of a centre of mass.
 
     Attributes:
-        kind: "found", the estimate; "model", of the model file; "truth", as simulated.
-        label: label of the mark.
+        kind: "found" (estimate), "model" (model file) or "truth" (simulation).
+        label: name to show.
         position: (2,) x and y in the base frame [m].
         ellipse: 95 % ellipse, or None.
     """
@@ -74,26 +74,26 @@ class PlanMark:
 
     @property
     def words(self) -> str:
-        """Label and position."""
+        """Label and position [mm]."""
         x, y = (number(value, 1000, ".2f") for value in self.position)
         return f"{self.label} x {x}, y {y} mm"
 
     @property
     def reach(self) -> float:
-        """Largest distance between the CoM and its estimate [m], with 95 % probability."""
+        """Major half axis of the 95 % ellipse [m]; zero without one."""
         return 0.0 if self.ellipse is None else self.ellipse.major
 
 
 @dataclass(frozen=True, eq=False)
 class PlanLine:
-    """Support line of one diagonal.
+    """Line of one diagonal.
 
     Attributes:
         diagonal: "FL_RR" or "FR_RL".
-        point: (2,) point on it, in the base frame [m].
-        direction: (2,) unit vector along it, in the base frame.
-        verdict: tipping direction in this lift, "forward", "backward" or "balanced"; None: the CoM is on the line.
-        weight: opacity, above 0 up to 1: the lifts of a bisection approach the CoM one by one.
+        point: (2,) point on the line, in the base frame [m].
+        direction: (2,) unit vector along the line, in the base frame.
+        verdict: direction in which the robot tipped, "forward", "backward" or "balanced"; None: the CoM is on the line.
+        weight: opacity, above 0 up to 1; later lifts of a bisection, which are nearer to the CoM, are more opaque.
     """
 
     diagonal: str
@@ -116,7 +116,7 @@ class PlanLine:
         return self.point + self.direction * float(self.direction @ (position - self.point))
 
     def piece(self, centre: FloatArray, reach: float) -> FloatArray:
-        """Return (2, 2) ends of the segment within a reach [m] of the line's point nearest to a (2,) centre [m]."""
+        """Return the (2, 2) ends of a segment, `reach` [m] to either side of the point nearest to a (2,) centre [m]."""
         return self.nearest_to(centre) + np.outer([-reach, reach], self.direction)
 
 
@@ -147,13 +147,13 @@ class PlanView:
     """Robot, lines and marks from above.
 
     Attributes:
-        marks: centres of mass, the estimates first.
+        marks: centres of mass, estimates first.
         centre: (2,) centre of the close-up, in the base frame [m].
-        half_width: distance from the centre to the edges of the close-up [m].
+        half_width: half width of the close-up [m].
         lifts: line of each lift.
         support_lines: line of each diagonal.
-        balanced: whether the robot balances on the support lines; otherwise they run through the feet.
-        outline: outline of the robot; None without a robot model.
+        balanced: True if the robot balances on these lines; False if they run through its feet.
+        outline: outline of the robot; None without its model.
     """
 
     marks: tuple[PlanMark, ...]
@@ -171,14 +171,14 @@ class PlanView:
 
 
 def plan_view(results: Mapping[str, Calibration], lifts: LiftPlanes = ()) -> PlanView | None:
-    """Return the view of one result with model and truth, or of several results with the robot of the first.
+    """Return the view of one result with model and truth, or of several results with the first robot.
 
     Args:
         results: results by the name to show.
         lifts: planes of all lifts, if there is one result.
 
     Returns:
-        the view; None if no result has an estimate of the CoM's x and y.
+        None if no result has an estimate of CoM x and y.
     """
     located = {name: one for name, one in results.items() if np.isfinite(one.composite.com_in_base.values[:2]).all()}
     if not located:
@@ -209,7 +209,7 @@ def _others(result: Calibration) -> list[PlanMark]:
 
 
 def _close_up(marks: Sequence[PlanMark]) -> tuple[FloatArray, float]:
-    """Return centre and half width of a square around all marks, except distant ones, which would make it too coarse.
+    """Return centre and half width [m] of a square with all marks, without a distant model value.
 
     The truth is always inside, so that a large error is visible.
     """
@@ -235,7 +235,7 @@ def _through_feet(outline: PlanOutline) -> list[PlanLine]:
 
 
 def _cuts(lifts: LiftPlanes, height: float) -> list[PlanLine]:
-    """Return the intersections of all lifts' support planes with the horizontal plane at the CoM's height [m]."""
+    """Return the lines in which the lifts' support planes intersect the height of the CoM [m]."""
     counts = Counter(lift.diagonal for lift in lifts)
     seen: Counter[str] = Counter()
     lines: list[PlanLine] = []
@@ -255,7 +255,7 @@ def _hull(meshes: Sequence[Mesh]) -> FloatArray:
 
 
 def plan_figures(view: PlanView | None) -> list[Figure]:
-    """Return the robot from above, if the result has its model, and a close-up around its CoM."""
+    """Return figures of the robot from above, if its model is available, and of a close-up around the CoM."""
     if view is None:
         return []
     caption = f"{'; '.join(mark.words for mark in view.marks)}."
@@ -266,7 +266,7 @@ def plan_figures(view: PlanView | None) -> list[Figure]:
 
 
 def _overview(view: PlanView, outline: PlanOutline) -> Figure:
-    """Return the robot, with a square that marks the close-up."""
+    """Return a figure of the robot, with the close-up marked as a square."""
     feet = np.array(list(outline.feet.values()))
     reach = np.abs(np.concatenate([outline.base, *outline.legs, feet])).max(axis=0) * [1.1, 1.5]
     (x0, y0), (x1, y1) = 1000 * (view.centre - view.half_width), 1000 * (view.centre + view.half_width)
@@ -281,7 +281,7 @@ def _overview(view: PlanView, outline: PlanOutline) -> Figure:
         *(_mark(view, mark) for mark in view.found),
     ]
     layout = {**_frame(np.zeros(2), reach, b=30), "showlegend": False, "shapes": [square]}
-    return Figure("From above", "Forward is up. Feet, support lines and centre of mass.", data, layout, 430)
+    return Figure("Top view", "Feet, support lines and centre of mass; the forward direction is up.", data, layout, 430)
 
 
 def _around_com(view: PlanView) -> list[Trace]:
@@ -305,7 +305,7 @@ def _around_com(view: PlanView) -> list[Trace]:
 
 
 def _path(points: FloatArray, name: str, width: float = 0, colour: str = INK, **more: Any) -> Trace:
-    """Return a trace through (n, 2) points [m], with x upwards and y to the left, as seen from behind the robot."""
+    """Return a trace through (n, 2) points [m], with x (forward) up and y (left) to the left."""
     places = {"x": short(1000 * points[:, 1], 6), "y": short(1000 * points[:, 0], 6)}
     style = {"width": width, "color": colour}
     return {"type": "scatter", "mode": "lines", **places, "name": name, "line": style, "hoverinfo": "name", **more}
@@ -332,7 +332,7 @@ def _colour(diagonal: str) -> str:
 
 
 def _frame(centre: FloatArray, half: float | FloatArray, b: int) -> Trace:
-    """Return a layout with equal scales, x upwards and y to the left, and a margin for the legend [px]."""
+    """Return a layout with equal scales, forward up and left to the left, and a bottom margin [px] for the legend."""
     (low_x, low_y), (high_x, high_y) = 1000 * (centre - half), 1000 * (centre + half)
     return {
         "xaxis": {"range": [high_y, low_y], "constrain": "domain"},

@@ -1,4 +1,4 @@
-"""Shares of each variance by source, and remedies for the largest."""
+"""Uncertainty budget: shares of the variances by source, and remedies for the largest sources."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _SHOWN = ROWS[:7]  # mass, CoM, moments
 
 
 def uncertainty_table(result: Calibration) -> DataTable:
-    """Return the percentage of each variance by source; the largest of each column is strong."""
+    """Return the table of variance shares [%] by source, with the largest of each column in bold."""
     largest = [max(float(source.shares[index]) for source in result.uncertainty_budget) for index in range(len(_SHOWN))]
     rows: list[list[str | Cell]] = []
     for source in result.uncertainty_budget:
@@ -20,7 +20,7 @@ def uncertainty_table(result: Calibration) -> DataTable:
         rows.append([source.name, *cells, source.remedy])
     short = (label.split(" [", maxsplit=1)[0].removeprefix("CoM ") for _, label, *_ in _SHOWN)
     heads = ["source", *(f"|{name}" for name in short), REMEDY]
-    return DataTable("Sources of uncertainty: percent of each variance", heads, rows, style="shares")
+    return DataTable("Uncertainty budget: share of each variance [%]", heads, rows, style="shares")
 
 
 def _percent(share: float) -> str:
@@ -28,7 +28,7 @@ def _percent(share: float) -> str:
 
 
 def remedies(result: Calibration) -> tuple[str, ...]:
-    """Return the largest source of uncertainty of mass, CoM and moments, its part of the interval, and its remedy."""
+    """Return the largest source of uncertainty of each parameter, with its contribution and remedy."""
     lines: list[str] = []
     for index, ((_, label, factor, form), quantity) in enumerate(zip(_SHOWN, result.composite, strict=False)):
         if quantity.half_width is not None:
@@ -37,5 +37,7 @@ def remedies(result: Calibration) -> tuple[str, ...]:
                 quantity.half_width * factor,
                 quantity.half_width * factor * float(source.shares[index]) ** 0.5,
             )
-            lines.append(f"{label}: +- {whole:{form}}, mostly from {source.name}, +- {part:{form}}: {source.remedy}")
+            lines.append(
+                f"{label}: +- {whole:{form}}; largest source: {source.name}, +- {part:{form}}: {source.remedy}"
+            )
     return tuple(lines)

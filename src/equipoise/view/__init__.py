@@ -1,1 +1,1 @@
-"""Runs and logs in the Rerun viewer, live or afterwards."""
+"""Display of runs and logs in the Rerun viewer, live or recorded."""

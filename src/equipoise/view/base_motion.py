@@ -54,7 +54,7 @@ class BaseMotion:
 
 
 class BaseTracker:
-    """Estimates the motion of the base from consecutive pieces of a recording."""
+    """Estimator of the base's motion from consecutive pieces of a recording."""
 
     def __init__(self, robot: RobotModel, stance: Stance) -> None:
         self._robot, self._legs, self._scale = robot, LegChains(robot), stance.scale
@@ -111,7 +111,7 @@ class BaseTracker:
         """Return (n, 3, 3) attitudes after each step, and subtract the bias from the gyroscope's (n, 3) readings [rad/s].
 
         Args:
-            still: (n,) whether the joints are at rest.
+            still: (n,) True while the joints are at rest.
         """
         level, _ = Rotation.align_vectors(np.array([[0.0, 0, 1]]), acceleration[:1])
         rotation = level.as_matrix() if self._rotation is None else self._rotation
@@ -142,10 +142,10 @@ class BaseTracker:
 
 
 def resample(recording: Recording, start: float | None) -> Recording | None:
-    """Return a recording in even steps, named by their ends: joints interpolated, IMU averaged; None if no step is complete.
+    """Return a recording in equal steps: joints interpolated at their ends, IMU averaged; None without a complete step.
 
     Args:
-        start: beginning of the first step [s]; None: the first time that both streams have.
+        start: beginning of the first step [s]; None: first time in both streams.
     """
     joints, imu = recording.joints, recording.imu
     if not (len(joints.time) > 1 and len(imu.time) > 1):

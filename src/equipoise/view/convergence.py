@@ -1,4 +1,4 @@
-"""Estimates of the CoM after each trial of a run, by the run's own method."""
+"""Estimates of the CoM after each trial of a run, with the run's method."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from equipoise.robot.stance import Stance
 def estimates(
     robot: RobotModel, stance: Stance, method: Method, recordings: list[Recording]
 ) -> Iterator[tuple[ComEstimate, Sequence[LiftPlane]] | None]:
-    """Yield the estimate after each trial that allows one, with the support planes of its lifts; None if none is new.
+    """Yield the estimate after each trial that allows one, with support planes; None while waiting for a trial.
 
     Args:
         recordings: complete trials so far; the caller appends more.

@@ -1,4 +1,4 @@
-"""Reader of a run's log while another process writes it, without cooperation of that process."""
+"""Reader of a run's log while another process writes it, without its cooperation."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
 News = tuple[Sequence[Recording], Sequence[Recording]]
-"""New pieces of motion, in order, and the newly completed trials."""
+"""New pieces of motion, in order, and newly complete trials."""
 
 
 def log_news(robot: RobotModel, log: Log) -> News:
-    """Return a log of other software, with the trials found in it."""
+    """Return the recording of another program's log, and the trials detected in it."""
     try:
         parts = usable(find_segments(robot, nominal_stance(robot), log.recording, log.foot_forces))
-    except EquipoiseError:  # samples that cannot be used for an estimate can still be shown
+    except EquipoiseError:  # a log that no estimate accepts can still be shown
         parts = []
     events = sorted((event for part in parts for event in part.events), key=lambda event: event.time)
     return [replace(log.recording, events=tuple(events))], parts
 
 
 def follow(path: Path, more: Callable[[], bool]) -> Iterator[News]:
-    """Yield new data from `FollowedLog.news` until the log is closed.
+    """Yield new data of a log, as from `FollowedLog.news`, until the log is closed.
 
     Args:
-        path: file or folder, see `FollowedLog`.
-        more: function that returns whether to wait for more data.
+        path: file or folder, as for `FollowedLog`.
+        more: function that returns True to wait for more data of an open log.
 
     Raises:
-        RecordingError: a file is damaged or has another format, or the run was resumed, which repeats part of it.
+        RecordingError: a file is damaged or of another format, or the run was resumed and repeats motions.
     """
     log = FollowedLog(path)
     while True:
@@ -75,7 +75,7 @@ class FollowedLog:
         """Return pieces of motion and complete trials since the last call.
 
         Args:
-            final: whether this is the last call; otherwise the last piece, which may still grow, is left for the next call.
+            final: True in the last call; False leaves the last piece, which may still grow, for the next call.
 
         Raises:
             RecordingError: a file is damaged or has another format.

@@ -62,7 +62,7 @@ robot tipped forward, orange if backward, green if balanced
 
 
 def blueprint() -> Any:
-    """Return the layout of the viewer. It plays from the beginning and waits at the end for more data."""
+    """Return the layout of the viewer, which plays from the beginning and waits at the end for more data."""
     b: Any = import_module("rerun.blueprint")
     plots = [
         b.TimeSeriesView(origin=entity, name=name, plot_legend=b.PlotLegend(visible=entity != "torque"))
@@ -72,7 +72,7 @@ def blueprint() -> Any:
     texts = [b.TextDocumentView(origin=entity, name=title) for entity, title in titles.items()]
     eye = b.EyeControls3D(position=(0.8, -1.1, 0.7), look_target=(0.0, 0.0, 0.15), eye_up=(0, 0, 1))
     columns = b.TextLogColumns(text_log_columns=["Body"])
-    trials = b.TextLogView(origin="trials", name="Trials (click on a time to go there)", columns=columns)
+    trials = b.TextLogView(origin="trials", name="Trials (click a time to jump to it)", columns=columns)
     robot = b.Vertical(b.Spatial3DView(origin="world", name="Robot", eye_controls=eye), trials, row_shares=[4, 1])
     words, curves = b.Vertical(*texts, row_shares=[3, 3, 4]), b.Vertical(*plots[:2], b.Tabs(*plots[2:]))
     layout = b.Horizontal(words, robot, curves, column_shares=[6, 15, 10])
@@ -81,7 +81,7 @@ def blueprint() -> Any:
 
 
 class Scene:
-    """Writer of a robot's motion and its estimates into a Rerun recording.
+    """Writer of a robot's motion and of the estimates into a Rerun recording.
 
     Args:
         stream: Rerun recording to write to.
@@ -101,7 +101,9 @@ class Scene:
         self._start = np.nan  # time of the first sample
         self.steps, self._trials = 0, 0
         self._events: list[Event] = []  # not shown yet
-        self._found: list[tuple[float, RecordedTrial]] = []  # start and trial found in a log, not shown yet
+        self._found: list[
+            tuple[float, RecordedTrial]
+        ] = []  # trials detected in a log, with their start times; not shown yet
         self._ends: list[float] = []  # of the complete trials
         self._trial: RecordedTrial | None = None
         self._lift: tuple[FloatArray, FloatArray] | None = None  # attitude and direction of the line at unloading
@@ -112,10 +114,10 @@ class Scene:
 
         Args:
             pieces: new pieces of motion, in order.
-            complete: newly completed trials.
+            complete: newly complete trials.
         """
         self._found += [(float(one.joints.time[0]), one.found_trial) for one in complete if one.found_trial is not None]
-        with suppress(RecordingError):  # no pieces, or the clock was reset between them
+        with suppress(RecordingError):  # no pieces, or the clock was reset in between
             pieces = [Recording.concatenate(pieces)]  # Rerun reads few large chunks faster
         for piece in pieces:
             if np.isnan(self._start):
@@ -130,7 +132,7 @@ class Scene:
         self._ends += [float(recording.joints.time[-1]) for recording in complete]
 
     def log_estimate(self, found: tuple[ComEstimate, Sequence[LiftPlane]] | None) -> None:
-        """Write an estimate, if any, with its support planes, at the end of its last trial."""
+        """Write an estimate and its support planes at the end of its last trial; do nothing for None."""
         if found is None:
             return
         estimate, planes = found
@@ -209,7 +211,7 @@ class Scene:
             self._stream.send_columns(entity, indexes=[index], columns=values)
 
     def _poses(self, base: FloatArray, rotation: FloatArray, joints: FloatArray) -> dict[str, Any]:
-        """Return columns with the poses of the base, of the links, and of the model file's CoM."""
+        """Return columns with the poses of base, links and the model file's CoM, relative to which estimates are drawn."""
 
         def columns(places: FloatArray, rotations: FloatArray, **others: FloatArray) -> Any:
             turned = Rotation.from_matrix(rotations).as_quat()
@@ -230,7 +232,7 @@ class Scene:
         }
 
     def _log_events(self, now: float, attitude: FloatArray, contacts: FloatArray) -> None:
-        """Write the events up to a time [s]; attitude of the base and contact points of the feet are those at that time."""
+        """Write the events up to a time [s], given the base attitude and the contact points at that time."""
         while self._found and self._found[0][0] <= now:
             self._log_trial(*self._found.pop(0))
         while self._events and self._events[0].time <= now:
@@ -272,7 +274,7 @@ class Scene:
 
 
 def trial_title(trial: RecordedTrial | None) -> str:
-    """Return a short name of a trial; None: a trial of unknown kind, from another version or package."""
+    """Return a short name of a trial; None is a trial of unsupported kind."""
     words = ["motion"] if trial is None else [trial.kind, trial.about]
     if isinstance(trial, CommandedLift):
         words.append(trial.meanwhile if isinstance(trial, DesignedLift) else f"{1000 * trial.offset:+.1f} mm")

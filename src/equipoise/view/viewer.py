@@ -1,7 +1,7 @@
-"""Rerun viewer in a window, in the browser, or as a file; during a run, in a separate process.
+"""Display in Rerun's viewer: a window, a browser page or a file; live display runs in a separate process.
 
-The run starts that process and otherwise ignores it. The process reads the run's log. Its standard input is closed when the
-run's process ends, for any reason; it then shows the remaining data and ends too.
+The run starts that process and otherwise ignores it. The process reads the run's log. Its standard input closes when the
+run's process ends for any reason. The display process then shows the remaining data and ends.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from equipoise.view.rerun_scene import Scene, blueprint
 
 WINDOW, BROWSER = "window", "browser"
 _HOST = "127.0.0.1"
-_PAGE_PORT, _DATA_PORT = 9090, 9876  # Rerun's defaults; free ports replace those in use
-_RERUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"  # passes on the viewer's exit code
-_POLL, _FLUSH = 0.1, 10.0  # [s] interval between reads of a log; time limit for the last data
+_PAGE_PORT, _DATA_PORT = 9090, 9876  # defaults of Rerun; replaced by free ports if in use
+_RERUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"  # passes on the exit code
+_LOOK, _FLUSH = 0.1, 10.0  # [s] between looks at a log; for the last data to arrive
 
 
 def require_rerun() -> Any:
     """Return the package `rerun`; raise MissingDependencyError if it is not installed."""
-    os.environ.setdefault("RUST_LOG", "off")  # otherwise it reports every closed window
+    os.environ.setdefault("RUST_LOG", "off")  # otherwise Rerun reports every closed window
     try:
         import rerun  # noqa: PLC0415 - optional
     except ModuleNotFoundError as error:
@@ -50,7 +50,7 @@ def require_rerun() -> Any:
 
 
 def has_display() -> bool:
-    """Return whether a window can be opened."""
+    """Return True if a window can be opened."""
     return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
@@ -74,10 +74,10 @@ def view(
     """Show a run or a log.
 
     Args:
-        target: WINDOW, which stays open afterwards; BROWSER, which is served until `over`; or the path of a file to replace.
+        target: WINDOW, which stays open afterwards; BROWSER, which is served until `over`; or the path of a file to write.
         title: name of the recording.
-        news: new pieces of motion and newly completed trials.
-        greet: function that is called with the file, the address of the page, or WINDOW; see `how_to_open`.
+        news: new pieces of motion and new complete trials.
+        greet: function that receives the file, the address of the page, or WINDOW; see `how_to_open`.
         over: event that ends the serving of a page.
 
     Raises:
@@ -105,7 +105,7 @@ def view(
 
 @contextmanager
 def _viewer(served: bool) -> Generator[tuple[subprocess.Popen[bytes], str, str]]:
-    """Start the Rerun viewer; yield its process, its address for data, and the address of its page."""
+    """Start Rerun's viewer; yield its process, the address for data, and the address of its page."""
     port, page = free_port(_DATA_PORT), free_port(_PAGE_PORT)
     address = f"rerun+http://{_HOST}:{port}/proxy"
     command = [sys.executable, "-c", _RERUN, "--bind", _HOST, "--port", str(port)]
@@ -126,7 +126,7 @@ def _viewer(served: bool) -> Generator[tuple[subprocess.Popen[bytes], str, str]]
 
 
 def _show(stream: Any, robot: RobotModel, method: Method, news: Iterable[News], going: Callable[[], bool]) -> None:
-    """Write pieces of motion, and the estimate after each complete trial, while `going`."""
+    """Write pieces of motion, and the estimate after each complete trial, while `going` returns True."""
     stance, recordings = nominal_stance(robot), list[Recording]()
     scene = Scene(stream, robot, stance, method.expected_trials(stance))
     coming = estimates(robot, stance, method, recordings)
@@ -145,7 +145,7 @@ def _show(stream: Any, robot: RobotModel, method: Method, news: Iterable[News], 
     while going() and (estimate := next(coming)) is not None:
         scene.log_estimate(estimate)
     if scene.steps == 0:
-        raise RecordingError("the log cannot be shown: it holds no samples of joints and IMU")
+        raise RecordingError("there is nothing to show: the log has no samples of joints and IMU")
     try:
         stream.flush(timeout_sec=_FLUSH)
         stream.disconnect()
@@ -155,7 +155,7 @@ def _show(stream: Any, robot: RobotModel, method: Method, news: Iterable[News], 
 
 
 def how_to_open(place: str) -> str:
-    """Return the location of a view, with the commands to open it from another computer."""
+    """Return instructions to open a view, also from another computer."""
     if not place.startswith("http:"):
         return f"view: in a Rerun {place}" if place == WINDOW else f"view: recorded in {place}"
     forwarded = " ".join(f"-L {port}:{_HOST}:{port}" for port in re.findall(f"{_HOST}:([0-9]+)", place))
