@@ -18,7 +18,7 @@ from rrd import read_rrd
 
 from equipoise import BayesianMethod, RunFolder
 from equipoise.cli import main
-from equipoise.view.viewer import BROWSER, WINDOW, free_port, has_display, how_to_open, viewer_beside
+from equipoise.view.viewer import BROWSER, WINDOW, free_port, has_display, how_to_open, live_viewer
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
@@ -149,7 +149,7 @@ def test_a_killed_viewer_leaves_the_calibration_alone(tmp_path):
 
 def test_a_killed_view_leaves_the_run_alone(a1, ideal_motions, tmp_path):
     folder = RunFolder.create(tmp_path / "run", a1, BayesianMethod(), {})
-    with folder, viewer_beside(folder.path, str(tmp_path / "a.rrd")) as process:
+    with folder, live_viewer(folder.path, str(tmp_path / "a.rrd")) as process:
         folder.keep(ideal_motions.move)
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
@@ -159,8 +159,8 @@ def test_a_killed_view_leaves_the_run_alone(a1, ideal_motions, tmp_path):
 
 def test_the_page_ends_with_the_run_however_that_ends(run, tmp_path):
     code = (
-        "import sys, time\nfrom pathlib import Path\nfrom equipoise.view.viewer import viewer_beside\n"
-        "with viewer_beside(Path(sys.argv[1]), 'browser'):\n    time.sleep(60)"
+        "import sys, time\nfrom pathlib import Path\nfrom equipoise.view.viewer import live_viewer\n"
+        "with live_viewer(Path(sys.argv[1]), 'browser'):\n    time.sleep(60)"
     )
     with open(tmp_path / "stderr", "w+", encoding="utf-8") as stderr:
         process = subprocess.Popen([sys.executable, "-c", code, str(run)], stderr=stderr)

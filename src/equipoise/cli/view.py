@@ -134,10 +134,10 @@ def viewer_of(folder: RunFolder, browser: bool, stays: bool) -> Generator[None]:
         browser: true to serve a page instead of opening a window.
         stays: true to serve it after the run, until Enter or Ctrl-C at a terminal.
     """
-    from equipoise.view.viewer import BROWSER, viewer_beside
+    from equipoise.view.viewer import BROWSER, live_viewer
 
     target = _target(browser, folder.path / RECORDING)
-    with viewer_beside(folder.path, target) as process:
+    with live_viewer(folder.path, target) as process:
         yield
         if target == BROWSER and stays and sys.stdin.isatty() and process.poll() is None:
             _wait_for_enter()

@@ -164,7 +164,7 @@ def how_to_open(place: str) -> str:
 
 
 @contextmanager
-def viewer_beside(folder: Path, target: str) -> Generator[subprocess.Popen[bytes]]:
+def live_viewer(folder: Path, target: str) -> Generator[subprocess.Popen[bytes]]:
     """Show a run folder while it is written.
 
     Args:
