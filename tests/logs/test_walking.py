@@ -131,7 +131,8 @@ def test_a_walk_widens_priors_only_where_unseen_steps_are_predicted_as_well(a1, 
 
     def contradicts():
         return any(
-            one.startswith("the run contradicts the model file") for one in estimated(elsewhere, trotted).result.assumptions
+            one.startswith("the run contradicts the model file")
+            for one in estimated(elsewhere, trotted).result.assumptions
         )
 
     assert contradicts()

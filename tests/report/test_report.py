@@ -361,13 +361,13 @@ def test_angles_and_positions_have_axes_of_their_own(precise):
 
 def test_significant_sensor_errors_are_bold(precise):
     other = dataclasses.replace(
-        precise.sensors[0], name="servo_hl_0 zero", value=0.2, std=0.01, significant=True, unit="rad"
+        precise.sensors[0], name="servo_hl_0 offset", value=0.2, std=0.01, significant=True, unit="rad"
     )
     changed = dataclasses.replace(
-        precise, sensors=(other, dataclasses.replace(other, name="servo_hl_1 zero", significant=False))
+        precise, sensors=(other, dataclasses.replace(other, name="servo_hl_1 offset", significant=False))
     )
     figure = figure_called(run_contents(changed), "Joint offsets and IMU orientation")
-    assert figure.data[0]["y"] == ["servo_hl_1 zero", "<b>servo_hl_0 zero</b>"]
+    assert figure.data[0]["y"] == ["servo_hl_1 offset", "<b>servo_hl_0 offset</b>"]
     assert figure.caption.endswith("Bold: significant errors; correct them.")
 
 

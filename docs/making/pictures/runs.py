@@ -208,7 +208,9 @@ def draw_sensors() -> Figure:
     axes = figure.add_subplot()
     places = np.arange(len(names))
     offsets = [result.joints[name].zero for name in names]
-    values, half_widths = (np.array([getattr(offset, which) for offset in offsets]) for which in ("value", "half_width"))
+    values, half_widths = (
+        np.array([getattr(offset, which) for offset in offsets]) for which in ("value", "half_width")
+    )
     axes.errorbar(places, np.degrees(values), np.degrees(half_widths), fmt="o", color=BLUE, capsize=4, markersize=5,
                   label="estimate, 95 %")  # fmt: skip
     axes.plot(places, np.degrees(errors.joint_offset), "x", color=ORANGE, mew=2, markersize=7, label="truth")

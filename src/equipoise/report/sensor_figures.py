@@ -26,7 +26,7 @@ def sensor_blocks(result: Calibration) -> list[Block]:
 
 def _figures(result: Calibration) -> list[Figure]:
     """Return a figure of joint offsets and IMU orientation, and one of the IMU position."""
-    found = [one for one in result.sensors if one.name.endswith(" zero") or one.name.startswith("IMU ")]
+    found = [one for one in result.sensors if one.name.endswith(" offset") or one.name.startswith("IMU ")]
     angles, lengths = ([one for one in found if one.unit == unit] for unit in ("rad", "m"))
     figures = [_bars("Joint offsets and IMU orientation", angles, "deg", float(np.degrees(1.0)))] if angles else []
     return figures + ([_bars("IMU position", lengths, "mm", 1000.0)] if lengths else [])

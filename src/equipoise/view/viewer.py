@@ -36,7 +36,7 @@ WINDOW, BROWSER = "window", "browser"
 _HOST = "127.0.0.1"
 _PAGE_PORT, _DATA_PORT = 9090, 9876  # defaults of Rerun; replaced by free ports if in use
 _RERUN = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"  # passes on the exit code
-_LOOK, _FLUSH = 0.1, 10.0  # [s] between looks at a log; for the last data to arrive
+_POLL, _FLUSH = 0.1, 10.0  # [s] poll interval of a log; limit for flushing the last data
 
 
 def require_rerun() -> Any:
