@@ -167,12 +167,12 @@ def test_a_place_that_cannot_be_written_or_read_is_named(calibration, tmp_path):
 def test_joint_estimates_are_by_joint_name(precise_run):
     result = precise_run.result
     found = {finding.name: finding for finding in result.sensors}
-    zero, gain = result.joints["FL_calf_joint"].zero, result.joints["FL_calf_joint"].torque_gain
-    assert (zero.value, zero.std) == (found["FL_calf_joint offset"].value, found["FL_calf_joint offset"].std)
-    assert (zero.unit, zero.half_width) == ("rad", found["FL_calf_joint offset"].half_width)
+    offset, gain = result.joints["FL_calf_joint"].offset, result.joints["FL_calf_joint"].torque_gain
+    assert (offset.value, offset.std) == (found["FL_calf_joint offset"].value, found["FL_calf_joint offset"].std)
+    assert (offset.unit, offset.half_width) == ("rad", found["FL_calf_joint offset"].half_width)
     assert gain.value == found["FL_calf_joint torque gain"].value
     few = dataclasses.replace(result, sensors=())
-    assert few.joints["RR_hip_joint"].zero.value is None
+    assert few.joints["RR_hip_joint"].offset.value is None
     assert list(few.joints) == list(few.joint_position)
 
 

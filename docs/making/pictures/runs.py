@@ -207,7 +207,7 @@ def draw_sensors() -> Figure:
     figure = new_figure(7.6, 2.9)
     axes = figure.add_subplot()
     places = np.arange(len(names))
-    offsets = [result.joints[name].zero for name in names]
+    offsets = [result.joints[name].offset for name in names]
     values, half_widths = (
         np.array([getattr(offset, which) for offset in offsets]) for which in ("value", "half_width")
     )

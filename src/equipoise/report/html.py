@@ -83,7 +83,7 @@ def _row(row: Sequence[str | Cell], heads: Sequence[str], numbers: Sequence[bool
         kinds = {
             "number": right,
             "long": len(cell.text) > LONG,
-            "beside": head in _SECONDARY,
+            "secondary": head in _SECONDARY,
             cell.tone: bool(cell.tone),
         }
         inside = _bar(cell.bar) if cell.bar else " ".join(filter(None, (typeset(cell.text), _verdict(cell.verdict))))

@@ -42,7 +42,7 @@ _STRIBECK_FRICTION = Quantity("stribeck_friction", "Nm")
 _ARMATURE = Quantity("armature", "kg m2")
 _RELATIVE_GAIN = Quantity("relative_gain", "1")
 _DELAY = Quantity("delay", "s")
-_ZERO = Quantity("zero", "rad")
+_OFFSET = Quantity("offset", "rad")
 _TORQUE_GAIN = Quantity("torque gain", "1")
 
 
@@ -126,18 +126,18 @@ class JointFindings(Motor):
     """Estimates about one joint and its motor; a value is None if the method does not estimate it.
 
     Attributes:
-        zero: joint offset, encoder reading minus joint position [rad].
+        offset: joint offset, encoder reading minus joint position [rad].
         torque_gain: ratio of true to reported torque, minus one.
     """
 
-    zero: Quantity = _ZERO
+    offset: Quantity = _OFFSET
     torque_gain: Quantity = _TORQUE_GAIN
 
     @classmethod
     def of(cls, joint: str, findings: Mapping[str, SensorFinding], motor: Motor | None = None) -> JointFindings:
         """Return the estimates about a joint from all sensor errors by name and from its motor."""
-        zero = _quantity(f"{joint} offset", "rad", findings)
-        return cls(zero=zero, torque_gain=_quantity(f"{joint} torque gain", "1", findings), **vars(motor or Motor()))
+        offset = _quantity(f"{joint} offset", "rad", findings)
+        return cls(offset=offset, torque_gain=_quantity(f"{joint} torque gain", "1", findings), **vars(motor or Motor()))
 
 
 def _quantity(name: str, unit: str, findings: Mapping[str, SensorFinding]) -> Quantity:

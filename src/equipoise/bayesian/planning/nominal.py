@@ -62,7 +62,7 @@ def _written(candidates: Candidates) -> bytes:
     }
     np.savez(
         file,
-        told=np.array(json.dumps(content)),
+        designs=np.array(json.dumps(content)),
         counts=np.array([len(rows) for rows in candidates.rows]),
         rows=np.concatenate(candidates.rows),
     )
@@ -73,7 +73,7 @@ def _read(empty: Candidates, content: bytes) -> Candidates | None:
     """Return the stored candidates; None if the file is damaged."""
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
-            table: dict[str, Any] = json.loads(str(file["told"]))
+            table: dict[str, Any] = json.loads(str(file["designs"]))
             counts, rows = file["counts"], np.asarray(file["rows"], dtype=float)
         lifts = [
             LiftDesign(BodyPosture(**lift["posture"]), lift["diagonal"], lift["side"], lift["turn"], lift["swing"])
