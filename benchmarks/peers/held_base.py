@@ -171,7 +171,7 @@ def held_spec(robot: RobotModel, timestep: float) -> mujoco.MjSpec:
     base = spec.worldbody.first_body()
     base.pos, base.quat, base.alt.type = [0, 0, 0], [1, 0, 0, 0], mujoco.mjtOrientation.mjORIENTATION_QUAT
     mujoco_model._strip(spec)
-    mujoco_model._weld_held_joints(spec, robot)
+    mujoco_model._weld_locked_joints(spec, robot)
     errors = DrawnErrors.draw(IDEAL, len(robot.joint_names), 0)
     mujoco_model._add_actuators_and_sensors(spec, robot, base, errors)
     mujoco_model.set_options(spec, timestep)

@@ -277,7 +277,7 @@ def nominal_spec(robot: RobotModel, stance: Stance) -> mujoco.MjSpec:
     spec = mujoco_model._read(robot.source)
     base = mujoco_model._floating_base(spec, robot)
     mujoco_model._strip(spec)
-    mujoco_model._weld_held_joints(spec, robot)
+    mujoco_model._weld_locked_joints(spec, robot)
     add_contacts(spec, robot, stance, base, errors, LegErrors.of(robot, stance, errors), "default")
     mujoco_model._add_actuators_and_sensors(spec, robot, base, errors)
     mujoco_model.set_options(spec, mujoco_model.TIMESTEP)

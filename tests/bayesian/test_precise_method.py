@@ -173,7 +173,7 @@ def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):
         "truth",
         "identified",
         "estimate: ",
-        "with all that is fixed to it",
+        "with its fixed links",
         "weak: posterior std above one tenth",
     ):
         assert words in shown

@@ -144,7 +144,7 @@ def test_only_a_run_can_be_resumed(tmp_path, capsys):
     ("facts", "message"),
     [
         ({"platform": "unitree-z9", "platform_settings": {}}, "platform 'unitree-z9' is not known"),
-        ({"seed": None}, "does not say its seed; runs of"),
+        ({"seed": None}, "has no 'seed' in its provenance; only runs of"),
         ({"sim_preset": "loud"}, "preset 'loud' does not exist"),
         ({"payload": "heavy"}, "is not MASS,X,Y,Z"),
         ({"seed": 4}, "standing up"),

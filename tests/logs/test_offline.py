@@ -253,7 +253,7 @@ def test_a_foreign_bag_from_the_command_line(bag, precise_run, tmp_path, capsys)
     shown = capsys.readouterr().out
     for part in (
         "joints: /joint_states (sensor_msgs/msg/JointState)", "rates: joints 250 Hz, IMU 167 Hz", "FL_hip_joint", "lf_haa",
-        "leg and place", "other joints, not used: arm", "lifts", "move", "method bayesian", "identified", "saved: ",
+        "leg and place", "other joints, not used: arm", "lifts", "stance motion", "method bayesian", "identified", "saved: ",
     ):  # fmt: skip
         assert part in shown, part
     assert f"see {tmp_path / 'found.html'}" in shown

@@ -98,7 +98,7 @@ def test_every_figure_is_drawn_below_a_first_screen_that_holds_numbers_and_pictu
     assert len(page.evaluate(DRAWN)) >= FIGURES[kind]
     if kind == "bayesian":
         assert_the_scene_looks_at_the_robot_or_at_the_com(page)
-    ellipses = "plots[1].data.filter((trace) => trace.name.startsWith('95 % ellipsoid of')).length"
+    ellipses = "plots[1].data.filter((trace) => trace.name.startsWith('95 % ellipse of')).length"
     assert page.evaluate(ellipses) == {"bayesian": 1, "paper": 0, "comparison": 1}[kind]
     page.set_viewport_size({"width": 400, "height": 800})
     page.wait_for_function("document.documentElement.scrollWidth <= 400")

@@ -300,7 +300,7 @@ def _around_com(view: PlanView) -> list[Trace]:
         if mark.ellipse is not None:
             outline, colour = mark.ellipse.outline(mark.position), _series(view, mark)
             fill = {"fill": "toself", "fillcolor": f"{colour}33", "showlegend": False}
-            ellipses.append(_path(outline, f"95 % of {plain(mark.label)}", 1.5, colour, **fill))
+            ellipses.append(_path(outline, f"95 % ellipse of {plain(mark.label)}", 1.5, colour, **fill))
     return [*lifts, *lines, *ellipses, *(_mark(view, mark) for mark in reversed(view.marks))]
 
 

@@ -137,7 +137,9 @@ class JointFindings(Motor):
     def of(cls, joint: str, findings: Mapping[str, SensorFinding], motor: Motor | None = None) -> JointFindings:
         """Return the estimates about a joint from all sensor errors by name and from its motor."""
         offset = _quantity(f"{joint} offset", "rad", findings)
-        return cls(offset=offset, torque_gain=_quantity(f"{joint} torque gain", "1", findings), **vars(motor or Motor()))
+        return cls(
+            offset=offset, torque_gain=_quantity(f"{joint} torque gain", "1", findings), **vars(motor or Motor())
+        )
 
 
 def _quantity(name: str, unit: str, findings: Mapping[str, SensorFinding]) -> Quantity:
