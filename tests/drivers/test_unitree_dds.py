@@ -546,7 +546,7 @@ def test_a_robot_with_other_legs_is_refused(two_jointed):
 
 @pytest.mark.parametrize("wrong", [0, 2, 11, 256])
 def test_motor_modes_that_no_example_of_the_maker_sends_are_refused(wrong):
-    with pytest.raises(SettingsError, match=f"motor_mode is {wrong}; it is 1 or 10"):
+    with pytest.raises(SettingsError, match=f"motor_mode is {wrong}; it must be 1 or 10"):
         UnitreeB2Settings(motor_mode=wrong)
 
 
