@@ -134,12 +134,10 @@ class JointFindings(Motor):
     torque_gain: Quantity = _TORQUE_GAIN
 
     @classmethod
-    def of(cls, joint: str, findings: Mapping[str, SensorFinding], motor: Motor | None = None) -> JointFindings:
+    def of(cls, joint: str, errors: Mapping[str, SensorFinding], motor: Motor | None = None) -> JointFindings:
         """Return the estimates about a joint from all sensor errors by name and from its motor."""
-        offset = _quantity(f"{joint} offset", "rad", findings)
-        return cls(
-            offset=offset, torque_gain=_quantity(f"{joint} torque gain", "1", findings), **vars(motor or Motor())
-        )
+        offset = _quantity(f"{joint} offset", "rad", errors)
+        return cls(offset=offset, torque_gain=_quantity(f"{joint} torque gain", "1", errors), **vars(motor or Motor()))
 
 
 def _quantity(name: str, unit: str, findings: Mapping[str, SensorFinding]) -> Quantity:
