@@ -29,7 +29,9 @@ WRONG_LEGS = {"leg_mass_common": 0.1, "leg_com_common": 8e-3, "leg_length": 1.5e
 def found(a1, coarse_engine):
     """Result and recordings of a run on a robot whose legs differ from the model file."""
     kept = []
-    with simulate(a1, "realistic", seed=4, effects=WRONG_LEGS, without=("cable",), timestep=1e-3) as simulation:
+    with simulate(
+        a1, "realistic", seed=4, effects=WRONG_LEGS, disabled_effects=("cable",), timestep=1e-3
+    ) as simulation:
         weighed = simulation.truth.composite.mass
         settings = BayesianMethod(
             duration=80.0, mass=weighed, mass_std=0.005 * weighed, cable="none", excitation=False, swings=True

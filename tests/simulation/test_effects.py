@@ -117,10 +117,11 @@ def test_effects_are_read_and_taken_out():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"without": ["sprngs"]}, r"'sprngs' is not an effect of a simulated robot; did you mean 'springs'\?"),
+        ({"disabled_effects": ["sprngs"]}, r"'sprngs' is not an effect of a simulated robot; did you mean 'springs'\?"),
         ({"effects": {"wind": None}}, "'wind' is not an effect of a simulated robot; the effects are"),
         ({"effects": {"cable": -1.0}}, "cable is -1.0; it must be a finite number, zero or more"),
-        ({"effects": {"cable": None}, "without": ["cable"]}, "cable: both enabled and disabled; use one of the two options"),
+        ({"effects": {"cable": None}, "disabled_effects": ["cable"]},
+         "cable: both enabled and disabled; use one of the two options"),
         ({"effects": {"lost_samples": 0.9}}, "lost_samples is 0.9: control loops need more samples"),
         ({"effects": {"slosh": 0.95}, "payload": "1,0,0,0"}, "slosh is 0.95: the tank itself has a mass; give 0.9 at most"),
         ({"effects": {"slosh": None}}, "slosh is 0.65, but the robot has no payload; give one"),

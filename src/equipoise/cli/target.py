@@ -95,9 +95,9 @@ class SimulatedTarget(RunTarget):
         from equipoise.simulation.effects import read_names, sizes_of
 
         # Raise early for unknown effects and for those that the engine lacks.
-        without = read_names(self.disable_effect)
-        sizes_of(self.sim_preset, Scale(1.0, 1.0), self.sizes, without).check_supported_by(self.platform)
-        object.__setattr__(self, "disable_effect", without)
+        disabled = read_names(self.disable_effect)
+        sizes_of(self.sim_preset, Scale(1.0, 1.0), self.sizes, disabled).check_supported_by(self.platform)
+        object.__setattr__(self, "disable_effect", disabled)
         if self.payload is not None:
             from equipoise.simulation.payload import Payload
 
@@ -139,7 +139,8 @@ class SimulatedTarget(RunTarget):
 
         return simulate(
             robot, self.sim_preset, self.payload, self.seed, self.start, engine=self.platform,  # pyright: ignore
-            noise_seed=self.noise_seed, effects=self.sizes, without=self.disable_effect, contact_model=self.contact_model,
+            noise_seed=self.noise_seed, effects=self.sizes, disabled_effects=self.disable_effect,
+            contact_model=self.contact_model,
         )  # fmt: skip
 
 

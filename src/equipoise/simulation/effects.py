@@ -388,7 +388,7 @@ PRESETS: dict[Noise, SensorErrors] = {"ideal": IDEAL, "realistic": REALISTIC, "s
 
 
 def sizes_of(
-    noise: Noise | SensorErrors, scale: Scale, effects: Mapping[str, float | None], without: Sequence[str]
+    noise: Noise | SensorErrors, scale: Scale, effects: Mapping[str, float | None], disabled: Sequence[str]
 ) -> SensorErrors:
     """Return the sizes of a robot's effects; arguments are those of `simulate`.
 
@@ -397,7 +397,7 @@ def sizes_of(
     """
     if isinstance(noise, str) and noise not in PRESETS:
         raise SettingsError(f"preset {noise!r} does not exist; use one of {', '.join(PRESETS)}, or SensorErrors")
-    if both := set(effects) & set(without):
+    if both := set(effects) & set(disabled):
         raise SettingsError(f"{', '.join(sorted(both))}: both enabled and disabled; use one of the two options")
     sizes = PRESETS[noise].scaled_to(scale) if isinstance(noise, str) else noise
-    return sizes.having(effects, scale).without(without) if effects or without else sizes
+    return sizes.having(effects, scale).without(disabled) if effects or disabled else sizes

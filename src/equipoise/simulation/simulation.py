@@ -93,7 +93,7 @@ def simulate(
     engine: str = "mujoco",
     noise_seed: int | None = None,
     effects: Mapping[str, float | None] | None = None,
-    without: Sequence[str] = (),
+    disabled_effects: Sequence[str] = (),
     contact_model: Contacts = "default",
 ) -> Simulation:
     """Return a robot in a physics engine, with the effects of a preset or given ones, and an optional payload.
@@ -107,7 +107,7 @@ def simulate(
         engine: name of the engine: "mujoco", or one that a package adds, as "dart".
         noise_seed: seed of the noise alone, for several runs of one robot; default `seed`.
         effects: additional effects, or other sizes: a size by name, or None for the size when it is simulated alone.
-        without: names of effects that are left out.
+        disabled_effects: names of effects that are left out.
         contact_model: contact parameters of the feet: "default" uses the effects, "file" uses the model file (an MJCF) and
             a floor with MuJoCo's defaults. With "file", effects on feet and floor have no influence, except slope,
             heights, and shapes and positions of feet.
@@ -127,7 +127,7 @@ def simulate(
     if payload is not None:
         payload.check(robot)
     stance = nominal_stance(robot)
-    sizes = sizes_of(preset, stance.scale, effects or {}, without)
+    sizes = sizes_of(preset, stance.scale, effects or {}, disabled_effects)
     sizes.check_supported_by(engine)
     errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed, noise_seed)
     return build_robot(robot, stance, errors, payload, start, timestep, contact_model)

@@ -107,14 +107,15 @@ def test_draws_of_the_first_sources_do_not_change_with_new_effects():
 
 def test_an_additional_effect_does_not_change_other_factors():
     more, less = (
-        draw(Study(preset="stress", without=w, vary_effects=True, seed=2), 1).sizes for w in ((), ("backlash",))
+        draw(Study(preset="stress", disabled_effects=w, vary_effects=True, seed=2), 1).sizes
+        for w in ((), ("backlash",))
     )
     assert dataclasses.replace(more, backlash=0.0) == less
     assert more.backlash
 
 
 def test_a_study_has_effects_in_addition_to_a_preset(a1):
-    sizes = draw(Study(effects={"springs": 3000.0, "cable": None}, without=("joint_offset",)), 0).sizes
+    sizes = draw(Study(effects={"springs": 3000.0, "cable": None}, disabled_effects=("joint_offset",)), 0).sizes
     assert (sizes.springs, sizes.cable, sizes.joint_offset) == (3000.0, 0.15, 0.0)
 
 
@@ -162,7 +163,7 @@ def test_the_scale_has_the_given_error():
         ({"methods": (Static(), Static())}, ["static, static", "once"]),
         ({"preset": "loud"}, ["'loud'", "ideal, realistic, stress"]),
         ({"effects": {"wind": None}}, ["'wind'", "not an effect", "joint_offset"]),
-        ({"without": ("sprngs",)}, ["'sprngs'", "did you mean 'springs'"]),
+        ({"disabled_effects": ("sprngs",)}, ["'sprngs'", "did you mean 'springs'"]),
         ({"only": ("gremlins",)}, ["'gremlins'", "joint_offset"]),
         ({"only": ("floor_friction",)}, ["'floor_friction'", "floor_slope"]),
         ({"payload": "heavy"}, ["'heavy'", "MASS,X,Y,Z"]),
@@ -207,7 +208,7 @@ def test_an_error_of_every_trial_is_raised_first(settings, error, words):
 def test_fingerprints_distinguish_studies_and_contents_of_model_files(tmp_path):
     assert Study().fingerprint == Study().fingerprint
     methods = ({"methods": (Static(),)}, {"methods": (PaperMethod(feet="commanded"),)})
-    others = ({"effects": {"cable": 0.1}}, {"without": ("cable",)}, {"contact_model": "file"})
+    others = ({"effects": {"cable": 0.1}}, {"disabled_effects": ("cable",)}, {"contact_model": "file"})
     for change in (*others, {"seed": 1}, {"robot": "go1"}, *methods, {"spread": 0.1}, {"timestep": 1e-3}):
         assert Study(**change).fingerprint != Study().fingerprint
     file = tmp_path / "robot.urdf"

@@ -99,7 +99,7 @@ def balance(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"the output folder {str(out)!r} is not empty; name a new one with --out")
     world: dict[str, Any] = {
-        "effects": read_effects(enable_effect), "without": read_names(disable_effect), "contact_model": contact_model,
+        "effects": read_effects(enable_effect), "disabled_effects": read_names(disable_effect), "contact_model": contact_model,
     }  # fmt: skip
     trials: list[BalanceTrial] = []
     sensors_corrected = False

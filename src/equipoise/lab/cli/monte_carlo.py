@@ -97,7 +97,7 @@ def monte_carlo(
 
     study = Study(
         robot, methods, preset=simulation.sim_preset, effects=read_effects(simulation.enable_effect),
-        without=read_names(simulation.disable_effect), contact_model=simulation.contact_model,
+        disabled_effects=read_names(simulation.disable_effect), contact_model=simulation.contact_model,
         only=read_names([simulation.only_effects]), vary_effects=simulation.vary_effects, payload=simulation.payload,
         spread=simulation.spread, scale_error=simulation.scale_error, timestep=simulation.timestep, seed=simulation.seed,
         description=description,

@@ -91,7 +91,7 @@ class EmulatedRobot:
         self._log_file = log_file
         self._simulation: Simulation = simulate(
             robot, settings.sim_preset, settings.payload, settings.seed, settings.start,
-            effects=read_effects(settings.enable_effect), without=read_names(settings.disable_effect),
+            effects=read_effects(settings.enable_effect), disabled_effects=read_names(settings.disable_effect),
         )  # fmt: skip
         self._platform = self._simulation.platform
         stance = nominal_stance(robot)

@@ -107,7 +107,7 @@ def _conditions(study: Study, summaries: Sequence[MethodSummary]) -> str:
     payload = study.payload if study.payload in ("random", "none") else f"`{study.payload}`"
     noise = [study.preset]
     noise += [f"with {name}" if size is None else f"with {name} {size:g}" for name, size in study.effects.items()]
-    noise += [f"without {name}" for name in study.without]
+    noise += [f"without {name}" for name in study.disabled_effects]
     noise += ["contacts of the model file"] if study.contact_model == "file" else []
     noise += [f"only {', '.join(study.only)}"] if study.only else []
     noise += ["each source's size times a random factor from 0 to 2"] if study.vary_effects else []

@@ -48,7 +48,7 @@ class Study:
         methods: methods with settings, each on a new simulation of each drawn robot with the same noise.
         preset: name of a preset of effects, scaled to the robot.
         effects: additional effects or other sizes, as in `simulate`.
-        without: names of disabled effects.
+        disabled_effects: names of effects that are left out.
         contact_model: contact model of the feet, as in `simulate`.
         only: effects to keep, without all others; empty: all.
         vary_effects: true to multiply the size of each effect by a random factor from 0 to 2, which gives its slope.
@@ -64,7 +64,7 @@ class Study:
     methods: tuple[Method, ...] = (PaperMethod(),)
     preset: Noise = "realistic"
     effects: Mapping[str, float | None] = field(default_factory=dict[str, "float | None"])
-    without: tuple[str, ...] = ()
+    disabled_effects: tuple[str, ...] = ()
     contact_model: Contacts = "default"
     only: tuple[str, ...] = ()
     vary_effects: bool = False
@@ -77,7 +77,7 @@ class Study:
 
     def __post_init__(self) -> None:
         self._check_methods()
-        sizes_of(self.preset, Scale(1.0, 1.0), self.effects, self.without)
+        sizes_of(self.preset, Scale(1.0, 1.0), self.effects, self.disabled_effects)
         if unknown := [name for name in self.only if name not in SOURCES]:
             raise SettingsError(f"{unknown[0]!r} is not an error source; use {', '.join(SOURCES)}")
         if self.payload not in ("random", "none"):
@@ -109,11 +109,12 @@ class Study:
         """Return the JSON form."""
         methods = [method.to_dict() for method in self.methods]
         other = {
-            "effects": dict(self.effects), "disabled_effects": list(self.without), "contact_model": self.contact_model,
+            "effects": dict(self.effects), "disabled_effects": list(self.disabled_effects),
+            "contact_model": self.contact_model,
         }  # fmt: skip
         default: dict[str, Any] = {"effects": {}, "disabled_effects": [], "contact_model": "default"}
         # Defaults are left out, so that older studies can be resumed.
-        table = {name: value for name, value in dataclasses.asdict(self).items() if name not in (*default, "without")}
+        table = {name: value for name, value in dataclasses.asdict(self).items() if name not in default}
         table |= {name: value for name, value in other.items() if value != default[name]}
         return {**table, "methods": methods, "only": list(self.only)}
 
@@ -190,7 +191,7 @@ def _payload(text: str, robot: RobotModel, stance: Stance, generator: np.random.
 
 
 def _sizes(study: Study, robot: RobotModel, stance: Stance, generator: np.random.Generator) -> SensorErrors:
-    sizes = sizes_of(study.preset, stance.scale, study.effects, study.without)
+    sizes = sizes_of(study.preset, stance.scale, study.effects, study.disabled_effects)
     factors = _factors(generator) if study.vary_effects else dict.fromkeys(SOURCES, 1.0)
     kept = study.only or SOURCES
     rows = {name: sizes.row(name) for name in SOURCES}
