@@ -133,7 +133,7 @@ def run(name: str, preset: str, seed: int) -> list[Row]:
                 "error": (found.composite.values - truth).tolist(),
                 "sd": found.composite.stds.tolist(),
                 "alarms": [check.name for check in found.checks if not check.passed],
-                "told": [text for text in found.assumptions if text.endswith("contradicts")],
+                "conflicts": [row.name for row in found.evidence.posterior.unknowns.priors.widened],
             }
         )
     return rows
@@ -164,7 +164,7 @@ def table(rows: list[Row]) -> Iterator[str]:
                 continue
             error, sd, truth = (np.array([row[key] for row in done]) for key in ("error", "sd", "truth"))
             z = np.abs(error / sd)
-            quiet = np.array([not row["alarms"] and not row["told"] for row in done])
+            quiet = np.array([not row["alarms"] and not row["conflicts"] for row in done])
             rms = np.sqrt(np.mean(error**2, axis=0))
             moments = 100 * np.sqrt(np.mean((error[:, 4:7] / truth[:, 4:7]) ** 2, axis=0))
             refused = f" ({len(of) - len(done)} refused)" if len(of) > len(done) else ""
@@ -172,7 +172,7 @@ def table(rows: list[Row]) -> Iterator[str]:
                 f"{robot}, {world}",
                 file,
                 f"{len(done)} of {count}{refused}",
-                sum(bool(row["told"]) for row in done),
+                sum(bool(row["conflicts"]) for row in done),
                 sum(bool(row["alarms"]) for row in done),
                 f"{np.mean(z < NORMAL_95):.0%}",
                 f"{z.max():.1f}",

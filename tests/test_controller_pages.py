@@ -50,8 +50,9 @@ def test_commands_run_and_write_the_output_of_the_page(section, folder, monkeypa
     if "--to usd" in text:
         pytest.importorskip("pxr", reason="usd-core is not installed: USD is NOT TRIED")
     monkeypatch.chdir(folder)
-    written = ""
-    for command in COMMAND.findall(text):
+    commands, written = COMMAND.findall(text), ""
+    assert commands or section == "Tests"
+    for command in commands:
         assert main(shlex.split(command)) == 0, command
         printed = capsys.readouterr()
         saved = re.search(r"^saved: (.*)$", printed.out, re.MULTILINE)
@@ -66,6 +67,9 @@ def test_commands_run_and_write_the_output_of_the_page(section, folder, monkeypa
 
 def test_the_table_names_every_format_and_the_parts_that_it_holds():
     text = PAGE.read_text(encoding="utf-8")
+    anchors = {heading.lower().replace(" ", "-") for heading in sections()}
     for row in FORMATS.values():
+        assert row.page in anchors
+        assert f"(#{row.page})" in text
         line = next(line for line in text.splitlines() if line.startswith("|") and f"`{row.name}`" in line)
         assert line.endswith(f"| {', '.join(row.holds)} |")

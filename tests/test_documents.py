@@ -247,15 +247,6 @@ def test_tables_of_settings_are_toml(page, tmp_path):
             assert RobotDescription.from_dict(table)
 
 
-def test_pages_show_the_readmes_result():
-    shown = {
-        page.name: [block.code for block in blocks(page) if block.code.startswith("unitree_a1: method bayesian")]
-        for page in (ROOT / "README.md", ROOT / "docs" / "index.md")
-    }
-    (expected,) = shown.pop("README.md")
-    assert all(code == expected for codes in shown.values() for code in codes)
-
-
 def test_pages_that_the_code_names_exist():
     files = [*(ROOT / "src").rglob("*.py"), *(ROOT / "benchmarks").rglob("*.py"), ROOT / "action.yml"]
     for file in files:

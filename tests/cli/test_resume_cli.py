@@ -79,9 +79,14 @@ def test_a_resumed_run_has_the_same_result(whole, tmp_path, capsys):
     assert all(one.equals(other) for one, other in zip(ours.recordings(), theirs.recordings(), strict=True))
     assert ours.estimate().to_json() == printed_as_text(printed)
     more = {f"recording_{number}.mcap" for number in (1, 2)}
-    partial = ".*.partial"  # a file that was being written when the process was killed
-    names = {file.name for file in folder.iterdir() if not file.match(partial)}
-    assert names == {file.name for file in whole.iterdir()} | more
+    assert {file.name for file in folder.iterdir()} == {file.name for file in whole.iterdir()} | more
+
+
+def test_resume_removes_files_that_were_being_written(whole, tmp_path):
+    copy = cut_at(0.5, whole, tmp_path / "copy")
+    (copy / ".truth.json.0a1b2c3d.partial").write_text("{", encoding="utf-8")
+    assert main(["calibrate", "--resume", str(copy), "--quiet"]) == 0
+    assert not list(copy.glob(".*"))
 
 
 def printed_as_text(table):

@@ -127,6 +127,8 @@ class RunFolder:
         folder = cls.open(path)
         folder._log, content = resume_log(folder.path, repeats)
         (folder.path / METADATA).unlink(missing_ok=True)  # the recordings will change
+        for unfinished in folder.path.glob(".*.partial"):  # files that the killed process was writing
+            unfinished.unlink()
         folder._replayed = deque(content.recordings)
         return folder, content
 
