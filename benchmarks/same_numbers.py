@@ -48,7 +48,7 @@ def calibrations(folder: Path) -> Iterator[tuple[Path, list[object]]]:
                 "--no-report",
             ]
             yield folder / f"{robot}-{method}", made
-        yield folder / f"{robot}-precise-payload", [*made[:2], "--payload", payload, *made[4:]]
+        yield folder / f"{robot}-bayesian-payload", [*made[:2], "--payload", payload, *made[4:]]
 
 
 def others(folder: Path, out: Path) -> None:
@@ -57,7 +57,7 @@ def others(folder: Path, out: Path) -> None:
     for run, _ in calibrations(folder):
         (out / f"estimate-{run.name}.json").write_text(equipoise("estimate", run, "--json", "--quiet", "--no-report"))
     for robot in ROBOTS:
-        plain, loaded = folder / f"{robot}-precise", folder / f"{robot}-precise-payload"
+        plain, loaded = folder / f"{robot}-bayesian", folder / f"{robot}-bayesian-payload"
         (out / f"delta-{robot}.json").write_text(equipoise("compare", plain, loaded, "--json", "--quiet"))
         log = next(plain.glob("*.mcap"))
         output = equipoise("estimate", log, "--robot", robot, "--json", "--quiet", "--no-report", fails=True)
@@ -131,7 +131,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("make", "compare"))
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--anew", action="store_true", help="compare: also repeat the calibrations")
+    parser.add_argument("--repeat", action="store_true", help="compare: also repeat the calibrations")
     asked = parser.parse_args()
     folder: Path = asked.folder
     if asked.what == "make":
@@ -143,7 +143,7 @@ def main() -> int:
     out = folder / "compared"
     others(folder, out)
     pairs = [(path, out / path.name) for path in sorted((folder / "made").iterdir())]
-    if asked.anew:
+    if asked.repeat:
         for run, made in calibrations(folder):
             equipoise(*made, "--out", again := out / run.name)
             pairs.append((run / "calibration.json", again / "calibration.json"))

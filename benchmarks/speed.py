@@ -59,14 +59,14 @@ REPEATS = 7
 STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 PARTS = {  # of a calibration, by files on the call stack: the first match counts
     "physics": ("/mujoco/rollout.py",),
-    "planning lifts": ("/precise/planning/", "/precise/plan.py", "/precise/predict.py"),
+    "planning lifts": ("/bayesian/planning/", "/bayesian/plan.py", "/bayesian/predict.py"),
     "looking for collisions": ("/equipoise/clearance/",),
     "estimating, half-way and at the end": (
-        "/precise/posterior", "/precise/gauss_newton.py", "/estimator/equations/", "/estimator/measurements/",
-        "/precise/checks.py", "/estimator/diagnostics/", "/precise/reading.py", "/precise/screening.py",
+        "/bayesian/posterior", "/bayesian/gauss_newton.py", "/estimator/equations/", "/estimator/measurements/",
+        "/bayesian/checks.py", "/estimator/diagnostics/", "/bayesian/reading.py", "/bayesian/screening.py",
     ),
     "sensing, gains, samples": ("/equipoise/simulation/",),
-    "paths of motions: inverse kinematics, torques": ("/equipoise/experiments/", "/precise/trials.py"),
+    "paths of motions: inverse kinematics, torques": ("/equipoise/experiments/", "/bayesian/trials.py"),
 }  # fmt: skip
 OVER_ROLLOUT = {"paper": 1.15, "bayesian": 1.7}
 

@@ -34,7 +34,7 @@ from provenance import commit, write_page
 import equipoise
 from equipoise import BayesianMethod, RunFolder, Trajectory, load_robot, nominal_stance
 from equipoise.guard.remote_robot import RemoteRobot
-from equipoise.view.viewer import BROWSER, free_port, viewer_beside
+from equipoise.view.viewer import BROWSER, free_port, live_viewer
 
 RESULTS = Path(__file__).parent / "results"
 ROBOT, DOMAIN = "unitree_a1", 73
@@ -87,14 +87,14 @@ def looked_at(case: str, folder: Path) -> Generator[None]:
         yield
         return
     if case == CASES[1]:
-        with viewer_beside(folder, str(folder / "view.rrd")):
+        with live_viewer(folder, str(folder / "view.rrd")):
             yield
         return
     if CHROMIUM is None:
         raise SystemExit("a view in a browser needs chromium")
     page, data = free_port(9090), free_port(9876)  # the viewer's defaults
     url = f"http://127.0.0.1:{page}/?url=rerun%2Bhttp://127.0.0.1:{data}/proxy&renderer=webgl"
-    with viewer_beside(folder, BROWSER), tempfile.TemporaryDirectory() as profile:
+    with live_viewer(folder, BROWSER), tempfile.TemporaryDirectory() as profile:
         time.sleep(5.0)
         software = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
         flags = ("--headless", "--no-sandbox", *software)

@@ -2,7 +2,7 @@
 
     PYTHONPATH=SDK2 PYTHON bridge.py UNITREE_MUJOCO SCENE --domain 5 --step 0.002 [--lockstep]
 
-In lockstep, which it does not have, its world waits for commands and goes on by one control period with each; before the
+In lockstep, which it does not have, its world waits for commands and advances by one control period with each; before the
 first it runs by the clock. A sample then says when it was taken (`tick`), which the simulator leaves empty.
 """
 
@@ -56,7 +56,7 @@ def lying(make=mujoco.MjData):
 
 def lockstep(config):
     """Run the simulator's bridge, but step its world when a command has come."""
-    import unitree_sdk2py_bridge as bridge  # noqa: PLC0415 - beside the checkout
+    import unitree_sdk2py_bridge as bridge  # noqa: PLC0415 - next to the checkout
     from unitree_sdk2py.core.channel import ChannelFactoryInitialize  # noqa: PLC0415
 
     came = threading.Semaphore(0)

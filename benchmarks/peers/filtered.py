@@ -88,7 +88,7 @@ def read_all(
 
     Args:
         cutoff: of the filter, on a robot of an A1's size [Hz].
-        motions: "shake" alone, "planted": with every rest, move and excitation of the precise run, or "all": with the time on
+        motions: "shake" alone, "planted": with every rest, move and excitation of the Bayesian run, or "all": with the time on
             two feet of its lifts too.
     """
     legs = LegChains(robot)

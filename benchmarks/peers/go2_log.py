@@ -61,7 +61,7 @@ def read_tensors(path: Path) -> dict[str, FloatArray]:
 
 
 class _Tensors(pickle.Unpickler):
-    """Storages are numbers in files beside the pickle."""
+    """Read the numbers of storages from files next to the pickle."""
 
     def __init__(self, archive: zipfile.ZipFile, root: str) -> None:
         super().__init__(io.BytesIO(archive.read(f"{root}data.pkl")))

@@ -1,6 +1,6 @@
 """Alternatives to our motor identification, on the same recordings: the second half of `benchmarks/motors.py`.
 
-Rows are kept in motors_peers.jsonl: it goes on where it was. Peers that lack a package get a row that says so, and are run
+Rows are kept in motors_peers.jsonl, so that it resumes. Baselines that lack a package get a row that says so, and are run
 when they have it.
 """
 

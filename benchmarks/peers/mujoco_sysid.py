@@ -43,7 +43,7 @@ from peers.filtered import kind_of
 
 FloatArray = NDArray[np.float64]
 
-_DELAY = 2e-3  # [s] of commands and of sensors; it is told
+_DELAY = 2e-3  # [s] of commands and of sensors, which is given
 _PERIOD = 2e-3  # [s] between commands
 _HOLD = 0.5  # [s] of standing still before a recording begins
 _BLOCK = 5  # samples that are averaged
@@ -58,7 +58,7 @@ class SysidSettings:
 
     Attributes:
         shake: how much of the shake is given [s].
-        lifts: how many of the precise run's lifts.
+        lifts: how many of the Bayesian run's lifts.
         biases: whether joint offsets, IMU tilt and floor slope are unknown too.
         gains: with `biases`, whether every motor's torque gain is unknown too.
         iterations: of the optimiser, at most.
@@ -186,7 +186,7 @@ class RobotProblem:
         return np.repeat(sizes, [joints, 3, 3, joints])
 
     def prior(self, sysid: Any, parameters: Any, mass: tuple[float, float] | None) -> FloatArray:
-        """Residuals of what is believed beforehand."""
+        """Return the residuals of the prior."""
         rows = [np.zeros(0)]
         if self.settings.biases:
             sizes = REALISTIC.joint_offset, REALISTIC.imu_tilt, REALISTIC.floor_slope
@@ -210,7 +210,7 @@ def estimate(
     """The whole robot at a stance.
 
     Args:
-        recordings: the shake, then the precise run's.
+        recordings: the shake, then the Bayesian run's.
         feed_forward: for each of them, times [s] and (n, nj) torques [Nm] of the commands of its run.
         mass: of the whole robot from a scale and its standard deviation [kg], or None.
 

@@ -63,7 +63,7 @@ class ProjectedSettings:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A theta = y in normal form, with what is believed beforehand. theta: base, legs' links if free, losses.
+    """A theta = y in normal form, with the prior. theta: base, legs' links if free, losses.
 
     Attributes:
         gram, moment, square: A^T A, A^T y, y^T y.

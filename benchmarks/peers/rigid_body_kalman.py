@@ -69,7 +69,7 @@ class Filter:
     """A Kalman filter of a constant state.
 
     Attributes:
-        state, covariance: what is believed.
+        state, covariance: estimate so far and its covariance.
         drift: (n,) variance per second.
     """
 

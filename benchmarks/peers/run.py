@@ -1,12 +1,12 @@
 """Our estimators and the alternatives that users have, on the same robots and recordings: `make bench-peers`.
 
-Every (robot, seed, peer) appends a row to benchmarks/results/peers.jsonl, so that an interrupted benchmark goes on where it
+Every (robot, seed, peer) appends a row to benchmarks/results/peers.jsonl, so that an interrupted benchmark resumes where it
 was; benchmarks/results/peers.md is made from the rows. All is seeded. Every estimate runs in a process of its own, whose
 CPU time and memory are measured.
 
     python benchmarks/peers/run.py             # what is missing, then the tables
     python benchmarks/peers/run.py --tables    # the tables only
-    python benchmarks/peers/run.py --robots go2 --peers "kalman;precise"
+    python benchmarks/peers/run.py --robots go2 --peers "kalman;bayesian"
 
 Packages beyond equipoise's: `cvxpy` where the matrix inequalities of `projected` bind, and what `mujoco[sysid]` brings. Peers
 that lack theirs get a row that says so, and are run when they have it.
@@ -79,7 +79,7 @@ PEERS = {
     peer.name: peer
     for peer in (
         Peer("bayesian", ("bayesian",)),
-        Peer("precise, no scale", ("bayesian",)),
+        Peer("bayesian, no scale", ("bayesian",)),
         Peer("model file", ()),
         Peer("static", ("static",)),
         Peer("paper", ("paper",)),
@@ -95,9 +95,9 @@ PEERS = {
 def estimate_by(peer: str, case: Case, kept: Path) -> tuple[list[float | None], float]:
     """(10) components of the whole robot, None where the peer finds none, and CPU seconds from recordings to them."""
     recordings = [recording for run in PEERS[peer].runs for recording in load(case, kept, run)]
-    told, (method, *rest) = known(case, kept), peer.split(", ")
+    given, (method, *rest) = known(case, kept), peer.split(", ")
     case.stance  # noqa: B018 - not to be timed
-    scale = None if rest else told
+    scale = None if rest else given
     feed = [_feed_forward(case, kept, run) for run in PEERS[peer].runs for _ in load(case, kept, run)]
     start = time.process_time()
     if method in ("bayesian", "paper", "static"):
@@ -229,7 +229,7 @@ def table(robot: str, rows: Iterable[dict]) -> list[str]:
     if slow:  # has fewer seeds, and is compared on those alone
         seeds = {row["seed"] for row in slow}
         same = [row for row in here if row["peer"] == "bayesian" and row["seed"] in seeds]
-        lines += table_rows([slow, [{**row, "peer": "precise, on those seeds"} for row in same]])
+        lines += table_rows([slow, [{**row, "peer": "bayesian, on those seeds"} for row in same]])
     return lines
 
 
@@ -238,7 +238,7 @@ def table_rows(groups: list[list[dict]]) -> list[str]:
     good = [[row for row in group if "error" in row] for group in groups]
     errors = [np.sqrt(np.mean(np.square([relative(row) for row in part]), axis=0)) if part else None for part in good]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a column that nobody finds
+        warnings.simplefilter("ignore")  # a column without values
         best = np.nanmin([error for error in errors if error is not None] or [np.full(10, np.nan)], axis=0)
     lines: list[str] = []
     for group, part, error in zip(groups, good, errors, strict=True):
@@ -265,13 +265,13 @@ def write_tables() -> str:
     rows = list(load_rows().values())
     before = np.median([row["memory_before_mb"] for row in rows if "memory_before_mb" in row])
     lines = [
-        "# Peers on the same work",
+        "# Baselines on the same data",
         "",
         f"`make bench-peers`; equipoise {equipoise.__version__}, Pinocchio {pin.__version__}, MuJoCo {mujoco.__version__}, "
         f"Python {machine.python_version()}. Root mean square of estimate less truth over seeds {SEEDS[0]} to {SEEDS[-1]}, "
         "for the whole robot at the nominal stance; random payloads of 5 to 30 % of the base's mass; preset `realistic`; a "
-        "scale good to 0.5 %, told to all but `static`, `paper` and those that say no scale. "
-        "Bold: the least of a column; `mujoco.sysid`, a minute a run, has five seeds and is "
+        "scale good to 0.5 %, given to all but `static`, `paper` and those marked no scale. "
+        "Bold: the lowest of a column; `mujoco.sysid`, a minute a run, has five seeds and is "
         "compared with `bayesian` on those. Robot time: of the recordings given. "
         "The paper's I is compared with the whole robot's. CPU: median process seconds from recordings to estimate, one core. "
         f"Memory: peak over what a process holds before it reads the recordings ({before:.0f} MB, nearly all imports).",

@@ -92,7 +92,7 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What a peer may be told beside the recordings.
+    """What a baseline is given besides the recordings.
 
     Attributes:
         mass: of the whole robot by the scale [kg].

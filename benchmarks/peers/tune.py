@@ -35,7 +35,7 @@ Settings = ProjectedSettings | KalmanSettings
 
 
 def variants() -> list[Settings]:
-    """The defaults, and what was tried beside them."""
+    """Return the defaults and the alternatives that were tried."""
     least, kalman = ProjectedSettings(), KalmanSettings()
     both: list[Settings] = [least, kalman]
     found: list[Settings] = []
@@ -64,12 +64,12 @@ def samples_of(case: Case, kept: Path, cutoff: float, acceleration: str, motions
 
 def errors_of(settings: Settings, case: Case, kept: Path) -> NDArray[np.float64]:
     """(10,) in %, mm, % and % of Ixx."""
-    told, at = known(case, kept), case.stance.joint_position
+    given, at = known(case, kept), case.stance.joint_position
     samples = samples_of(case, kept, settings.cutoff, settings.acceleration, settings.motions)
     if isinstance(settings, ProjectedSettings):
-        body = projected_least_squares.estimate(case.robot, samples, at, settings, told.mass)
+        body = projected_least_squares.estimate(case.robot, samples, at, settings, given.mass)
     else:
-        body = rigid_body_kalman.estimate(case.robot, samples, at, settings, (told.mass, told.mass_std))
+        body = rigid_body_kalman.estimate(case.robot, samples, at, settings, (given.mass, given.mass_std))
     true = truth(case, kept)
     unit = np.concatenate([[100 / true[0]], [1000.0] * 3, 100 / true[4:7], [100 / true[4]] * 3])
     return (components(body) - true) * unit
@@ -86,9 +86,9 @@ def main() -> None:
         "# Peers: how their settings were chosen",
         "",
         f"`python benchmarks/peers/tune.py`; root mean square errors over {len(CASES)} robots (A1 and Go2, seeds "
-        f"{CASES[0].seed} to {CASES[-1].seed}, none of which [peers.md](peers.md) reports), told a scale's mass. Judged: root "
-        f"mean square of x, y, z in mm plus {INERTIA_WEIGHT} of that of the inertia's six in %. The first row of each is its "
-        "default; the others differ from it by what they say.",
+        f"{CASES[0].seed} to {CASES[-1].seed}, none of which [peers.md](peers.md) reports), given a scale's mass. Chosen by: "
+        f"root mean square of x, y, z in mm plus {INERTIA_WEIGHT} of that of the inertia's six in %. The first row of each "
+        "is its default; the others differ in the setting that they name.",
         "",
         "| | judged | mass % | CoM x | y | z mm | Ixx | Iyy | Izz % | Ixy | Ixz | Iyz % of Ixx |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",

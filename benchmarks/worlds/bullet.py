@@ -21,7 +21,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.tree import joint_axis
 from equipoise.simulation.drawn_errors import DrawnErrors
-from equipoise.simulation.effects import SensorErrors
+from equipoise.simulation.effects import EffectSizes
 from equipoise.simulation.leg_errors import LegErrors, in_frame_of_hips
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.simulated import SimulatedPlatform
@@ -37,7 +37,7 @@ class BulletPlatform(SimulatedPlatform):
     """
 
     LACKS: ClassVar[tuple[str, ...]] = (
-        "armature", "floor_slope", "cable", *(row.name for row in SensorErrors.rows() if row.engines == ("mujoco",)),
+        "armature", "floor_slope", "cable", *(row.name for row in EffectSizes.rows() if row.engines == ("mujoco",)),
     )  # fmt: skip
 
     def __init__(self, robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None) -> None:

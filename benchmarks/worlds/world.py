@@ -40,6 +40,6 @@ def world(
     from worlds.bullet import BulletPlatform  # noqa: PLC0415
 
     stance = nominal_stance(robot)
-    sizes = PRESETS[preset].scaled_to(stance.scale).without(without)
+    sizes = PRESETS[preset].scaled_to(stance.scale).without_effects(without)
     with BulletPlatform(robot, stance, DrawnErrors.draw(sizes, len(robot.joint_names), seed), payload) as platform:
         yield platform, platform.truth(stance.joint_position)
