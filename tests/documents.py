@@ -45,7 +45,7 @@ def commands(program):
         for block in blocks(page):
             if block.language not in ("", "console", "bash", "sh"):
                 continue
-            for line in block.code.replace("\\\n", " ").splitlines():
+            for line in block.code.replace("\\\n", " ").replace("--mass KG", "--mass 16.1").splitlines():
                 if line.startswith(f"{program} "):
                     arguments = tuple(shlex.split(line, comments=True)[1:])
                     if "..." not in arguments:

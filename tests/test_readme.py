@@ -42,7 +42,9 @@ def ran(tmp_path_factory):
     """Run the README's commands in order in a new folder; return (command, exit code, output) of each."""
     folder = tmp_path_factory.mktemp("clone")
     typed = [command for command in README_COMMANDS if command.startswith("equipoise ")]
-    return folder, [(command, *run(command.replace(*HARDWARE), folder)) for command in typed]
+    return folder, [
+        (command, *run(command.replace(*HARDWARE).replace("--mass KG", "--mass 16.1"), folder)) for command in typed
+    ]
 
 
 def run(command, folder):

@@ -21,7 +21,7 @@ from reference import exit_codes, flags, public_names, robot_keys, verbs
 
 from equipoise.estimator.equations.table import EQUATIONS
 from equipoise.estimator.unknowns import Priors
-from equipoise.simulation.effects import SensorErrors
+from equipoise.simulation.effects import EffectSizes
 
 ROOT = Path(__file__).parents[2]
 _SHOWN = ("CONTRIBUTING.md", "CHANGELOG.md", "benchmarks/results/**/*.md", "benchmarks/results/**/*.png")
@@ -115,7 +115,7 @@ def effects() -> str:
         "| effect | `realistic` | `stress` | alone | meaning | one for each | distribution | scales with | source | engines |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    for row in SensorErrors.rows():
+    for row in EffectSizes.rows():
         sizes = (row.realistic, row.in_stress, row.size_alone)
         shown = ["" if size == row.none else f"{_short(size)} {row.unit}".strip() for size in sizes]
         about = [row.meaning, row.each, row.law, row.measure, row.source, ", ".join(row.engines)]

@@ -1,4 +1,4 @@
-"""Pictures of simulated calibrations, which are done anew for them."""
+"""Pictures of simulated calibrations, which are run for them."""
 
 from functools import cache
 
