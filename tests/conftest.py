@@ -116,7 +116,7 @@ def ideal_motions(a1):
 
 
 @pytest.fixture(scope="session")
-def precise_run(a1):
+def bayesian_run(a1):
     """Return a short Bayesian run of a realistic A1 with a payload: settings, recordings, result and truth."""
     recordings = []
     settings = BayesianMethod(duration=60, excitation=False)

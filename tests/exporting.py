@@ -94,7 +94,7 @@ def found(robot, added=None, verdicts=None, **changes):
         **model_facts(robot, stance), method="bayesian", excitations={}, support_lines={}, trials=(), settings={},
         composite=sure("composite", bodies["composite"], nominal.composite, verdicts or {}),
         base=sure("base", bodies["base"], nominal.base, verdicts or {}),
-        stance_effective=Body.partly(nominal.stance_effective),
+        stance_effective=Body.partial(nominal.stance_effective),
     )  # fmt: skip
     return dataclasses.replace(result, **changes)
 
@@ -128,9 +128,9 @@ def motor(i, std):
         "relative_gain": (0.03 - i / 200, std),
         "delay": (4e-3 + i / 1e5, 2e-5),
     }
-    beside = {"relative_gain": 0.05, "delay": 5e-3}
+    reference = {"relative_gain": 0.05, "delay": 5e-3}
     return Motor(**{
-        name: Quantity(name, "", value, sd, verdict_of(sd, beside.get(name, value))) for name, (value, sd) in values.items()
+        name: Quantity(name, "", value, sd, verdict_of(sd, reference.get(name, value))) for name, (value, sd) in values.items()
     })  # fmt: skip
 
 
@@ -152,10 +152,10 @@ def sure(name, body, model, verdicts):
     scale[7:] = scale[4:7].min()
     root = 0.02 * np.diag(scale)
     root[4:7, 0] = root[4:7, 4:7].diagonal()
-    beside = {"identified": np.inf, "weak": 3.0, "not identified": 1.0}  # standard deviations
+    reference = {"identified": np.inf, "weak": 3.0, "not identified": 1.0}  # standard deviations
     covariance = root @ root.T
-    sizes = [beside[verdicts.get((name, part), "identified")] for part in COMPONENTS]
-    return Body.known(body, covariance, np.sqrt(np.diag(covariance)) * sizes, model)
+    sizes = [reference[verdicts.get((name, part), "identified")] for part in COMPONENTS]
+    return Body.complete(body, covariance, np.sqrt(np.diag(covariance)) * sizes, model)
 
 
 def read_again(path, robot):

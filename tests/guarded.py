@@ -144,7 +144,7 @@ def is_damped(command):
 
 
 def assert_put_down(seen, robot):
-    """The safe ending as the robot saw it: no foot is left in the air, joints are damped, and it was let go of once."""
+    """Check the safe ending on the robot's side: no foot in the air, joints damped, released once."""
     assert is_damped(seen.commands[-1])
     assert not feet_are_lifted(robot, nominal_stance(robot), seen.commands[-1].position)
     assert seen.closed == 1

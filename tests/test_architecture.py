@@ -212,7 +212,7 @@ def test_exports_are_frozen():
             "JointCommand", "LogReader", "Method", "PaperMethod", "Payload", "Platform", "BayesianMethod", "Quantity",
             "RawImu",
             "RawJoints", "RawLog", "Recording", "RecordingError", "RobotConnection", "RobotDescription", "RobotModel",
-            "RobotState", "RunFolder", "ScaleReadings", "SensorErrors", "SettingsError", "Simulation",
+            "RobotState", "RunFolder", "ScaleReadings", "EffectSizes", "SettingsError", "Simulation",
             "Stance", "SteppedPlatform", "Subject", "ExcitationSettings", "TiltLimit", "Topics", "Trajectory",
             "Written", "__version__", "audit", "calibrate", "estimate", "export", "find_payload_change",
             "load_robot", "nominal_stance", "play_by_stepping", "simulate",

@@ -267,8 +267,8 @@ def test_a_users_format_is_listed_and_written(installed, a1, tmp_path, capsys):
     assert "whole robot frozen at its stance" in " ".join(about)
 
 
-def test_a_log_with_a_users_suffix_is_estimated(installed, precise_run, a1, tmp_path, capsys):
-    recording = precise_run.recordings[0]
+def test_a_log_with_a_users_suffix_is_estimated(installed, bayesian_run, a1, tmp_path, capsys):
+    recording = bayesian_run.recordings[0]
     path = tmp_path / "stand.arrays"
     np.savez(
         tmp_path / "stand.npz", time=recording.joints.time, names=recording.joint_names, position=recording.joints.position,
@@ -283,7 +283,7 @@ def test_a_log_with_a_users_suffix_is_estimated(installed, precise_run, a1, tmp_
     assert main(estimate) == 0
     table = json.loads(capsys.readouterr().out)
     assert table["provenance"]["format"] == "arrays"
-    assert table["composite"]["mass"] == pytest.approx(precise_run.truth.composite.mass, rel=0.05)
+    assert table["composite"]["mass"] == pytest.approx(bayesian_run.truth.composite.mass, rel=0.05)
     broken = tmp_path / "broken.arrays"
     broken.write_bytes(b"no archive")
     assert main(["estimate", str(broken), "--robot", "unitree_a1"]) == 5

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from equipoise.robot.inertial import InertialParameters
     from equipoise.robot.model import RobotModel
     from equipoise.robot.stance import Stance, nominal_stance
-    from equipoise.simulation.effects import SensorErrors
+    from equipoise.simulation.effects import EffectSizes
     from equipoise.simulation.payload import Payload
     from equipoise.simulation.simulation import Simulation, simulate
 
@@ -56,7 +56,7 @@ __all__ = [  # noqa: RUF022 - the version last
     "Format", "Guard", "Health", "InertialParameters", "JointCommand", "LogReader", "Method", "PaperMethod", "Payload",
     "Platform", "BayesianMethod", "Quantity", "RawImu", "RawJoints", "RawLog", "Recording", "RecordingError",
     "RobotConnection",
-    "RobotDescription", "RobotModel", "RobotState", "RunFolder", "ScaleReadings", "SensorErrors", "SettingsError",
+    "RobotDescription", "RobotModel", "RobotState", "RunFolder", "ScaleReadings", "EffectSizes", "SettingsError",
     "Simulation", "Stance", "SteppedPlatform", "Subject", "ExcitationSettings", "TiltLimit", "Topics", "Trajectory", "Written",
     "audit", "calibrate", "estimate", "export", "find_payload_change", "load_robot", "nominal_stance", "play_by_stepping",
     "simulate", "__version__",
@@ -95,7 +95,7 @@ _MODULES = {
     "robot.inertial": "InertialParameters",
     "robot.model": "RobotModel",
     "robot.stance": "Stance nominal_stance",
-    "simulation.effects": "SensorErrors",
+    "simulation.effects": "EffectSizes",
     "simulation.payload": "Payload",
     "simulation.simulation": "Simulation simulate",
 }

@@ -86,11 +86,11 @@ class MotionError(EquipoiseError, RuntimeError):
 
 
 class ReachError(MotionError):
-    """A posture is out of the legs' reach, joint limits or speed limits."""
+    """The robot cannot take a posture safely: out of reach, beyond a limit of a joint, in contact, or unstable."""
 
 
 class FallError(MotionError):
-    """The robot fell when it should have stood."""
+    """The robot has fallen or is falling, or its base leans too far."""
 
 
 class SensorError(MotionError):

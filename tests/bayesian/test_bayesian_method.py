@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from equipoise import BayesianMethod, Calibration, calibrate, estimate, simulate
-from equipoise.bayesian import routine as precise_routine
+from equipoise.bayesian import routine as bayesian_routine
 from equipoise.bayesian.plan import make_plan
 from equipoise.bayesian.routine import BayesianRoutine
 from equipoise.cli import main
@@ -20,8 +20,8 @@ from equipoise.robot.inertial import COMPONENTS
 from equipoise.terminal.results import print_calibration
 
 
-def test_every_parameter_has_an_interval_a_covariance_and_a_verdict(precise_run):
-    result = precise_run.result
+def test_every_parameter_has_an_interval_a_covariance_and_a_verdict(bayesian_run):
+    result = bayesian_run.result
     for body in ("composite", "base", "stance_effective"):
         found = getattr(result, body)
         assert tuple(quantity.name for quantity in found) == COMPONENTS
@@ -32,14 +32,14 @@ def test_every_parameter_has_an_interval_a_covariance_and_a_verdict(precise_run)
             assert quantity.verdict in ("identified", "weak", "not identified")
 
 
-def test_the_json_form_comes_back_whole(precise_run, tmp_path):
-    precise_run.result.save(tmp_path / "a1.json")
-    assert Calibration.load(tmp_path / "a1.json").to_dict() == precise_run.result.to_dict()
+def test_the_json_form_comes_back_whole(bayesian_run, tmp_path):
+    bayesian_run.result.save(tmp_path / "a1.json")
+    assert Calibration.load(tmp_path / "a1.json").to_dict() == bayesian_run.result.to_dict()
 
 
-def test_the_result_gives_a_pinocchio_model_with_the_base_found(precise_run):
-    model = precise_run.result.to_pinocchio()
-    assert model.inertias[1].mass == pytest.approx(precise_run.result.base.mass.value)
+def test_the_result_gives_a_pinocchio_model_with_the_base_found(bayesian_run):
+    model = bayesian_run.result.to_pinocchio()
+    assert model.inertias[1].mass == pytest.approx(bayesian_run.result.base.mass.value)
 
 
 @pytest.mark.usefixtures("coarse_engine")
@@ -53,7 +53,7 @@ def test_a_replan_without_lifts_is_ignored_while_lifts_are_too_few(a1, monkeypat
         return make_plan(candidates, 1.0, known=np.eye(candidates.unknowns.size), searched=True)
 
     monkeypatch.setattr(BayesianRoutine, "_replan", replan)
-    monkeypatch.setattr(precise_routine, "_REPLAN_AT", 0.1)
+    monkeypatch.setattr(bayesian_routine, "_REPLAN_AT", 0.1)
     settings = BayesianMethod(duration=35, excitation=False)
     with simulate(a1, "realistic", timestep=1e-3) as simulation:
         assert calibrate(simulation.platform, a1, settings, keep=recordings.append).trustworthy
@@ -62,27 +62,27 @@ def test_a_replan_without_lifts_is_ignored_while_lifts_are_too_few(a1, monkeypat
     assert sum(isinstance(recording.trial, LiftTrial) for recording in recordings) >= searched + 4
 
 
-def test_repeated_estimates_are_equal(a1, precise_run):
-    again = estimate(a1, precise_run.recordings, precise_run.settings)
-    assert again.composite.to_dict() == precise_run.result.composite.to_dict()
+def test_repeated_estimates_are_equal(a1, bayesian_run):
+    again = estimate(a1, bayesian_run.recordings, bayesian_run.settings)
+    assert again.composite.to_dict() == bayesian_run.result.composite.to_dict()
 
 
-def test_recordings_of_another_method_are_rejected(a1, precise_run):
-    moves = [recording for recording in precise_run.recordings if isinstance(recording.trial, PostureTrial)]
+def test_recordings_of_another_method_are_rejected(a1, bayesian_run):
+    moves = [recording for recording in bayesian_run.recordings if isinstance(recording.trial, PostureTrial)]
     with pytest.raises(RecordingError, match="no lift trial can be used"):
         estimate(a1, moves)
 
 
-def test_a_failed_check_is_printed_before_the_numbers(precise_run, a1, capsys):
+def test_a_failed_check_is_printed_before_the_numbers(bayesian_run, a1, capsys):
     # Twice the mass: torque gains of 1.3 are plausible, so a smaller error would pass.
     heavy = BayesianMethod(duration=40, mass=2 * a1.mass, mass_std=0.01, excitation=False)
-    result = estimate(a1, precise_run.recordings, heavy)
+    result = estimate(a1, bayesian_run.recordings, heavy)
     assert not result.trustworthy
     print_calibration(result, [])
     shown = capsys.readouterr().out
     assert shown.index("check failed") < shown.index("CoM x")
     for name in ("composite", "base", "stance_effective"):
-        found, well = (getattr(of, name) for of in (result, precise_run.result))
+        found, well = (getattr(of, name) for of in (result, bayesian_run.result))
         assert "doubtful" in {quantity.verdict for quantity in found} <= {"doubtful", "not identified"}
         assert not any(quantity.verdict == "doubtful" for quantity in well)
 
@@ -149,14 +149,14 @@ def test_other_choices_are_rejected(field, choices):
         BayesianMethod(**{field: "wooden"})
 
 
-def test_assumptions_reduce_the_std_and_are_printed(a1, precise_run, tmp_path, capsys):
-    plain = precise_run.result
-    narrow = replace(precise_run.settings, cable="none", leg_prior="narrow")
-    result = estimate(a1, precise_run.recordings, narrow)
+def test_assumptions_reduce_the_std_and_are_printed(a1, bayesian_run, tmp_path, capsys):
+    plain = bayesian_run.result
+    narrow = replace(bayesian_run.settings, cable="none", leg_prior="narrow")
+    result = estimate(a1, bayesian_run.recordings, narrow)
     assert (result.composite.com_in_base.stds < plain.composite.com_in_base.stds).all()
     assert not result.evidence.posterior.unknowns.estimates("external_force")
     assert plain.evidence.posterior.unknowns.estimates("external_force")
-    assert plain.assumptions == precise_run.settings.assumptions
+    assert plain.assumptions == bayesian_run.settings.assumptions
     assert result.assumptions == narrow.assumptions
     result.save(tmp_path / "a1.json")
     assert Calibration.load(tmp_path / "a1.json").assumptions == narrow.assumptions
@@ -165,8 +165,8 @@ def test_assumptions_reduce_the_std_and_are_printed(a1, precise_run, tmp_path, c
     assert all(f"assumed: {assumption}" in shown for assumption in narrow.assumptions)
 
 
-def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):
-    print_calibration(precise_run.result.with_truth(precise_run.truth), [], verbose=True)
+def test_the_terminal_shows_truth_and_stages_when_asked(bayesian_run, capsys):
+    print_calibration(bayesian_run.result.with_truth(bayesian_run.truth), [], verbose=True)
     shown = capsys.readouterr().out
     for words in (
         "95 % +-",
@@ -198,7 +198,7 @@ def test_the_plan_is_printed_without_moving_anything(capsys):
     assert main(["plan", "unitree_a1", "--duration", "60s", "--json"]) == 0
     table = json.loads(capsys.readouterr().out)
     assert table["robot_time"] <= 60
-    assert set(table["predicted_deviation"]) == set(COMPONENTS)
+    assert set(table["predicted_std"]) == set(COMPONENTS)
 
 
 @pytest.mark.parametrize(
@@ -221,8 +221,8 @@ def test_flags_of_another_method_are_rejected(flags, message, capsys, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_verdicts_compare_each_body_with_its_own_prior(precise_run):
-    result, posterior = precise_run.result, precise_run.result.evidence.posterior
+def test_verdicts_compare_each_body_with_its_own_prior(bayesian_run):
+    result, posterior = bayesian_run.result, bayesian_run.result.evidence.posterior
     for name, parameters in (
         ("composite", posterior.unknowns.robot_body),
         ("base", posterior.unknowns.base_body),

@@ -189,22 +189,22 @@ def test_a_replan_without_time_is_empty(candidates):
 def test_the_plan_is_json(plans):
     table = json.loads(json.dumps(plans[60.0].to_dict()))
     assert table["lifts"] == plans[60.0].lifts == sum(len(visit["lifts"]) for visit in table["visits"])
-    assert list(table["predicted_deviation"]) == list(COMPONENTS)
-    assert table["predicted_deviation"] == name_components(plans[60.0].std)
+    assert list(table["predicted_std"]) == list(COMPONENTS)
+    assert table["predicted_std"] == name_components(plans[60.0].std)
 
 
-class FittedTiltEquation(TiltEquation):
+class ZeroedTiltEquation(TiltEquation):
     """Tilt equation of predicted lifts."""
 
     def __init__(self, unknowns, samples):
         super().__init__(unknowns, samples)
-        self.fit(unknowns.start())
+        self.zero_at(unknowns.start())
 
 
 def test_predicted_lifts_do_not_determine_the_common_scale_of_all_masses(candidates):
     unknowns, predictor = candidates.unknowns, candidates.predictor
     x, lifts = unknowns.start(), [(k, predictor.lift(lift)) for k, lift in enumerate(candidates.lifts[:20])]
-    equation = FittedTiltEquation(unknowns, lifts)
+    equation = ZeroedTiltEquation(unknowns, lifts)
     equation.prepare(x)
     residual, jacobian = equation.linearise(x)
     np.testing.assert_allclose(residual, 0, atol=1e-9)
@@ -215,26 +215,26 @@ def test_predicted_lifts_do_not_determine_the_common_scale_of_all_masses(candida
     assert np.abs(jacobian @ scaled[equation.columns]).max() < 1e-6 * np.abs(jacobian).max()
 
 
-def test_the_predicted_std_is_near_that_of_the_run(a1, precise_run, candidates):
+def test_the_predicted_std_is_near_that_of_the_run(a1, bayesian_run, candidates):
     """The std predicted for the run's lifts and moves is within a factor of 2.5."""
     lifts = [
         LiftDesign(trial.posture, trial.diagonal, trial.side, trial.turn)
-        for trial in (recording.trial for recording in precise_run.recordings)
+        for trial in (recording.trial for recording in bayesian_run.recordings)
         if isinstance(trial, DesignedLift)
     ]
     postures = [
         trial.posture
-        for trial in (recording.trial for recording in precise_run.recordings)
+        for trial in (recording.trial for recording in bayesian_run.recordings)
         if isinstance(trial, PostureTrial)
     ]
     moves = itertools.pairwise([BodyPosture(), *postures])
-    predictor, equations = candidates.predictor, (FittedTiltEquation, *USUAL[1:])
+    predictor, equations = candidates.predictor, (ZeroedTiltEquation, *USUAL[1:])
     samples = [*map(predictor.lift, lifts), *itertools.starmap(predictor.move, moves)]
     motions = [MotionSamples(index, samples=(one,)) for index, one in enumerate(samples)]
-    weighed = a1.mass, precise_run.result.composite.stds[0]
-    predicted = estimate_posterior(a1, precise_run.stance, motions, mass=weighed, rounds=0, equations=equations)
+    weighed = a1.mass, bayesian_run.result.composite.stds[0]
+    predicted = estimate_posterior(a1, bayesian_run.stance, motions, mass=weighed, rounds=0, equations=equations)
     expected = predicted.robot_covariance
-    ratio = precise_run.result.composite.stds / np.sqrt(np.diag(expected))
+    ratio = bayesian_run.result.composite.stds / np.sqrt(np.diag(expected))
     assert (ratio[1:7] > 0.4).all()
     assert (ratio[1:7] < 2.5).all()
 

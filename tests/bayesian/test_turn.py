@@ -10,7 +10,7 @@ import pytest
 from test_plan import candidates_of
 
 from equipoise import BayesianMethod, RunFolder, calibrate, estimate, nominal_stance, simulate
-from equipoise.bayesian import method as precise_method
+from equipoise.bayesian import method as bayesian_method
 from equipoise.bayesian.plan import make_plan
 from equipoise.bayesian.trials import BayesianTrials
 from equipoise.cli import main
@@ -31,7 +31,7 @@ from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.trials import DesignedLift, TurnTrial, read_trial
 from equipoise.robot.inertial import composite_parameters
 from equipoise.simulation.drawn_errors import DrawnErrors
-from equipoise.simulation.effects import SensorErrors
+from equipoise.simulation.effects import EffectSizes
 from equipoise.simulation.mujoco_contacts import foothold_heights
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
@@ -171,11 +171,11 @@ def test_a_planned_rotation_reduces_the_std(a1):
     assert both.std[2] < 0.85 * once.std[2]
     assert both.std[1] < once.std[1]
     assert both.robot_time < 110.0
-    first = both.visits[: both.turn_after]
+    first = both.visits[: both.rotate_after]
     assert 0 < len(first) < len(both.visits)
-    assert once.turn_after is None
+    assert once.rotate_after is None
     assert [name for name, _ in both.trials()].index("turned by 180 deg") == 1 + len(first)
-    assert both.to_dict()["turn_after"] == len(first)
+    assert both.to_dict()["rotate_after"] == len(first)
     with pytest.raises(SettingsError, match=r"30 s allows no lift after the search; give (3[5-9]|40) s or more"):
         make_plan(candidates, 30.0, turn=True)
 
@@ -186,7 +186,7 @@ def test_only_a_turned_robot_has_new_footholds():
 
 
 def test_a_robot_that_cannot_lie_is_not_turned(a1, monkeypatch):
-    monkeypatch.setattr(precise_method, "lies", lambda *_: False)
+    monkeypatch.setattr(bayesian_method, "lies", lambda *_: False)
     with pytest.raises(
         ReachError, match="'unitree_a1' cannot lie down over its feet to be turned; omit --rotate-halfway"
     ):
@@ -229,7 +229,7 @@ def test_dart_turns_the_robot(a1):
 
 
 def test_footholds_are_fixed_in_the_world(a1):
-    errors = DrawnErrors.draw(SensorErrors(foothold_height=1e-3), 12, 3)
+    errors = DrawnErrors.draw(EffectSizes(foothold_height=1e-3), 12, 3)
     fl, fr, rl, rr = foothold_heights(errors, 0.0)
     assert np.allclose(foothold_heights(errors, np.pi), [rr, rl, fr, fl])
 

@@ -28,26 +28,26 @@ from equipoise.robot.inertial import InertialParameters
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
-PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `precise_run`
+PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `bayesian_run`
 
 
 @pytest.fixture(scope="module")
 def bare(a1):
-    """Recordings and truth of the robot of `precise_run` without its payload and with other noise."""
+    """Recordings and truth of the robot of `bayesian_run` without its payload and with other noise."""
     settings = BayesianMethod(duration=40, excitation=False)
     with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
         return perform(simulation.platform, a1, settings).recordings, simulation.truth
 
 
 @pytest.fixture(scope="module")
-def scale(bare, precise_run):
+def scale(bare, bayesian_run):
     """Readings of a scale with a gain error of half a percent and a resolution of ten grams."""
-    return ScaleReadings(tuple(round(1.005 * truth.composite.mass, 2) for truth in (bare[1], precise_run.truth)))
+    return ScaleReadings(tuple(round(1.005 * truth.composite.mass, 2) for truth in (bare[1], bayesian_run.truth)))
 
 
 @pytest.fixture(scope="module")
-def weighed(a1, bare, precise_run, scale):
-    return find_payload_change(a1, bare[0], precise_run.recordings, scale).with_truth(bare[1], precise_run.truth)
+def weighed(a1, bare, bayesian_run, scale):
+    return find_payload_change(a1, bare[0], bayesian_run.recordings, scale).with_truth(bare[1], bayesian_run.truth)
 
 
 def test_a_payload_is_found_within_its_intervals(weighed):
@@ -66,19 +66,19 @@ def test_a_payload_is_found_within_its_intervals(weighed):
     assert payload.inertia.Ixx.verdict != "identified"  # a point has none
 
 
-def test_common_errors_cancel(a1, bare, precise_run, weighed):
-    apart = precise_run.result.composite.mass.std
-    alone = find_payload_change(a1, bare[0], precise_run.recordings)
+def test_common_errors_cancel(a1, bare, bayesian_run, weighed):
+    apart = bayesian_run.result.composite.mass.std
+    alone = find_payload_change(a1, bare[0], bayesian_run.recordings)
     assert alone.payload.mass.std < apart
     assert weighed.payload.mass.std < 0.2 * alone.payload.mass.std
     assert abs(alone.payload.mass.value - PAYLOAD[0]) < 2 * alone.payload.mass.std
 
 
-def test_a_removed_payload_is_the_same_body(a1, bare, precise_run, scale, weighed):
+def test_a_removed_payload_is_the_same_body(a1, bare, bayesian_run, scale, weighed):
     removed = find_payload_change(
-        a1, precise_run.recordings, bare[0], dataclasses.replace(scale, masses=scale.masses[::-1])
+        a1, bayesian_run.recordings, bare[0], dataclasses.replace(scale, masses=scale.masses[::-1])
     )
-    removed = removed.with_truth(precise_run.truth, bare[1])
+    removed = removed.with_truth(bayesian_run.truth, bare[1])
     assert removed.removed
     assert removed.payload.truth.mass == pytest.approx(PAYLOAD[0])
     assert removed.payload.mass.value == pytest.approx(weighed.payload.mass.value, rel=5e-3)
@@ -107,9 +107,9 @@ def test_only_a_certain_zero_is_no_change():
     assert sure.mass.verdict != "no change"  # 0.1 +- 0.04 kg is a change
 
 
-def test_derivatives_of_two_runs_are_those_of_their_cost(a1, bare, precise_run):
+def test_derivatives_of_two_runs_are_those_of_their_cost(a1, bare, bayesian_run):
     stance = nominal_stance(a1)
-    evidences = tuple(read_motions(a1, stance, recordings) for recordings in (bare[0], precise_run.recordings))
+    evidences = tuple(read_motions(a1, stance, recordings) for recordings in (bare[0], bayesian_run.recordings))
     problem = _TwoProblems(a1, stance, evidences, Priors(), ScaleReadings((12.5, 13.9)))
     generator = np.random.default_rng(1)
     z = problem.start()
@@ -151,20 +151,20 @@ def test_invalid_scales_are_rejected():
         ScaleReadings(noise=-1)
 
 
-def test_a_run_without_lifts_is_rejected(a1, bare, precise_run):
+def test_a_run_without_lifts_is_rejected(a1, bare, bayesian_run):
     no_lifts = [recording for recording in bare[0] if not isinstance(recording.trial, LiftTrial)]
     with pytest.raises(RecordingError, match="the second run: no lift trial can be used"):
-        find_payload_change(a1, precise_run.recordings, no_lifts)
+        find_payload_change(a1, bayesian_run.recordings, no_lifts)
 
 
 # --- the command line
 
 
 @pytest.fixture(scope="module")
-def folders(a1, bare, precise_run, tmp_path_factory):
+def folders(a1, bare, bayesian_run, tmp_path_factory):
     path = tmp_path_factory.mktemp("compare")
-    settings = precise_run.settings
-    runs = {"before": bare, "after": (precise_run.recordings, precise_run.truth)}
+    settings = bayesian_run.settings
+    runs = {"before": bare, "after": (bayesian_run.recordings, bayesian_run.truth)}
     for name, (recordings, truth) in runs.items():
         with RunFolder.create(path / name, a1, settings, {}) as folder:
             folder.save_truth(truth)
@@ -196,11 +196,11 @@ def test_incomparable_runs_are_rejected(folders, tmp_path, capsys):
     paper.mkdir()
     for name in ("model.xml", "recording_0.mcap"):
         (paper / name).write_bytes((folders / "before" / name).read_bytes())
-    header["settings"], precise = PaperMethod().to_dict(), header["settings"]
+    header["settings"], bayesian = PaperMethod().to_dict(), header["settings"]
     (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")
     assert main(["compare", str(paper), str(folders / "after")]) == 2
     assert "is of the method 'paper'; compare runs of the method 'bayesian'" in capsys.readouterr().err
-    header["settings"] = precise
+    header["settings"] = bayesian
     header["description"]["foot_radius"] = 0.03
     (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")
     assert main(["compare", str(paper), str(folders / "after")]) == 2

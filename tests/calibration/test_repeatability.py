@@ -29,8 +29,8 @@ def test_the_spread_is_that_of_the_results(results):
     assert by_name["mass"].ratio is None
 
 
-def test_the_spread_is_compared_with_the_std(precise_run):
-    repeated = repeatability([precise_run.result, precise_run.result])
+def test_the_spread_is_compared_with_the_std(bayesian_run):
+    repeated = repeatability([bayesian_run.result, bayesian_run.result])
     assert len(repeated) == 10
     assert all(one.ratio == 0 and one.quantity.std > 0 for one in repeated)
     assert to_dict(repeated, 2)["parameters"]["Ixx"]["ratio"] == 0

@@ -35,7 +35,7 @@ def test_json_is_one_object_and_the_same_is_saved(tmp_path, capsys):
     assert table["balanced"] is True
     assert list(table["diagonals"]) == ["FR_RL"]
     trial = table["diagonals"]["FR_RL"]
-    assert trial["believed_error"] == pytest.approx(2e-3, abs=1e-9)
+    assert trial["model_error"] == pytest.approx(2e-3, abs=1e-9)
     assert trial["time_balanced"] == 1.0
     assert trial["observed_error"] is not None
     assert table["settings"]["weights"]["tilt"] == 3000
@@ -56,8 +56,8 @@ def test_a_fall_is_a_verdict_and_with_check_an_exit_code(tmp_path, capsys):
     assert "the robot did not balance for 1 s on FR_RL" in captured.err
 
 
-def test_a_calibration_is_read_from_its_file_or_its_folder(tmp_path, capsys, precise_run):
-    precise_run.result.save(tmp_path / "calibration.json")
+def test_a_calibration_is_read_from_its_file_or_its_folder(tmp_path, capsys, bayesian_run):
+    bayesian_run.result.save(tmp_path / "calibration.json")
     payload = ["--payload", "1.5,0.05,-0.02,0.06", "--seed", "4"]
     arguments = [
         "--com",

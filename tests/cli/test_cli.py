@@ -232,7 +232,7 @@ def test_absurd_settings_raise_before_a_run_begins(flags, tmp_path, capsys):
         (["calibrate", "--duration", "1 day"], "--duration '1 day' is not a time; give it as 60s, 2min or 1h"),
         (["calibrate", "--duration", "2h"], "duration is 7200 s; it must be above zero, up to 3600 s"),
         (["calibrate", "--duration", "1s"], "a duration of 1 s allows no lift after the search; give 28 s or more"),
-        (["calibrate", "--duration", "2"], "a duration of 2 s allows no lift after the search; give 28 s or more, or minutes"),
+        (["calibrate", "--duration", "2"], "a duration of 2 s allows no lift after the search; give 28 s or more, or a duration in minutes"),
         (["payload", "unitree_a1", "--mass-std", "1"], "mass_std is given without a mass; give both or neither"),
         (["calibrate", "--locked-joints", "foo=1"], "leg joint or does not exist; this robot has no others, so leave it out"),
         (["calibrate", "--payload", "1500,0,0,0"], "a payload of 1500 kg is 120 times the mass of 'unitree_a1'"),
@@ -281,7 +281,7 @@ def test_an_invalid_file_of_priors_raises(text, message, tmp_path, capsys):
 def test_the_plan_uses_cable_legs_and_priors(tmp_path, capsys):
     def std(*flags):
         assert main(["plan", "--duration", "40s", "--json", *flags]) == 0
-        return json.loads(capsys.readouterr().out)["predicted_deviation"]
+        return json.loads(capsys.readouterr().out)["predicted_std"]
 
     file = tmp_path / "priors.toml"
     file.write_text("external_force = 0.0\nhanging_load = 0.0\ntether_stiffness = 0.0", encoding="utf-8")

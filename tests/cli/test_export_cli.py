@@ -37,8 +37,8 @@ def test_the_file_is_in_the_run_folder_and_described(run, a1, capsys):
     assert_same(composite_in_equipoise(path, result, a1), result.composite.parameters())
 
 
-def test_a_real_calibration_goes_into_the_users_file(precise_run, a1, tmp_path):
-    result = precise_run.result
+def test_a_real_calibration_goes_into_the_users_file(bayesian_run, a1, tmp_path):
+    result = bayesian_run.result
     out = export(result, "urdf", force=True)
     written = composite_in_pinocchio(out.save(tmp_path / "a1.urdf"), result, {})
     # Its trunk is nearly as flat as a body can be: what was found of inertia may have to give way within its interval.
@@ -196,7 +196,7 @@ def test_all_formats_go_into_a_folder_and_others_are_listed(run, tmp_path, capsy
     )
     table = json.loads(capsys.readouterr().out)
     assert table["files"]["toml"]["parts"] == ["motors"]
-    assert not {"sdf", "zeros"} & ({*table["files"]} | {*table["left_out"]})
+    assert not {"sdf", "joint-offsets"} & ({*table["files"]} | {*table["left_out"]})
 
 
 def test_all_takes_no_flag_of_one_format_and_fails_where_nothing_can_be_written(run, a1, tmp_path, capsys):
@@ -204,7 +204,7 @@ def test_all_takes_no_flag_of_one_format_and_fails_where_nothing_can_be_written(
     assert "no run is given: equipoise export RUN --all" in fails(capsys, 2, "export", "--all")
     assert "did not estimate legs" in fails(capsys, 8, "export", str(run), "--all", "--parameters", "legs")
     result = found(a1)
-    unknown = {name: Body.partly(getattr(result.nominal, name)) for name in ("composite", "base")}
+    unknown = {name: Body.partial(getattr(result.nominal, name)) for name in ("composite", "base")}
     bare = dataclasses.replace(result, **unknown)
     bare.save(tmp_path / "bare.json")
     assert "this calibration does not estimate" in fails(capsys, 8, "export", str(tmp_path / "bare.json"), "--all")

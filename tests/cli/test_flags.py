@@ -71,18 +71,18 @@ OWN = {
     "--only-effects": "joint_offset,imu_tilt",
     "--t-thres": "2s",
 }
-BESIDE = {"--mass-std": ["--mass", "12"], "--confirm-mass": ["--mass", "12"]}  # which a flag needs
+OTHERS = {"--mass-std": ["--mass", "12"], "--confirm-mass": ["--mass", "12"]}  # which a flag needs
 WEIGHED = {flag: ["--mass", "12"] for flag in ("--confirm-mass", "--mass-std")}  # the same of `weigh`
 ALONE = ("--resume", "--method", "--parameters", "--methods", "--platform")  # not with others of their kind
 LINE = re.compile(r"^  (?:(-\w), )?(--[a-z][\w-]*)((?: \S+)*?)(?:  .*)?$", re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
-def folder(a1, precise_run, tmp_path_factory):
+def folder(a1, bayesian_run, tmp_path_factory):
     """Folder with a run and an empty file of settings."""
     folder = tmp_path_factory.mktemp("user")
-    with RunFolder.create(folder / "run", a1, precise_run.settings, {"time": "2026-01-01T00:00:00+00:00"}) as run:
-        run.save(precise_run.result.with_provenance(**run.provenance))
+    with RunFolder.create(folder / "run", a1, bayesian_run.settings, {"time": "2026-01-01T00:00:00+00:00"}) as run:
+        run.save(bayesian_run.result.with_provenance(**run.provenance))
     (folder / "settings.toml").touch()
     return folder
 
@@ -136,8 +136,8 @@ def test_every_flag_can_be_typed_as_its_help_shows_it(words, read, capsys):
     given = [word for word in words if word.startswith("--")]
     for flag, metavar in shown:
         for values in [] if given and flag in ALONE else values_of(flag, metavar):
-            beside = (BESIDE | WEIGHED if words[0] == "payload" else BESIDE).get(flag, ())
-            assert main([*words, *beside, flag, *values]) == 0, (flag, values, capsys.readouterr().err)
+            others = (OTHERS | WEIGHED if words[0] == "payload" else OTHERS).get(flag, ())
+            assert main([*words, *others, flag, *values]) == 0, (flag, values, capsys.readouterr().err)
             assert read
 
 

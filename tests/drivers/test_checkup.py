@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from equipoise import SensorErrors, nominal_stance, simulate
+from equipoise import EffectSizes, nominal_stance, simulate
 from equipoise.drivers import checkup
 from equipoise.drivers.checkup import examine, joint_table, watch
 from equipoise.errors import CommunicationError
@@ -56,7 +56,7 @@ def test_nothing_speaks_against_a_sound_robot(a1, start):
         (
             "gravity against the stance",
             with_(acceleration_in_imu=lambda s: s.acceleration_in_imu[[1, 2, 0]]),
-            "mounted turned (--imu-rpy ",
+            "rotated (--imu-rpy ",
         ),
         ("joint torques", with_(joint_torque=lambda s: -s.joint_torque), "with the joints' signs"),
         ("joint positions", with_(joint_position=lambda s: np.degrees(s.joint_position)), "joint map"),
@@ -87,7 +87,7 @@ def test_watching_gives_each_sample_once_and_no_commands(a1):
 
 def test_too_few_samples_are_reported(a1):
     stance = nominal_stance(a1)
-    simulated = build_simulated_robot(a1, stance, DrawnErrors.draw(SensorErrors(), 12, 0), None, 1e-3)
+    simulated = build_simulated_robot(a1, stance, DrawnErrors.draw(EffectSizes(), 12, 0), None, 1e-3)
     with MujocoPlatform(a1, simulated, stance, control_period=5e-3) as platform:
         findings = {finding.name: finding for finding in examine(platform, a1, 1.0)}
     for name in ("joint samples", "IMU samples"):

@@ -56,8 +56,8 @@ def test_cylindrical_feet_are_found(a1):
     assert np.abs(result.composite.errors / result.composite.stds).max() < 3
 
 
-def test_a_negative_backlash_is_a_failed_check_from_three_standard_deviations_on(precise_run):
-    posterior = precise_run.result.evidence.posterior
+def test_a_negative_backlash_is_a_failed_check_from_three_standard_deviations_on(bayesian_run):
+    posterior = bayesian_run.result.evidence.posterior
     column = posterior.unknowns["backlash"].start
     std = np.sqrt(posterior.covariance[column, column])
 

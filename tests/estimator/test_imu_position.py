@@ -111,7 +111,7 @@ def test_a_wrong_fixed_position_fails_the_check(swaying):
     assert "imu_position" in check.message
 
 
-def test_the_check_needs_an_excitation(precise_run):
-    (check,) = (check for check in precise_run.result.checks if check.name == "IMU position")
+def test_the_check_needs_an_excitation(bayesian_run):
+    (check,) = (check for check in bayesian_run.result.checks if check.name == "IMU position")
     assert check.passed
     assert check.message == "not tested: the run has no excitation about all axes"

@@ -33,20 +33,20 @@ SURE = 5.0  # standard deviations: a fixed seed of a test that may fail once in 
 
 
 @pytest.fixture(scope="module")
-def evidence(a1, precise_run):
-    return read_motions(a1, precise_run.stance, precise_run.recordings)
+def evidence(a1, bayesian_run):
+    return read_motions(a1, bayesian_run.stance, bayesian_run.recordings)
 
 
 @pytest.fixture(scope="module")
-def posterior(a1, precise_run, evidence):
-    return estimate_posterior(a1, precise_run.stance, evidence)
+def posterior(a1, bayesian_run, evidence):
+    return estimate_posterior(a1, bayesian_run.stance, evidence)
 
 
 @pytest.fixture(scope="module")
-def drawn(a1, precise_run):
+def drawn(a1, bayesian_run):
     """Return the errors of the simulated robot."""
-    sizes = PRESETS["realistic"].scaled_to(precise_run.stance.scale)
-    return DrawnErrors.draw(sizes, 12, precise_run.seed)
+    sizes = PRESETS["realistic"].scaled_to(bayesian_run.stance.scale)
+    return DrawnErrors.draw(sizes, 12, bayesian_run.seed)
 
 
 def lifts_of(evidence):
@@ -54,7 +54,7 @@ def lifts_of(evidence):
 
 
 def blocks_of(unknowns, evidence):
-    kinds = {"tilt": TiltEquation, "planted": StanceMotions, "torque": TorqueBalance}
+    kinds = {"tilt": TiltEquation, "stance": StanceMotions, "torque": TorqueBalance}
     return {name: kind.of(unknowns, evidence) for name, kind in kinds.items()}
 
 
@@ -94,7 +94,7 @@ def away_from(posterior):
     return posterior.x + np.random.default_rng(1).standard_normal(posterior.unknowns.size) * std
 
 
-@pytest.mark.parametrize("name", ["tilt", "planted", "torque"])
+@pytest.mark.parametrize("name", ["tilt", "stance", "torque"])
 def test_derivatives_are_central_differences_by_every_parameter(steady_blocks, posterior, name):
     block = steady_blocks[name]
     unknowns = block.unknowns
@@ -149,10 +149,10 @@ def test_bodies_jacobians_are_those_of_larger_differences(posterior):
     assert not jacobian[:, unknowns["joint_offset"].start :].any()
 
 
-def test_a_long_motions_torques_compress_to_few_rows(a1, posterior, precise_run, monkeypatch):
+def test_a_long_motions_torques_compress_to_few_rows(a1, posterior, bayesian_run, monkeypatch):
     """Information, gradients and noise by motion equal those of all rows, for any number of samples per block."""
     monkeypatch.setattr("equipoise.estimator.equations.torque_balance._STEP", 0.02)  # more rows than unknowns
-    evidence = read_motions(a1, precise_run.stance, precise_run.recordings)
+    evidence = read_motions(a1, bayesian_run.stance, bayesian_run.recordings)
 
     def equations_at(x):
         block = blocks_of(posterior.unknowns, evidence)["torque"]
@@ -221,21 +221,21 @@ def step_left(posterior):
 
 
 @pytest.mark.parametrize("body", ["composite", "base", "stance_effective"])
-def test_the_errors_are_within_the_intervals(precise_run, body):
-    truth = components(getattr(precise_run.truth, body))
-    found = getattr(precise_run.result, body)
+def test_the_errors_are_within_the_intervals(bayesian_run, body):
+    truth = components(getattr(bayesian_run.truth, body))
+    found = getattr(bayesian_run.result, body)
     off = (found.values - truth) / found.stds
     assert np.abs(off).max() < SURE, dict(zip(COMPONENTS, off, strict=True))
 
 
-def test_the_estimate_is_good(precise_run):
-    off = components(precise_run.result.composite.parameters()) - components(precise_run.truth.composite)
+def test_the_estimate_is_good(bayesian_run):
+    off = components(bayesian_run.result.composite.parameters()) - components(bayesian_run.truth.composite)
     assert np.abs(off[1:3]).max() < 2e-3
     assert abs(off[3]) < 5e-3
-    assert abs(off[0]) < 0.1 * precise_run.truth.composite.mass  # without a scale
+    assert abs(off[0]) < 0.1 * bayesian_run.truth.composite.mass  # without a scale
 
 
-def test_sensors_are_calibrated_on_the_way(posterior, drawn, precise_run):
+def test_sensors_are_calibrated_on_the_way(posterior, drawn, bayesian_run):
     truths = {
         "joint_offset": drawn.joint_offset,
         "imu_tilt": drawn.imu_tilt,
@@ -293,11 +293,11 @@ def test_every_motion_has_a_residual(posterior, evidence):
 # --- what is given, and what is missing
 
 
-def test_a_scales_mass_is_reproduced(a1, precise_run, evidence):
-    mass = precise_run.truth.composite.mass
-    weighed = estimate_posterior(a1, precise_run.stance, evidence, mass=(mass, 1e-4), rounds=1)
+def test_a_scales_mass_is_reproduced(a1, bayesian_run, evidence):
+    mass = bayesian_run.truth.composite.mass
+    weighed = estimate_posterior(a1, bayesian_run.stance, evidence, mass=(mass, 1e-4), rounds=1)
     assert weighed.robot_body.mass == pytest.approx(mass, abs=5e-4)
-    posterior = estimate_posterior(a1, precise_run.stance, evidence, rounds=1)
+    posterior = estimate_posterior(a1, bayesian_run.stance, evidence, rounds=1)
     sds = (np.sqrt(p.robot_covariance[0, 0]) for p in (weighed, posterior))
     assert next(sds) < 1.1e-4 < 0.01 * next(sds)
     assert weighed.robot_covariance[4, 4] < posterior.robot_covariance[4, 4]
@@ -308,17 +308,17 @@ def without_torques(recording):
     return replace(recording, joints=JointStream(joints.time, joints.position, joints.velocity))
 
 
-def test_without_torques_the_mass_is_less_certain(a1, precise_run, evidence, posterior):
+def test_without_torques_the_mass_is_less_certain(a1, bayesian_run, evidence, posterior):
     """Torque constants are fixed."""
     known = Priors(torque_gain_common=1e-3)
-    bare = read_motions(a1, precise_run.stance, [without_torques(recording) for recording in precise_run.recordings])
+    bare = read_motions(a1, bayesian_run.stance, [without_torques(recording) for recording in bayesian_run.recordings])
     assert not any(motion.of(TorqueSamples) for motion in bare)
-    found = estimate_posterior(a1, precise_run.stance, bare, known)
-    with_torques = estimate_posterior(a1, precise_run.stance, evidence, known)
+    found = estimate_posterior(a1, bayesian_run.stance, bare, known)
+    with_torques = estimate_posterior(a1, bayesian_run.stance, evidence, known)
     assert found.problem.equation(TorqueBalance) is None
     assert posterior.problem.equation(TorqueBalance) is not None
     assert found.robot_covariance[0, 0] > 4 * with_torques.robot_covariance[0, 0]
-    off = found.robot_body.com - precise_run.truth.composite.com
+    off = found.robot_body.com - bayesian_run.truth.composite.com
     assert np.abs(off / np.sqrt(np.diag(found.robot_covariance))[1:4]).max() < SURE
     assert not any("torque gain" in finding.name for finding in sensor_findings(found))
 
@@ -329,30 +329,30 @@ def pushed(lift, size):
     return replace(lift, acceleration_in_imu=lift.acceleration_in_imu + push)
 
 
-def test_the_scale_of_all_masses_is_fixed_while_noise_levels_are_estimated(a1, precise_run, evidence):
+def test_the_scale_of_all_masses_is_fixed_while_noise_levels_are_estimated(a1, bayesian_run, evidence):
     """The torque constants fix it, or, without torques, the model's mass."""
     silent = tuple(with_samples(motion, TorqueSamples) for motion in evidence)
     for read, name in ((evidence, "torque_gain_common"), (silent, "base")):
-        problem = MapProblem(a1, precise_run.stance, read, Priors(), None, True)
+        problem = MapProblem(a1, bayesian_run.stance, read, Priors(), None, True)
         x = problem.unknowns.start()
         problem.prepare(x)
         x[problem.unknowns[name].start] += 0.1
         assert problem.normal_equations(x, fix_scale=True).cost > problem.normal_equations(x).cost + 0.5
-    weighed = MapProblem(a1, precise_run.stance, evidence, Priors(), (12.0, 0.1), True)
+    weighed = MapProblem(a1, bayesian_run.stance, evidence, Priors(), (12.0, 0.1), True)
     x = weighed.unknowns.start()
     weighed.prepare(x)
     assert weighed.normal_equations(x, fix_scale=True).cost == weighed.normal_equations(x).cost
 
 
 @pytest.mark.parametrize("size", [0.5, 2.0])
-def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, size):
+def test_a_lift_that_was_disturbed_is_left_out(a1, bayesian_run, evidence, size):
     """An external force disturbs one lift of a weighed robot."""
-    scale = (precise_run.truth.composite.mass, 0.06)
-    plain = estimate_posterior(a1, precise_run.stance, evidence, mass=scale)
+    scale = (bayesian_run.truth.composite.mass, 0.06)
+    plain = estimate_posterior(a1, bayesian_run.stance, evidence, mass=scale)
     number = max(index for index, motion in enumerate(evidence) if motion.lift is not None)
     motions = list(evidence)
     motions[number] = with_samples(motions[number], LiftSamples, pushed(motions[number].lift, size))
-    found = estimate_posterior(a1, precise_run.stance, tuple(motions), mass=scale)
+    found = estimate_posterior(a1, bayesian_run.stance, tuple(motions), mass=scale)
     left_out = [
         normalized_residual.motion
         for normalized_residual in found.residuals_of(TiltEquation)
@@ -365,7 +365,7 @@ def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, size):
     assert step_left(found) < 0.5
 
 
-def test_a_slightly_disturbed_lift_has_less_weight(a1, precise_run, evidence, posterior):
+def test_a_slightly_disturbed_lift_has_less_weight(a1, bayesian_run, evidence, posterior):
     fitting = min(
         (
             normalized_residual
@@ -377,7 +377,7 @@ def test_a_slightly_disturbed_lift_has_less_weight(a1, precise_run, evidence, po
     number = next(index for index, motion in enumerate(evidence) if motion.index == fitting.motion)
     motions = list(evidence)
     motions[number] = with_samples(motions[number], LiftSamples, pushed(motions[number].lift, 0.05))
-    found = estimate_posterior(a1, precise_run.stance, tuple(motions))
+    found = estimate_posterior(a1, bayesian_run.stance, tuple(motions))
     before, after = (
         next(
             normalized_residual
@@ -391,16 +391,16 @@ def test_a_slightly_disturbed_lift_has_less_weight(a1, precise_run, evidence, po
     assert np.trace(found.information[after.motion]) < 0.6 * np.trace(posterior.information[after.motion])
 
 
-def test_without_a_lift_the_error_lists_the_reasons(a1, precise_run, evidence):
+def test_without_a_lift_the_error_lists_the_reasons(a1, bayesian_run, evidence):
     motions = tuple(replace(motion, samples=(), left_out="the wind blew") for motion in evidence)
     with pytest.raises(RecordingError, match="no lift trial can be used: the wind blew"):
-        estimate_posterior(a1, precise_run.stance, motions)
+        estimate_posterior(a1, bayesian_run.stance, motions)
 
 
 @pytest.mark.parametrize("count", [1, 5, 7, 10])
-def test_the_first_motions_of_an_interrupted_run_give_an_estimate(a1, precise_run, evidence, count):
+def test_the_first_motions_of_an_interrupted_run_give_an_estimate(a1, bayesian_run, evidence, count):
     few = evidence[:count]
-    found = estimate_posterior(a1, precise_run.stance, few)
+    found = estimate_posterior(a1, bayesian_run.stance, few)
     assert found.robot_body.physical_defect() is None
     assert step_left(found) < 0.5
 

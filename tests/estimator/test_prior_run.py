@@ -28,9 +28,9 @@ MOVED = 6e-3  # [rad]
 
 
 @pytest.fixture(scope="module")
-def earlier(precise_run):
+def earlier(bayesian_run):
     """Return a run with a payload as the prior run."""
-    return PriorRun.of(precise_run.result.evidence.posterior, precise_run.result.settings)
+    return PriorRun.of(bayesian_run.result.evidence.posterior, bayesian_run.result.settings)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def later(a1, earlier):
         return method, recordings, result.with_truth(simulation.truth)
 
 
-def test_a_short_run_finds_the_com_and_the_removed_payload(a1, earlier, later, precise_run):
+def test_a_short_run_finds_the_com_and_the_removed_payload(a1, earlier, later, bayesian_run):
     _, recordings, result = later
     assert sum(recording.duration for recording in recordings) < 26
     assert [recording.trial.kind for recording in recordings[:5]] == ["posture"] * 3 + ["lift"] * 2
@@ -50,7 +50,7 @@ def test_a_short_run_finds_the_com_and_the_removed_payload(a1, earlier, later, p
     assert not any(quantity.missed for quantity in result.composite)
     assert not result.evidence.changes
     found = measure_payload(a1, earlier, result)
-    payload = found.change.with_truth(precise_run.truth, result.truth).payload
+    payload = found.change.with_truth(bayesian_run.truth, result.truth).payload
     assert found.answer == "removed"
     assert payload.mass.value == pytest.approx(1.5, rel=0.2)
     assert not any(quantity.missed for quantity in payload)
@@ -159,10 +159,10 @@ def test_a_payload_needs_the_evidence_of_the_result(a1, earlier, later):
 
 
 @pytest.fixture
-def folder(a1, precise_run, tmp_path):
-    with RunFolder.create(tmp_path / "last", a1, precise_run.settings, {}) as folder:
+def folder(a1, bayesian_run, tmp_path):
+    with RunFolder.create(tmp_path / "last", a1, bayesian_run.settings, {}) as folder:
         pass
-    folder.save(precise_run.result)
+    folder.save(bayesian_run.result)
     return folder.path
 
 
@@ -249,7 +249,7 @@ def test_settings_that_contradict_the_earlier_run_are_refused(earlier):
 def test_a_plan_predicts_smaller_intervals(a1, earlier):
     plan = BayesianMethod(prior_run=earlier, duration=45).forecast(a1, nominal_stance(a1))
     assert plan.robot_time <= 45
-    assert np.hypot(*plan.std[1:3]) < 0.85 * np.hypot(*plan.without[1:3])
+    assert np.hypot(*plan.std[1:3]) < 0.85 * np.hypot(*plan.std_without_prior_run[1:3])
     assert plan.trials()[3][0] == "search, nominal"
     with_lifts = [bool(visit.lifts) for visit in plan.visits]
     assert with_lifts == sorted(with_lifts)  # feet are put back once for all moves
@@ -261,9 +261,9 @@ def test_a_plan_predicts_smaller_intervals(a1, earlier):
 
 
 @pytest.mark.parametrize("words", ["checks,com_x", "checks,identified"])
-def test_an_unmet_requirement_has_an_exit_code(folder, precise_run, words, capsys, monkeypatch):
-    monkeypatch.setattr(RunFolder, "estimate", lambda *_: precise_run.result)
-    met = precise_run.result.to_dict()["verdicts"]
+def test_an_unmet_requirement_has_an_exit_code(folder, bayesian_run, words, capsys, monkeypatch):
+    monkeypatch.setattr(RunFolder, "estimate", lambda *_: bayesian_run.result)
+    met = bayesian_run.result.to_dict()["verdicts"]
     assert met["checks"]
     assert not met["identified"]  # 44 s, no scale
     well = all(met[word] for word in words.split(","))

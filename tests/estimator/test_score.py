@@ -5,7 +5,7 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
-from test_planted_errors import another_model, estimating, gained, posterior_of, with_drive_train, with_gyroscope
+from test_added_errors import another_model, estimating, gained, posterior_of, with_drive_train, with_gyroscope
 
 from equipoise import BayesianMethod
 from equipoise.estimator.diagnostics import checks, score
@@ -64,8 +64,8 @@ def eccentric(recordings, sine, cosine):
     ],
     ids=["no cable", "all fixed", "narrow"],
 )
-def test_a_robot_within_its_priors_passes(a1, precise_run, combined_priors):
-    found = posterior_of(a1, precise_run, precise_run.recordings, combined_priors)
+def test_a_robot_within_its_priors_passes(a1, bayesian_run, combined_priors):
+    found = posterior_of(a1, bayesian_run, bayesian_run.recordings, combined_priors)
     tests = score_tests(found)
     held = {row.name for row in Priors.rows() if getattr(combined_priors, row.name) == 0}
     assert {test.row.name for test in tests} == held
@@ -92,9 +92,9 @@ def with_error(a1, recordings):
 
 
 @pytest.mark.parametrize("name", ["backlash", "link_length_common", "gyro_drift"])
-def test_the_wrong_parameter_is_named_first_with_its_remedy(a1, precise_run, name):
-    recordings, model = with_error(a1, precise_run.recordings)[name]
-    found = posterior_of(model, precise_run, recordings, estimating())
+def test_the_wrong_parameter_is_named_first_with_its_remedy(a1, bayesian_run, name):
+    recordings, model = with_error(a1, bayesian_run.recordings)[name]
+    found = posterior_of(model, bayesian_run, recordings, estimating())
     tests = score_tests(found)
     assert tests[0].row.name == name
     check = check_of(found)
@@ -104,50 +104,50 @@ def test_the_wrong_parameter_is_named_first_with_its_remedy(a1, precise_run, nam
     assert ("--leg-prior wide" in check.message.split(";")[1]) == (name == "link_length_common")
     # Once it is estimated, the other scores are smaller.
     opened = estimating().__class__(**{**estimating().__dict__, name: Priors.row(name).usual})
-    after = score_tests(posterior_of(model, precise_run, recordings, opened))
+    after = score_tests(posterior_of(model, bayesian_run, recordings, opened))
     assert name not in {test.row.name for test in after}
     assert after[0].deviate < tests[0].deviate - 1
 
 
-def test_values_are_right_to_first_order(a1, precise_run):
+def test_values_are_right_to_first_order(a1, bayesian_run):
     gains = np.array([0.012, -0.01, 0.008])
-    recordings = with_gyroscope(precise_run.recordings, np.diag(gains))
+    recordings = with_gyroscope(bayesian_run.recordings, np.diag(gains))
     plain, found = (
         next(
             test
-            for test in score_tests(posterior_of(a1, precise_run, read, estimating()))
+            for test in score_tests(posterior_of(a1, bayesian_run, read, estimating()))
             if test.row.name == "gyro_gain"
         )
-        for read in (precise_run.recordings, recordings)
+        for read in (bayesian_run.recordings, recordings)
     )
     np.testing.assert_allclose(found.values - plain.values, gains, atol=4e-3)
 
 
-def test_eccentric_encoders_are_detected_and_can_be_estimated(a1, precise_run):
+def test_eccentric_encoders_are_detected_and_can_be_estimated(a1, bayesian_run):
     """Such errors resemble those of hip positions and lengths, which narrow leg priors exclude."""
     sine, cosine = 0.03 * np.random.default_rng(0).standard_normal((2, 12))
-    recordings = eccentric(precise_run.recordings, sine, cosine)
+    recordings = eccentric(bayesian_run.recordings, sine, cosine)
     combined_priors = BayesianMethod(leg_prior="narrow").combined_priors.holding("eccentricity")
     clean, eccentric_deviate = (
-        score_tests(posterior_of(a1, precise_run, read, combined_priors))[0].deviate
-        for read in (precise_run.recordings, recordings)
+        score_tests(posterior_of(a1, bayesian_run, read, combined_priors))[0].deviate
+        for read in (bayesian_run.recordings, recordings)
     )
     assert clean < 1.5 < eccentric_deviate - 1
     opened = replace(estimating(), eccentricity=0.03)
-    plain, found = (posterior_of(a1, precise_run, read, opened) for read in (precise_run.recordings, recordings))
+    plain, found = (posterior_of(a1, bayesian_run, read, opened) for read in (bayesian_run.recordings, recordings))
     off = gained(found, plain, "eccentricity") - np.column_stack([sine, cosine]).ravel()
     assert np.abs(off / found.std("eccentricity")).max() < 2.5
 
 
-def test_larger_drifts_are_not_hidden_by_the_noise_that_they_raise(a1, precise_run):
-    recordings = drifting(precise_run.recordings, 0.0, np.array([0.4, -0.4, 0.0]))
-    tests = score_tests(posterior_of(a1, precise_run, recordings, Priors().holding("accelerometer_drift")))
+def test_larger_drifts_are_not_hidden_by_the_noise_that_they_raise(a1, bayesian_run):
+    recordings = drifting(bayesian_run.recordings, 0.0, np.array([0.4, -0.4, 0.0]))
+    tests = score_tests(posterior_of(a1, bayesian_run, recordings, Priors().holding("accelerometer_drift")))
     assert tests[0].row.name == "accelerometer_drift"
     assert tests[0].deviate > 5
 
 
-def test_without_fixed_rows_there_are_no_tests(a1, precise_run):
-    found = posterior_of(a1, precise_run, precise_run.recordings, Priors().all_open)
+def test_without_fixed_rows_there_are_no_tests(a1, bayesian_run):
+    found = posterior_of(a1, bayesian_run, bayesian_run.recordings, Priors().all_open)
     assert score_tests(found) == []
     check = check_of(found)
     assert check.passed
@@ -167,8 +167,8 @@ def test_deviates_under_the_prior_are_normal():
     assert score.deviate(0.05 * np.eye(2), np.ones(2), 0.1) == -np.inf
 
 
-def test_the_limit_is_the_false_alarm_probability_over_all_tests(a1, precise_run, monkeypatch):
-    found = posterior_of(a1, precise_run, precise_run.recordings, estimating())
+def test_the_limit_is_the_false_alarm_probability_over_all_tests(a1, bayesian_run, monkeypatch):
+    found = posterior_of(a1, bayesian_run, bayesian_run.recordings, estimating())
     tests = [test for test in score_tests(found) if test.deviate > -np.inf]
     share = len(tests) * (1 - NormalDist().cdf(tests[0].deviate))
     for chance, passed in ((0.9 * share, True), (1.1 * share, False)):

@@ -71,9 +71,9 @@ def calibrate_asking(platform, robot, method, asked):
     return None
 
 
-def test_a_robot_without_torque_sensors_is_not_compared(a1, precise_run):
-    silent = [replace(one, joints=replace(one.joints, torque=None)) for one in precise_run.recordings]
-    result = BayesianMethod(duration=60, mass=9.0).estimate(a1, silent, precise_run.stance)
+def test_a_robot_without_torque_sensors_is_not_compared(a1, bayesian_run):
+    silent = [replace(one, joints=replace(one.joints, torque=None)) for one in bayesian_run.recordings]
+    result = BayesianMethod(duration=60, mass=9.0).estimate(a1, silent, bayesian_run.stance)
     assert result.mass_comparison is None
     assert result.assumptions[0] == (
         "the given mass of 9 kg is right (standard deviation 0.045 kg): mass and inertia scale with it, and there are no "
@@ -82,10 +82,10 @@ def test_a_robot_without_torque_sensors_is_not_compared(a1, precise_run):
 
 
 @pytest.fixture(scope="module")
-def confirmed(a1, precise_run):
+def confirmed(a1, bayesian_run):
     """Return the result of a robot of 13.96 kg with a confirmed mass of 10 kg."""
     return BayesianMethod(duration=60, mass=10.0, confirm_mass=True).estimate(
-        a1, precise_run.recordings, precise_run.stance
+        a1, bayesian_run.recordings, bayesian_run.stance
     )
 
 
@@ -110,28 +110,28 @@ def test_both_masses_are_kept_with_the_result(confirmed, tmp_path):
     assert confirmed.to_dict()["mass_comparison"]["disagrees"] is True
 
 
-def test_the_right_mass_is_not_doubtful(a1, precise_run):
-    mass = precise_run.truth.composite.mass
-    result = BayesianMethod(duration=60, mass=mass).estimate(a1, precise_run.recordings, precise_run.stance)
+def test_the_right_mass_is_not_doubtful(a1, bayesian_run):
+    mass = bayesian_run.truth.composite.mass
+    result = BayesianMethod(duration=60, mass=mass).estimate(a1, bayesian_run.recordings, bayesian_run.stance)
     assert result.trustworthy
     assert not result.mass_comparison.disagrees
     assert doubt_message(result) == ""
 
 
-def test_without_a_given_mass_there_is_no_comparison(precise_run):
-    assert precise_run.result.mass_comparison is None
-    assert not any("given mass" in assumption for assumption in precise_run.result.assumptions)
+def test_without_a_given_mass_there_is_no_comparison(bayesian_run):
+    assert bayesian_run.result.mass_comparison is None
+    assert not any("given mass" in assumption for assumption in bayesian_run.result.assumptions)
 
 
-def known_with_scale(robot, precise_run, mass):
+def known_with_scale(robot, bayesian_run, mass):
     method = BayesianMethod(duration=60, mass=mass, confirm_mass=True)
-    result = method.estimate(robot, precise_run.recordings, precise_run.stance)
+    result = method.estimate(robot, bayesian_run.recordings, bayesian_run.stance)
     return PriorRun.of(result.evidence.posterior, result.settings, "runs/last")
 
 
-def test_torque_constants_of_a_weighed_run_narrow_the_limit(a1, precise_run):
-    known = known_with_scale(a1, precise_run, precise_run.truth.composite.mass)
-    compared, mass = comparisons(a1, "realistic", precise_run.seed, "lying", known=known)
+def test_torque_constants_of_a_weighed_run_narrow_the_limit(a1, bayesian_run):
+    known = known_with_scale(a1, bayesian_run, bayesian_run.truth.composite.mass)
+    compared, mass = comparisons(a1, "realistic", bayesian_run.seed, "lying", known=known)
     assert compared.limit == 0.05
     assert not compared.disagrees
     assert "with the torque constants of runs/last" in compared.message
@@ -139,21 +139,21 @@ def test_torque_constants_of_a_weighed_run_narrow_the_limit(a1, precise_run):
     assert not replace(compared, given=1.08 * mass, limit=0.15).disagrees
 
 
-def test_torque_constants_of_a_run_without_a_scale_do_not_narrow_the_limit(a1, precise_run):
-    known = PriorRun.of(precise_run.result.evidence.posterior, precise_run.result.settings, "runs/last")
-    compared, _ = comparisons(a1, "realistic", precise_run.seed, known=known)
+def test_torque_constants_of_a_run_without_a_scale_do_not_narrow_the_limit(a1, bayesian_run):
+    known = PriorRun.of(bayesian_run.result.evidence.posterior, bayesian_run.result.settings, "runs/last")
+    compared, _ = comparisons(a1, "realistic", bayesian_run.seed, known=known)
     assert compared.limit == 0.15
 
 
-def test_torque_constants_from_a_confirmed_mass_are_used(a1, precise_run):
+def test_torque_constants_from_a_confirmed_mass_are_used(a1, bayesian_run):
     """With a correct scale and torque constants 28 % off, one confirmation is enough."""
-    known = known_with_scale(a1, precise_run, 10.0)
-    compared, mass = comparisons(a1, "realistic", precise_run.seed, known=known)
+    known = known_with_scale(a1, bayesian_run, 10.0)
+    compared, mass = comparisons(a1, "realistic", bayesian_run.seed, known=known)
     assert compared.from_torques == pytest.approx(mass * 10.0 / 13.96, rel=0.05)
 
 
-def test_a_payload_measured_with_a_wrong_mass_is_doubtful_in_its_answer(a1, precise_run):
-    known = known_with_scale(a1, precise_run, precise_run.truth.composite.mass)
+def test_a_payload_measured_with_a_wrong_mass_is_doubtful_in_its_answer(a1, bayesian_run):
+    known = known_with_scale(a1, bayesian_run, bayesian_run.truth.composite.mass)
     method = BayesianMethod(prior_run=known, duration=26)
     with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
         recordings = perform(simulation.platform, a1, method).recordings

@@ -66,15 +66,15 @@ def bench(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def few(a1, precise_run):
+def few(a1, bayesian_run):
     """Return the first motions of a run, for a faster estimate."""
-    return read_motions(a1, precise_run.stance, precise_run.recordings)[:8]
+    return read_motions(a1, bayesian_run.stance, bayesian_run.recordings)[:8]
 
 
 @pytest.mark.usefixtures("bench")
-def test_an_additional_row_is_estimated_reported_and_written(a1, precise_run, tmp_path):
-    settings = replace(precise_run.settings, priors=TwoAccelerometers())
-    result = estimate(a1, precise_run.recordings, settings)
+def test_an_additional_row_is_estimated_reported_and_written(a1, bayesian_run, tmp_path):
+    settings = replace(bayesian_run.settings, priors=TwoAccelerometers())
+    result = estimate(a1, bayesian_run.recordings, settings)
     found = {finding.name: finding for finding in result.sensors}
     for axis, more in zip("xyz", MORE, strict=True):
         first, second = found[f"accelerometer bias {axis}"], found[f"second accelerometer bias {axis}"]
@@ -93,17 +93,17 @@ def test_an_additional_row_is_estimated_reported_and_written(a1, precise_run, tm
 
 
 @pytest.mark.usefixtures("bench")
-def test_a_row_determines_if_the_sensor_check_tests_it(a1, precise_run, few):
+def test_a_row_determines_if_the_sensor_check_tests_it(a1, bayesian_run, few):
     for prior, passed in ((0.2, True), (0.05, False)):
-        found = estimate_posterior(a1, precise_run.stance, few, TwoAccelerometers(second_bias=prior))
+        found = estimate_posterior(a1, bayesian_run.stance, few, TwoAccelerometers(second_bias=prior))
         check = next(check for check in run_checks(found) if check.name == "sensor errors")
         assert check.passed == passed
         assert ("second accelerometer bias x" in check.message) or passed
 
 
 @pytest.mark.usefixtures("bench")
-def test_a_row_determines_the_common_part_of_two_runs(a1, precise_run, few):
-    runs = estimate_two_runs(a1, precise_run.stance, (few, few), TwoAccelerometers())
+def test_a_row_determines_the_common_part_of_two_runs(a1, bayesian_run, few):
+    runs = estimate_two_runs(a1, bayesian_run.stance, (few, few), TwoAccelerometers())
     unknowns, size = runs.unknowns, runs.unknowns.size
     change = np.hstack([-np.eye(size), np.eye(size)])
     std = np.sqrt(np.diag(change @ runs.covariance @ change.T))
@@ -111,8 +111,8 @@ def test_a_row_determines_the_common_part_of_two_runs(a1, precise_run, few):
     assert (std[unknowns["joint_offset"]] < 1e-6).all()
 
 
-def test_a_row_without_an_equation_is_not_reported(a1, precise_run, few):
-    found = estimate_posterior(a1, precise_run.stance, few, TwoAccelerometers())
+def test_a_row_without_an_equation_is_not_reported(a1, bayesian_run, few):
+    found = estimate_posterior(a1, bayesian_run.stance, few, TwoAccelerometers())
     assert "second_bias" not in found.informed
     np.testing.assert_allclose(found.unknowns.value(found.x, "second_bias"), 0, atol=1e-12)
     np.testing.assert_allclose(found.std("second_bias"), 0.2)
@@ -121,14 +121,14 @@ def test_a_row_without_an_equation_is_not_reported(a1, precise_run, few):
 # --- what holds for every row
 
 
-def test_equations_depend_on_the_rows_that_they_list(a1, precise_run, few):
+def test_equations_depend_on_the_rows_that_they_list(a1, bayesian_run, few):
     """They get no other value."""
     legs, rotation, values = LegChains(a1), np.array(a1.imu_in_base.rotation), model_values(a1)
     lifts = [motion.lift for motion in few if motion.lift is not None]
     moves = [move for motion in few for move in motion.of(StanceMotion)]
     moves[-1] = replace(moves[-1], heading=np.pi)
     _, _, by_y, _ = TiltInvariant(a1, legs, lifts).linearise(values, model_parameters(a1))
-    _, by_rows = StanceMotionRows(legs, rotation, precise_run.stance, moves).linearise(values)
+    _, by_rows = StanceMotionRows(legs, rotation, bayesian_run.stance, moves).linearise(values)
     for equation, by in ((TiltInvariant, by_y), (StanceMotionRows, by_rows)):
         assert set(by) - {"inertial"} == set(equation.DEPENDS_ON)
         assert all((np.abs(part) > 1e-9).any() for part in by.values())
@@ -148,21 +148,21 @@ def test_every_row_is_complete(a1, row):
         assert all(row.message(labels[0], sign * 0.1, 0.01) for sign in (-1, 1))
 
 
-def test_every_row_enters_an_equation(a1, precise_run, few):
-    found = estimate_posterior(a1, precise_run.stance, few)
+def test_every_row_enters_an_equation(a1, bayesian_run, few):
+    found = estimate_posterior(a1, bayesian_run.stance, few)
     assert found.informed == {"base", *(row.name for row in Priors.rows())}
 
 
 @pytest.fixture(scope="module")
-def opened(a1, precise_run, few):
+def opened(a1, bayesian_run, few):
     """Return the posterior of a run without fixed rows."""
-    return estimate_posterior(a1, precise_run.stance, few, Priors().all_open, rounds=0)
+    return estimate_posterior(a1, bayesian_run.stance, few, Priors().all_open, rounds=0)
 
 
 @pytest.mark.parametrize("row", Priors.rows(), ids=lambda row: row.name)
-def test_any_row_can_be_fixed(a1, precise_run, few, opened, row):
+def test_any_row_can_be_fixed(a1, bayesian_run, few, opened, row):
     """The estimate works without it and has no finding about it."""
-    held = estimate_posterior(a1, precise_run.stance, few, Priors().all_open.holding(row.name), rounds=0)
+    held = estimate_posterior(a1, bayesian_run.stance, few, Priors().all_open.holding(row.name), rounds=0)
     assert len(held.x) == len(opened.x) - len(row.each.labels(a1))
     assert not held.unknowns.values(held.x)[row.name].any()
     names, all_names = ({finding.name for finding in sensor_findings(found)} for found in (held, opened))

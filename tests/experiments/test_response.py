@@ -180,12 +180,12 @@ def test_a_run_with_a_turned_imu_is_estimated_again_with_the_orientation_found(a
     assert f" {test.message}." in frame_message(stored)
 
 
-def test_a_resumed_run_keeps_the_orientation_of_its_trials(a1, tmp_path, precise_run):
-    method = precise_run.settings
+def test_a_resumed_run_keeps_the_orientation_of_its_trials(a1, tmp_path, bayesian_run):
+    method = bayesian_run.settings
     passed = ResponseTest(0, ("roll", "pitch", "yaw"), 0.01, (0.0, 0.0, 1.5), 0.01, (0.0, 0.0, 0.0), True)
     folder = RunFolder.create(tmp_path / "run", a1, method, {"time": "now"})
     folder.save_response(passed)
-    folder.keep(precise_run.recordings[0])
+    folder.keep(bayesian_run.recordings[0])
     folder.close()
     folder, content = RunFolder.resume(tmp_path / "run", repeats=False)
     assert len(content.recordings) == 1

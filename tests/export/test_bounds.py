@@ -22,7 +22,7 @@ def displaced(result, com):
     """Return a result whose composite has another CoM, as after an edit of its file."""
     body = result.composite.parameters()
     moved = InertialParameters(body.mass, np.array(com, dtype=float), body.inertia)
-    return dataclasses.replace(result, composite=Body.known(moved, model=result.nominal.composite))
+    return dataclasses.replace(result, composite=Body.complete(moved, model=result.nominal.composite))
 
 
 @pytest.mark.parametrize("name", [name for name, row in FORMATS.items() if row.bodies and name not in ("mjcf", "usd")])
@@ -101,6 +101,6 @@ def test_an_edited_result_is_refused_by_the_command(a1, tmp_path, capsys):
 def test_the_written_base_is_the_composite_minus_the_models_legs(a1):
     result = found(a1)
     far = InertialParameters(5.0, np.array([0.5, 0.5, 0.5]), np.eye(3))
-    edited = dataclasses.replace(result, base=Body.known(far, model=result.nominal.base))
+    edited = dataclasses.replace(result, base=Body.complete(far, model=result.nominal.base))
     written, usual = (json.loads(export(one, "json").text)["base"] for one in (edited, result))
     assert written["com_in_base"] == usual["com_in_base"]

@@ -32,7 +32,7 @@ CONTENTS = {
     "Isaac Lab's event terms cannot hold the base's inertia",
     **dict.fromkeys(("yaml", "json"), BOTH),
     **dict.fromkeys(
-        ("toml", "zeros", "c-header", "ros2", "unitree-yaml", "holosoma"),
+        ("toml", "joint-offsets", "c-header", "ros2", "unitree-yaml", "holosoma"),
         "written of base and composite: no mass, CoM or inertia",
     ),
 }

@@ -114,12 +114,12 @@ def test_only_bodies_that_a_format_needs_must_be_identified(a1):
 @pytest.mark.parametrize("force", [False, True])
 def test_bodies_that_a_method_does_not_estimate_are_refused(name, force, result):
     paper = dataclasses.replace(
-        result, method="paper", composite=Body.partly(com_in_base=(0.01, 0.0, None)), base=Body.partly()
+        result, method="paper", composite=Body.partial(com_in_base=(0.01, 0.0, None)), base=Body.partial()
     )
     with pytest.raises(NotEstimatedError) as error:
         export(paper, name, force=force)
     assert "this calibration does not estimate mass, inertia, com_in_base." in str(error.value)
-    assert str(error.value).endswith("calibrate with --method bayesian")
+    assert str(error.value).endswith("use --method bayesian, with base in --parameters")
 
 
 def test_a_base_with_negative_mass_is_refused(a1):
@@ -127,7 +127,7 @@ def test_a_base_with_negative_mass_is_refused(a1):
     missing = InertialParameters(5.0, np.array([0.0, 0.0, 0.1]), 0.05 * np.eye(3))
     light = InertialParameters.from_vector(result.nominal.composite.vector - missing.vector)
     with pytest.raises(NotEstimatedError) as error:
-        export(dataclasses.replace(result, composite=Body.known(light, model=result.nominal.composite)), "xacro")
+        export(dataclasses.replace(result, composite=Body.complete(light, model=result.nominal.composite)), "xacro")
     assert str(error.value).startswith("base link 'trunk', minus the model's legs, would have a mass of -0.286")
 
 
@@ -139,7 +139,7 @@ def test_a_base_with_negative_mass_is_refused(a1):
         (
             "yaml",
             {"file": "a.yaml"},
-            "--file: format yaml does not edit a file; paste its output into tools of your own",
+            "--file: format yaml edits no file; omit --file, and use its output for tools of your own",
         ),
         ("xacro", {"payload_link": True}, "--add-payload-link: format xacro has no links; use urdf, mjcf, sdf"),
         (
@@ -161,7 +161,7 @@ def test_arguments_that_a_format_does_not_take_are_refused(name, options, messag
 
 def test_base_and_the_models_legs_make_the_composite(result, base):
     adjusted = dataclasses.replace(base, mass=base.mass + 0.05)  # with legs that are 50 g lighter than the model's
-    other = dataclasses.replace(result, base=Body.known(adjusted, model=result.nominal.base))
+    other = dataclasses.replace(result, base=Body.complete(adjusted, model=result.nominal.base))
     written = json.loads(export(other, "json").text)["base"]
     assert written["mass"] == pytest.approx(base.mass, rel=1e-12)
 

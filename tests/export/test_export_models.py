@@ -360,7 +360,7 @@ def test_an_unphysical_link_is_refused(text, tmp_path):
 def within(result, half_width):
     """Return the result with intervals of this half-width."""
     found, variance = result.composite, (half_width / NORMAL_95) ** 2
-    known = Body.known(found.parameters(), variance * np.eye(10), np.full(10, np.inf), found.model)
+    known = Body.complete(found.parameters(), variance * np.eye(10), np.full(10, np.inf), found.model)
     return dataclasses.replace(result, composite=known)
 
 

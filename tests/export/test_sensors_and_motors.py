@@ -54,7 +54,7 @@ def test_toml_has_values_stds_and_verdicts(result):
     assert (table["run"], table["model"]["sha256"]) == ("runs/a1", result.model["sha256"])
     zero = table["sensors"]["joint_offset"]
     assert (zero["unit"], zero["meaning"]) == ("rad", "encoder reading less joint position")
-    assert zero["value"][CALF] == values(result, "zero")[CALF] == -3.5e-3
+    assert zero["value"][CALF] == values(result, "offset")[CALF] == -3.5e-3
     assert (zero["std"][CALF], zero["verdict"][CALF], zero["verdict"][THIGH]) == (3e-4, "identified", "weak")
     assert table["sensors"]["imu_tilt"]["value"] == {"roll": -0.004, "pitch": 0.002, "yaw": 0.007}
     assert table["sensors"]["clock_offset"]["value"] == {"imu": -1.25e-3}
@@ -81,8 +81,8 @@ def test_yaml_of_ros_of_unitree_and_of_joint_offsets(result, a1):
     offsets = dict(zip(lists["joint_names"], lists["joint_offset"], strict=True))
     assert (offsets[HIP], offsets[CALF]) == (0.0, -3.5e-3)  # the hip's is not identified
     assert lists["imu_tilt"] == [-0.004, 0.002, 0.007]
-    zeros = yaml.safe_load(export(result, "zeros").text)
-    assert zeros == {joint: zero for joint, zero in values(result, "zero").items() if joint != HIP}
+    zeros = yaml.safe_load(export(result, "joint-offsets").text)
+    assert zeros == {joint: zero for joint, zero in values(result, "offset").items() if joint != HIP}
     with pytest.raises(SettingsError, match="name the run folder"):
         export(dataclasses.replace(result, robot_model=None), "unitree-yaml")
 
@@ -103,7 +103,7 @@ def test_the_c_header_compiles_as_c_and_as_cpp(result, tmp_path):
         subprocess.run(command, cwd=tmp_path, check=True)
         name, zeros, gains, tilt = subprocess.check_output(tmp_path / "program", text=True).splitlines()
         assert name == THIGH
-        assert [float(word) for word in zeros.split()] == [0.0, *list(values(result, "zero").values())[1:]]
+        assert [float(word) for word in zeros.split()] == [0.0, *list(values(result, "offset").values())[1:]]
         assert [float(word) for word in gains.split()] == [
             0.0,
             0.0,
@@ -133,7 +133,7 @@ def test_mjlab_adds_the_bias_to_the_position_and_counts_delays_in_steps(result):
 
 def test_isaaclab_takes_dictionaries_by_joint_and_one_delay(result):
     names = python_names(export(result, "isaaclab", parameters="all").text)
-    assert names["JOINT_ZERO"][CALF] == pytest.approx((-3.5e-3 - 1.96 * 3e-4, -3.5e-3 + 1.96 * 3e-4))
+    assert names["JOINT_OFFSET"][CALF] == pytest.approx((-3.5e-3 - 1.96 * 3e-4, -3.5e-3 + 1.96 * 3e-4))
     fields = names["actuator"](0.001)
     assert fields["friction"] == fields["dynamic_friction"] == values(result, "coulomb_friction")
     assert fields["viscous_friction"] == values(result, "viscous_friction")
@@ -298,7 +298,7 @@ def test_names_cannot_inject_code(result, name):
     assert python_names(export(hostile, "mjlab", parameters="all").text)["ARMATURE"] == {name: 0.0102}
     header = export(hostile, "c-header").text
     assert all(" " <= letter <= "~" or letter == "\n" for letter in header.split("equipoise_joint_names")[1])
-    assert yaml.safe_load(export(hostile, "zeros").text) == {name: 1e-3}
+    assert yaml.safe_load(export(hostile, "joint-offsets").text) == {name: 1e-3}
 
 
 def test_the_command_line_names_the_omitted_values(a1, tmp_path, capsys):

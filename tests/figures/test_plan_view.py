@@ -12,8 +12,8 @@ from equipoise.robot.model import DIAGONALS
 
 
 @pytest.fixture(scope="module")
-def precise(precise_run):
-    return precise_run.result.with_truth(precise_run.truth)
+def bayesian(bayesian_run):
+    return bayesian_run.result.with_truth(bayesian_run.truth)
 
 
 @pytest.fixture(scope="module")
@@ -48,10 +48,10 @@ def test_a_piece_of_a_line_is_around_its_point_nearest_to_a_place():
     np.testing.assert_allclose((start + end) / 2, line.nearest_to(place))
 
 
-def test_the_planes_of_the_lifts_pass_near_the_com(precise):
-    lifts = lift_planes(precise)
-    assert len(lifts) == sum(motion.lift is not None for motion in precise.evidence.posterior.motions)
-    com = precise.composite.com_in_base.values
+def test_the_planes_of_the_lifts_pass_near_the_com(bayesian):
+    lifts = lift_planes(bayesian)
+    assert len(lifts) == sum(motion.lift is not None for motion in bayesian.evidence.posterior.motions)
+    com = bayesian.composite.com_in_base.values
     assert np.median([abs(lift.plane.distance_to(com)) for lift in lifts]) < 3e-3
 
 
@@ -68,8 +68,8 @@ def test_the_papers_lifts_have_their_verdicts_and_grow_more_solid(paper):
         np.testing.assert_allclose(line.nearest_to(view.found[0].position), view.found[0].position, atol=1e-9)
 
 
-def test_a_method_that_finds_no_lines_has_those_through_the_feet(precise):
-    view = plan_view({"a1": precise}, lift_planes(precise))
+def test_a_method_that_finds_no_lines_has_those_through_the_feet(bayesian):
+    view = plan_view({"a1": bayesian}, lift_planes(bayesian))
     assert not view.balanced
     at = view.outline.feet
     for line in view.support_lines:
@@ -85,8 +85,8 @@ def test_an_error_of_many_centimetres_stays_in_the_close_up(paper):
         assert np.abs(mark.position - view.centre).max() < view.half_width
 
 
-def test_of_several_results_only_the_coms_are_compared(precise, paper):
-    view = plan_view({"before": precise, "after": paper})
+def test_of_several_results_only_the_coms_are_compared(bayesian, paper):
+    view = plan_view({"before": bayesian, "after": paper})
     assert [(mark.kind, mark.label) for mark in view.marks] == [("found", "before"), ("found", "after")]
     assert [mark.ellipse is None for mark in view.marks] == [False, True]
     assert view.lifts == ()

@@ -44,7 +44,7 @@ def test_before_anything_moves_the_base_is_upright(a1, checks, hold):
     with pytest.raises(FallError) as caught:
         look(checks.at_rest, hold, leaning(a1, 0.36))
     assert str(caught.value) == (
-        "the base leans by 21 deg before the first command: the robot has fallen, or the IMU is mounted turned: "
+        "the base leans by 21 deg before the first command. If the robot has fallen, set it upright. If the IMU is rotated: "
         "--imu-rpy 0.000 0.360 0.000 (imu_rpy in a robot description) brings gravity upright; it leaves yaw open"
     )
 

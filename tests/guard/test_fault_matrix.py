@@ -78,11 +78,8 @@ CASES = [
     *(Case("delay", phase, SensorError, "out of order|are repeated") for phase in ("move", "watch")),
     *(Case("overheat", phase, HealthError, "motor of joint 'FL_calf_joint' is at 90 deg C") for phase in PHASES),
     *(Case("empty battery", phase, HealthError, "battery charge is 8%") for phase in ("move", "watch")),
-    *(Case("remote damp", phase, StopRequestedError, "requested to damp the robot") for phase in ("move", "watch")),
-    *(
-        Case("remote lie down", phase, StopRequestedError, "requested to lower the robot")
-        for phase in ("move", "watch")
-    ),
+    *(Case("remote damp", phase, StopRequestedError, "asked to damp the robot") for phase in ("move", "watch")),
+    *(Case("remote lie down", phase, StopRequestedError, "asked to lower the robot") for phase in ("move", "watch")),
     *(Case("lose torque", phase, FALLS, "FL_calf_joint|falling") for phase in ("stand", "move", "watch")),
     *(
         Case("freeze encoder", phase, SensorError, "encoder of joint 'FL_calf_joint' is frozen")

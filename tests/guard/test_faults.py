@@ -403,7 +403,7 @@ def test_a_payload_that_moves_is_named_with_when_and_by_how_much(a1, run):
     half = len(run.recordings) // 2
     weighed = replace(SETTINGS, mass=run.truth.mass)  # else it looks like another mass too
     moved, _ = recorded(a1, payload=MOVED_PAYLOAD)
-    message = failed(estimate(a1, [*run.recordings[:half], *moved[half:]], weighed))["split-half consistency"]
+    message = failed(estimate(a1, [*run.recordings[:half], *moved[half:]], weighed))["change during the run"]
     found = re.match(r"from motion (\d+) on, CoM x differs by ([+-][\d.]+) m", message)
     assert int(found.group(1)) == pytest.approx(half, abs=3)
     assert float(found.group(2)) == pytest.approx(-0.07 * 1.0 / run.truth.mass, abs=2.5e-3)
@@ -482,7 +482,7 @@ def test_leaving_a_motion_out_shifts_the_estimate_as_estimating_without_it(a1, r
         others = [m for m in evidence if m.index != motion]
         again = estimate_posterior(a1, stance, others)
         moved = components(again.robot_body) - components(posterior.robot_body)
-        # Noise levels are found anew, which moves all by a little.
+        # Noise levels are estimated again, which shifts all values slightly.
         assert (np.abs(shift - moved) < 0.6 * np.sqrt(np.diag(posterior.robot_covariance))).all()
 
 

@@ -1,4 +1,4 @@
-"""The guard over a simulated robot: whatever happens, and whatever fails meanwhile, the robot is put down and let go of."""
+"""The guard over a simulated robot: after any fault the robot is put down and released."""
 
 import re
 from dataclasses import replace
@@ -300,7 +300,7 @@ def turned(state):
         ),
         (
             turned, FallError,
-            r"the base leans by \d\d deg before the first command: the robot has fallen, or the IMU is mounted turned: ",
+            r"the base leans by \d\d deg before the first command. If the robot has fallen, set it upright. If the IMU is ",
         ),
         (
             lambda state: replace(state, acceleration_in_imu=0 * state.acceleration_in_imu),

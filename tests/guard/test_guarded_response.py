@@ -1,4 +1,4 @@
-"""The response test under the guard, which it must not trip; and an IMU that is mounted turned."""
+"""The response test under the guard, which it must not trip; and an IMU that is rotated."""
 
 import numpy as np
 import pytest

@@ -389,16 +389,16 @@ class Robot:
 def taken_over(platform, robot, sent, standing=None):
     loop = RobotLoop(platform, robot)
     loop.tick()
-    loop.context = CheckContext(loop.state, sent, sent, standing or sent, loop._up)
+    loop.context = CheckContext(loop.state, sent, sent, standing or sent, loop._tilt_filter)
     return loop
 
 
-def put_down(platform, robot, sent, sound=True, standing=None, urgent=False, tilt=None):
+def put_down(platform, robot, sent, controllable=True, standing=None, urgent=False, tilt=None):
     """The steps of the ending of a robot that was sent somewhere last."""
     loop = taken_over(platform, robot, sent, standing)
     if tilt is not None:
         loop.context.up = SimpleNamespace(tilt=tilt, lean=lambda floor: 0.0, update=lambda sample: None)
-    loop.end(None if sound else FallError("it falls"), urgent, sound)
+    loop.end(None if controllable else FallError("it falls"), urgent, controllable)
     while not loop.over:
         loop.tick()
     return loop.ending.done[:-1]
@@ -440,7 +440,7 @@ def test_it_is_damped_until_it_is_at_rest(a1, stance, home, speed, lies, seconds
     there = lying_posture(a1, stance)[0] if lies else home
     platform = Robot(a1, lambda count: there + speed * min(count, 6000) * PERIOD * (np.arange(12) == KNEE))
     robot = replace(a1, upper_limit=a1.upper_limit + 10)
-    done = put_down(platform, robot, JointCommand(there), sound=False)
+    done = put_down(platform, robot, JointCommand(there), controllable=False)
     assert duration(platform, is_damped) == pytest.approx(seconds, abs=0.12)
     assert done == ["damped" if speed < 0.06 else f"damping commands were sent; {NOT_CONFIRMED}"]
 
@@ -448,7 +448,7 @@ def test_it_is_damped_until_it_is_at_rest(a1, stance, home, speed, lies, seconds
 @pytest.mark.parametrize(("moved", "seconds"), [(0.09, 4.05), (0.13, 1.5)])
 def test_a_stiff_robot_whose_joints_have_not_given_way_is_damped_longer(a1, home, moved, seconds):
     platform = Robot(a1, lambda count: home + moved * min(count / 300, 1) * (np.arange(12) == THIGH))
-    assert put_down(platform, a1, JointCommand(home), sound=False) == ["damped"]
+    assert put_down(platform, a1, JointCommand(home), controllable=False) == ["damped"]
     assert duration(platform, is_damped) == pytest.approx(seconds, abs=0.1)
 
 
@@ -458,7 +458,7 @@ def test_a_robot_that_is_silent_confirms_nothing(a1, stance, gap, confirmed):
     lying, _ = lying_posture(a1, stance)
     begins = round(1.5 / PERIOD) - gap
     platform = Robot(a1, lambda count: lying, lambda count: count > begins)
-    done = put_down(platform, a1, JointCommand(lying), sound=False)
+    done = put_down(platform, a1, JointCommand(lying), controllable=False)
     assert done == ["damped" if confirmed else f"damping commands were sent; {NOT_CONFIRMED}"]
     assert duration(platform, is_damped) == pytest.approx(1.5 if confirmed else 4.05, abs=0.1)
 
@@ -501,7 +501,7 @@ def test_lowering_keeps_to_half_of_the_joints_speeds(a1, home):
 @pytest.mark.parametrize(("tilt", "lowered"), [(0.97, True), (1.05, False)])
 def test_a_robot_that_cannot_be_damped_is_lowered_unless_it_has_fallen(a1, home, tilt, lowered):
     platform = Robot(a1, None, accepts=frozenset()).follow(home)
-    done = put_down(platform, a1, JointCommand(home), sound=False, tilt=tilt)
+    done = put_down(platform, a1, JointCommand(home), controllable=False, tilt=tilt)
     assert done == [*["lowered"] * lowered, "left to its own controller"]
 
 

@@ -73,7 +73,7 @@ def commanded(platform, robot, limits=None, count=1000):
     loop = RobotLoop(platform, robot, limits)
     loop.tick()
     hold = JointCommand(loop.state.joint_position)
-    loop.context = CheckContext(loop.state, hold, hold, hold, loop._up)
+    loop.context = CheckContext(loop.state, hold, hold, hold, loop._tilt_filter)
     loop.move(MotionOrder(1, Trajectory(np.repeat(hold.position[None], count, axis=0))))
     return loop
 
@@ -127,7 +127,7 @@ def test_of_several_faults_in_motion_one_is_named_and_only_the_robots_own_ends_s
     message, kind, _ = IN_MOTION[first]
     assert type(loop.trouble) is kind
     assert message in str(loop.trouble)
-    assert loop.ending.unsound == (kind is not HealthError)
+    assert loop.ending.unchecked == (kind is not HealthError)
 
 
 def test_a_command_that_is_refused_is_not_sent_and_the_robot_is_lowered(a1):
@@ -138,7 +138,7 @@ def test_a_command_that_is_refused_is_not_sent_and_the_robot_is_lowered(a1):
     assert loop.tick().target is None
     assert str(loop.trouble).startswith("the target of joint 'FL_thigh_joint' jumps by")
     assert platform.sent == []
-    assert not loop.ending.unsound
+    assert not loop.ending.unchecked
     loop.tick()
     assert loop.ending.done == ["lowered"]
 
@@ -162,7 +162,7 @@ def test_sensors_that_stop_are_noticed(a1, moves, error, message):
         loop.tick()
     assert type(loop.trouble) is error
     assert str(loop.trouble).startswith(message)
-    assert loop.ending.unsound
+    assert loop.ending.unchecked
     assert len(platform.sent) < 110
 
 
@@ -308,7 +308,7 @@ def test_a_bus_that_fails_while_a_robot_is_damped_confirms_nothing(a1):
     """The last samples before showed a robot at rest."""
     platform = Robot(a1, sound(a1))
     loop = commanded(platform, a1)
-    loop.end(FallError("it falls"), sound=False)
+    loop.end(FallError("it falls"), controllable=False)
     for _ in range(300):
         loop.tick()
 
@@ -337,8 +337,8 @@ def test_the_remote_control_is_obeyed_also_while_a_hot_motor_is_lowered(a1, requ
     assert isinstance(loop.trouble, HealthError if hot else StopRequestedError)
     assert is_damped(loop._upcoming) == (request_ == "damp")
     run(loop)
-    stopped = f"lowered, stopped: the remote control requested to {'damp' if request_ == 'damp' else 'lower'} the robot"
-    expected = [f"{stopped}: the run was ended", "damped"] if hot and request_ == "damp" else done
+    stopped = f"lowered, stopped: the run ended because the remote control asked to {'damp' if request_ == 'damp' else 'lower'} the robot"
+    expected = [stopped, "damped"] if hot and request_ == "damp" else done
     assert loop.ending.done == [*expected, "released"]
 
 

@@ -1,4 +1,4 @@
-"""A joint that answers is never called stuck, wherever the windows begin that are looked at; one that does not is."""
+"""A joint that follows is never called stuck, whatever the start of the windows; one that does not follow is."""
 
 import numpy as np
 import pytest

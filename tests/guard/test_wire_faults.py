@@ -122,7 +122,7 @@ def test_the_space_bar_damps_the_robot(a1):
     with standing(a1) as (remote, emulator, *_):
         pressed = time.monotonic()
         remote.stop("damp")
-        with pytest.raises(StopRequestedError, match="the operator requested to damp the robot"):
+        with pytest.raises(StopRequestedError, match="the operator asked to damp the robot"):
             lift(remote, a1, watch=1.0)
         assert next(e["at"] for e in emulator.log if e.get("mode") == "damped" and e["at"] > pressed) - pressed < 0.05
         assert remote.report().ending == ("damped", "released")

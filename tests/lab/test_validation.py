@@ -36,14 +36,14 @@ def tilt(robot, base=None):
 
 
 @pytest.fixture(scope="module")
-def validation(precise_run):
-    return validate(precise_run.result)
+def validation(bayesian_run):
+    return validate(bayesian_run.result)
 
 
 @pytest.fixture(scope="module")
-def run(a1, precise_run, tmp_path_factory):
-    with RunFolder.create(tmp_path_factory.mktemp("runs") / "run", a1, precise_run.settings, {}) as folder:
-        for recording in precise_run.recordings:
+def run(a1, bayesian_run, tmp_path_factory):
+    with RunFolder.create(tmp_path_factory.mktemp("runs") / "run", a1, bayesian_run.settings, {}) as folder:
+        for recording in bayesian_run.recordings:
             folder.keep(recording)
     return folder.path
 
@@ -55,10 +55,10 @@ def test_the_estimated_body_tips_as_the_robot_and_the_model_files_does_not(valid
     assert max(validation.joint_errors.values()) < 2e-3
 
 
-def test_the_true_body_tips_as_the_robot(precise_run):
+def test_the_true_body_tips_as_the_robot(bayesian_run):
     """The remaining error is from the model file's legs."""
-    result, truth = precise_run.result, precise_run.truth.composite
-    true = replace(result, composite=Body.known(truth, np.eye(10), np.ones(10), result.nominal.composite))
+    result, truth = bayesian_run.result, bayesian_run.truth.composite
+    true = replace(result, composite=Body.complete(truth, np.eye(10), np.ones(10), result.nominal.composite))
     validation = validate(result, {"truth": true})
     assert 1000 * validation.error("truth") < 1.5
     assert validation.error("truth") < validation.error(MODEL) / 4
@@ -85,25 +85,25 @@ def test_joints_between_samples_are_interpolated_by_cubics():
     np.testing.assert_allclose(velocity[:, 0], cubic.deriv()(between), atol=1e-11)
 
 
-def test_other_bodies_are_replayed_as_well(a1, precise_run):
-    validation = validate(precise_run.result, {"again": precise_run.result, "file": a1})
+def test_other_bodies_are_replayed_as_well(a1, bayesian_run):
+    validation = validate(bayesian_run.result, {"again": bayesian_run.result, "file": a1})
     assert validation.error("again") == validation.error(FOUND)
     assert validation.error("file") == validation.error(MODEL)
     assert validation.to_dict()["bodies"]["file"]["ratio"] == validation.ratio(MODEL)
 
 
-def test_other_robots_raise_an_error(a1, a1_urdf, precise_run, tmp_path):
+def test_other_robots_raise_an_error(a1, a1_urdf, bayesian_run, tmp_path):
     other = load_text(tmp_path, a1_urdf.replace("FL_calf_joint", "FL_shank_joint"))
     with pytest.raises(SettingsError, match="--against other: its leg joints differ from those of 'unitree_a1': FL"):
-        validate(precise_run.result, {"other": other})
-    moved = replace(precise_run.result, model={**precise_run.result.model, "sha256": "0"})
+        validate(bayesian_run.result, {"other": other})
+    moved = replace(bayesian_run.result, model={**bayesian_run.result.model, "sha256": "0"})
     with pytest.raises(SettingsError, match="--against run: it is a result of 'unitree_a1' with another model file"):
-        validate(precise_run.result, {"run": moved})
+        validate(bayesian_run.result, {"run": moved})
 
 
-def test_a_result_without_recordings_raises_an_error(precise_run):
+def test_a_result_without_recordings_raises_an_error(bayesian_run):
     with pytest.raises(NotEstimatedError, match="has no lift to replay; validate needs a run or log with lifts"):
-        validate(replace(precise_run.result, evidence=None))
+        validate(replace(bayesian_run.result, evidence=None))
 
 
 def test_the_verb_writes_numbers_and_page_into_the_run(run, validation, capsys):

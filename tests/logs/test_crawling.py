@@ -67,7 +67,9 @@ def test_torques_of_a_crawl_determine_the_planar_com(a1, crawled, found):
 
 
 def test_limitations_of_a_crawl_are_reported(found):
-    assert "The robot crawls, on three feet at least: the CoM's height" in " ".join(found.report.limitations)
+    assert "The robot crawls with at least three feet on the floor: the CoM's height" in " ".join(
+        found.report.limitations
+    )
     assert found.result.composite.com_in_base.z.verdict == "not identified"
 
 
@@ -84,7 +86,7 @@ def test_torques_that_do_not_carry_the_robot_are_not_used(a1, stance, crawled, f
     wrong = replace(log, joints=replace(log.joints, torque=factor * log.joints.torque))
     crawls = [one for one in find_segments(a1, stance, wrong) if one.kind == "crawl"]
     assert crawls
-    assert all(message in one.why_not for one in crawls)
+    assert all(message in one.reason_unused for one in crawls)
 
 
 def test_a_crawl_needs_no_rest(a1, stance, crawled):

@@ -26,9 +26,9 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 
 @pytest.fixture(scope="module")
-def log(precise_run):
+def log(bayesian_run):
     """All that a calibration of 40 s recorded, without its events."""
-    return as_log(precise_run.recordings)
+    return as_log(bayesian_run.recordings)
 
 
 # Their torque constant is known, as by default it is not: else torques do not determine the mass.
@@ -63,22 +63,22 @@ def agrees(result, truth):
     return z
 
 
-def test_a_log_without_events_agrees_with_the_run(found, precise_run):
-    agrees(found.result, precise_run.truth)
-    own_off, own_deviations = errors(precise_run.result, precise_run.truth)
-    off, stds = errors(found.result, precise_run.truth)
+def test_a_log_without_events_agrees_with_the_run(found, bayesian_run):
+    agrees(found.result, bayesian_run.truth)
+    own_off, own_deviations = errors(bayesian_run.result, bayesian_run.truth)
+    off, stds = errors(found.result, bayesian_run.truth)
     assert (stds < 1.3 * own_deviations).all()
     assert np.abs(off - own_off)[1:4].max() < 1e-3  # [m] of the centre of mass
     assert found.result.trustworthy
     used = [one for one in found.report.segments if one.kind == "lift" and one.used]
-    assert len(used) >= sum(isinstance(one.trial, LiftTrial) for one in precise_run.recordings) - 2
+    assert len(used) >= sum(isinstance(one.trial, LiftTrial) for one in bayesian_run.recordings) - 2
 
 
 def test_the_estimates_verdict_is_on_the_segment(found):
     for trial, one in zip(
         found.result.trials, [one for one in found.report.segments if one.recording is not None], strict=True
     ):
-        assert trial.note == one.why_not
+        assert trial.note == one.reason_unused
 
 
 @pytest.mark.parametrize(
@@ -91,31 +91,31 @@ def test_the_estimates_verdict_is_on_the_segment(found):
     }.items(),
     ids=lambda item: item[0],
 )
-def test_other_rates_starts_and_gaps(a1, log, precise_run, change):
+def test_other_rates_starts_and_gaps(a1, log, bayesian_run, change):
     name, make = change
     other = estimated(a1, make(log), leg_prior="narrow", cable="none")
-    agrees(other.result, precise_run.truth)
-    off, _ = errors(other.result, precise_run.truth)
+    agrees(other.result, bayesian_run.truth)
+    off, _ = errors(other.result, bayesian_run.truth)
     assert np.abs(off[1:4]).max() < 3e-3
     messages = " ".join(finding.message for finding in other.report.findings)
-    late = re.search(r"the IMU's stamps are (\d+) ms late against the joints'", messages)
+    late = re.search(r"the IMU's time stamps are (\d+) ms late relative to the joints'", messages)
     assert (late is not None) == (name == "late start and clock")
     assert late is None or abs(int(late.group(1)) - 40) <= 5  # [ms]: the resolution of the legs
     assert (sum(one.kind == "gap" for one in other.report.segments) == 2) == (name == "gaps")
 
 
-def test_a_slower_log_has_a_larger_std_and_a_finding(a1, log, found, precise_run):
+def test_a_slower_log_has_a_larger_std_and_a_finding(a1, log, found, bayesian_run):
     before = found.result.composite.stds
     for step, rate in ((5, 100), (10, 50)):
         slower = estimated(a1, replace(log, joints=every(log.joints, step), imu=every(log.imu, step)))
-        agrees(slower.result, precise_run.truth)
+        agrees(slower.result, bayesian_run.truth)
         assert np.linalg.norm(slower.result.composite.stds[1:4]) > np.linalg.norm(before[1:4])
         before = slower.result.composite.stds
         messages = " ".join(finding.message for finding in slower.report.findings)
         assert (f"come at {rate} Hz; a lift lasts half a second" in messages) == (rate == 50)
 
 
-def test_an_orientation_in_place_of_the_gyroscope_has_a_larger_std(a1, log, found, precise_run):
+def test_an_orientation_in_place_of_the_gyroscope_has_a_larger_std(a1, log, found, bayesian_run):
     """The orientation is that of a filter that relies on the gyroscope."""
     turned = attitudes(log.imu.time, log.imu.angular_velocity_in_imu)
     level, _ = Rotation.align_vectors([[0, 0, 1]], log.imu.acceleration_in_imu[:1])
@@ -126,47 +126,47 @@ def test_an_orientation_in_place_of_the_gyroscope_has_a_larger_std(a1, log, foun
         RawImu(log.imu.time, None, log.imu.acceleration_in_imu, quaternions),
     )
     fused = estimate_log(a1, assemble(a1, raw), BayesianMethod())
-    agrees(fused.result, precise_run.truth)
+    agrees(fused.result, bayesian_run.truth)
     assert (fused.result.composite.stds[1:4] > found.result.composite.stds[1:4]).all()
     assert any("derived from the fused orientation" in finding.message for finding in fused.report.findings)
 
 
-def test_without_lifts_torques_determine_little(a1, log, found, precise_run):
+def test_without_lifts_torques_determine_little(a1, log, found, bayesian_run):
     lifts = [one for one in found.report.segments if one.kind == "lift"]
     for one in lifts:
         log = replace(log, imu=without(log.imu, one.start, one.end), joints=without(log.joints, one.start, one.end))
     other = estimated(a1, log, priors=KNOWN_MOTORS)
-    agrees(other.result, precise_run.truth)
+    agrees(other.result, bayesian_run.truth)
     verdicts = verdicts_of(other)
     assert verdicts["mass"] == "doubtful"  # only torques determine it, which is a failed check
-    assert other.result.composite.mass.std < 0.03 * precise_run.truth.composite.mass  # a tenth of its prior
+    assert other.result.composite.mass.std < 0.03 * bayesian_run.truth.composite.mass  # a tenth of its prior
     assert verdicts["Ixx"] == verdicts["Izz"] == "not identified"
     assert other.report.limitations[0].startswith("There is no lift of two diagonal feet after a rest")
     assert other.report.limitations[-1].startswith("Not identified by this log: Ixx, Iyy, Izz")
     assert not other.result.trustworthy
 
 
-def test_standing_alone_determines_the_mass(a1, precise_run):
-    with simulate(a1, "realistic", seed=precise_run.seed, payload="1.5,0.05,-0.02,0.06") as simulation:
-        standing, _ = stand_up(simulation.platform, a1, precise_run.stance)
+def test_standing_alone_determines_the_mass(a1, bayesian_run):
+    with simulate(a1, "realistic", seed=bayesian_run.seed, payload="1.5,0.05,-0.02,0.06") as simulation:
+        standing, _ = stand_up(simulation.platform, a1, bayesian_run.stance)
         standing.play(standing.motion().hold(4.0))
         log = as_log([standing.finish()])
     other, unsure = estimated(a1, log, priors=KNOWN_MOTORS), estimated(a1, log)
     for one in (other, unsure):
-        agrees(one.result, precise_run.truth)
+        agrees(one.result, bayesian_run.truth)
         assert {segment.kind for segment in one.report.segments} == {"rest"}
     verdicts = verdicts_of(other)
     assert verdicts["mass"] == "doubtful"  # without lifts
-    assert other.result.composite.mass.std < 0.15 * precise_run.truth.composite.mass  # half of its prior
+    assert other.result.composite.mass.std < 0.15 * bayesian_run.truth.composite.mass  # half of its prior
     assert verdicts_of(unsure)["mass"] == "not identified"  # their torque constant is unknown
     assert verdicts["com_z"] == verdicts["Iyy"] == "not identified"
     assert any("no stance motion" in message for message in other.report.limitations)
 
 
-def test_without_torques_the_scales_mass_counts(a1, log, precise_run):
+def test_without_torques_the_scales_mass_counts(a1, log, bayesian_run):
     silent = replace(log, joints=replace(log.joints, torque=None))
-    without_scale, with_scale = estimated(a1, silent), estimated(a1, silent, mass=precise_run.truth.composite.mass)
-    agrees(with_scale.result, precise_run.truth)
+    without_scale, with_scale = estimated(a1, silent), estimated(a1, silent, mass=bayesian_run.truth.composite.mass)
+    agrees(with_scale.result, bayesian_run.truth)
     assert any("no joint torques and no --mass" in message for message in without_scale.report.limitations)
     assert not any("--mass" in message for message in with_scale.report.limitations)
     spread = [one.result.composite.inertia.Iyy.std for one in (without_scale, with_scale)]
@@ -176,7 +176,7 @@ def test_without_torques_the_scales_mass_counts(a1, log, precise_run):
 def test_a_log_without_anything_usable_shows_what_it_holds(a1, log, found):
     lift = next(one for one in found.report.segments if one.kind == "lift")
     moving = log.between(lift.start + 0.3, lift.end - 0.1)
-    with pytest.raises(LogError, match=r"nothing in the log can be used. It holds motion: no rest in it") as raised:
+    with pytest.raises(LogError, match=r"nothing in the log can be used. It contains motion: no rest in it") as raised:
         estimated(a1, moving)
     assert [one.kind for one in raised.value.report.segments] == ["motion"]
     assert raised.value.details["log"]["segments"][0]["used"] is False
@@ -222,7 +222,7 @@ def first_thigh(values):
 def test_a_log_of_another_robot_does_not_pass(skewed, a1, log):
     """Other legs under the same names."""
     renamed = Recording(skewed.joint_names, log.joints, log.imu)
-    with pytest.raises((RecordingError, MotionError)):  # its IMU is not askew either
+    with pytest.raises((RecordingError, MotionError)):  # nor is its IMU rotated
         estimated(skewed, renamed)
 
 
@@ -246,7 +246,7 @@ def bag(log, tmp_path_factory):
 QUANTITIES = ("position", "velocity", "torque")
 
 
-def test_a_foreign_bag_from_the_command_line(bag, precise_run, tmp_path, capsys):
+def test_a_foreign_bag_from_the_command_line(bag, bayesian_run, tmp_path, capsys):
     out = tmp_path / "found.json"
     known = ["--leg-prior", "narrow", "--cable", "none"]
     assert main(["estimate", str(bag), "--robot", "unitree_a1", *known, "--out", str(out)]) == 0
@@ -260,7 +260,7 @@ def test_a_foreign_bag_from_the_command_line(bag, precise_run, tmp_path, capsys)
     assert "3D view" in (tmp_path / "found.html").read_text(encoding="utf-8")
     saved = json.loads(out.read_text())
     assert saved["provenance"]["log"] == str(bag)
-    truth = precise_run.truth.composite
+    truth = bayesian_run.truth.composite
     found = saved["composite"]["com_in_base"]
     np.testing.assert_allclose(found[:2], truth.com[:2], atol=2e-3)
     std = saved["composite"]["uncertainty"]["intervals"]["com_z"]["std"]
@@ -277,7 +277,7 @@ def test_json_is_one_object_with_the_logs_section(log, a1, tmp_path, capsys):
     result = json.loads(capsys.readouterr().out)
     assert result["composite"]["mass"] == pytest.approx(13.9, abs=0.3)
     assert result["log"]["joints"]["FL_hip_joint"] == {"log": "FL_hip_joint", "how": "same name"}
-    assert {"start", "end", "kind", "what", "used", "why_not"} == set(result["log"]["segments"][0])
+    assert {"start", "end", "kind", "what", "used", "reason_unused"} == set(result["log"]["segments"][0])
     assert result["log"]["segments"][-1]["end"] < 30.1
 
 
@@ -287,7 +287,7 @@ def test_an_error_of_a_log_is_an_object_with_its_pieces(log, found, tmp_path, ca
     assert main(["estimate", str(path), "--robot", "unitree_a1", "--json"]) == 5
     error = json.loads(capsys.readouterr().out)["error"]
     assert error["type"] == "LogError"
-    assert error["log"]["segments"][0]["why_not"].startswith("no rest in it")
+    assert error["log"]["segments"][0]["reason_unused"].startswith("no rest in it")
     assert main(["estimate", str(path), "--robot", "unitree_a1"]) == 5
     shown = capsys.readouterr()
     assert "no rest in it" in shown.out
@@ -310,14 +310,14 @@ def test_a_joint_map_from_the_command_line(bag, tmp_path, capsys):
     assert "gives 'elbow' for FL_hip_joint; the log's joints are" in capsys.readouterr().err
 
 
-def test_an_equipoise_run_is_read_as_before(precise_run, a1, tmp_path, capsys):
+def test_an_equipoise_run_is_read_as_before(bayesian_run, a1, tmp_path, capsys):
     from equipoise.calibration.run_folder import RunFolder  # noqa: PLC0415
 
-    settings = precise_run.settings
+    settings = bayesian_run.settings
     with RunFolder.create(tmp_path / "run", a1, settings, {}) as folder:
-        for recording in precise_run.recordings:
+        for recording in bayesian_run.recordings:
             folder.keep(recording)
     assert main(["estimate", str(folder.path), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert "log" not in result
-    assert result["composite"]["mass"] == pytest.approx(precise_run.result.composite.mass.value)
+    assert result["composite"]["mass"] == pytest.approx(bayesian_run.result.composite.mass.value)

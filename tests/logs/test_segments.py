@@ -112,8 +112,8 @@ def test_every_piece_of_an_outing_is_named(a1, stance, outing):
         assert abs(one.start - outing.began[what]) < 0.3
     trot = found_at(segments, outing.began["trot"]).recording.trial.steps
     assert {step.pair for step in trot} == {*DIAGONALS}
-    assert "no two feet stand alone for long" in found_at(segments, outing.began["pace"]).why_not
-    lying = [one for one in segments if one.why_not and "it lies" in one.why_not]
+    assert "no two feet stand alone for long" in found_at(segments, outing.began["pace"]).reason_unused
+    lying = [one for one in segments if one.reason_unused and "it lies" in one.reason_unused]
     assert all(one.kind == "rest" for one in lying)
 
 
@@ -135,28 +135,28 @@ def test_a_lift_found_is_the_lift_that_was_made(a1, stance, outing):
     assert one.recording.complete
 
 
-def test_all_lifts_and_postures_of_a_calibration_are_found(a1, precise_run):
-    segments = find_segments(a1, precise_run.stance, as_log(precise_run.recordings))
+def test_all_lifts_and_postures_of_a_calibration_are_found(a1, bayesian_run):
+    segments = find_segments(a1, bayesian_run.stance, as_log(bayesian_run.recordings))
     # Feet that are replanted before a move are off the floor for a moment: who reads a log takes that for a lift.
-    moved = [one.joints.time[[0, -1]] for one in precise_run.recordings if isinstance(one.trial, PostureTrial)]
+    moved = [one.joints.time[[0, -1]] for one in bayesian_run.recordings if isinstance(one.trial, PostureTrial)]
     steps = [one for one in segments if any(first <= one.start <= last for first, last in moved)]
     lifts = [one for one in segments if one.kind == "lift" and one not in steps]
-    ours = [one for one in precise_run.recordings if isinstance(one.trial, LiftTrial)]
+    ours = [one for one in bayesian_run.recordings if isinstance(one.trial, LiftTrial)]
     assert len(lifts) == len(ours)
     for found, made in zip(lifts, ours, strict=True):
         assert found.recording.trial.diagonal == made.trial.diagonal
         unload = next(event.time for event in made.events if event.data.get("name") == "unload")
         assert -0.05 < found.start - unload < 0.2
     moves = [one for one in segments if one.kind == "move" and one.used]
-    for made in (one for one in precise_run.recordings if isinstance(one.trial, PostureTrial)):
+    for made in (one for one in bayesian_run.recordings if isinstance(one.trial, PostureTrial)):
         start = next(event.time for event in made.events if event.data.get("name") == "move")
         assert min(abs(one.start - start) for one in moves) < 0.15
 
 
-def test_torques_of_a_rest_are_used_once(a1, precise_run):
+def test_torques_of_a_rest_are_used_once(a1, bayesian_run):
     spans = [
         recording.phase("rest").joints.time[[0, -1]]
-        for recording in usable(find_segments(a1, precise_run.stance, as_log(precise_run.recordings)))
+        for recording in usable(find_segments(a1, bayesian_run.stance, as_log(bayesian_run.recordings)))
         if recording.has_phase("rest") and recording.joints.torque is not None
     ]
     spans = sorted(map(tuple, spans))
@@ -235,24 +235,24 @@ def test_legs_that_are_folded_carry_no_robot(a1, stance):
     folded = inverse_kinematics(a1, stance.feet_in_base + [0, 0, 0.2], stance.joint_position)
     (rest,) = rests_of(a1, stance, still(a1, folded))
     assert rest.folded
-    assert rest.why_not == "the legs are folded: it lies, or hangs"
+    assert rest.reason_unused == "the legs are folded: it lies, or hangs"
 
 
 def test_a_raised_paw_is_not_a_rest_on_four_feet(a1, stance):
     feet = np.array(stance.feet_in_base)
     feet[1, 2] += 0.04
     (rest,) = rests_of(a1, stance, still(a1, inverse_kinematics(a1, feet, stance.joint_position)))
-    assert rest.why_not == "the feet are not on one plane: one is raised by some 40 mm"
+    assert rest.reason_unused == "the feet are not on one plane: one is raised by some 40 mm"
 
 
 def test_a_robot_that_hangs_carries_nothing(a1, stance):
     (rest,) = rests_of(a1, stance, still(a1, stance.joint_position, torque=np.full(12, 0.2)))
-    assert "the joint torques carry only" in rest.why_not
+    assert "the joint torques carry only" in rest.reason_unused
 
 
 def test_a_wall_is_not_a_floor(a1, stance):
     (rest,) = rests_of(a1, stance, still(a1, stance.joint_position, acceleration=(6.0, 0, 7.8)))
-    assert rest.why_not == "the plane of the feet leans by 38 deg against gravity"
+    assert rest.reason_unused == "the plane of the feet leans by 38 deg against gravity"
 
 
 def test_an_imu_upside_down_is_named_and_not_taken_for_a_fall(a1, stance):
@@ -273,7 +273,7 @@ def without_time(recording):
 def test_a_robot_that_never_stands_still(a1, stance, outing):
     walking = outing.log.between(outing.began["trot"] + 0.3, outing.began["trot"] + 1.2)
     (only,) = find_segments(a1, stance, walking)
-    assert only.why_not == "no rest in it: the robot never stands still on four feet"
+    assert only.reason_unused == "no rest in it: the robot never stands still on four feet"
 
 
 # --- what no move and no lift is
@@ -306,7 +306,7 @@ def test_feet_that_slide_apart_have_slipped(a1, stance):
     segments = find_segments(a1, stance, moving(a1, stance, lambda part: stance.feet_in_base + part * apart))
     (motion,) = [one for one in segments if one.kind != "rest"]
     assert motion.kind == "slip"
-    assert motion.why_not.startswith("feet slipped by 2")
+    assert motion.reason_unused.startswith("feet slipped by 2")
 
 
 def test_a_body_that_rises_on_four_feet_is_a_move(a1, stance):
@@ -314,7 +314,7 @@ def test_a_body_that_rises_on_four_feet_is_a_move(a1, stance):
         a1, stance, moving(a1, stance, lambda part: stance.feet_in_base - part * np.array([0, 0, 0.03]))
     )
     (motion,) = [one for one in segments if one.kind != "rest"]
-    assert (motion.kind, motion.why_not) == ("move", None)
+    assert (motion.kind, motion.reason_unused) == ("move", None)
     assert isinstance(motion.recording.trial, PostureTrial)
     for phase in ("before", "move", "rest"):
         assert motion.recording.has_phase(phase)
@@ -335,7 +335,7 @@ def test_two_diagonal_feet_that_leave_the_floor_are_a_lift_and_others_are_not(a1
         a1, stance, lambda part: stance.feet_in_base + np.sin(np.pi * part) * up + 0.001 * part, force=force
     )
     (motion,) = [one for one in find_segments(a1, stance, recording) if one.kind != "rest"]
-    assert (motion.kind, motion.why_not) == (kind, why)
+    assert (motion.kind, motion.reason_unused) == (kind, why)
 
 
 def test_feet_rise_with_the_rotation_of_the_gyroscope(a1, stance, legs):
@@ -353,16 +353,16 @@ def test_feet_rise_with_the_rotation_of_the_gyroscope(a1, stance, legs):
 
 
 @pytest.mark.parametrize("late", [0.0, 0.03, -0.2])
-def test_the_legs_determine_the_imu_clock_offset(a1, precise_run, late):
-    log = as_log(precise_run.recordings)
-    found = compare_gyroscope(a1, precise_run.stance, replace(log, imu=shifted(log.imu, late)))
+def test_the_legs_determine_the_imu_clock_offset(a1, bayesian_run, late):
+    log = as_log(bayesian_run.recordings)
+    found = compare_gyroscope(a1, bayesian_run.stance, replace(log, imu=shifted(log.imu, late)))
     assert found.agrees
     assert found.offset == pytest.approx(-late, abs=5e-3)
 
 
-def test_a_long_log_is_looked_at_until_there_is_enough_motion(a1, precise_run, stance):
+def test_a_long_log_is_looked_at_until_there_is_enough_motion(a1, bayesian_run, stance):
     """Three minutes of standing come first: more than one piece."""
-    log = as_log(precise_run.recordings)
+    log = as_log(bayesian_run.recordings)
     standing = still(a1, stance.joint_position, seconds=180.0)
     later = replace(
         log, joints=shifted(replace(log.joints, velocity=None, torque=None), 181.0), imu=shifted(log.imu, 181.02)
@@ -382,18 +382,18 @@ def test_a_long_log_is_looked_at_until_there_is_enough_motion(a1, precise_run, s
         (np.array([1, -1, 1]), "does its y have the wrong sign?"),
     ],
 )
-def test_a_gyroscope_in_other_units_or_signs_is_named(a1, precise_run, factor, question):
-    log = as_log(precise_run.recordings)
+def test_a_gyroscope_in_other_units_or_signs_is_named(a1, bayesian_run, factor, question):
+    log = as_log(bayesian_run.recordings)
     wrong = replace(log.imu, angular_velocity_in_imu=log.imu.angular_velocity_in_imu * factor)
     with pytest.raises(RecordingError) as raised:
-        compare_gyroscope(a1, precise_run.stance, replace(log, imu=wrong))
+        compare_gyroscope(a1, bayesian_run.stance, replace(log, imu=wrong))
     assert question in str(raised.value)
 
 
-def test_a_gyroscope_of_another_motion_does_not_agree(a1, precise_run):
-    log = as_log(precise_run.recordings)
+def test_a_gyroscope_of_another_motion_does_not_agree(a1, bayesian_run):
+    log = as_log(bayesian_run.recordings)
     backwards = replace(log.imu, angular_velocity_in_imu=log.imu.angular_velocity_in_imu[::-1])
-    assert not compare_gyroscope(a1, precise_run.stance, replace(log, imu=backwards)).agrees
+    assert not compare_gyroscope(a1, bayesian_run.stance, replace(log, imu=backwards)).agrees
 
 
 def test_a_standing_robot_does_not_determine_the_clock_offset(a1, stance):
@@ -403,8 +403,8 @@ def test_a_standing_robot_does_not_determine_the_clock_offset(a1, stance):
 # --- means, runs, oscillations
 
 
-def test_means_do_not_depend_on_rates(a1, precise_run):
-    log = as_log(precise_run.recordings)
+def test_means_do_not_depend_on_rates(a1, bayesian_run):
+    log = as_log(bayesian_run.recordings)
     mixed = replace(log, joints=every(log.joints, 5), imu=every(log.imu, 3))
     whole, thin = (Track.of(a1, one, 1.0) for one in (log, mixed))
     assert abs(len(whole.time) - len(thin.time)) <= 1

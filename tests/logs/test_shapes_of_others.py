@@ -363,7 +363,9 @@ def test_an_order_of_legs_that_the_gyroscope_contradicts_is_refused_with_both(a1
         columns |= {f"{word}[{at}]": whole[f"{quantity}.{name}"] for at, name in enumerate(in_order(a1, UNITREE))}
     path = write(tmp_path / "log.csv", columns)
     columns = Columns.from_text(proposal_for(a1, path), "it")
-    with pytest.raises(RecordingError, match=r"in the order FL FR RL RR, .* agrees .* in the order FR FL RR RL"):
+    with pytest.raises(
+        RecordingError, match=r"in the order of legs FL FR RL RR; .* agrees .* in the order FR FL RR RL"
+    ):
         estimate_log(a1, read_log(path, a1, columns=columns), BayesianMethod(mass=MASS))
 
 

@@ -1,4 +1,4 @@
-"""Runs that were interrupted, gone on with: in simulation, and as on a real robot."""
+"""Interrupted runs that are resumed: in simulation, and as on a real robot."""
 
 import dataclasses
 import itertools
@@ -155,7 +155,7 @@ def test_recordings_that_the_routine_does_not_request_again_are_reported(a1, tmp
 
 
 class RealRobot(SteppedRobot):
-    """Another robot each time that a program meets it, with a clock that goes on; it notes what it was sent."""
+    """A robot for each program that connects, with a clock that continues; it records the commands."""
 
     def __init__(self, a1, seed, clock):
         super().__init__(simulate(a1, "realistic", PAYLOAD, seed=seed, timestep=1e-3).platform)

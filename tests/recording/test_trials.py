@@ -24,7 +24,7 @@ TRIALS = {
         "replant move settle rest unload lift watch lower",
         CommandedLift(diagonal="FL_RR", offset=-0.03, lift_height=0.016, tilt_threshold=0.01),
     ),
-    "precise lift": (
+    "bayesian lift": (
         {
             "kind": "lift", "diagonal": "FR_RL", "side": 1, "turn": "yaw", "posture": LEANING, "offset": 0.0,
             "lift_height": 0.0246, "tilt_threshold": 0.01,
@@ -150,8 +150,8 @@ def test_a_trial_in_a_log_is_read_as_written(trial):
             "it lacks 'lift_height'",
         ),
         ({**TRIALS["paper lift"][0], "offset": "far"}, "offset is 'far'; it must be a number"),
-        ({**TRIALS["precise lift"][0], "turn": "about"}, "'about' is not a turn; those are roll, pitch, yaw"),
-        ({**TRIALS["precise lift"][0], "posture": 3}, "posture is 3; it must be a table"),
+        ({**TRIALS["bayesian lift"][0], "turn": "about"}, "'about' is not a turn; those are roll, pitch, yaw"),
+        ({**TRIALS["bayesian lift"][0], "posture": 3}, "posture is 3; it must be a table"),
         ({"kind": "excitation", "frequencies": {"x": 2.0}, "amplitude": 0.1}, "no axes are called x"),
         ({"kind": "posture", "posture": {"roll": None}}, "posture.roll is None; it must be a number"),
     ],

@@ -46,8 +46,8 @@ run_contents = functools.cache(page_contents.run_contents)  # a second for each 
 
 
 @pytest.fixture(scope="module")
-def precise(precise_run):
-    return precise_run.result.with_truth(precise_run.truth)
+def bayesian(bayesian_run):
+    return bayesian_run.result.with_truth(bayesian_run.truth)
 
 
 @pytest.fixture(scope="module")
@@ -88,8 +88,8 @@ def stored(text):
 # --- what is on it
 
 
-def test_a_precise_run_shows_all_parts(precise):
-    contents = run_contents(precise)
+def test_a_bayesian_run_shows_all_parts(bayesian):
+    contents = run_contents(bayesian)
     assert titles(contents) == [
         "Held-out lifts", "Trials", "3D view", "Residuals", "Sensors", "Uncertainty", "Next steps",
         "Other bodies", "Checks", "Provenance",
@@ -106,8 +106,8 @@ def test_a_precise_run_shows_all_parts(precise):
     assert len(contents.first[0].rows) == 10
 
 
-def test_the_notes_state_frame_point_axes_and_stance(precise):
-    frame, *_ = legend(run_contents(precise))
+def test_the_notes_state_frame_point_axes_and_stance(bayesian):
+    frame, *_ = legend(run_contents(bayesian))
     assert frame == (
         "CoM from the origin of base link 'trunk', x forward, z up; inertia about the CoM, in the same axes; standing with "
         "its hips 0.320 m high. IMU: frame 'imu_link', at 0.0 0.0 0.0 mm in the base frame. Of 20 intervals one is "
@@ -115,22 +115,22 @@ def test_the_notes_state_frame_point_axes_and_stance(precise):
     )
 
 
-def test_a_failed_check_takes_the_headline(precise):
-    checks = (dataclasses.replace(precise.checks[0], passed=False), *precise.checks[1:])
-    failed = dataclasses.replace(precise, checks=checks, composite=precise.composite.doubted())
+def test_a_failed_check_takes_the_headline(bayesian):
+    checks = (dataclasses.replace(bayesian.checks[0], passed=False), *bayesian.checks[1:])
+    failed = dataclasses.replace(bayesian, checks=checks, composite=bayesian.composite.doubted())
     assert run_contents(failed).lead.startswith(f"Doubtful: 1 of {len(checks)} checks failed. Estimated mass: ")
     assert "doubtful: a check failed" in legend(run_contents(failed))[1]
-    assert "Doubtful" not in run_contents(precise).lead
+    assert "Doubtful" not in run_contents(bayesian).lead
 
 
-def test_logarithmic_axes_read_one_two_five_ten(precise):
-    axis = figure_called(run_contents(precise), "Convergence of the centre of mass").layout["yaxis"]
+def test_logarithmic_axes_read_one_two_five_ten(bayesian):
+    axis = figure_called(run_contents(bayesian), "Convergence of the centre of mass").layout["yaxis"]
     assert {"1", "2", "5", "10", "20"} <= set(axis["ticktext"])
     assert axis["tickvals"] == [float(tick) for tick in axis["ticktext"]]
 
 
-def test_missing_settings_are_shown_as_not_given(precise):
-    given = precise.with_provenance(payload=None)
+def test_missing_settings_are_shown_as_not_given(bayesian):
+    given = bayesian.with_provenance(payload=None)
     rows = {row[0]: row[1] for block in blocks(run_contents(given), DataTable) for row in block.rows if len(row) == 2}
     assert (rows["payload"], rows["mass"]) == ("none", "not given")
 
@@ -163,35 +163,35 @@ def test_the_static_method_omits_parameters_without_estimate(static):
     assert feet["text"] == ["FL", "FR", "RL", "RR"]
 
 
-def test_a_report_from_json(precise, tmp_path):
-    precise.save(tmp_path / "result.json")
+def test_a_report_from_json(bayesian, tmp_path):
+    bayesian.save(tmp_path / "result.json")
     contents = run_contents(Calibration.load(tmp_path / "result.json"))
     assert titles(contents) == [
         "Held-out lifts", "Trials", "Residuals", "Sensors", "Uncertainty", "Other bodies", "Checks", "Provenance",
     ]  # fmt: skip
-    assert contents.first[0] == run_contents(precise).first[0]
+    assert contents.first[0] == run_contents(bayesian).first[0]
     assert [block.title for block in contents.first if isinstance(block, Figure)] == ["Around the centre of mass"]
 
 
-def test_the_lead_states_the_change_from_the_model(precise, precise_run, a1):
-    settings = dataclasses.replace(precise_run.settings, mass=precise_run.truth.composite.mass)
-    weighed = settings.estimate(a1, precise_run.recordings, precise_run.stance)
+def test_the_lead_states_the_change_from_the_model(bayesian, bayesian_run, a1):
+    settings = dataclasses.replace(bayesian_run.settings, mass=bayesian_run.truth.composite.mass)
+    weighed = settings.estimate(a1, bayesian_run.recordings, bayesian_run.stance)
     change = weighed.composite.mass.value - weighed.nominal.composite.mass
     assert change > 1
     assert f"{change:.2f} kg more than in the model file" in run_contents(weighed).lead
-    same = dataclasses.replace(precise, composite=precise.composite.with_model(precise.truth.composite))
+    same = dataclasses.replace(bayesian, composite=bayesian.composite.with_model(bayesian.truth.composite))
     assert "agrees with the model file within the interval" in run_contents(same).lead
 
 
-def test_the_lead_states_assumptions(precise):
-    assert "Assumed" not in run_contents(dataclasses.replace(precise, assumptions=())).lead
-    assumed = dataclasses.replace(precise, assumptions=("no cable pulls", "the legs are light"))
+def test_the_lead_states_assumptions(bayesian):
+    assert "Assumed" not in run_contents(dataclasses.replace(bayesian, assumptions=())).lead
+    assumed = dataclasses.replace(bayesian, assumptions=("no cable pulls", "the legs are light"))
     assert run_contents(assumed).lead.endswith(" Assumed: no cable pulls; the legs are light.")
 
 
-def test_alerts_are_failed_checks_or_warnings(precise, paper):
-    failed = dataclasses.replace(precise.checks[0], passed=False)
-    contents = run_contents(dataclasses.replace(precise, checks=(failed,), warnings=("unused",)))
+def test_alerts_are_failed_checks_or_warnings(bayesian, paper):
+    failed = dataclasses.replace(bayesian.checks[0], passed=False)
+    contents = run_contents(dataclasses.replace(bayesian, checks=(failed,), warnings=("unused",)))
     assert contents.alerts == [(f"Check failed: {failed.name}", failed.message)]
     contents = run_contents(dataclasses.replace(paper, warnings=("the legs sag",)))
     assert contents.alerts == [("Warning", "the legs sag")]
@@ -200,17 +200,17 @@ def test_alerts_are_failed_checks_or_warnings(precise, paper):
 # --- the numbers
 
 
-def test_numbers_are_the_results_in_the_terminals_units(precise):
-    mass, com_x, *_ = numbers(precise)
-    found = precise.composite.com_in_base.x
+def test_numbers_are_the_results_in_the_terminals_units(bayesian):
+    mass, com_x, *_ = numbers(bayesian)
+    found = bayesian.composite.com_in_base.x
     assert (com_x.label, com_x.quantity.verdict) == ("CoM x [mm]", found.verdict)
     assert com_x.quantity.half_width == pytest.approx(1960 * found.std)
-    assert com_x.quantity.error == pytest.approx(1000 * (found.value - precise.truth.composite.com[0]))
-    assert mass.quantity.change == pytest.approx(precise.composite.mass.value - precise.nominal.composite.mass)
+    assert com_x.quantity.error == pytest.approx(1000 * (found.value - bayesian.truth.composite.com[0]))
+    assert mass.quantity.change == pytest.approx(bayesian.composite.mass.value - bayesian.nominal.composite.mass)
 
 
-def test_a_bar_keeps_the_order_of_its_values(precise):
-    for one in numbers(precise):
+def test_a_bar_keeps_the_order_of_its_values(bayesian):
+    for one in numbers(bayesian):
         places = bar_places(one.quantity)
         assert 0 <= places["lower"] < places["found"] < places["upper"] <= 1
         for kind in ("model", "truth"):
@@ -274,8 +274,8 @@ def test_a_tilt_curve_ends_at_the_tilt_of_its_trial(paper):
         assert angle[-1] == pytest.approx(trial.tilt, abs=0.1 * abs(trial.tilt) + 2e-3)
 
 
-def test_intervals_narrow_to_the_final_ones(precise):
-    posterior = precise.evidence.posterior
+def test_intervals_narrow_to_the_final_ones(bayesian):
+    posterior = bayesian.evidence.posterior
     path = stds_by_motion(posterior, [motion.index for motion in posterior.motions])
     assert np.all(np.diff(path, axis=0) <= 1e-9 * path[0])
     np.testing.assert_allclose(path[-1], np.sqrt(np.diag(posterior.robot_covariance)), rtol=1e-6)
@@ -309,27 +309,27 @@ def test_excitation_notes_are_listed(paper):
     assert {f"roll: {skipped}", f"pitch: {doubt}"} <= set(notes)
 
 
-def test_every_estimated_motion_has_a_normalized_residual(precise):
-    normalized_residuals = figure_called(run_contents(precise), "Residual of each motion")
-    read = [number for number, trial in enumerate(precise.trials, start=1) if trial.normalized_residual is not None]
+def test_every_estimated_motion_has_a_normalized_residual(bayesian):
+    normalized_residuals = figure_called(run_contents(bayesian), "Residual of each motion")
+    read = [number for number, trial in enumerate(bayesian.trials, start=1) if trial.normalized_residual is not None]
     assert sorted(number for bars in normalized_residuals.data for number in bars["x"]) == read
 
 
-def test_hollow_bars_are_explained(precise):
-    figure = figure_called(run_contents(precise), "Residual of each motion")
-    assert all(trial.note is None for trial in precise.trials if trial.normalized_residual is not None)
+def test_hollow_bars_are_explained(bayesian):
+    figure = figure_called(run_contents(bayesian), "Residual of each motion")
+    assert all(trial.note is None for trial in bayesian.trials if trial.normalized_residual is not None)
     assert "Hollow" not in figure.caption
-    index = next(index for index, trial in enumerate(precise.trials) if trial.normalized_residual is not None)
-    left_out = dataclasses.replace(precise.trials[index], note="left out: it does not fit the others")
-    trials = (*precise.trials[:index], left_out, *precise.trials[index + 1 :])
-    figure = figure_called(run_contents(dataclasses.replace(precise, trials=trials)), "Residual of each motion")
+    index = next(index for index, trial in enumerate(bayesian.trials) if trial.normalized_residual is not None)
+    left_out = dataclasses.replace(bayesian.trials[index], note="left out: it does not fit the others")
+    trials = (*bayesian.trials[:index], left_out, *bayesian.trials[index + 1 :])
+    figure = figure_called(run_contents(dataclasses.replace(bayesian, trials=trials)), "Residual of each motion")
     assert figure.caption.endswith("Hollow bars: motions excluded from the estimate.")
     fills = [fill for bars in figure.data for fill in bars["marker"]["color"]]
     assert fills.count("rgba(0,0,0,0)") == 1
 
 
-def test_hatching_is_of_kinds_of_motions_alone(precise):
-    contents = run_contents(precise)
+def test_hatching_is_of_kinds_of_motions_alone(bayesian):
+    contents = run_contents(bayesian)
     bars = figure_called(contents, "Residual of each motion").data
     patterns = {trace["name"]: trace["marker"]["pattern"]["shape"] for trace in bars}
     assert patterns == {"lift": "", "stance motion": "/"}
@@ -337,79 +337,79 @@ def test_hatching_is_of_kinds_of_motions_alone(precise):
     assert not any("pattern" in trace.get("marker", {}) for figure in others for trace in figure.data)
 
 
-def test_caption_explains_the_level_of_stance_motions(precise):
-    caption = figure_called(run_contents(precise), "Residual of each motion").caption
+def test_caption_explains_the_level_of_stance_motions(bayesian):
+    caption = figure_called(run_contents(bayesian), "Residual of each motion").caption
     assert "Stance motions: the expected noise is a fixed allowance" in caption
-    lifts = tuple(trial for trial in precise.trials if trial.kind == "lift")
-    alone = run_contents(dataclasses.replace(precise, trials=lifts))
+    lifts = tuple(trial for trial in bayesian.trials if trial.kind == "lift")
+    alone = run_contents(dataclasses.replace(bayesian, trials=lifts))
     assert figure_called(alone, "Residual of each motion").caption == "1: the residual equals the expected noise."
 
 
 # --- sensors and checks
 
 
-def test_angles_and_positions_have_axes_of_their_own(precise):
-    contents = run_contents(precise)
+def test_angles_and_positions_have_axes_of_their_own(bayesian):
+    contents = run_contents(bayesian)
     angles, position = (figure_called(contents, name) for name in ("Joint offsets and IMU orientation", "IMU position"))
     assert [figure.layout["xaxis"]["title"]["text"] for figure in (angles, position)] == ["error [deg]", "error [mm]"]
-    found = {finding.name: finding.value for finding in precise.sensors}
+    found = {finding.name: finding.value for finding in bayesian.sensors}
     assert not any("position" in name for name in angles.data[0]["y"])
     names = [name.removeprefix("<b>").removesuffix("</b>") for name in position.data[0]["y"]]
     assert sorted(names) == ["IMU position x", "IMU position y", "IMU position z"]
     assert position.data[0]["x"] == short(1000 * found[name] for name in names)
 
 
-def test_significant_sensor_errors_are_bold(precise):
+def test_significant_sensor_errors_are_bold(bayesian):
     other = dataclasses.replace(
-        precise.sensors[0], name="servo_hl_0 offset", value=0.2, std=0.01, significant=True, unit="rad"
+        bayesian.sensors[0], name="servo_hl_0 offset", value=0.2, std=0.01, significant=True, unit="rad"
     )
     changed = dataclasses.replace(
-        precise, sensors=(other, dataclasses.replace(other, name="servo_hl_1 offset", significant=False))
+        bayesian, sensors=(other, dataclasses.replace(other, name="servo_hl_1 offset", significant=False))
     )
     figure = figure_called(run_contents(changed), "Joint offsets and IMU orientation")
     assert figure.data[0]["y"] == ["servo_hl_1 offset", "<b>servo_hl_0 offset</b>"]
     assert figure.caption.endswith("Bold: significant errors; correct them.")
 
 
-def test_a_passed_check_reads_as_passed(precise):
-    passed = {check.name: check.message for check in precise.checks if check.passed}
+def test_a_passed_check_reads_as_passed(bayesian):
+    passed = {check.name: check.message for check in bayesian.checks if check.passed}
     assert len(passed) > 10
     assert not [message for message in passed.values() if re.search(r"\bwould\b|elsewhere|seems", message)]
 
 
-def test_the_caption_has_the_digits_of_the_table(precise):
+def test_the_caption_has_the_digits_of_the_table(bayesian):
     close_up = next(
-        block for block in run_contents(precise).first if getattr(block, "title", "") == "Around the centre of mass"
+        block for block in run_contents(bayesian).first if getattr(block, "title", "") == "Around the centre of mass"
     )
-    x, y = (str(number) for number in numbers(precise)[1:3])
+    x, y = (str(number) for number in numbers(bayesian)[1:3])
     assert close_up.caption.startswith(f"estimate x {x}, y {y} mm; ")
 
 
 # --- next steps
 
 
-def test_more_evidence_never_widens_an_interval(precise):
-    seen = outlook(precise, precise.robot_model, precise.evidence.posterior)
+def test_more_evidence_never_widens_an_interval(bayesian):
+    seen = outlook(bayesian, bayesian.robot_model, bayesian.evidence.posterior)
     now, with_scale, more, both = seen.intervals.values()
     assert np.all(with_scale <= now)
     assert np.all(more <= now)
     assert np.all(both <= np.minimum(with_scale, more) * (1 + 0.3))  # another plan may choose otherwise
-    assert with_scale[0] <= 1.96 * 0.005 * precise.composite.mass.value
-    np.testing.assert_allclose(now, 1.96 * precise.composite.stds)
+    assert with_scale[0] <= 1.96 * 0.005 * bayesian.composite.mass.value
+    np.testing.assert_allclose(now, 1.96 * bayesian.composite.stds)
     assert seen.motions
 
 
-def test_a_weighed_robot_gets_no_advice_to_weigh_it(precise):
-    settings = {**precise.settings, "mass": 13.9}
-    seen = outlook(dataclasses.replace(precise, settings=settings), precise.robot_model, precise.evidence.posterior)
+def test_a_weighed_robot_gets_no_advice_to_weigh_it(bayesian):
+    settings = {**bayesian.settings, "mass": 13.9}
+    seen = outlook(dataclasses.replace(bayesian, settings=settings), bayesian.robot_model, bayesian.evidence.posterior)
     assert len(seen.intervals) == 2
 
 
 # --- the file
 
 
-def test_the_page_is_one_small_file_that_names_no_other(precise, tmp_path):
-    path = save_report(precise, tmp_path)
+def test_the_page_is_one_small_file_that_names_no_other(bayesian, tmp_path):
+    path = save_report(bayesian, tmp_path)
     text = path.read_text(encoding="utf-8")
     assert path == tmp_path / "report.html"
     assert path.stat().st_size < LARGEST
@@ -420,8 +420,8 @@ def test_the_page_is_one_small_file_that_names_no_other(precise, tmp_path):
     assert "default-src 'none'" in ours
 
 
-def test_the_page_holds_every_figure_and_every_row(precise):
-    contents = run_contents(precise)
+def test_the_page_holds_every_figure_and_every_row(bayesian):
+    contents = run_contents(bayesian)
     text = page(contents)
     first = [block for block in contents.first if isinstance(block, Figure)]
     assert [data for data, _ in stored(text)] == [figure.data for figure in (*first, *blocks(contents, Figure))]
@@ -458,45 +458,45 @@ def test_the_package_that_is_built_has_the_page(tmp_path):
 # --- comparing
 
 
-def test_the_close_up_contains_all_ellipses(precise):
-    wide = dataclasses.replace(precise.composite, covariance=16 * precise.composite.covariance)
+def test_the_close_up_contains_all_ellipses(bayesian):
+    wide = dataclasses.replace(bayesian.composite, covariance=16 * bayesian.composite.covariance)
     com = wide.com_in_base
     there = com.x.value + 2 * Ellipse.of(wide.covariance[1:3, 1:3]).major
     moved = dataclasses.replace(com, x=dataclasses.replace(com.x, value=there))
-    before = dataclasses.replace(precise, composite=wide)
-    after = dataclasses.replace(precise, composite=dataclasses.replace(wide, com_in_base=moved))
+    before = dataclasses.replace(bayesian, composite=wide)
+    after = dataclasses.replace(bayesian, composite=dataclasses.replace(wide, com_in_base=moved))
     seen = plan_view({"before": before, "after": after})
     for mark in seen.marks:
         assert np.abs(mark.position - seen.centre).max() + mark.ellipse.major < seen.half_width
 
 
-def test_a_difference_has_the_combined_interval(precise, static):
-    other = dataclasses.replace(precise, composite=precise.composite)
-    contents = comparison_contents({"before": precise, "after": other})
+def test_a_difference_has_the_combined_interval(bayesian, static):
+    other = dataclasses.replace(bayesian, composite=bayesian.composite)
+    contents = comparison_contents({"before": bayesian, "after": other})
     table = next(block for block in blocks(contents, DataTable) if block.title == "after minus before")
-    half = numbers(precise)[0].quantity.half_width
+    half = numbers(bayesian)[0].quantity.half_width
     assert table.rows[0] == ["mass [kg]", Cell("+0.000"), f"{np.sqrt(2) * half:.3f}", "within the interval"]
     assert len([block for block in contents.first if isinstance(block, Figure)]) == 2
-    mixed = comparison_contents({"bayesian": precise, "static": static})
+    mixed = comparison_contents({"bayesian": bayesian, "static": static})
     table = next(block for block in blocks(mixed, DataTable) if block.title == "static minus bayesian")
     assert [row[0] for row in table.rows] == ["mass [kg]", "CoM x [mm]", "CoM y [mm]"]
     assert table.rows[0][2:] == ["", ""]
 
 
-def test_differences_in_provenance_are_bold(precise):
-    other = precise.with_provenance(seed=9)
-    contents = comparison_contents({"a": precise.with_provenance(seed=8), "b": other})
+def test_differences_in_provenance_are_bold(bayesian):
+    other = bayesian.with_provenance(seed=9)
+    contents = comparison_contents({"a": bayesian.with_provenance(seed=8), "b": other})
     (table,) = (block for block in blocks(contents, DataTable) if block.title.startswith("Provenance"))
     rows = {row[0]: row[1:] for row in table.rows}
     assert rows["seed"] == [Cell("8", "strong"), Cell("9", "strong")]
     assert all(cell.tone == "" for cell in rows["method"])
 
 
-def test_different_robots_are_called_so(precise):
-    contents = comparison_contents({"a": precise, "b": dataclasses.replace(precise, robot="other")})
+def test_different_robots_are_called_so(bayesian):
+    contents = comparison_contents({"a": bayesian, "b": dataclasses.replace(bayesian, robot="other")})
     assert contents.lead.startswith("The runs are of 2 different robots")
 
 
-def test_one_run_is_no_comparison(precise, tmp_path):
+def test_one_run_is_no_comparison(bayesian, tmp_path):
     with pytest.raises(SettingsError, match="1 runs cannot be compared; give at least two"):
-        save_comparison({"alone": precise}, tmp_path / "comparison.html")
+        save_comparison({"alone": bayesian}, tmp_path / "comparison.html")

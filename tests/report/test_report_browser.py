@@ -25,8 +25,8 @@ def browser():
 
 
 @pytest.fixture(scope="module")
-def results(paper_result, precise_run):
-    return {"bayesian": precise_run.result.with_truth(precise_run.truth), "paper": paper_result}
+def results(paper_result, bayesian_run):
+    return {"bayesian": bayesian_run.result.with_truth(bayesian_run.truth), "paper": paper_result}
 
 
 @pytest.fixture(scope="module")
@@ -223,9 +223,9 @@ def test_a_name_is_shown_and_never_run(visit, results, tmp_path):
 
 
 def test_failed_checks_come_first(visit, results, tmp_path):
-    precise = results["bayesian"]
-    checks = tuple(dataclasses.replace(check, passed=False) for check in precise.checks[:2])
-    failed = dataclasses.replace(precise, checks=checks, composite=precise.composite.doubted())
+    bayesian = results["bayesian"]
+    checks = tuple(dataclasses.replace(check, passed=False) for check in bayesian.checks[:2])
+    failed = dataclasses.replace(bayesian, checks=checks, composite=bayesian.composite.doubted())
     page = visit(save_report(failed, tmp_path / "failed.html"))
     alerts, numbers = page.locator("#alerts"), page.locator("#numbers table")
     assert alerts.inner_text().count("Check failed:") == 2

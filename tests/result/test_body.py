@@ -24,7 +24,7 @@ def same(one, other):
 
 @pytest.fixture
 def body():
-    return Body.known(BASE, COVARIANCE, np.full(10, 0.012), TRUE).with_truth(TRUE)
+    return Body.complete(BASE, COVARIANCE, np.full(10, 0.012), TRUE).with_truth(TRUE)
 
 
 def test_quantity_attributes(body):
@@ -97,7 +97,7 @@ def test_json_round_trip_of_an_incomplete_body():
 @pytest.mark.parametrize(
     ("body", "missing"),
     [
-        (Body.partly(), "mass, inertia, com_in_base.x, com_in_base.y, com_in_base.z"),
+        (Body.partial(), "mass, inertia, com_in_base.x, com_in_base.y, com_in_base.z"),
         (Body.of([1.0, 0, 0, np.nan, 1, 1, 1, 0, 0, 0]), "com_in_base.z"),
         (Body.of([np.nan, 0, 0, 0, 1, 1, 1, 0, 0, 0]), "mass"),
         (Body.of([1.0, 0, 0, 0, 1, 1, 1, 0, 0, np.nan]), "inertia"),
@@ -113,22 +113,22 @@ def test_the_error_names_missing_parameters(body, missing):
 
 
 def test_errors_exist_where_estimate_and_truth_exist():
-    partial = Body.partly(mass=6.0, com_in_base=(0.01, None, None)).with_truth(BASE)
+    partial = Body.partial(mass=6.0, com_in_base=(0.01, None, None)).with_truth(BASE)
     assert partial.numbers("error") == {
         "mass": pytest.approx(-0.2), "com_in_base": [pytest.approx(-0.01), None, None], "inertia": None,
     }  # fmt: skip
-    assert not Body.known(BASE).with_truth(BASE).errors.any()
+    assert not Body.complete(BASE).with_truth(BASE).errors.any()
 
 
 def test_parameters_without_estimate_have_a_model_value():
-    height = Body.partly(TRUE, com_in_base=(0.01, 0.0, None)).com_in_base.z
+    height = Body.partial(TRUE, com_in_base=(0.01, 0.0, None)).com_in_base.z
     assert height == Quantity("com_z", "m", model=0.05)
     assert height.interval is height.half_width is height.error is height.change is None
 
 
 def test_doubted_keeps_numbers_and_changes_verdicts():
     sure = np.diag(np.repeat([1e-12, 1.0, 1e-7], [1, 1, 8]))
-    body = Body.known(BASE, sure, np.full(10, 1.5e-3), TRUE).with_truth(TRUE)
+    body = Body.complete(BASE, sure, np.full(10, 1.5e-3), TRUE).with_truth(TRUE)
     assert {quantity.verdict for quantity in body} == {"identified", "weak", "not identified"}
     doubted = body.doubted()
     assert [one.verdict for one in doubted] == [
@@ -142,7 +142,7 @@ def test_doubted_keeps_numbers_and_changes_verdicts():
 
 
 def test_doubted_raises_standard_deviations_to_the_lower_bounds():
-    body = Body.known(BASE, np.diag(np.repeat([1e-12, 1.0, 1e-7], [1, 1, 8])) + 1e-13, np.ones(10))
+    body = Body.complete(BASE, np.diag(np.repeat([1e-12, 1.0, 1e-7], [1, 1, 8])) + 1e-13, np.ones(10))
     least = np.where(np.arange(10) == 2, 0.02, 1e-9)
     doubted = body.doubted(least)
     assert np.allclose(doubted.stds, np.maximum(body.stds, least))
@@ -152,4 +152,4 @@ def test_doubted_raises_standard_deviations_to_the_lower_bounds():
 
 
 def test_doubted_adds_no_verdicts():
-    assert {quantity.verdict for quantity in Body.partly(mass=6.0).doubted()} == {None}
+    assert {quantity.verdict for quantity in Body.partial(mass=6.0).doubted()} == {None}

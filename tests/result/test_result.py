@@ -90,9 +90,9 @@ def test_the_json_keys_are_those_that_others_rely_on(calibration):
 
 
 def test_the_stance_is_by_joint_name(calibration, a1):
-    told = json.loads(calibration.to_json())["stance"]["joint_position"]
-    assert list(told) == list(a1.joint_names)
-    assert list(told.values()) == nominal_stance(a1).joint_position.tolist()
+    stored = json.loads(calibration.to_json())["stance"]["joint_position"]
+    assert list(stored) == list(a1.joint_names)
+    assert list(stored.values()) == nominal_stance(a1).joint_position.tolist()
 
 
 def test_parameters_without_estimate_are_null(calibration):
@@ -164,8 +164,8 @@ def test_a_place_that_cannot_be_written_or_read_is_named(calibration, tmp_path):
         Calibration.load(tmp_path / "missing.json")
 
 
-def test_joint_estimates_are_by_joint_name(precise_run):
-    result = precise_run.result
+def test_joint_estimates_are_by_joint_name(bayesian_run):
+    result = bayesian_run.result
     found = {finding.name: finding for finding in result.sensors}
     offset, gain = result.joints["FL_calf_joint"].offset, result.joints["FL_calf_joint"].torque_gain
     assert (offset.value, offset.std) == (found["FL_calf_joint offset"].value, found["FL_calf_joint offset"].std)
@@ -238,7 +238,7 @@ def test_a_result_from_json_has_no_model_at_hand(calibration, path):
 
 def test_to_pinocchio_replaces_the_base_inertia(calibration, a1):
     before = [pin.Inertia(inertia) for inertia in a1.full_pinocchio.inertias]
-    model = dataclasses.replace(calibration, base=Body.known(BASE)).to_pinocchio()
+    model = dataclasses.replace(calibration, base=Body.complete(BASE)).to_pinocchio()
     assert model.inertias[1].isApprox(BASE.to_pinocchio())
     assert list(model.names) == list(a1.full_pinocchio.names)
     for after, unchanged in list(zip(model.inertias, before, strict=True))[2:]:
@@ -249,7 +249,7 @@ def test_to_pinocchio_replaces_the_base_inertia(calibration, a1):
 def test_the_base_found_includes_the_arm_that_was_held_and_the_model_has_both(calibration, tmp_path):
     held = {"arm_0": 0.7, "arm_1": -0.4}
     robot = load_text(tmp_path, quadruped_urdf(arm_joints=2), RobotDescription(locked_joints=held))
-    result = dataclasses.replace(calibration, robot_model=robot, base=Body.known(BASE))
+    result = dataclasses.replace(calibration, robot_model=robot, base=Body.complete(BASE))
     model = result.to_pinocchio()
     assert list(model.names) == list(robot.full_pinocchio.names)
     for name in (*held, "FL_0"):

@@ -48,7 +48,7 @@ def within_limits(robot, shares):
 def walking(robot, shares):
     """Return joint positions with feet within half a radian of the points below the hips, knees bent by 0.5 to 2.2.
 
-    At straight knees and at feet beside their hips a foot has several ways to go, and inverse kinematics picks one.
+    At straight knees, and with a foot level with its hip, several solutions exist; inverse kinematics picks one.
     """
     position = np.zeros(len(robot.joint_names))
     for leg, (abduction, swing, bend) in zip(robot.legs.values(), shares.reshape(4, 3), strict=True):

@@ -106,7 +106,7 @@ def test_two_feet_leave_only_a_moment_about_the_line_between_them(a1, diagonal):
     line = feet[diagonal[1]] - feet[diagonal[0]]
     line /= np.linalg.norm(line)
     moment = moment_about_com(a1, position, forces)
-    assert abs(moment @ line) > 1e-3  # the CoM is beside the line
+    assert abs(moment @ line) > 1e-3  # the CoM is off the line
     np.testing.assert_allclose(np.cross(moment, line), 0, atol=1e-8)
     # The least squares leave a little of the weight too: the moment times the CoM's distance from the line, in m.
     arm = feet[diagonal[0]] - composite_parameters(a1, position).com
@@ -139,7 +139,7 @@ def test_torques_agree_with_newton_euler(robot, shifts, legs):
     position = near_stance(robot, shifts)
     expected = torques_by_newton_and_euler(robot, position, foot_forces(robot, position, legs), legs)
     np.testing.assert_allclose(static_torques(robot, position, legs), expected[6:], atol=1e-8)
-    np.testing.assert_allclose(expected[:6], 0, atol=1e-8)  # nobody holds the base
+    np.testing.assert_allclose(expected[:6], 0, atol=1e-8)  # no force acts on the base
 
 
 def test_torques_of_a_tipping_robot_agree_at_the_joints(a1):

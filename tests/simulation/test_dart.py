@@ -14,10 +14,10 @@ from test_truth import BENT, CLASSES, FRAMES, ORIENTATIONS, PARTS, PAYLOAD, RADI
 
 from equipoise import (
     ComSearchSettings,
+    EffectSizes,
     ExcitationSettings,
     PaperMethod,
     RobotDescription,
-    SensorErrors,
     Trajectory,
     calibrate,
     load_robot,
@@ -91,7 +91,7 @@ def assert_same_robot(robot, payload=None, **sizes):
     """Assert equal inertias in DART, MuJoCo and the model file, leg errors included."""
     stance = nominal_stance(robot)
     position = stance.joint_position
-    errors = DrawnErrors.draw(SensorErrors(**sizes), len(robot.joint_names), 2)
+    errors = DrawnErrors.draw(EffectSizes(**sizes), len(robot.joint_names), 2)
     in_dart = dart_truth(robot, build_dart_robot(robot, stance, errors, payload), position)
     in_mujoco = simulated_truth(robot, build_simulated_robot(robot, stance, errors, payload, 1e-3), position)
     nominal = nominal_inertia(robot, position)
@@ -172,12 +172,12 @@ def robots(tmp_path_factory, a1):
     return {
         "A1": a1,
         "URDF, two joints a leg": load_text(folder, quadruped_urdf(joints_per_leg=2), name="two"),
-        "MJCF, arm, IMU askew": load_text(folder, quadruped_mjcf(arm=True), arm, name="arm"),
+        "MJCF, arm, IMU rotated": load_text(folder, quadruped_mjcf(arm=True), arm, name="arm"),
     }
 
 
 @pytest.mark.parametrize("start", ["standing", "lying"])
-@pytest.mark.parametrize("name", ["A1", "URDF, two joints a leg", "MJCF, arm, IMU askew"])
+@pytest.mark.parametrize("name", ["A1", "URDF, two joints a leg", "MJCF, arm, IMU rotated"])
 def test_robots_rest_in_dart_as_in_mujoco(robots, name, start):
     states, seen = [], []
     for engine in ENGINES:
@@ -208,11 +208,11 @@ def rocking(robot, duration=0.6, size=0.03, period=2e-3):
 
 
 def moved(robot, motion, engine, **sizes):
-    with simulate(robot, SensorErrors(**sizes), PAYLOAD, 1, engine=engine) as simulation:
+    with simulate(robot, EffectSizes(**sizes), PAYLOAD, 1, engine=engine) as simulation:
         return simulation.platform.play(motion)
 
 
-@pytest.mark.parametrize("name", ["A1", "MJCF, arm, IMU askew"])
+@pytest.mark.parametrize("name", ["A1", "MJCF, arm, IMU rotated"])
 @pytest.mark.parametrize(
     "sizes", [{}, {"viscous_friction": 0.3, "armature": 0.02, "torque_gain": 0.05, "leg_mass": 0.05}]
 )
@@ -240,7 +240,7 @@ def test_joint_friction_agrees_with_mujoco(robots):
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_displaced_imu_measures_the_lever_acceleration(a1, engine):
-    motion, offset = rocking(a1), DrawnErrors.draw(SensorErrors(imu_position=0.05), 12, 1).drawn["imu_position"]
+    motion, offset = rocking(a1), DrawnErrors.draw(EffectSizes(imu_position=0.05), 12, 1).drawn["imu_position"]
     one, other = (moved(a1, motion, engine, imu_position=size).imu for size in (0.0, 0.05))
     turning = one.angular_velocity_in_imu
     faster = np.gradient(turning, one.time, axis=0)
@@ -256,7 +256,7 @@ def test_a_displaced_imu_measures_the_lever_acceleration(a1, engine):
 def in_the_air(robot, engine, armature):
     """Return the displacement of the joints on their way to a target, feet in the air."""
     # MuJoCo's damping is implicit and DART's is not; in short steps that is the same.
-    with simulate(robot, SensorErrors(armature=armature), timestep=0.1e-3, engine=engine) as simulation:
+    with simulate(robot, EffectSizes(armature=armature), timestep=0.1e-3, engine=engine) as simulation:
         platform, stance = simulation.platform, nominal_stance(robot)
         platform._place(stance.joint_position, stance.base_height + 5)
         begin = platform.read().joint_position
@@ -275,14 +275,14 @@ def test_rotor_inertia_agrees_with_mujoco_in_the_air(a1):
 def test_rotors_add_no_weight_to_a_standing_robot(a1):
     torques = []
     for armature in (0.0, 0.02):
-        with simulate(a1, SensorErrors(armature=armature), engine="dart") as simulation:
+        with simulate(a1, EffectSizes(armature=armature), engine="dart") as simulation:
             here = np.repeat(nominal_stance(a1).joint_position[None], 1500, axis=0)
             torques.append(simulation.platform.play(Trajectory(here)).joints.torque[-200:].mean(axis=0))
     assert np.abs(torques[0] - torques[1]).max() < 0.01
 
 
 def test_a_robot_in_free_fall_conserves_momentum(a1):
-    with simulate(a1, SensorErrors(armature=0.02), PAYLOAD, engine="dart") as simulation:
+    with simulate(a1, EffectSizes(armature=0.02), PAYLOAD, engine="dart") as simulation:
         platform, stance = simulation.platform, nominal_stance(a1)
         platform._place(stance.joint_position, stance.base_height + 5)
         com = simulation.truth_view.look().com
@@ -308,7 +308,7 @@ def test_stance_feet_do_not_slide(a1):
 def test_feet_hold_on_a_slope_up_to_the_friction_of_the_floor(a1, seed):
     slid = []
     for slope in (0.44, 0.56):
-        sizes = SensorErrors(floor_friction=0.5, floor_slope=float(np.arctan(slope)), coulomb_friction=0.3)
+        sizes = EffectSizes(floor_friction=0.5, floor_slope=float(np.arctan(slope)), coulomb_friction=0.3)
         with simulate(a1, sizes, seed=seed, engine="dart") as simulation:
             before = simulation.truth_view.look().feet
             simulation.platform.play(Trajectory(np.repeat(nominal_stance(a1).joint_position[None], 100, axis=0)))
@@ -347,7 +347,7 @@ def test_a_foot_that_is_lifted_leaves_the_floor(a1):
 
 def test_light_legs_get_a_shorter_step(a1, tmp_path):
     usual, damped = (build_dart_robot(robot, nominal_stance(robot), errors, None) for robot, errors in (
-        (a1, DrawnErrors.draw(SensorErrors(), 12, 0)), (a1, DrawnErrors.draw(SensorErrors(viscous_friction=12.0), 12, 0))
+        (a1, DrawnErrors.draw(EffectSizes(), 12, 0)), (a1, DrawnErrors.draw(EffectSizes(viscous_friction=12.0), 12, 0))
     ))  # fmt: skip
     assert usual.world.getTimeStep() == 0.5e-3
     assert damped.world.getTimeStep() < 0.5e-3
@@ -394,6 +394,6 @@ def test_a_calibration_in_dart_finds_the_centre_of_mass(a1):
 
 def test_a_platform_may_be_made_with_another_control_period(a1):
     stance = nominal_stance(a1)
-    simulated = build_dart_robot(a1, stance, DrawnErrors.draw(SensorErrors(), 12, 0), None)
+    simulated = build_dart_robot(a1, stance, DrawnErrors.draw(EffectSizes(), 12, 0), None)
     with DartPlatform(a1, simulated, stance, control_period=1e-3) as platform:
         assert platform.play(wave(platform, 11)).duration == pytest.approx(10e-3)

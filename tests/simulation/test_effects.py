@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from robots import load_text, on_cylinders
 
-from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, simulate
+from equipoise import EffectSizes, JointCommand, Trajectory, nominal_stance, simulate
 from equipoise.conventions import GRAVITY
 from equipoise.errors import SettingsError
 from equipoise.estimator.parameters import Unknowns
@@ -28,7 +28,7 @@ from equipoise.simulation.mujoco_model import build_simulated_robot
 from equipoise.simulation.mujoco_truth import simulated_truth
 from equipoise.simulation.samples import Samples
 
-ROWS = SensorErrors.rows()
+ROWS = EffectSizes.rows()
 JOINTS, SEED, PERIOD = 12, 5, 2e-3
 LEG_EFFECTS = (
     "leg_mass", "leg_mass_common", "leg_com", "leg_com_common", "leg_inertia", "leg_length", "leg_length_common",
@@ -97,8 +97,8 @@ def test_sizes_scale_with_the_measure_of_their_row():
     scaled = STRESS.scaled_to(Scale(length=2.0, torque=12.0))
     for name, factor in (("springs", 12), ("foot_stiffness", 3), ("hip_position", 2), ("cable", 1), ("gyro_gain", 1)):
         assert getattr(scaled, name) == pytest.approx(factor * getattr(STRESS, name)), name
-    assert STRESS.having({"swinging_load": None}, Scale(2.0, 12.0)).swinging_load == pytest.approx(0.6)
-    loads = STRESS.having({"vertical_pull": None, "hose": None}, Scale(2.0, 12.0))
+    assert STRESS.with_effects({"swinging_load": None}, Scale(2.0, 12.0)).swinging_load == pytest.approx(0.6)
+    loads = STRESS.with_effects({"vertical_pull": None, "hose": None}, Scale(2.0, 12.0))
     assert (loads.vertical_pull, loads.hose) == pytest.approx((-18, 60))
 
 
@@ -110,7 +110,9 @@ def test_half_a_spring_is_twice_as_stiff_and_none_of_it_is_rigid():
 
 def test_effects_are_read_and_taken_out():
     assert read_effects(["springs=3000,cable", "jitter = 1e-3"]) == {"springs": 3000.0, "cable": None, "jitter": 1e-3}
-    sizes = STRESS.having({"cable": 0.5, "stribeck": None}, Scale(1, 1)).without(["springs", "floor_friction"])
+    sizes = STRESS.with_effects({"cable": 0.5, "stribeck": None}, Scale(1, 1)).without_effects(
+        ["springs", "floor_friction"]
+    )
     assert (sizes.cable, sizes.stribeck, sizes.springs, sizes.floor_friction) == (0.5, 0.3, 0.0, 1.0)
 
 
@@ -152,10 +154,10 @@ def test_a_size_that_is_not_a_number_is_rejected():
 
 
 def test_no_effect_changes_the_draws_of_another():
-    everything = STRESS.having({row.name: None for row in ROWS if row.in_stress == row.none}, Scale(1, 1))
+    everything = STRESS.with_effects({row.name: None for row in ROWS if row.in_stress == row.none}, Scale(1, 1))
     whole = drawn(everything).drawn
     for row in ROWS:
-        without = drawn(everything.without([row.name])).drawn
+        without = drawn(everything.without_effects([row.name])).drawn
         assert all(np.array_equal(without[name], whole[name]) for name in whole if name != row.name), row.name
 
 
@@ -189,7 +191,7 @@ def test_recordings_of_the_smaller_presets_are_unchanged(a1, noise):
 
 
 def test_draws_follow_their_laws():
-    sizes = STRESS.having(dict.fromkeys(("joint_axes", "leg_inertia")), Scale(1, 1))
+    sizes = STRESS.with_effects(dict.fromkeys(("joint_axes", "leg_inertia")), Scale(1, 1))
     many = DrawnErrors.draw(sizes, 20000, SEED).drawn
     for row in ROWS:
         size, values = getattr(sizes, row.name), many[row.name]
@@ -264,7 +266,7 @@ def test_a_common_hip_shift_moves_the_base_frame(a1):
     moved = nominal.base.to_pinocchio()
     moved.lever = moved.lever - shift[0]
     legs = nominal.composite.to_pinocchio() - nominal.base.to_pinocchio()
-    errors = drawn(SensorErrors())
+    errors = drawn(EffectSizes())
     errors = dataclasses.replace(errors, drawn={**errors.drawn, "hip_position": shift.ravel()})
     truth = simulated_truth(a1, build_simulated_robot(a1, stance, errors, None, 1e-3), stance.joint_position)
     assert_same_body(truth.base, InertialParameters.from_pinocchio(moved))
@@ -293,7 +295,7 @@ def test_each_leg_error_alone_moves_the_truth(a1, name):
 
 
 def test_common_leg_errors_are_symmetric(a1):
-    shift = LegErrors.of(a1, nominal_stance(a1), drawn(SensorErrors(leg_com_common=4e-3))).com_shift[a1.leg_joints]
+    shift = LegErrors.of(a1, nominal_stance(a1), drawn(EffectSizes(leg_com_common=4e-3))).com_shift[a1.leg_joints]
     assert np.abs(shift).max() > 1e-3
     assert np.allclose(shift[0], shift[1] * [1, -1, 1])
     assert np.allclose(shift[2], shift[3] * [1, -1, 1])
@@ -308,10 +310,10 @@ def test_feet_have_other_radii_and_still_stand_on_the_floor(a1):
 
 
 def test_axes_are_tilted_by_their_size(a1):
-    askew, plain = (engine(simulate(a1, "ideal", seed=SEED, effects=e)) for e in ({"joint_axes": 5e-3}, {}))
+    tilted, plain = (engine(simulate(a1, "ideal", seed=SEED, effects=e)) for e in ({"joint_axes": 5e-3}, {}))
     joints = [plain.model.joint(name).id for name in a1.joint_names]
-    cosine = np.sum(askew.model.jnt_axis[joints] * plain.model.jnt_axis[joints], axis=1)
-    expected = np.linalg.norm(askew.simulated.errors.drawn["joint_axes"].reshape(-1, 2), axis=1)
+    cosine = np.sum(tilted.model.jnt_axis[joints] * plain.model.jnt_axis[joints], axis=1)
+    expected = np.linalg.norm(tilted.simulated.errors.drawn["joint_axes"].reshape(-1, 2), axis=1)
     assert np.allclose(np.arccos(cosine), expected, rtol=1e-3)
 
 
@@ -690,7 +692,7 @@ def test_water_has_the_period_of_its_tank_and_follows_a_lean(a1):
 
 
 def test_all_motors_can_err_together():
-    gains = drawn(SensorErrors(torque_gain_common=0.05)).torque_gain
+    gains = drawn(EffectSizes(torque_gain_common=0.05)).torque_gain
     assert np.ptp(gains) == 0
     assert gains[0] != 1
 
@@ -755,7 +757,7 @@ def test_contact_parameters_can_come_from_the_file(tmp_path, foot):
 
 def sensed(raw, period=0, **sizes):
     """Samples of raw values at every engine step of 0.5 ms, four to a sample."""
-    errors = drawn(SensorErrors(**sizes))
+    errors = drawn(EffectSizes(**sizes))
     samples = Samples(errors, JOINTS, 0.5e-3, 4)
     return samples.sensed(samples.filtered(raw), 0, len(raw) // 4, period), errors
 
@@ -790,7 +792,7 @@ def test_the_gyroscope_drifts_by_its_size_in_two_minutes():
 @pytest.mark.parametrize(("frequency", "passed"), [(1.0, 1.0), (100.0, np.sqrt(0.5)), (400.0, None)])
 def test_the_imus_filter_is_a_butterworth_of_second_order(frequency, passed):
     raw = raw_values(gyro=np.sin(2 * np.pi * frequency * TIME))
-    errors = drawn(SensorErrors(imu_filter=100.0))
+    errors = drawn(EffectSizes(imu_filter=100.0))
     through = Samples(errors, JOINTS, 0.5e-3, 4).filtered(raw)[2000:, -6]
     if passed is None:  # what is above falls with the square of the frequency, in the digital filter's measure
         passed = (np.tan(np.pi * 100 * 0.5e-3) / np.tan(np.pi * frequency * 0.5e-3)) ** 2
@@ -902,4 +904,4 @@ def test_a_loop_uses_the_last_sample_that_arrived(a1):
 
 def test_presets_are_found_by_name():
     assert list(PRESETS) == ["ideal", "realistic", "stress"]
-    assert SensorErrors.row("springs").name == "springs"
+    assert EffectSizes.row("springs").name == "springs"

@@ -10,7 +10,7 @@ import pytest
 from platform_contract import wave
 from robots import FOUR_LEGS, load_text, quadruped_mjcf, quadruped_urdf
 
-from equipoise import RobotDescription, SensorErrors, Trajectory, nominal_stance, simulate
+from equipoise import EffectSizes, RobotDescription, Trajectory, nominal_stance, simulate
 from equipoise.errors import FallError, ModelError, SettingsError
 from equipoise.recording.recording import JointStream
 from equipoise.robot.inertial import nominal_inertia
@@ -126,7 +126,7 @@ def test_only_feet_and_belly_touch_the_floor(robots):
 
 
 def test_the_floor_has_the_friction_asked_for(a1):
-    model, _ = compiled(a1, SensorErrors(floor_friction=0.4))
+    model, _ = compiled(a1, EffectSizes(floor_friction=0.4))
     touching = model.geom_contype > 0
     assert np.allclose(model.geom_friction[touching, 0], 0.4)
     assert (model.geom_condim[touching] == 3).all()
@@ -151,7 +151,7 @@ def test_steps_that_would_soften_contacts_are_refused(a1):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"preset": "loud"}, "preset 'loud' does not exist; use one of ideal, realistic, stress, or SensorErrors"),
+        ({"preset": "loud"}, "preset 'loud' does not exist; use one of ideal, realistic, stress, or EffectSizes"),
         ({"start": "sitting"}, "a robot starts 'standing' or 'lying', not 'sitting'"),
         ({"payload": "heavy"}, "payload 'heavy' is not MASS,X,Y,Z"),
     ],
@@ -199,7 +199,7 @@ def test_actuators_sensors_and_keyframes_of_a_file_are_replaced(tmp_path):
 
 def test_losses_are_those_asked_for_on_the_leg_joints_alone(tmp_path):
     robot = load_text(tmp_path, CLUTTERED)
-    model, simulated = compiled(robot, SensorErrors(coulomb_friction=0.3, viscous_friction=0.05, armature=0.01))
+    model, simulated = compiled(robot, EffectSizes(coulomb_friction=0.3, viscous_friction=0.05, armature=0.01))
     armature = 0.01 + model.opt.timestep * (simulated.kd + 0.05)  # the late part of damping
     for losses, size in ((model.dof_frictionloss, 0.3), (model.dof_damping, 0.05), (model.dof_armature, armature)):
         assert np.allclose(losses[simulated.dof], size)
@@ -208,7 +208,7 @@ def test_losses_are_those_asked_for_on_the_leg_joints_alone(tmp_path):
 
 def test_viscous_friction_is_linear_in_speed(tmp_path):
     # Damping became a polynomial in MuJoCo 4: neither the file's nor a higher coefficient may be left in it.
-    platform = simulate(load_text(tmp_path, CLUTTERED), SensorErrors(viscous_friction=0.5)).platform
+    platform = simulate(load_text(tmp_path, CLUTTERED), EffectSizes(viscous_friction=0.5)).platform
     model, data, dof = platform._model, platform._data, platform._simulated.dof
     for speed in (0.1, 3.0, -10.0):
         data.qvel[dof] = speed
@@ -228,7 +228,7 @@ def test_no_message_is_printed_while_a_model_is_read(a1, robots, capfd):
 
 
 def test_torque_limits_apply_to_reported_torques(a1):
-    for errors in (SensorErrors(), SensorErrors(torque_gain=0.1)):
+    for errors in (EffectSizes(), EffectSizes(torque_gain=0.1)):
         with simulate(a1, errors) as simulation:
             here = simulation.platform.read().joint_position
             jump = Trajectory(np.repeat((here + 1.0)[None], 50, axis=0))
@@ -255,7 +255,7 @@ def test_a_joint_without_a_limit_has_none(tmp_path):
 def test_gains_are_the_robots_or_the_descriptions(a1, a1_urdf, tmp_path):
     described = load_text(tmp_path, a1_urdf, RobotDescription(kp=80.0, kd=2.0))
     for robot, gains in ((a1, a1.gains(nominal_stance(a1).hip_height)), (described, (80.0, 2.0))):
-        model, _ = compiled(robot, SensorErrors(torque_gain=0.05), seed=1)
+        model, _ = compiled(robot, EffectSizes(torque_gain=0.05), seed=1)
         scale = model.actuator_gainprm[:, 0] / gains[0]
         assert np.abs(scale - 1).max() > 0.01
         assert np.allclose(model.actuator_biasprm[:, 1], -gains[0] * scale)
@@ -268,8 +268,8 @@ def test_gains_are_the_robots_or_the_descriptions(a1, a1_urdf, tmp_path):
 @pytest.mark.parametrize("name", ["URDF", "URDF of two joints a leg", "MJCF with an arm"])
 def test_leg_links_are_scaled_as_a_whole_and_the_base_is_not(robots, name):
     robot = robots[name]
-    (before, simulated), (after, _) = compiled(robot), compiled(robot, SensorErrors(leg_mass=0.1), seed=2)
-    errors = simulate(robot, SensorErrors(leg_mass=0.1), seed=2).platform._simulated.errors
+    (before, simulated), (after, _) = compiled(robot), compiled(robot, EffectSizes(leg_mass=0.1), seed=2)
+    errors = simulate(robot, EffectSizes(leg_mass=0.1), seed=2).platform._simulated.errors
     base = before.body_weldid == before.body_weldid[simulated.base_body]
     assert np.array_equal(after.body_mass[base], before.body_mass[base])
     for joint, expected in zip(robot.joint_names, errors.leg_mass_scale, strict=True):
@@ -282,7 +282,7 @@ def test_leg_links_are_scaled_as_a_whole_and_the_base_is_not(robots, name):
 
 def test_the_truth_includes_the_leg_errors(robots):
     robot = robots["URDF"]
-    known, real = simulate(robot, "ideal"), simulate(robot, SensorErrors(leg_mass=0.1), seed=2)
+    known, real = simulate(robot, "ideal"), simulate(robot, EffectSizes(leg_mass=0.1), seed=2)
     assert np.array_equal(known.truth.base.inertia, real.truth.base.inertia)
     assert abs(known.truth.composite.mass - real.truth.composite.mass) > 0.01
     assert real.truth.composite.mass == pytest.approx(real.platform._model.body_mass.sum())

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, simulate
+from equipoise import EffectSizes, JointCommand, Trajectory, nominal_stance, simulate
 from equipoise.errors import SettingsError
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.scale import Scale
@@ -23,7 +23,7 @@ TORQUE_LIKE = {"torque_noise", "coulomb_friction", "viscous_friction", "armature
 
 
 def drawn(seed=SEED, joints=JOINTS, **sizes):
-    return DrawnErrors.draw(SensorErrors(**sizes), joints, seed)
+    return DrawnErrors.draw(EffectSizes(**sizes), joints, seed)
 
 
 # --- sizes
@@ -71,29 +71,29 @@ def test_only_presets_are_scaled_to_the_robot(a1):
     scale = nominal_stance(a1).scale
     sizes = simulate(a1, "realistic").platform._simulated.errors.sizes
     assert sizes == REALISTIC.scaled_to(scale)
-    own = SensorErrors(torque_noise=0.7)
+    own = EffectSizes(torque_noise=0.7)
     assert simulate(a1, own).platform._simulated.errors.sizes is own
 
 
-@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(SensorErrors)])
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(EffectSizes)])
 @pytest.mark.parametrize("value", [-1e-6, np.nan, np.inf])
 def test_negative_or_infinite_sizes_are_refused(name, value):
     signed = name in ("imu_clock_offset", "vertical_pull")  # IMU samples may be the older ones; cables hang down
     if signed and value == -1e-6:
-        assert getattr(SensorErrors(**{name: value}), name) == value
+        assert getattr(EffectSizes(**{name: value}), name) == value
         return
     with pytest.raises(SettingsError) as caught:
-        SensorErrors(**{name: value})
+        EffectSizes(**{name: value})
     least = "" if signed else ", zero or more"
     assert str(caught.value) == f"{name} is {value}; it must be a finite number{least}"
 
 
 def test_no_imu_sample_is_younger_than_its_reading():
-    assert SensorErrors(imu_clock_offset=1e-3, sensor_delay=1e-3)
+    assert EffectSizes(imu_clock_offset=1e-3, sensor_delay=1e-3)
     with pytest.raises(
-        SettingsError, match=r"imu_clock_offset is 0.001 s and sensor_delay 0.0005 s: IMU samples would be"
+        SettingsError, match=r"imu_clock_offset is 0.001 s and sensor_delay is 0.0005 s: IMU samples would be"
     ):
-        SensorErrors(imu_clock_offset=1e-3, sensor_delay=0.5e-3)
+        EffectSizes(imu_clock_offset=1e-3, sensor_delay=0.5e-3)
 
 
 # --- drawing
@@ -202,7 +202,7 @@ def moved(a1, motion):
     """Records the motion on a robot with some errors."""
 
     def play(**sizes):
-        with simulate(a1, SensorErrors(**sizes), seed=SEED) as simulation:
+        with simulate(a1, EffectSizes(**sizes), seed=SEED) as simulation:
             return simulation.platform.play(motion)
 
     return play
@@ -218,7 +218,7 @@ def resting(a1):
     """Reads at rest from a robot with some errors."""
 
     def read(**sizes):
-        with simulate(a1, SensorErrors(**sizes), seed=SEED) as simulation:
+        with simulate(a1, EffectSizes(**sizes), seed=SEED) as simulation:
             return simulation.platform.read()
 
     return read
@@ -233,7 +233,7 @@ def at_every_engine_step(a1):
     made = []
 
     def make(**sizes):
-        usual = simulate(a1, SensorErrors(**sizes), seed=SEED).platform
+        usual = simulate(a1, EffectSizes(**sizes), seed=SEED).platform
         step = usual._model.opt.timestep
         made.extend([usual, MujocoPlatform(a1, usual._simulated, nominal_stance(a1), control_period=step)])
         return made[-1], round(usual.control_period / step)
@@ -284,7 +284,7 @@ def test_the_gyroscope_is_the_derivative_of_the_attitude_without_a_lag(a1):
     stance = nominal_stance(a1)
     drop = 0.007 * (1 - np.cos(4 * np.pi * np.arange(250) / 250))[:, None] * np.sign(stance.feet_in_base[:, 1])
     position, attitude, gyro = stance.joint_position, [], []
-    with simulate(a1, SensorErrors(command_delay=2e-3)) as simulation:
+    with simulate(a1, EffectSizes(command_delay=2e-3)) as simulation:
         platform = simulation.platform
         for heights in drop:
             position = inverse_kinematics(a1, stance.feet_in_base + heights[:, None] * [0, 0, 1], position)
@@ -343,7 +343,7 @@ def test_a_clock_offset_makes_the_imu_younger_than_the_encoders(moved, offset):
 def test_the_loop_closes_on_the_encoder_and_the_joint_is_offset(a1):
     zero = drawn(joint_offset=5e-3).joint_offset
     target, (kp, _) = nominal_stance(a1).joint_position, a1.gains(nominal_stance(a1).hip_height)
-    with simulate(a1, SensorErrors(joint_offset=5e-3), seed=SEED) as simulation:
+    with simulate(a1, EffectSizes(joint_offset=5e-3), seed=SEED) as simulation:
         state = simulation.platform.read()
         true = simulation.platform._data.qpos[simulation.platform._simulated.qpos].copy()
     with simulate(a1, "ideal") as simulation:
@@ -356,7 +356,7 @@ def test_the_loop_closes_on_the_encoder_and_the_joint_is_offset(a1):
 
 def test_the_encoder_error_is_the_joint_offset_in_any_motion(a1):
     zero = drawn(joint_offset=5e-3).joint_offset
-    with simulate(a1, SensorErrors(joint_offset=5e-3), seed=SEED) as simulation:
+    with simulate(a1, EffectSizes(joint_offset=5e-3), seed=SEED) as simulation:
         platform = simulation.platform
         recording = platform.play(squat(a1))
         true = platform._data.qpos[platform._simulated.qpos]
@@ -366,7 +366,7 @@ def test_the_encoder_error_is_the_joint_offset_in_any_motion(a1):
 
 def test_a_torque_gain_is_between_the_true_and_the_reported_torque(a1):
     gain = drawn(torque_gain=0.1).torque_gain
-    with simulate(a1, SensorErrors(torque_gain=0.1), seed=SEED) as simulation:
+    with simulate(a1, EffectSizes(torque_gain=0.1), seed=SEED) as simulation:
         platform = simulation.platform
         target = nominal_stance(a1).joint_position
         state = platform.read()
@@ -416,7 +416,7 @@ def test_an_ideal_imu_measures_gravity_upward(resting):
 
 @pytest.mark.parametrize("start", ["standing", "lying"])
 def test_a_sloping_floor_tilts_gravity(a1, start):
-    level, sloping = (simulate(a1, SensorErrors(floor_slope=s), seed=SEED, start=start) for s in (0.0, 0.02))
+    level, sloping = (simulate(a1, EffectSizes(floor_slope=s), seed=SEED, start=start) for s in (0.0, 0.02))
     down = drawn(floor_slope=0.02).gravity_direction
     off = sloping.platform.read().acceleration_in_imu - level.platform.read().acceleration_in_imu
     # On soft legs the base leans a little further the same way.
@@ -432,7 +432,7 @@ def test_friction_holds_joints_short_of_their_targets(moved, ideal):
 def test_noise_of_a_whole_run_has_its_sizes(a1):
     sizes = {name: getattr(REALISTIC, name) for name in dataclasses.asdict(REALISTIC) if name.endswith("noise")}
     target = Trajectory(np.repeat(nominal_stance(a1).joint_position[None], 1500, axis=0))
-    clean, noisy = (simulate(a1, SensorErrors(**s), seed=SEED).platform.play(target) for s in ({}, sizes))
+    clean, noisy = (simulate(a1, EffectSizes(**s), seed=SEED).platform.play(target) for s in ({}, sizes))
     for stream, name, size in (
         ("joints", "position", "encoder_noise"), ("joints", "velocity", "joint_velocity_noise"),
         ("joints", "torque", "torque_noise"), ("imu", "angular_velocity_in_imu", "gyro_noise"),

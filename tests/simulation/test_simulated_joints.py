@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from robots import load_text, quadruped_urdf
 
-from equipoise import SensorErrors, nominal_stance, simulate
+from equipoise import EffectSizes, nominal_stance, simulate
 
 COULOMB, VISCOUS, ARMATURE = 0.3, 0.05, 0.01
 JOINT = 1  # the front left thigh
@@ -53,7 +53,7 @@ def lead_of(friction, speed, phase):
 @pytest.mark.parametrize("timestep", [0.5e-3, 1e-3])
 @pytest.mark.parametrize(("frequency", "size"), [(1, 0.1), (3, 0.05), (6, 0.05)])
 def test_friction_is_coulombs_and_viscous_whatever_the_motion(robot, frequency, size, timestep):
-    sizes = SensorErrors(coulomb_friction=COULOMB, viscous_friction=VISCOUS, armature=ARMATURE, torque_gain=0.05)
+    sizes = EffectSizes(coulomb_friction=COULOMB, viscous_friction=VISCOUS, armature=ARMATURE, torque_gain=0.05)
     speed, friction = swung(robot, frequency, size, timestep, sizes)
     moving = np.abs(speed) > 0.05 * np.abs(speed).max()
     columns = np.column_stack([np.sign(speed), speed])[moving]
@@ -67,7 +67,7 @@ def test_friction_is_coulombs_and_viscous_whatever_the_motion(robot, frequency, 
 def test_a_joint_that_friction_holds_stays_where_it_is(a1):
     # Pushed by half of what friction holds, for a second.
     stance = nominal_stance(a1)
-    with simulate(a1, SensorErrors(coulomb_friction=COULOMB)) as simulation:
+    with simulate(a1, EffectSizes(coulomb_friction=COULOMB)) as simulation:
         platform = simulation.platform
         model, data, joint = platform._model, platform._data, platform._simulated.qpos[JOINT]
     model.opt.gravity[:] = 0

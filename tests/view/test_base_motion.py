@@ -74,7 +74,7 @@ def tracked(robot, run):
 def test_the_pose_of_the_base_agrees_with_the_simulation(a1, noise, place, tilt):
     run = witnessed(a1, noise)
     seen = tracked(a1, run)
-    # Where it began in the room, and looking where to, nobody can know.
+    # Its position and heading in the room at the start are unknown.
     start, began = seen.feet[0], seen.true_feet[0]
     one, other = start - start.mean(axis=0), began - began.mean(axis=0)
     angle = np.arctan2((one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]).sum(), (one[:, :2] * other[:, :2]).sum())

@@ -75,11 +75,11 @@ def test_the_estimates_converge_to_the_result(converged, paper_run, recordings):
         assert (lower, upper) == pytest.approx((line.lower, line.upper))
 
 
-def test_the_last_estimate_of_the_precise_method_is_its_result(a1, precise_run):
-    recordings = precise_run.recordings[:7]
-    coming = estimates(a1, precise_run.stance, precise_run.settings, recordings)
+def test_the_last_estimate_of_the_bayesian_method_is_its_result(a1, bayesian_run):
+    recordings = bayesian_run.recordings[:7]
+    coming = estimates(a1, bayesian_run.stance, bayesian_run.settings, recordings)
     newest, planes = list(iter(coming.__next__, None))[-1]
-    result = estimate(a1, recordings, precise_run.settings)
+    result = estimate(a1, recordings, bayesian_run.settings)
     assert newest.trials == len(recordings)
     assert np.allclose(newest.com, result.composite.com_in_base.values, atol=1e-9)
     assert np.allclose(newest.half_width, 1.96 * result.composite.com_in_base.stds)
@@ -191,9 +191,9 @@ def test_a_trial_is_shown_before_it_is_complete(a1, ideal_motions, tmp_path):
     assert "/world/robot/com/estimate/ellipsoid" not in entities
 
 
-def test_the_ellipsoid_contains_95_percent(a1, precise_run, tmp_path):
-    found = precise_run.recordings[:7]
-    entities = shown(tmp_path / "a.rrd", a1, precise_run.settings, [(found, found)])
+def test_the_ellipsoid_contains_95_percent(a1, bayesian_run, tmp_path):
+    found = bayesian_run.recordings[:7]
+    entities = shown(tmp_path / "a.rrd", a1, bayesian_run.settings, [(found, found)])
     ellipsoid = entities["/world/robot/com/estimate/ellipsoid"]
     halves, turns = ellipsoid.column("Ellipsoids3D:half_sizes"), ellipsoid.column("Ellipsoids3D:quaternions")
     widths = entities["/com_half_width"].column("Scalars:scalars")

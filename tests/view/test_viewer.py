@@ -136,7 +136,7 @@ def test_a_killed_viewer_leaves_the_calibration_alone(tmp_path):
         assert waited_for(lambda: "view: http" in log.read_text(), 60)
         url = log.read_text().split()[1]
         assert waited_for(lambda: answers(url))
-        assert process.poll() is None, "the run goes on"
+        assert process.poll() is None, "the run continues"
         os.kill(viewer_at(url), signal.SIGKILL)
         printed, _ = process.communicate(timeout=120)
     assert process.returncode == 0

@@ -99,7 +99,7 @@ def estimate_run(
         **model_facts(robot, stance.joint_position),
         method=table["method"],
         composite=widened(
-            Body.known(
+            Body.complete(
                 posterior.robot_body,
                 posterior.robot_covariance,
                 before,
@@ -108,7 +108,7 @@ def estimate_run(
             unknowns.robot_body,
         ),
         base=widened(
-            Body.known(
+            Body.complete(
                 posterior.base_body,
                 posterior.base_covariance,
                 base_before,
@@ -117,7 +117,7 @@ def estimate_run(
             unknowns.base_body,
         ),
         stance_effective=widened(
-            Body.known(
+            Body.complete(
                 posterior.stance_effective_body,
                 posterior.stance_effective_covariance,
                 stance_effective_before,

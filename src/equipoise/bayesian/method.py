@@ -74,7 +74,7 @@ class BayesianMethod(BayesianSettings, Method):
     def expected_trials(self, stance: Stance) -> int:
         return round(self.duration_for(stance) / Durations.of(stance).lift)
 
-    def mass_in_doubt(self, standing: StandingRobot, stance: Stance) -> MassComparison | None:
+    def compare_mass(self, standing: StandingRobot, stance: Stance) -> MassComparison | None:
         if self.scale is None or self.confirm_mass or standing.platform.read().joint_torque is None:
             return None
         compared = compare_at_rest(standing.robot, stance, self.scale, dip(standing, stance), self.prior_run)

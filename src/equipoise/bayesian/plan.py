@@ -2,8 +2,8 @@
 
 Candidates (planning/candidates.py) are postures over height, roll, pitch and yaw, and in each posture lifts on both
 diagonals, passive and with a body rotation. Each is predicted (predict.py). Its Fisher information is added to that of
-the priors, the search and earlier motions. Each step minimizes the sum of the posterior variances of the reported
-quantities, each divided by its squared goal (planning/gains.py).
+the priors, the search and earlier motions. Each step takes the candidate that lowers, per second, the sum of the posterior
+variances of the reported quantities most, each divided by its squared goal (planning/gains.py).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Visit:
     posture: BodyPosture
     lifts: tuple[LiftDesign, ...] = ()
 
-    def turns(self, diagonal: str) -> str:
+    def lifts_on(self, diagonal: str) -> str:
         """Return a description of the lifts on a diagonal."""
         return ", ".join(lift.meanwhile for lift in self.lifts if lift.diagonal == diagonal)
 
@@ -57,15 +57,15 @@ class Plan:
 
     Attributes:
         visits: postures with their lifts, in order.
-        robot_time: expected robot time, with search and return to the stance [s].
+        robot_time: expected robot time of search, if it is still to come, visits and return to the stance [s].
         std: (10,) predicted posterior standard deviations of the whole robot, in the order of COMPONENTS.
-        prior_std: (10,) prior standard deviations of these.
+        prior_std: (10,) standard deviations of these before any motion, from the priors and an assumed scale reading.
         body: (10,) assumed parameters of the whole robot, in the order of COMPONENTS.
         left_out: postures and lifts that the robot cannot do, with reasons.
-        turn_after: number of visits after which the robot is turned to face the other way; None: not turned.
+        rotate_after: number of visits after which the robot is turned to face the other way; None: not turned.
         before_search: number of visits before the search.
         search: description of the search's lifts on each diagonal.
-        without: (10,) predicted standard deviations for the same duration without the prior run; None: no prior run.
+        std_without_prior_run: (10,) `std` without the prior run, in the same duration; None: no prior run.
         links: leg links by name, with predicted standard deviations; empty unless lifted feet may swing.
     """
 
@@ -75,31 +75,32 @@ class Plan:
     prior_std: FloatArray
     body: FloatArray
     left_out: tuple[str, ...] = ()
-    turn_after: int | None = None
+    rotate_after: int | None = None
     before_search: int = 0
     search: str = "passive x 2"
-    without: FloatArray | None = None
+    std_without_prior_run: FloatArray | None = None
     links: Mapping[str, Link] = field(default_factory=dict[str, Link])
 
     @property
     def lifts(self) -> int:
-        """Number of lifts without those of the search."""
+        """Number of lifts, without those of the search."""
         return sum(len(visit.lifts) for visit in self.visits)
 
     def trials(self) -> list[tuple[str, dict[str, str]]]:
         """Return the postures in order, each with descriptions of its lifts by diagonal."""
-        rows = [(describe(visit.posture), {name: visit.turns(name) for name in DIAGONALS}) for visit in self.visits]
+        rows = [(describe(visit.posture), {name: visit.lifts_on(name) for name in DIAGONALS}) for visit in self.visits]
         rows.insert(self.before_search, ("search, nominal", dict.fromkeys(DIAGONALS, self.search)))
-        if self.turn_after is not None:
-            rows.insert(1 + self.turn_after, ("turned by 180 deg", dict.fromkeys(DIAGONALS, "")))
+        if self.rotate_after is not None:
+            rows.insert(1 + self.rotate_after, ("turned by 180 deg", dict.fromkeys(DIAGONALS, "")))
         return rows
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
+        without = self.std_without_prior_run
         return {
             "robot_time": self.robot_time,
             "lifts": self.lifts,
-            "turn_after": self.turn_after,
+            "rotate_after": self.rotate_after,
             "visits": [
                 {
                     "posture": to_json(visit.posture),
@@ -107,10 +108,10 @@ class Plan:
                 }
                 for visit in self.visits
             ],
-            "predicted_deviation": name_components(self.std),
+            "predicted_std": name_components(self.std),
             "left_out": list(self.left_out),
             **({"links": to_json(self.links)} if self.links else {}),
-            **({} if self.without is None else {"predicted_deviation_without_known": name_components(self.without)}),
+            **({} if without is None else {"predicted_std_without_prior_run": name_components(without)}),
         }
 
 
@@ -206,7 +207,7 @@ def make_plan(
         least += turn * (least - durations.search - durations.end + durations.turn)
         raise SettingsError(
             f"a duration of {budget + reserved:.0f} s allows no lift after the search; give {math.ceil(least + reserved)} s "
-            "or more, or minutes, such as 2min"
+            "or more, or a duration in minutes, such as 2min"
         )
     everything = np.asarray(np.linalg.inv(information if after is None else information + after), dtype=float)
     covariance = to_body @ everything @ to_body.T

@@ -32,7 +32,7 @@ from equipoise.robot.stance import Stance
 
 _REPLAN_AT = 0.55  # of the visits
 _SAFETY_FACTOR = 2.0  # standard deviations
-_FEWEST_LIFTS = 4  # fewer lifts, except for lack of time, are an error
+_FEWEST_LIFTS = 4  # with fewer lifts the run fails, unless its time ran out
 
 
 @lru_cache(maxsize=4)  # computed before the robot moves, and again for display
@@ -48,7 +48,7 @@ def plan_ahead(robot: RobotModel, stance: Stance, settings: BayesianSettings, sw
 def plan_for(
     candidates: Candidates, stance: Stance, settings: BayesianSettings, swings: Sequence[Recording] = ()
 ) -> Plan:
-    """Plan the trials before any measurement; raises SettingsError if the duration is too short."""
+    """Plan the trials from the prior alone; raises SettingsError if the duration is too short."""
     reserved, after = _excitation_time(stance, settings), None
     swung = LegSwings.of(candidates.unknowns, [MotionSamples(0, samples=tuple(swings))])
     if swung is not None:
@@ -95,7 +95,7 @@ class BayesianRoutine:
         if self.settings.rotate_halfway:
             check_turn(self.standing)
         self._expected = round(self.settings.duration_for(self.stance) / Durations.of(self.stance).lift)
-        find_com_fast(self.trials, self._search_on)
+        find_com_fast(self.trials, self._report_search)
         self.trials.com_covariance = search_covariance(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
         self._report_progress("planning the most informative lifts")
         candidates = self._candidates()
@@ -109,13 +109,13 @@ class BayesianRoutine:
         )
         done: list[LiftDesign] = []
         # With too few safe lifts, replan after the first visit, when the CoM is more certain.
-        turning_point = round(_REPLAN_AT * len(plan.visits)) if len(candidates.lifts) >= FEW_LIFTS else 1
-        if plan.turn_after is not None:
-            turning_point = plan.turn_after
-        self._visit(plan, 0, turning_point, done)
+        replan_at = round(_REPLAN_AT * len(plan.visits)) if len(candidates.lifts) >= FEW_LIFTS else 1
+        if plan.rotate_after is not None:
+            replan_at = plan.rotate_after
+        self._visit(plan, 0, replan_at, done)
         posterior = self._posterior()
         if posterior is None or not self._good_enough(posterior):
-            self._follow(posterior)
+            self._use_estimate(posterior)
             if self.settings.rotate_halfway:
                 self._report_progress("turn the robot to face the other way")
                 self.trials.turn()
@@ -123,7 +123,7 @@ class BayesianRoutine:
             rest = self._replan(posterior, done)
             if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # stance motions alone are not sufficient
                 rest = plan
-            self._visit(rest, 0 if rest is not plan else turning_point, len(rest.visits), done)
+            self._visit(rest, 0 if rest is not plan else replan_at, len(rest.visits), done)
         if len(done) < _FEWEST_LIFTS and self._obstacles:
             raise MotionError(
                 f"only {len(done)} of the planned lifts were possible: {'; '.join(self._obstacles)}",
@@ -133,7 +133,7 @@ class BayesianRoutine:
             self._report_progress("excitation about all axes")
             excitation_all_axes(self.standing, self.stance, self.trials.com)
 
-    def _search_on(self, diagonal: str) -> None:
+    def _report_search(self, diagonal: str) -> None:
         """Report a lift of the search."""
         self._report_progress(f"search on {diagonal}")
 
@@ -177,7 +177,7 @@ class BayesianRoutine:
         goals = self.settings.goals.vector(components(posterior.robot_body), self.stance)
         return bool((np.sqrt(np.diag(posterior.robot_covariance)) <= goals).all())
 
-    def _follow(self, posterior: Posterior | None) -> None:
+    def _use_estimate(self, posterior: Posterior | None) -> None:
         """Use the current estimates of CoM and mass for support lines and torques."""
         if posterior is None:
             return

@@ -55,7 +55,9 @@ class BayesianSettings:
             improve the CoM's height and the inertia.
     """
 
-    judging: ClassVar[tuple[str, ...]] = ("mass", "mass_std", "cable", "leg_prior", "surface", "priors", "prior_run")
+    estimate_only: ClassVar[tuple[str, ...]] = (
+        "mass", "mass_std", "cable", "leg_prior", "surface", "priors", "prior_run",
+    )  # fmt: skip
 
     duration: float | None = None
     mass: float | None = None

@@ -88,7 +88,7 @@ def forecast_after(robot: RobotModel, stance: Stance, settings: BayesianSettings
         without = plan_ahead(robot, stance, alone)
     except SettingsError:  # too short for a run without a prior run
         return plan
-    return replace(plan, without=without.std)
+    return replace(plan, std_without_prior_run=without.std)
 
 
 def opening_moves(candidates: Candidates, prior_run: PriorRun) -> tuple[BodyPosture, ...]:

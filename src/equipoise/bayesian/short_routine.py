@@ -48,11 +48,11 @@ class ShortRoutine(BayesianRoutine):
         early = self._posterior(lifts_needed=False)
         largest = _LARGEST_STD * self.stance.hip_height
         if early is not None and early.robot_covariance[1:3, 1:3].trace() < largest**2:
-            self._follow(early)
-        find_com_fast(self.trials, self._search_on, calibrated=True)
+            self._use_estimate(early)
+        find_com_fast(self.trials, self._report_search, calibrated=True)
         self.trials.com_covariance = search_covariance(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
         posterior = self._posterior()
-        self._follow(posterior)
+        self._use_estimate(posterior)
         plan, done = self._rest(posterior), list[LiftDesign]()
         self._expected = len(self._recordings) + len(plan.visits) + plan.lifts
         self._visit(plan, 0, len(plan.visits), done)

@@ -116,7 +116,7 @@ def perform(
             robot = standing.robot  # methods replace it by models with other masses later
             on_response(response)
             facts["response_test"] = to_json(response)
-        _confirm_mass(method.mass_in_doubt(standing, stance), confirm)
+        _confirm_mass(method.compare_mass(standing, stance), confirm)
         method.run(standing, stance, recordings, report)
         move_to(standing, feet_at_end)
     except BaseException:

@@ -273,7 +273,7 @@ class RunFolder:
         truth = self.truth()
         if truth is None:
             return calibration
-        table = self._truth_table()
+        table = self._read_table(_TRUTH)
         of_parts: PartsTruth = {name: table.get(name) or {} for name in ("motors", "links")}
         return calibration.with_truth(truth).with_truth_of_parts(of_parts)
 
@@ -282,13 +282,10 @@ class RunFolder:
         if not (self.path / _TRUTH).exists():
             return None
         try:
-            table = self._truth_table()
+            table = self._read_table(_TRUTH)
             return from_json(RobotInertia, {name: table[name] for name in BODIES})
         except (KeyError, TypeError, ValueError) as error:
             raise damaged(self.path, f"its {_TRUTH} is not a ground truth ({reason(error)})") from error
-
-    def _truth_table(self) -> dict[str, Any]:
-        return self._read_table(_TRUTH)
 
     def _read_table(self, name: str) -> dict[str, Any]:
         return read_json(self.path / name, f"the run {str(self.path)!r} is damaged", f"; {REMEDY}")

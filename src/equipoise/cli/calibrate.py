@@ -45,7 +45,7 @@ class ShownFlags(Output):
         view: Show the robot and the converging estimate in a Rerun window or, without a display, record view.rrd in the run
             folder. 'equipoise view RUN' shows a finished run. The control loop does not wait for the viewer.
         browser: With --view: serve the viewer to a browser. At a terminal it is served until Enter or Ctrl-C.
-        report: Do not write the page report.html in the run folder.
+        report: Write the page report.html in the run folder.
         verbose: Show the duration of each stage of the estimate.
     """
 
@@ -70,7 +70,7 @@ class ShownFlags(Output):
 
     @contextmanager
     def viewing(self, folder: RunFolder, stays: bool = True) -> Generator[None]:
-        """Show a run while it is written; with `stays`, serve the page after it until Enter or Ctrl-C."""
+        """Show a run while it is written; with `stays`, keep serving the viewer afterwards until Enter or Ctrl-C."""
         if not self.view:
             yield
             return
@@ -107,7 +107,8 @@ def calibrate(
     robot.
 
     The run folder keeps every recording. On a robot, a guard checks every command
-    and sample; after a fault it lowers the robot.
+    and sample; after a fault it lowers the robot, or damps its joints if the robot
+    no longer follows commands.
 
     Example: equipoise calibrate a1 --payload 1.5,0.1,0,0.08 --seed 3 --out runs/a1
              equipoise calibrate go2 --sim-preset stress --disable-effect springs --enable-effect cable=0.5

@@ -134,12 +134,12 @@ def _given_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     """Return the flags of the run's method that may change in a new estimate; raises SettingsError."""
     name = _method_of(arguments)
     kind = settings_of(name)
-    flags = (optional(flag) for flag in flags_of(kind) if flag.name in kind.judging)
+    flags = (optional(flag) for flag in flags_of(kind) if flag.name in kind.estimate_only)
     return spec_of(f"Settings of {name}; default as in the run.", flags, lambda values: values_of(kind, values))
 
 
 def _refuse_other(flag: str, arguments: Sequence[str]) -> None:
-    refuse_flag_of(owners(flag, judging=True), flag, f"--method {_method_of(arguments)}")
+    refuse_flag_of(owners(flag, estimate_only=True), flag, f"--method {_method_of(arguments)}")
 
 
 CHOSEN: dict[Any, ChosenFlags] = {

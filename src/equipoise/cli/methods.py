@@ -118,12 +118,12 @@ def refuse_flag_of(names: Sequence[str], flag: str, this: str) -> None:
         raise SettingsError(f"{shown} belongs to {where}; this is {this}")
 
 
-def owners(flag: str, judging: bool = False) -> list[str]:
+def owners(flag: str, estimate_only: bool = False) -> list[str]:
     """Return the names of the methods that have a flag.
 
     Args:
         flag: name of the flag, with underscores.
-        judging: true for only the flags that may change in a new estimate of the same recordings.
+        estimate_only: true for only the flags that may change in a new estimate of the same recordings.
     """
     name = flag.removeprefix("no_")
     return [
@@ -131,7 +131,7 @@ def owners(flag: str, judging: bool = False) -> list[str]:
         for method, kind in _methods(settings_of).items()
         if not isinstance(kind, EquipoiseError)
         and name in {setting.name for setting in flags_of(kind)}
-        and (not judging or name in kind.judging)
+        and (not estimate_only or name in kind.estimate_only)
     ]
 
 

@@ -31,7 +31,7 @@ from equipoise.user_file import typed
 if TYPE_CHECKING:
     from equipoise.guard.report import GuardReport
 
-_SCALE_TOLERANCE = 0.03  # of the robot's mass
+_MASS_TOLERANCE = 0.03  # of the robot's mass
 _CHECK_TIME = 1.0  # [s] before the operator confirms
 
 
@@ -62,7 +62,7 @@ class Session:
     @property
     def facts(self) -> Mapping[str, Any]:
         """Provenance of the run."""
-        engine = {} if self._simulation is None else {self.target.platform: self._simulation.engine}
+        engine = {} if self._simulation is None else {self.target.platform: self._simulation.engine_version}
         return {**self.target.facts(), **engine}
 
     def __call__(self, quiet: bool) -> Calibration:
@@ -73,12 +73,12 @@ class Session:
         with folder:
             if self._simulation is not None:
                 folder.save_truth(self._simulation.truth, self._simulation.truth_of_parts)
-                _warn_about_scale(method, self._simulation.truth.composite.mass)
+                _warn_about_mass(method, self._simulation.truth.composite.mass)
             with TrialProgress(quiet) as progress:
                 with self._platform() as (platform, keyboard):
                     confirm = keyboard.confirmed if sys.stdin.isatty() else None
                     if content is not None and content.recordings:  # confirmed when the run began
-                        confirm = _confirm_resumed
+                        confirm = _confirmed_before
                     real = self._simulation is None
                     rotated, on_response = (keyboard.rotation_confirmed, folder.save_response) if real else (None, None)
                     experiment = perform(
@@ -149,7 +149,10 @@ def resumed_run(target: RunTarget, robot: RobotModel, path: Path, method: Method
 
 @contextmanager
 def _resume_hint(folder: RunFolder) -> Generator[None]:
-    """Print the folder of the recordings, and the command that resumes the run, if it is interrupted."""
+    """If the run is interrupted, print the folder of its recordings and the command that resumes it.
+
+    A run whose mass is not confirmed is deleted: nothing was recorded yet.
+    """
     log = folder.log  # a closed folder has none
     try:
         yield
@@ -163,8 +166,8 @@ def _resume_hint(folder: RunFolder) -> Generator[None]:
         raise
 
 
-def _confirm_resumed(question: str) -> bool:
-    """Confirm a resumed run, which was confirmed before its first lift."""
+def _confirmed_before(question: str) -> bool:
+    """Return True: the operator answered the question before the first lift of the run."""
     del question
     return True
 
@@ -206,10 +209,10 @@ def confirm(target: RunTarget, robot: RobotModel, method: Method, yes: bool = Fa
         raise SettingsError(f"not confirmed, nothing was moved; type {robot.name}, or pass --yes in a script")
 
 
-def _warn_about_scale(method: Method, mass: float) -> None:
+def _warn_about_mass(method: Method, mass: float) -> None:
     """Warn if --mass contradicts the mass of the simulated robot [kg]."""
     given = getattr(getattr(method, "base", method), "mass", None)  # of a combined method, its base method
-    if given is not None and abs(given / mass - 1) > _SCALE_TOLERANCE:
+    if given is not None and abs(given / mass - 1) > _MASS_TOLERANCE:
         warnings.warn(f"--mass is {given:g} kg, but the simulated robot has {mass:.2f} kg", stacklevel=2)
 
 

@@ -57,18 +57,20 @@ class RunTarget:
         facts = folder.provenance
         if "platform_settings" in facts:
             return HardwareTarget(str(facts["platform"]), given=dict(facts["platform_settings"]))
-        names = ("platform", "sim_preset", "payload", "seed", "start")
-        if missing := [name for name in names if name not in facts]:
+        names = ("platform", "sim_preset", "payload", "seed", "start", "noise_seed", "contact_model")
+        lists = ("effects", "disabled_effects")
+        if missing := [name for name in names + lists if name not in facts]:
             raise RecordingError(
                 f"the run {str(folder.path)!r} has no {missing[0]!r} in its provenance; only runs of "
                 "'equipoise calibrate' can be resumed"
             )
-        effects = facts.get("effects", {}).items()
         return SimulatedTarget(
-            **{name: facts[name] for name in names}, noise_seed=facts.get("noise_seed"),
-            enable_effect=tuple(name if size is None else f"{name}={size!r}" for name, size in effects),
-            disable_effect=tuple(facts.get("disabled_effects", ())), contact_model=facts.get("contact_model", "default"),
-        )  # fmt: skip
+            **{name: facts[name] for name in names},
+            enable_effect=tuple(
+                name if size is None else f"{name}={size!r}" for name, size in facts["effects"].items()
+            ),
+            disable_effect=tuple(facts["disabled_effects"]),
+        )
 
 
 @dataclass(frozen=True)
@@ -119,15 +121,9 @@ class SimulatedTarget(RunTarget):
         return ", ".join(words + ["contact model of the file"] * (self.contact_model == "file"))
 
     def facts(self) -> Mapping[str, Any]:
-        names = ("platform", "sim_preset", "payload", "seed", "start", "noise_seed")
+        names = ("platform", "sim_preset", "payload", "seed", "start", "noise_seed", "contact_model")
         facts = {name: getattr(self, name) for name in names}
-        other = {
-            "effects": self.sizes,
-            "disabled_effects": list(self.disable_effect),
-            "contact_model": self.contact_model,
-        }
-        usual: dict[str, Any] = {"effects": {}, "disabled_effects": [], "contact_model": "default"}
-        return facts | {name: value for name, value in other.items() if value != usual[name]}
+        return {**facts, "effects": self.sizes, "disabled_effects": list(self.disable_effect)}
 
     def again(self, number: int) -> SimulatedTarget:
         seed = self.seed if self.noise_seed is None else self.noise_seed

@@ -228,7 +228,7 @@ def _floor(robot: RobotModel, position: FloatArray, acceleration_in_imu: FloatAr
     value = (
         f"{np.degrees(angle):.1f} deg between up and the feet's floor; up is ({up[0]:+.2f}, {up[1]:+.2f}, {up[2]:+.2f})"
     )
-    turned = f"is the IMU mounted turned ({upright_flag(rotation, acceleration_in_imu, normal)})"
+    turned = f"is the IMU rotated ({upright_flag(rotation, acceleration_in_imu, normal)})"
     if lies(robot, nominal_stance(robot), position):
         fine = None if bool(angle < _LYING_LEAN) else False
         advice = "does the robot lie level?" if fine is None else f"{turned}, does the robot lie level?"

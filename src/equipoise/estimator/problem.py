@@ -1,6 +1,6 @@
 """Maximum a posteriori estimate from all motions, with its covariance.
 
-Its residuals are those of the equations (equations/table.py), in units of their noise, of the priors, and of the scale.
+Its residuals, in units of their noise, are those of the equations (equations/table.py), the priors and the scale reading.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 E = TypeVar("E", bound=Equation[Any])
-_ROOT_LENGTHS = 1.0  # prior of the logarithms of the base's root lengths: a factor of e
-# Normalized residual of the first round. With one, unmodelled effects would outweigh all priors: without a scale, the mass
-# then goes to zero together with the torque gains, and does not recover.
+_LOG_DIAGONAL_STD = 1.0  # prior of the logarithms of the base's Cholesky diagonal: a factor of e
+# Normalized residual of the first round. With a value of 1, unmodelled effects would outweigh all priors: without a scale, the
+# mass then goes to zero together with the torque gains, and does not recover.
 _FIRST_RESIDUAL = 4.0
-# Std of the torque constants, or without torques of the mass, of a robot that was not weighed, until noise levels are known:
-# for the same reason.
+# Std of the torque gain or, without torques, of the mass, until noise levels are known, if the robot was not weighed. The
+# reason is the same.
 _FIRST_SCALE_STD = 0.02
 
 
@@ -322,7 +322,7 @@ def prior_rows(unknowns: Unknowns, x: FloatArray, mass: tuple[float, float] | No
 def body_prior_rows(
     unknowns: Unknowns, x: FloatArray, mass: tuple[float, float] | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the prior residuals of the base and of the robot's mass, and their derivative."""
+    """Return the residuals of the priors of the base and the robot's mass and of the scale reading, and their derivative."""
     priors, stance, robot = unknowns.priors, unknowns.stance, unknowns.robot
     model = unknowns.model_base_vector
     inertial, jacobian = unknowns.inertial(x), unknowns.inertial_jacobian(x)
@@ -331,10 +331,10 @@ def body_prior_rows(
     std = np.concatenate([np.full(3, moment), np.full(6, tensor)])
     rows = [(inertial[1:10] - model[1:]) / std]
     columns = [jacobian[1:10] / std[:, None]]
-    # The three root lengths of the base. Without a prior, few motions can shrink the body to a degenerate plate.
-    lengths = slice(1, 4)
-    rows.append((x[lengths] - unknowns.start()[lengths]) / _ROOT_LENGTHS)
-    columns.append(np.eye(unknowns.size)[lengths] / _ROOT_LENGTHS)
+    # Logarithms of the Cholesky diagonal. Without a prior, the body can degenerate to a plate if there are only a few motions.
+    diagonal = slice(1, 4)
+    rows.append((x[diagonal] - unknowns.start()[diagonal]) / _LOG_DIAGONAL_STD)
+    columns.append(np.eye(unknowns.size)[diagonal] / _LOG_DIAGONAL_STD)
     total, total_jacobian = total_mass(unknowns, x)
     rows.append(np.array([(total - robot.mass) / (priors.mass * robot.mass)]))
     columns.append(total_jacobian[None] / (priors.mass * robot.mass))

@@ -20,8 +20,8 @@ _LEAST_DAMPING, _MOST_DAMPING = 1e-5, 1e6  # below it a step is not damped, abov
 _STIFFEN, _EASE = 10.0, 5.0  # factors of the damping after a step that failed, and after one that gained as predicted
 _AS_PREDICTED = 0.5  # share of the predicted gain
 _ROUNDING = 1e-9  # of the cost
-# Largest component of a step, in posterior standard deviations: limits that end a round (its noise levels depend little on
-# the parameters), that end the estimate, and above which the last step means no convergence.
+# Limits of a step's largest component, in posterior standard deviations. Below _NEAR a round ends, as noise levels depend
+# little on the parameters. Below _CONVERGED the estimate ends. From _SETTLED on, the last step means no convergence.
 _NEAR, _CONVERGED, _SETTLED = 0.3, 1e-2, 0.5
 
 
@@ -138,16 +138,16 @@ def _descend(problem: Problem, x: FloatArray, near: float, fix_scale: bool = Fal
     here, damping, size = equations_at(x), 0.0, np.inf
     for _ in range(_ITERATIONS):
         size = here.largest_step()
-        lower = _lower(equations_at, x, here, damping)
-        if lower is None:
+        step = _downhill_step(equations_at, x, here, damping)
+        if step is None:
             break
-        x, here, damping = lower
+        x, here, damping = step
         if size < near:
             break
     return x, size
 
 
-def _lower(
+def _downhill_step(
     equations_at: Callable[[FloatArray], NormalEquations], x: FloatArray, here: NormalEquations, damping: float
 ) -> tuple[FloatArray, NormalEquations, float] | None:
     """Take one Levenberg-Marquardt step, damped until it lowers the cost.

@@ -1,8 +1,9 @@
 """Parameter table of the Bayesian method: all parameters except the base's, with their priors.
 
-A field of `Priors` is a row (unknown.py). Its value is the standard deviation of the prior, a setting; the rest of the row
-holds its unit, the source of its prior, names and messages for reports, and its change between two runs. Layout, priors,
-Jacobian columns, findings, checks, the estimate of two runs and the documents follow from the table.
+A field of `Priors` is a row (unknown.py). Its value, a setting, is the prior's standard deviation as a multiple of the row's
+measure (such as the hip height). The row also holds the unit, the source of the prior, names and messages for reports, and
+the change between two runs. Layout, priors, Jacobian columns, findings, checks, the estimate of two runs and the documents
+follow from the table.
 
 To add a parameter, add a row here, and use `values["name"]` in its equation, which lists the name in `depends_on`. Its
 derivatives follow from the equation (traced.py).
@@ -68,7 +69,7 @@ _DEGREES = math.degrees(1.0)
 
 @dataclass(frozen=True)
 class Priors:
-    """Standard deviations of the priors; all means are zero (or the model's value).
+    """Standard deviations of the priors, as multiples of the rows' measures; all means are zero (or the model's value).
 
     The first three are of the base and the whole robot; all others are rows of the parameter table, in its order. Zero fixes
     such a row at the model's value.
@@ -131,7 +132,7 @@ class Priors:
         cause="joints have backlash in their gears",
     )  # fmt: skip
     eccentricity: float = unknown(
-        2e-3, "amplitude of the encoder error over the sine and the cosine of its reading", "rad", JOINT_PHASE,
+        2e-3, "coefficients of the sine and the cosine of the encoder's reading in its error", "rad", JOINT_PHASE,
         "assumed: an off-centre magnet", group=JOINTS, label="eccentricity of {each}",
         cause="encoder errors vary over a turn of the joint: an off-centre magnet or a tilted axis",
     )  # fmt: skip

@@ -30,13 +30,14 @@ def accept_bodies(result: Calibration, bodies: Sequence[str], force: bool) -> tu
     """Return the objections to a result's bodies, one sentence each, worst first.
 
     Raises:
-        NotEstimatedError: the method does not estimate a body; or a parameter is not identified and `force` is false.
+        NotEstimatedError: the method does not estimate a body; or a parameter is not identified or a check failed, and `force`
+            is false.
     """
     for body in bodies:
         try:
             getattr(result, body).parameters()
         except NotEstimatedError as error:
-            raise NotEstimatedError(f"{body}: {error}; calibrate with --method bayesian") from None
+            raise NotEstimatedError(f"{body}: {error}") from None
     missing = _with_verdict(result, bodies, "not identified")
     if missing and not force:
         raise NotEstimatedError(

@@ -51,8 +51,8 @@ FORMATS: dict[str, Format] = {
         Format("json", _BOTH, "", False, "tools of your own", "inertia.json", tables.write_json, "tables", parts=_ALL_PARTS),
         Format("toml", (), "", False, "tools of your own", f"{_FOUND_FILE}.toml", sensors_and_motors.write_toml,
                _PAGE, parts=(*_FOUND, LEGS)),
-        Format("zeros", (), "", False, "encoder software", "joint_zeros.yaml", sensors_and_motors.write_zeros,
-               _PAGE, parts=(SENSORS,)),
+        Format("joint-offsets", (), "", False, "encoder software", "joint_offsets.yaml",
+               sensors_and_motors.write_joint_offsets, _PAGE, parts=(SENSORS,)),
         Format("c-header", (), "", False, "firmware, C and C++", f"{_FOUND_FILE}.h",
                sensors_and_motors.write_c_header, _PAGE, parts=_FOUND),
         Format("ros2", (), "", False, "parameters of a ROS 2 node", "ros2_parameters.yaml",
@@ -141,8 +141,8 @@ def export(
 
     Raises:
         SettingsError: the format does not exist, or does not take an argument.
-        NotEstimatedError: the method does not estimate what the format needs; it is not identified, not physical, or its
-            CoM lies outside the robot, and `force` is false.
+        NotEstimatedError: the method does not estimate what the format needs; or a value is not identified or not physical,
+            a CoM lies outside the robot or a check failed, and `force` is false.
         ModelError: the model file has moved, has changed or cannot be edited.
     """
     row = find_format(format)
@@ -260,7 +260,7 @@ def _has(result: Calibration, part: str) -> bool:
 
 def _refuse_flags(row: Format, file: bool, payload_link: bool, samples: int, seed: int) -> None:
     if file and not row.file:
-        raise SettingsError(f"--file: format {row.name} does not edit a file; paste its output into {row.where}")
+        raise SettingsError(f"--file: format {row.name} edits no file; omit --file, and use its output for {row.where}")
     if payload_link and not row.payload:
         able = ", ".join(name for name, other in FORMATS.items() if other.payload)
         raise SettingsError(f"--add-payload-link: format {row.name} has no links; use {able}")

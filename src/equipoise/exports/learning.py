@@ -52,13 +52,13 @@ def mjlab(subject: Subject) -> Written:
 
 def isaaclab(subject: Subject) -> Written:
     """Write ranges of Isaac Lab's randomize_rigid_body_mass and randomize_rigid_body_com, and actuator parameters."""
-    return _together(subject, _isaaclab_base, "JOINT_ZERO", _ISAACLAB)
+    return _together(subject, _isaaclab_base, "JOINT_OFFSET", _ISAACLAB)
 
 
-def _together(subject: Subject, of_base: Callable[[Subject], Written], zeros: str, code: str) -> Written:
+def _together(subject: Subject, of_base: Callable[[Subject], Written], offsets: str, code: str) -> Written:
     """Return the requested parts: the base, then sensors and motors."""
     parts = [of_base(subject)] if BASE in subject.parts else []
-    parts += [_joints(subject, zeros, code)] if subject.columns else []
+    parts += [_joints(subject, offsets, code)] if subject.columns else []
     return Written(b"".join(part.content for part in parts), "; ".join(part.about for part in parts))
 
 
@@ -141,13 +141,13 @@ def _dictionary(name: str, ranges: dict[str, tuple[float, ...]] | dict[str, tupl
     return [f"{name} = {{", *rows, "}"]
 
 
-def _joints(subject: Subject, zeros: str, code: str) -> Written:
+def _joints(subject: Subject, offsets: str, code: str) -> Written:
     about = subject.columns_words
     lines = [
         *subject.comment(about),
         f"JOINTS = ({''.join(f'{joint!a}, ' for joint in subject.joints).rstrip()})",
         "# 95 % interval of encoder reading minus joint position [rad]",
-        *_ranges(zeros, subject, "joint_offset"),
+        *_ranges(offsets, subject, "joint_offset"),
         "# 95 % interval of the delay from command to torque [s]",
         *_ranges("DELAY", subject, "delay"),
         *_values("ARMATURE", subject.column("armature"), "kg m2"),

@@ -54,7 +54,7 @@ def write_c_header(subject: Subject) -> Written:
     return Written.text([*lines, "#endif"], about)
 
 
-def write_zeros(subject: Subject) -> Written:
+def write_joint_offsets(subject: Subject) -> Written:
     """Write joint offsets alone, by joint, as YAML."""
     about = "joint offsets [rad], encoder reading minus joint position: joint = reading - offset"
     return Written.text([*subject.comment(about), *yaml_lines(_offsets(subject))], about)

@@ -78,7 +78,7 @@ def columns_table(columns: Iterable[Column]) -> dict[str, Any]:
 
 
 def _body(found: Body, written: InertialParameters) -> dict[str, Any]:
-    table = Body.known(written).numbers()
+    table = Body.complete(written).numbers()
     with_std = [quantity for quantity in found if quantity.std is not None]
     if with_std:
         table["std"] = {quantity.name: quantity.std for quantity in with_std}

@@ -44,8 +44,9 @@ class BaseChecks:
         if context.up.tilt > self._limits.lean:
             rotation = np.array(self._robot.imu_in_base.rotation)
             raise FallError(
-                f"the base leans by {np.degrees(context.up.tilt):.0f} deg before the first command: the robot has fallen, or "
-                f"the IMU is mounted turned: {upright_flag(rotation, context.state.acceleration_in_imu, _LEVEL)}"
+                f"the base leans by {np.degrees(context.up.tilt):.0f} deg before the first command. If the robot has "
+                "fallen, set it upright. If the IMU is rotated: "
+                f"{upright_flag(rotation, context.state.acceleration_in_imu, _LEVEL)}"
             )
 
     def _check_lean(self, command: JointCommand, context: CheckContext) -> None:

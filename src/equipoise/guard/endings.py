@@ -1,12 +1,13 @@
-"""Endings of a run: a sound robot is lowered under control, an unsound one is damped at once.
+"""Endings of a run: a robot that follows its targets is lowered under control; any other is damped at once.
 
-    sound     feet down       lifted feet return to their last positions on the floor
-              lowered         the robot lies down, its base at 0.2 m/s or less; checked like any motion
-              damped          stiffness fades, then joints only resist motion
-    unsound   damped          joints only resist motion, from the next command on
+    it follows      feet down   lifted feet return to their last positions on the floor
+                    lowered     the robot lies down, its base at 0.2 m/s or less; checked like any motion
+                    damped      stiffness fades, then joints only resist motion
+    it does not     damped      joints only resist motion, from the next command on
 
-A robot is unsound if it falls, does not follow its targets, or its sensors or its connection fail. It is damped until it is
-at rest. The ending is reported as not confirmed if no sample shows the robot at rest.
+A robot does not follow if it falls, misses its targets, or its sensors or its connection fail. It is damped until it is at
+rest. The ending is reported as not confirmed if no sample shows the robot at rest. A robot whose gains cannot be set cannot
+be damped: it is lowered instead, unless it has fallen.
 """
 
 from __future__ import annotations
@@ -58,19 +59,19 @@ class Ending:
 
     Args:
         loop: loop of the robot.
-        sound: whether the robot stands and follows its targets.
+        controllable: whether the robot stands and follows its targets.
         urgent: whether to skip lowering it.
         done: steps of an earlier ending that failed.
 
     Attributes:
         urgent: whether to skip lowering it; may be set at any time.
-        unsound: whether the robot is damped, without checks of commands and samples.
-        done: completed steps, in order.
+        unchecked: whether commands and samples are no longer checked: the robot is damped, or is lowered without following.
+        done: steps in order, from their beginning; the text of one that did not complete states it.
     """
 
-    def __init__(self, loop: RobotLoop, sound: bool, urgent: bool, done: Sequence[str]) -> None:
+    def __init__(self, loop: RobotLoop, controllable: bool, urgent: bool, done: Sequence[str]) -> None:
         self._loop = loop
-        self.urgent, self.unsound = urgent, not sound
+        self.urgent, self.unchecked = urgent, not controllable
         self.done = list(done)
         self._silence = np.inf  # [s] without an accepted sample
         self._here: FloatArray | None = None
@@ -88,11 +89,11 @@ class Ending:
         self._here = loop.context.state.joint_position
         # A robot that cannot be damped is lowered: lying is better than falling.
         stiff = loop.own_gains is None and loop.context.up.tilt < _FALLEN
-        if stiff or not (self.unsound or self._has_sunk()):
+        if stiff or not (self.unchecked or self._has_sunk()):
             yield from self._feet_down(loop.context.sent, loop.context.standing)
             yield from self._lowered()
             yield from self._faded()
-        self.unsound = True
+        self.unchecked = True
         yield from self._damped()
 
     def _feet_down(self, sent: JointCommand, standing: JointCommand) -> Iterator[JointCommand]:
@@ -110,9 +111,9 @@ class Ending:
         position, _ = lying_posture(loop.robot, loop.stance)
         way = foot_positions(loop.robot, position) - foot_positions(loop.robot, self._sent.position)
         height = float(np.abs(way[:, 2]).max())
-        longest = max(LIE_DOWN * loop.stance.scale.time, _PEAK * height / _LOWERING)
+        duration = max(LIE_DOWN * loop.stance.scale.time, _PEAK * height / _LOWERING)
         torque = static_torques(loop.robot, position, LEG_NAMES)  # the legs carry the robot until it lies
-        for command in self._way_to(position, torque, longest):
+        for command in self._way_to(position, torque, duration):
             if self.urgent:
                 self.done[-1] += ", cut short"
                 return

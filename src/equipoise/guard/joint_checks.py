@@ -16,7 +16,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 
 _STUCK_TIME = 0.5  # [s] over which a joint must follow
-_STUCK_MOVE, _STUCK_SHARE = 0.12, 0.25  # [rad] of target motion; share that the joint must move (sound joints: 0.66)
+_STUCK_MOVE, _STUCK_SHARE = 0.12, 0.25  # [rad] of target motion; share that the joint must move (working joints: 0.66)
 _RUNAWAY = 2.0  # times the limit: a joint this far from its target fails at once
 
 

@@ -9,7 +9,7 @@ from equipoise.errors import SettingsError
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits beyond those of the robot's model. No calibration of a sound robot reaches them.
+    """Limits beyond those of the robot's model. No calibration of a working robot reaches them.
 
     In brackets: the largest value in 26 guarded calibrations of the catalogue's robots (bayesian and paper, standing and
     lying at first, realistic preset, 10 or 15 % of the robot's mass on top and off centre).

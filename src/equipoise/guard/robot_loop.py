@@ -39,9 +39,9 @@ from equipoise.recording.recording import PHASE
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import lies, nominal_stance
 
-_LOOK_TIME = 0.3  # [s] of samples before the first command
+_OBSERVE_TIME = 0.3  # [s] of samples before the first command
 _FRESH_TIME = 0.1  # [s] in which a sample must arrive after a pause without commands
-_SOUND = (HealthError, StopRequestedError, OverrunError)  # errors after which the robot still follows commands
+_CONTROLLABLE = (HealthError, StopRequestedError, OverrunError)  # errors after which the robot still follows commands
 DAMP = "damp"
 """Request of the remote control or the operator to damp the robot at once."""
 
@@ -104,10 +104,10 @@ class RobotLoop:
         self.own_gains = (kp, kd) if "gains" in platform.accepts else None
         self._hardware = platform if isinstance(platform, HardwarePlatform) else None
         self._samples = SampleFilter(robot, self.period, self._limits.silence)
-        self._up = TiltFilter(np.array(robot.imu_in_base.rotation))
+        self._tilt_filter = TiltFilter(np.array(robot.imu_in_base.rotation))
         self._forces = ForceLimit(self._limits, robot, self.stance, (kp, kd), self.period)
         self._report = GuardReport(self._samples.counts)
-        self._looked = 0.0
+        self._observed = 0.0
         self._commands: Iterator[JointCommand | None] = iter(())
         self._upcoming: JointCommand | None = None
         self._soft = False  # whether the upcoming command belongs to the soft start
@@ -145,27 +145,27 @@ class RobotLoop:
         """End the current motion early; hold the robot at its last target."""
         self.motion, self._upcoming = None, None
 
-    def end(self, error: BaseException | None, urgent: bool = False, sound: bool = True) -> None:
+    def end(self, error: BaseException | None, urgent: bool = False, controllable: bool = True) -> None:
         """Begin to put the robot down.
 
         Args:
             error: error that ends the run; None: the run is complete.
             urgent: whether to skip lowering it.
-            sound: whether the robot stands and follows its targets. Otherwise it is damped at once.
+            controllable: whether the robot stands and follows its targets. Otherwise it is damped at once.
         """
         self.trouble = self.trouble or error
         if isinstance(error, OverrunError) and self.ending is None:
             self._look_again()
-        if self.ending is not None and sound:
+        if self.ending is not None and controllable:
             self.ending.urgent = self.ending.urgent or urgent
             return
-        if self.ending is not None and self.ending.unsound:
+        if self.ending is not None and self.ending.unchecked:
             return
         done = [] if self.ending is None else self.ending.done
         if done:
             done[-1] += f", stopped: {error}"
         self.motion = None
-        self.ending = Ending(self, sound, urgent, done)
+        self.ending = Ending(self, controllable, urgent, done)
         self._commands = self.ending.commands() if self._was_commanded else iter(())
         if isinstance(error, OtherCommanderError):
             self.ending.done.append("left to the other program")
@@ -195,7 +195,7 @@ class RobotLoop:
                 raise
             if self.clocked:  # otherwise immediate failures would use up the ending's control periods
                 time.sleep(max(0.0, due - time.monotonic()))
-            self._fail(error, sound=not sent or isinstance(error, _SOUND))
+            self._fail(error, controllable=not sent or isinstance(error, _CONTROLLABLE))
         else:
             self._prepare()
         if self._request and not self.over:
@@ -254,7 +254,7 @@ class RobotLoop:
             raise CommunicationError(
                 f"no sample has arrived for {silent:.1f} s: is the robot still on, is the cable plugged in?"
             )
-        self._looked += self.period
+        self._observed += self.period
         return self._accept(state, None)
 
     def _accept(self, state: RobotState, command: JointCommand | None) -> tuple[RobotState, ...]:
@@ -265,7 +265,7 @@ class RobotLoop:
         target = None if command is None else command.position
         fresh = self._samples.accept(arrived, target, tolerant=not self.watched)
         for sample in fresh:
-            self._up.update(sample)
+            self._tilt_filter.update(sample)
         if fresh:
             self.state = max(fresh, key=lambda sample: sample.time)
             if self.context is not None:
@@ -281,7 +281,7 @@ class RobotLoop:
         """Put the robot down at the operator's request: `DAMP` damps it at once, any other request lowers it."""
         damp = request == DAMP
         action = "damp the robot" if damp else "lower the robot"
-        self.end(StopRequestedError(f"{source} requested to {action}: the run was ended"), sound=not damp)
+        self.end(StopRequestedError(f"the run ended because {source} asked to {action}"), controllable=not damp)
 
     def _check_after(self, command: JointCommand) -> None:
         assert self.context is not None
@@ -292,7 +292,7 @@ class RobotLoop:
     @property
     def watched(self) -> bool:
         """Return whether commands and samples are checked: always, except while the robot is damped."""
-        return self.ending is None or not self.ending.unsound
+        return self.ending is None or not self.ending.unchecked
 
     @property
     def waits(self) -> bool:
@@ -308,17 +308,19 @@ class RobotLoop:
     def _was_commanded(self) -> bool:
         return self.context is not None and (self._hardware is None or self._hardware.commanded)
 
-    def _fail(self, error: BaseException, sound: bool) -> None:
+    def _fail(self, error: BaseException, controllable: bool) -> None:
         """Begin or continue the ending after an error; a failure during lowering damps the robot."""
         if self.ending is None:
-            self.end(error, sound=sound)
+            self.end(error, controllable=controllable)
             return
         self.ending.observe(())
         self.ending.urgent = self.ending.urgent or isinstance(error, KeyboardInterrupt)
-        if self.ending.unsound or isinstance(error, (*_SOUND, KeyboardInterrupt)):  # as by a motor that is still hot
+        if self.ending.unchecked or isinstance(
+            error, (*_CONTROLLABLE, KeyboardInterrupt)
+        ):  # for example a motor still hot
             self._prepare()
         else:
-            self.end(error, sound=False)
+            self.end(error, controllable=False)
 
     def _look_again(self) -> None:
         """Read the robot after a pause without commands: it may have sunk, and waiting samples are old."""
@@ -342,14 +344,14 @@ class RobotLoop:
             self.motion = None
         except BaseException as error:  # a check before the first command fails; or the ending fails: damp the robot
             self.motion = self._upcoming = None
-            self.end(error, sound=self.ending is None)
+            self.end(error, controllable=self.ending is None)
             if not isinstance(error, Exception):
                 raise
 
     def _commands_of(self, motion: MotionOrder) -> Iterator[JointCommand | None]:
         first = motion.trajectory.command(0)
         if self.context is None:
-            while self.state is None or (self.state.received is not None and self._looked < _LOOK_TIME):
+            while self.state is None or (self.state.received is not None and self._observed < _OBSERVE_TIME):
                 yield None
             self._soft = True
             yield from self._take_over(self.state, first)
@@ -366,9 +368,9 @@ class RobotLoop:
     def _take_over(self, state: RobotState, first: JointCommand) -> Iterator[JointCommand]:
         """Check the robot, then yield the soft start's commands; raise MotionError, SensorError or FallError."""
         for check in self._at_rest:
-            check(first, CheckContext(state, first, first, first, self._up))
+            check(first, CheckContext(state, first, first, first, self._tilt_filter))
         here = JointCommand(state.joint_position)
-        self.context = CheckContext(state, here, here, here, self._up)
+        self.context = CheckContext(state, here, here, here, self._tilt_filter)
         limp = lies(self.robot, self.stance, state.joint_position)
         allowed = np.stack([self.robot.lower_limit, self.robot.upper_limit])
         yield from soft_start(first, state, self.own_gains, limp, self.period, allowed)
@@ -394,4 +396,4 @@ class RobotLoop:
         done = () if self.ending is None else tuple(self.ending.done)
         trouble = "" if self.trouble is None else str(self.trouble)
         self._report.unchecked = self._hardware is not None and self._hardware.unchecked
-        return self._report.with_end(timing, self._up.largest, done, trouble)
+        return self._report.with_end(timing, self._tilt_filter.largest, done, trouble)

@@ -27,7 +27,7 @@ from equipoise.robot.stance import Stance, nominal_stance
 
 _CLOCK_TOLERANCE = 5e-3  # [s]: below what the legs resolve; the estimate finds the rest
 _WALKING_TILT = 0.01  # [rad]
-_UPSIDE_DOWN = 0.7  # cosine: nearer to down than a robot on a slope is to level
+_UPSIDE_DOWN = 0.7  # cosine of the largest angle between the measured vertical and straight down
 _OTHER_ORDERS = (("FR", "FL", "RR", "RL"), ("RL", "RR", "FL", "FR"), ("RR", "RL", "FR", "FL"))
 _SLOW_JOINTS, _SLOW_IMU = 80.0, 80.0  # [Hz] on an A1
 
@@ -73,7 +73,7 @@ def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = No
     Raises:
         LogError: nothing in it can be used, or its sensors are not plausible; the error carries the report.
         RecordingError: its units, signs or order of joints cannot be right.
-        MotionError: the IMU is mounted turned.
+        MotionError: the IMU is rotated.
         SettingsError: the mass does not fit the robot.
     """
     method, stance = method or BayesianMethod(), nominal_stance(robot)
@@ -119,8 +119,8 @@ def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findi
     if not compared.agrees:
         _check_legs(robot, stance, recording)
         message = (
-            f"in {compared.motion} the gyroscope differs from the rotation by the legs ({compared.unexplained:.0%} of the "
-            "variance): check the joint map, the IMU's axes and the robot model"
+            f"in {compared.motion} the gyroscope differs from the rotation computed from the legs ({compared.unexplained:.0%} "
+            "of the variance): check the joint map, the IMU's axes and the robot model"
         )
         findings.append(LogFinding("gyroscope", message))
         return recording
@@ -128,8 +128,8 @@ def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findi
         return recording
     later = "late" if compared.offset < 0 else "early"
     message = (
-        f"the IMU's stamps are {abs(compared.offset) * 1000:.0f} ms {later} against the joints', according to "
-        f"{compared.time:.0f} s of {compared.motion}: they are shifted by as much"
+        f"the IMU's time stamps are {abs(compared.offset) * 1000:.0f} ms {later} relative to the joints', by "
+        f"{compared.time:.0f} s of {compared.motion}; the estimate corrects them"
     )
     findings.append(LogFinding("clocks", message))
     return replace(recording, imu=replace(recording.imu, time=recording.imu.time + compared.offset))
@@ -140,8 +140,8 @@ def _check_legs(robot: RobotModel, stance: Stance, recording: Recording) -> None
     for order in _OTHER_ORDERS:
         if _agrees(robot, stance, _reordered(robot, recording, order)):
             raise RecordingError(
-                f"the gyroscope contradicts the legs in the order {' '.join(LEG_NAMES)}, in which the log's joints are read, "
-                f"and agrees with them in the order {' '.join(order)}: name the joints in a file for --joint-map or --columns"
+                f"the joints were read in the order of legs {' '.join(LEG_NAMES)}; the gyroscope agrees with the legs only in "
+                f"the order {' '.join(order)}: name the joints in a file for --joint-map or --columns"
             )
 
 
@@ -189,7 +189,7 @@ def _judged(segments: list[LogSegment], result: Calibration) -> tuple[LogSegment
     judged: list[LogSegment] = []
     for segment in segments:
         note = next(notes) if segment.recording is not None else None
-        judged.append(segment if note is None else replace(segment, why_not=note))
+        judged.append(segment if note is None else replace(segment, reason_unused=note))
     return tuple(judged)
 
 
@@ -203,20 +203,20 @@ def _limitations(result: Calibration, report: LogReport, method: BayesianMethod)
     messages: list[str] = []
     if pairs and not diagonals:
         messages.append(
-            "The robot walks, without a lift of two feet from rest: joint offsets and the IMU's mounting are not separated "
-            "from an offset of the CoM. Record lifts, or stance motions from rest to rest."
+            "The robot walks and never lifts two feet from rest: the log does not separate joint offsets and the IMU's "
+            "mounting from an offset of the CoM. Record lifts, or stance motions from rest to rest."
         )
         if len(pairs) == 1:
             messages.append(f"All steps are on {pairs.pop()}: the CoM along the line of these feet is not determined.")
     elif not diagonals and crawls:
         messages.append(
-            "The robot crawls, on three feet at least: the CoM's height and the inertia are not determined, its x and y only "
-            "by joint torques. Record a trot, or lifts of two diagonal feet."
+            "The robot crawls with at least three feet on the floor: the CoM's height and the inertia are not determined, and "
+            "only joint torques determine the CoM's x and y. Record a trot, or lifts of two diagonal feet."
         )
     elif not diagonals:
         messages.append(
-            "There is no lift of two diagonal feet after a rest: the CoM's height and the inertia are not determined, its x "
-            "and y only by joint torques."
+            "There is no lift of two diagonal feet after a rest: the CoM's height and the inertia are not determined, and "
+            "only joint torques determine the CoM's x and y."
         )
     elif len(diagonals) < len(DIAGONALS):
         messages.append(
@@ -228,11 +228,11 @@ def _limitations(result: Calibration, report: LogReport, method: BayesianMethod)
         )
     if method.mass is None and report.log.recording.joints.torque is None:
         messages.append(
-            "There are no joint torques and no --mass: the mass is the model's, and the inertia, which scales with it, is as "
-            "uncertain."
+            "There are no joint torques and no --mass: the model file's mass is used. The inertia scales with it, so its "
+            "relative uncertainty is that of this mass. Weigh the robot and give --mass."
         )
     for verdict, words in (
-        ("doubtful", "Doubtful, as a check failed"),
+        ("doubtful", "Doubtful, because a check failed"),
         ("not identified", "Not identified by this log"),
         ("weak", "Weakly identified"),
     ):
@@ -243,12 +243,12 @@ def _limitations(result: Calibration, report: LogReport, method: BayesianMethod)
 
 
 def _nothing_usable(report: LogReport) -> LogError:
-    by_reason = {segment.why_not: segment.what for segment in reversed(report.segments) if segment.why_not}
-    reasons = dict.fromkeys(f"{what}: {why_not}" for why_not, what in reversed(by_reason.items()))
+    by_reason = {segment.reason_unused: segment.what for segment in reversed(report.segments) if segment.reason_unused}
+    reasons = dict.fromkeys(f"{what}: {reason_unused}" for reason_unused, what in reversed(by_reason.items()))
     return LogError(
-        f"nothing in the log can be used. It holds {'; '.join(list(reasons)[:4]) or 'rests alone'}. What can be used are "
-        "rests on four feet with joint torques, lifts of two diagonal feet or stance motions after them, and gaits that "
-        "stand on two feet, as a trot, or with joint torques on three, as a crawl",
+        f"nothing in the log can be used. It contains {'; '.join(list(reasons)[:4]) or 'only rests'}. Record rests on four "
+        "feet with joint torques, lifts of two diagonal feet, stance motions from rest to rest, a trot, or a crawl with joint "
+        "torques",
         report,
         {"log": report.to_dict()},
     )
@@ -257,5 +257,5 @@ def _nothing_usable(report: LogReport) -> LogError:
 def _segment_to_dict(segment: LogSegment) -> Mapping[str, Any]:
     return {
         "start": segment.start, "end": segment.end, "kind": segment.kind, "what": segment.what, "used": segment.used,
-        "why_not": segment.why_not,
+        "reason_unused": segment.reason_unused,
     }  # fmt: skip

@@ -46,15 +46,15 @@ class CombinedMethod(Method):
     motors: Method
 
     def __post_init__(self) -> None:
-        for name in ("name", "summary", "estimates", "judging", "timestep"):  # class attributes of other methods
+        for name in ("name", "summary", "estimates", "estimate_only", "timestep"):  # class attributes of other methods
             object.__setattr__(self, name, getattr(self.base, name))
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
         self.base.check(robot, stance)
         self.motors.check(robot, stance)
 
-    def mass_in_doubt(self, standing: StandingRobot, stance: Stance) -> MassComparison | None:
-        return self.base.mass_in_doubt(standing, stance)
+    def compare_mass(self, standing: StandingRobot, stance: Stance) -> MassComparison | None:
+        return self.base.compare_mass(standing, stance)
 
     def run(
         self,

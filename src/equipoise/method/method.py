@@ -39,14 +39,14 @@ class Method(ABC):
         summary: description in one sentence.
         estimates: names of the estimated parameters of the whole robot: "mass", "com_x", "com_y", "com_z",
             "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz".
-        judging: names of the settings that affect only `estimate`, and may differ when recordings are estimated again.
+        estimate_only: names of the settings that affect only `estimate`, and may differ when recordings are estimated again.
         timestep: largest simulation time step that does not affect the method's results [s].
     """
 
     name: ClassVar[str]
     summary: ClassVar[str]
     estimates: ClassVar[tuple[str, ...]]
-    judging: ClassVar[tuple[str, ...]] = ()
+    estimate_only: ClassVar[tuple[str, ...]] = ()
     timestep: ClassVar[float] = 0.5e-3
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
@@ -58,7 +58,7 @@ class Method(ABC):
         """
         return None
 
-    def mass_in_doubt(self, standing: StandingRobot, stance: Stance) -> MassComparison | None:
+    def compare_mass(self, standing: StandingRobot, stance: Stance) -> MassComparison | None:
         """Compare a given mass with the joint torques of the standing robot, before `run`.
 
         Returns:

@@ -58,14 +58,14 @@ class Forecast(Protocol):
         body: (10,) assumed mass [kg], CoM in the base frame [m] and inertia about it [kg m2] of the whole robot.
         std: (10,) predicted standard deviations of these.
         left_out: motions that the robot cannot do, with reasons.
-        without: (10,) predicted standard deviations for the same duration without the prior run; None: no prior run.
+        std_without_prior_run: (10,) the same without the prior run, in the same duration; None: no prior run.
         links: leg links by name, with predicted standard deviations; empty unless the method estimates them.
     """
 
     @property
     def links(self) -> Mapping[str, Link]: ...
     @property
-    def without(self) -> FloatArray | None: ...
+    def std_without_prior_run(self) -> FloatArray | None: ...
     @property
     def robot_time(self) -> float: ...
     @property

@@ -144,9 +144,9 @@ class Motors(MotorsSettings, Method):
         return Calibration(
             **model_facts(robot, stance.joint_position),
             method=self.name,
-            composite=Body.partly(nominal.composite),
-            base=Body.partly(nominal.base),
-            stance_effective=Body.partly(nominal.stance_effective),
+            composite=Body.partial(nominal.composite),
+            base=Body.partial(nominal.base),
+            stance_effective=Body.partial(nominal.stance_effective),
             excitations={},
             support_lines={},
             trials=tuple(_trial_of(recording) for recording in complete_swings(recordings)),

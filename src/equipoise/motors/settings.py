@@ -22,7 +22,7 @@ class MotorsSettings:
         motor_stance: "belly" with all legs up, "three-feet" with one leg up, or "auto": belly if its legs can turn up.
     """
 
-    judging: ClassVar[tuple[str, ...]] = ()
+    estimate_only: ClassVar[tuple[str, ...]] = ()
 
     motor_time: float = 10.0
     motor_stance: MotorStance = "auto"

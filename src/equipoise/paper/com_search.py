@@ -2,8 +2,8 @@
 
 The body moves over fixed feet. In the base frame this shifts the feet as the algorithm requires, without dragging them.
 
-The paper does not treat a robot that balances outside the bounds. Here, a search that converges to an end tries that end.
-If the robot tips the wrong way there, the bracket is widened once.
+The paper assumes that the robot balances within the bounds. Here, a search that converges to one end tests the robot at
+that end. If the robot tips outward there, the bracket is widened once.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def find_support_vector(runner: TrialRunner, diagonal: str, x_u: float, x_l: flo
     and waits for t_thres (9-12).
 
     Raises:
-        MotionError: the robot tips the same way at both ends, even after the bracket is widened; it tips away from its CoM
-            at both ends; or it did not come to rest at its target.
+        MotionError: the robot tips the same way at both ends of the widened bracket; it tips away from its CoM at both ends;
+            or it did not come to rest at its target.
     """
     if diagonal not in DIAGONALS:
         raise SettingsError(f"diagonal is {diagonal!r}; it must be {' or '.join(DIAGONALS)}")
@@ -115,7 +115,7 @@ def _raise_unbalanced(
 
 
 def _reachable_end(runner: TrialRunner, near: float, far: float) -> float:
-    """Return the safe offset that is farthest from `near` towards `far` [m]."""
+    """Return the farthest safe offset of `far` and three evenly spaced ones before it; `near` if none is safe [m]."""
     for fraction in (1.0, 0.75, 0.5, 0.25):
         candidate = near + fraction * (far - near)
         try:

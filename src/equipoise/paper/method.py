@@ -133,9 +133,9 @@ class PaperMethod(PaperSettings, Method):
         return Calibration(
             method=self.name,
             **model_facts(robot, stance.joint_position),
-            composite=Body.partly(nominal.composite, com_in_base=(float(x_c), float(y_c), None)),
-            base=Body.partly(nominal.base),
-            stance_effective=Body.partly(nominal.stance_effective),
+            composite=Body.partial(nominal.composite, com_in_base=(float(x_c), float(y_c), None)),
+            base=Body.partial(nominal.base),
+            stance_effective=Body.partial(nominal.stance_effective),
             excitations=excitations,
             support_lines=lines,
             trials=(*(_trial(lift) for lift in lifts), *trials),

@@ -110,7 +110,7 @@ class PaperSettings:
         excitation: step 2.
     """
 
-    judging: ClassVar[tuple[str, ...]] = ("feet",)
+    estimate_only: ClassVar[tuple[str, ...]] = ("feet",)
 
     feet: Literal["measured", "commanded"] = "measured"
     com_search: ComSearchSettings = field(default_factory=ComSearchSettings, metadata={"prefix": ""})

@@ -32,14 +32,14 @@ class RunLog(AbstractContextManager["RunLog"]):
     """Writer of one file of a log. Use it as a context manager, or close it.
 
     A motion is announced by `begin` and written by `add`, whole or piece by piece; `keep` makes a recording of the motions of
-    its trial. What `add` or `keep` has returned from outlives the process.
+    its trial. Once `add` or `keep` has returned, its data survive the end of the process.
 
-    Ctrl-C never ends a write halfway, behind which the library could not continue: it interrupts the main thread alone, and
-    a thread of the log's own writes while the caller waits.
+    Ctrl-C never interrupts a write, after which the library could not continue: it interrupts only the main thread, and the
+    log's own thread writes while the caller waits.
 
     Attributes:
         path: path of the file.
-        empty: whether no motion of the run was written yet, to this file or to one before it.
+        empty: whether no motion of the run has been written yet, to this file or to one before it.
 
     Raises:
         OutputError: the file exists or cannot be written; also by every method. Files before it are still readable.
@@ -124,12 +124,12 @@ class RunLog(AbstractContextManager["RunLog"]):
 
     def _put(self, entries: list[dict[str, Any]], messages: Iterable[tuple[int, str, bytes]] = ()) -> None:
         """Write entries and the messages after them, in order of time; an entry has the time of the message after it."""
-        behind = sorted(messages, key=lambda message: message[0])
-        if behind:
-            self._time = behind[0][0]
+        ordered = sorted(messages, key=lambda message: message[0])
+        if ordered:
+            self._time = ordered[0][0]
         for entry in entries:
             self._writer.add_message(self._channels[LOG], self._time, text_message(json.dumps(entry)), self._time)
-        for time, topic, body in behind:
+        for time, topic, body in ordered:
             self._writer.add_message(self._channels[topic], time, body, time)
             self._time = time
         self._writer.flush()
@@ -140,11 +140,11 @@ class RunLog(AbstractContextManager["RunLog"]):
 
 
 def resume_log(folder: Path, repeats: bool) -> tuple[RunLog, LogContent]:
-    """Open a new file of a log, to continue it behind its last complete recording; return also the log's content.
+    """Open a new file of a log, to continue it after its last complete recording; return also the log's content.
 
     Args:
         folder: folder of the log.
-        repeats: whether what was played behind that recording is left out, because it will be played again exactly.
+        repeats: whether motions after that recording are left out, because it will be played again exactly.
 
     Raises:
         RecordingError: the log cannot be read.

@@ -106,7 +106,7 @@ def _in_words(plan: Plan) -> list[str]:
 def _lifts(visit: Visit) -> str:
     lifts: list[str] = []
     for diagonal in DIAGONALS:
-        if turns := visit.turns(diagonal):
+        if turns := visit.lifts_on(diagonal):
             lifts.append(f"lifts on {diagonal}: {turns}")
     return "; ".join(lifts)
 

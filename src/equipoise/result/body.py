@@ -141,7 +141,7 @@ class Body(_Group):
         return dataclasses.replace(body, covariance=_read_only(covariance))
 
     @classmethod
-    def known(
+    def complete(
         cls,
         parameters: InertialParameters,
         covariance: FloatArray | None = None,
@@ -152,7 +152,7 @@ class Body(_Group):
         return cls.of(components(parameters), covariance, compared_with, model)
 
     @classmethod
-    def partly(
+    def partial(
         cls,
         model: InertialParameters | None = None,
         mass: float | None = None,

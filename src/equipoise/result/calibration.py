@@ -66,8 +66,8 @@ class Trial:
     """One motion and its results.
 
     Attributes:
-        kind: kind of trial: "lift", "excitation", "posture" or "stand".
-        about: diagonal of a lift, axis of an excitation, or description of a posture.
+        kind: kind of trial, as `RecordedTrial.kind`, for example "lift"; "motion" without a trial.
+        about: diagonal of a lift, axis of an excitation, number of steps, or description of a posture.
         offset: offset of the support line along the base's x axis, for a lift [m].
         lift_height: commanded height of the lifted feet [m].
         tilt: rotation of the CoM about the support line, positive forward [rad].

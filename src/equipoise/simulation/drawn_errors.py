@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
-from equipoise.simulation.effects import SensorErrors
+from equipoise.simulation.effects import EffectSizes
 
 _NOISE_BLOCK = 1024
 # [rad/s]: speed at which a joint's friction has lost two thirds of what it has more at rest.
@@ -37,12 +37,12 @@ class DrawnErrors:
         drawn: values of each effect by the name of its row, one per part, in its unit (of a direction: its angle).
     """
 
-    sizes: SensorErrors
+    sizes: EffectSizes
     noise_seed: int
     drawn: Mapping[str, FloatArray]
 
     @classmethod
-    def draw(cls, sizes: SensorErrors, joints: int, seed: int, noise_seed: int | None = None) -> DrawnErrors:
+    def draw(cls, sizes: EffectSizes, joints: int, seed: int, noise_seed: int | None = None) -> DrawnErrors:
         """Draw the constant errors of a robot with that many joints; its noise is the seed's, or that of a seed of its own."""
         noise_seed = seed if noise_seed is None else noise_seed
         for name, value in (("seed", seed), ("seed of the noise", noise_seed)):

@@ -1,8 +1,9 @@
 """Table of effects of simulated robots beyond the model file, and the presets `ideal`, `realistic`, `stress`.
 
-A field of `SensorErrors` is a row, and its value the effect's size. The row also holds the parts with a value each, the law
-of the draws, the size in each preset with its source, the scaling to other robots, and the engines that support it. Flags,
-draws, studies, errors and documents are derived from it. A new effect needs a row here, and its name where it acts.
+A field of `EffectSizes` is a row, and its value is the effect's size. The row states for which parts the effect is drawn and
+from which distribution, its size in each preset and the source of that size, how it scales to other robots, and the engines
+that support it. Flags, studies, errors and documents follow from the rows. A new effect needs a row here, and its name in
+the module that simulates it.
 
 The estimator does not read this table: its priors, with separate sources, are in `estimator/unknowns.py`.
 """
@@ -37,11 +38,11 @@ _MOTORS = "one motor type, one constant: a vendor's bench had real torques of 1/
 
 
 @dataclass(frozen=True)
-class SensorErrors:
+class EffectSizes:
     """Sizes of a simulated robot's effects: errors of sensors, motors, legs, feet and floor, and a cable.
 
     The defaults are an ideal robot, as in its model file. Fields, units and meanings are the rows of the table of effects
-    (`SensorErrors.rows()`, docs/simulation-studies.md); a size is an rms value, exact, or as the law of its row defines it.
+    (`EffectSizes.rows()`, docs/simulation-studies.md); a size is an rms value, exact, or as the law of its row defines it.
     """
 
     encoder_noise: float = effect(
@@ -135,11 +136,11 @@ class SensorErrors:
         f"{_SCREWS}; errors common to all links of a file", stress=0.05,
     )  # fmt: skip
     leg_com_common: float = effect(
-        "shift of the CoM of all leg links of a kind", "m", "kind of leg link, along and twice across", "rms",
+        "shift of the CoM of all leg links of a kind", "m", "kind of leg link, three axes", "rms",
         _CAD, stress=4e-3, measure="length",
     )  # fmt: skip
     leg_com: float = effect(
-        "shift of the CoM of a leg link", "m", "leg link, along and twice across", "rms",
+        "shift of the CoM of a leg link", "m", "leg link, three axes", "rms",
         _CAD, stress=3e-3, measure="length",
     )  # fmt: skip
     leg_inertia: float = effect(
@@ -229,15 +230,15 @@ class SensorErrors:
         "an eccentric encoder magnet", alone=3e-3,
     )  # fmt: skip
     cable: float = effect(
-        "constant horizontal force on the base, fixed in the room", "N", "robot", "exact, its direction drawn",
-        "half a metre of Ethernet", stress=0.15,
+        "constant horizontal force on the base, in a direction that is fixed in the room", "N", "robot",
+        "exact, its direction drawn", "half a metre of Ethernet", stress=0.15,
     )  # fmt: skip
     swinging_load: float = effect(
-        "mass of a load that swings under the base, on 0.1 m of string times the robot's length over an A1's", "kg", "robot",
-        "exact", "a plug, a lanyard", alone=0.1, measure="mass", engines=MUJOCO,
+        "mass of a load that swings under the base, on a string of 0.1 m, scaled by the robot's length over an A1's", "kg",
+        "robot", "exact", "a plug, a lanyard", alone=0.1, measure="mass", engines=MUJOCO,
     )  # fmt: skip
     sling: float = effect(
-        "stiffness of a safety sling above the base, slack by 5 mm at the stance times the robot's length over an A1's",
+        "stiffness of a safety sling above the base, 5 mm slack at the stance, scaled by the robot's length over an A1's",
         "N/m", "robot", "exact",
         "a crane that is not lowered far enough", alone=1e3, measure="force over length", engines=MUJOCO,
         varied=False,
@@ -247,7 +248,7 @@ class SensorErrors:
         "feet of rubber hose or of printed plates", alone=6e-3, measure="length", engines=MUJOCO, varied=False,
     )  # fmt: skip
     foot_oval: float = effect(
-        "radius of curvature of a foot's bottom fore and aft over the foot's radius, less one; across it loses half as much",
+        "fore-aft radius of curvature of a foot's bottom over its radius, less one; the lateral one falls by half as much",
         "", "robot", "exact", "rubber that wore on two sides", alone=0.3, most=(1.0, "the foot would be a blade"),
         engines=MUJOCO, varied=False,
     )  # fmt: skip
@@ -256,7 +257,7 @@ class SensorErrors:
         "rubber that wore where it stands", alone=3e-3, measure="length", engines=MUJOCO, varied=False,
     )  # fmt: skip
     foot_position: float = effect(
-        "position of a foot, less the model's, along the calf and twice across", "m", "leg, three axes", "rms",
+        "position of a foot, less the model's, along the calf and in two directions across it", "m", "leg, three axes", "rms",
         "feet that were replaced: 3 mm in all", alone=1.7e-3, measure="length",
     )  # fmt: skip
     gyro_lag: float = effect(
@@ -268,7 +269,7 @@ class SensorErrors:
         "a cable that hangs down or comes from above", alone=-3.0, measure="force", signed=True, engines=MUJOCO,
     )  # fmt: skip
     hose: float = effect(
-        "stiffness of a hose between the base, above the rear feet, and the position of that point at the stance", "N/m",
+        "stiffness of a hose that pulls the point of the base above the rear feet back to its position at the stance", "N/m",
         "robot", "exact", "hoses and thick cables: 10 to 20 N/m", alone=20.0, measure="force over length", engines=MUJOCO,
     )  # fmt: skip
     slosh: float = effect(
@@ -286,8 +287,8 @@ class SensorErrors:
                 raise SettingsError(f"{row.name} is {value}: {row.most[1]}; give {row.most[0]:g} at most")
         if self.imu_clock_offset > self.sensor_delay:
             raise SettingsError(
-                f"imu_clock_offset is {self.imu_clock_offset} s and sensor_delay {self.sensor_delay} s: IMU samples would be "
-                "younger than the moment at which they are read"
+                f"imu_clock_offset is {self.imu_clock_offset} s and sensor_delay is {self.sensor_delay} s: IMU samples would "
+                "be taken after they are read; increase sensor_delay, or reduce imu_clock_offset"
             )
 
     @classmethod
@@ -305,13 +306,13 @@ class SensorErrors:
             )
         return rows[name]
 
-    def scaled_to(self, scale: Scale) -> SensorErrors:
+    def scaled_to(self, scale: Scale) -> EffectSizes:
         """Return an A1's effects scaled to a robot of another size, each by the measure of its row."""
         return dataclasses.replace(
             self, **{r.name: r.scaled(getattr(self, r.name), scale) for r in self.rows() if r.measure}
         )
 
-    def having(self, effects: Mapping[str, float | None], scale: Scale) -> SensorErrors:
+    def with_effects(self, effects: Mapping[str, float | None], scale: Scale) -> EffectSizes:
         """Return the sizes with these effects added, or of other sizes.
 
         Args:
@@ -325,11 +326,11 @@ class SensorErrors:
         usual = {name: row.scaled(row.size_alone, scale) for name, row in rows.items()}
         return dataclasses.replace(self, **{n: usual[n] if size is None else size for n, size in effects.items()})
 
-    def without(self, names: Iterable[str]) -> SensorErrors:
+    def without_effects(self, names: Iterable[str]) -> EffectSizes:
         """Return the sizes without these effects; raise SettingsError for an unknown name."""
         return dataclasses.replace(self, **{name: self.row(name).none for name in names})
 
-    def times(self, factors: Mapping[str, float]) -> SensorErrors:
+    def times(self, factors: Mapping[str, float]) -> EffectSizes:
         """Return the sizes with each of these effects multiplied by its factor, by name."""
         rows = {name: self.row(name) for name in factors}
         return dataclasses.replace(self, **{n: rows[n].times(getattr(self, n), factors[n]) for n in factors})
@@ -354,7 +355,7 @@ def read_effects(texts: Iterable[str]) -> dict[str, float | None]:
     read: dict[str, float | None] = {}
     for word in read_names(texts):
         name, given, size = (part.strip() for part in word.partition("="))
-        unit = SensorErrors.row(name).unit or "a fraction"
+        unit = EffectSizes.row(name).unit or "a fraction"
         try:
             read[name] = float(size) if given else None
         except ValueError:
@@ -371,33 +372,33 @@ def read_names(texts: Iterable[str]) -> tuple[str, ...]:
 
 @lru_cache(maxsize=1)
 def _rows() -> tuple[Effect, ...]:
-    fields = dataclasses.fields(SensorErrors)
+    fields = dataclasses.fields(EffectSizes)
     return tuple(dataclasses.replace(row.metadata[ROW], name=row.name) for row in fields)
 
 
-IDEAL = SensorErrors()
-"""No noise, no bias, no friction, exact leg model; soft position control and contact as simulated."""
+IDEAL = EffectSizes()
+"""No noise, no bias, no joint friction, exact leg model; a floor with friction coefficient 1."""
 
-REALISTIC = SensorErrors(**{row.name: row.realistic for row in SensorErrors.rows()})
-"""An A1's values, for a robot with the A1's m g h."""
+REALISTIC = EffectSizes(**{row.name: row.realistic for row in EffectSizes.rows()})
+"""Sizes of an A1; `EffectSizes.scaled_to` scales them to other robots."""
 
-STRESS = SensorErrors(**{row.name: row.in_stress for row in SensorErrors.rows()})
+STRESS = EffectSizes(**{row.name: row.in_stress for row in EffectSizes.rows()})
 """Effects of ordinary robots all at once, on an A1; more than the estimator models."""
 
-PRESETS: dict[Noise, SensorErrors] = {"ideal": IDEAL, "realistic": REALISTIC, "stress": STRESS}
+PRESETS: dict[Noise, EffectSizes] = {"ideal": IDEAL, "realistic": REALISTIC, "stress": STRESS}
 
 
 def sizes_of(
-    noise: Noise | SensorErrors, scale: Scale, effects: Mapping[str, float | None], disabled: Sequence[str]
-) -> SensorErrors:
+    noise: Noise | EffectSizes, scale: Scale, effects: Mapping[str, float | None], disabled: Sequence[str]
+) -> EffectSizes:
     """Return the sizes of a robot's effects; arguments are those of `simulate`.
 
     Raises:
         SettingsError: the preset or the effect does not exist, or an effect is both enabled and disabled.
     """
     if isinstance(noise, str) and noise not in PRESETS:
-        raise SettingsError(f"preset {noise!r} does not exist; use one of {', '.join(PRESETS)}, or SensorErrors")
+        raise SettingsError(f"preset {noise!r} does not exist; use one of {', '.join(PRESETS)}, or EffectSizes")
     if both := set(effects) & set(disabled):
         raise SettingsError(f"{', '.join(sorted(both))}: both enabled and disabled; use one of the two options")
     sizes = PRESETS[noise].scaled_to(scale) if isinstance(noise, str) else noise
-    return sizes.having(effects, scale).without(disabled) if effects or disabled else sizes
+    return sizes.with_effects(effects, scale).without_effects(disabled) if effects or disabled else sizes

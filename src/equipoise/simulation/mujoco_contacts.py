@@ -13,7 +13,7 @@ from equipoise.errors import SettingsError
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import BELLY_RATIO, Stance
 from equipoise.simulation.drawn_errors import DrawnErrors
-from equipoise.simulation.effects import Contacts, SensorErrors
+from equipoise.simulation.effects import Contacts, EffectSizes
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_drive import spring_constraint
 
@@ -92,7 +92,7 @@ def add_contacts(
 
 
 def _add_foot(
-    body: mujoco.MjsBody, leg: str, radius: float, width: float, sizes: SensorErrors, base_axes: FloatArray,
+    body: mujoco.MjsBody, leg: str, radius: float, width: float, sizes: EffectSizes, base_axes: FloatArray,
     how: dict[str, Any],
 ) -> None:  # fmt: skip
     """Add a foot of a radius at the stance: a ball, a cylinder or an ellipsoid, with a disc where it is flat.

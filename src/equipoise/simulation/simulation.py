@@ -14,7 +14,7 @@ from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 from equipoise.simulation.drawn_errors import DrawnErrors
-from equipoise.simulation.effects import Contacts, Noise, SensorErrors, sizes_of
+from equipoise.simulation.effects import Contacts, EffectSizes, Noise, sizes_of
 from equipoise.simulation.ground_truth_view import GroundTruth
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.simulated import SimulatedPlatform, Start
@@ -38,7 +38,7 @@ class Simulation:
     Attributes:
         platform: platform that experiments may use.
         truth: true parameters, for evaluation only: join them to a result afterwards.
-        engine: version of the engine.
+        engine_version: version of the engine.
         errors: effects that were drawn for it; for studies, not for experiments.
         truth_view: access to the true state; for evaluation only.
         disturbance: external forces on the robot; None in engines that do not support them.
@@ -48,7 +48,7 @@ class Simulation:
 
     platform: SimulatedPlatform
     truth: RobotInertia
-    engine: str
+    engine_version: str
     errors: DrawnErrors
     truth_view: GroundTruthView
     disturbance: Disturbance | None = None
@@ -85,7 +85,7 @@ class Simulation:
 
 def simulate(
     robot: RobotModel,
-    preset: Noise | SensorErrors = "realistic",
+    preset: Noise | EffectSizes = "realistic",
     payload: Payload | str | None = None,
     seed: int = 0,
     start: Start = "standing",
@@ -104,7 +104,7 @@ def simulate(
         seed: seed of everything drawn. Robots of the same seed have the same errors in all engines.
         start: posture with which the robot begins.
         timestep: time step of the engine [s]; default: the engine's own choice, 0.5 ms or less.
-        engine: name of the engine: "mujoco", or one that a package adds, as "dart".
+        engine: name of the engine: "mujoco", or one that a package adds, such as "dart".
         noise_seed: seed of the noise alone, for several runs of one robot; default `seed`.
         effects: additional effects, or other sizes: a size by name, or None for the size when it is simulated alone.
         disabled_effects: names of effects that are left out.

@@ -64,19 +64,21 @@ def _rows(segments: Sequence[LogSegment], verbose: bool) -> Iterable[tuple[str, 
     """Yield rows; unless verbose, consecutive segments with the same use or reason share a row."""
     if verbose:
         for segment in segments:
-            yield _row([segment], segment.what, segment.why_not)
+            yield _row([segment], segment.what, segment.reason_unused)
         return
-    shown = [one for one in segments if one.kind != "nudge" and (one.kind != "rest" or one.why_not or one.recording)]
-    for why_not, group in groupby(shown, key=lambda segment: segment.why_not):
+    shown = [
+        one for one in segments if one.kind != "nudge" and (one.kind != "rest" or one.reason_unused or one.recording)
+    ]
+    for reason_unused, group in groupby(shown, key=lambda segment: segment.reason_unused):
         parts = list(group)
-        if why_not is None:
+        if reason_unused is None:
             yield _row(parts, _counted(parts), None)
         else:
-            yield _row(parts, parts[0].what if len(parts) == 1 else f"{len(parts)} x {parts[0].what}", why_not)
+            yield _row(parts, parts[0].what if len(parts) == 1 else f"{len(parts)} x {parts[0].what}", reason_unused)
 
 
-def _row(segments: Sequence[LogSegment], what: str, why_not: str | None) -> tuple[str, str, str, str]:
-    verdict = "used" if why_not is None else f"not used: {why_not}"
+def _row(segments: Sequence[LogSegment], what: str, reason_unused: str | None) -> tuple[str, str, str, str]:
+    verdict = "used" if reason_unused is None else f"not used: {reason_unused}"
     return f"{segments[0].start:.1f}", f"{segments[-1].end:.1f}", what, verdict
 
 

@@ -161,7 +161,7 @@ def print_plan(robot: str, plan: Forecast) -> None:
     console = Console()
     trials = [[posture, *(lifts[diagonal] or "-" for diagonal in DIAGONALS)] for posture, lifts in plan.trials()]
     show_table(f"{robot}: {plan.robot_time:.0f} s of robot time", ["posture", *DIAGONALS], trials)
-    columns = [plan.std] if plan.without is None else [plan.std, plan.without]
+    columns = [plan.std] if plan.std_without_prior_run is None else [plan.std, plan.std_without_prior_run]
     rows = [
         [label, *(number(value, factor, form) for value in (model, *(NORMAL_95 * one for one in stds)))]
         for (_, label, factor, form), model, *stds in zip(ROWS, plan.body, *columns, strict=True)

@@ -87,7 +87,7 @@ def test_the_estimated_states_agree_with_the_simulated_truth(balanced):
         difference = getattr(estimated, name)[at] - getattr(true, name)[:-1]
         assert np.abs(difference[later]).max() < tolerance, name
     assert evaluate(balanced.run).balanced
-    assert evaluate(balanced.run).judged_by == "senses"
+    assert evaluate(balanced.run).judged_by == "sensors"
 
 
 def test_the_recording_holds_the_phases_and_every_sample(balanced):
@@ -242,15 +242,15 @@ def test_a_whole_robot_lighter_than_its_legs_raises_an_error(a1):
         with_composite(a1, nominal_stance(a1), 5.0, np.zeros(3))
 
 
-def test_a_precise_calibration_gives_mass_inertia_and_sensor_errors(a1, precise_run):
-    stance = precise_run.stance
-    design = calibrated(a1, stance, precise_run.result)
-    estimate = precise_run.result.composite.parameters()
+def test_a_bayesian_calibration_gives_mass_inertia_and_sensor_errors(a1, bayesian_run):
+    stance = bayesian_run.stance
+    design = calibrated(a1, stance, bayesian_run.result)
+    estimate = bayesian_run.result.composite.parameters()
     whole = composite_parameters(design.model, stance.joint_position)
     assert whole.mass == pytest.approx(estimate.mass)
     assert np.allclose(whole.com, estimate.com, atol=1e-9)
     assert design.source == "a calibration by the method bayesian"
-    with simulate(a1, "realistic", seed=precise_run.seed, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=bayesian_run.seed, timestep=1e-3) as simulation:
         drawn = simulation.errors
     assert design.sensors.any
     # Remaining errors are smaller than the drawn ones: units, signs and order are right.
@@ -259,13 +259,13 @@ def test_a_precise_calibration_gives_mass_inertia_and_sensor_errors(a1, precise_
         assert np.linalg.norm(left) < 0.7 * np.linalg.norm(getattr(drawn, name)), name
 
 
-def test_a_planar_calibration_moves_the_com_in_the_plane_only(a1, precise_run):
-    stance, result = precise_run.stance, precise_run.result
+def test_a_planar_calibration_moves_the_com_in_the_plane_only(a1, bayesian_run):
+    stance, result = bayesian_run.stance, bayesian_run.result
     x, y, _ = result.composite.com_in_base.values
     planar = dataclasses.replace(
         result,
-        composite=Body.partly(com_in_base=(x, y, None)),
-        base=Body.partly(),
+        composite=Body.partial(com_in_base=(x, y, None)),
+        base=Body.partial(),
         sensors=(),
     )
     design = calibrated(a1, stance, planar)
@@ -273,14 +273,14 @@ def test_a_planar_calibration_moves_the_com_in_the_plane_only(a1, precise_run):
     assert np.allclose(whole.com, [x, y, nominal.com[2]], atol=1e-9)
     assert whole.mass == pytest.approx(nominal.mass)
     assert not design.sensors.any
-    unknown = dataclasses.replace(planar, composite=Body.partly())
+    unknown = dataclasses.replace(planar, composite=Body.partial())
     with pytest.raises(SettingsError, match="has no planar centre of mass"):
         calibrated(a1, stance, unknown)
 
 
-def test_a_calibration_of_another_model_raises_an_error(two_jointed, precise_run):
+def test_a_calibration_of_another_model_raises_an_error(two_jointed, bayesian_run):
     with pytest.raises(SettingsError, match="with another model file than"):
-        calibrated(two_jointed, nominal_stance(two_jointed), precise_run.result)
+        calibrated(two_jointed, nominal_stance(two_jointed), bayesian_run.result)
 
 
 def test_the_model_file_is_the_unchanged_design_model(a1):

@@ -16,7 +16,7 @@ from equipoise.lab.static.method import Static
 from equipoise.lab.study.study import SOURCES, Study, draw
 from equipoise.lab.study.trial import check_study
 from equipoise.robot.description import RobotDescription
-from equipoise.simulation.effects import REALISTIC, SensorErrors
+from equipoise.simulation.effects import REALISTIC, EffectSizes
 
 VARIED = Study(vary_effects=True, spread=0.1, scale_error=0.01, seed=5)
 SHOWN = f"""
@@ -86,7 +86,7 @@ def test_disabling_one_draw_does_not_change_the_others(change, kept):
 def test_varied_sizes_range_from_zero_to_twice_the_default(noise):
     usual = draw(Study(preset=noise), 0).sizes
     drawn = [draw(Study(preset=noise, vary_effects=True), trial).sizes for trial in range(60)]
-    for row in SensorErrors.rows():
+    for row in EffectSizes.rows():
         size = getattr(usual, row.name)
         if not row.varied or size == row.none:
             assert {getattr(sizes, row.name) for sizes in drawn} == {size}

@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 from robots import load_text, quadruped_mjcf, quadruped_urdf
 
-from equipoise import Payload, SensorErrors, nominal_stance, simulate
+from equipoise import EffectSizes, Payload, nominal_stance, simulate
 from equipoise.errors import SettingsError
 from equipoise.lab.study.variation import LARGEST_SPREAD, SegmentVariation, vary, with_segments
 from equipoise.robot.inertial import composite_parameters
@@ -35,7 +35,7 @@ def robot(request):
 
 def simulated(robot, payload=None):
     stance = nominal_stance(robot)
-    errors = DrawnErrors.draw(SensorErrors(), len(robot.joint_names), 0)
+    errors = DrawnErrors.draw(EffectSizes(), len(robot.joint_names), 0)
     return build_simulated_robot(robot, stance, errors, payload, 1e-3), stance
 
 

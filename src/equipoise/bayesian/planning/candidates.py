@@ -152,7 +152,7 @@ class Candidates:
         home = self.lifts[0].posture
         moves = [(k, predictor.move(home, posture)) for k, posture in enumerate(self.postures)]
         standing = StanceMotions(unknowns, moves)
-        lifts.fit(x)
+        lifts.zero_at(x)
         for equation in (lifts, standing):
             equation.prepare(x)
             _, jacobian = equation.linearise(x)

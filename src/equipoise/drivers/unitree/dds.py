@@ -44,7 +44,7 @@ class UnitreeDdsConnection:
     Args:
         robot: model of a robot with three joints a leg.
         settings: settings of a Go2 or a B2.
-        second: whether another process has taken over the robot, and this connection only sends if a robot receives.
+        second: whether another process has taken over the robot, and this connection sends only while a robot is subscribed.
 
     Attributes:
         rejected: number of rejected samples: wrong checksum or length.
@@ -69,7 +69,7 @@ class UnitreeDdsConnection:
         }
         self._stop_motors()
         self._clock: RobotClock | None = None
-        self._stood_still = False
+        self._tick_was_zero = False
         self._newest: RobotState | None = None
         self._newest_record: NDArray[Any] | None = None
         self._health, self._examined, self._lost_before = Health(), -np.inf, np.zeros(MOTORS)
@@ -121,7 +121,7 @@ class UnitreeDdsConnection:
         self._transmit()
 
     def check_takeover(self) -> list[CheckupFinding]:
-        """Return the finding about the controller that holds the motors; the request releases none."""
+        """Return the finding about the controller that holds the motors; the query does not release the motors."""
         return [takeover_finding(self._switcher, self._settings.release_sport_mode, self._may_release())]
 
     def motor_report(self) -> dict[str, list[int]]:
@@ -164,7 +164,7 @@ class UnitreeDdsConnection:
             if not self._may_release():
                 raise MotionError(
                     f"the controller {mode!r} of {self.name} holds its motors, and the robot does not lie: it would fall when "
-                    "they are released. Have it lie down with its remote control; if it hangs in a frame, set hanging=true"
+                    "they are released. Make it lie down with its remote control; if it hangs in a frame, set hanging=true"
                 )
             self._switcher.release()
         if self._others is not None:
@@ -183,7 +183,7 @@ class UnitreeDdsConnection:
             )
 
     def _check_one_commander(self) -> None:
-        """Raise OtherCommanderError if another program sends commands; silent writers, as second connections, may exist."""
+        """Raise OtherCommanderError if another program sends commands; silent writers (second connections) are allowed."""
         others = [] if self._others is None else self._others.take()
         if others and self._others is not None:
             raise OtherCommanderError(
@@ -209,9 +209,9 @@ class UnitreeDdsConnection:
 
     def _clock_of(self, tick: int) -> RobotClock | None:
         """Return the robot's clock, or this computer's if it does not advance; None before that is known."""
-        if self._clock is None and (tick or self._stood_still):
+        if self._clock is None and (tick or self._tick_was_zero):
             self._clock = RobotClock(_TICK if tick else 0.0)
-        self._stood_still = tick == 0
+        self._tick_was_zero = tick == 0
         return self._clock
 
     def _arrived(self) -> list[RobotState]:

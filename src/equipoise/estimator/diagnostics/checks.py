@@ -46,7 +46,7 @@ _LEGS_DIFFER = 4.0
 # [m] on an A1, planar and height: the geometric CoM is not corrected for sensor biases; 1.4 and 4 mm rms in fault-free runs.
 _PLANES_AGREE = (7e-3, 25e-3)
 _IMU_DIFFERS = 2.5  # standard deviations
-_HELD_BACK = 3.0  # standard deviations: a false alarm in one clean run of 700
+_TETHER_LIMIT = 3.0  # standard deviations: a false alarm in one clean run of 700
 _IMPOSSIBLE = 3.0  # standard deviations below zero: clean runs come to 1.1, feet with edges and liquids to 3.7
 # Causes that no equation models.
 _OUTSIDE = "a safety sling, hose or cable carries load"
@@ -76,7 +76,7 @@ def run_checks(
         _fixed_parameters(posterior),
         _model_file(posterior),
         _imu_position(posterior),
-        _split_half(posterior),
+        _change_during_run(posterior),
         _leave_one_out(posterior),
         *([] if predicted is None else [_held_out_prediction(predicted)]),
         _sensor_errors(posterior),
@@ -145,7 +145,7 @@ def _lift_residuals(posterior: Posterior) -> Check:
         return Check("lift residuals", False, "no lifts: the estimate uses joint torques alone. Record lift trials")
     walked = all(motions[one.motion].lift is None for one in lifts)
     message = _residual_summary(motions, lifts, "steps" if walked else "lifts")
-    passed = _fit(lifts)
+    passed = _residuals_pass(lifts)
     if not passed:
         message += (
             f". Feet slip, {_OUTSIDE}, a load shifts, samples are missing, or the model or a sensor is wrong. {_REPEAT}"
@@ -157,10 +157,10 @@ def _stance_motion_residuals(posterior: Posterior) -> Check:
     name, moves, motions = "stance motion residuals", posterior.residuals_of(StanceMotions), posterior.motions
     if not moves:
         if any(motion.of(StepSamples) for motion in motions) and not any(motion.lift for motion in motions):
-            return Check(name, True, "a walk does not determine joint offsets: they widen the intervals")
+            return Check(name, True, "not tested: a walk has no stance motions; joint offsets keep their priors")
         return Check(name, False, "no stance motions to separate joint offsets from the CoM. Record stance motions")
     message = _residual_summary(motions, moves, "stance motions")
-    passed = _fit(moves)
+    passed = _residuals_pass(moves)
     if not passed:
         message += (
             ". The feet do not stay in place: they slip, the legs differ from the model (lengths, foot frames), an encoder is "
@@ -169,7 +169,7 @@ def _stance_motion_residuals(posterior: Posterior) -> Check:
     return Check(name, passed, message)
 
 
-def _fit(residuals: tuple[MotionResidual, ...]) -> bool:
+def _residuals_pass(residuals: tuple[MotionResidual, ...]) -> bool:
     sizes = np.array([one.normalized_residual for one in residuals])
     return bool(np.mean(sizes > _LARGE_RESIDUAL) < _OUTLIERS and np.median(sizes) < _LARGE_MEDIAN)
 
@@ -223,7 +223,7 @@ def _held_out_prediction(predicted: HeldOut) -> Check:
     passed = size < limit
     message = f"{predicted.message()}; rms error {size:.1f} standard deviations (limit {limit:.1f})"
     if passed and predicted.error(FOUND) > predicted.error(MODEL):
-        message += ". The model file predicts as well: increase --duration to distinguish the robot from its file"
+        message += ". The model file predicts at least as well: increase --duration to distinguish the two"
     if not passed:
         message += (
             ". One posture contradicts the others: the legs differ from the model (lengths, hips), a part bends or swings, a "
@@ -255,13 +255,13 @@ def _cause(posterior: Posterior, test: ScoreTest, limit: float) -> str:
     most = f"{row.label.format(each=unknowns.labels(row)[index])} {test.values[index]:+.2g} {row.unit}".strip()
     opened = f"{row.opened_by} or " if row.opened_by else ""
     return (
-        f"{row.cause} (score {test.deviate:.1f}, limit {limit:.1f}; {most}). It is fixed at the model's value: estimate it "
-        f"with {opened}{row.name} = {row.usual:g} in --priors"
+        f"{row.cause} (score {test.deviate:.1f}, limit {limit:.1f}; {most}). {row.name} is fixed at the model's value: "
+        f"estimate it with {opened}{row.name} = {row.usual:g} in --priors"
     )
 
 
 def _model_file(posterior: Posterior) -> Check:
-    """Test for conflicts with the file: one kind is estimated, several may come from effects that are not modelled."""
+    """Test for conflicts with the file. A single one is estimated; several may come from effects that are not modelled."""
     rows = posterior.unknowns.priors.widened
     if not rows:
         return Check("model file", True, "no conflict with the leg geometry and IMU position of the file")
@@ -298,7 +298,7 @@ def _imu_position(posterior: Posterior) -> Check:
     return Check(name, False, message)
 
 
-def _split_half(posterior: Posterior) -> Check:
+def _change_during_run(posterior: Posterior) -> Check:
     """Score test at every motion for a change of the base, with the same sensors, legs and joints."""
     unknowns, covariance = posterior.unknowns, posterior.covariance
     base, motions = unknowns["base"], sorted(posterior.information)
@@ -329,7 +329,7 @@ def _split_half(posterior: Posterior) -> Check:
         message += (
             f". A payload or part moved, sensors drift, or {_OUTSIDE}. Fasten parts, warm up the IMU, repeat the run"
         )
-    return Check("split-half consistency", passed, message)
+    return Check("change during the run", passed, message)
 
 
 def _sensor_errors(posterior: Posterior) -> Check:
@@ -365,7 +365,7 @@ def _physical_parameters(posterior: Posterior) -> Check:
         return Check(
             "physical parameters",
             True,
-            f"no value is {_IMPOSSIBLE:g} standard deviations below zero; lowest: {shown[0]}",
+            f"no value is more than {_IMPOSSIBLE:g} standard deviations below zero; lowest: {shown[0]}",
         )
     message = f"negative, which is impossible: {', '.join(negative)}. Possible causes: {_SHAPES}. {_REPEAT}"
     return Check("physical parameters", False, message)
@@ -376,8 +376,8 @@ def _tether(posterior: Posterior) -> Check:
     if not posterior.unknowns.estimates("tether_stiffness"):
         return Check("tether", True, "no tether stiffness is estimated")
     ((_, stiffness, std),) = posterior.of_row(posterior.unknowns.priors.row("tether_stiffness"))
-    if stiffness < _HELD_BACK * std:
-        limit = f"below {_HELD_BACK:g} standard deviations"
+    if stiffness < _TETHER_LIMIT * std:
+        limit = f"within {_TETHER_LIMIT:g} standard deviations of zero"
         return Check("tether", True, f"no tether is detected: stiffness {stiffness:+.1f} N/m, {limit}")
     message = (
         f"a hose or a tether holds the trunk back with {stiffness:.1f} N/m (standard deviation {std:.1f}): remove it, "
@@ -387,7 +387,7 @@ def _tether(posterior: Posterior) -> Check:
 
 
 def _torque_mass(posterior: Posterior, masses: MassComparison | None) -> Check:
-    """Test that joint torques balance with gains that have no common error: a wrong mass causes one."""
+    """Test that the torque gains have no common error, which a wrong mass would cause, and that the torques balance."""
     name, balance = "torque-mass consistency", posterior.problem.equation(TorqueBalance)
     if balance is None:
         return Check(name, True, "not tested: the recordings contain no joint torques")
@@ -413,7 +413,8 @@ def _torque_mass(posterior: Posterior, masses: MassComparison | None) -> Check:
     passed = agree and size < _IMPLAUSIBLE and residual < _TORQUE_RESIDUAL
     if not passed:
         message += (
-            f". The given mass is wrong, torques are not joint torques in Nm, or {_OUTSIDE}. Weigh again, check units"
+            f". The given mass is wrong, torques are not joint torques in Nm, or {_OUTSIDE}. Weigh the robot again, and check "
+            "the units of torques"
         )
     return Check(name, passed, message)
 
@@ -435,9 +436,7 @@ def _left_and_right(posterior: Posterior) -> Check:
             if abs(difference) / allowed > worst:
                 worst, name = abs(difference) / allowed, ("front" if left == 0 else "rear") + f" link {link + 1}"
     passed = worst < _LEGS_DIFFER
-    message = (
-        f"largest left-right mass difference: {name or 'none'}, {worst:.1f} times the usual (limit {_LEGS_DIFFER:g})"
-    )
+    message = f"largest left-right mass difference: {name or 'none'}, {worst:.1f} standard deviations (limit {_LEGS_DIFFER:g})"
     return Check(
         "left and right", passed, message if passed else f"{message}. Look for a part or damage on one of these legs"
     )

@@ -109,7 +109,11 @@ def predict_held_out(posterior: Posterior, prior_run: PriorRun | None = None) ->
 
 
 def folds_of(motions: Sequence[MotionSamples], posterior: Posterior) -> list[list[int]]:
-    """Return the motion indices of each posture; each motion alone where its posture is unknown or has too many lifts."""
+    """Return the groups of motion indices that are left out together.
+
+    A group holds the motions of one posture, or one motion of unknown posture. If a posture has too many of the lifts, each
+    motion is a group of its own.
+    """
     used = [motion for motion in motions if motion.index in posterior.information]
     folds: dict[object, list[MotionSamples]] = {}
     for motion in used:

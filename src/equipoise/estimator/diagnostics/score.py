@@ -3,7 +3,7 @@
 At the posterior mode, r are the residuals in units of their noise. J is their derivative by the estimated parameters, prior
 rows included. C is their derivative by the parameters of one fixed row, in units of its usual prior. Then
 
-    s = C^T r,    F = C^T (1 - J (J^T J)^-1 J^T) C,    s^T F^-1 s ~ chi2(k)
+    s = -C^T r,    F = C^T (1 - J (J^T J)^-1 J^T) C,    s^T F^-1 s ~ chi2(k)
 
 if the model's values are right (Rao 1948; s are the Lagrange multipliers of the fixed parameters). A test names the cause
 without another estimate, because each effect leaves a residual pattern that the estimated parameters cannot explain.

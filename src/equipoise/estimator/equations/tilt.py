@@ -23,14 +23,13 @@ from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial, WalkTrial
 
 _FREE_CONSTANT = 0.25  # [rad2/s2] variance of a trial's unknown constant: practically infinite
-# Number of lifts with the same model error.
-_SHARED = 2.5
+_SHARED = 2.5  # effective number of lifts with the same model error: correlated errors average less than noise
 # Residual of an ideal robot beyond sensor noise: compliant contacts [rad/s], and an accelerometer bias that varies from lift
 # to lift [m/s2].
 _TILT_FLOOR, _BIAS_FLOOR = 3e-4, 2e-3
-# Normalized residual up to which the unexplained part is modelled as an angular velocity. Lifts of ordinary robots are
-# below, which leaves their inertia unbiased. The remainder is modelled as a moment, of feet that hardly roll. Its effect
-# shrinks as the inertia grows: with a constant noise, estimates would diverge to two or three times the truth.
+# Normalized residual up to which the unexplained part is modelled as an angular velocity: lifts of ordinary robots stay below
+# it, which leaves their inertia unbiased. Beyond it the unexplained part is modelled as a moment, as of feet that hardly
+# roll: a moment turns a larger inertia less. With a constant noise the inertia would diverge to two or three times the truth.
 _MOST_OF_VELOCITY = 4.0
 
 
@@ -71,8 +70,8 @@ class TiltEquation(MotionEquation[LiftSamples]):
             for scale, sensors, gains in zip(self.scale, self._sensors, (levers[1:] / levers[0]).T, strict=True)
         ]
 
-    def fit(self, x: FloatArray) -> None:
-        """Subtract the residual at x: the accuracy of predicted lifts suffices for derivatives only."""
+    def zero_at(self, x: FloatArray) -> None:
+        """Subtract the residual at x from all residuals: predicted lifts are accurate enough for derivatives only."""
         y, levers = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
         self._unexplained = np.concatenate(
             [_centred(y[trial]) / inertia for trial, inertia in zip(self.equation.trials, levers[0], strict=True)]
@@ -202,11 +201,11 @@ class TiltNoise:
         return whitening_of(self.covariance(gains) + _FREE_CONSTANT)
 
     def growth(self, gains: FloatArray, by_gains: FloatArray, weighted: FloatArray) -> FloatArray:
-        """Return (n, size) half the covariance's derivative by the parameters, times a residual.
+        """Return (n, size) half the covariance's derivative with respect to the parameters, times a residual.
 
         Args:
             gains: see `covariance`.
-            by_gains: (1 + 3 + nj, size) derivatives of `gains`.
+            by_gains: (1 + 3 + nj, size) derivatives of `gains` with respect to the parameters.
             weighted: (n,) residual times the covariance's inverse.
         """
         parts = (

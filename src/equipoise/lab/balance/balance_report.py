@@ -42,7 +42,7 @@ class BalanceTrial:
         """Return the JSON form."""
         return {
             "model": self.source,
-            "believed_error": self.model_error,
+            "model_error": self.model_error,
             "unstable_pole": self.run.unstable_pole,
             **fields_to_json(self.verdict),
         }

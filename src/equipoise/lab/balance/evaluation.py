@@ -31,7 +31,7 @@ class Verdict:
         balanced: true if the robot stood on two feet for the whole requested time.
         time_balanced: time on two feet [s].
         failure: description of the event that ended the trial, or None.
-        judged_by: source of the verdict: "truth" or "senses" (the robot's own estimates).
+        judged_by: source of the verdict: "truth" or "sensors" (the robot's own estimates).
         com_std: standard deviation of the CoM across the support line [m]; None if the robot fell too soon.
         off_line: mean distance of the CoM in front of the line [m]; None if the robot fell too soon.
         tilt: tilt of the base, mean of the last second [rad].
@@ -121,7 +121,7 @@ def evaluate(run: BalanceRun, ground_truths: Sequence[GroundTruth] = ()) -> Verd
                 first, failure = moment, message
     time_balanced = run.duration if failure is None else min(first, run.duration)
     return Verdict(
-        failure is None, time_balanced, failure, "truth" if ground_truths else "senses", *_com_std_and_mean(traces, first),
+        failure is None, time_balanced, failure, "truth" if ground_truths else "sensors", *_com_std_and_mean(traces, first),
         *_tilts(traces, first), *_torques(run),
         None if traces.travel is None else float(traces.travel[traces.time <= first].max()), _observed_error(run),
     )  # fmt: skip

@@ -110,7 +110,7 @@ def balance(
         with simulate(model, sim_preset, loaded, seed, **world) as simulation, _interruption_kept(out, name):
             design = _design_model(model, stance, simulation, name, calibration, error)
             trials.append(_trial(simulation, model, stance, design, name, settings))
-            sensors_corrected, engine = design.sensors.any, simulation.engine
+            sensors_corrected, engine = design.sensors.any, simulation.engine_version
     provenance = {
         "time": now.isoformat(timespec="seconds"), "equipoise": _version.__version__, "platform": "mujoco", "mujoco": engine,
         "sim_preset": sim_preset, **world, "payload": payload, "seed": seed, "com": None if com is None else str(com),

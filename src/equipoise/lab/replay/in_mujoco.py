@@ -20,7 +20,7 @@ from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.simulation.drawn_errors import DrawnErrors
-from equipoise.simulation.effects import SensorErrors
+from equipoise.simulation.effects import EffectSizes
 from equipoise.simulation.mujoco_contacts import foot_name
 from equipoise.simulation.mujoco_legs import set_inertia
 from equipoise.simulation.mujoco_model import TIMESTEP, SimulatedRobot, build_simulated_robot
@@ -53,7 +53,7 @@ class MujocoReplay:
 
     def __init__(self, robot: RobotModel, base: InertialParameters | None = None) -> None:
         stance, joints = nominal_stance(robot), len(robot.joint_names)
-        perfect = DrawnErrors.draw(SensorErrors(), joints, seed=0)
+        perfect = DrawnErrors.draw(EffectSizes(), joints, seed=0)
         self._robot, self._simulated = robot, build_simulated_robot(robot, stance, perfect, None, TIMESTEP)
         kp, kd = robot.gains(stance.hip_height)
         self._kp, self._kd = np.full(joints, _STIFFER * kp), np.full(joints, _DAMPED_MORE * kd)

@@ -60,9 +60,9 @@ def estimate_standing(
     return Calibration(
         **model_facts(robot, stance.joint_position),
         method=str(settings["method"]),
-        composite=Body.partly(nominal.composite, mass, (float(x), float(y), None)),
-        base=Body.partly(nominal.base),
-        stance_effective=Body.partly(nominal.stance_effective),
+        composite=Body.partial(nominal.composite, mass, (float(x), float(y), None)),
+        base=Body.partial(nominal.base),
+        stance_effective=Body.partial(nominal.stance_effective),
         excitations={},
         support_lines={},
         trials=tuple(Trial(StandTrial.kind, "four feet", None, None, None, None, r.duration) for r in standing),

@@ -25,10 +25,10 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 from equipoise.robot.stance import Stance, nominal_stance
 from equipoise.simulation.drawn_errors import named_generator
-from equipoise.simulation.effects import Contacts, Noise, SensorErrors, sizes_of
+from equipoise.simulation.effects import Contacts, EffectSizes, Noise, sizes_of
 from equipoise.simulation.payload import Payload
 
-SOURCES = tuple(row.name for row in SensorErrors.rows() if row.varied)
+SOURCES = tuple(row.name for row in EffectSizes.rows() if row.varied)
 """Error sources of a simulated robot."""
 # The first ones share a random stream. All others have one each, so that a new source does not change other draws.
 _ONE_STREAM = SOURCES[: SOURCES.index("floor_slope") + 1]
@@ -107,16 +107,9 @@ class Study:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
+        table = dataclasses.asdict(self)
         methods = [method.to_dict() for method in self.methods]
-        other = {
-            "effects": dict(self.effects), "disabled_effects": list(self.disabled_effects),
-            "contact_model": self.contact_model,
-        }  # fmt: skip
-        default: dict[str, Any] = {"effects": {}, "disabled_effects": [], "contact_model": "default"}
-        # Defaults are left out, so that older studies can be resumed.
-        table = {name: value for name, value in dataclasses.asdict(self).items() if name not in default}
-        table |= {name: value for name, value in other.items() if value != default[name]}
-        return {**table, "methods": methods, "only": list(self.only)}
+        return {**table, "methods": methods, "only": list(self.only), "disabled_effects": list(self.disabled_effects)}
 
     @property
     def fingerprint(self) -> str:
@@ -143,7 +136,7 @@ class Draw:
     robot: RobotModel
     stance: Stance
     payload: Payload | None
-    sizes: SensorErrors
+    sizes: EffectSizes
     seed: int
     scale_reading: float | None
 
@@ -190,7 +183,7 @@ def _payload(text: str, robot: RobotModel, stance: Stance, generator: np.random.
     return Payload.parse(",".join(repr(float(value)) for value in (mass, *place, *inertia)))
 
 
-def _sizes(study: Study, robot: RobotModel, stance: Stance, generator: np.random.Generator) -> SensorErrors:
+def _sizes(study: Study, robot: RobotModel, stance: Stance, generator: np.random.Generator) -> EffectSizes:
     sizes = sizes_of(study.preset, stance.scale, study.effects, study.disabled_effects)
     factors = _factors(generator) if study.vary_effects else dict.fromkeys(SOURCES, 1.0)
     kept = study.only or SOURCES

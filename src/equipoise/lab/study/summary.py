@@ -10,7 +10,7 @@ from typing import Any
 
 from equipoise.lab.study.study import Study
 from equipoise.lab.study.study_statistics import ErrorStatistics, MethodSummary, Rate, Slope, to_dict
-from equipoise.simulation.effects import SensorErrors
+from equipoise.simulation.effects import EffectSizes
 from equipoise.user_file import write_file
 
 SCHEMA = "equipoise.study-summary/1"
@@ -33,7 +33,7 @@ def source_unit(source: str) -> tuple[str, float]:
     """Return the display unit of a source, and the number of these units in one SI unit."""
     if source in _UNITS:
         return _UNITS[source]
-    row = SensorErrors.row(source.removeprefix("size_"))
+    row = EffectSizes.row(source.removeprefix("size_"))
     return (f"1/({row.unit})", 1.0) if row.inverse else _BY_UNIT.get(row.unit, (row.unit, 1.0))
 
 

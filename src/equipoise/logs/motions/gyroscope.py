@@ -69,7 +69,7 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
 
     Raises:
         RecordingError: the gyroscope agrees with the legs only in other units or with another sign.
-        MotionError: it agrees only if the IMU is mounted turned.
+        MotionError: it agrees only if the IMU is rotated.
     """
     legs, motion = LegChains(robot), _STANCE_MOTION
     # One track across a stamp that is far away would be as long as the gap.

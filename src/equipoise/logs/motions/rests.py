@@ -42,7 +42,7 @@ class LoggedRest:
         up: (3,) unit vector against gravity, in base axes, by the accelerometer.
         angular_velocity_in_base: (3,) mean of the gyroscope, in base axes: its bias [rad/s].
         folded: whether the legs are folded, as on a lying robot.
-        why_not: reason why the robot does not stand on four feet here, or None if it does.
+        reason_unused: reason why the robot does not stand on four feet here, or None if it does.
     """
 
     start: float
@@ -51,12 +51,12 @@ class LoggedRest:
     up: FloatArray
     angular_velocity_in_base: FloatArray
     folded: bool
-    why_not: str | None
+    reason_unused: str | None
 
     @property
     def standing(self) -> bool:
         """Return whether the robot stands on four feet."""
-        return self.why_not is None
+        return self.reason_unused is None
 
 
 def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[LoggedRest]:
@@ -71,9 +71,11 @@ def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[LoggedRe
         feet = legs.feet(position[None])[0]
         normal, _ = floor_normals_by_fit(feet[None])
         folded = _folded(stance, feet, normal[0])
-        why_not = "the legs are folded: it lies, or hangs" if folded else _why_not_level(stance, feet, normal[0], up)
-        if why_not is None and torque is not None:
-            why_not = why_not_carried(robot, position, torque)
+        reason_unused = (
+            "the legs are folded: it lies, or hangs" if folded else _why_not_level(stance, feet, normal[0], up)
+        )
+        if reason_unused is None and torque is not None:
+            reason_unused = why_not_carried(robot, position, torque)
         start, end = float(track.time[first] - track.step / 2), float(track.time[last - 1] + track.step / 2)
         rests.append(
             LoggedRest(
@@ -83,7 +85,7 @@ def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[LoggedRe
                 up,
                 track.angular_velocity_in_base[part].mean(axis=0),
                 folded,
-                why_not,
+                reason_unused,
             )
         )
     return rests

@@ -1,7 +1,7 @@
 """Segments of a long recording without events: rests, stance motions, excitations, lift trials, walks, crawls.
 
-Every piece becomes a `LogSegment`: its kind, and the reason if it is not used. A segment that is used has a `Recording` with
-the trial and the phases of a commanded motion.
+Every piece becomes a `LogSegment`: its kind, and the reason if it is not used. A segment that is used as a motion has a
+`Recording` with the trial and the phases of a commanded motion; a rest may serve only the motions before and after it.
 
 Encoders and gyroscope determine the paths of the feet (foot_paths.py), encoders and accelerometer the rests (rests.py).
 Joint torques and foot force sensors, if there are any, must not contradict the steps (loads.py).
@@ -56,9 +56,9 @@ _SLID = 6e-3  # [m] of apparent foot displacement after a stance motion: 1 to 4 
 _SLIDING = 12e-3  # [m] during it
 _FALLING = 5.0  # [m/s2]: a robot whose accelerometer reads less has no foot on the floor
 _MOVED = 0.1  # [rad] of a joint: smaller moves determine no joint offsets, and add the creep of the feet
-_LONGEST_MOVE = 8.0  # [s]: so long the gyroscope's attitude is accurate within a milliradian
+_LONGEST_MOVE = 8.0  # [s]: up to this duration the gyroscope's attitude is accurate within a milliradian
 _USED_REST = 1.0  # [s] of a rest that are used, at most: the part nearest to the motion
-# [s] at a rest's ends that are left out, if it is long enough: a fifth of a millimetre's creep there moves a CoM by as much.
+# [s] at a rest's ends that are left out, if it is long enough: 0.2 mm of creep there moves the CoM by 0.2 mm.
 _SETTLING, _LEAVING = 0.3, 0.12
 _LANDED = 0.2  # [s] after a lift that are kept with it
 _NEGLIGIBLE = 0.5  # [s] around a walk that are not reported separately
@@ -75,7 +75,7 @@ class LogSegment:
         start, end: times at which the piece begins and ends [s].
         kind: kind of motion.
         what: description of the motion.
-        why_not: reason why it is not used, or None if it is.
+        reason_unused: reason why it is not used, or None if it is.
         recording: recording with the trial and the phases that the estimators expect, if it is used on its own.
     """
 
@@ -83,13 +83,13 @@ class LogSegment:
     end: float
     kind: Kind
     what: str
-    why_not: str | None = None
+    reason_unused: str | None = None
     recording: Recording | None = None
 
     @property
     def used(self) -> bool:
-        """Return whether the estimate uses it; most rests belong to the motions between them."""
-        return self.why_not is None
+        """Return whether it has no reason to be left out; most rests serve only the motions between them."""
+        return self.reason_unused is None
 
     @property
     def steps(self) -> int:
@@ -113,7 +113,7 @@ def find_segments(
 
     Raises:
         RecordingError: a sensor that is not plausible, as `screen` finds it in the rests.
-        MotionError: the IMU is mounted turned.
+        MotionError: the IMU is rotated from its pose in the model.
     """
     pieces = split_at_gaps(recording)
     tracks = [Track.of(robot, piece.recording, stance.scale.time) for piece in pieces]
@@ -136,7 +136,7 @@ def find_segments(
 
 
 def _gyro_bias(stance: Stance, tracks: Sequence[Track], rests: Sequence[LoggedRest]) -> FloatArray:
-    """Return (3,) the gyroscope's bias in base axes [rad/s]; without rests it is found from gravity."""
+    """Return the (3,) bias of the gyroscope in base axes [rad/s], from the rests or, without rests, from gravity."""
     if rests:
         return np.asarray(np.median([rest.angular_velocity_in_base for rest in rests], axis=0), dtype=float)
     long = [track for track in tracks if len(track.time) * track.step > 2 * CONTEXT * stance.scale.time]
@@ -225,10 +225,12 @@ class _PieceReader:
 
     def _crawl(self, steps: list[ThreeFeet]) -> LogSegment:
         start, end = steps[0].start, steps[-1].end
-        why_not = self._why_no_crawl(steps)
-        what = f"crawl, {len(steps)} times on three feet" if why_not is None else "crawl, its steps on three feet"
+        reason_unused = self._why_no_crawl(steps)
+        what = f"crawl, {len(steps)} times on three feet" if reason_unused is None else "crawl, its steps on three feet"
         trial = CrawlTrial(steps=tuple(steps), found_at=start)
-        return LogSegment(start, end, "crawl", what, why_not, None if why_not else self._of_walk(start, end, trial))
+        return LogSegment(
+            start, end, "crawl", what, reason_unused, None if reason_unused else self._of_walk(start, end, trial)
+        )
 
     def _why_no_crawl(self, steps: Sequence[ThreeFeet]) -> str | None:
         """Return why times on three feet determine nothing, or None."""
@@ -266,7 +268,7 @@ class _PieceReader:
         """Return the segment of a rest; its torques are used on their own if no motion uses it."""
         rest = self.rests[index]
         if not rest.standing:
-            return LogSegment(rest.start, rest.end, "rest", "still", rest.why_not)
+            return LogSegment(rest.start, rest.end, "rest", "still", rest.reason_unused)
         recording = None
         if index not in self._weighed and self.recording.joints.torque is not None:
             start, end = self._before(index)
@@ -297,14 +299,14 @@ class _PieceReader:
         if not stances:
             return None
         first = stances[0]
-        why_not = why_no_lift(paths, stances, rest, self.stance)
+        reason_unused = why_no_lift(paths, stances, rest, self.stance)
         specific_force = np.linalg.norm(
             self.track.acceleration_in_base[self.track.indices(first.start, first.end)], axis=1
         )
-        if why_not is None and specific_force.size and specific_force.min() < _FALLING:
-            why_not = "it jumps: no foot is on the floor for a moment"
-        if why_not is not None:
-            return LogSegment(rest.end, until, "steps", f"steps, the first on {first.pair}", why_not)
+        if reason_unused is None and specific_force.size and specific_force.min() < _FALLING:
+            reason_unused = "it jumps: no foot is on the floor for a moment"
+        if reason_unused is not None:
+            return LogSegment(rest.end, until, "steps", f"steps, the first on {first.pair}", reason_unused)
         what = f"lift on {first.pair}, {first.end - first.start:.2f} s on two feet"
         begin, leaves = self._before(index)
         phases = [(Phase.REST, begin), (Phase.UNLOAD, leaves), (Phase.LOWER, first.end)]
@@ -322,11 +324,11 @@ class _PieceReader:
         excitation = self._excitation(rest.end, until)
         if excitation is not None:
             return excitation
-        why_not = self._why_no_move(rest, until, after)
-        if why_not is None:
+        reason_unused = self._why_no_move(rest, until, after)
+        if reason_unused is None:
             return self._move(index, paths, until)
         kind: Kind = "nudge" if after is not None and _moved(rest, after) < _MOVED else "motion"
-        motion = LogSegment(rest.end, until, kind, "motion on four feet", why_not)
+        motion = LogSegment(rest.end, until, kind, "motion on four feet", reason_unused)
         return self._weighable(rest.end, until, after) or motion
 
     def _why_no_move(self, rest: LoggedRest, until: float, after: LoggedRest | None) -> str | None:
@@ -399,8 +401,8 @@ class _PieceReader:
         part = paths.between(start, end)
         feet = part.off_the_floor(_OFF_FLOOR * self.stance.scale.length, SHORTEST_STANCE * self.stance.scale.time)
         if feet:
-            why_not = f"feet leave the floor ({', '.join(feet)}), but no two feet stand alone for long"
-            return LogSegment(start, end, "steps", "steps", why_not)
+            reason_unused = f"feet leave the floor ({', '.join(feet)}), but no two feet stand alone for long"
+            return LogSegment(start, end, "steps", "steps", reason_unused)
         slid = float(part.slid().max(initial=0.0))
         return LogSegment(start, end, "slip", "motion with sliding feet", f"feet slipped by {slid * 1000:.0f} mm")
 

@@ -50,7 +50,7 @@ class Hefty(Method):
     estimates: ClassVar[tuple[str, ...]] = (
         "mass", "com_x", "com_y", "com_z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz",
     )  # fmt: skip
-    judging: ClassVar[tuple[str, ...]] = ("average",)
+    estimate_only: ClassVar[tuple[str, ...]] = ("average",)
     timestep: ClassVar[float] = 1e-3
 
     average: Literal["mean", "last"] = "mean"
@@ -93,9 +93,9 @@ class Hefty(Method):
         return Calibration(
             **model_facts(robot, stance.joint_position),
             method=self.name,
-            composite=Body.known(_heavier(nominal.composite, added), model=nominal.composite),
-            base=Body.known(_heavier(nominal.base, added), model=nominal.base),
-            stance_effective=Body.partly(nominal.stance_effective),
+            composite=Body.complete(_heavier(nominal.composite, added), model=nominal.composite),
+            base=Body.complete(_heavier(nominal.base, added), model=nominal.base),
+            stance_effective=Body.partial(nominal.stance_effective),
             excitations={},
             support_lines={},
             trials=tuple(Trial(StandTrial.kind, "four feet", None, None, None, None, r.duration) for r in stands),

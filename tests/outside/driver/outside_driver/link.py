@@ -38,7 +38,7 @@ class BusConnection:
         self._there.close()
 
     def _sample(self) -> RobotState:
-        now = time.monotonic()  # by the simulated clock a robot that nobody commands would stand still
+        now = time.monotonic()  # the simulated clock stops while no program commands the robot
         return replace(self._there.read(), time=now, received=now)
 
 
