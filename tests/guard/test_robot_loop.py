@@ -337,7 +337,8 @@ def test_the_remote_control_is_obeyed_also_while_a_hot_motor_is_lowered(a1, requ
     assert isinstance(loop.trouble, HealthError if hot else StopRequestedError)
     assert is_damped(loop._upcoming) == (request_ == "damp")
     run(loop)
-    stopped = f"lowered, stopped: the run ended because the remote control asked to {'damp' if request_ == 'damp' else 'lower'} the robot"
+    action = "damp" if request_ == "damp" else "lower"
+    stopped = f"lowered, stopped: the run ended because the remote control asked to {action} the robot"
     expected = [stopped, "damped"] if hot and request_ == "damp" else done
     assert loop.ending.done == [*expected, "released"]
 
