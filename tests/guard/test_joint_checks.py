@@ -82,7 +82,7 @@ def test_an_encoder_far_beyond_a_joints_limits_is_no_joint(a1, checks, hold):
         (
             lambda state: replace(state, joint_position=with_one(state.joint_position, 1, 1.4), joint_torque=None),
             MotionError,
-            "joint 'FL_thigh_joint' is 0.68 rad from its target: is it stuck, has its motor lost power?",
+            "joint 'FL_thigh_joint' is 0.68 rad from its target: is it stuck, or has its motor lost power?",
         ),
     ],
 )
@@ -119,7 +119,8 @@ def test_a_joint_that_does_not_move_is_stuck(a1, checks, stance):
     (error,) = (error for error in errors if error is not None)
     assert type(error) is MotionError
     assert str(error) == (
-        "joint 'RL_thigh_joint' moved by 0.00 rad while its target moved by 0.18 rad: is it stuck, has its motor lost power?"
+        "joint 'RL_thigh_joint' moved by 0.00 rad while its target moved by 0.18 rad: is it stuck, "
+        "or has its motor lost power?"
     )
 
 
@@ -131,8 +132,8 @@ def test_a_motor_that_gives_nothing_is_noticed(a1, checks, stance):
     )
     assert type(error) is MotionError
     assert str(error) == (
-        "the motor of joint 'FR_calf_joint' gives 0.0 Nm; its position and its command require 8.0 Nm: is it on, "
-        "does it use the commanded gains?"
+        "the motor of joint 'FR_calf_joint' gives 0.0 Nm; its position and its command require 8.0 Nm: is the "
+        "motor on, and does it use the commanded gains?"
     )
     assert count * PERIOD < 0.3
 

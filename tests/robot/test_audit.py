@@ -255,7 +255,7 @@ def test_a_base_with_hardly_any_mass_is_an_error(tmp_path):
     (finding,) = suspicions(audit(load_text(tmp_path, quadruped_urdf(trunk_mass=0.001))))
     assert (finding.severity, finding.body) == ("error", "trunk")
     assert finding.text == (
-        "hardly any mass, 0.001 of the robot's 7.601 kg, although it holds motors and battery: give its link "
+        "hardly any mass, 0.001 kg of the robot's 7.601 kg, although it holds motors and battery: give its link "
         "an <inertial> with mass, centre of mass and inertia"
     )
 

@@ -522,14 +522,14 @@ def test_a_base_with_hardly_any_mass_gives_a_warning(tmp_path):
     with pytest.warns(ModelWarning) as caught:
         RobotModel.from_file(path)
     assert str(caught[-1].message) == (
-        "spot: the base 'trunk' has hardly any mass, 0.396 of the robot's 7.996 kg, although it holds motors and battery: "
+        "spot: the base 'trunk' has hardly any mass, 0.396 kg of the robot's 7.996 kg, although it holds motors and battery: "
         "give its link an <inertial> with mass, centre of mass and inertia"
     )
 
 
 def test_a_base_without_mass_is_refused(refusal):
     assert refusal(quadruped_urdf(trunk_mass=0.0)) == (
-        "robot model 'robot': the base 'trunk' has hardly any mass, 0 of the robot's 7.6 kg, although it holds motors and "
+        "robot model 'robot': the base 'trunk' has hardly any mass, 0 kg of the robot's 7.6 kg, although it holds motors and "
         "battery: give its link an <inertial> with mass, centre of mass and inertia"
     )
 

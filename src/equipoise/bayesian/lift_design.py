@@ -25,9 +25,9 @@ _OFFSET = 0.006  # [m] from CoM to support line: the robot tips within the time 
 _TILT_LIMIT = 0.06  # [rad]
 _STILL = 0.004  # [rad/s]; a base that oscillates at 6 mrad/s moves the accelerometer's vertical by a milliradian
 _TURN_TIME = 1 / 3  # [s] of one rotation of the body and back, or of the lifted feet's swing
-_SWING = 0.07  # [m] of the lifted feet, to and fro
+_SWING = 0.07  # [m] amplitude of the lifted feet's swing, before the envelope of `amounts`
 AMPLITUDES: dict[Axis, float] = {"roll": 0.10, "pitch": 0.05, "yaw": 0.06}
-"""Amplitudes of the body's rotation on two feet [rad]; with larger ones, feet lose contact."""
+"""Amplitudes of the body's rotation on two feet, before the envelope of `amounts` [rad]; larger ones lift feet off."""
 _AXES: dict[Axis, FloatArray] = {"roll": np.eye(3)[0], "pitch": np.eye(3)[1], "yaw": np.eye(3)[2]}
 _DIRECTIONS: dict[Swing, FloatArray] = {"ahead": np.eye(3)[0], "aside": np.eye(3)[1]}
 
@@ -61,7 +61,7 @@ class LiftDesign:
         return meanwhile(self.turn, self.swing)
 
     def amplitude(self, stance: Stance) -> float:
-        """Return the amplitude of the motion on two feet: rotation [rad], swing [m], or zero for a passive lift."""
+        """Return the amplitude, before the envelope, of the motion on two feet: rotation [rad], swing [m], zero if passive."""
         if self.turn is not None:
             return AMPLITUDES[self.turn]
         return 0.0 if self.swing is None else _SWING * stance.scale.length
@@ -149,7 +149,8 @@ def check_lift(
     """Check that a lift is within reach, joint torque limits and the safe tilt.
 
     Args:
-        com_covariance: (3, 3) covariance of the CoM in the base frame [m2]; default `search_covariance`.
+        com_covariance: (3, 3) covariance of the CoM in the base frame, scaled to two standard deviations [m2]; default
+            `search_covariance`.
 
     Raises:
         ReachError: the lift is not possible or not safe.
@@ -203,9 +204,14 @@ class LiftChecks:
         feet, _ = lift_feet(self._stance, self._com, design, settings.height)
         height = float(self._com @ up - (feet @ up).mean())
         half_width = float(np.abs(self._stance.feet_in_base[:, 1]).mean())
-        if settings.height > half_width or height <= 0:
+        if height <= 0:
             raise ReachError(
-                f"a lift height of {settings.height * 1000:.0f} mm is too large for feet {half_width * 2000:.0f} mm apart"
+                f"the centre of mass is {-height * 1000:.0f} mm below the feet: check the masses of the model"
+            )
+        if settings.height > half_width:
+            raise ReachError(
+                f"a lift height of {settings.height * 1000:.0f} mm is too large for feet {half_width * 2000:.0f} mm apart: "
+                "choose a wider stance"
             )
         tipping = Pendulum.of(self._robot, self._cached(self._standing_joints, design), up, design.diagonal)
         return np.array(safe_stop(tipping, settings, self._stance, self._com_covariance))

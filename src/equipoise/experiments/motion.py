@@ -63,7 +63,7 @@ class Motion:
     Every command has feed-forward torques that hold the model's posture against gravity on the standing legs. With
     position control alone, an A1 sags by 15 mm when it lifts two feet, and the feet stay on the floor.
 
-    A motion that exceeds a joint's speed limit is slowed.
+    A motion that exceeds a joint's allowed speed is slowed, up to a largest factor; beyond it `build` raises ReachError.
 
     Args:
         robot: the robot.
@@ -134,7 +134,7 @@ class Motion:
         return self
 
     def swing_joints(self, swing: FloatArray) -> Motion:
-        """Add (n, nj) joint angles that end at zero to the present posture [rad]."""
+        """Play (n, nj) joint offsets from the present posture [rad]; feet stay at their targets if all offsets end at zero."""
         self._append(self.target.joint_position + swing, self.target.torque[None])
         return self
 
@@ -224,7 +224,7 @@ class Motion:
         self.target = replace(self.target, joint_position=position[-1], torque=self._torques[-1][-1])
 
     def _slow_enough(self, position: FloatArray, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the path, slowed to the speed limit of its fastest joint."""
+        """Return the path, slowed to the allowed speed of its fastest joint, or unchanged if that takes too long."""
         self._path_start, self.slowed = self.time, 1.0
         start = np.concatenate([[self.target.joint_position], position])
         excess = float(self._speeds(start)[1].max())

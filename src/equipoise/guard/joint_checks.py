@@ -91,8 +91,8 @@ class JointChecks:
             joint = int(np.argmax(behind))
         if joint is not None:
             raise MotionError(
-                f"joint {self._robot.joint_names[joint]!r} is {behind[joint]:.2f} rad from its target: is it stuck, has its "
-                "motor lost power?"
+                f"joint {self._robot.joint_names[joint]!r} is {behind[joint]:.2f} rad from its target: is it stuck, or has "
+                "its motor lost power?"
             )
 
     def _check_stuck(self, command: JointCommand, context: CheckContext) -> None:
@@ -102,7 +102,7 @@ class JointChecks:
             joint, sent, moved = stuck
             raise MotionError(
                 f"joint {self._robot.joint_names[joint]!r} moved by {moved:.2f} rad while its target moved by {sent:.2f} rad: "
-                "is it stuck, has its motor lost power?"
+                "is it stuck, or has its motor lost power?"
             )
 
     def _check_torque(self, command: JointCommand, context: CheckContext) -> None:
@@ -133,7 +133,7 @@ class JointChecks:
         if self._short[joint] > self._missing_torque:
             raise MotionError(
                 f"the motor of joint {self._robot.joint_names[joint]!r} gives {torque[joint]:.1f} Nm; its position and its "
-                f"command require {sent[joint]:.1f} Nm: is it on, does it use the commanded gains?"
+                f"command require {sent[joint]:.1f} Nm: is the motor on, and does it use the commanded gains?"
             )
 
     def _check_health(self, command: JointCommand, context: CheckContext) -> None:
@@ -169,8 +169,8 @@ class JointChecks:
 class StuckDetector:
     """Detector of joints that do not move while their targets do.
 
-    It compares one time window after the other. A joint's motion includes the previous window: the delayed target may show
-    that motion only in this one.
+    Each time window is judged at its end. Targets are compared as delayed, so that a prompt joint moves before its target
+    does: a joint's motion is taken over this window and the previous one.
 
     Args:
         joints: number of joints.

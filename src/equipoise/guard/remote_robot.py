@@ -128,8 +128,8 @@ class RemoteRobot:
             self.close()
             raise
         self.warning = "" if self._second.ready else (
-            f"platform {platform!r} has no second connection that accepts gains: if the robot process dies, or its step does "
-            "not return, only the robot's own motor boards can damp it"
+            f"platform {platform!r} has no second connection that accepts gains: if the robot process dies or hangs, only "
+            "the robot's own motor boards can damp the joints. Keep the battery within reach"
         )  # fmt: skip
         atexit.register(self.close)
 
@@ -138,7 +138,7 @@ class RemoteRobot:
     def read(self) -> RobotState:
         """Return the newest state; raise the errors of `play`.
 
-        The first call waits until the joints are at rest: limp legs slide for seconds.
+        The first call waits some seconds until the joints are at rest: limp legs slide.
         """
         until, before = time.monotonic() + _FIRST + self._limits.silence, None
         since = until
@@ -153,7 +153,9 @@ class RemoteRobot:
         self._take_messages()
         self._require_going()
         if self._state is None:
-            raise CommunicationError(f"{self.name} sent no sample for {_FIRST:g} s: is it on, is the cable plugged in?")
+            raise CommunicationError(
+                f"{self.name} sent no sample for {_FIRST:g} s: is the robot on, and is its cable plugged in?"
+            )
         self._read = True
         return self._state
 
@@ -324,7 +326,7 @@ class RemoteRobot:
             self._pipe.post(message)
 
     def _wait_until_ready(self) -> Ready:
-        until, last_heartbeat = time.monotonic() + _STARTS, 0.0
+        until, last_heartbeat, died = time.monotonic() + _STARTS, 0.0, f"was not ready within {_STARTS:g} s"
         while time.monotonic() < until:
             try:
                 select.select([self._pipe], [], [], _POLL)
@@ -337,10 +339,10 @@ class RemoteRobot:
                     last_heartbeat = time.monotonic()
                     self._post(None)
             except EOFError:
+                died = f"died before it was ready (exit code {self._process.wait()})"
                 break
         raise CommunicationError(
-            f"the robot process did not start within {_STARTS:g} s (exit code {self._process.poll()}); the robot was not "
-            "moved. Check the connection with 'equipoise doctor'"
+            f"the robot process {died}; the robot was not moved. Check the connection with 'equipoise doctor'"
         )
 
     def _listen(self) -> None:

@@ -59,7 +59,7 @@ def advice_blocks(result: Calibration) -> list[Block]:
 
 
 def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Outlook:
-    """Return the intervals after a scale, a minute more of robot time, or both.
+    """Return the intervals, and those predicted with more robot time (a minute on an A1), with a scale, and with both.
 
     Raises:
         EquipoiseError: no motions can be planned for the robot.
@@ -153,7 +153,7 @@ def _best_step(seen: Outlook, names: list[str]) -> str:
         name, f"Increase `--duration` by {name.removesuffix(' more')}"
     )
     if ratios[name] > 0.95:
-        return "A scale or one more minute of robot time narrows these intervals by less than 5 %."
+        return "None of these alone narrows the intervals by 5 % or more on average."
     return f"{action}: this is predicted to reduce these intervals to {ratios[name]:.0%} of their width on average."
 
 

@@ -176,13 +176,13 @@ class RobotModel:
 
     @property
     def defect_of_base(self) -> str | None:
-        """Defect of the base's mass in the file, or None."""
+        """Defect of the base's mass in the file, as a phrase after "the base has"; None if there is none."""
         mass = float(self.pinocchio.inertias[1].mass)
         if mass >= LIGHTEST_BASE * self.mass:
             return None
         return (
-            f"hardly any mass, {mass:.3g} of the robot's {self.mass:.4g} kg, although it holds motors and battery: give its "
-            "link an <inertial> with mass, centre of mass and inertia"
+            f"hardly any mass, {mass:.3g} kg of the robot's {self.mass:.4g} kg, although it holds motors and battery: give "
+            "its link an <inertial> with mass, centre of mass and inertia"
         )
 
     @property
@@ -197,7 +197,7 @@ class RobotModel:
 
     @cached_property
     def leg_length(self) -> float:
-        """Thigh plus shank of the mean leg, measured across the hip pitch axis [m]."""
+        """Length of thigh plus shank across the knee's axis, mean over the legs [m]."""
         return float(np.mean([leg_length(self.pinocchio, leg) for leg in self.legs.values()]))
 
     @cached_property

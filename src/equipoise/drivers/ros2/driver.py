@@ -59,7 +59,7 @@ class Ros2Connection:
         """Return the samples that have arrived, as a connection does.
 
         Raises:
-            CommunicationError: one of the topics has no message yet, or two robots write on one.
+            CommunicationError: one of the topics has had no message for seconds, or two robots write on one.
             SettingsError: the robot's joints are not the model's.
             SensorError: the messages have no stamps, stamps of different clocks, or no angular velocity or acceleration.
         """
@@ -88,7 +88,7 @@ class Ros2Connection:
             self._wait_for_controllers()
         self._send_all(command)
         self._commanded = True
-        if topics := self._unread():  # the command was sent to the others anyway: it may be to damp
+        if topics := self._unread():  # the others still get the command: it may be a damping command
             raise self._no_subscriber(topics)
 
     def check_takeover(self) -> list[CheckupFinding]:
@@ -133,7 +133,7 @@ class Ros2Connection:
         return [topic for topic, outbox in self._outboxes.items() if not outbox.readers]
 
     def _wait_for_controllers(self) -> None:
-        """Wait for all controllers: a part of an impedance command may lack damping."""
+        """Wait for a subscriber of every command topic: a part of an impedance command may lack its damping."""
         while (topics := self._unread()) and time.monotonic() - self._opened < _PATIENCE:
             time.sleep(_LOOK)
         if topics:
@@ -143,7 +143,7 @@ class Ros2Connection:
         return CommunicationError(f"no controller subscribes to {', '.join(topics)} in {self.name}: {REMEDY}")
 
     def _look_for_both(self) -> None:
-        """Raise CommunicationError that names the missing topics, after a time."""
+        """After `_PATIENCE`, raise CommunicationError with the silent topics, or SettingsError with the missing joints."""
         if time.monotonic() - self._opened < _PATIENCE:
             return
         if self._joints.others and self._joints.newest is None:
@@ -152,7 +152,7 @@ class Ros2Connection:
         missing = [_silent(kind, topic.topic, inbox) for kind, topic, inbox in topics if topic.newest is None]
         raise CommunicationError(
             f"{' and '.join(missing)} in {self.name}: are the broadcasters active, are the topic names right, is the domain "
-            "the robot's ROS_DOMAIN_ID, does ROS use this interface?"
+            "the robot's ROS_DOMAIN_ID, and does ROS use this interface?"
         )
 
 

@@ -52,7 +52,7 @@ _WARP = np.array([[1.0], [-1.0], [-1.0], [1.0]])
 _FOOT_NOISE, _HEIGHT_NOISE, _TURN_NOISE, _UP_NOISE = 2.4e-4, 1.6e-4, 6e-4, 8e-4
 _MIN_NOISE_FACTOR = 0.3  # of these, for robots with ordinary sensors
 _INDEPENDENT_ROWS = 15  # of a motion's twenty: means are subtracted
-_FEWEST_FREEDOMS = 20.0  # they determine the noise to a fifth
+_FEWEST_DEGREES_OF_FREEDOM = 20.0  # they determine the noise to within about 20 %
 # Safety factor on the noise from residuals: these may be small by chance, and errors of feet last over several motions.
 _NOISE_MARGIN = 1.5
 
@@ -172,8 +172,9 @@ class StanceMotionRows:
     def residuals(self, values: Values) -> FloatArray:
         """Return (moves, 5, 4) residuals of every foot [m].
 
-        The first three are its displacement relative to the feet's mean, in base axes before the motion. The others are the
-        height of its centre above the feet's mean minus that of its foothold, before and after the motion.
+        The first three are its displacement minus that by rolling, relative to the feet's mean, in base axes before the
+        motion. The others are the height of its centre above the feet's mean minus that of its foothold, before and after
+        the motion.
         """
         return np.moveaxis(self._rows(inputs_of(values, self.DEPENDS_ON, self._moves), 1).value, -1, 0)
 
@@ -302,7 +303,7 @@ class StanceMotions(MotionEquation[StanceMotion]):
         residual, jacobian = self.linearise(x)
         taken = float(np.einsum("ij,jk,ik->", jacobian, covariance[np.ix_(self.columns, self.columns)], jacobian))
         freedoms = _INDEPENDENT_ROWS * float(np.sum(self.scale < LEFT_OUT)) - taken
-        if freedoms < _FEWEST_FREEDOMS:
+        if freedoms < _FEWEST_DEGREES_OF_FREEDOM:
             return self
         return self._with_noise_factor(
             self._noise_factor * _NOISE_MARGIN * float(np.sqrt(residual @ residual / freedoms))

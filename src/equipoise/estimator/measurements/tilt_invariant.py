@@ -44,7 +44,7 @@ from equipoise.estimator.unknowns import TracedValues, Values, inputs_of
 from equipoise.robot.model import RobotModel
 
 Derivatives = Mapping[str, FloatArray]
-"""Derivatives (rows, size) by each parameter, by its name, and by "inertial"."""
+"""(rows, size) derivatives with respect to each parameter; keys are the parameters' names and "inertial"."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +107,13 @@ class TiltInvariant:
         self._one_by_one = self._samples.one_by_one(self._middles)
 
     def evaluate(self, values: Values, inertial: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute y(t) and the levers of the sensors in it.
+        """Compute y(t) and its sensitivities to errors of the sensors (levers).
 
         Returns:
             (n,) y(t), with an arbitrary constant per trial [kg m2/s];
-            (2 + 3 + nj, trials) levers of each trial: l . I_o l at its first sample [kg m2]; M times the height of the CoM
-            above the line, the factor on an error of the specific force [kg m]; and the derivative of l . L_o at its middle
-            by each axis of the gyroscope and each joint's velocity [kg m2].
+            (2 + 3 + nj, trials) levers of each trial: l . I_o l at its first sample [kg m2]; the robot's mass times the
+            height of the CoM above the line, the factor on an error of the specific force [kg m]; and the derivative of
+            l . L_o at its middle with respect to each axis of the gyroscope and each joint's velocity [kg m2].
         """
         momentum, rate = self._samples.momentum_and_rate(self._inputs(values, inertial, self._samples))
         return self._integrated(momentum.value, rate.value), self.levers(values, inertial)
@@ -145,7 +145,8 @@ class TiltInvariant:
         return self._samples.at(np.array(self._middles, dtype=np.intp))
 
     def lean(self, values: Values, names: Sequence[str] = ()) -> tuple[FloatArray, Derivatives]:
-        """Return the (trials,) sine of each line's inclination to the floor, up to its left foot, and its derivatives.
+        """Return the (trials,) sine of each line's inclination to the floor, positive if its left foot is higher, and its
+        derivatives.
 
         The line is that at the middle of the trial. With exact values for feet, IMU and floor, the inclination is zero.
         """

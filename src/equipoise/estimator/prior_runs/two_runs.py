@@ -1,10 +1,10 @@
-"""Joint estimate of two runs of one robot: common errors cancel in the difference, such as a payload.
+"""Joint estimate of two runs of one robot: errors of both cancel in a difference between the runs, for example a payload.
 
-The parameters are x, of the first run, and y, the difference in the second one:
+The parameters are x, those of the first run, and y, from which those of the second run follow:
 
     x_2 = x  for constant parameters,
     x_2 = y  for parameters of one run: the base, the clock, the floor,
-    x_2 = x + f y  for parameters that drift, with f a fraction of the prior;
+    x_2 = x + f y  for parameters that drift, with f the drift's std over the prior's;
 
 and g, the common gain error of the scale. `drift` in the parameter table selects the case. Joint offsets, the IMU's mounting,
 link masses and the feet are constant without disassembly; biases and friction drift with temperature.
