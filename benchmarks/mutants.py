@@ -153,7 +153,7 @@ def _failing(tests: tuple[str, ...], source: Path) -> str | None:
 def main() -> None:
     """Run all limits and write the page, or run those whose names contain a text."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only-effects", default="", help="text in the names of modules or limits to run")
+    parser.add_argument("--only", default="", help="text in the names of modules or limits to run")
     only = parser.parse_args().only
     rows: list[tuple[Mutant, str | None]] = []
     made_at = commit()

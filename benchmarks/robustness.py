@@ -323,7 +323,7 @@ def main() -> None:
     rows = load_rows(ROWS)
     if given.check:
         sys.exit(check(rows, given.check, given.within))
-    wanted = [] if given.tables else cases(SEEDS[: given.first], given.only, given.robots, given.sizes)
+    wanted = [] if given.tables else cases(SEEDS[: given.first], given.only_effects, given.robots, given.sizes)
     for row in made([case for case in wanted if given.again or case.key not in rows], given.keep, given.again):
         rows[str(row["key"])] = row
         with ROWS.open("a", encoding="utf-8") as file:

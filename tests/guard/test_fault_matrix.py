@@ -71,7 +71,7 @@ CASES = [
     *(Case("spike", phase, SensorError, "encoder of joint 'FL_calf_joint' jumped") for phase in ("stand", "watch")),
     *(Case("kill link", phase, CommunicationError, "the link is gone") for phase in ("stand", "move", "watch")),
     *(
-        Case("drop", phase, (CommunicationError, MotionError), "no sample has arrived for 1|is it on")
+        Case("drop", phase, (CommunicationError, MotionError), "no sample has arrived for 1|is the motor on")
         for phase in PHASES
     ),
     *(Case("repeat", phase, SensorError, "samples are repeated") for phase in ("stand", "watch")),
@@ -217,7 +217,7 @@ def test_a_fault_ends_in_its_error_with_the_robot_put_down(a1, case, tmp_path):
 
 SWINGING = [
     Case("nan", "watch", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite"),
-    Case("drop", "watch", (CommunicationError, MotionError), "no sample has arrived for 1|is it on"),
+    Case("drop", "watch", (CommunicationError, MotionError), "no sample has arrived for 1|is the motor on"),
     Case("lose torque", "watch", FALLS, "FL_|falling"),
     Case("stick joint", "watch", MotionError, "joint 'FL_thigh_joint' moved by", joint=THIGH),
     Case("outside", "watch", FALLS, "falling|FL|FR|RL|RR", push=250.0),
@@ -235,7 +235,7 @@ def test_a_fault_while_lifted_feet_swing_ends_as_any_other(a1, case, tmp_path):
 
 # The robot lies on its belly and turns its legs up: nothing is left to be put down, and all joints are damped.
 LEGS_UP = Motors(motor_time=3.0)
-_NO_POWER = "FL_calf_joint.*is it on"
+_NO_POWER = "FL_calf_joint.*is the motor on"
 _STUCK = "joint 'FL_calf_joint' moved by"
 LYING = [
     Case("drop", "lie", CommunicationError, "no sample has arrived for 1"),
@@ -249,7 +249,7 @@ LYING = [
     Case("repeat", "swing", SensorError, "samples are repeated"),
     Case("overheat", "swing", HealthError, "motor of joint 'FL_calf_joint' is at 90 deg C"),
     # Limp and upright, the thigh hangs in its friction.
-    Case("lose torque", "swing", MotionError, "FL_thigh_joint.* (is it on|lost power)", joint=THIGH),
+    Case("lose torque", "swing", MotionError, "FL_thigh_joint.* (is the motor on|lost power)", joint=THIGH),
     Case("freeze encoder", "swing", SensorError, "encoder of joint 'FL_calf_joint' is frozen"),
     Case("stick joint", "swing", MotionError, _STUCK),
     Case("outside", "swing", FallError, "falling", push=250.0),
@@ -300,7 +300,7 @@ STANDING = [
     Case("nan", "swing", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite"),
     Case("overheat", "swing", HealthError, "motor of joint 'FL_calf_joint' is at 90 deg C"),
     Case("kill link", "swing", CommunicationError, "the link is gone"),
-    Case("lose torque", "swing", MotionError, "FL_calf_joint.*lost power|FL_calf_joint.*is it on"),
+    Case("lose torque", "swing", MotionError, "FL_calf_joint.*lost power|FL_calf_joint.*is the motor on"),
     Case("lose torque", "swing", FALLS, "FR_calf_joint|falling", joint=_OTHER_CALF),
     Case("stick joint", "swing", MotionError, _STUCK),
     Case("outside", "swing", FALLS, "falling|FL|FR|RL|RR", push=250.0),

@@ -102,7 +102,7 @@ def test_a_torque_that_is_missing(a1, joints, home):
             look(joints.in_motion, command, at_rest(a1, index, joint_position=home))
 
     lasts(3.7)
-    with pytest.raises(MotionError, match="is it on, does it use"):
+    with pytest.raises(MotionError, match="is the motor on, and does it use"):
         lasts(4.6)
 
 

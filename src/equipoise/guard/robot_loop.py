@@ -252,7 +252,7 @@ class RobotLoop:
         silent = 0.0 if state.received is None else time.monotonic() - state.received
         if silent > self._limits.silence and self.ending is None:
             raise CommunicationError(
-                f"no sample has arrived for {silent:.1f} s: is the robot still on, is the cable plugged in?"
+                f"no sample has arrived for {silent:.1f} s: is the robot still on, and is the cable plugged in?"
             )
         self._observed += self.period
         return self._accept(state, None)

@@ -158,7 +158,7 @@ class UnitreeDdsConnection:
         self._check_one_robot()
         if not self._states.writers:
             raise CommunicationError(
-                f"no robot sends {STATE_TOPIC} in {self._domain.where}: is it on, is the cable plugged in?"
+                f"no robot sends {STATE_TOPIC} in {self._domain.where}: is it on, and is the cable plugged in?"
             )
         if self._settings.release_sport_mode and (mode := self._switcher.mode()):
             if not self._may_release():
