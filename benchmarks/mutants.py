@@ -49,7 +49,7 @@ LIMITS = {
     "recording/encoder_steps.py": ("guard/test_limits.py", "_COARSEST _STILL_STEPS", ""),
     "guard/tilt_filter.py": ("guard/test_limits.py guard/test_tilt_filter.py", "_TIME _GRAVITY_TOLERANCE", ""),
     "guard/force_limit.py": ("guard/test_limits.py", "_GENTLE _RATE", ""),
-    "guard/robot_loop.py": ("guard/test_limits.py", "", "_LOOK_TIME"),
+    "guard/robot_loop.py": ("guard/test_limits.py", "", "_OBSERVE_TIME"),
     "guard/soft_start.py": ("guard/test_limits.py", "", "SOFT_START"),
     "guard/endings.py": (
         "guard/test_limits.py",

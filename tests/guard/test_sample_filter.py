@@ -147,7 +147,7 @@ def test_a_frozen_imu_is_noticed_when_the_robot_moves(a1, sieve, home):
         (
             lambda last: last,
             CommunicationError,
-            "no sample has arrived for 102 ms: is the robot still on, is the cable plugged in?",
+            "no sample has arrived for 102 ms: is the robot still on, and is the cable plugged in?",
         ),
         (
             lambda last: replace(last, joint_position=last.joint_position.copy()),

@@ -114,7 +114,7 @@ class UnitreeDdsConnection:
         if not self._taken_over:
             self._take_over()
         if self._second and not self._commands.readers:
-            raise CommunicationError(f"no robot receives {self.name}: is the robot on, is the cable plugged in?")
+            raise CommunicationError(f"no robot receives {self.name}: is the robot on, and is the cable plugged in?")
         table = command.table(*self._own_gains)[:, self._joint_of_motor]
         for motors, values in zip(self._motors.values(), table, strict=True):
             motors[:MOTORS] = values
@@ -276,7 +276,7 @@ class UnitreeDdsConnection:
                 )
         elif (since := self._silent_since()) > self._settings.silence:
             raise CommunicationError(
-                f"{self.name} has been silent for {since:.1f} s: is the robot on, is the cable plugged in?"
+                f"{self.name} has been silent for {since:.1f} s: is the robot on, and is the cable plugged in?"
             )
 
 

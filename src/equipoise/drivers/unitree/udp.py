@@ -234,7 +234,7 @@ class UnitreeUdpConnection:
                 )
         elif (silent := now - max(self._last_received, self._since)) > self._settings.silence:
             raise CommunicationError(
-                f"{self.name} has been silent for {silent:.1f} s: is the robot on, is the cable plugged in?"
+                f"{self.name} has been silent for {silent:.1f} s: is the robot on, and is the cable plugged in?"
             )
 
 
