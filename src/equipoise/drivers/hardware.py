@@ -221,8 +221,8 @@ class HardwarePlatform(SteppedPlatform):
             self._newest = newest if self._newest is None or newest.time >= self._newest.time else self._newest
         if self._newest is None:
             raise CommunicationError(
-                f"{self.name} sent nothing for {self._patience:g} s: is the robot on, is the cable plugged in, and is this the "
-                "right network interface?"
+                f"{self.name} sent nothing for {self._patience:g} s: is the robot on, is the cable plugged in, and is this "
+                "the right network interface?"
             )
         return self._newest
 
