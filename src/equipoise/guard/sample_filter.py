@@ -181,6 +181,8 @@ class SampleFilter:
         if self._joints_without <= self._silence:
             raise CommunicationError(f"no IMU sample has arrived {time}; joint samples have")
         if self._why == "missing":
-            raise CommunicationError(f"no sample has arrived {time}: is the robot still on, and is the cable plugged in?")
+            raise CommunicationError(
+                f"no sample has arrived {time}: is the robot still on, and is the cable plugged in?"
+            )
         fault = "samples are repeated" if self._why == "repeated" else "samples arrive out of order"
         raise SensorError(f"{fault}: no fresh sample {time}")
