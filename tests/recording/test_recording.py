@@ -83,7 +83,7 @@ def test_a_value_that_is_not_a_number_is_named_by_sample_and_time(kind, name, ba
 def test_a_wrong_shape_raises_with_the_right_one(kind, name, shape, expected):
     with pytest.raises(RecordingError) as caught:
         stream_of(kind, **{name: np.zeros(shape)})
-    assert str(caught.value) == f"{kind} {name} has shape {shape}; its times and joints require {expected}"
+    assert str(caught.value) == f"{kind} {name} has shape {shape}; expected {expected}"
 
 
 def stream_of(kind, **values):

@@ -111,7 +111,7 @@ class Clearance:
     def _check_due(self, joint_position: FloatArray, travelled: FloatArray) -> Contact | None:
         """Return a contact among the pairs that are due, or None."""
         self._here, self._travelled = joint_position, travelled
-        self._distances.take(joint_position)
+        self._distances.place(joint_position)
         least, along = self._pairs.least, travelled[self._pairs.route]
         for pair in np.flatnonzero(self._due < along):
             distance = self._distances.of(int(pair))

@@ -1,8 +1,8 @@
 """Pairs of a robot's shapes whose distance is checked.
 
 Pairs are excluded if their links are adjacent, or are the trunk and a part above the knees (separated by joint limits).
-Pairs that touch in the standing or lying posture are excluded too: their shapes are larger than the links, or rest on
-each other.
+Pairs that are closer than the smallest allowed distance in the standing or lying posture are excluded too: their shapes are
+larger than the links, or rest on each other.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ class Pairs:
     """Pairs of shapes whose distance is checked.
 
     Attributes:
-        shapes: shapes with the pairs, on the joints of the robot's model.
+        shapes: shapes, attached to the joints of the robot's model; its collision pairs are these pairs.
         links: names of the two links of each pair.
         least: smallest allowed distance between the shapes of a pair [m].
         route: (pairs,) index of the route (pair of parent joints) of each pair, a column of `reach`, ascending.
         first: (routes,) index of the first pair of each route.
         reach: (nj, routes) largest approach of a route's shapes per rotation of each joint [m/rad].
-        left_out: pairs of names of the links that touch in the standing or lying posture.
+        left_out: pairs of names of the links that are closer than `least` in the standing or lying posture.
     """
 
     shapes: pin.GeometryModel
@@ -57,7 +57,7 @@ class Distances:
         self._spheres = Spheres.around(shapes.geometryObjects)
         self._pairs = np.array([[pair.first, pair.second] for pair in shapes.collisionPairs])
 
-    def take(self, joint_position: FloatArray) -> None:
+    def place(self, joint_position: FloatArray) -> None:
         """Place the shapes at (nj,) joint positions [rad]."""
         model, configuration = self._robot.pinocchio, self._robot.configuration(joint_position)
         pin.updateGeometryPlacements(model, self._data, self._shapes, self._placed, configuration)
@@ -68,12 +68,12 @@ class Distances:
 
     def all(self, joint_position: FloatArray) -> FloatArray:
         """Return the (pairs,) distances at (nj,) joint positions [rad]."""
-        self.take(joint_position)
+        self.place(joint_position)
         return np.array([self.of(pair) for pair in range(len(self._pairs))])
 
     def nearest(self, joint_position: FloatArray, least: float) -> tuple[int, float] | None:
         """Return the nearest pair at (nj,) joint positions [rad] and its distance if that is below `least` [m]."""
-        self.take(joint_position)
+        self.place(joint_position)
         centre, (first, second) = self._spheres.placed(list(self._data.oMi)), self._pairs.T
         apart = np.linalg.norm(centre[first] - centre[second], axis=1)
         may_be = np.flatnonzero(apart < self._spheres.radius[first] + self._spheres.radius[second] + least)
@@ -127,7 +127,7 @@ def _routes(robot: RobotModel, shapes: pin.GeometryModel) -> tuple[NDArray[np.in
 
 
 def _joint_reaches(robot: RobotModel, shapes: pin.GeometryModel) -> dict[int, FloatArray]:
-    """Return by joint the (nj,) largest displacement of its bodies per rotation of each joint up to it [m/rad]."""
+    """Return, for each joint, the (nj,) largest displacements of its shapes per rotation of each joint up to it [m/rad]."""
     reaches = {joint: np.zeros(len(robot.joint_names)) for joint in range(robot.pinocchio.njoints)}
     spheres = Spheres.around(shapes.geometryObjects)
     for parent, centre, radius in zip(spheres.joint, spheres.centre, spheres.radius, strict=True):

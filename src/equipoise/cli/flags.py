@@ -36,7 +36,7 @@ RobotOrNone = Annotated[
 ]
 Run = Annotated[Positional[Path], arg(metavar="RUN", help="Run folder of a calibration, or a log of another program.")]
 Described = Annotated[RobotDescription, arg(name="robot")]
-# Flags whose default depends on the run: their help explains it.
+# Flags whose default is not shown: it depends on the run, or is off.
 Duration = Annotated[str | None, arg(metavar="TIME", help_behavior_hint="")]
 Topic = Annotated[str | None, arg(metavar="TOPIC", help_behavior_hint="")]
 Verbose = Annotated[bool, arg(aliases=["-v"], help_behavior_hint="")]
@@ -60,7 +60,10 @@ _CONTACTS = (
 )
 PresetName = Annotated[
     Literal["ideal", "realistic", "stress"],
-    arg(help="Effects of the simulated robot: none and no friction (ideal), or more than are estimated (stress)."),
+    arg(
+        help="Effects of the simulated robot. ideal: none, not even joint friction; realistic: imperfect sensors, motors, legs and floor; "
+        "stress: also effects that are not estimated."
+    ),
 ]
 WithEffects = UseAppendAction[
     Annotated[tuple[str, ...], arg(metavar="NAME=SIZE,NAME", help=_WITH, help_behavior_hint="")]

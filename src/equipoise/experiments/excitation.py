@@ -1,4 +1,4 @@
-"""Amplitudes and frequencies of excitations of the base with all feet on the floor."""
+"""Amplitudes and postures of excitations of the base with all feet on the floor."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ def axis_rotation(axis: Axis, angle: float) -> FloatArray:
 
 
 def amplitude_for(robot: RobotModel, stance: Stance, axis: Axis, settings: ExcitationSettings) -> float:
-    """Return the requested amplitude, limited so that every foot keeps a margin of its static load [rad]."""
+    """Return the requested amplitude, limited by the static load of the feet or, for yaw, by floor friction [rad]."""
     composite = composite_parameters(robot, stance.joint_position)
     feet = stance.feet_in_base[:, :2] - composite.com[:2]
     index = AXES.index(axis)
-    if axis == "yaw":  # friction carries it: half the load's friction at the feet's distance from the CoM
+    if axis == "yaw":  # friction provides the torque: half of the available friction, with a coefficient of 0.5
         torque = 0.5 * 0.5 * composite.mass * GRAVITY * float(np.linalg.norm(feet, axis=1).mean())
     else:  # a torque T about an axis takes T / (4 arm) from each foot on one side
         arm = float(np.abs(feet[:, 1 - index]).mean())

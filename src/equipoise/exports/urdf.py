@@ -1,4 +1,4 @@
-"""The user's own URDF with another inertial, or with a link for the payload."""
+"""The user's own URDF with new inertials and joint dynamics, or with a link for the payload."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from equipoise.robot.inertial import InertialParameters
 
 _DYNAMICS = {"damping": "viscous_friction", "friction": "coulomb_friction"}
 _JOINTS = (
-    "joints' <dynamics> as estimated, torques in the motors' reported unit; a URDF cannot hold armature, gain and delay"
+    "joints' <dynamics> as estimated, torques in the motors' reported unit; a URDF cannot hold armature, gain or delay"
 )
 
 
 def write(subject: Subject) -> Written:
-    """Return the file with another <inertial> of the base link and <dynamics> of joints, or with an additional link."""
+    """Return the file with a new <inertial> of base or leg links and <dynamics> of joints, or with an additional link."""
     return write_model(subject, _URDF)
 
 

@@ -103,7 +103,8 @@ def commanded_plane(feet_in_base: FloatArray, diagonal: str) -> SupportPlane:
 def dominant_sinusoid(time: FloatArray, signal: FloatArray) -> Sinusoid:
     """Compute frequency, amplitude and phase of a signal's dominant sinusoid.
 
-    The start is the strongest bin of the Fast Fourier Transform. A bin is 1/T wide, which is too coarse for the phase.
+    The search starts at the strongest bin of the Fast Fourier Transform. A bin is as wide as one over the signal's duration,
+    which is too coarse for the phase.
     Least squares (sine, cosine and mean) refine the frequency within one bin of the start.
 
     Args:
@@ -187,13 +188,13 @@ def torque_about_com(
     if joints.torque is None:
         raise RecordingError("the recording has no joint torques; moments of inertia need them")
     rate = 1 / float(np.mean(np.diff(joints.time)))
-    stride = max(1, round(rate / _TORQUE_RATE))
+    block = max(1, round(rate / _TORQUE_RATE))
     kinematics = Kinematics(robot)
     offset = com_at_stance - kinematics.com(stance)
-    # Means over a stride: less torque noise, and positions and torques of the same time.
-    count = len(joints.time) // stride * stride
+    # Means over a block of samples: less torque noise, and positions and torques of the same time.
+    count = len(joints.time) // block * block
     time, positions, torques = (
-        array[:count].reshape(-1, stride, *array.shape[1:]).mean(axis=1)
+        array[:count].reshape(-1, block, *array.shape[1:]).mean(axis=1)
         for array in (joints.time, joints.position, joints.torque)
     )
     feet, forces = feet_and_forces(robot, positions, torques)
@@ -204,7 +205,7 @@ def torque_about_com(
 def _whole_periods(time: FloatArray, signal: FloatArray, frequency: float) -> tuple[FloatArray, FloatArray]:
     """Return the longest part from the start with a whole number of periods: a sinusoid's mean over it is zero."""
     step = float(np.mean(np.diff(time)))
-    periods = int((time[-1] - time[0] + step) * frequency + 0.1)  # the last period may lack a stride
+    periods = int((time[-1] - time[0] + step) * frequency + 0.1)  # the last period may lack a block of samples
     if periods < 1:
         raise RecordingError(f"the excitation lasts less than one period of {frequency:.2f} Hz")
     count = min(len(time), round(periods / frequency / step))

@@ -101,7 +101,7 @@ class Recording:
         commands: commands that were sent, or None (an external log).
         events: events in order of time.
         trial_id: id of the trial in its run, by which the log finds its motions; None for external recordings.
-        found_trial: trial that was found in a log; a commanded trial is the data of an event.
+        found_trial: trial that was found in a log; a commanded trial is stored in an event.
     """
 
     joint_names: tuple[str, ...]
@@ -150,7 +150,7 @@ class Recording:
 
     @property
     def trial(self) -> RecordedTrial | None:
-        """Return the recording's trial; None if it is not a trial, or of an unknown kind.
+        """Return the recording's trial; None if there is none, or its kind is unknown.
 
         Raises:
             RecordingError: the trial's data are damaged.
@@ -239,7 +239,7 @@ def _validated_time(stream: Any, kind: str) -> int:
         raise RecordingError(f"{kind} times have shape {time.shape}; they must be one-dimensional")
     wrong = ~(np.abs(time) < LONGEST)
     on_grid = rounded(time[~wrong])
-    if not np.array_equal(on_grid, time[~wrong]):  # those of a part are, and are shared
+    if not np.array_equal(on_grid, time[~wrong]):  # times of a part are on the grid already and stay shared
         time = np.array(time)
         time[~wrong] = on_grid
     wrong[1:] |= time[1:] <= time[:-1]
@@ -264,7 +264,7 @@ def _validate(stream: Any, kind: str, name: str, shape: tuple[int, ...], require
         return
     array = _own(value)
     if array.shape != shape:
-        raise RecordingError(f"{kind} {name} has shape {array.shape}; its times and joints require {shape}")
+        raise RecordingError(f"{kind} {name} has shape {array.shape}; expected {shape}")
     if not np.isfinite(array).all():
         first = int(np.argmax(~np.isfinite(array).all(axis=1)))
         raise RecordingError(f"{kind} {name} is not finite at sample {first} (t = {stream.time[first]:.3f} s)")

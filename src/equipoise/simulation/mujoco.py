@@ -51,7 +51,7 @@ class MujocoPlatform(SimulatedPlatform):
         self._rollout = rollout.Rollout(nthread=0)
         self._disturbance = disturbance or Disturbance(simulated)
         self._friction = ChangingFriction(self._model, simulated.dof, simulated.qpos, simulated.errors)
-        # Columns of a state, behind its time: leg joints, and in the velocities the base's rotation.
+        # Columns of a state, after its time: leg joints; their velocities and the base's angular velocity.
         self._positions = 1 + simulated.qpos
         self._speeds = 1 + self._model.nq + np.append(simulated.dof, [3, 4, 5])
         self._imu_rotation = np.zeros(9)
@@ -73,7 +73,7 @@ class MujocoPlatform(SimulatedPlatform):
         data.qpos[self._simulated.qpos] = joint_position
         mujoco.mj_forward(model, data)
         deepest = min((float(contact.dist) for contact in data.contact), default=0.0)
-        if deepest < -_PRESSED:  # feet or footholds that are not in the model
+        if deepest < -_PRESSED:  # feet or footholds differ from the estimator's model
             data.qpos[2] -= deepest
             mujoco.mj_forward(model, data)
 

@@ -43,7 +43,7 @@ _Step = TypeVar("_Step", TwoFeet, ThreeFeet)
 
 
 def find_steps(legs: LegChains, stance: Stance, track: Track) -> tuple[list[TwoFeet], FloatArray]:
-    """Return all times on two feet in order, and (n,) the robot's heading change at each step, positive to the left [rad].
+    """Return all times on two feet in order, and the (n,) angle by which the robot has turned to its left so far [rad].
 
     Args:
         track: samples with the gyroscope's bias removed.
@@ -59,7 +59,7 @@ class WalkingFeet:
     Attributes:
         stance: nominal stance of the robot.
         time: (n,) times of the steps' middles [s].
-        turned: (n,) angle by which the robot has turned to its left since the first [rad].
+        turned: (n,) angle by which the robot has turned to its left since the track's start [rad].
         foot: (n, 4, 3) centres of the feet, in the base frame [m].
         height: (n, 4) heights of the soles against gravity, from the base's origin [m].
         velocity: (n, 4, 3) velocities without rolling, in base axes; the base's unknown one is common to all [m/s].
@@ -99,7 +99,7 @@ class WalkingFeet:
     def on_three(self) -> list[ThreeFeet]:
         """Return all times on three feet, in order; none while the robot lies.
 
-        For a moment the plane of the standing feet is a better reference than the IMU's vertical.
+        Over short times the plane of the standing feet is a better reference than the IMU's vertical.
         """
         found: list[ThreeFeet] = []
         nominal = float(self.stance.feet_in_base[:, 2].mean())
@@ -112,7 +112,7 @@ class WalkingFeet:
         return sorted(found, key=lambda step: step.start)
 
     def _stand_too(self, feet: list[int], start: float, end: float) -> bool:
-        """Return whether feet that seem to be up, as the robot accelerates, stand from one time to another [s].
+        """Return whether a foot that seems to be lifted, because the robot accelerates, stands throughout an interval [s].
 
         Args:
             feet: indices of the two feet that stand.
