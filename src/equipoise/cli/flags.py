@@ -60,10 +60,7 @@ _CONTACTS = (
 )
 PresetName = Annotated[
     Literal["ideal", "realistic", "stress"],
-    arg(
-        help="Effects of the simulated robot. ideal: none, not even joint friction; realistic: imperfect sensors, motors, legs and floor; "
-        "stress: also effects that are not estimated."
-    ),
+    arg(help="Effects: none (ideal); sensors, motors, legs, floor (realistic); also some not estimated (stress)."),
 ]
 WithEffects = UseAppendAction[
     Annotated[tuple[str, ...], arg(metavar="NAME=SIZE,NAME", help=_WITH, help_behavior_hint="")]
