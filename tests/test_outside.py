@@ -206,6 +206,12 @@ def test_a_platform_that_cannot_be_made_gives_the_reason(here, a1, made, given, 
     assert message in str(caught.value)
 
 
+def test_a_robot_process_that_dies_at_once_is_not_one_that_is_late(here, a1):
+    here("mine", mine(made="__import__('os')._exit(3)"))
+    with pytest.raises(CommunicationError, match=r"died before it was ready \(exit code 3\); the robot was not moved"):
+        RemoteRobot("mine:Mine", a1, {"port": "x"})
+
+
 STATE = "from equipoise import RobotState; import numpy as np; return RobotState(0.0, {}, None, None, np.zeros(3), {})"
 
 

@@ -45,7 +45,7 @@ class ShownFlags(Output):
         view: Show the robot and the converging estimate in a Rerun window or, without a display, record view.rrd in the run
             folder. 'equipoise view RUN' shows a finished run. The control loop does not wait for the viewer.
         browser: With --view: serve the viewer to a browser. At a terminal it is served until Enter or Ctrl-C.
-        report: Write the page report.html in the run folder.
+        report: Do not write the page report.html in the run folder.
         verbose: Show the duration of each stage of the estimate.
     """
 

@@ -326,7 +326,7 @@ class RemoteRobot:
             self._pipe.post(message)
 
     def _wait_until_ready(self) -> Ready:
-        until, last_heartbeat, died = time.monotonic() + _STARTS, 0.0, f"was not ready within {_STARTS:g} s"
+        until, last_heartbeat, failure = time.monotonic() + _STARTS, 0.0, f"was not ready within {_STARTS:g} s"
         while time.monotonic() < until:
             try:
                 select.select([self._pipe], [], [], _POLL)
@@ -339,10 +339,12 @@ class RemoteRobot:
                     last_heartbeat = time.monotonic()
                     self._post(None)
             except EOFError:
-                died = f"died before it was ready (exit code {self._process.wait()})"
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    self._process.wait(1.0)
+                failure = f"died before it was ready (exit code {self._process.poll()})"
                 break
         raise CommunicationError(
-            f"the robot process {died}; the robot was not moved. Check the connection with 'equipoise doctor'"
+            f"the robot process {failure}; the robot was not moved. Check the connection with 'equipoise doctor'"
         )
 
     def _listen(self) -> None:
