@@ -395,7 +395,7 @@ def test_two_robots_on_a_domain_are_refused_before_anything_is_sent(tmp_path_fac
                 platform.step(lying)
             with pytest.raises(CommunicationError, match=r"All would execute .* disconnect the others .* set domain"):
                 platform.read()
-            with pytest.raises(CommunicationError, match=r"motion_switcher .* is there 2 times"):
+            with pytest.raises(CommunicationError, match=r"motion_switcher .* exists 2 times"):
                 platform._connection._switcher.mode()
             time.sleep(0.1)
             for robot in (emulator, other):

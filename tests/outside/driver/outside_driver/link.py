@@ -47,6 +47,6 @@ def open_connection(robot: RobotModel, settings: BusSettings) -> BusConnection:
     return BusConnection(robot, settings, "program")
 
 
-def open_beside(robot: RobotModel, settings: BusSettings) -> BusConnection:
+def open_second_connection(robot: RobotModel, settings: BusSettings) -> BusConnection:
     """Open a connection for the calibration process, which damps the robot if the robot process cannot."""
     return BusConnection(robot, settings, "second")
