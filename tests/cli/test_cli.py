@@ -232,7 +232,10 @@ def test_absurd_settings_raise_before_a_run_begins(flags, tmp_path, capsys):
         (["calibrate", "--duration", "1 day"], "--duration '1 day' is not a time; give it as 60s, 2min or 1h"),
         (["calibrate", "--duration", "2h"], "duration is 7200 s; it must be above zero, up to 3600 s"),
         (["calibrate", "--duration", "1s"], "a duration of 1 s allows no lift after the search; give 28 s or more"),
-        (["calibrate", "--duration", "2"], "a duration of 2 s allows no lift after the search; give 28 s or more, or a"),
+        (
+            ["calibrate", "--duration", "2"],
+            "a duration of 2 s allows no lift after the search; give 28 s or more, or a duration in minutes, such as 2min",
+        ),
         (["payload", "unitree_a1", "--mass-std", "1"], "mass_std is given without a mass; give both or neither"),
         (["calibrate", "--locked-joints", "foo=1"], "leg joint or does not exist; this robot has no others, so leave it out"),
         (["calibrate", "--payload", "1500,0,0,0"], "a payload of 1500 kg is 120 times the mass of 'unitree_a1'"),

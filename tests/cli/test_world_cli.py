@@ -39,6 +39,9 @@ def test_a_run_keeps_its_effects(tmp_path):
 
 def test_the_provenance_of_a_default_run_has_no_effects():
     facts = SimulatedTarget("mujoco").facts()
+    assert set(facts) == {
+        "platform", "sim_preset", "payload", "seed", "start", "noise_seed", "contact_model", "effects", "disabled_effects",
+    }  # fmt: skip
     assert (facts["effects"], facts["disabled_effects"], facts["contact_model"]) == ({}, [], "default")
 
 

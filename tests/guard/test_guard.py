@@ -300,7 +300,8 @@ def turned(state):
         ),
         (
             turned, FallError,
-            r"the base leans by \d\d deg before the first command. If the robot has fallen, set it upright. If the IMU is ",
+            r"the base leans by \d\d deg before the first command\. If the robot has fallen, set it upright\. "
+            "If the IMU is rotated: ",
         ),
         (
             lambda state: replace(state, acceleration_in_imu=0 * state.acceleration_in_imu),
