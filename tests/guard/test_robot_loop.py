@@ -127,7 +127,7 @@ def test_of_several_faults_in_motion_one_is_named_and_only_the_robots_own_ends_s
     message, kind, _ = IN_MOTION[first]
     assert type(loop.trouble) is kind
     assert message in str(loop.trouble)
-    assert loop.ending.unchecked == (kind is not HealthError)
+    assert loop.ending.controllable == (kind is HealthError)
 
 
 def test_a_command_that_is_refused_is_not_sent_and_the_robot_is_lowered(a1):
@@ -138,7 +138,7 @@ def test_a_command_that_is_refused_is_not_sent_and_the_robot_is_lowered(a1):
     assert loop.tick().target is None
     assert str(loop.trouble).startswith("the target of joint 'FL_thigh_joint' jumps by")
     assert platform.sent == []
-    assert not loop.ending.unchecked
+    assert loop.ending.controllable
     loop.tick()
     assert loop.ending.done == ["lowered"]
 
@@ -162,7 +162,7 @@ def test_sensors_that_stop_are_noticed(a1, moves, error, message):
         loop.tick()
     assert type(loop.trouble) is error
     assert str(loop.trouble).startswith(message)
-    assert loop.ending.unchecked
+    assert not loop.ending.controllable
     assert len(platform.sent) < 110
 
 

@@ -65,13 +65,13 @@ class Ending:
 
     Attributes:
         urgent: whether to skip lowering it; may be set at any time.
-        unchecked: whether commands and samples are no longer checked: the robot is damped, or is lowered without following.
+        controllable: as the argument, until the robot is damped; otherwise commands and samples are not checked.
         done: steps in order, from their beginning; the text of one that did not complete states it.
     """
 
     def __init__(self, loop: RobotLoop, controllable: bool, urgent: bool, done: Sequence[str]) -> None:
         self._loop = loop
-        self.urgent, self.unchecked = urgent, not controllable
+        self.urgent, self.controllable = urgent, controllable
         self.done = list(done)
         self._silence = np.inf  # [s] without an accepted sample
         self._here: FloatArray | None = None
@@ -89,11 +89,11 @@ class Ending:
         self._here = loop.context.state.joint_position
         # A robot that cannot be damped is lowered: lying is better than falling.
         stiff = loop.own_gains is None and loop.context.up.tilt < _FALLEN
-        if stiff or not (self.unchecked or self._has_sunk()):
+        if stiff or (self.controllable and not self._has_sunk()):
             yield from self._feet_down(loop.context.sent, loop.context.standing)
             yield from self._lowered()
             yield from self._faded()
-        self.unchecked = True
+        self.controllable = False
         yield from self._damped()
 
     def _feet_down(self, sent: JointCommand, standing: JointCommand) -> Iterator[JointCommand]:

@@ -340,7 +340,7 @@ class RemoteRobot:
                     self._post(None)
             except EOFError:
                 with contextlib.suppress(subprocess.TimeoutExpired):
-                    self._process.wait(1.0)
+                    self._process.wait(timeout=1.0)
                 failure = f"died before it was ready (exit code {self._process.poll()})"
                 break
         raise CommunicationError(

@@ -159,7 +159,7 @@ class RobotLoop:
         if self.ending is not None and controllable:
             self.ending.urgent = self.ending.urgent or urgent
             return
-        if self.ending is not None and self.ending.unchecked:
+        if self.ending is not None and not self.ending.controllable:
             return
         done = [] if self.ending is None else self.ending.done
         if done:
@@ -292,7 +292,7 @@ class RobotLoop:
     @property
     def watched(self) -> bool:
         """Return whether commands and samples are checked: always, except while the robot is damped."""
-        return self.ending is None or not self.ending.unchecked
+        return self.ending is None or self.ending.controllable
 
     @property
     def waits(self) -> bool:
@@ -315,9 +315,8 @@ class RobotLoop:
             return
         self.ending.observe(())
         self.ending.urgent = self.ending.urgent or isinstance(error, KeyboardInterrupt)
-        if self.ending.unchecked or isinstance(
-            error, (*_CONTROLLABLE, KeyboardInterrupt)
-        ):  # for example a motor still hot
+        # A motor may still be hot, for example.
+        if not self.ending.controllable or isinstance(error, (*_CONTROLLABLE, KeyboardInterrupt)):
             self._prepare()
         else:
             self.end(error, controllable=False)
