@@ -131,7 +131,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("make", "compare"))
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--repeat", action="store_true", help="compare: also repeat the calibrations")
+    parser.add_argument("--again", action="store_true", help="compare: also repeat the calibrations")
     asked = parser.parse_args()
     folder: Path = asked.folder
     if asked.what == "make":
@@ -143,7 +143,7 @@ def main() -> int:
     out = folder / "compared"
     others(folder, out)
     pairs = [(path, out / path.name) for path in sorted((folder / "made").iterdir())]
-    if asked.repeat:
+    if asked.again:
         for run, made in calibrations(folder):
             equipoise(*made, "--out", again := out / run.name)
             pairs.append((run / "calibration.json", again / "calibration.json"))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+WEIGHED = ("--mass KG", "--mass 16.1")  # what a reader types for KG, here for a Go2
 _FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 _INDENTED = re.compile(r"(?:^ {4}\S.*\n(?:^ {4}.*\n|^\n(?= {4}))*)", re.MULTILINE)
 _NUMBER = re.compile(r"-?\d+\.\d+|-?\d+")
@@ -45,7 +46,7 @@ def commands(program):
         for block in blocks(page):
             if block.language not in ("", "console", "bash", "sh"):
                 continue
-            for line in block.code.replace("\\\n", " ").replace("--mass KG", "--mass 16.1").splitlines():
+            for line in block.code.replace("\\\n", " ").replace(*WEIGHED).splitlines():
                 if line.startswith(f"{program} "):
                     arguments = tuple(shlex.split(line, comments=True)[1:])
                     if "..." not in arguments:

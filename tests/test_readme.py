@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from documents import assert_shown, blocks
+from documents import WEIGHED, assert_shown, blocks
 
 from equipoise import errors
 from equipoise.cli import INTERRUPTED
@@ -42,9 +42,7 @@ def ran(tmp_path_factory):
     """Run the README's commands in order in a new folder; return (command, exit code, output) of each."""
     folder = tmp_path_factory.mktemp("clone")
     typed = [command for command in README_COMMANDS if command.startswith("equipoise ")]
-    return folder, [
-        (command, *run(command.replace(*HARDWARE).replace("--mass KG", "--mass 16.1"), folder)) for command in typed
-    ]
+    return folder, [(command, *run(command.replace(*HARDWARE).replace(*WEIGHED), folder)) for command in typed]
 
 
 def run(command, folder):

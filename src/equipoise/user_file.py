@@ -120,6 +120,17 @@ def check_schema(found: object, expected: str, what: str) -> None:
         )
 
 
+def partial_path(path: Path) -> Path:
+    """Return a new path in a file's folder, for its content until that is complete."""
+    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
+
+
+def remove_partial_files(folder: Path) -> None:
+    """Remove files in a folder that a killed process was writing."""
+    for partial in folder.glob(".*.partial"):
+        partial.unlink()
+
+
 def write_file(path: Path, content: str | bytes, what: str = "") -> None:
     """Write or replace a file; it appears under its name only when it is complete.
 
@@ -136,7 +147,7 @@ def write_file(path: Path, content: str | bytes, what: str = "") -> None:
     try:
         mode = replaceable(path, what)
         target = Path(os.path.realpath(path))
-        partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.partial")
+        partial = partial_path(target)
         try:
             with open(partial, "xb") as file:
                 file.write(data)

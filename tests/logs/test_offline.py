@@ -141,7 +141,7 @@ def test_without_lifts_torques_determine_little(a1, log, found, bayesian_run):
     assert verdicts["mass"] == "doubtful"  # only torques determine it, which is a failed check
     assert other.result.composite.mass.std < 0.03 * bayesian_run.truth.composite.mass  # a tenth of its prior
     assert verdicts["Ixx"] == verdicts["Izz"] == "not identified"
-    assert other.report.limitations[0].startswith("There is no lift of two diagonal feet after a rest")
+    assert other.report.limitations[0].startswith("The log has no lift of two diagonal feet after a rest")
     assert other.report.limitations[-1].startswith("Not identified by this log: Ixx, Iyy, Izz")
     assert not other.result.trustworthy
 

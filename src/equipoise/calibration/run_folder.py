@@ -44,7 +44,7 @@ from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
-from equipoise.user_file import read_text, typed, write_file
+from equipoise.user_file import read_text, remove_partial_files, typed, write_file
 
 POSTERIOR = "posterior.json"
 _MODEL, _TRUTH = "model.xml", "truth.json"
@@ -127,8 +127,7 @@ class RunFolder:
         folder = cls.open(path)
         folder._log, content = resume_log(folder.path, repeats)
         (folder.path / METADATA).unlink(missing_ok=True)  # the recordings will change
-        for unfinished in folder.path.glob(".*.partial"):  # files that the killed process was writing
-            unfinished.unlink()
+        remove_partial_files(folder.path)
         folder._replayed = deque(content.recordings)
         return folder, content
 

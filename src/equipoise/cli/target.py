@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from equipoise.robot.model import RobotModel
     from equipoise.simulation.simulation import Simulation
 
+_FACTS = ("platform", "sim_preset", "payload", "seed", "start", "noise_seed", "contact_model")
+"""Flags of a simulated robot that its provenance holds by name, besides the effects."""
+
 
 @dataclass(frozen=True)
 class RunTarget:
@@ -57,15 +60,13 @@ class RunTarget:
         facts = folder.provenance
         if "platform_settings" in facts:
             return HardwareTarget(str(facts["platform"]), given=dict(facts["platform_settings"]))
-        names = ("platform", "sim_preset", "payload", "seed", "start", "noise_seed", "contact_model")
-        lists = ("effects", "disabled_effects")
-        if missing := [name for name in names + lists if name not in facts]:
+        if missing := [name for name in (*_FACTS, "effects", "disabled_effects") if name not in facts]:
             raise RecordingError(
                 f"the run {str(folder.path)!r} has no {missing[0]!r} in its provenance; only runs of "
                 "'equipoise calibrate' can be resumed"
             )
         return SimulatedTarget(
-            **{name: facts[name] for name in names},
+            **{name: facts[name] for name in _FACTS},
             enable_effect=tuple(
                 name if size is None else f"{name}={size!r}" for name, size in facts["effects"].items()
             ),
@@ -121,8 +122,7 @@ class SimulatedTarget(RunTarget):
         return ", ".join(words + ["contact model of the file"] * (self.contact_model == "file"))
 
     def facts(self) -> Mapping[str, Any]:
-        names = ("platform", "sim_preset", "payload", "seed", "start", "noise_seed", "contact_model")
-        facts = {name: getattr(self, name) for name in names}
+        facts = {name: getattr(self, name) for name in _FACTS}
         return {**facts, "effects": self.sizes, "disabled_effects": list(self.disable_effect)}
 
     def again(self, number: int) -> SimulatedTarget:

@@ -215,7 +215,7 @@ def _limitations(result: Calibration, report: LogReport, method: BayesianMethod)
         )
     elif not diagonals:
         messages.append(
-            "There is no lift of two diagonal feet after a rest: the CoM's height and the inertia are not determined, and "
+            "The log has no lift of two diagonal feet after a rest: the CoM's height and the inertia are not determined, and "
             "only joint torques determine the CoM's x and y."
         )
     elif len(diagonals) < len(DIAGONALS):
@@ -224,12 +224,12 @@ def _limitations(result: Calibration, report: LogReport, method: BayesianMethod)
         )
     if not pairs and not any(isinstance(trial, PostureTrial) for trial in trials):
         messages.append(
-            "There is no stance motion from rest to rest: joint offsets are not separated from an offset of the CoM."
+            "The log has no stance motion from rest to rest: joint offsets are not separated from an offset of the CoM."
         )
     if method.mass is None and report.log.recording.joints.torque is None:
         messages.append(
-            "There are no joint torques and no --mass: the model file's mass is used. The inertia scales with it, so its "
-            "relative uncertainty is that of this mass. Weigh the robot and give --mass."
+            "The log has no joint torques and no --mass is given: the model file's mass is used. The inertia scales with it, "
+            "so its relative uncertainty is that of this mass. Weigh the robot and give --mass."
         )
     for verdict, words in (
         ("doubtful", "Doubtful, because a check failed"),

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import fcntl
 import json
-import secrets
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -23,7 +22,7 @@ from equipoise.recording.mcap_reader import finish, opened
 from equipoise.recording.messages import DEFINITIONS, text_message
 from equipoise.recording.recording import Recording
 from equipoise.recording.run_log_reader import LogContent, log_file, log_files, read_log
-from equipoise.user_file import replaceable
+from equipoise.user_file import partial_path, replaceable
 
 _ROOM = 1 << 24  # bytes that wait in memory while the disk is full; they are written first once it is not
 
@@ -167,7 +166,7 @@ def save_recording(recording: Recording, path: Path) -> None:
     Raises:
         OutputError: it cannot be written (no permission, disk full).
     """
-    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
+    partial = partial_path(path)
     try:
         with _output_errors(path):
             replaceable(path, "the recording ")
