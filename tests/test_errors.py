@@ -8,37 +8,25 @@ from equipoise.errors import EquipoiseError
 EXIT_CODES = {
     "EquipoiseError": 1,
     "SettingsError": 2,
-    "UnconfirmedMassError": 2,
     "ModelError": 3,
     "MotionError": 4,
     "ReachError": 4,
     "FallError": 4,
-    "SensorError": 4,
-    "OverrunError": 4,
-    "OtherCommanderError": 4,
-    "HealthError": 12,
     "CommunicationError": 10,
-    "StopRequestedError": 13,
+    "StoppedError": 4,
     "RecordingError": 5,
-    "ColumnsError": 5,
-    "LogError": 5,
     "OutputError": 6,
     "MissingDependencyError": 7,
     "NotEstimatedError": 8,
 }
 STANDARD = {
     "SettingsError": ValueError,
-    "UnconfirmedMassError": ValueError,
     "ModelError": ValueError,
     "MotionError": RuntimeError,
     "ReachError": RuntimeError,
     "FallError": RuntimeError,
-    "SensorError": RuntimeError,
-    "OverrunError": RuntimeError,
     "CommunicationError": ConnectionError,
     "RecordingError": ValueError,
-    "ColumnsError": ValueError,
-    "LogError": ValueError,
     "OutputError": OSError,
     "MissingDependencyError": ImportError,
     "NotEstimatedError": ValueError,
@@ -57,8 +45,8 @@ def test_an_error_is_the_standard_one_that_a_caller_would_catch(name):
     assert str(error) == "what is wrong and what to do"
 
 
-def test_a_log_error_carries_the_report():
-    error = errors.LogError("nothing in it", "the report", {"log": {"segments": []}})
+def test_an_error_of_a_log_carries_the_report():
+    error = errors.RecordingError("nothing in it", "the report", details={"log": {"segments": []}})
     assert (error.report, error.details["log"]) == ("the report", {"segments": []})
     assert dict(errors.RecordingError("damaged").details) == {}
 

@@ -15,7 +15,7 @@ from equipoise import BayesianMethod, Guard, JointCommand, RunFolder, nominal_st
 from equipoise.cli import main
 from equipoise.drivers import platforms
 from equipoise.drivers.platforms import open_platform
-from equipoise.errors import CommunicationError, MissingDependencyError, MotionError, SensorError, SettingsError
+from equipoise.errors import CommunicationError, MissingDependencyError, MotionError, SettingsError
 from equipoise.exports import formats
 from equipoise.guard.remote_robot import RemoteRobot
 from equipoise.logs import reader
@@ -218,15 +218,15 @@ STATE = "from equipoise import RobotState; import numpy as np; return RobotState
 @pytest.mark.parametrize(
     ("read", "kind", "message"),
     [
-        ("return None", SensorError, "read returns a NoneType; it must be a RobotState"),
+        ("return None", MotionError, "read returns a NoneType; it must be a RobotState"),
         (
             STATE.format("np.zeros(3)", "np.zeros(3)"),
-            SensorError,
+            MotionError,
             "read returns (3,) as joint_position; it must be an array of",
         ),
         (
             STATE.format("np.zeros(12)", "[0, 0, 9]"),
-            SensorError,
+            MotionError,
             "read returns list as acceleration_in_imu; it must be an array of",
         ),
         ("raise OSError('unplugged')", CommunicationError, "cannot be reached: read fails (unplugged)"),

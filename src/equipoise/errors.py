@@ -50,19 +50,6 @@ class SettingsError(EquipoiseError, ValueError):
     exit_code = 2
 
 
-class UnconfirmedMassError(SettingsError):
-    """The given mass disagrees with the joint torques, and was not confirmed.
-
-    Attributes:
-        comparison: both masses (MassComparison).
-        details: the same as JSON values.
-    """
-
-    def __init__(self, message: str, comparison: Any = None, details: Mapping[str, Any] | None = None) -> None:
-        super().__init__(message, details=details)
-        self.comparison = comparison
-
-
 class ModelError(EquipoiseError, ValueError):
     """A robot model cannot be read, or is not a quadruped with inertia."""
 
@@ -70,19 +57,20 @@ class ModelError(EquipoiseError, ValueError):
 
 
 class MotionError(EquipoiseError, RuntimeError):
-    """The robot cannot execute, or did not execute, a command: a joint exceeds a limit, or does not follow or answer.
+    """The robot cannot execute, or did not execute, a command, or its samples cannot be used.
 
     Attributes:
         recordings: recordings made before and while it went wrong, oldest first (Recording).
+        other_commander: whether another program commands the motors, so that the robot is left to it.
     """
 
     exit_code = 4
 
     def __init__(
-        self, message: str, recordings: tuple[Any, ...] = (), details: Mapping[str, Any] | None = None
+        self, message: str, recordings: tuple[Any, ...] = (), *, other_commander: bool = False, **given: Any
     ) -> None:
-        super().__init__(message, details=details)
-        self.recordings = recordings
+        super().__init__(message, **given)
+        self.recordings, self.other_commander = recordings, other_commander
 
 
 class ReachError(MotionError):
@@ -93,28 +81,12 @@ class FallError(MotionError):
     """The robot has fallen or is falling, or its base leans too far."""
 
 
-class SensorError(MotionError):
-    """The robot's samples cannot be used: frozen, not a number, out of order."""
+class StoppedError(MotionError):
+    """The run was ended although the robot still followed commands.
 
-
-class OverrunError(MotionError):
-    """This computer did not keep up with the control loop."""
-
-
-class HealthError(MotionError):
-    """The robot should not continue: a hot motor, an empty battery, a fault that it reports itself."""
-
-    exit_code = 12
-
-
-class StopRequestedError(MotionError):
-    """The operator stopped the robot by its remote control or the space bar."""
-
-    exit_code = 13
-
-
-class OtherCommanderError(MotionError):
-    """Another program sends commands to the robot's motors."""
+    Exit code 12: a hot motor, an empty battery, or a fault that the robot reports; 13: the operator stopped it by the remote
+    control or the space bar; 4: this computer did not keep up with the control loop.
+    """
 
 
 class CommunicationError(MotionError, ConnectionError):
@@ -124,38 +96,16 @@ class CommunicationError(MotionError, ConnectionError):
 
 
 class RecordingError(EquipoiseError, ValueError):
-    """A recording or run folder is damaged, lacks what an estimate needs, or cannot be resumed."""
+    """A recording, log or run folder is damaged, lacks what an estimate needs, or cannot be resumed.
+
+    Attributes:
+        report: contents of a log that cannot be used (LogReport), or a mapping of columns to confirm (ColumnProposal).
+    """
 
     exit_code = 5
 
-
-class ColumnsError(RecordingError):
-    """A table's columns do not have the expected names.
-
-    Attributes:
-        what: description of the table's defect.
-        proposal: TOML for --columns, guessed from the names of the columns.
-        names: names of the table's columns.
-        details: the proposal, for scripts.
-    """
-
-    def __init__(self, what: str, proposal: str = "", names: tuple[str, ...] = ()) -> None:
-        remedy = ". Check this proposal, save it as columns.toml, and add --columns columns.toml:\n\n"
-        super().__init__(f"{what}{remedy}{proposal}" if proposal else what)
-        self.what, self.proposal, self.names = what, proposal, names
-        self.details = {"columns": proposal}
-
-
-class LogError(RecordingError):
-    """The content of a log cannot be used.
-
-    Attributes:
-        report: contents of the log (LogReport).
-        details: the same as JSON values.
-    """
-
-    def __init__(self, message: str, report: Any = None, details: Mapping[str, Any] | None = None) -> None:
-        super().__init__(message, details=details)
+    def __init__(self, message: str = "", report: Any = None, **given: Any) -> None:
+        super().__init__(message, **given)
         self.report = report
 
 

@@ -10,7 +10,7 @@ from guarded import PERIOD, MemoryConnection, at_rest, hold, is_damped
 from equipoise import nominal_stance, simulate
 from equipoise.drivers import hardware
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.errors import CommunicationError, MotionError, OverrunError
+from equipoise.errors import CommunicationError, MotionError, StoppedError
 from equipoise.guard.guard import Guard
 from equipoise.platform.platform import JointCommand
 
@@ -38,7 +38,7 @@ def test_a_command_that_slept_on_its_way_is_not_sent(platform, link, stand, monk
     platform.step(stand)
     sent = link.sent[-1]
     monkeypatch.setattr(hardware, "_wait_until", lambda moment: time.sleep(0.3))
-    with pytest.raises(OverrunError, match=r"^no command was sent for \d{3} ms: this program was stopped$"):
+    with pytest.raises(StoppedError, match=r"^no command was sent for \d{3} ms: this program was stopped$"):
         platform.step(replace(stand, kp=np.ones(12)))
     assert link.sent[-1].kp is sent.kp is None
 
@@ -102,7 +102,7 @@ def test_a_computer_that_stalls_ends_the_run_and_the_robot_is_lowered(a1):
     hold(guard, link, 0.1)
     stall = len(link.sent) + 20
     link.act = lambda count: time.sleep(0.4) if count == stall else None
-    with pytest.raises(OverrunError) as caught:
+    with pytest.raises(StoppedError) as caught:
         hold(guard, link, 0.5)
     assert str(caught.value).startswith("no command was sent for ")
     assert "the robot process was stopped" in str(caught.value)

@@ -24,7 +24,7 @@ from equipoise.drivers.ros2.ros_messages import (
     dds_topic,
 )
 from equipoise.drivers.ros2.sensor_topics import ImuTopic, JointTopic, StampClock, together
-from equipoise.errors import SensorError, SettingsError
+from equipoise.errors import MotionError, SettingsError
 
 NAMES = ("hip", "thigh", "calf")
 STATE = JointState(
@@ -140,7 +140,7 @@ def test_an_imu_is_read_in_its_own_frame():
 @pytest.mark.parametrize("lacking", ["angular_velocity_covariance", "linear_acceleration_covariance"])
 def test_an_imu_that_reports_missing_data_is_refused(lacking):
     message = replace(IMU, **{lacking: [-1.0] + 8 * [0.0]})
-    with pytest.raises(SensorError, match="/imu/data reports no angular velocity or no acceleration"):
+    with pytest.raises(MotionError, match="/imu/data reports no angular velocity or no acceleration"):
         imu().add(0.0, message.serialize())
 
 
@@ -178,7 +178,7 @@ def test_samples_of_two_clocks_are_refused():
     joint_topic.add(0.0, STATE.serialize())
     imu_topic.add(0.0, replace(IMU, header=Header(Time(1_800_000_000, 0))).serialize())
     with pytest.raises(
-        SensorError, match=r"joints and IMU are stamped -1799999992\.8 s apart: do all nodes use one clock"
+        MotionError, match=r"joints and IMU are stamped -1799999992\.8 s apart: do all nodes use one clock"
     ):
         together(joint_topic.newest, imu_topic.newest, None)
 
@@ -194,7 +194,7 @@ def test_a_simulation_begins_at_time_zero_but_a_clock_that_stands_there_is_refus
     topic = make()
     assert not topic.add(0.0, unstamped(message))
     assert topic.add(0.1, message.serialize())
-    with pytest.raises(SensorError, match="the stamps are zero"):
+    with pytest.raises(MotionError, match="the stamps are zero"):
         topic.add(0.2, unstamped(message))
 
 

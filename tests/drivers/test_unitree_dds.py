@@ -24,7 +24,7 @@ from equipoise.drivers.unitree.dds import open_connection
 from equipoise.drivers.unitree.dds_settings import UnitreeB2Settings, UnitreeDdsSettings
 from equipoise.drivers.unitree.dds_types import Request, Response
 from equipoise.drivers.unitree.low_level import STATE, Message
-from equipoise.errors import CommunicationError, MotionError, OtherCommanderError, SettingsError
+from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.platform.platform import JointCommand, Trajectory
 
 pytestmark = pytest.mark.realtime
@@ -349,7 +349,7 @@ def test_a_second_commander_is_refused_and_one_that_sends_nothing_is_not(tmp_pat
             hold(platform, lying.position, 0.1)
             platform._connection.release()
             command()
-            with pytest.raises(OtherCommanderError) as caught:
+            with pytest.raises(MotionError) as caught:
                 platform.step(lying)
         assert str(caught.value).startswith("another program commands the motors of unitree-go2 on lo: ")
         assert "end that program, on this computer or on the robot" in str(caught.value)
@@ -372,7 +372,7 @@ def test_a_commander_that_begins_in_mid_run_is_noticed_at_once_and_named(standin
         keep_commanding(link, target, 0.2)
         command()
         begun = time.monotonic()
-        with pytest.raises(OtherCommanderError, match=f"process {process.pid} on .* sent .* commands on rt/lowcmd"):
+        with pytest.raises(MotionError, match=f"process {process.pid} on .* sent .* commands on rt/lowcmd"):
             keep_commanding(link, target, 1.0)
         noticed = time.monotonic() - begun
     assert noticed < 0.05

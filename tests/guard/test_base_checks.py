@@ -5,7 +5,7 @@ import pytest
 from guarded import at_rest, look
 
 from equipoise import nominal_stance
-from equipoise.errors import FallError, SensorError
+from equipoise.errors import FallError, MotionError
 from equipoise.guard.base_checks import BaseChecks
 from equipoise.guard.check_context import CheckContext
 from equipoise.guard.limits import Limits
@@ -31,7 +31,7 @@ def leaning(robot, angle, **changes):
 
 def test_before_anything_moves_gravity_is_measured(a1, checks, hold):
     look(checks.at_rest, hold, at_rest(a1))
-    with pytest.raises(SensorError) as caught:
+    with pytest.raises(MotionError) as caught:
         look(checks.at_rest, hold, at_rest(a1, acceleration_in_imu=np.array([0.0, 0.0, 1.0])))
     assert str(caught.value) == (
         "the accelerometer reads 1.0 m/s2 before the first command; gravity is 9.8 m/s2. Check its units, and "

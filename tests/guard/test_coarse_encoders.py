@@ -11,7 +11,7 @@ from guarded import simulated
 from equipoise import BayesianMethod, Calibration, load_robot
 from equipoise.calibration.routine import perform
 from equipoise.cli import main
-from equipoise.errors import RecordingError, SensorError
+from equipoise.errors import MotionError, RecordingError
 from equipoise.estimator.diagnostics.screening import screen_log
 from equipoise.guard.sample_filter import SampleFilter
 from equipoise.platform.platform import RobotState
@@ -104,7 +104,7 @@ def test_coarse_encoders_are_not_frozen(a1, recording, step):
 @pytest.mark.parametrize("step", STEPS)
 def test_a_frozen_encoder_among_coarse_ones_is_named(a1, recording, step):
     frozen = with_steps(recording, step, frozen=CALF)
-    with pytest.raises(SensorError, match="'FL_calf_joint' is frozen"):
+    with pytest.raises(MotionError, match="'FL_calf_joint' is frozen"):
         filtered(a1, frozen)
     with pytest.raises(RecordingError, match="'FL_calf_joint' is frozen"):
         screen_log(a1, frozen)

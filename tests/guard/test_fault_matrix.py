@@ -19,11 +19,9 @@ from equipoise.errors import (
     CommunicationError,
     EquipoiseError,
     FallError,
-    HealthError,
     MissingDependencyError,
     MotionError,
-    SensorError,
-    StopRequestedError,
+    StoppedError,
 )
 from equipoise.guard import footing
 from equipoise.guard.endings import DAMPED_TIME, NOT_CONFIRMED
@@ -67,26 +65,26 @@ class Case:
 # What is wrong decides how it ends, and the phase where the feet are then: each ending is tried in every phase with one fault.
 PHASES = ("stand", "move", "rest", "unload", "lift", "watch", "lower")
 CASES = [
-    *(Case("nan", phase, SensorError, "encoder reading of joint 'FL_calf_joint' is not finite") for phase in PHASES),
-    *(Case("spike", phase, SensorError, "encoder of joint 'FL_calf_joint' jumped") for phase in ("stand", "watch")),
+    *(Case("nan", phase, MotionError, "encoder reading of joint 'FL_calf_joint' is not finite") for phase in PHASES),
+    *(Case("spike", phase, MotionError, "encoder of joint 'FL_calf_joint' jumped") for phase in ("stand", "watch")),
     *(Case("kill link", phase, CommunicationError, "the link is gone") for phase in ("stand", "move", "watch")),
     *(
         Case("drop", phase, (CommunicationError, MotionError), "no sample has arrived for 1|is the motor on")
         for phase in PHASES
     ),
-    *(Case("repeat", phase, SensorError, "samples are repeated") for phase in ("stand", "watch")),
-    *(Case("delay", phase, SensorError, "out of order|are repeated") for phase in ("move", "watch")),
-    *(Case("overheat", phase, HealthError, "motor of joint 'FL_calf_joint' is at 90 deg C") for phase in PHASES),
-    *(Case("empty battery", phase, HealthError, "battery charge is 8%") for phase in ("move", "watch")),
-    *(Case("remote damp", phase, StopRequestedError, "asked to damp the robot") for phase in ("move", "watch")),
-    *(Case("remote lie down", phase, StopRequestedError, "asked to lower the robot") for phase in ("move", "watch")),
+    *(Case("repeat", phase, MotionError, "samples are repeated") for phase in ("stand", "watch")),
+    *(Case("delay", phase, MotionError, "out of order|are repeated") for phase in ("move", "watch")),
+    *(Case("overheat", phase, StoppedError, "motor of joint 'FL_calf_joint' is at 90 deg C") for phase in PHASES),
+    *(Case("empty battery", phase, StoppedError, "battery charge is 8%") for phase in ("move", "watch")),
+    *(Case("remote damp", phase, StoppedError, "asked to damp the robot") for phase in ("move", "watch")),
+    *(Case("remote lie down", phase, StoppedError, "asked to lower the robot") for phase in ("move", "watch")),
     *(Case("lose torque", phase, FALLS, "FL_calf_joint|falling") for phase in ("stand", "move", "watch")),
     *(
-        Case("freeze encoder", phase, SensorError, "encoder of joint 'FL_calf_joint' is frozen")
+        Case("freeze encoder", phase, MotionError, "encoder of joint 'FL_calf_joint' is frozen")
         for phase in ("move", "lift")
     ),
     *(
-        Case("freeze imu", phase, (SensorError, FallError), "IMU is frozen|falling")
+        Case("freeze imu", phase, (MotionError, FallError), "IMU is frozen|falling")
         for phase in ("stand", "move", "lower")
     ),
     *(Case("stick joint", phase, MotionError, "joint 'FL_calf_joint' moved by") for phase in ("move", "lift")),
@@ -164,7 +162,7 @@ def assert_put_down(robot, case, outcome, recorder, report):
     began = next(index for index, command in enumerate(sent) if command.limp)
     assert all(command.limp for command in sent[began:])
     assert (len(sent) - began) * SLOW >= DAMPED_TIME
-    sound = isinstance(outcome, HealthError) or case.kind == "remote lie down"
+    sound = isinstance(outcome, StoppedError) or case.kind == "remote lie down"
     *before, damped, _ = report.ending
     assert all(step in ("feet down", "lowered") for step in before)
     if not sound:
@@ -216,7 +214,7 @@ def test_a_fault_ends_in_its_error_with_the_robot_put_down(a1, case, tmp_path):
 
 
 SWINGING = [
-    Case("nan", "watch", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite"),
+    Case("nan", "watch", MotionError, "encoder reading of joint 'FL_calf_joint' is not finite"),
     Case("drop", "watch", (CommunicationError, MotionError), "no sample has arrived for 1|is the motor on"),
     Case("lose torque", "watch", FALLS, "FL_|falling"),
     Case("stick joint", "watch", MotionError, "joint 'FL_thigh_joint' moved by", joint=THIGH),
@@ -241,21 +239,21 @@ LYING = [
     Case("drop", "lie", CommunicationError, "no sample has arrived for 1"),
     Case("lose torque", "lie", MotionError, _NO_POWER),
     Case("stick joint", "lie", MotionError, _STUCK),
-    Case("spike", "raise", SensorError, "encoder of joint 'FL_calf_joint' jumped"),
+    Case("spike", "raise", MotionError, "encoder of joint 'FL_calf_joint' jumped"),
     Case("kill link", "raise", CommunicationError, "the link is gone"),
-    Case("freeze imu", "raise", SensorError, "IMU is frozen"),
+    Case("freeze imu", "raise", MotionError, "IMU is frozen"),
     Case("stick joint", "raise", MotionError, _STUCK),
-    Case("nan", "swing", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite"),
-    Case("repeat", "swing", SensorError, "samples are repeated"),
-    Case("overheat", "swing", HealthError, "motor of joint 'FL_calf_joint' is at 90 deg C"),
+    Case("nan", "swing", MotionError, "encoder reading of joint 'FL_calf_joint' is not finite"),
+    Case("repeat", "swing", MotionError, "samples are repeated"),
+    Case("overheat", "swing", StoppedError, "motor of joint 'FL_calf_joint' is at 90 deg C"),
     # Limp and upright, the thigh hangs in its friction.
     Case("lose torque", "swing", MotionError, "FL_thigh_joint.* (is the motor on|lost power)", joint=THIGH),
-    Case("freeze encoder", "swing", SensorError, "encoder of joint 'FL_calf_joint' is frozen"),
+    Case("freeze encoder", "swing", MotionError, "encoder of joint 'FL_calf_joint' is frozen"),
     Case("stick joint", "swing", MotionError, _STUCK),
     Case("outside", "swing", FallError, "falling", push=250.0),
     Case("lose torque", "fold", MotionError, _NO_POWER),
     Case("stick joint", "fold", MotionError, _STUCK),
-    Case("nan", "fold", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite", after=4.3),  # it rises
+    Case("nan", "fold", MotionError, "encoder reading of joint 'FL_calf_joint' is not finite", after=4.3),  # it rises
 ]
 
 
@@ -294,11 +292,11 @@ _OTHER_CALF = 5  # of a leg that stands
 STANDING = [
     Case("drop", "move", CommunicationError, "no sample has arrived for 1"),
     Case("stick joint", "move", MotionError, "joint 'FR_calf_joint' moved by", joint=_OTHER_CALF),
-    Case("nan", "unload", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite"),
+    Case("nan", "unload", MotionError, "encoder reading of joint 'FL_calf_joint' is not finite"),
     Case("lose torque", "lift", FALLS, "FL_calf_joint|falling"),
     Case("outside", "lift", FALLS, "falling|FL|FR|RL|RR", push=250.0),
-    Case("nan", "swing", SensorError, "encoder reading of joint 'FL_calf_joint' is not finite"),
-    Case("overheat", "swing", HealthError, "motor of joint 'FL_calf_joint' is at 90 deg C"),
+    Case("nan", "swing", MotionError, "encoder reading of joint 'FL_calf_joint' is not finite"),
+    Case("overheat", "swing", StoppedError, "motor of joint 'FL_calf_joint' is at 90 deg C"),
     Case("kill link", "swing", CommunicationError, "the link is gone"),
     Case("lose torque", "swing", MotionError, "FL_calf_joint.*lost power|FL_calf_joint.*is the motor on"),
     Case("lose torque", "swing", FALLS, "FR_calf_joint|falling", joint=_OTHER_CALF),
@@ -330,7 +328,7 @@ def test_a_hot_robot_over_three_feet_is_lowered_level(tmp_path, monkeypatch):
             hyq = load_robot("hyq")
     except MissingDependencyError as error:
         pytest.skip(str(error))
-    case = Case("overheat", "settle", HealthError, "is at 90 deg C", after=0.1)
+    case = Case("overheat", "settle", StoppedError, "is at 90 deg C", after=0.1)
     outcome, _, recorder, report = run(hyq, [case], tmp_path / "run", settings=Motors(motor_time=8.0))
     assert is_of(outcome, case.error), outcome
     assert_put_down(hyq, case, outcome, recorder, report)

@@ -14,7 +14,6 @@ from equipoise.errors import (
     MotionError,
     OutputError,
     ReachError,
-    SensorError,
 )
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.guard import footing
@@ -182,7 +181,7 @@ def test_a_robot_that_goes_wrong_while_it_is_lowered_is_damped_and_that_is_an_er
         seen.shown = unsound
 
     ending, raised = use(seen, a1, work)
-    assert type(raised) is SensorError
+    assert type(raised) is MotionError
     assert ending == [f"lowered, stopped: {raised}", UNCONFIRMED, "released"]
     assert is_damped(seen.commands[-1])
 
@@ -305,7 +304,7 @@ def turned(state):
         ),
         (
             lambda state: replace(state, acceleration_in_imu=0 * state.acceleration_in_imu),
-            SensorError,
+            MotionError,
             r"the accelerometer reads 0\.0 m/s2",
         ),
     ],
@@ -372,7 +371,7 @@ def test_a_robot_that_cannot_be_damped_is_lowered_also_when_it_is_unsound(a1, ma
 
     def work(guard):
         lift(guard, a1)
-        seen.act = at(len(seen.commands) + 5, raiser(SensorError("frozen")))
+        seen.act = at(len(seen.commands) + 5, raiser(MotionError("frozen")))
         hold(guard, seen, 0.1)
 
     ending, _ = use(seen, a1, work)

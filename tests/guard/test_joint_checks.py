@@ -7,7 +7,7 @@ import pytest
 from guarded import PERIOD, at_rest, look
 
 from equipoise import nominal_stance
-from equipoise.errors import HealthError, MotionError, SettingsError
+from equipoise.errors import MotionError, SettingsError, StoppedError
 from equipoise.guard.joint_checks import JointChecks
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import Health, JointCommand
@@ -180,7 +180,7 @@ def test_limp_joints_are_asked_for_nothing(a1, checks, stance):
 )
 def test_faults_that_the_robot_reports_are_raised(a1, checks, hold, health, message):
     error, _ = run_checks(checks, lasting(a1, lambda state: replace(state, health=health)), hold)
-    assert type(error) is HealthError
+    assert type(error) is StoppedError
     assert str(error) == message
 
 

@@ -12,12 +12,8 @@ from equipoise import nominal_stance
 from equipoise.errors import (
     CommunicationError,
     FallError,
-    HealthError,
     MotionError,
-    OtherCommanderError,
-    OverrunError,
-    SensorError,
-    StopRequestedError,
+    StoppedError,
 )
 from equipoise.guard import endings, footing, robot_loop
 from equipoise.guard.check_context import CheckContext
@@ -102,7 +98,7 @@ def broken(state):
 
 
 IN_MOTION = [
-    ("is not finite", SensorError, with_one("joint_velocity", 0, np.nan)),
+    ("is not finite", MotionError, with_one("joint_velocity", 0, np.nan)),
     ("'FL_calf_joint' is at 0.500 rad; its limits are", MotionError, with_one("joint_position", 2, 0.5)),
     ("'FR_thigh_joint' turns at -30.0 rad/s", MotionError, with_one("joint_velocity", 4, -30.0)),
     ("'FL_thigh_joint' is 1.28 rad from its target", MotionError, with_one("joint_position", 1, 2.0)),
@@ -113,7 +109,7 @@ IN_MOTION = [
         FallError,
         lambda state: replace(state, acceleration_in_imu=np.array([9.81, 0.0, 0.0])),
     ),
-    ("the robot reports a fault: motor 3 lost", HealthError, broken),
+    ("the robot reports a fault: motor 3 lost", StoppedError, broken),
 ]
 
 
@@ -127,7 +123,7 @@ def test_of_several_faults_in_motion_one_is_named_and_only_the_robots_own_ends_s
     message, kind, _ = IN_MOTION[first]
     assert type(loop.trouble) is kind
     assert message in str(loop.trouble)
-    assert loop.ending.controllable == (kind is HealthError)
+    assert loop.ending.controllable == (kind is StoppedError)
 
 
 def test_a_command_that_is_refused_is_not_sent_and_the_robot_is_lowered(a1):
@@ -146,9 +142,9 @@ def test_a_command_that_is_refused_is_not_sent_and_the_robot_is_lowered(a1):
 @pytest.mark.parametrize(
     ("moves", "error", "message"),
     [
-        (lambda index: {"time": 0.0}, SensorError, "samples are repeated: no fresh sample for 10"),
+        (lambda index: {"time": 0.0}, MotionError, "samples are repeated: no fresh sample for 10"),
         (lambda index: {"imu_time": 0.0}, CommunicationError, "no IMU sample has arrived for 10"),
-        (lambda index: {"angular_velocity_in_imu": np.zeros(3)}, SensorError, "the IMU is frozen"),
+        (lambda index: {"angular_velocity_in_imu": np.zeros(3)}, MotionError, "the IMU is frozen"),
     ],
 )
 def test_sensors_that_stop_are_noticed(a1, moves, error, message):
@@ -277,7 +273,7 @@ def test_a_robot_that_was_left_alone_is_lowered_from_where_it_is_now(a1, clock):
     asleep.append(clock.sleep(5.0))
     sent = len(platform.sent)
     loop.tick()
-    assert type(loop.trouble) is OverrunError
+    assert type(loop.trouble) is StoppedError
     assert "no command was sent for 500" in str(loop.trouble)
     assert len(platform.sent) == sent
     run(loop)
@@ -334,7 +330,7 @@ def test_the_remote_control_is_obeyed_also_while_a_hot_motor_is_lowered(a1, requ
     loop = commanded(platform, a1, AT_ONCE)
     for _ in range(40):
         loop.tick()
-    assert isinstance(loop.trouble, HealthError if hot else StopRequestedError)
+    assert (type(loop.trouble), loop.trouble.exit_code) == (StoppedError, 12 if hot else 13)
     assert is_damped(loop._upcoming) == (request_ == "damp")
     run(loop)
     action = "damp" if request_ == "damp" else "lower"
@@ -346,7 +342,7 @@ def test_the_remote_control_is_obeyed_also_while_a_hot_motor_is_lowered(a1, requ
 def test_nothing_is_sent_against_another_program(a1):
     def noticed(count):
         if count == 10:
-            raise OtherCommanderError("another program commands the robot")
+            raise MotionError("another program commands the robot", other_commander=True)
 
     platform = Robot(a1, sound(a1), noticed)
     loop = commanded(platform, a1)
@@ -358,7 +354,7 @@ def test_nothing_is_sent_against_another_program(a1):
 # --- the ending
 
 
-@pytest.mark.parametrize("error", [SensorError("frozen"), MotionError("too fast"), ValueError("a defect of ours")])
+@pytest.mark.parametrize("error", [MotionError("frozen"), MotionError("too fast"), ValueError("a defect of ours")])
 def test_an_error_while_the_robot_is_lowered_damps_it(a1, error):
     errors = [error]
 
@@ -397,5 +393,5 @@ def test_a_motor_that_stays_hot_is_lowered_all_the_same(a1):
     platform = Robot(a1, lambda count: at_rest(a1, count, health=Health(battery_charge=0.05)), follows=True)
     loop = commanded(platform, a1)
     run(loop)
-    assert type(loop.trouble) is HealthError
+    assert type(loop.trouble) is StoppedError
     assert loop.ending.done == ["lowered", "damped", "released"]

@@ -14,7 +14,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from equipoise.cli import main
-from equipoise.errors import ColumnsError, RecordingError, SettingsError
+from equipoise.errors import RecordingError, SettingsError
 from equipoise.logs.reader import is_log, read_log
 from equipoise.logs.tables.by_name import named
 from equipoise.logs.tables.column_names import UNITS, Columns
@@ -168,12 +168,12 @@ def test_the_proposal_for_a_table_with_other_names_reads_it(a1, leaning, tmp_pat
     path = write(tmp_path / "log", a1, log)
     assert is_log(path)
     with pytest.raises(
-        ColumnsError, match=r"The names of its columns suggest the mapping below. Check this proposal, save it"
+        RecordingError, match=r"The names of its columns suggest the mapping below. Check this proposal, save it"
     ) as raised:
         read_log(path, a1)
-    assert raised.value.details["columns"] == raised.value.proposal
+    assert raised.value.details["columns"] == raised.value.report.text
     assert raised.value.exit_code == RecordingError.exit_code
-    (tmp_path / "columns.toml").write_text(raised.value.proposal, encoding="utf-8")
+    (tmp_path / "columns.toml").write_text(raised.value.report.text, encoding="utf-8")
     same(read_log(path, a1, columns=Columns.from_toml(tmp_path / "columns.toml")).recording, log, rtol=1e-6)
 
 
@@ -198,7 +198,7 @@ def test_names_that_people_give_columns(name, kind, part):
 
 
 def test_a_proposal_states_reasons_units_and_unused_columns(a1, leaning, tmp_path):
-    with pytest.raises(ColumnsError) as raised:
+    with pytest.raises(RecordingError) as raised:
         read_log(by_index(tmp_path / "log", a1, leaning[0]), a1)
     for line in (
         "# time: by name; consecutive samples are less than half a second apart in s",
@@ -206,18 +206,18 @@ def test_a_proposal_states_reasons_units_and_unused_columns(a1, leaning, tmp_pat
         "# gyro: by name; is the unit rad/s?", 'position.FL_hip_joint = "q[0]"',
         "\n# not used: names (2,), video (7, 2, 2)\n",
     ):  # fmt: skip
-        assert line in raised.value.proposal, line
+        assert line in raised.value.report.text, line
 
 
 def test_names_without_meaning_are_refused_with_the_columns_and_the_mapping_to_write(a1, leaning, tmp_path):
-    with pytest.raises(ColumnsError, match=r"but nothing for time, .*, position.JOINT: write these lines") as raised:
+    with pytest.raises(RecordingError, match=r"but nothing for time, .*, position.JOINT: write these lines") as raised:
         read_log(without_words(tmp_path / "log", a1, leaning[0]), a1)
     for line in (
         '# missing: time = "..."',
         '# missing: position.FL_hip_joint = "..."',
         "# not used: a, b[0] to b[11], c[0] to c[11]",
     ):
-        assert line in raised.value.proposal, line
+        assert line in raised.value.report.text, line
     written = {"time": "a", **{f"gyro.{axis}": f"e[{k}]" for k, axis in enumerate("xyz")}}
     written |= {f"accelerometer.{axis}": f"f[{k}]" for k, axis in enumerate("xyz")}
     for kind, array in (("position", "b"), ("velocity", "c"), ("torque", "d")):
@@ -226,9 +226,9 @@ def test_names_without_meaning_are_refused_with_the_columns_and_the_mapping_to_w
 
 
 def proposal_for(path, robot, columns=None):
-    with pytest.raises(ColumnsError) as raised:
+    with pytest.raises(RecordingError) as raised:
         read_log(path, robot, columns=columns)
-    return raised.value.proposal
+    return raised.value.report.text
 
 
 def arrays_of(log):
@@ -326,7 +326,7 @@ def test_columns_without_a_suggestion_are_named(a1, leaning, tmp_path):
     columns = columns_of(leaning[0])
     columns = {name: values for name, values in columns.items() if not name.startswith("accelerometer")}
     with pytest.raises(
-        ColumnsError, match=r"has no accelerometer.x, accelerometer.y, accelerometer.z. .*but nothing for acc"
+        RecordingError, match=r"has no accelerometer.x, accelerometer.y, accelerometer.z. .*but nothing for acc"
     ):
         read_log(write_csv(tmp_path / "log.csv", columns), a1)
 
@@ -339,9 +339,9 @@ def test_an_orientation_is_proposed_where_there_is_no_gyroscope(a1, leaning, tmp
     for part in [name.split(".")[1] for name in columns if name.startswith("orientation")]:
         columns[words.get(part, f"q_{part}")] = columns.pop(f"orientation.{part}")
     path = write_csv(tmp_path / "log.csv", columns)
-    with pytest.raises(ColumnsError) as raised:
+    with pytest.raises(RecordingError) as raised:
         read_log(path, a1)
-    proposed = Columns.from_text(raised.value.proposal, "it")
+    proposed = Columns.from_text(raised.value.report.text, "it")
     read = read_log(path, a1, columns=replace(proposed, units={"orientation": "deg" if angles else "rad"}))
     assert any("derived from the fused orientation" in finding.message for finding in read.findings)
 
@@ -385,9 +385,9 @@ def test_an_empty_name_excludes_a_column(a1, leaning, tmp_path):
     columns = Columns.from_text("".join(f'torque.{joint} = ""\n' for joint in a1.joint_names), "it")
     assert read_log(path, a1, columns=columns).recording.joints.torque is None
     columns = Columns.from_text('gyro.x = ""', "it")
-    with pytest.raises(ColumnsError, match=r"has no gyro.x\. The names .*but nothing for gyro.x") as error:
+    with pytest.raises(RecordingError, match=r"has no gyro.x\. The names .*but nothing for gyro.x") as error:
         read_log(path, a1, columns=columns)
-    assert Columns.from_text(error.value.proposal, "it").names == columns.names
+    assert Columns.from_text(error.value.report.text, "it").names == columns.names
 
 
 def test_columns_missing_from_the_table_are_named(a1, leaning, tmp_path):
@@ -611,7 +611,7 @@ def test_off_a_terminal_the_proposal_is_the_error(a1, leaning, tmp_path, capsys)
     (tmp_path / "columns.toml").write_text(text, encoding="utf-8")
     assert main(["estimate", str(path), "--robot", "unitree_a1", "--json"]) == 5
     error = json.loads(capsys.readouterr().out)["error"]
-    assert error["type"] == "ColumnsError"
+    assert error["type"] == "RecordingError"
     assert Columns.from_text(error["columns"], "it") == Columns.from_toml(tmp_path / "columns.toml")
 
 

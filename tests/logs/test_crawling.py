@@ -8,7 +8,7 @@ import pytest
 from foreign_logs import estimated
 
 from equipoise import nominal_stance, simulate
-from equipoise.errors import LogError, RecordingError
+from equipoise.errors import RecordingError
 from equipoise.lab.gaits.crawl import ORDER, SHIFT, STANDING, SWING, crawl
 from equipoise.logs.motions.loads import FootForces, FootLoads
 from equipoise.logs.motions.segments import find_segments
@@ -75,7 +75,7 @@ def test_limitations_of_a_crawl_are_reported(found):
 
 def test_a_crawl_without_torques_is_refused_with_what_is_missing(a1, crawled):
     with pytest.raises(
-        LogError, match="on three feet: no joint torques: times on three feet determine nothing without"
+        RecordingError, match="on three feet: no joint torques: times on three feet determine nothing without"
     ):
         estimated(a1, crawled, without_torques(crawled.log))
 

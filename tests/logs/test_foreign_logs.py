@@ -24,7 +24,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.rosbag1 import Writer as Ros1Writer
 
-from equipoise.errors import ColumnsError, EquipoiseError, RecordingError
+from equipoise.errors import EquipoiseError, RecordingError
 from equipoise.logs.cdr_arrays import read_messages
 from equipoise.logs.message_types import known_types
 from equipoise.logs.raw_log import RawImu, RawJoints, RawLog, assemble
@@ -422,9 +422,9 @@ def test_a_column_that_is_missing_is_named_and_proposed(a1, log, tmp_path):
     columns = columns_of(log)
     columns["gyro_x"] = columns.pop("gyro.x")
     path = write_csv(tmp_path / "log.csv", columns)
-    with pytest.raises(ColumnsError, match=r"has no gyro.x\. The names of") as raised:
+    with pytest.raises(RecordingError, match=r"has no gyro.x\. The names of") as raised:
         read_log(path, a1)
-    assert raised.value.proposal == '# gyro: by name; is the unit rad/s?\ngyro.x = "gyro_x"\n'
+    assert raised.value.report.text == '# gyro: by name; is the unit rad/s?\ngyro.x = "gyro_x"\n'
     only = {name: values for name, values in columns.items() if not name.startswith("position")}
     with pytest.raises(RecordingError, match=r"has no gyro.x, position.JOINT.*but nothing for position.JOINT"):
         read_log(write_csv(tmp_path / "log.csv", only), a1)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise import BayesianMethod, simulate
 from equipoise.cli import main
-from equipoise.errors import LogError, MotionError, RecordingError
+from equipoise.errors import MotionError, RecordingError
 from equipoise.estimator.measurements.lift_samples import attitudes
 from equipoise.estimator.unknowns import Priors
 from equipoise.experiments.stand import stand_up
@@ -176,7 +176,9 @@ def test_without_torques_the_scales_mass_counts(a1, log, bayesian_run):
 def test_a_log_without_anything_usable_shows_what_it_holds(a1, log, found):
     lift = next(one for one in found.report.segments if one.kind == "lift")
     moving = log.between(lift.start + 0.3, lift.end - 0.1)
-    with pytest.raises(LogError, match=r"nothing in the log can be used. It contains motion: no rest in it") as raised:
+    with pytest.raises(
+        RecordingError, match=r"nothing in the log can be used. It contains motion: no rest in it"
+    ) as raised:
         estimated(a1, moving)
     assert [one.kind for one in raised.value.report.segments] == ["motion"]
     assert raised.value.details["log"]["segments"][0]["used"] is False
@@ -286,7 +288,7 @@ def test_an_error_of_a_log_is_an_object_with_its_pieces(log, found, tmp_path, ca
     path = write_bag(tmp_path / "bag", log.between(lift.start + 0.3, lift.end - 0.1))
     assert main(["estimate", str(path), "--robot", "unitree_a1", "--json"]) == 5
     error = json.loads(capsys.readouterr().out)["error"]
-    assert error["type"] == "LogError"
+    assert error["type"] == "RecordingError"
     assert error["log"]["segments"][0]["reason_unused"].startswith("no rest in it")
     assert main(["estimate", str(path), "--robot", "unitree_a1"]) == 5
     shown = capsys.readouterr()

@@ -13,7 +13,7 @@ from foreign_logs import write_parquet
 from equipoise import load_robot, simulate
 from equipoise.bayesian.method import BayesianMethod
 from equipoise.cli import main
-from equipoise.errors import ColumnsError, EquipoiseError, RecordingError, SettingsError
+from equipoise.errors import EquipoiseError, RecordingError, SettingsError
 from equipoise.lab.gaits.trot import trot
 from equipoise.logs.joint_names import JointMap
 from equipoise.logs.offline import estimate_log
@@ -71,17 +71,17 @@ def write(path: Path, columns, delimiter=","):
 
 
 def proposal_for(robot, path, **options):
-    with pytest.raises(ColumnsError) as raised:
+    with pytest.raises(RecordingError) as raised:
         read_log(path, robot, **options)
-    return raised.value.proposal
+    return raised.value.report.text
 
 
 def accepted(robot, path, **options):
     """The log as it is read, where it has to be with the columns that are proposed."""
     try:
         return read_log(path, robot, **options).recording
-    except ColumnsError as error:
-        proposal = error.proposal
+    except RecordingError as error:
+        proposal = error.report.text
     options |= {"columns": Columns.from_text(proposal, "the proposal")}
     return read_log(path, robot, **options).recording
 
@@ -135,7 +135,7 @@ def test_a_remainder_without_its_seconds_is_not_a_time(a1, trotted, tmp_path, re
     remainder = np.round(trotted["time"] * 1e9).astype(np.int64) % 10**9
     path = write(tmp_path / "log.csv", {rest: remainder, **without(trotted, "time")})
     assert '# missing: time = "..."\n# or, without a time: rate = 500' in proposal_for(a1, path)
-    with pytest.raises(ColumnsError, match=r"nothing for time: .*; --rate HERTZ stands in for a time"):
+    with pytest.raises(RecordingError, match=r"nothing for time: .*; --rate HERTZ stands in for a time"):
         read_log(path, a1)
 
 
@@ -560,7 +560,7 @@ def test_a_rate_stands_in_for_a_time_and_only_there(a1, trotted, expected, tmp_p
 
 def test_a_rate_may_be_typed_where_there_is_no_time(a1, trotted, expected, tmp_path, monkeypatch, capsys):
     np.savez(tmp_path / "log.npz", **arrays_without_time(a1, trotted))
-    with pytest.raises(ColumnsError) as raised:
+    with pytest.raises(RecordingError) as raised:
         read_log(tmp_path / "log.npz", a1)
     monkeypatch.setattr("sys.stdin", io.StringIO("\nrate = 0\nrate = 500\n\n\n"))
     assert_same(read_log(tmp_path / "log.npz", a1, columns=ask_columns(raised.value)).recording, expected)

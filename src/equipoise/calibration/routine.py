@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from equipoise.bayesian.method import BayesianMethod
-from equipoise.errors import UnconfirmedMassError
+from equipoise.errors import SettingsError
 from equipoise.experiments.progress import Progress
 from equipoise.experiments.response import check_base, check_joints
 from equipoise.experiments.response_test import ResponseTest
@@ -57,7 +57,7 @@ def calibrate(
             as in simulation.
 
     Raises:
-        UnconfirmedMassError: the given mass disagrees with the joint torques of the standing robot, and is not confirmed.
+        SettingsError: the given mass disagrees with the joint torques of the standing robot, and is not confirmed.
         MotionError: joints or gyroscope do not respond as the model predicts (no foot was lifted), or a motion failed.
     """
     method = method or BayesianMethod()
@@ -147,11 +147,10 @@ def with_guard_report(result: Calibration, report: GuardReport) -> Calibration:
 def _confirm_mass(doubt: MassComparison | None, confirm: Callable[[str], bool] | None) -> None:
     question = "Mass in doubt: {}. Mass and inertia scale with the given mass. Is it correct?"
     if doubt is not None and not (confirm is not None and confirm(question.format(doubt.message))):
-        raise UnconfirmedMassError(
+        raise SettingsError(
             f"{doubt.message}; no foot was lifted. Weigh the robot again, or omit the mass; if the mass is "
             "correct (torque constants may be this wrong), confirm it: --confirm-mass (in Python confirm_mass=True)",
-            doubt,
-            {"mass_comparison": to_json(doubt)},
+            details={"mass_comparison": to_json(doubt)},
         )
 
 

@@ -130,7 +130,7 @@ class LogFlags:
     tables: Annotated[Positional[tuple[Path, ...]], arg(metavar="[TABLE...]", help_behavior_hint="")] = ()
 
     def read(self, path: Path, model: RobotModel, asking: bool) -> Log:
-        """Read a log as the flags describe it; raises SettingsError and LogError.
+        """Read a log as the flags describe it; raises SettingsError and RecordingError.
 
         Args:
             path: file, or folder of a bag.

@@ -22,7 +22,7 @@ from equipoise.cli.operator_prompt import with_imu_pose
 from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.report import try_to_save
 from equipoise.cli.setting_flags import flags_of, optional, spec_of, values_of
-from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
+from equipoise.errors import ModelError, RecordingError, SettingsError
 from equipoise.method.method import Method
 from equipoise.method.table import METHODS, settings_of
 from equipoise.robot.catalog import load_robot
@@ -198,8 +198,8 @@ def estimate_from_log(
     log = source.read(path, model, not output.silent)
     try:
         estimated = estimate_log(model, log, method)
-    except LogError as error:
-        if not output.json:
+    except RecordingError as error:
+        if error.report is not None and not output.json:
             print_log_report(error.report, verbose)
         raise
     return replace(

@@ -16,7 +16,7 @@ from equipoise.cli.operator_prompt import Keyboard
 from equipoise.cli.target import HardwareTarget, RunTarget, SimulatedTarget
 from equipoise.drivers.checkup import examine
 from equipoise.drivers.platforms import for_platform, open_platform
-from equipoise.errors import EquipoiseError, MotionError, SettingsError, UnconfirmedMassError
+from equipoise.errors import EquipoiseError, MotionError, SettingsError
 from equipoise.method.method import Method
 from equipoise.platform.logged_platform import Logged
 from equipoise.platform.platform import Platform
@@ -156,8 +156,9 @@ def _resume_hint(folder: RunFolder) -> Generator[None]:
     log = folder.log  # a closed folder has none
     try:
         yield
-    except UnconfirmedMassError:
-        folder.discard()
+    except SettingsError as error:
+        if "mass_comparison" in error.details:
+            folder.discard()
         raise
     except (KeyboardInterrupt, EquipoiseError):
         if not log.empty:

@@ -11,7 +11,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.drivers.checkup import CheckupFinding, takeover_findings
 from equipoise.drivers.plugin_errors import translated
-from equipoise.errors import CommunicationError, MotionError, OverrunError
+from equipoise.errors import CommunicationError, MotionError, StoppedError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.stepped import SteppedPlatform
 
@@ -56,7 +56,7 @@ class RobotConnection(Protocol):
 
         Raises:
             CommunicationError: the robot is not reachable.
-            OtherCommanderError: another program commands the robot.
+            MotionError: another program commands the robot.
         """
         ...
 
@@ -166,7 +166,7 @@ class HardwarePlatform(SteppedPlatform):
 
         Raises:
             CommunicationError: the robot is not reachable, or no sample has arrived.
-            OverrunError: this program was stopped before the command was sent.
+            StoppedError: this program was stopped before the command was sent.
             MotionError: the platform is closed.
         """
         work = time.thread_time() - self._worked if self.commanded else 0.0
@@ -176,7 +176,7 @@ class HardwarePlatform(SteppedPlatform):
             self._deadline = now
         _wait_until(self._deadline)
         if (late := time.monotonic() - self._deadline) > _ASLEEP:
-            raise OverrunError(f"no command was sent for {late * 1000:.0f} ms: this program was stopped")
+            raise StoppedError(f"no command was sent for {late * 1000:.0f} ms: this program was stopped")
         first = not self.commanded
         began = time.thread_time()
         self._send(command)

@@ -12,7 +12,7 @@ from equipoise.conventions import FloatArray
 from equipoise.drivers.checkup import CheckupFinding, takeover_findings
 from equipoise.drivers.platform_settings import read_values, settings_of_platform
 from equipoise.drivers.plugin_errors import translated
-from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, SensorError
+from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, MotionError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.stepped import SteppedPlatform
 from equipoise.robot.model import RobotModel
@@ -99,7 +99,7 @@ class HomeBuilt(SteppedPlatform):
     def _sensed(self, method: str, act: Callable[[], Any]) -> RobotState:
         state = translated(self.name, method, act)
         if not isinstance(state, RobotState):
-            raise SensorError(
+            raise MotionError(
                 f"platform {self.name!r}: {method} returns a {type(state).__name__}; it must be a RobotState"
             )
         joints = (len(self.joint_names),)
@@ -110,7 +110,7 @@ class HomeBuilt(SteppedPlatform):
                 continue
             found = cast("FloatArray", value).shape if isinstance(value, np.ndarray) else type(value).__name__
             if found != shape:
-                raise SensorError(
+                raise MotionError(
                     f"platform {self.name!r}: {method} returns {found} as {field}; it must be an array of shape {shape}"
                 )
         return state

@@ -201,7 +201,7 @@ def find_orientation(robot: RobotModel, recording: Recording) -> Orientation:
         f"of the rotations (limit {_EXPLAINED if explained else _RESIDUAL:.0%}). Likely: {likely}. No foot was lifted. "
         "Correct the joint map, then run 'equipoise doctor'",
         (recording,),
-        {"residual": model.residual, "causes": causes if explained else []},
+        details={"residual": model.residual, "causes": causes if explained else []},
     )
 
 
@@ -230,7 +230,7 @@ def check_base(
             f"{message}; not confirmed, and no foot was lifted. If the measurement is right, use {rpy_flag(found.rotation)} "
             "(imu_rpy in a robot configuration); if not, examine its mounting",
             (recording,),
-            to_json(test),
+            details=to_json(test),
         )
     standing.robot = replace(robot, description=replace(robot.description, imu_rpy=measured))
     return replace(test, uses_measurement=True)
@@ -250,7 +250,7 @@ def _refused(recording: Recording, joint: int, commanded: float, moved: FloatArr
         f"{', '.join(f'{name} {angle:+.1f}' for name, angle in degrees.items())} deg: {cause}. No foot was lifted. "
         "Correct the joint map, then run 'equipoise doctor'",
         (recording,),
-        {
+        details={
             "joint": recording.joint_names[joint],
             "commanded": float(np.degrees(commanded)),
             "moved": degrees,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.conventions import ACCELERATION_SAMPLE_AT_REST, GRAVITY
-from equipoise.errors import FallError, SensorError
+from equipoise.errors import FallError, MotionError
 from equipoise.guard.check_context import Check, CheckContext
 from equipoise.guard.footing import floor_on_three_feet, look_at_feet
 from equipoise.guard.limits import Limits
@@ -22,7 +22,7 @@ class BaseChecks:
     """Checks of the base's lean against its limits.
 
     Attributes:
-        at_rest: checks before the robot is moved; they raise SensorError and FallError.
+        at_rest: checks before the robot is moved; they raise MotionError and FallError.
         in_motion: checks of a sample; they raise FallError, and record the last command with all feet on the floor.
     """
 
@@ -35,7 +35,7 @@ class BaseChecks:
     def _check_gravity(self, command: JointCommand, context: CheckContext) -> None:
         size = float(np.linalg.norm(context.state.acceleration_in_imu))
         if not ACCELERATION_SAMPLE_AT_REST[0] <= size <= ACCELERATION_SAMPLE_AT_REST[1]:
-            raise SensorError(
+            raise MotionError(
                 f"the accelerometer reads {size:.1f} m/s2 before the first command; gravity is {GRAVITY:.1f} m/s2. Check its "
                 "units, and keep the robot still"
             )

@@ -61,8 +61,8 @@ class Guard:
         Raises:
             MotionError: a joint, a motor or a command exceeds its limits, or a joint does not follow its target.
             FallError: the base tilts.
-            SensorError, CommunicationError: samples are not plausible, or none arrive.
-            HealthError, StopRequestedError: a motor is hot or the battery empty; the operator stopped the robot.
+            CommunicationError: no samples arrive.
+            StoppedError: a motor is hot or the battery empty; the operator stopped the robot.
         """
         self._move(Trajectory.of(command))
         self._recorder.restart()

@@ -14,13 +14,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.errors import (
-    CommunicationError,
-    HealthError,
-    OtherCommanderError,
-    OverrunError,
-    StopRequestedError,
-)
+from equipoise.errors import CommunicationError, MotionError, StoppedError
 from equipoise.guard.base_checks import BaseChecks
 from equipoise.guard.check_context import Check, CheckContext
 from equipoise.guard.clearance_checks import ClearanceChecks
@@ -41,7 +35,7 @@ from equipoise.robot.stance import lies, nominal_stance
 
 _OBSERVE_TIME = 0.3  # [s] of samples before the first command
 _FRESH_TIME = 0.1  # [s] in which a sample must arrive after a pause without commands
-_CONTROLLABLE = (HealthError, StopRequestedError, OverrunError)  # errors after which the robot still follows commands
+_REQUESTED = 13  # exit code
 DAMP = "damp"
 """Request of the remote control or the operator to damp the robot at once."""
 
@@ -154,7 +148,7 @@ class RobotLoop:
             controllable: whether the robot stands and follows its targets. Otherwise it is damped at once.
         """
         self.trouble = self.trouble or error
-        if isinstance(error, OverrunError) and self.ending is None:
+        if self.ending is None and self._is_out_of_date():
             self._look_again()
         if self.ending is not None and controllable:
             self.ending.urgent = self.ending.urgent or urgent
@@ -167,7 +161,7 @@ class RobotLoop:
         self.motion = None
         self.ending = Ending(self, controllable, urgent, done)
         self._commands = self.ending.commands() if self._was_commanded else iter(())
-        if isinstance(error, OtherCommanderError):
+        if isinstance(error, MotionError) and error.other_commander:
             self.ending.done.append("left to the other program")
             self._commands = iter(())
         self._prepare()
@@ -195,7 +189,7 @@ class RobotLoop:
                 raise
             if self.clocked:  # otherwise immediate failures would use up the ending's control periods
                 time.sleep(max(0.0, due - time.monotonic()))
-            self._fail(error, controllable=not sent or isinstance(error, _CONTROLLABLE))
+            self._fail(error, controllable=not sent or isinstance(error, StoppedError))
         else:
             self._prepare()
         if self._request and not self.over:
@@ -234,11 +228,11 @@ class RobotLoop:
         return state
 
     def _check_gap(self, before: float | None, now: float | None) -> None:
-        """Raise OverrunError if too long a time passed between two commands."""
+        """Raise StoppedError if too long a time passed between two commands."""
         if before is None or now is None or not self.watched or now - before <= self._limits.stall:
             return
         self._sent_at = now
-        raise OverrunError(
+        raise StoppedError(
             f"no command was sent for {(now - before) * 1000:.0f} ms while the robot was moved or held: the robot process was "
             "stopped, this computer was suspended, or other programs used its processors. See "
             "docs/hardware/safety.md#real-time-priority"
@@ -258,7 +252,7 @@ class RobotLoop:
         return self._accept(state, None)
 
     def _accept(self, state: RobotState, command: JointCommand | None) -> tuple[RobotState, ...]:
-        """Return the samples that are fresh and plausible, oldest first; raise SensorError or CommunicationError."""
+        """Return the samples that are fresh and plausible, oldest first; raise MotionError."""
         arrived = [state] if self._hardware is None else self._hardware.arrived
         if self._hardware is not None:
             self._samples.counts.rejected = self._hardware.rejected
@@ -281,7 +275,8 @@ class RobotLoop:
         """Put the robot down at the operator's request: `DAMP` damps it at once, any other request lowers it."""
         damp = request == DAMP
         action = "damp the robot" if damp else "lower the robot"
-        self.end(StopRequestedError(f"the run ended because {source} asked to {action}"), controllable=not damp)
+        error = StoppedError(f"the run ended because {source} asked to {action}", exit_code=_REQUESTED)
+        self.end(error, controllable=not damp)
 
     def _check_after(self, command: JointCommand) -> None:
         assert self.context is not None
@@ -316,10 +311,15 @@ class RobotLoop:
         self.ending.observe(())
         self.ending.urgent = self.ending.urgent or isinstance(error, KeyboardInterrupt)
         # A motor may still be hot, for example.
-        if not self.ending.controllable or isinstance(error, (*_CONTROLLABLE, KeyboardInterrupt)):
+        if not self.ending.controllable or isinstance(error, (StoppedError, KeyboardInterrupt)):
             self._prepare()
         else:
             self.end(error, controllable=False)
+
+    def _is_out_of_date(self) -> bool:
+        """Return whether the newest state is old, as after a pause of this program."""
+        received = None if self.state is None else self.state.received
+        return received is not None and time.monotonic() - received > _FRESH_TIME
 
     def _look_again(self) -> None:
         """Read the robot after a pause without commands: it may have sunk, and waiting samples are old."""
@@ -365,7 +365,7 @@ class RobotLoop:
                 return
 
     def _take_over(self, state: RobotState, first: JointCommand) -> Iterator[JointCommand]:
-        """Check the robot, then yield the soft start's commands; raise MotionError, SensorError or FallError."""
+        """Check the robot, then yield the soft start's commands; raise MotionError or FallError."""
         for check in self._at_rest:
             check(first, CheckContext(state, first, first, first, self._tilt_filter))
         here = JointCommand(state.joint_position)

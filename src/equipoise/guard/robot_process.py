@@ -21,7 +21,7 @@ from typing import Any
 from equipoise import _version
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.platforms import for_platform, open_platform
-from equipoise.errors import CommunicationError, EquipoiseError, MotionError, OverrunError
+from equipoise.errors import CommunicationError, EquipoiseError, MotionError, StoppedError
 from equipoise.guard.endings import append_ending
 from equipoise.guard.pipe import Batch, End, Ended, Pipe, Ready, Setup
 from equipoise.guard.robot_loop import MotionOrder, RobotLoop, Tick
@@ -91,7 +91,7 @@ class RobotProcess:
             self._last_heartbeat = now
         elif loop.ending is None and self._is_stalled(now - self._last_heartbeat):
             loop.end(
-                OverrunError(
+                StoppedError(
                     f"the calibration process sent no heartbeat for {now - self._last_heartbeat:.2f} s: it was stopped "
                     "(Ctrl-Z), or it blocks Python's other threads"
                 )
@@ -127,7 +127,7 @@ class RobotProcess:
         self._done = self._begun if waited else self._done
         self._idle = self._idle + loop.period if loop.motion is None and loop.context is not None else 0.0
         if self._idle > self._setup.limits.idle and loop.ending is None:
-            loop.end(OverrunError(f"no motion was requested for {self._idle:.0f} s; the robot was lowered"))
+            loop.end(StoppedError(f"no motion was requested for {self._idle:.0f} s; the robot was lowered"))
         if waited or len(self._ticks) >= self._batch:
             with contextlib.suppress(EOFError):
                 self._pipe.post(Batch(self._ticks, self._done))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import CommunicationError, SensorError
+from equipoise.errors import CommunicationError, MotionError
 from equipoise.platform.platform import RobotState
 from equipoise.recording.encoder_steps import frozen_travel
 from equipoise.robot.model import RobotModel
@@ -70,14 +70,14 @@ class SampleFilter:
             tolerant: whether to leave out implausible samples instead of raising.
 
         Raises:
-            SensorError: samples are not finite, frozen or jump, or none was in order for too long.
+            MotionError: samples are not finite, frozen or jump, or none was in order for too long.
             CommunicationError: no sample arrived for too long.
         """
         joints, imu = self._joints, self._imu
         self._counting = target is not None  # a robot that is only read may give the same sample again
         try:
             fresh = [sample for sample in arrived if self._look(sample)]
-        except SensorError:
+        except MotionError:
             if not tolerant:
                 raise
             return []
@@ -135,29 +135,29 @@ class SampleFilter:
         for sensor, values in zip(("encoder", "velocity", "torque"), joints, strict=True):
             if values is not None and not np.isfinite(values).all():
                 joint = self._names[int(np.argmax(~np.isfinite(values)))]
-                raise SensorError(f"the {sensor} reading of joint {joint!r} is not finite at t = {sample.time:.3f} s")
+                raise MotionError(f"the {sensor} reading of joint {joint!r} is not finite at t = {sample.time:.3f} s")
         sensor = "gyroscope" if not np.isfinite(sample.angular_velocity_in_imu).all() else "accelerometer"
-        raise SensorError(f"the {sensor} reading is not finite at t = {sample.time:.3f} s")
+        raise MotionError(f"the {sensor} reading is not finite at t = {sample.time:.3f} s")
 
     def _check_jump(self, time: float, moved: FloatArray, step: float) -> None:
-        """Raise SensorError if an encoder moves faster than a joint can."""
+        """Raise MotionError if an encoder moves faster than a joint can."""
         wild = moved > _JUMP + self._fastest * step
         if wild.any():
             joint = int(np.argmax(moved * wild))
-            raise SensorError(
+            raise MotionError(
                 f"the encoder of joint {self._names[joint]!r} jumped by {moved[joint]:.2f} rad in {step * 1000:.0f} ms at "
                 f"t = {time:.3f} s"
             )
 
     def _check_frozen(self, target: FloatArray) -> None:
-        """Raise SensorError if readings do not change while the targets do."""
+        """Raise MotionError if readings do not change while the targets do."""
         self._check_frozen_joints(target)
         if self._imu_since == 0.0 or self._imu_target is None:
             self._moved, self._imu_target = 0.0, target
             return
         self._moved = max(self._moved, float(np.abs(target - self._imu_target).max()))
         if self._imu_since > _FROZEN_TIME and self._moved > _FROZEN_MOVE:
-            raise SensorError(
+            raise MotionError(
                 f"the IMU is frozen: its readings have not changed for {self._imu_since:.2f} s while the robot moved"
             )
 
@@ -171,7 +171,7 @@ class SampleFilter:
         frozen = (self._since > _FROZEN_TIME) & (high - low > _FROZEN_MOVE)
         if frozen.any() and (frozen := frozen & (high - low > frozen_travel(_FROZEN_MOVE, self._steps))).any():
             joint = int(np.argmax(frozen))
-            raise SensorError(
+            raise MotionError(
                 f"the encoder of joint {self._names[joint]!r} is frozen: its reading has not changed for "
                 f"{self._since[joint]:.2f} s while its target moved by {high[joint] - low[joint]:.2f} rad"
             )
@@ -185,4 +185,4 @@ class SampleFilter:
                 f"no sample has arrived {time}: is the robot still on, and is the cable plugged in?"
             )
         fault = "samples are repeated" if self._why == "repeated" else "samples arrive out of order"
-        raise SensorError(f"{fault}: no fresh sample {time}")
+        raise MotionError(f"{fault}: no fresh sample {time}")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from equipoise.bayesian.method import BayesianMethod
-from equipoise.errors import LogError, MotionError, RecordingError
+from equipoise.errors import MotionError, RecordingError
 from equipoise.estimator.diagnostics.screening import in_order_of_legs, screen_log
 from equipoise.estimator.measurements.scale_reading import check_mass_of
 from equipoise.estimator.unknowns import Priors
@@ -71,8 +71,8 @@ def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = No
     """Estimate the robot's parameters from a log, by the Bayesian method.
 
     Raises:
-        LogError: nothing in it can be used, or its sensors are not plausible; the error carries the report.
-        RecordingError: its units, signs or order of joints cannot be right.
+        RecordingError: nothing in it can be used, or its sensors are not plausible (the error then carries the report); its
+            units, signs or order of joints cannot be right.
         MotionError: the IMU is rotated.
         SettingsError: the mass does not fit the robot.
     """
@@ -93,7 +93,7 @@ def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = No
     try:
         result = method.estimate(robot, recordings, stance, lifts_needed=False)
     except RecordingError as error:
-        raise LogError(str(error), report, {"log": report.to_dict()}) from error
+        raise RecordingError(str(error), report, details={"log": report.to_dict()}) from error
     report = replace(report, segments=_judged(segments, result))
     return LogEstimate(result, replace(report, limitations=tuple(_limitations(result, report, method))))
 
@@ -242,15 +242,15 @@ def _limitations(result: Calibration, report: LogReport, method: BayesianMethod)
     return messages
 
 
-def _nothing_usable(report: LogReport) -> LogError:
+def _nothing_usable(report: LogReport) -> RecordingError:
     by_reason = {segment.reason_unused: segment.what for segment in reversed(report.segments) if segment.reason_unused}
     reasons = dict.fromkeys(f"{what}: {reason_unused}" for reason_unused, what in reversed(by_reason.items()))
-    return LogError(
+    return RecordingError(
         f"nothing in the log can be used. It contains {'; '.join(list(reasons)[:4]) or 'only rests'}. Record rests on four "
         "feet with joint torques, lifts of two diagonal feet, stance motions from rest to rest, a trot, or a crawl with joint "
         "torques",
         report,
-        {"log": report.to_dict()},
+        details={"log": report.to_dict()},
     )
 
 

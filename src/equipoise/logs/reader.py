@@ -78,7 +78,7 @@ def read_log(
         tables: further tables of the same run, as of the IMU; they are joined by time.
 
     Raises:
-        ColumnsError: a table lacks documented column names; it carries a proposal.
+        RecordingError: a table lacks documented column names; it carries a proposal.
         RecordingError: the log cannot be read, or lacks what is needed.
         SettingsError: the joint map or the columns do not fit.
         MissingDependencyError: a bag needs rosbags, Parquet needs pyarrow, or the package of the reader cannot be used.

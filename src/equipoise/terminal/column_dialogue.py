@@ -6,11 +6,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from equipoise.errors import ColumnsError, OutputError, SettingsError
+from equipoise.errors import OutputError, RecordingError, SettingsError
 from equipoise.logs.joint_names import read_joint_map
 from equipoise.logs.raw_log import Log
 from equipoise.logs.reader import read_log
-from equipoise.logs.tables.column_names import Columns
+from equipoise.logs.tables.column_names import ColumnProposal, Columns
 from equipoise.logs.topics import Topics
 from equipoise.robot.model import RobotModel
 from equipoise.user_file import write_file
@@ -33,42 +33,43 @@ def read_with_dialogue(
     joints = None if joint_map is None else read_joint_map(joint_map)
     try:
         return read_log(path, model, topics, joints, span, columns, tables)
-    except ColumnsError as error:
-        if not (asking and sys.stdin.isatty() and sys.stderr.isatty()):
+    except RecordingError as error:
+        proposal = error.report
+        if not (isinstance(proposal, ColumnProposal) and asking and sys.stdin.isatty() and sys.stderr.isatty()):
             raise
-        return read_log(path, model, topics, joints, span, ask_columns(error), tables)
+        return read_log(path, model, topics, joints, span, ask_columns(proposal), tables)
 
 
-def ask_columns(error: ColumnsError) -> Columns:
+def ask_columns(proposal: ColumnProposal) -> Columns:
     """Return the columns after the operator has confirmed or changed the proposal.
 
     Raises:
-        ColumnsError: the standard input is closed.
+        RecordingError: the standard input is closed.
     """
-    _print(f"{error.what}:\n\n{error.proposal}\n{_HELP}")
-    columns = Columns.from_text(error.proposal, "the proposal")
+    _print(f"{proposal.what}:\n\n{proposal.text}\n{_HELP}")
+    columns = Columns.from_text(proposal.text, "the proposal")
     answer = "?"
-    while answer or columns.of_table(error.names).missing():
-        answer = _answer("columns> ", error)
+    while answer or columns.of_table(proposal.names).missing():
+        answer = _answer("columns> ", proposal)
         try:
             line = Columns.from_text(answer, "your line")
             changed = columns.with_changes(line)
-            changed.check(error.names, "the table")
+            changed.check(proposal.names, "the table")
         except SettingsError as wrong:
             _print(str(wrong))
             continue
         for loser in columns.losers(line):
             _print(f"{loser} no longer has a column; it was {columns.names[loser]!r}")
         columns = changed
-        missing = columns.of_table(error.names).missing()
+        missing = columns.of_table(proposal.names).missing()
         if missing:
             _print(f"still missing: {', '.join(missing)}")
-    _offer_to_save(columns, error)
+    _offer_to_save(columns, proposal)
     return columns
 
 
-def _offer_to_save(columns: Columns, error: ColumnsError) -> None:
-    while answer := _answer("file to save it for --columns (Enter: do not save)> ", error):
+def _offer_to_save(columns: Columns, proposal: ColumnProposal) -> None:
+    while answer := _answer("file to save it for --columns (Enter: do not save)> ", proposal):
         try:
             write_file(Path(answer).expanduser(), columns.to_toml(), "the columns ")
         except OutputError as wrong:
@@ -78,11 +79,11 @@ def _offer_to_save(columns: Columns, error: ColumnsError) -> None:
         return
 
 
-def _answer(prompt: str, error: ColumnsError) -> str:
+def _answer(prompt: str, proposal: ColumnProposal) -> str:
     print(prompt, end="", file=sys.stderr, flush=True)
     line = sys.stdin.readline()
     if not line:
-        raise error
+        raise proposal.error()
     return line.strip()
 
 

@@ -61,7 +61,7 @@ class Ros2Connection:
         Raises:
             CommunicationError: one of the topics has had no message for seconds, or two robots write on one.
             SettingsError: the robot's joints are not the model's.
-            SensorError: the messages have no stamps, stamps of different clocks, or no angular velocity or acceleration.
+            MotionError: the messages have no stamps, stamps of different clocks, or no angular velocity or acceleration.
         """
         topics = ((self._joints, self._joint_inbox), (self._imu, self._imu_inbox))
         arrived = [(received, topic, inbox, sample) for topic, inbox in topics for received, sample in inbox.take()]

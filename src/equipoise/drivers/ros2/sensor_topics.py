@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.ros2.ros_messages import Imu, JointState
-from equipoise.errors import SensorError, SettingsError
+from equipoise.errors import MotionError, SettingsError
 from equipoise.platform.platform import Health, RobotState
 
 _PACE_WINDOW = 2.0  # [s] over which the robot's clock is compared with this computer's
@@ -107,12 +107,12 @@ class _Topic:
         """Return a message's time [s]; a simulation's first message may have stamp zero.
 
         Raises:
-            SensorError: a later stamp is zero.
+            MotionError: a later stamp is zero.
         """
         at = self._clock.time(header, received)
         self._unstamped += at is None
         if self._unstamped > 1:
-            raise SensorError(f"{self.topic}: the stamps are zero. Use stamps=arrival")
+            raise MotionError(f"{self.topic}: the stamps are zero. Use stamps=arrival")
         return at
 
 
@@ -137,7 +137,7 @@ class JointTopic(_Topic):
 
         Raises:
             SettingsError: the message has only some of the model's joints.
-            SensorError: messages have no stamps.
+            MotionError: messages have no stamps.
         """
         message = self._message(data)
         if message is None or (places := self._places_of(tuple(message.name))) is None:
@@ -185,13 +185,13 @@ class ImuTopic(_Topic):
         """Decode a message; return whether it was valid.
 
         Raises:
-            SensorError: messages have no stamps, or no angular velocity or acceleration.
+            MotionError: messages have no stamps, or no angular velocity or acceleration.
         """
         message = self._message(data)
         if message is None:
             return False
         if message.angular_velocity_covariance[0] == -1 or message.linear_acceleration_covariance[0] == -1:
-            raise SensorError(f"{self.topic} reports no angular velocity or no acceleration; both are needed")
+            raise MotionError(f"{self.topic} reports no angular velocity or no acceleration; both are needed")
         at = self._time(message.header, received)
         if at is None:
             return False
@@ -204,10 +204,10 @@ def together(joints: JointSample, imu: ImuSample, health: Health | None) -> Robo
     """Return the newest samples as one state, with the earlier time of arrival.
 
     Raises:
-        SensorError: their times are far apart: from a simulation and a real clock, or from two computers.
+        MotionError: their times are far apart: from a simulation and a real clock, or from two computers.
     """
     if abs(joints.time - imu.time) > _MAX_STAMP_DIFFERENCE:
-        raise SensorError(
+        raise MotionError(
             f"joints and IMU are stamped {joints.time - imu.time:+.1f} s apart: do all nodes use one clock (use_sim_time), "
             "are the computers' clocks right, has one of the topics stopped? stamps=arrival uses times of arrival instead"
         )

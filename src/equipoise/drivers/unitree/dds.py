@@ -20,7 +20,7 @@ from equipoise.drivers.unitree.low_level import COMMAND, STATE, STOP_POSITION, S
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, request_of
 from equipoise.drivers.unitree.sport import MotionSwitcher, takeover_finding
-from equipoise.errors import CommunicationError, MotionError, OtherCommanderError, SettingsError
+from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
@@ -88,7 +88,7 @@ class UnitreeDdsConnection:
 
         Raises:
             CommunicationError: no more samples arrive, only damaged ones arrive, or several robots send samples.
-            OtherCommanderError: another program commands the same motors.
+            MotionError: another program commands the same motors.
         """
         self._check_one_robot()
         if self._taken_over:
@@ -104,8 +104,7 @@ class UnitreeDdsConnection:
         """Send a command. Before the first one the robot's own controller releases the motors, which takes seconds.
 
         Raises:
-            MotionError: the controller holds the motors, and the robot does not lie.
-            OtherCommanderError: another program commands the motors.
+            MotionError: the controller holds the motors, and the robot does not lie; or another program commands the motors.
             CommunicationError: several robots are on the domain, or none.
             SettingsError: a process with an unsafe version of DDS has joined the domain.
         """
@@ -183,13 +182,14 @@ class UnitreeDdsConnection:
             )
 
     def _check_one_commander(self) -> None:
-        """Raise OtherCommanderError if another program sends commands; silent writers (second connections) are allowed."""
+        """Raise MotionError if another program sends commands; silent writers (second connections) are allowed."""
         others = [] if self._others is None else self._others.take()
         if others and self._others is not None:
-            raise OtherCommanderError(
+            raise MotionError(
                 f"another program commands the motors of {self.name}: {self._others.name_of_writer(others[0][1])} sent "
                 f"{len(others)} commands on {COMMAND_TOPIC}. Both would move the robot: end that program, on this computer or "
-                "on the robot (its own sport mode, if that was not released: docs/hardware/unitree-go2-b2.md)"
+                "on the robot (its own sport mode, if that was not released: docs/hardware/unitree-go2-b2.md)",
+                other_commander=True,
             )
 
     def _may_release(self) -> bool:

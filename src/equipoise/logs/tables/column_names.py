@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import SettingsError, did_you_mean
+from equipoise.errors import RecordingError, SettingsError, did_you_mean
 from equipoise.robot.model import LEG_NAMES
 from equipoise.user_file import read_text, toml_table
 
@@ -43,6 +43,26 @@ UNITS: dict[str, dict[str, float]] = {
 }
 """Factors to the documented unit by kind of column; the first unit of a kind is the documented one."""
 _STEPS = {"ns": 1e5, "us": 100.0, "ms": 0.5}  # smallest median steps of times in these units
+
+
+@dataclass(frozen=True)
+class ColumnProposal:
+    """Proposed map for a table whose columns do not have the documented names.
+
+    Attributes:
+        what: description of the table's defect.
+        text: TOML for --columns, guessed from the names of the columns.
+        names: names of the table's columns.
+    """
+
+    what: str
+    text: str
+    names: tuple[str, ...]
+
+    def error(self) -> RecordingError:
+        """Return the error of a table that cannot be read without this map."""
+        remedy = "Check this proposal, save it as columns.toml, and add --columns columns.toml"
+        return RecordingError(f"{self.what}. {remedy}:\n\n{self.text}", self, details={"columns": self.text})
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import ColumnsError, RecordingError
+from equipoise.errors import RecordingError
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.orientation import quaternions_of
 from equipoise.logs.raw_log import RawImu, RawJoints, RawLog
@@ -31,6 +31,7 @@ from equipoise.logs.tables.column_names import (
     GYROSCOPE,
     QUATERNION,
     TIME,
+    ColumnProposal,
     Columns,
     unit_of_steps,
 )
@@ -51,7 +52,7 @@ def read_table(
         tables: further tables of the same run, which are joined with it by their time.
 
     Raises:
-        ColumnsError: columns are missing; it proposes a map.
+        RecordingError: columns are missing; it proposes a map.
         RecordingError: it cannot be read, or cells are not numbers.
         SettingsError: the user's columns are not in the table.
         MissingDependencyError: Parquet needs pyarrow.
@@ -159,14 +160,14 @@ def _interpolated(at: FloatArray, time: FloatArray, table: FloatArray) -> FloatA
     return np.column_stack(columns)
 
 
-def _missing_columns(file: TableFile, known: Columns, nameless: Sequence[str], proposal: str) -> ColumnsError:
-    return ColumnsError(
+def _missing_columns(file: TableFile, known: Columns, nameless: Sequence[str], proposal: str) -> RecordingError:
+    return ColumnProposal(
         f"{file.title} has no {', '.join(known.missing())}. The names of its columns suggest the mapping below"
         + (f", but nothing for {', '.join(nameless)}: write these lines yourself" if nameless else "")
         + ("; --rate HERTZ stands in for a time where samples are evenly spaced" if TIME in nameless else ""),
         proposal,
         file.names,
-    )
+    ).error()
 
 
 def _check_seconds(file: TableFile, name: str, time: FloatArray) -> None:
