@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,6 +46,19 @@ BUDGET = 60.0  # [s] of robot time
 NAMES = ("mass", "CoM x", "CoM y", "CoM z", "Ixx", "Iyy", "Izz")
 UNITS = (1.0, 1e3, 1e3, 1e3, 1.0, 1.0, 1.0)  # kg, mm, kg m2
 MODEL = load_robot(ROBOT)
+SLEEPER = """
+import json, sys, time
+from equipoise.platform.realtime import claim_real_time
+claimed, period, late = claim_real_time(), 2e-3, []
+due = time.monotonic()
+for _ in range(round(float(sys.argv[1]) / period)):
+    due += period
+    time.sleep(max(0.0, due - time.monotonic()))
+    late.append(time.monotonic() - due)
+    due += max(0.0, late[-1] // period * period)
+within = sum(each <= 1e-3 for each in late) / len(late)
+print(json.dumps({"realtime": claimed, "periods": len(late), "within": within, "latest": max(late)}))
+"""
 
 
 @dataclass(frozen=True)
@@ -119,6 +132,20 @@ def loop_row(realtime: bool, load: int, seconds: float) -> dict[str, Any]:
     now, report = resource.getrusage(resource.RUSAGE_SELF), robot.report()
     share = (now.ru_utime + now.ru_stime - used.ru_utime - used.ru_stime) / wall
     return {**dataclasses.asdict(report), "load": load, "calibration_share": share, "commit": commit()}
+
+
+def bare_row(seconds: float) -> dict[str, Any]:
+    """Measure the lateness of a process with real-time priority that only sleeps, beside busy processes, and stolen time."""
+    with busy(LOAD):
+        stolen = stolen_time()
+        late = subprocess.run([sys.executable, "-c", SLEEPER, str(seconds)], check=True, capture_output=True, text=True)
+        return {**json.loads(late.stdout), "load": LOAD, "stolen": stolen_time() - stolen, "commit": commit()}
+
+
+def stolen_time() -> float:
+    """Return the time that this virtual machine wanted to run and did not, in all its processors since its start [s]."""
+    with open("/proc/stat", encoding="utf-8") as file:
+        return int(file.readline().split()[8]) / os.sysconf("SC_CLK_TCK")
 
 
 def excitation() -> Trajectory:
@@ -210,6 +237,14 @@ def page(rows: dict[str, Any]) -> str:
         "",
         *loop_table(loops),
     ]
+    if "bare" in rows:
+        bare = rows["bare"]
+        lines += [
+            "",
+            f"A process that only sleeps for 2 ms at a time, with {bare['realtime']}, on the same computer with "
+            f"{bare['load']} busy processes: {bare['within']:.3%} of {bare['periods']} periods within 1 ms, latest "
+            f"{1e3 * bare['latest']:.1f} ms. Meanwhile the hypervisor withheld {bare['stolen']:.2f} s of processor time.",
+        ]
     if calibrations:
         lines += [
             "",
@@ -230,16 +265,17 @@ def main() -> None:
     warnings.simplefilter("ignore")
     kept = RESULTS / "link.json"
     rows: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() and not options.again else {}
-    wanted = {
+    wanted: dict[str, tuple[Callable[..., dict[str, Any]], tuple[Any, ...]]] = {
         f"loop {realtime} {load}": (loop_row, (realtime, load, options.seconds * (10 if realtime and load else 1)))
         for realtime in (True, False)
         for load in (0, LOAD)
     }
+    wanted["bare"] = bare_row, (10 * options.seconds,)
     for place, seed in enumerate(options.seeds):
         wanted[f"calibration {seed}"] = calibration_row, (seed, place != len(options.seeds) - 1)
     for key, (measure, arguments) in wanted.items():
         if key not in rows and not options.tables:
-            rows[key] = measure(*arguments)  # pyright: ignore
+            rows[key] = measure(*arguments)
             print(key, rows[key], flush=True)
             kept.write_text(json.dumps(rows, indent=1) + "\n")
     text = page({key: rows[key] for key in wanted if key in rows})
