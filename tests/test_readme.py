@@ -158,7 +158,15 @@ def test_exit_codes_without_an_exception_are_documented():
     raised = {
         error.exit_code for error in vars(errors).values() if isinstance(error, type) and "exit_code" in vars(error)
     }
-    assert listed == {0, 1, 9, UNMET, INTERRUPTED}  # 9: workers, which have no class of their own
+    assert listed == {
+        0,
+        1,
+        9,
+        UNMET,
+        errors.UNHEALTHY,
+        errors.STOP_REQUESTED,
+        INTERRUPTED,
+    }  # 9: workers, which have no class of their own
     assert listed & raised == {1}
 
 

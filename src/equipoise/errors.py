@@ -11,6 +11,8 @@ from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Any
 
+UNHEALTHY, STOP_REQUESTED = 12, 13  # exit codes of StoppedError
+
 
 def did_you_mean(name: str, options: Iterable[str]) -> str:
     """Return the nearest option, as a question for a message; empty if nothing is near."""
@@ -84,8 +86,8 @@ class FallError(MotionError):
 class StoppedError(MotionError):
     """The run was ended although the robot still followed commands.
 
-    Exit code 12: a hot motor, an empty battery, or a fault that the robot reports; 13: the operator stopped it by the remote
-    control or the space bar; 4: this computer did not keep up with the control loop.
+    Exit code `UNHEALTHY`: a hot motor, an empty battery, or a fault that the robot reports; `STOP_REQUESTED`: the operator
+    stopped it by the remote control or the space bar; 4: this computer did not keep up with the control loop.
     """
 
 

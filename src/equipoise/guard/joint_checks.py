@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import MotionError, StoppedError
+from equipoise.errors import UNHEALTHY, MotionError, StoppedError
 from equipoise.guard.check_context import Check, CheckContext
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand, RobotState
@@ -17,7 +17,6 @@ from equipoise.robot.scale import Scale
 
 _STUCK_TIME = 0.5  # [s] over which a joint must follow
 _STUCK_MOVE, _STUCK_SHARE = 0.12, 0.25  # [rad] of target motion; share that the joint must move (working joints: 0.66)
-_UNHEALTHY = 12  # exit code
 _RUNAWAY = 2.0  # times the limit: a joint this far from its target fails at once
 
 
@@ -142,11 +141,11 @@ class JointChecks:
         if health is None:
             return
         if health.fault is not None:
-            raise StoppedError(f"the robot reports a fault: {health.fault}", exit_code=_UNHEALTHY)
+            raise StoppedError(f"the robot reports a fault: {health.fault}", exit_code=UNHEALTHY)
         if health.battery_charge is not None and health.battery_charge < self._limits.battery:
             raise StoppedError(
                 f"the battery charge is {health.battery_charge:.0%}; at least {self._limits.battery:.0%} is needed. Charge it",
-                exit_code=_UNHEALTHY,
+                exit_code=UNHEALTHY,
             )
         temperature = health.motor_temperature
         if temperature is None:
@@ -155,7 +154,7 @@ class JointChecks:
             raise StoppedError(
                 f"the motor of joint {self._robot.joint_names[joint]!r} is at {temperature[joint]:.0f} deg C; "
                 f"{self._limits.temperature:.0f} deg C is allowed. Let it cool down",
-                exit_code=_UNHEALTHY,
+                exit_code=UNHEALTHY,
             )
 
     def _lasting(self, since: FloatArray, now: NDArray[np.bool_]) -> int | None:

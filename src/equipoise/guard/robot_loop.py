@@ -14,7 +14,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.errors import CommunicationError, MotionError, StoppedError
+from equipoise.errors import STOP_REQUESTED, CommunicationError, MotionError, StoppedError
 from equipoise.guard.base_checks import BaseChecks
 from equipoise.guard.check_context import Check, CheckContext
 from equipoise.guard.clearance_checks import ClearanceChecks
@@ -35,7 +35,6 @@ from equipoise.robot.stance import lies, nominal_stance
 
 _OBSERVE_TIME = 0.3  # [s] of samples before the first command
 _FRESH_TIME = 0.1  # [s] in which a sample must arrive after a pause without commands
-_REQUESTED = 13  # exit code
 DAMP = "damp"
 """Request of the remote control or the operator to damp the robot at once."""
 
@@ -275,7 +274,7 @@ class RobotLoop:
         """Put the robot down at the operator's request: `DAMP` damps it at once, any other request lowers it."""
         damp = request == DAMP
         action = "damp the robot" if damp else "lower the robot"
-        error = StoppedError(f"the run ended because {source} asked to {action}", exit_code=_REQUESTED)
+        error = StoppedError(f"the run ended because {source} asked to {action}", exit_code=STOP_REQUESTED)
         self.end(error, controllable=not damp)
 
     def _check_after(self, command: JointCommand) -> None:
