@@ -31,15 +31,15 @@ demo: $(RUN_STAMP)
 	  --out $(if $(wildcard runs/first),runs/demo-$$(date +%Y%m%d-%H%M%S),runs/first)
 	$(ACTIVATE)
 
-# Tests that must keep up with real time come second, when nothing else uses the cores; only their files are read. Both phases
-# run, whatever the result of the first.
+# One process more than cores, because tests also wait for processes that they start. Tests that must keep up with real time come
+# second, when nothing else uses the cores; only their files are read. Both phases run, whatever the result of the first.
 test: export OPENBLAS_NUM_THREADS = 1
 test: export OMP_NUM_THREADS = 1
 # pytest keeps what it made of the test files for the second phase, also where Python is told to write no bytecode.
 test: export PYTHONDONTWRITEBYTECODE =
 test: $(DEV_STAMP)
 	@failed=0; \
-	$(BIN)/python -m pytest -m "not realtime" --numprocesses logical --dist worksteal || failed=1; \
+	$(BIN)/python -m pytest -m "not realtime" --numprocesses $$($(BIN)/python -c "import os; print((os.cpu_count() or 1) + 1)") --dist worksteal || failed=1; \
 	$(BIN)/python -m pytest -m realtime --numprocesses 2 --dist worksteal $$(grep -rl mark.realtime tests --include 'test_*.py') || failed=1; \
 	exit $$failed
 
