@@ -36,7 +36,9 @@ from equipoise.report.convergence_figures import stds_by_motion
 from equipoise.report.html import bar_places, block_html, typeset
 from equipoise.report.page import page, save_comparison, save_report
 from equipoise.report.trial_figures import narrowing
+from equipoise.result.body import Body, InertiaTensor
 from equipoise.result.calibration import ExcitationEstimate
+from equipoise.robot.inertial import COMPONENTS, InertialParameters
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
@@ -118,9 +120,10 @@ def test_the_notes_state_frame_point_axes_and_stance(bayesian):
 def test_a_failed_check_takes_the_headline(bayesian):
     checks = (dataclasses.replace(bayesian.checks[0], passed=False), *bayesian.checks[1:])
     failed = dataclasses.replace(bayesian, checks=checks, composite=bayesian.composite.doubted())
-    assert run_contents(failed).lead.startswith(f"Doubtful: 1 of {len(checks)} checks failed. Estimated mass: ")
+    (first,) = run_contents(failed).actions
+    assert first.startswith(f"Doubtful: 1 of {len(checks)} checks failed. Do not use these numbers before ")
     assert "doubtful: a check failed" in legend(run_contents(failed))[1]
-    assert "Doubtful" not in run_contents(bayesian).lead
+    assert "Doubtful" not in run_contents(bayesian).actions[0]
 
 
 def test_logarithmic_axes_read_one_two_five_ten(bayesian):
@@ -147,6 +150,7 @@ def test_the_papers_method_shows_its_search(paper):
         assert title in figures
     assert "does not estimate these parameters of the whole robot: mass, CoM z, Ixx" in contents.lead
     assert "gives no intervals" in blocks(contents, str)[0]
+    assert contents.actions[0].startswith("`paper` gives no intervals, so no difference ")
 
 
 def test_the_last_error_by_iteration_is_that_of_the_result(paper):
@@ -173,20 +177,105 @@ def test_a_report_from_json(bayesian, tmp_path):
     assert [block.title for block in contents.first if isinstance(block, Figure)] == ["Around the centre of mass"]
 
 
-def test_the_lead_states_the_change_from_the_model(bayesian, bayesian_run, a1):
-    settings = dataclasses.replace(bayesian_run.settings, mass=bayesian_run.truth.composite.mass)
-    weighed = settings.estimate(a1, bayesian_run.recordings, bayesian_run.stance)
-    change = weighed.composite.mass.value - weighed.nominal.composite.mass
-    assert change > 1
-    assert f"{change:.2f} kg more than in the model file" in run_contents(weighed).lead
-    same = dataclasses.replace(bayesian, composite=bayesian.composite.with_model(bayesian.truth.composite))
-    assert "agrees with the model file within the interval" in run_contents(same).lead
+def test_the_page_begins_with_significant_differences_and_the_command(bayesian):
+    first, effects, command = run_contents(bayesian, "runs/a b").actions
+    assert first.startswith("Update the model file of your controller. The whole robot differs from it significantly")
+    assert all(
+        " than in the file: in a convex MPC, " in effect for effect in effects if effect.startswith("The CoM is ")
+    )
+    assert 1 <= len(effects) <= 3
+    assert "`equipoise export runs/a b --to urdf`" in command
+
+
+def moved(result, **changes):
+    """Return the result with model values that differ from the estimate by -changes, in SI units, and small stds."""
+    values = dict(zip(COMPONENTS, result.composite.values, strict=True))
+    model = InertialParameters.from_components(np.array([values[name] - changes.get(name, 0.0) for name in COMPONENTS]))
+    body = Body.complete(result.composite.parameters(), 1e-6 * np.diag(result.composite.values**2), None, model)
+    return dataclasses.replace(result, composite=body)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("com_x", 8e-3, "The CoM is 8.0 +- 0.0 mm further forward than in the file"),
+        ("com_x", -8e-3, "further back"),
+        ("com_y", 8e-3, "further left"),
+        ("com_y", -8e-3, "further right"),
+    ],
+)
+def test_a_displaced_com_tips_the_robot_as_its_foot_forces_do(name, change, words, bayesian):
+    """The forces balance about the model's CoM; their moment about the true one is -d x F."""
+    result = moved(bayesian, **{name: change})
+    (effect,) = run_contents(result).actions[1]
+    shift = change * np.eye(3)["xyz".index(name[-1])]
+    roll, pitch, _ = np.cross(-shift, [0.0, 0.0, 9.81 * result.composite.mass.value])
+    tips = {(0, 1): "nose down", (0, -1): "nose up", (-1, 0): "to the left", (1, 0): "to the right"}
+    assert words in effect
+    assert f"leave {np.hypot(roll, pitch):.2f} Nm, {tips[np.sign(roll), np.sign(pitch)]}, to feedback" in effect
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        (
+            "mass",
+            -0.5,
+            "0.50 +- 0.03 kg less mass than in the file: a convex MPC commands 4.9 N too much vertical force",
+        ),
+        (
+            "com_z",
+            5e-3,
+            "mm higher than in the file: in a convex MPC, each m/s2 of horizontal acceleration leaves 0.07 Nm",
+        ),
+        ("Iyy", 0.1, "larger than in the file: an MPC's moment in pitch accelerates the robot"),
+        ("Ixz", -0.1, "smaller than in the file: in an MPC, each 10 rad/s2 in roll leaves 1.00 Nm in yaw to feedback"),
+    ],
+)
+def test_each_difference_has_its_effect(name, change, words, bayesian):
+    (effect,) = run_contents(moved(bayesian, **{name: change})).actions[1]
+    assert words in effect
+
+
+def test_the_largest_three_differences_are_explained_and_others_named(bayesian):
+    many = moved(bayesian, mass=1.0, com_x=0.01, com_y=0.008, com_z=0.006, Iyy=0.05)
+    first, effects, _ = run_contents(many).actions
+    assert effects[0].startswith("The robot has 1.00 +- ")
+    assert len(effects) == 3
+    assert first.endswith("; also CoM z, Iyy:")
+
+
+def test_negligible_and_insignificant_differences_keep_the_model_file(bayesian):
+    small = moved(bayesian, mass=0.1, com_x=1.9e-3, Iyy=0.01)  # of 13 kg
+    assert run_contents(small).actions[0].startswith("Keep the model file. ")
+    wide = moved(bayesian, com_x=3e-3)
+    stds = np.diag([*4 * [2e-3], *6 * [1e-2]]) ** 2
+    wide = dataclasses.replace(
+        wide, composite=Body.complete(wide.composite.parameters(), stds, None, wide.composite.model)
+    )
+    assert run_contents(wide).actions[0].startswith("Keep the model file. ")
+    just = moved(bayesian, com_x=2.2e-3)
+    assert "2.2 +- " in run_contents(just).actions[1][0]
+
+
+def test_unidentified_base_parameters_are_named_in_place_of_the_command(bayesian):
+    ten = [dataclasses.replace(one, verdict="not identified") if one.name == "Izz" else one for one in bayesian.base]
+    base = dataclasses.replace(bayesian.base, inertia=InertiaTensor(*ten[4:]))
+    *_, command = run_contents(dataclasses.replace(bayesian, base=base)).actions
+    assert command.startswith("Not identified for the base link: Izz. Increase `--duration`")
+
+
+def test_a_saved_report_names_its_run(bayesian, tmp_path):
+    (tmp_path / "run.json").write_text("{}")
+    assert f"equipoise export {tmp_path} --to urdf" in save_report(bayesian, tmp_path).read_text(encoding="utf-8")
+    elsewhere = save_report(bayesian, tmp_path / "other.html").read_text(encoding="utf-8")
+    assert "equipoise export RUN --to urdf" in elsewhere
 
 
 def test_the_lead_states_assumptions(bayesian):
     assert "Assumed" not in run_contents(dataclasses.replace(bayesian, assumptions=())).lead
     assumed = dataclasses.replace(bayesian, assumptions=("no cable pulls", "the legs are light"))
-    assert run_contents(assumed).lead.endswith(" Assumed: no cable pulls; the legs are light.")
+    assert run_contents(assumed).lead == "Assumed: no cable pulls; the legs are light."
 
 
 def test_alerts_are_failed_checks_or_warnings(bayesian, paper):

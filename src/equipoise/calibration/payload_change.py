@@ -119,6 +119,16 @@ def find_payload_change_since(robot: RobotModel, prior_run: PriorRun, evidence: 
     return _payload_change(robot, nominal_stance(robot), runs, tuple(change.message for change in evidence.changes))
 
 
+def negligible_changes(whole: InertialParameters, length_scale: float) -> FloatArray:
+    """Return (10,) largest changes of a robot that are negligible for a controller, in the order of COMPONENTS, SI units.
+
+    Args:
+        whole: composite of the robot.
+        length_scale: length of the robot over that of an A1.
+    """
+    return np.repeat(_NEGLIGIBLE * [whole.mass, length_scale, whole.principal_moments[-1]], [1, 3, 6])
+
+
 def _payload_change(robot: RobotModel, stance: Stance, runs: TwoRuns, warnings: tuple[str, ...]) -> PayloadChange:
     size, base = runs.unknowns.size, runs.unknowns["base"]
     both = np.concatenate([runs.first, runs.second])
@@ -136,7 +146,7 @@ def _payload_change(robot: RobotModel, stance: Stance, runs: TwoRuns, warnings: 
     vector = -vector if removed else vector
     payload = _payload(vector, covariance, float(np.ptp(stance.feet_in_base[:, 0])) / 2)
     whole = composite_parameters(robot, stance.joint_position)
-    negligible = np.repeat(_NEGLIGIBLE * [whole.mass, stance.scale.length, whole.principal_moments[-1]], [1, 3, 6])
+    negligible = negligible_changes(whole, stance.scale.length)
     if payload.com_in_base.x.value is None:
         payload = payload.with_sure_zeros(negligible)
     difference = Body.of(change, change_covariance, np.abs(change)).with_sure_zeros(negligible)

@@ -18,6 +18,7 @@ from equipoise.user_file import made_folder, typed
 if TYPE_CHECKING:
     from equipoise.exports.formats import Export
     from equipoise.result.calibration import Calibration
+    from equipoise.robot.model import RobotModel
 
 _FOLDER = "export"
 _PARAMETERS = (
@@ -43,6 +44,7 @@ def export(
     add_payload_link: Flag = False,
     samples: int = 0,
     seed: int = 0,
+    relative_to: Annotated[str | None, arg(metavar="MODEL", help_behavior_hint="")] = None,
     list: Flag = False,
     output: Output,
 ) -> None:
@@ -57,6 +59,7 @@ def export(
     Example: equipoise export runs/go2 --to urdf
              equipoise export runs/go2 --to xacro --file const.xacro --out const.xacro
              equipoise export runs/go2 --all --parameters all --out numbers
+             equipoise export runs/go2 --relative-to go2.xml
 
     Args:
         to: Format; --list shows all.
@@ -67,11 +70,13 @@ def export(
         add_payload_link: Leave the base link unchanged and write the payload as the fixed link equipoise_payload.
         samples: For mjlab and isaaclab: number of sampled bodies to list.
         seed: Seed of the samples.
+        relative_to: Model that a policy was trained on: write the base's difference from it, as json and ros2 or --to one.
         list: List the formats.
     """
-    if run is None or list or not (all or to):
-        if (all or to) and not list:
-            raise SettingsError(f"no run is given: equipoise export RUN {f'--to {to}' if to else '--all'}")
+    if run is None or list or not (all or to or relative_to):
+        if (all or to or relative_to) and not list:
+            flags = f"--to {to}" if to else "--all" if all else f"--relative-to {relative_to}"
+            raise SettingsError(f"no run is given: equipoise export RUN {flags}")
         _show_formats(output.json)
         if run is not None and not list:
             print(
@@ -81,18 +86,21 @@ def export(
         return
     if not run.is_file():
         read_header(run)
-    if all:
+    if all or to is None:
         if to or file or add_payload_link or samples:
-            raise SettingsError("--all writes every format; leave out --to, --file, --add-payload-link and --samples")
-        _export_all(run, out, force, seed, parameters, output)
+            flag = "--all writes every format" if all else "--relative-to writes several files"
+            raise SettingsError(f"{flag}; leave out --to, --file, --add-payload-link and --samples")
+        if all and relative_to:
+            raise SettingsError("--relative-to writes json and ros2, not --all formats; leave out --all")
+        _export_all(run, out, force, seed, parameters, relative_to, output)
         return
-    assert to is not None
     from equipoise.exports import formats
     from equipoise.terminal.export_listing import print_export
 
     formats.find_format(to)
+    result = _result(run)
     written = formats.export(
-        _result(run),
+        result,
         to,
         file=file,
         payload_link=add_payload_link,
@@ -101,17 +109,22 @@ def export(
         seed=seed,
         run=str(run),
         parameters=parameters,
+        relative_to=_reference(relative_to, result),
     )
     path = written.save(out or _default_path(run, written, file))
     table = {"schema": "equipoise.export/1", "path": str(path), "run": str(run), **written.to_dict()}
     output.write(table, lambda: None if output.quiet else print_export(written, path))
 
 
-def _export_all(run: Path, out: Path | None, force: bool, seed: int, parameters: str | None, output: Output) -> None:
+def _export_all(
+    run: Path, out: Path | None, force: bool, seed: int, parameters: str | None, relative_to: str | None, output: Output
+) -> None:
     from equipoise.exports.formats import Export, export_all
     from equipoise.terminal.export_listing import print_exports
 
-    exports = export_all(_result(run), force=force, seed=seed, run=str(run), parameters=parameters)
+    result = _result(run)
+    reference = _reference(relative_to, result)
+    exports = export_all(result, force=force, seed=seed, run=str(run), parameters=parameters, relative_to=reference)
     written = {name: one for name, one in exports.items() if isinstance(one, Export)}
     refused = {name: one for name, one in exports.items() if not isinstance(one, Export)}
     if not written:
@@ -122,6 +135,14 @@ def _export_all(run: Path, out: Path | None, force: bool, seed: int, parameters:
     left_out = {name: str(error) for name, error in refused.items()}
     table = {"schema": "equipoise.exports/1", "files": files, "left_out": left_out}
     output.write(table, lambda: None if output.quiet else print_exports(written, paths, refused))
+
+
+def _reference(name: str | None, result: Calibration) -> RobotModel | None:
+    if name is None:
+        return None
+    from equipoise.exports.relative import load_reference
+
+    return load_reference(name, result)
 
 
 def _folder(run: Path) -> Path:

@@ -8,7 +8,7 @@ from typing import Any
 
 from equipoise._version import __version__
 from equipoise.errors import EquipoiseError, NotEstimatedError, SettingsError, did_you_mean
-from equipoise.exports import controllers, learning, mjcf, sdf, sensors_and_motors, tables, urdf, usd, xacro
+from equipoise.exports import controllers, learning, mjcf, relative, sdf, sensors_and_motors, tables, urdf, usd, xacro
 from equipoise.exports.acceptance import accept_bodies, accept_columns, require_within_robot
 from equipoise.exports.format import Format
 from equipoise.exports.model_file import find_users_file
@@ -17,6 +17,7 @@ from equipoise.exports.randomisation import DRAWS
 from equipoise.exports.subject import Subject, UsersFile
 from equipoise.plugins import Table
 from equipoise.result.calibration import Calibration
+from equipoise.robot.model import RobotModel
 from equipoise.user_file import read_bytes, write_file
 
 _BASE, _WHOLE, _BOTH = ("base",), ("composite",), ("composite", "base")
@@ -64,6 +65,14 @@ FORMATS: dict[str, Format] = {
     )
 }  # fmt: skip
 """Built-in formats by name."""
+RELATIVE: dict[str, Format] = {
+    row.name: row
+    for row in (
+        Format("json", _BASE, "", False, "tools of your own", "relative.json", relative.write_json),
+        Format("ros2", _BASE, "", False, "parameters of a ROS 2 node", "relative_ros2.yaml", relative.write_ros2),
+    )
+}
+"""Formats of the base's difference from another model."""
 _ALL: Table[Format] = Table("format", "equipoise.formats", Format, FORMATS)
 
 
@@ -124,6 +133,7 @@ def export(
     seed: int = 0,
     run: str = "",
     parameters: str | None = None,
+    relative_to: RobotModel | None = None,
 ) -> Export:
     """Return a result in the form that a consumer reads.
 
@@ -138,6 +148,7 @@ def export(
         run: name of the run, for the file's header.
         parameters: parts to write: "base", "sensors", "motors", "legs", several separated by commas, or "all" that the
             format holds and the run estimated. Default: the base, or all if the format does not hold the base.
+        relative_to: other model of the robot, of `relative.load_reference`; its base's difference is written (json, ros2).
 
     Raises:
         SettingsError: the format does not exist, or does not take an argument.
@@ -145,7 +156,7 @@ def export(
             a CoM lies outside the robot or a check failed, and `force` is false.
         ModelError: the model file has moved, has changed or cannot be edited.
     """
-    row = find_format(format)
+    row = find_format(format) if relative_to is None else _relative_format(format)
     _refuse_flags(row, file is not None, payload_link, samples, seed)
     parts = _parts(row, result, parameters)
     if (payload_link or samples) and BASE not in parts:
@@ -160,10 +171,13 @@ def export(
     notes = tuple(dict.fromkeys(notes + of_columns))
     users, about_file = _users_file(result, row, None if file is None else Path(file))
     subject = Subject(result, run, users, payload_link, samples, seed, notes + about_file, force, parts, columns)
-    own_base = "base" in bodies and row.file != "model"  # a model file's base depends on its other links
+    # A model file's base depends on its other links.
+    own_base = "base" in bodies and row.file != "model" and relative_to is None
     outside = require_within_robot(subject, ("composite", "base") if own_base else bodies and ("composite",))
     base_notes = subject.base_notes if own_base else ()
-    subject = replace(subject, notes=outside + base_notes + subject.notes, contents=row.contents(bodies, subject))
+    subject = replace(subject, notes=outside + base_notes + subject.notes, reference=relative_to)
+    contents = row.contents(bodies, subject) if relative_to is None else relative.contents(subject)
+    subject = replace(subject, contents=contents)
     written = row.write(subject)
     name = Path(users.path.name if users else row.output)
     if parts != _parts(row, result, None):  # otherwise one part would overwrite another
@@ -184,19 +198,27 @@ def export(
 
 
 def export_all(
-    result: Calibration, *, force: bool = False, seed: int = 0, run: str = "", parameters: str | None = None
+    result: Calibration,
+    *,
+    force: bool = False,
+    seed: int = 0,
+    run: str = "",
+    parameters: str | None = None,
+    relative_to: RobotModel | None = None,
 ) -> dict[str, Export | EquipoiseError]:
     """Return a result in every format that holds the parameters, by the format's name, or the error of that format.
 
     The arguments are those of `export`.
     """
     found: dict[str, Export | EquipoiseError] = {}
-    for name, row in all_formats().items():
+    for name, row in (all_formats() if relative_to is None else RELATIVE).items():
         if isinstance(row, EquipoiseError):
             found[name] = row
         elif parameters in (None, "all") or _words(parameters) <= set(row.parts):
             try:
-                found[name] = export(result, name, force=force, seed=seed, run=run, parameters=parameters)
+                found[name] = export(
+                    result, name, force=force, seed=seed, run=run, parameters=parameters, relative_to=relative_to
+                )
             except EquipoiseError as error:
                 found[name] = error
     return found
@@ -212,6 +234,12 @@ def find_format(name: str) -> Format:
     if name not in _ALL:
         raise SettingsError(f"{name!r} is not a format; {did_you_mean(name, _ALL)}it must be one of {', '.join(_ALL)}")
     return _ALL[name]
+
+
+def _relative_format(name: str) -> Format:
+    if name not in RELATIVE:
+        raise SettingsError(f"--relative-to writes {' and '.join(RELATIVE)}, not {name!r}; leave out --to for both")
+    return RELATIVE[name]
 
 
 def all_formats() -> dict[str, Format | EquipoiseError]:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from equipoise.errors import NotEstimatedError
 from equipoise.exports.parameters import BASE
 from equipoise.exports.randomisation import Spread, spread
-from equipoise.exports.subject import Subject, Written, number
-from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
+from equipoise.exports.subject import Subject, Written, axes_change, number
+from equipoise.robot.inertial import COMPONENTS
 
 _MJLAB = """
 # One event a joint: 'encoder_bias_FL_hip_joint': EventTermCfg(mode='startup', func=dr.encoder_bias, params={'bias_range':
@@ -105,8 +103,7 @@ def _spread(subject: Subject) -> Spread:
     covariance = subject.result.composite.covariance
     if covariance is None:
         raise NotEstimatedError("this calibration has no covariance; calibrate with --method bayesian")
-    # A rotation of the axes is linear in all ten numbers.
-    turn = np.column_stack([components(subject.in_file(InertialParameters.from_components(one))) for one in np.eye(10)])
+    turn = axes_change(subject.file_placement)
     composite = subject.in_file(subject.composite)
     return spread(subject.base_in_file, composite, turn @ covariance @ turn.T, subject.seed)
 

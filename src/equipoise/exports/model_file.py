@@ -164,13 +164,17 @@ def _other_legs(subject: Subject, robot: RobotModel) -> tuple[str, ...]:
     original = subject.result.robot_model
     if original is None:
         return ()
-    joints = dict(subject.result.joint_position)
-    here, there = (foot_positions(one, one.joint_vector(joints, "the run's stance")) for one in (robot, original))
-    apart = float(np.linalg.norm(here - there, axis=1).max())
+    apart = float(np.linalg.norm(feet_shift(robot, original, subject.result.joint_position), axis=1).max())
     text = f"at the stance the feet of {robot.source.path.name} are {1000 * apart:.1f} mm from those of the run's model"
     if apart > _OTHER_LEGS * original.leg_length:
         raise SettingsError(f"{text}: it is another robot's, or its base frame or joint offsets differ")
     return (text,) if apart > _SAME_LEGS * original.leg_length else ()
+
+
+def feet_shift(robot: RobotModel, original: RobotModel, stance: Mapping[str, float]) -> FloatArray:
+    """Return the (4, 3) feet of one model minus those of another, at one stance, each in its own base frame [m]."""
+    here, there = (foot_positions(one, one.joint_vector(dict(stance), "the run's stance")) for one in (robot, original))
+    return here - there
 
 
 def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialParameters, tuple[str, ...]]:

@@ -30,7 +30,7 @@ ENTRIES = ("alpha", "d1", "d2", "d3", "s12", "s13", "s23", "t1", "t2", "t3")
 """Entries of U: density, stretches along x y z, shears, shifts of the CoM."""
 DRAWS = 10_000
 _FEWEST = 0.01  # of the draws must be physical; otherwise the run identified hardly anything
-_QUANTILES = (0.025, 0.975)
+QUANTILES = (0.025, 0.975)
 _STEP = 1e-6
 _PRODUCTS = [0, 1, 1, 2, 2, 2], [0, 0, 1, 0, 1, 2]  # xx xy yy xz yz zz, Pinocchio's order
 
@@ -42,10 +42,12 @@ class Spread:
     Attributes:
         entries: (n, 10) entries of U, in the order of ENTRIES.
         bodies: (n, 10) parameters of the same bodies in the order of COMPONENTS.
+        pseudo: (n, 4, 4) pseudo-inertias of the same bodies.
     """
 
     entries: FloatArray
     bodies: FloatArray
+    pseudo: FloatArray
 
     def entry_ranges(self) -> dict[str, tuple[float, float]]:
         """Return the 95 % range of each entry of U given the others: 1.96 / sqrt of its precision.
@@ -59,7 +61,7 @@ class Spread:
 
     def body_ranges(self) -> dict[str, tuple[float, float]]:
         """Return 95 % ranges of mass [kg], CoM [m] and inertia about the CoM [kg m2]."""
-        low, high = np.quantile(self.bodies, _QUANTILES, axis=0)
+        low, high = np.quantile(self.bodies, QUANTILES, axis=0)
         return {name: (float(a), float(b)) for name, a, b in zip(COMPONENTS, low, high, strict=True)}
 
 
@@ -78,7 +80,7 @@ def spread(
     Raises:
         NotEstimatedError: hardly any drawn body is physical, or the base itself is not.
     """
-    slope = _vector_slope(composite)
+    slope = vector_slope(composite)
     root = _square_root(slope @ covariance @ slope.T)
     rng = np.random.default_rng(seed)
     pseudo = pseudo_inertias(base.vector[None])[0]
@@ -95,7 +97,8 @@ def spread(
                 f"less than {_FEWEST:.0%} of the bodies drawn from this run's posterior are physical; calibrate longer "
                 "(--duration)"
             )
-    return Spread(_entries(kept[:draws], pseudo), _components(kept[:draws]))
+    kept = kept[:draws]
+    return Spread(entries_between(kept, pseudo), _components(kept), kept)
 
 
 def pseudo_inertias(vectors: FloatArray) -> FloatArray:
@@ -132,9 +135,14 @@ def _components(pseudo: FloatArray) -> FloatArray:
     return np.column_stack([mass, com, inertia[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]])
 
 
-def _entries(pseudo: FloatArray, estimated: FloatArray) -> FloatArray:
-    """Return (n, 10) entries of U with J = U J0 U': U is the upper triangular root of J times the inverse of J0's."""
-    upper = np.asarray(_upper_root(pseudo) @ np.linalg.inv(_upper_root(estimated[None])[0]), dtype=float)
+def entries_between(pseudo: FloatArray, reference: FloatArray) -> FloatArray:
+    """Return (n, 10) entries of U with J = U J0 U': U is the upper triangular root of J times the inverse of J0's.
+
+    Args:
+        pseudo: (n, 4, 4) pseudo-inertias J, positive definite.
+        reference: (4, 4) pseudo-inertia J0; the identity for the log-Cholesky parameters of J.
+    """
+    upper = np.asarray(_upper_root(pseudo) @ np.linalg.inv(_upper_root(reference[None])[0]), dtype=float)
     scale = upper[:, 3, 3]
     unit = upper / scale[:, None, None]
     stretches = np.log(unit[:, [0, 1, 2], [0, 1, 2]])
@@ -146,7 +154,7 @@ def _upper_root(pseudo: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.cholesky(pseudo[:, ::-1, ::-1])[:, ::-1, ::-1], dtype=float)
 
 
-def _vector_slope(body: InertialParameters) -> FloatArray:
+def vector_slope(body: InertialParameters) -> FloatArray:
     """Return the (10, 10) derivative of the parameters about the origin by those in the order of COMPONENTS."""
     at = components(body)
     columns = [(_vector(at + step) - _vector(at - step)) / (2 * _STEP) for step in _STEP * np.eye(len(at))]

@@ -20,7 +20,8 @@ from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.cleaning.urdf import physical_inertia
 from equipoise.robot.description import Forward
 from equipoise.robot.forward import link_in_file
-from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.inertial import InertialParameters, components
+from equipoise.robot.model import RobotModel
 
 PAYLOAD = "equipoise_payload"
 """Name of the link that `--add-payload-link` writes."""
@@ -49,9 +50,9 @@ class Written:
     notes: tuple[str, ...] = ()  # objections that arise while writing
 
     @classmethod
-    def text(cls, lines: list[str], about: str) -> Written:
+    def text(cls, lines: list[str], about: str, notes: tuple[str, ...] = ()) -> Written:
         """Return the content from lines of text."""
-        return cls(("\n".join(lines) + "\n").encode(), about)
+        return cls(("\n".join(lines) + "\n").encode(), about, notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +71,7 @@ class Subject:
         parts: parts of the result to write, of "base", "sensors", "motors" and "legs".
         columns: columns of sensors, motors and legs to write.
         contents: sentence that states which of mass, CoM and inertia is written, in which frame, and what is left out.
+        reference: other model of the robot, from which the base's difference is written.
     """
 
     result: Calibration
@@ -83,6 +85,7 @@ class Subject:
     parts: tuple[str, ...] = ("base",)
     columns: tuple[Column, ...] = ()
     contents: str = ""
+    reference: RobotModel | None = None
 
     @property
     def composite(self) -> InertialParameters:
@@ -164,7 +167,12 @@ class Subject:
 
     def in_file(self, body: InertialParameters) -> InertialParameters:
         """Return a body of the base frame in the axes of the model file's base link."""
-        return seen_from(body, self._in_file[1])
+        return seen_from(body, self.file_placement)
+
+    @property
+    def file_placement(self) -> pin.SE3:
+        """Placement of the model file's base link in the base frame: a rotation."""
+        return self._in_file[1]
 
     @property
     def base_in_file(self) -> InertialParameters:
@@ -245,6 +253,16 @@ def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameter
     rotation = np.array(placement.rotation)
     com = rotation.T @ (body.com - np.array(placement.translation))
     return InertialParameters(body.mass, com, rotation.T @ body.inertia @ rotation)
+
+
+def axes_change(placement: pin.SE3) -> FloatArray:
+    """Return the (10, 10) matrix that takes a body's parameters, in the order of COMPONENTS, to other axes at one origin.
+
+    Args:
+        placement: placement of these axes in the body's frame; its translation is zero.
+    """
+    units = (InertialParameters.from_components(one) for one in np.eye(10))
+    return np.column_stack([components(seen_from(one, placement)) for one in units])
 
 
 def _one_line(text: str) -> str:

@@ -104,6 +104,7 @@ class PageContents:
 
     Attributes:
         title, subtitle, lead: texts of the header.
+        actions: first blocks of the page: recommended actions.
         alerts: name and message of each failed check or warning.
         first: blocks of the first screen, with figures in a second column.
         sections: sections below the first screen; empty ones are omitted.
@@ -115,6 +116,7 @@ class PageContents:
     first: Sequence[Block]
     sections: Sequence[Section] = ()
     alerts: Sequence[tuple[str, str]] = ()
+    actions: Sequence[Block] = ()
 
 
 def axes(x: str, y: str, **more: Any) -> Trace:

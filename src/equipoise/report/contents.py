@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from equipoise.figures.blocks import Block, Cell, DataTable, PageContents, Section, number
+from equipoise.figures.blocks import Block, Cell, DataTable, PageContents, Section
 from equipoise.figures.lift_planes import lift_planes
 from equipoise.figures.numbers import BODIES, legend, not_estimated, numbers, numbers_table
 from equipoise.figures.parts import parts_of
@@ -12,6 +10,7 @@ from equipoise.figures.plan_view import plan_figures, plan_view
 from equipoise.figures.uncertainty_budget import remedies, uncertainty_table
 from equipoise.report.advice import advice_blocks
 from equipoise.report.convergence_figures import progress_figures
+from equipoise.report.differences import action_blocks
 from equipoise.report.excitation_figures import excitation_blocks
 from equipoise.report.part_figures import LINKS, MOTORS, motor_message, motors_alone, part_blocks
 from equipoise.report.provenance import provenance_blocks
@@ -20,11 +19,15 @@ from equipoise.report.scene import scene
 from equipoise.report.sensor_figures import sensor_blocks
 from equipoise.report.trial_figures import search_figures, tilt_figures, trial_table
 from equipoise.result.calibration import Calibration
-from equipoise.result.legend import doubt_message, frame_message
+from equipoise.result.legend import frame_message
 
 
-def run_contents(result: Calibration) -> PageContents:
-    """Return the page, without sections that have no data."""
+def run_contents(result: Calibration, run: str = "RUN") -> PageContents:
+    """Return the page, without sections that have no data.
+
+    Args:
+        run: path of the run, for commands.
+    """
     planes = lift_planes(result)
     alone = motors_alone(result)
     trials = [*search_figures(result), *progress_figures(result), *tilt_figures(result), *trial_table(result)]
@@ -54,6 +57,7 @@ def run_contents(result: Calibration) -> PageContents:
         [*first, *words, *view],
         [one for one in sections if one.blocks],
         alerts(result),
+        action_blocks(result, run),
     )
 
 
@@ -80,25 +84,8 @@ def _subtitle(result: Calibration) -> str:
 
 
 def _lead(result: Calibration) -> str:
-    """Return the differences from the model file, in a few sentences."""
-    messages = [doubt_message(result)] if not result.trustworthy else []
-    mass = result.composite.mass
-    if mass.value is not None and mass.change is not None:
-        half = "" if mass.half_width is None else f" +- {mass.half_width:.2f}"
-        more = "more" if mass.change > 0 else "less"
-        against = f"{abs(mass.change):.2f} kg {more} than in the model file"
-        if mass.half_width is not None and abs(mass.change) <= mass.half_width:
-            against = "which agrees with the model file within the interval"
-        messages.append(f"Estimated mass: {mass.value:.2f}{half} kg, {against}.")
-    shifts = [1000 * one.change for one in result.composite.com_in_base if one.change is not None]
-    if shifts:
-        names = ("forward", "left", "up")[: len(shifts)]
-        along = ", ".join(f"{number(shift, 1, '+.1f')} mm {name}" for shift, name in zip(shifts, names, strict=True))
-        messages.append(
-            f"The centre of mass is {np.linalg.norm(shifts):.1f} mm from its position in the model file ({along})."
-        )
-    if result.motors:
-        messages.append(motor_message(result))
+    """Return the ranges of motor parameters, missing parameters and assumptions, in a few sentences."""
+    messages = [motor_message(result)] if result.motors else []
     if (missing := not_estimated(result)) and not motors_alone(result):
         names = ", ".join(missing)
         messages.append(f"`{result.method}` does not estimate these parameters of the whole robot: {names}.")

@@ -170,6 +170,7 @@ def document_html(document: PageContents) -> tuple[str, str]:
     others = [block for block in document.first if not isinstance(block, Figure)]
     drawing = f'<div id="plan-view">{blocks_html(figures)}</div>' if figures else ""
     head = f'<h1>{typeset(document.title)}</h1><p id="subtitle">{typeset(document.subtitle)}</p>'
+    head += f'<div id="actions">{blocks_html(document.actions)}</div>' if document.actions else ""
     head += f'<p id="lead">{_prose(document.lead)}</p>' if document.lead else ""
     numbers = f'<div id="numbers">{blocks_html(others)}</div>' if others else ""
     first = f'<div id="first">{numbers}{drawing}</div>'

@@ -8,6 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from equipoise._version import __version__
+from equipoise.calibration.run_header import HEADER
 from equipoise.errors import MissingDependencyError
 
 try:
@@ -20,7 +21,7 @@ from equipoise.report.comparison import comparison_contents
 from equipoise.report.contents import run_contents
 from equipoise.report.html import document_html, figures_of
 from equipoise.result.calibration import Calibration
-from equipoise.user_file import write_file
+from equipoise.user_file import typed, write_file
 
 REPORT = "report.html"
 _GRID = "#dde1e5"
@@ -58,7 +59,10 @@ def save_report(result: Calibration, path: str | Path) -> Path:
     Raises:
         OutputError: the file cannot be written.
     """
-    return save_page(run_contents(result), path)
+    path = Path(path)
+    path = path / REPORT if path.is_dir() else path
+    of_run = path.name == REPORT and (path.parent / HEADER).is_file()
+    return save_page(run_contents(result, typed(path.parent) if of_run else "RUN"), path)
 
 
 def save_comparison(results: dict[str, Calibration], path: str | Path) -> Path:
