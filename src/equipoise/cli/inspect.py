@@ -247,7 +247,7 @@ def diagnose(
 
     if source.robot is not None:
         result = estimate_from_log(log, source, description, given, output).result
-        run = f"the file of `equipoise estimate {typed(log)} --robot {typed(source.robot)} --out FILE`"
+        run = f"the file of 'equipoise estimate {typed(log)} --robot {typed(source.robot)} --out FILE'"
     else:
         folder = flags.open_run(log, source, description)
         result, run = folder.estimate(folder.method().having(given)), typed(log)

@@ -36,14 +36,17 @@ def print_diagnosis(found: Diagnosis, failed: Sequence[str], run: str) -> None:
     show_table(f"{found.robot}: causes of a lean at the stance", heads, rows, console)
     console.print("CoM shift: of the centre of mass over the feet, forward and to the left.")
     if not significant:
-        console.print("No cause is significant: the robot agrees with its model file, or the data are too few.")
+        console.print("No cause is significant. More motions determine smaller ones.")
     for cause in significant:
         values = ", ".join(map(_value, cause.values))
         console.print(escape(f"{cause.name}: {values}: {cause.change}"), soft_wrap=True)
     if significant:
         console.print(escape(f"RUN is {run}"), soft_wrap=True)
-    for name, other, correlation in found.inseparable:
-        console.print(escape(f"not separated by these data: {name} and {other} (correlation {correlation:.2f})"))
+    for name in dict.fromkeys(name for name, *_ in found.inseparable):
+        others = ", ".join(
+            f"{other} ({correlation:.2f})" for one, other, correlation in found.inseparable if one == name
+        )
+        console.print(escape(f"{name} is not separated by these data from (correlation): {others}"))
     for words, causes in (("also possible", possible[_SHOWN:]), ("ruled out", out)):
         if causes:
             largest = 1000 * max(cause.size + cause.bound for cause in causes)
