@@ -14,7 +14,7 @@ from equipoise.estimator.diagnostics.causes import Cause, Diagnosis
 from equipoise.result.quantity import Quantity
 from equipoise.terminal.rich_tables import show_table
 
-_SHOWN = 4  # of the causes that are not significant
+_NOTABLE = 1.0  # normal deviate: one of six possible causes without an error
 _UNITS = {"rad": (math.degrees(1.0), "deg", "+.2f"), "m": (1000.0, "mm", "+.1f"), "kg": (1.0, "kg", "+.2f")}
 _FRACTION = (100.0, "%", "+.1f")
 
@@ -31,23 +31,25 @@ def print_diagnosis(found: Diagnosis, failed: Sequence[str], run: str) -> None:
         [cause for cause in found.causes if cause.verdict == verdict]
         for verdict in ("significant", "possible", "ruled out")
     )
+    notable = [cause for cause in possible if cause.deviate > _NOTABLE]
+    shown = [*significant, *notable]
     heads = ["cause", "|CoM shift [mm]", "|95 % +-", "|roll, pitch [deg]", "verdict"]
-    rows = [*map(_row, [*significant, *possible[:_SHOWN]])]
-    show_table(f"{found.robot}: causes of a lean at the stance", heads, rows, console)
-    console.print("CoM shift: of the centre of mass over the feet, forward and to the left.")
+    if shown:
+        show_table(f"{found.robot}: causes of a lean at the stance", heads, [*map(_row, shown)], console)
+        console.print("CoM shift: of the centre of mass over the feet, forward and to the left.")
     if not significant:
-        console.print("No cause is significant. More motions determine smaller ones.")
+        console.print(f"{found.robot}: no cause is significant; more motions determine smaller ones")
     for cause in significant:
         values = ", ".join(map(_value, cause.values))
         console.print(escape(f"{cause.name}: {values}: {cause.change}"), soft_wrap=True)
     if significant:
         console.print(escape(f"RUN is {run}"), soft_wrap=True)
-    for name in dict.fromkeys(name for name, *_ in found.inseparable):
+    for name in (cause.name for cause in shown if cause.name in {name for name, *_ in found.inseparable}):
         others = ", ".join(
             f"{other} ({correlation:.2f})" for one, other, correlation in found.inseparable if one == name
         )
         console.print(escape(f"{name} is not separated by these data from (correlation): {others}"))
-    for words, causes in (("also possible", possible[_SHOWN:]), ("ruled out", out)):
+    for words, causes in (("not determined", possible[len(notable) :]), ("ruled out", out)):
         if causes:
             largest = 1000 * max(cause.size + cause.bound for cause in causes)
             console.print(f"{words}: {_counted(causes)}, CoM shift up to {largest:.1f} mm")
