@@ -12,7 +12,7 @@ DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view robots motors footholds legs weigh validate size walking wrong-files feet)
+  guard report view robots motors footholds legs weigh validate size walking wrong-files feet diagnose)
 
 # Prints code lines, classes and readability of each package with budgets and targets; lowers the budgets to the present numbers.
 size: $(DEV_STAMP)
@@ -192,6 +192,10 @@ bench-footholds: $(ROBOTS_STAMP)
 # Half an hour on one core; resumes like bench-accuracy.
 bench-legs: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/legs.py
+
+# Half an hour on two cores; resumes like bench-accuracy.
+bench-diagnose: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/diagnose.py
 
 # Ten minutes on one core; resumes like bench-accuracy.
 bench-wrong-files: $(ROBOTS_STAMP)

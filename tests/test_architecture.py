@@ -167,7 +167,7 @@ REFUSED = {
         "estimate log.csv --robot")},
     **{f"{verb} no/such.urdf": 3 for verb in ("calibrate", "audit", "plan")},
     **{f"{verb} nosuch": 5 for verb in (
-        "estimate", "view", "report", "export", "compare", "lab validate", "calibrate --resume")},
+        "estimate", "diagnose", "view", "report", "export", "compare", "lab validate", "calibrate --resume")},
     **{f"{verb} --bogus": 2 for verb in ("audit", "export", "report", "doctor", "record", "calibrate --resume nosuch")},
     **dict.fromkeys(("record --duration soon", "doctor --duration soon", "doctor --platform nosuch", "calibrat"), 2),
     **dict.fromkeys(("export --samples x", "calibrate --bogus", "calibrate --mass heavy", "calibrate --payload heavy"), 2),

@@ -14,7 +14,7 @@ from equipoise.method.table import METHODS, method_named
 # Verbs, and those with other flags because of one that is given; in front of them what a verb does not go without.
 SHAPES = {
     **{verb: [verb] for verb in VERBS if verb not in ("robots", "platforms")},
-    **{verb: [verb, "RUN"] for verb in ("estimate", "view")},
+    **{verb: [verb, "RUN"] for verb in ("estimate", "diagnose", "view")},
     "payload": ["payload", "unitree_a1"],
     **{f"lab {verb}": ["lab", verb] for verb in ("balance", "monte-carlo", "reproduce")},
     "lab validate": ["lab", "validate", "RUN"],
@@ -34,7 +34,7 @@ def named(words):
     return " ".join(words[:count]), words[count:]
 
 
-TABLES = {"estimate", "view", "validate"}  # verbs that take further tables, so that one more word is one
+TABLES = {"estimate", "diagnose", "view", "validate"}  # verbs that take further tables, so that one more word is one
 NUMBERS = {
     "X Y Z": "0.01 -0.02 3e-2",
     "KG KG": "13 14",

@@ -22,6 +22,7 @@ VERBS = {
     "calibrate": ("equipoise.cli.calibrate", "estimate mass, centre of mass and inertia, simulated or real"),
     "plan": ("equipoise.cli.inspect", "show the motions of 'calibrate' and predict its accuracy"),
     "estimate": ("equipoise.cli.inspect", "estimate again from a run, or from a log of another program"),
+    "diagnose": ("equipoise.cli.inspect", "find why a robot leans: joint, IMU, payload or torque"),
     "view": ("equipoise.cli.view", "show a run or a log in the Rerun viewer"),
     "report": ("equipoise.cli.report", "write a page about one run, or a page that compares several"),
     "export": ("equipoise.cli.export", "write the result into the file that your controller reads"),

@@ -10,7 +10,7 @@ from equipoise.calibration.run_header import read_header
 from equipoise.robot.catalog import find_model, read_model_file
 
 _ROBOT_FIRST = ("audit", "calibrate", "doctor", "plan", "record", "payload", "lab balance", "lab monte-carlo")
-_RUN_FIRST = ("compare", "estimate", "export", "report", "view", "lab validate")
+_RUN_FIRST = ("compare", "diagnose", "estimate", "export", "report", "view", "lab validate")
 
 
 def chosen(words: Sequence[str], flag: str, default: str) -> str:

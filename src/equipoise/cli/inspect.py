@@ -1,4 +1,4 @@
-"""Verbs that need no robot: plan, estimate, audit."""
+"""Verbs that need no robot: plan, estimate, diagnose, audit."""
 
 from __future__ import annotations
 
@@ -23,10 +23,12 @@ from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.report import try_to_save
 from equipoise.cli.setting_flags import flags_of, optional, spec_of, values_of
 from equipoise.errors import ModelError, RecordingError, SettingsError
+from equipoise.json_form import fields_to_json
 from equipoise.method.method import Method
 from equipoise.method.table import METHODS, settings_of
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
+from equipoise.user_file import typed
 
 if TYPE_CHECKING:
     from equipoise.calibration.run_folder import RunFolder
@@ -146,7 +148,7 @@ CHOSEN: dict[Any, ChosenFlags] = {
     Method: METHOD_FLAGS,
     Mapping[str, Any]: (_given_flags, _refuse_other),
 }
-"""Parameters of `plan` and `estimate` whose flags depend on `--method`, `--parameters` and the run."""
+"""Parameters of `plan`, `estimate` and `diagnose` whose flags depend on `--method`, `--parameters` and the run."""
 
 
 def _method_of(arguments: Sequence[str]) -> str:
@@ -221,6 +223,39 @@ def _estimate_log(
         print_log_report(estimated.report, output.verbose)
         output.show(result, files, output.out)
     return result
+
+
+def diagnose(
+    log: flags.Run,
+    *,
+    given: Annotated[Mapping[str, Any], arg(name="method")],
+    source: Annotated[flags.LogFlags, arg(name="log")],
+    description: flags.Described,
+    output: flags.Output,
+) -> int:
+    """Find why a robot leans: joint offsets, the IMU's level, a payload, or torque gains.
+    Reads a calibration, or a log of half a minute of standing and shifting its weight.
+
+    Causes are ranked by significance, with the shift of the centre of mass over the feet
+    that each explains, and what to change. Exits with 1 if a cause is significant.
+
+    Example: equipoise diagnose runs/go2
+             equipoise diagnose bags/shifting --robot go2 --mass 16.2
+    """
+    from equipoise.estimator.diagnostics.causes import diagnose as find_causes
+    from equipoise.terminal.diagnosis import print_diagnosis
+
+    if source.robot is not None:
+        result = estimate_from_log(log, source, description, given, output).result
+        run = f"the file of 'equipoise estimate {typed(log)} --robot {typed(source.robot)} --out FILE'"
+    else:
+        folder = flags.open_run(log, source, description)
+        result, run = folder.estimate(folder.method().having(given)), typed(log)
+    found = find_causes(result)
+    failed = [check.name for check in result.checks if not check.passed]
+    table = {"schema": "equipoise.diagnosis/1", **fields_to_json(found), "failed_checks": failed}
+    output.write(table, lambda: print_diagnosis(found, failed, run))
+    return int(found.causes[0].verdict == "significant")
 
 
 Robots = Annotated[
