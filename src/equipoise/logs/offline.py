@@ -26,7 +26,7 @@ from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 
 _CLOCK_TOLERANCE = 5e-3  # [s]: below what the legs resolve; the estimate finds the rest
-_WALKING_TILT = 0.01  # [rad]
+_WALKING_TILT, _MARKER_POSITION = 0.01, 0.01  # [rad], [m]
 _UPSIDE_DOWN = 0.7  # cosine of the largest angle between the measured vertical and straight down
 _OTHER_ORDERS = (("FR", "FL", "RR", "RL"), ("RL", "RR", "FL", "FR"), ("RR", "RL", "FR", "FL"))
 _SLOW_JOINTS, _SLOW_IMU = 80.0, 80.0  # [Hz] on an A1
@@ -89,7 +89,7 @@ def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = No
     recordings = usable(segments)
     if not recordings:
         raise _nothing_usable(report)
-    method = _with_wide_mounting_prior(method, recordings)
+    method = _with_wide_mounting_prior(method, recordings, log.from_pose)
     try:
         result = method.estimate(robot, recordings, stance, lifts_needed=False)
     except RecordingError as error:
@@ -98,15 +98,21 @@ def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = No
     return LogEstimate(result, replace(report, limitations=tuple(_limitations(result, report, method))))
 
 
-def _with_wide_mounting_prior(method: BayesianMethod, recordings: Sequence[Recording]) -> BayesianMethod:
-    """Return the method with a prior std of the IMU's mounting that covers real robots, unless the user set one.
+def _with_wide_mounting_prior(
+    method: BayesianMethod, recordings: Sequence[Recording], from_pose: bool
+) -> BayesianMethod:
+    """Return the method with prior stds of the IMU's mounting that cover real robots, unless the user set them.
 
-    Stance motions determine the mounting whatever the prior is; after a walk alone the intervals depend on the prior.
+    Stance motions determine the tilt whatever the prior is; after a walk alone the intervals depend on the prior. The markers
+    of a pose, in place of an IMU, are placed by hand.
     """
-    moved = any(isinstance(one.trial, PostureTrial) for one in recordings)
-    if moved or method.prior_run is not None or method.priors.imu_tilt != Priors().imu_tilt:
+    if method.prior_run is not None:
         return method
-    return replace(method, priors=replace(method.priors, imu_tilt=_WALKING_TILT))
+    wide: dict[str, float] = {"imu_position": _MARKER_POSITION} if from_pose else {}
+    if from_pose or not any(isinstance(one.trial, PostureTrial) for one in recordings):
+        wide["imu_tilt"] = _WALKING_TILT
+    unset = {name: std for name, std in wide.items() if getattr(method.priors, name) == getattr(Priors(), name)}
+    return replace(method, priors=replace(method.priors, **unset))
 
 
 def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findings: list[LogFinding]) -> Recording:

@@ -18,14 +18,13 @@ from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import JointMap, map_joints
 from equipoise.logs.motions.loads import FootForces
 from equipoise.logs.orientation import angular_velocity_of
+from equipoise.logs.repeats import repeated_rows
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording, read_only
 from equipoise.robot.model import RobotModel
 
 _MOST_BAD = 0.05  # of a stream's samples: more is not packet loss but another kind of file
 _LEAST_OVERLAP = 1.0  # [s] of joints and IMU together
-_REPEATED = 0.3  # of consecutive samples that repeat: an IMU that was written more often than it was read
 _SLOWEST = 20.0  # [Hz]
-_LONGEST_REPEATED = 20  # samples: an IMU that repeats for longer is frozen
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +56,14 @@ class RawImu:
         angular_velocity_in_imu: (n, 3) angular velocity [rad/s], or None if the log has only an orientation.
         acceleration_in_imu: (n, 3) specific force [m/s2], or None.
         quat_wxyz: (n, 4) fused orientation of the IMU in the world, or None; used where there is no angular velocity.
+        from_pose: True if the acceleration is the second derivative of the base's position.
     """
 
     time: FloatArray
     angular_velocity_in_imu: FloatArray | None
     acceleration_in_imu: FloatArray | None
     quat_wxyz: FloatArray | None = None
+    from_pose: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +95,7 @@ class Log:
         about: topics, columns and stamps that the streams are from.
         findings: findings of reader and conversion.
         foot_forces: readings of the foot force sensors, or None.
+        from_pose: True if the IMU's samples are derived from poses of the base.
     """
 
     recording: Recording
@@ -101,6 +103,7 @@ class Log:
     about: Mapping[str, str]
     findings: tuple[LogFinding, ...]
     foot_forces: FootForces | None = None
+    from_pose: bool = False
 
 
 def assemble(
@@ -131,7 +134,7 @@ def assemble(
     _check_rate("IMU", imu.time)
     recording = Recording(robot.joint_names, joints, imu, commands)
     about = {**raw.about, "rates": f"joints {rate(joints.time):.0f} Hz, IMU {rate(imu.time):.0f} Hz"}
-    return Log(recording, joint_map, about, tuple(findings), _foot_forces(raw.joints, origin))
+    return Log(recording, joint_map, about, tuple(findings), _foot_forces(raw.joints, origin), raw.imu.from_pose)
 
 
 def rate(time: FloatArray) -> float:
@@ -225,16 +228,13 @@ def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings:
     if raw.acceleration_in_imu is None or not _any_numbers(raw.acceleration_in_imu):
         raise RecordingError(
             "the log has no accelerometer. A fused orientation gives the vertical, not the specific force while the body "
-            "tips, which a lift needs: log the raw accelerometer, with gravity"
+            "tips, which a lift needs: log the raw accelerometer, with gravity, or the position of the base by motion capture"
         )
     values = [_angular_velocity(raw, raw.acceleration_in_imu, findings), raw.acceleration_in_imu]
     kept = _kept("IMU", raw.time, values, span, findings)
     if len(kept) > 1:
-        same = np.all([(np.diff(part[kept], axis=0) == 0).all(axis=1) for part in values], axis=0)
-        repeated = np.concatenate([[False], same])
-        longest = int(np.diff(np.flatnonzero(np.concatenate([[True], ~repeated[1:], [True]]))).max())
-        if repeated.mean() > _REPEATED and longest <= _LONGEST_REPEATED:
-            # Repeated values would look like a sensor with half the noise that lags by half its period.
+        repeated = repeated_rows([part[kept] for part in values])
+        if repeated.any():
             message = f"{repeated.mean():.0%} of the IMU samples repeat the last one, as if written faster than read: left out"
             findings.append(LogFinding("IMU", message))
             kept = kept[~repeated]

@@ -6,6 +6,7 @@ velocity.JOINT, torque.JOINT           [rad/s], [Nm]; if the robot measures them
 gyro.x gyro.y gyro.z                   [rad/s], in the IMU's frame
 accelerometer.x .y .z                  [m/s2], +9.81 upward at rest
 orientation.w .x .y .z                 unit quaternion from the IMU's axes to level ones; or .roll .pitch .yaw [rad]
+base_position.x .y .z                  [m] of the base link, z up, in place of an accelerometer; the orientation is the link's
 command.JOINT                          position targets [rad]; optional
 foot_force.FL .FR .RL .RR              readings of the foot force sensors, in any unit; optional
 
@@ -21,12 +22,14 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
+from equipoise.logs.base_pose import imu_of_poses
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.orientation import quaternions_of
 from equipoise.logs.raw_log import RawImu, RawJoints, RawLog
 from equipoise.logs.tables.column_names import (
     ACCELEROMETER,
     ANGLES,
+    BASE_POSITION,
     FOOT_FORCES,
     GYROSCOPE,
     QUATERNION,
@@ -65,14 +68,14 @@ def read_table(
     if known.missing():
         raise _missing_columns(file, known, *propose(robot, file, known))
     check_names_in_cells(robot, file, known)
-    return _Streams(file, known).raw_log(suffix_of(path))
+    return _Streams(file, known, robot).raw_log(suffix_of(path))
 
 
 class _Streams:
     """Conversion of a file's columns to streams."""
 
-    def __init__(self, file: TableFile, columns: Columns) -> None:
-        self.file, self.columns, rate = file, columns, columns.rate
+    def __init__(self, file: TableFile, columns: Columns, robot: RobotModel) -> None:
+        self.file, self.columns, self.robot, rate = file, columns, robot, columns.rate
         self.time = np.arange(file.rows) / rate if rate else file.clock(columns.names[TIME]) * columns.factor(TIME)
 
     def raw_log(self, kind: str) -> RawLog:
@@ -82,7 +85,8 @@ class _Streams:
             kind: name of the kind of file.
         """
         findings: list[LogFinding] = []
-        joints, imu = self._joints("position", findings), self._imu()
+        joints = self._joints("position", findings)
+        imu = self._imu_of_poses(findings) if self.columns.has_pose() else self._imu()
         for name, stamps in (("joint", joints.time), ("IMU", imu.time)) if self.columns.rate is None else ():
             _check_seconds(self.file, name, stamps)
         commands = self._joints("command", findings) if self.columns.joints("command") else None
@@ -124,6 +128,19 @@ class _Streams:
             acceleration[rows],
             None if orientation is None else orientation[rows],
         )
+
+    def _imu_of_poses(self, findings: list[LogFinding]) -> RawImu:
+        """Return IMU samples that are derived from the base's pose; a gyroscope's are interpolated at their times."""
+        quaternions = self._orientation()
+        assert quaternions is not None  # as `Columns.missing` requires
+        derived = imu_of_poses(self.robot, self.time, self._stacked(BASE_POSITION), quaternions)
+        findings.append(LogFinding("IMU", derived.message))
+        turning = derived.angular_velocity_in_imu
+        if self.columns.has(GYROSCOPE):
+            gyroscope = self._stacked(GYROSCOPE)
+            valid = np.isfinite(self.time) & np.isfinite(gyroscope).all(axis=1)
+            turning = _interpolated(derived.time, self.time[valid], gyroscope[valid])
+        return RawImu(derived.time, turning, derived.acceleration_in_imu, from_pose=True)
 
     def _check_exchanged(self, gyroscope: FloatArray | None, acceleration: FloatArray) -> None:
         """Raise RecordingError if the gyroscope's columns carry gravity, and the accelerometer's do not."""
