@@ -89,7 +89,7 @@ def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = No
     recordings = usable(segments)
     if not recordings:
         raise _nothing_usable(report)
-    method = _with_wide_mounting_prior(method, recordings, log.from_pose)
+    method = _with_wide_mounting_prior(method, recordings, recording.imu.pose_noise is not None)
     try:
         result = method.estimate(robot, recordings, stance, lifts_needed=False)
     except RecordingError as error:

@@ -56,14 +56,14 @@ class RawImu:
         angular_velocity_in_imu: (n, 3) angular velocity [rad/s], or None if the log has only an orientation.
         acceleration_in_imu: (n, 3) specific force [m/s2], or None.
         quat_wxyz: (n, 4) fused orientation of the IMU in the world, or None; used where there is no angular velocity.
-        from_pose: True if the acceleration is the second derivative of the base's position.
+        pose_noise: (n, 2) noise of the poses that the samples are derived from, as in `ImuStream`, or None.
     """
 
     time: FloatArray
     angular_velocity_in_imu: FloatArray | None
     acceleration_in_imu: FloatArray | None
     quat_wxyz: FloatArray | None = None
-    from_pose: bool = False
+    pose_noise: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,6 @@ class Log:
         about: topics, columns and stamps that the streams are from.
         findings: findings of reader and conversion.
         foot_forces: readings of the foot force sensors, or None.
-        from_pose: True if the IMU's samples are derived from poses of the base.
     """
 
     recording: Recording
@@ -103,7 +102,6 @@ class Log:
     about: Mapping[str, str]
     findings: tuple[LogFinding, ...]
     foot_forces: FootForces | None = None
-    from_pose: bool = False
 
 
 def assemble(
@@ -134,7 +132,7 @@ def assemble(
     _check_rate("IMU", imu.time)
     recording = Recording(robot.joint_names, joints, imu, commands)
     about = {**raw.about, "rates": f"joints {rate(joints.time):.0f} Hz, IMU {rate(imu.time):.0f} Hz"}
-    return Log(recording, joint_map, about, tuple(findings), _foot_forces(raw.joints, origin), raw.imu.from_pose)
+    return Log(recording, joint_map, about, tuple(findings), _foot_forces(raw.joints, origin))
 
 
 def rate(time: FloatArray) -> float:
@@ -238,7 +236,8 @@ def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings:
             message = f"{repeated.mean():.0%} of the IMU samples repeat the last one, as if written faster than read: left out"
             findings.append(LogFinding("IMU", message))
             kept = kept[~repeated]
-    return ImuStream(raw.time[kept] - origin, *(_taken(part, kept) for part in values))
+    noise = None if raw.pose_noise is None else _taken(raw.pose_noise, kept)
+    return ImuStream(raw.time[kept] - origin, *(_taken(part, kept) for part in values), pose_noise=noise)
 
 
 def _angular_velocity(raw: RawImu, acceleration_in_imu: FloatArray, findings: list[LogFinding]) -> FloatArray:

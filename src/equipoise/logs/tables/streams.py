@@ -130,17 +130,12 @@ class _Streams:
         )
 
     def _imu_of_poses(self, findings: list[LogFinding]) -> RawImu:
-        """Return IMU samples that are derived from the base's pose; a gyroscope's are interpolated at their times."""
-        quaternions = self._orientation()
+        """Return IMU samples that are derived from the base's pose, at the times of a gyroscope if there is one."""
+        quaternions, turning = self._orientation(), self._stacked(GYROSCOPE) if self.columns.has(GYROSCOPE) else None
         assert quaternions is not None  # as `Columns.missing` requires
-        derived = imu_of_poses(self.robot, self.time, self._stacked(BASE_POSITION), quaternions)
-        findings.append(LogFinding("IMU", derived.message))
-        turning = derived.angular_velocity_in_imu
-        if self.columns.has(GYROSCOPE):
-            gyroscope = self._stacked(GYROSCOPE)
-            valid = np.isfinite(self.time) & np.isfinite(gyroscope).all(axis=1)
-            turning = _interpolated(derived.time, self.time[valid], gyroscope[valid])
-        return RawImu(derived.time, turning, derived.acceleration_in_imu, from_pose=True)
+        imu, message = imu_of_poses(self.robot, self.time, self._stacked(BASE_POSITION), quaternions, turning)
+        findings.append(LogFinding("IMU", message))
+        return imu
 
     def _check_exchanged(self, gyroscope: FloatArray | None, acceleration: FloatArray) -> None:
         """Raise RecordingError if the gyroscope's columns carry gravity, and the accelerometer's do not."""
