@@ -19,14 +19,18 @@ from equipoise.logs.finding import LogFinding
 from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import LogSegment, find_segments, usable
 from equipoise.logs.raw_log import Log, rate
+from equipoise.method.method import Method
+from equipoise.recording.event import PHASE, Event
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import CrawlTrial, LiftTrial, PostureTrial, WalkTrial
+from equipoise.recording.trials import CrawlTrial, LiftTrial, PostureTrial, StandTrial, WalkTrial
 from equipoise.result.calibration import Calibration
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 
 _CLOCK_TOLERANCE = 5e-3  # [s]: below what the legs resolve; the estimate finds the rest
 _WALKING_TILT, _MARKER_POSITION = 0.01, 0.01  # [rad], [m]
+_STANDS = 0.05  # [rad] by which a joint of a standing robot moves at most
 _UPSIDE_DOWN = 0.7  # cosine of the largest angle between the measured vertical and straight down
 _OTHER_ORDERS = (("FR", "FL", "RR", "RL"), ("RL", "RR", "FL", "FR"), ("RR", "RL", "FR", "FL"))
 _SLOW_JOINTS, _SLOW_IMU = 80.0, 80.0  # [Hz] on an A1
@@ -96,6 +100,27 @@ def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = No
         raise RecordingError(str(error), report, details={"log": report.to_dict()}) from error
     report = replace(report, segments=_judged(segments, result))
     return LogEstimate(result, replace(report, limitations=tuple(_limitations(result, report, method))))
+
+
+def estimate_standing_log(robot: RobotModel, log: Log, method: Method) -> LogEstimate:
+    """Estimate from a log of a robot that stands throughout, perhaps of one sample, by a method that needs no motion.
+
+    Raises:
+        RecordingError: the joints move, or the method cannot use the recording.
+    """
+    time, position = log.recording.joints.time, log.recording.joints.position
+    moved = np.ptp(position, axis=0)
+    if moved.max() > _STANDS:
+        raise RecordingError(
+            f"the robot does not stand still: {robot.joint_names[int(moved.argmax())]} moves by {moved.max():.2f} rad; at "
+            f"most {_STANDS} rad are allowed. Select a part in which it stands with --from and --until"
+        )
+    start, end = float(time[0]), float(time[-1])
+    trial = StandTrial(found_at=start)
+    recording = replace(log.recording, events=(Event(start, PHASE, {"name": Phase.REST}),), found_trial=trial)
+    result = method.estimate(robot, [recording], nominal_stance(robot))
+    segment = LogSegment(start, end, "rest", "rest on four feet", None, recording)
+    return LogEstimate(result, LogReport(log, (segment,), log.findings))
 
 
 def _with_wide_mounting_prior(

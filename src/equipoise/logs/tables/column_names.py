@@ -181,8 +181,14 @@ class Columns:
             ours.removeprefix(f"{kind}.") for ours, name in self.names.items() if name and ours.startswith(f"{kind}.")
         ]
 
-    def missing(self) -> tuple[str, ...]:
-        """Return the columns that an estimate needs and the table lacks."""
+    def missing(self, standing: bool = False) -> tuple[str, ...]:
+        """Return the columns that an estimate needs and the table lacks.
+
+        Args:
+            standing: True for the log of a standing robot, which needs joint positions and torques.
+        """
+        if standing:
+            return tuple(f"{kind}.JOINT" for kind in ("position", "torque") if not self.joints(kind))
         if self.has_pose():
             needed: tuple[str, ...] = () if self.has(ANGLES) else QUATERNION
         else:

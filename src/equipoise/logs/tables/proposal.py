@@ -38,11 +38,12 @@ _UPRIGHT = 0.15  # of a quaternion's x and y: a lean of 17 degrees
 _FLOATING_BASE = {"position": 7, "command": 7, "velocity": 6, "torque": 6}  # columns of the base before the joints'
 
 
-def propose(robot: RobotModel, file: TableFile, known: Columns) -> tuple[tuple[str, ...], str]:
+def propose(robot: RobotModel, file: TableFile, known: Columns, standing: bool = False) -> tuple[tuple[str, ...], str]:
     """Return the columns without a suggestion, and TOML for --columns: suggestions, comments, and lines to complete.
 
     Args:
         known: columns that are already mapped.
+        standing: True for the log of a standing robot; see `Columns.missing`.
 
     Raises:
         RecordingError: names contradict each other.
@@ -72,8 +73,9 @@ def propose(robot: RobotModel, file: TableFile, known: Columns) -> tuple[tuple[s
             notes[TIME] = f"by name; consecutive samples are less than half a second apart in {unit}"
         units |= {TIME: unit} if unit != "s" else {}
     proposed = Columns(names, units, known.rate)
-    lines = _lines_to_complete(robot, proposed.missing()) + _unused_columns(file, set(names.values()))
-    return proposed.missing(), proposed.to_toml(notes).lstrip() + lines
+    missing = proposed.missing(standing)
+    lines = _lines_to_complete(robot, missing) + _unused_columns(file, set(names.values()))
+    return missing, proposed.to_toml(notes).lstrip() + lines
 
 
 def _of_free_flyer(robot: RobotModel, file: TableFile, by_kind: ByKind) -> dict[str, tuple[dict[str, str], str]]:
@@ -124,8 +126,8 @@ def _with_unit(kind: str, found: Mapping[str, str], units: dict[str, str]) -> st
 
 def _lines_to_complete(robot: RobotModel, missing: Sequence[str]) -> str:
     """Return remarks in which the user fills in the missing columns."""
-    joints = [f"position.{joint}" for joint in robot.joint_names] if "position.JOINT" in missing else []
-    names = [*(name for name in missing if name != "position.JOINT"), *joints]
+    parts = [name.partition("JOINT") for name in missing]
+    names = [f"{kind}{joint}" for kind, any_joint, _ in parts for joint in (robot.joint_names if any_joint else [""])]
     rate = "# or, without a time: rate = 500, in samples a second\n" if TIME in missing else ""
     return "".join(f'# missing: {name} = "..."\n' for name in names) + rate
 

@@ -16,6 +16,7 @@ Cells may be empty: streams of different rates share a table by rows with only j
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,13 +47,19 @@ from equipoise.robot.model import RobotModel
 
 
 def read_table(
-    path: Path, robot: RobotModel, topics: Topics, columns: Columns | None = None, tables: Sequence[Path] = ()
+    path: Path,
+    robot: RobotModel,
+    topics: Topics,
+    columns: Columns | None = None,
+    tables: Sequence[Path] = (),
+    standing: bool = False,
 ) -> RawLog:
     """Return the streams of a table: a `LogReader`.
 
     Args:
         columns: the user's map of columns without documented names.
         tables: further tables of the same run, which are joined with it by their time.
+        standing: True for a log of a standing robot, which needs no IMU, and no time.
 
     Raises:
         RecordingError: columns are missing; it proposes a map.
@@ -65,10 +72,12 @@ def read_table(
     given.check(file.names, file.title)
     known = given.of_table(file.names)
     file.refuse_twins(known.names.values())
-    if known.missing():
-        raise _missing_columns(file, known, *propose(robot, file, known))
+    if standing and not known.has([TIME]):
+        known = replace(known, rate=known.rate or 1.0)
+    if missing := known.missing(standing):
+        raise _missing_columns(file, missing, *propose(robot, file, known, standing))
     check_names_in_cells(robot, file, known)
-    return _Streams(file, known, robot).raw_log(suffix_of(path))
+    return _Streams(file, known, robot).raw_log(suffix_of(path), standing)
 
 
 class _Streams:
@@ -78,17 +87,22 @@ class _Streams:
         self.file, self.columns, self.robot, rate = file, columns, robot, columns.rate
         self.time = np.arange(file.rows) / rate if rate else file.clock(columns.names[TIME]) * columns.factor(TIME)
 
-    def raw_log(self, kind: str) -> RawLog:
+    def raw_log(self, kind: str, standing: bool) -> RawLog:
         """Return all streams.
 
         Args:
             kind: name of the kind of file.
+            standing: see `read_table`.
         """
         findings: list[LogFinding] = []
         joints = self._joints("position", findings)
-        imu = self._imu_of_poses(findings) if self.columns.has_pose() else self._imu()
-        for name, stamps in (("joint", joints.time), ("IMU", imu.time)) if self.columns.rate is None else ():
-            _check_seconds(self.file, name, stamps)
+        if standing:  # a pose differs little from the plane of the feet
+            imu = self._imu() if self.columns.has((*ACCELEROMETER, *GYROSCOPE)) else None
+        else:
+            imu = self._imu_of_poses(findings) if self.columns.has_pose() else self._imu()
+        stamped = [] if standing or self.columns.rate else [("joint", joints), ("IMU", imu)]
+        for name, stream in stamped:
+            _check_seconds(self.file, name, stream.time if stream is not None else np.empty(0))
         commands = self._joints("command", findings) if self.columns.joints("command") else None
         about = {"format": f"{kind} table, {len(self.time)} rows"}
         return RawLog(joints, imu, commands, about, tuple(findings))
@@ -172,9 +186,9 @@ def _interpolated(at: FloatArray, time: FloatArray, table: FloatArray) -> FloatA
     return np.column_stack(columns)
 
 
-def _missing_columns(file: TableFile, known: Columns, nameless: Sequence[str], proposal: str) -> RecordingError:
+def _missing_columns(file: TableFile, missing: Sequence[str], nameless: Sequence[str], proposal: str) -> RecordingError:
     return ColumnProposal(
-        f"{file.title} has no {', '.join(known.missing())}. The names of its columns suggest the mapping below"
+        f"{file.title} has no {', '.join(missing)}. The names of its columns suggest the mapping below"
         + (f", but nothing for {', '.join(nameless)}: write these lines yourself" if nameless else "")
         + ("; --rate HERTZ stands in for a time where samples are evenly spaced" if TIME in nameless else ""),
         proposal,
