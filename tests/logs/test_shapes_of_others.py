@@ -563,7 +563,7 @@ def test_a_rate_may_be_typed_where_there_is_no_time(a1, trotted, expected, tmp_p
     with pytest.raises(RecordingError) as raised:
         read_log(tmp_path / "log.npz", a1)
     monkeypatch.setattr("sys.stdin", io.StringIO("\nrate = 0\nrate = 500\n\n\n"))
-    assert_same(read_log(tmp_path / "log.npz", a1, columns=ask_columns(raised.value)).recording, expected)
+    assert_same(read_log(tmp_path / "log.npz", a1, columns=ask_columns(raised.value.report)).recording, expected)
     shown = capsys.readouterr().err
     assert "still missing: time" in shown
     assert "the rate must be above zero" in shown
