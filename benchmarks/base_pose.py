@@ -123,7 +123,7 @@ def lines(rows: list[dict]) -> Iterator[str]:
         f"parameters. Seeds from {FIRST_SEED} on, not used in development."
     )
     yield ""
-    yield "| robot | angular velocity | n | CoM x, y, z [mm] | file | Ixx, Iyy, Izz [%] | file | z | coverage | failed checks |"
+    yield "| robot | angular velocity | n | CoM x, y, z [mm] | file | Ixx, Iyy, Izz [%] | file | z | coverage | failed |"
     yield "|" + "---|" * 10
     for name in ROBOTS:
         for source in SOURCES:
