@@ -98,6 +98,9 @@ def test_a_log_that_cannot_be_used_is_refused_with_the_remedy(a1, tmp_path):
     without = {name: column for name, column in table.items() if not name.startswith("torque")}
     with pytest.raises(RecordingError, match=r"has no torque\.JOINT"):
         read_log(write_csv(tmp_path / "without.csv", without), a1, standing=True)
+    lying = {name: column * (0 if name.startswith("torque") else 1) + 1e-3 for name, column in table.items()}
+    with pytest.raises(RecordingError, match="the robot lies or hangs"):
+        estimate_standing_log(a1, read_log(write_csv(tmp_path / "lying.csv", lying), a1, standing=True), Static())
     moving = {name: np.concatenate([column, column + 0.1, column]) for name, column in table.items()}
     path = write_csv(tmp_path / "moving.csv", {"time": np.arange(3.0), **moving})
     with pytest.raises(RecordingError, match=r"moves by 0\.10 rad.*--from and --until"):

@@ -27,6 +27,7 @@ from equipoise.recording.trials import CrawlTrial, LiftTrial, PostureTrial, Stan
 from equipoise.result.calibration import Calibration
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
+from equipoise.robot.statics import PLAUSIBLE_LOAD, carried_mass
 
 _CLOCK_TOLERANCE = 5e-3  # [s]: below what the legs resolve; the estimate finds the rest
 _WALKING_TILT, _MARKER_POSITION = 0.01, 0.01  # [rad], [m]
@@ -114,6 +115,13 @@ def estimate_standing_log(robot: RobotModel, log: Log, method: Method) -> LogEst
         raise RecordingError(
             f"the robot does not stand still: {robot.joint_names[int(moved.argmax())]} moves by {moved.max():.2f} rad; at "
             f"most {_STANDS} rad are allowed. Select a part in which it stands with --from and --until"
+        )
+    torque = log.recording.joints.torque
+    carried = 0.0 if torque is None else carried_mass(robot, position.mean(axis=0), torque.mean(axis=0))
+    if torque is not None and carried < PLAUSIBLE_LOAD[0] * robot.mass:
+        raise RecordingError(
+            f"the joint torques carry {carried:.1f} kg of the model's {robot.mass:.1f} kg: the robot lies or hangs, or the "
+            "torques have the wrong sign. Record it standing on four feet, or correct the sign"
         )
     start, end = float(time[0]), float(time[-1])
     trial = StandTrial(found_at=start)
