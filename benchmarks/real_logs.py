@@ -3,13 +3,17 @@
 The logs are not distributed here: a checkout is passed by path, and read as with `--columns`. Nothing was tuned on them.
 
     git clone https://github.com/mrsp/serow
-    python benchmarks/real_logs.py serow
+    git clone https://github.com/hanlinniu/unitree_sdk2_python
+    python benchmarks/real_logs.py serow unitree_sdk2_python
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import re
+import tempfile
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
@@ -22,11 +26,14 @@ import numpy as np
 from provenance import write_page
 
 from equipoise import BayesianMethod, RobotModel, load_robot
+from equipoise.drivers.unitree.motors import MOTOR_LEGS, MOTORS
 from equipoise.errors import EquipoiseError
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.problem import MapProblem
 from equipoise.estimator.solve import solve
-from equipoise.logs.offline import LogEstimate, estimate_log
+from equipoise.lab.static.method import Static
+from equipoise.logs.joint_names import map_by_order
+from equipoise.logs.offline import LogEstimate, estimate_log, estimate_standing_log
 from equipoise.logs.raw_log import Log
 from equipoise.logs.reader import read_log
 from equipoise.logs.tables.column_names import Columns
@@ -38,6 +45,7 @@ RESULTS = Path(__file__).parent / "results"
 MASSES = ((12.0, 0.5), (12.0, 3.0), (13.1, 0.5), (14.5, 0.5), (16.0, 0.5))  # [kg] with standard deviations
 STARTS = 5
 GO1 = "evaluation/unit_tests/data/go1.csv"
+MESSAGES = {state: f"example/low_level/motor_state_data_example_{state}.py" for state in ("standup", "sit")}
 COLUMNS = {
     "time": "Time(s)",
     **{f"gyro.{axis}": f"BaseW{axis}" for axis in "xyz"},
@@ -53,6 +61,22 @@ ELSEWHERE = (
     ("ouguangjun/legkilo-dataset, Go1", "stored outside its repository, not available"),
     ("UMich-CURLY/deep-contact-estimator, Mini Cheetah", "stored outside its repository, not available"),
     ("IIT's DLS datasets, HyQ", "needs an account, not available"),
+    (
+        "well-robotics/PRIME and Renkunzhao/PRIME, Go2 with a plate of 4.6 kg",
+        "`p_sense`, `v_sense`, `tau_sense`: the layout is read ([base pose](base_pose.md)); the repositories were not available",
+    ),
+    ("Renkunzhao/PRIME, `lowstate` bags, Go2 with 4 kg on one side", "the repository was not available"),
+    (
+        "ShahramKhorshidi/system_identification, Spot",
+        "torques and contacts available; positions and velocities are too large for the copy that was available",
+    ),
+    ("DLinC3/LegBiCal, B1", "`b1.npz` was not available; `train.npz` and `test.npz` are synthetic"),
+    ("Gepetto/quadruped-reactive-walking, Solo12", "no log in the repository"),
+    ("dfki-ric-underactuated-lab/dfki-quad, Go2", "planned trajectories, no log in the repository"),
+    ("LeCAR-Lab/SPI-Active, Go2", "no log in the repository"),
+    ("ShuoYangRobotics/Cerberus, A1 and Go1", "no log in the repository"),
+    ("alessandroassirelli98/solo12-examples, Solo12", "no log in the repository"),
+    ("iit-DLSLab/muse", "no log in the repository"),
 )
 
 
@@ -63,13 +87,53 @@ def read(checkout: Path, robot: RobotModel) -> Log:
     return read_log(checkout / GO1, robot, columns=Columns({**COLUMNS, **positions, **forces}))
 
 
-def lines(robot: RobotModel, log: Log) -> Iterator[str]:
+def message(checkout: Path, state: str, robot: RobotModel) -> Log:
+    """Return a printed message of a Go2's motors as a log of one sample."""
+    text = (checkout / MESSAGES[state]).read_text(encoding="utf-8")
+    numbers = re.findall(r"\bq=(\S+), dq=\S+, ddq=\S+, tau_est=(\S+),", text)[:MOTORS]
+    motors = [{"q": float(position), "tau_est": float(torque)} for position, torque in numbers]
+    of = {f"motor_state[{index}]": motor for index, motor in enumerate(motors)}
+    joints = {match.robot_joint: match.log_joint for match in map_by_order(robot, MOTOR_LEGS, [*of]).matches}
+    columns = {
+        f"{kind}.{joint}": f"{name}.{field}"
+        for joint, name in joints.items()
+        for kind, field in (("position", "q"), ("torque", "tau_est"))
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "message.jsonl")
+        file.write_text(json.dumps({"motor_state": motors}) + "\n", encoding="utf-8")
+        return read_log(file, robot, columns=Columns(columns), standing=True)
+
+
+def of_messages(checkout: Path) -> Iterator[str]:
+    """Write the section on single messages."""
+    robot = load_robot("go2")
+    yield "## hanlinniu/unitree_sdk2_python: two messages of a Go2"
+    yield ""
+    yield (
+        f"`{MESSAGES['standup']}` and `_sit.py`: encoders and torques of one message each, without IMU, by `--method static`. "
+        f"The model file of the Go2 has {robot.mass:.3f} kg; the true mass is not known."
+    )
+    yield ""
+    yield "| message | mass [kg] | CoM x, y [mm] |"
+    yield "|---|---|---|"
+    for state in MESSAGES:
+        try:
+            mass, x, y, *_ = estimate_standing_log(robot, message(checkout, state, robot), Static()).result.composite
+        except EquipoiseError as error:
+            yield f"| {state} | {type(error).__name__}: {error} | |"
+            continue
+        coms = ", ".join(f"{1e3 * one.value:.1f} ± {1e3 * one.half_width:.1f}" for one in (x, y))
+        yield f"| {state} | {mass.value:.2f} ± {mass.half_width:.2f} | {coms} |"
+
+
+def lines(robot: RobotModel, log: Log, messages: Path) -> Iterator[str]:
     """Write the page."""
     yield "# Logs of real robots"
     yield ""
     yield (
-        "`python benchmarks/real_logs.py SEROW`. Public logs of quadrupeds that could be read, and those that could not. The "
-        "true parameters of these robots are not known, and nothing was tuned on the logs. CoM of the whole robot at the "
+        "`python benchmarks/real_logs.py SEROW SDK`. Public logs of quadrupeds that could be read, and those that could not. "
+        "The true parameters of these robots are not known, and nothing was tuned on the logs. CoM of the whole robot at the "
         "nominal stance and of the trunk with everything fixed to it, in the base frame, with 95 % intervals."
     )
     yield ""
@@ -124,6 +188,8 @@ def lines(robot: RobotModel, log: Log) -> Iterator[str]:
         "change of Ixx per 10 mm."
     )
     yield ""
+    yield from of_messages(messages)
+    yield ""
     yield "## Others"
     yield ""
     yield "| log | |"
@@ -177,10 +243,11 @@ def from_other_starts(found: LogEstimate) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("serow", type=Path, help="checkout of mrsp/serow")
+    parser.add_argument("messages", type=Path, help="checkout of hanlinniu/unitree_sdk2_python")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     robot = load_robot("go1")
-    page = "\n".join(lines(robot, read(arguments.serow, robot))) + "\n"
+    page = "\n".join(lines(robot, read(arguments.serow, robot), arguments.messages)) + "\n"
     write_page("real_logs.md", page)
 
 

@@ -129,13 +129,14 @@ class LogFlags:
     until: Duration = None
     tables: Annotated[Positional[tuple[Path, ...]], arg(metavar="[TABLE...]", help_behavior_hint="")] = ()
 
-    def read(self, path: Path, model: RobotModel, asking: bool) -> Log:
+    def read(self, path: Path, model: RobotModel, asking: bool, standing: bool = False) -> Log:
         """Read a log as the flags describe it; raises SettingsError and RecordingError.
 
         Args:
             path: file, or folder of a bag.
             model: robot of the log.
             asking: true to ask the operator to confirm proposed columns.
+            standing: true for a log of a standing robot, which may be one sample.
         """
         from equipoise.logs.tables.column_names import Columns
         from equipoise.logs.topics import Topics
@@ -150,7 +151,7 @@ class LogFlags:
         columns = None if self.columns is None else Columns.from_toml(self.columns)
         if self.rate is not None:
             columns = (columns or Columns()).with_changes(Columns(rate=self.rate))
-        return read_with_dialogue(path, model, topics, self.joint_map, columns, span, asking, self.tables)
+        return read_with_dialogue(path, model, topics, self.joint_map, columns, span, asking, self.tables, standing)
 
 
 def open_run(path: Path, source: LogFlags, description: RobotDescription) -> RunFolder:

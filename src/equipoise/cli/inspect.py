@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from tyro.conf import Positional, arg
-from tyro.constructors import StructConstructorSpec
+from tyro.constructors import StructConstructorSpec, StructFieldSpec
 
 from equipoise.calibration.run_header import HEADER, RESULT, read_header
 from equipoise.cli import flags
@@ -25,7 +25,7 @@ from equipoise.cli.setting_flags import flags_of, optional, spec_of, values_of
 from equipoise.errors import ModelError, RecordingError, SettingsError
 from equipoise.json_form import fields_to_json
 from equipoise.method.method import Method
-from equipoise.method.table import METHODS, settings_of
+from equipoise.method.table import METHODS, method_named, settings_of
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.user_file import typed
@@ -35,6 +35,11 @@ if TYPE_CHECKING:
     from equipoise.logs.offline import LogEstimate
     from equipoise.result.calibration import Calibration
     from equipoise.robot.audit import Audit
+
+STATIC = "static"
+_METHODS_OF_LOGS = (
+    "'bayesian' needs motions and an IMU; 'static' one sample or some seconds of a standing robot with joint torques."
+)
 
 
 def plan(
@@ -136,8 +141,14 @@ def _given_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     """Return the flags of the run's method that may change in a new estimate; raises SettingsError."""
     name = _method_of(arguments)
     kind = settings_of(name)
-    flags = (optional(flag) for flag in flags_of(kind) if flag.name in kind.estimate_only)
-    return spec_of(f"Settings of {name}; default as in the run.", flags, lambda values: values_of(kind, values))
+    flags = [optional(flag) for flag in flags_of(kind) if flag.name in kind.estimate_only]
+    if not chosen(arguments, "--robot", ""):
+        return spec_of(f"Settings of {name}; default as in the run.", flags, lambda values: values_of(kind, values))
+    choice = Annotated[Literal["bayesian", "static"], arg(help=_METHODS_OF_LOGS)]
+    flags.append(StructFieldSpec("method", cast("Any", choice), name))
+    return spec_of(
+        f"Settings of {name}.", flags, lambda values: {**values_of(kind, values), "method": values["method"]}
+    )
 
 
 def _refuse_other(flag: str, arguments: Sequence[str]) -> None:
@@ -154,7 +165,7 @@ CHOSEN: dict[Any, ChosenFlags] = {
 def _method_of(arguments: Sequence[str]) -> str:
     """Return the method of the named run, or the default; opening the run reports its errors."""
     if chosen(arguments, "--robot", ""):
-        return DEFAULT_METHOD
+        return STATIC if chosen(arguments, "--method", DEFAULT_METHOD) == STATIC else DEFAULT_METHOD
     for path in map(Path, arguments):
         if (path / HEADER).is_file():
             with suppress(RecordingError):
@@ -191,15 +202,16 @@ def estimate_from_log(
         given: settings of the method.
         verbose: true to print every segment of the log then.
     """
-    from equipoise.bayesian.method import BayesianMethod
-    from equipoise.logs.offline import estimate_log
+    from equipoise.logs.offline import estimate_log, estimate_standing_log
     from equipoise.terminal.log_summary import print_log_report
 
-    method = BayesianMethod(**given)
+    settings = {name: value for name, value in given.items() if name != "method"}
+    method = method_named(given.get("method", DEFAULT_METHOD))(**settings)
     model = with_imu_pose(load_robot(source.robot or "", description))  # the result contains it
-    log = source.read(path, model, not output.silent)
+    standing = method.name == STATIC
+    log = source.read(path, model, not output.silent, standing)
     try:
-        estimated = estimate_log(model, log, method)
+        estimated = (estimate_standing_log if standing else estimate_log)(model, log, cast("Any", method))
     except RecordingError as error:
         if error.report is not None and not output.json:
             print_log_report(error.report, verbose)

@@ -19,14 +19,19 @@ from equipoise.logs.finding import LogFinding
 from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import LogSegment, find_segments, usable
 from equipoise.logs.raw_log import Log, rate
+from equipoise.method.method import Method
+from equipoise.recording.event import PHASE, Event
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import CrawlTrial, LiftTrial, PostureTrial, WalkTrial
+from equipoise.recording.trials import CrawlTrial, LiftTrial, PostureTrial, StandTrial, WalkTrial
 from equipoise.result.calibration import Calibration
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
+from equipoise.robot.statics import PLAUSIBLE_LOAD, carried_mass
 
 _CLOCK_TOLERANCE = 5e-3  # [s]: below what the legs resolve; the estimate finds the rest
-_WALKING_TILT = 0.01  # [rad]
+_WALKING_TILT, _MARKER_POSITION = 0.01, 0.01  # [rad], [m]
+_STANDS = 0.05  # [rad] by which a joint of a standing robot moves at most
 _UPSIDE_DOWN = 0.7  # cosine of the largest angle between the measured vertical and straight down
 _OTHER_ORDERS = (("FR", "FL", "RR", "RL"), ("RL", "RR", "FL", "FR"), ("RR", "RL", "FR", "FL"))
 _SLOW_JOINTS, _SLOW_IMU = 80.0, 80.0  # [Hz] on an A1
@@ -89,7 +94,7 @@ def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = No
     recordings = usable(segments)
     if not recordings:
         raise _nothing_usable(report)
-    method = _with_wide_mounting_prior(method, recordings)
+    method = _with_wide_mounting_prior(method, recordings, recording.imu.pose_noise is not None)
     try:
         result = method.estimate(robot, recordings, stance, lifts_needed=False)
     except RecordingError as error:
@@ -98,15 +103,49 @@ def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = No
     return LogEstimate(result, replace(report, limitations=tuple(_limitations(result, report, method))))
 
 
-def _with_wide_mounting_prior(method: BayesianMethod, recordings: Sequence[Recording]) -> BayesianMethod:
-    """Return the method with a prior std of the IMU's mounting that covers real robots, unless the user set one.
+def estimate_standing_log(robot: RobotModel, log: Log, method: Method) -> LogEstimate:
+    """Estimate from a log of a robot that stands throughout, perhaps of one sample, by a method that needs no motion.
 
-    Stance motions determine the mounting whatever the prior is; after a walk alone the intervals depend on the prior.
+    Raises:
+        RecordingError: the joints move, or the method cannot use the recording.
     """
-    moved = any(isinstance(one.trial, PostureTrial) for one in recordings)
-    if moved or method.prior_run is not None or method.priors.imu_tilt != Priors().imu_tilt:
+    time, position = log.recording.joints.time, log.recording.joints.position
+    moved = np.ptp(position, axis=0)
+    if moved.max() > _STANDS:
+        raise RecordingError(
+            f"the robot does not stand still: {robot.joint_names[int(moved.argmax())]} moves by {moved.max():.2f} rad; at "
+            f"most {_STANDS} rad are allowed. Select a part in which it stands with --from and --until"
+        )
+    torque = log.recording.joints.torque
+    carried = 0.0 if torque is None else carried_mass(robot, position.mean(axis=0), torque.mean(axis=0))
+    if torque is not None and carried < PLAUSIBLE_LOAD[0] * robot.mass:
+        raise RecordingError(
+            f"the joint torques carry {carried:.1f} kg of the model's {robot.mass:.1f} kg: the robot lies or hangs, or the "
+            "torques have the wrong sign. Record it standing on four feet, or correct the sign"
+        )
+    start, end = float(time[0]), float(time[-1])
+    trial = StandTrial(found_at=start)
+    recording = replace(log.recording, events=(Event(start, PHASE, {"name": Phase.REST}),), found_trial=trial)
+    result = method.estimate(robot, [recording], nominal_stance(robot))
+    segment = LogSegment(start, end, "rest", "rest on four feet", None, recording)
+    return LogEstimate(result, LogReport(log, (segment,), log.findings))
+
+
+def _with_wide_mounting_prior(
+    method: BayesianMethod, recordings: Sequence[Recording], from_pose: bool
+) -> BayesianMethod:
+    """Return the method with prior stds of the IMU's mounting that cover real robots, unless the user set them.
+
+    Stance motions determine the tilt whatever the prior is; after a walk alone the intervals depend on the prior. The markers
+    of a pose, in place of an IMU, are placed by hand.
+    """
+    if method.prior_run is not None:
         return method
-    return replace(method, priors=replace(method.priors, imu_tilt=_WALKING_TILT))
+    wide: dict[str, float] = {"imu_position": _MARKER_POSITION} if from_pose else {}
+    if from_pose or not any(isinstance(one.trial, PostureTrial) for one in recordings):
+        wide["imu_tilt"] = _WALKING_TILT
+    unset = {name: std for name, std in wide.items() if getattr(method.priors, name) == getattr(Priors(), name)}
+    return replace(method, priors=replace(method.priors, **unset))
 
 
 def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findings: list[LogFinding]) -> Recording:

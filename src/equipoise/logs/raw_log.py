@@ -12,20 +12,21 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.conventions import FloatArray
+from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.errors import RecordingError
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import JointMap, map_joints
 from equipoise.logs.motions.loads import FootForces
 from equipoise.logs.orientation import angular_velocity_of
+from equipoise.logs.repeats import repeated_rows
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording, read_only
+from equipoise.robot.floor import floor_normals_by_fit
+from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
 
 _MOST_BAD = 0.05  # of a stream's samples: more is not packet loss but another kind of file
 _LEAST_OVERLAP = 1.0  # [s] of joints and IMU together
-_REPEATED = 0.3  # of consecutive samples that repeat: an IMU that was written more often than it was read
 _SLOWEST = 20.0  # [Hz]
-_LONGEST_REPEATED = 20  # samples: an IMU that repeats for longer is frozen
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +58,14 @@ class RawImu:
         angular_velocity_in_imu: (n, 3) angular velocity [rad/s], or None if the log has only an orientation.
         acceleration_in_imu: (n, 3) specific force [m/s2], or None.
         quat_wxyz: (n, 4) fused orientation of the IMU in the world, or None; used where there is no angular velocity.
+        pose_noise: (n, 2) noise of the poses that the samples are derived from, as in `ImuStream`, or None.
     """
 
     time: FloatArray
     angular_velocity_in_imu: FloatArray | None
     acceleration_in_imu: FloatArray | None
     quat_wxyz: FloatArray | None = None
+    pose_noise: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +73,14 @@ class RawLog:
     """Streams of a log, as its reader found them.
 
     Attributes:
-        joints, imu, commands: streams of the log.
+        joints, imu, commands: streams of the log; the IMU is None if the log has none.
         about: topics, columns and stamps that the streams are from, for display.
         findings: findings of the reader.
         joint_map: joint map, if the log's format determines it.
     """
 
     joints: RawJoints
-    imu: RawImu
+    imu: RawImu | None
     commands: RawJoints | None = None
     about: Mapping[str, str] = field(default_factory=dict[str, str])
     findings: tuple[LogFinding, ...] = ()
@@ -108,12 +111,14 @@ def assemble(
     raw: RawLog,
     given: Mapping[str, str | int] | None = None,
     span: tuple[float | None, float | None] = (None, None),
+    standing: bool = False,
 ) -> Log:
     """Return the recording that a raw log holds.
 
     Args:
         given: joint map of the user.
         span: start and end of what is read, after the log's first sample [s].
+        standing: True for a log of a standing robot, which may be one sample, without an IMU.
 
     Raises:
         RecordingError: joints cannot be identified, streams do not overlap, or too many samples are invalid.
@@ -121,16 +126,23 @@ def assemble(
     """
     findings = list(raw.findings)
     joint_map = raw.joint_map if raw.joint_map is not None and not given else map_joints(robot, raw.joints.names, given)
-    origin = min(_first(raw.joints.time), _first(raw.imu.time))
+    if raw.imu is None and not standing:
+        raise RecordingError("the log has no IMU: log the raw accelerometer and gyroscope")
+    origin = min(_first(stream.time) for stream in (raw.joints, raw.imu) if stream is not None)
     start, end = origin + (span[0] or 0.0), np.inf if span[1] is None else origin + span[1]
     joints = _joint_stream(raw.joints, joint_map.columns, origin, (start, end), findings)
-    imu = _imu_stream(raw.imu, origin, (start, end), findings)
+    if raw.imu is None:
+        findings.append(LogFinding("IMU", "the log has none: the plane of the feet is taken for level"))
+        imu = _level_imu(robot, joints)
+    else:
+        imu = _imu_stream(raw.imu, origin, (start, end), findings)
     commands = _commands(raw.commands, joint_map, origin, (start, end), findings)
-    _check_overlap(joints.time, imu.time)
-    _check_rate("joint", joints.time)
-    _check_rate("IMU", imu.time)
-    recording = Recording(robot.joint_names, joints, imu, commands)
-    about = {**raw.about, "rates": f"joints {rate(joints.time):.0f} Hz, IMU {rate(imu.time):.0f} Hz"}
+    recording, about = Recording(robot.joint_names, joints, imu, commands), dict(raw.about)
+    if not standing:
+        _check_overlap(joints.time, imu.time)
+        _check_rate("joint", joints.time)
+        _check_rate("IMU", imu.time)
+        about["rates"] = f"joints {rate(joints.time):.0f} Hz, IMU {rate(imu.time):.0f} Hz"
     return Log(recording, joint_map, about, tuple(findings), _foot_forces(raw.joints, origin))
 
 
@@ -225,20 +237,25 @@ def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings:
     if raw.acceleration_in_imu is None or not _any_numbers(raw.acceleration_in_imu):
         raise RecordingError(
             "the log has no accelerometer. A fused orientation gives the vertical, not the specific force while the body "
-            "tips, which a lift needs: log the raw accelerometer, with gravity"
+            "tips, which a lift needs: log the raw accelerometer, with gravity, or the position of the base by motion capture"
         )
     values = [_angular_velocity(raw, raw.acceleration_in_imu, findings), raw.acceleration_in_imu]
     kept = _kept("IMU", raw.time, values, span, findings)
     if len(kept) > 1:
-        same = np.all([(np.diff(part[kept], axis=0) == 0).all(axis=1) for part in values], axis=0)
-        repeated = np.concatenate([[False], same])
-        longest = int(np.diff(np.flatnonzero(np.concatenate([[True], ~repeated[1:], [True]]))).max())
-        if repeated.mean() > _REPEATED and longest <= _LONGEST_REPEATED:
-            # Repeated values would look like a sensor with half the noise that lags by half its period.
+        repeated = repeated_rows([part[kept] for part in values])
+        if repeated.any():
             message = f"{repeated.mean():.0%} of the IMU samples repeat the last one, as if written faster than read: left out"
             findings.append(LogFinding("IMU", message))
             kept = kept[~repeated]
-    return ImuStream(raw.time[kept] - origin, *(_taken(part, kept) for part in values))
+    noise = None if raw.pose_noise is None else _taken(raw.pose_noise, kept)
+    return ImuStream(raw.time[kept] - origin, *(_taken(part, kept) for part in values), pose_noise=noise)
+
+
+def _level_imu(robot: RobotModel, joints: JointStream) -> ImuStream:
+    """Return the readings of an IMU on a robot at rest on a level floor."""
+    up, _ = floor_normals_by_fit(np.array([foot_positions(robot, position) for position in joints.position]))
+    force = GRAVITY * up @ np.array(robot.imu_in_base.rotation)
+    return ImuStream(joints.time, np.zeros_like(force), force)
 
 
 def _angular_velocity(raw: RawImu, acceleration_in_imu: FloatArray, findings: list[LogFinding]) -> FloatArray:

@@ -65,6 +65,7 @@ def read_log(
     span: tuple[float | None, float | None] = (None, None),
     columns: Columns | None = None,
     tables: Sequence[Path] = (),
+    standing: bool = False,
 ) -> Log:
     """Read an external log as a recording of the robot.
 
@@ -76,6 +77,7 @@ def read_log(
         span: start and end of what is read, after the log's first sample [s].
         columns: columns of a table without the documented names, and its rate if it has no time.
         tables: further tables of the same run, as of the IMU; they are joined by time.
+        standing: True for a log of a standing robot, which may be one sample, in a table without an IMU.
 
     Raises:
         RecordingError: a table lacks documented column names; it carries a proposal.
@@ -90,8 +92,9 @@ def read_log(
     if columns is not None or tables:
         for one in paths:
             _refuse_unless_table(one)
-        reader = partial(reader, columns=columns, tables=paths[1:])  # pyright: ignore[reportCallIssue] - it is `read_table`
-    return assemble(robot, _read(reader, paths[0], robot, topics or Topics()), joint_map, span)
+    if not paths[0].is_dir() and f".{suffix_of(paths[0])}" in files.SUFFIXES:
+        reader = partial(reader, columns=columns, tables=paths[1:], standing=standing)  # pyright: ignore[reportCallIssue]
+    return assemble(robot, _read(reader, paths[0], robot, topics or Topics()), joint_map, span, standing)
 
 
 def _refuse(path: Path) -> None:

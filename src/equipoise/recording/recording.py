@@ -58,16 +58,20 @@ class ImuStream:
         time: (n,) increasing times [s].
         angular_velocity_in_imu: (n, 3) angular velocity of the IMU in its own frame [rad/s].
         acceleration_in_imu: (n, 3) specific force in the IMU frame, +g upward at rest [m/s2].
+        pose_noise: (n, 2) densities of the white noise of positions and angles whose derivatives the acceleration and the
+            angular velocity are [m/sqrt(Hz)], [rad/sqrt(Hz)]; zero for a sensor's readings, None if both are.
     """
 
     time: FloatArray
     angular_velocity_in_imu: FloatArray
     acceleration_in_imu: FloatArray
+    pose_noise: FloatArray | None = None
 
     def __post_init__(self) -> None:
         count = _validated_time(self, "IMU")
         for name in ("angular_velocity_in_imu", "acceleration_in_imu"):
             _validate(self, "IMU", name, (count, 3), required=True)
+        _validate(self, "IMU", "pose_noise", (count, 2), required=False)
 
 
 @dataclass(frozen=True, eq=False)

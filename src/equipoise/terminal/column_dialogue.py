@@ -23,24 +23,26 @@ Ctrl-C ends."""
 def read_with_dialogue(
     path: Path, model: RobotModel, topics: Topics, joint_map: Path | None, columns: Columns | None,
     span: tuple[float | None, float | None], asking: bool, tables: Sequence[Path] = (),
+    standing: bool = False,
 ) -> Log:  # fmt: skip
     """Return a log, read with the given topics, joint map and columns.
 
     Args:
         asking: true to ask the operator at a terminal to assign the columns of a table.
         tables: further tables of the same run.
+        standing: true for a log of a standing robot.
     """
     joints = None if joint_map is None else read_joint_map(joint_map)
     try:
-        return read_log(path, model, topics, joints, span, columns, tables)
+        return read_log(path, model, topics, joints, span, columns, tables, standing)
     except RecordingError as error:
         proposal = error.report
         if not (isinstance(proposal, ColumnProposal) and asking and sys.stdin.isatty() and sys.stderr.isatty()):
             raise
-        return read_log(path, model, topics, joints, span, ask_columns(proposal), tables)
+        return read_log(path, model, topics, joints, span, ask_columns(proposal, standing), tables, standing)
 
 
-def ask_columns(proposal: ColumnProposal) -> Columns:
+def ask_columns(proposal: ColumnProposal, standing: bool = False) -> Columns:
     """Return the columns after the operator has confirmed or changed the proposal.
 
     Raises:
@@ -49,7 +51,7 @@ def ask_columns(proposal: ColumnProposal) -> Columns:
     _print(f"{proposal.what}:\n\n{proposal.text}\n{_HELP}")
     columns = Columns.from_text(proposal.text, "the proposal")
     answer = "?"
-    while answer or columns.of_table(proposal.names).missing():
+    while answer or columns.of_table(proposal.names).missing(standing):
         answer = _answer("columns> ", proposal)
         try:
             line = Columns.from_text(answer, "your line")
@@ -61,7 +63,7 @@ def ask_columns(proposal: ColumnProposal) -> Columns:
         for loser in columns.losers(line):
             _print(f"{loser} no longer has a column; it was {columns.names[loser]!r}")
         columns = changed
-        missing = columns.of_table(proposal.names).missing()
+        missing = columns.of_table(proposal.names).missing(standing)
         if missing:
             _print(f"still missing: {', '.join(missing)}")
     _offer_to_save(columns, proposal)

@@ -30,6 +30,9 @@ from equipoise.robot.stance import Stance
 # The bandwidth of sensors does not depend on a robot's size: these are the same on all robots.
 REACH = 0.03  # [s] to either side: interval of the mean; it halves 19 Hz
 KNOT = 0.015  # [s] between the knots of the splines through readings
+POSE_KNOT = 0.025
+"""[s] between the knots of the splines through poses of the base, whose derivatives stand in for an IMU's readings."""
+_POSE_PERIOD = 0.005  # [s] at which the noise of poses is sampled: their density alone matters
 
 # On an A1; lengths and times are multiplied by those of the stance's scale.
 _CLEAR = 2.5e-3  # [m] that lifted feet must be above the floor
@@ -214,6 +217,11 @@ def on_two_feet(
     of_imu = fit_spline(imu.time[imu_part], readings, KNOT, reach=REACH)
     angular_velocity, acceleration = np.hsplit(of_imu.at(time), 2)
     imu_noise = of_imu.noise(time)
+    turning_noise, force_noise = noise.gyroscope**2 * imu_noise, noise.accelerometer**2 * imu_noise
+    if imu.pose_noise is not None:
+        of_position, of_angle = imu.pose_noise[imu_part].mean(axis=0)
+        force_noise = _noise_of_poses(time, of_position, 2)
+        turning_noise = _noise_of_poses(time, of_angle, 1) if of_angle else turning_noise
     return kind(
         pair,
         float(start),
@@ -226,9 +234,16 @@ def on_two_feet(
         acceleration,
         at_times(time, imu.time, up_in_imu),
         noise.encoder**2 * position.noise(time, derivative=1),
-        noise.gyroscope**2 * imu_noise,
-        noise.accelerometer**2 * imu_noise,
+        turning_noise,
+        force_noise,
     )
+
+
+def _noise_of_poses(time: FloatArray, density: float, derivative: int) -> FloatArray:
+    """Return the (n, n) covariance of a smoothed derivative of poses with white noise of a density."""
+    around = np.arange(time[0] - _PAD, time[-1] + _PAD, _POSE_PERIOD)
+    spline = fit_spline(around, np.zeros((len(around), 1)), POSE_KNOT, reach=REACH)
+    return density**2 / _POSE_PERIOD * spline.noise(time, derivative)
 
 
 def _white_noise(samples: FloatArray) -> float:

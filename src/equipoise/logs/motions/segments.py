@@ -155,7 +155,7 @@ def _screen_rests(robot: RobotModel, recording: Recording, rests: Sequence[Logge
     if 2 * sum(rest.standing for rest in rests) > len(rests):
         return
     upright = [rest for rest in rests if not rest.folded]
-    screen(robot, [_marked(recording, [(Phase.REST, rest.start)], rest.start, rest.end) for rest in upright])
+    screen(robot, [marked(recording, [(Phase.REST, rest.start)], rest.start, rest.end) for rest in upright])
 
 
 class _PieceReader:
@@ -245,7 +245,7 @@ class _PieceReader:
 
     def _of_walk(self, start: float, end: float, trial: RecordedTrial) -> Recording:
         context = CONTEXT * self.stance.scale.time
-        return _marked(self.recording, [(Phase.WALK, start), (Phase.END, end)], start - context, end + context, trial)
+        return marked(self.recording, [(Phase.WALK, start), (Phase.END, end)], start - context, end + context, trial)
 
     def _between_rests(self) -> list[LogSegment]:
         start, end = self.recording.joints.time[0], self.recording.joints.time[-1]
@@ -272,7 +272,7 @@ class _PieceReader:
         recording = None
         if index not in self._weighed and self.recording.joints.torque is not None:
             start, end = self._before(index)
-            recording = _marked(self.recording, [(Phase.REST, start)], start, end, trial=StandTrial(found_at=start))
+            recording = marked(self.recording, [(Phase.REST, start)], start, end, trial=StandTrial(found_at=start))
         return LogSegment(rest.start, rest.end, "rest", "rest on four feet", None, recording)
 
     def _motion(self, index: int, until: float, after: LoggedRest | None) -> list[LogSegment]:
@@ -313,7 +313,7 @@ class _PieceReader:
         landed = min(first.end + _LANDED * scale.time, until)
         whole = self.recording if index not in self._weighed else _without_torques(self.recording)
         self._weighed.add(index)
-        recording = _marked(whole, phases, begin, landed, LiftTrial(diagonal=first.pair, found_at=begin))
+        recording = marked(whole, phases, begin, landed, LiftTrial(diagonal=first.pair, found_at=begin))
         return LogSegment(rest.end, until, "lift", what, None, recording)
 
     # --- four feet on the floor
@@ -352,7 +352,7 @@ class _PieceReader:
         phases = [(Phase.BEFORE, begin), (Phase.MOVE, leaves), (Phase.REST, arrives)]
         trial = PostureTrial(posture=None, found_at=begin)
         self._weighed.add(index + 1)
-        return LogSegment(start, until, "move", what, None, _marked(self.recording, phases, begin, end, trial))
+        return LogSegment(start, until, "move", what, None, marked(self.recording, phases, begin, end, trial))
 
     def _excitation(self, start: float, end: float) -> LogSegment | None:
         """Return the segment of an oscillation on four feet; None if there is none."""
@@ -383,7 +383,7 @@ class _PieceReader:
     def _excitation_recording(self, start: float, end: float, steady: Oscillation) -> Recording:
         phases = [(Phase.RAMP, start), (Phase.EXCITATION, steady.start), (Phase.END, steady.end)]
         trial = ExcitationTrial(frequencies=steady.frequencies, found_at=start)
-        return _marked(self.recording, phases, start, end, trial)
+        return marked(self.recording, phases, start, end, trial)
 
     def _not_standing(
         self, rest: LoggedRest, paths: FootPaths, until: float, after: LoggedRest | None
@@ -434,7 +434,7 @@ def _without_torques(recording: Recording) -> Recording:
     return replace(recording, joints=replace(recording.joints, torque=None))
 
 
-def _marked(
+def marked(
     recording: Recording,
     phases: Sequence[tuple[str, float]],
     start: float,

@@ -22,8 +22,8 @@ _LETTERS = {"w": "gyro", "g": "gyro", "gyro": "gyro", "omega": "gyro", "a": "acc
             "accel": "accelerometer", "q": "orientation", "quat": "orientation"}  # fmt: skip
 _QUANTITIES = {
     "torque": {"tau", "torque", "torques", "effort", "efforts", "eff", "tauest", "trq"},
-    "velocity": {"dq", "qd", "dqs", "qdot", "vel", "velocity", "velocities", "speed", "speeds"},
-    "position": {"q", "qs", "pos", "position", "positions", "angle", "angles", "enc", "encoder", "encoders"},
+    "velocity": {"dq", "qd", "dqs", "qdot", "v", "vel", "velocity", "velocities", "speed", "speeds"},
+    "position": {"q", "qs", "p", "pos", "position", "positions", "angle", "angles", "enc", "encoder", "encoders"},
 }
 _FORCES, _AXES = {"force", "forces", "grf"}, {"x", "y", "z", "fx", "fy", "fz", "est"}
 _COMMANDS = {"cmd", "command", "commands", "commanded", "des", "desired", "target", "targets", "ref", "reference"}
@@ -32,6 +32,8 @@ _NOT_JOINTS = {
     "limit", "limits", "ff", "feedforward", "ext", "external", "residual", "disturbance",
 }  # fmt: skip
 _ESTIMATES = {"estimate", "estimates", "estimated", "estimator", "ekf", "kf", "odom", "odometry", "pose", "twist"}
+_BASE = {"base", "body", "trunk", "torso", "pose", "odom", "odometry", "mocap", "vicon", "optitrack"}
+_OF_BASE_POSITION = _BASE | {"position", "pos", "p", "world", "in", "state"}
 _OF_SOME_JOINTS = {"leg", "legs"}  # `lf_hip_joint`, `lf_upper_leg_joint`: one family
 _GENERAL = {"joint", "joints", "state", "states", "motor", "motors", "data", "robot", "field", "leg", "legs", "est"}
 _NAMES = {"name", "names"}
@@ -168,6 +170,8 @@ def _meaning(words: Sequence[str]) -> Named | None:
         return Named("foot_force", leg, tuple(word for word in words if leg_of([word]) is None))
     if present & _NAMES and last.isdigit():
         return Named("name", last, tuple(words[:-1]))
+    if present & _BASE and last in ("x", "y", "z", "0", "1", "2") and set(words[:-1]) <= _OF_BASE_POSITION:
+        return Named("base_position", last, tuple(words[:-1]))
     sensor = None if leg else _sensor(words)
     if sensor is not None:
         return sensor

@@ -24,8 +24,9 @@ GYROSCOPE = tuple(f"gyro.{axis}" for axis in "xyz")
 ACCELEROMETER = tuple(f"accelerometer.{axis}" for axis in "xyz")
 QUATERNION = tuple(f"orientation.{part}" for part in "wxyz")
 ANGLES = tuple(f"orientation.{part}" for part in ("roll", "pitch", "yaw"))
+BASE_POSITION = tuple(f"base_position.{axis}" for axis in "xyz")
 FOOT_FORCES = tuple(f"foot_force.{leg}" for leg in LEG_NAMES)
-_SENSED = (*GYROSCOPE, *ACCELEROMETER, *QUATERNION, *ANGLES, *FOOT_FORCES)
+_SENSED = (*GYROSCOPE, *ACCELEROMETER, *QUATERNION, *ANGLES, *BASE_POSITION, *FOOT_FORCES)
 
 _ANGLE = {"rad": 1.0, "deg": np.pi / 180}
 _TURNING = {"rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30}
@@ -39,6 +40,7 @@ UNITS: dict[str, dict[str, float]] = {
     "gyro": _TURNING,
     "accelerometer": {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY},
     "orientation": _ANGLE,
+    "base_position": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
     "foot_force": {"counts": 1.0, "N": 1.0},  # only how they change counts
 }
 """Factors to the documented unit by kind of column; the first unit of a kind is the documented one."""
@@ -169,17 +171,29 @@ class Columns:
         """Return whether the table has columns for all of some documented names."""
         return all(map(self.names.get, names))
 
+    def has_pose(self) -> bool:
+        """Return whether the base's position is in place of an accelerometer."""
+        return self.has(BASE_POSITION) and not self.has(ACCELEROMETER)
+
     def joints(self, kind: str) -> list[str]:
         """Return the names of the joints that have a column of a kind."""
         return [
             ours.removeprefix(f"{kind}.") for ours, name in self.names.items() if name and ours.startswith(f"{kind}.")
         ]
 
-    def missing(self) -> tuple[str, ...]:
-        """Return the columns that an estimate needs and the table lacks."""
-        absent = [name for name in (*([] if self.rate else [TIME]), *ACCELEROMETER) if not self.names.get(name)]
-        if not any(map(self.has, (GYROSCOPE, QUATERNION, ANGLES))):
-            absent += [name for name in GYROSCOPE if not self.names.get(name)]
+    def missing(self, standing: bool = False) -> tuple[str, ...]:
+        """Return the columns that an estimate needs and the table lacks.
+
+        Args:
+            standing: True for the log of a standing robot, which needs joint positions and torques.
+        """
+        if standing:
+            return tuple(f"{kind}.JOINT" for kind in ("position", "torque") if not self.joints(kind))
+        if self.has_pose():
+            needed: tuple[str, ...] = () if self.has(ANGLES) else QUATERNION
+        else:
+            needed = (*ACCELEROMETER, *(() if any(map(self.has, (GYROSCOPE, QUATERNION, ANGLES))) else GYROSCOPE))
+        absent = [name for name in (*([] if self.rate else [TIME]), *needed) if not self.names.get(name)]
         return (*absent, *([] if self.joints("position") else ["position.JOINT"]))
 
     def to_toml(self, notes: Mapping[str, str] | None = None) -> str:

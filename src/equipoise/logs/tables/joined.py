@@ -19,7 +19,8 @@ from equipoise.logs.tables.files import TableFile, open_table
 def open_tables(paths: Sequence[Path], columns: Columns) -> TableFile:
     """Return the table of one file, or of several joined by time.
 
-    A name that is in several files, or in none but a number, follows the name of its file: `velocity.FL_hip_joint`.
+    Files without names that begin with the same increasing numbers are joined by these. A name that is in several files, or
+    in none but a number, follows the name of its file: `velocity.FL_hip_joint`.
 
     Args:
         columns: columns that the user names; those of time are joined by, and are one then.
@@ -30,6 +31,8 @@ def open_tables(paths: Sequence[Path], columns: Columns) -> TableFile:
     """
     files = [open_table(path) for path in paths]
     clocks = [None if columns.names.get(TIME) == "" else _clock(file, columns) for file in files]
+    if not (columns.rate or any(clocks) or TIME in columns.names):
+        clocks = _first_columns(files)
     if columns.rate and (clock := next(filter(None, clocks), None)):
         raise SettingsError(
             f"the rate is given, and {clock!r} is called like a time: leave out --rate, or write time = '' into a file for "
@@ -48,6 +51,16 @@ def _clock(file: TableFile, columns: Columns) -> str | None:
     """Return the column of a file's time: the user's, ours, or the first that is called like one; None if there is none."""
     called = (name for name in file.names if (what := named(name)) is not None and what.kind == TIME)
     return next((name for name in (columns.names.get(TIME), TIME, *called) if name in file.names), None)
+
+
+def _first_columns(files: Sequence[TableFile]) -> list[str | None]:
+    """Return the names of the first columns of files without names if these are the same increasing numbers, else None."""
+    names = [file.names[0] for file in files]
+    if len(files) > 1 and set(names) == {"[0]"} and len({file.rows for file in files}) == 1:
+        first = [file.column(name) for file, name in zip(files, names, strict=True)]
+        if (np.diff(first[0]) > 0).all() and all((other == first[0]).all() for other in first):
+            return [*names]
+    return [None] * len(files)
 
 
 def _seconds(file: TableFile, clock: str | None, columns: Columns) -> FloatArray:

@@ -17,6 +17,7 @@ from equipoise.logs.tables.by_name import FORMULA, Families, families, in_unitre
 from equipoise.logs.tables.column_names import (
     ACCELEROMETER,
     ANGLES,
+    BASE_POSITION,
     FOOT_FORCES,
     GYROSCOPE,
     JOINT_KINDS,
@@ -33,14 +34,16 @@ ByKind = dict[str, Families]
 
 _WIDTH = 76  # of remarks
 _STEADY = 0.7  # of accelerometers of robots that trot 0.95, of their gyroscopes 0.1
+_UPRIGHT = 0.15  # of a quaternion's x and y: a lean of 17 degrees
 _FLOATING_BASE = {"position": 7, "command": 7, "velocity": 6, "torque": 6}  # columns of the base before the joints'
 
 
-def propose(robot: RobotModel, file: TableFile, known: Columns) -> tuple[tuple[str, ...], str]:
+def propose(robot: RobotModel, file: TableFile, known: Columns, standing: bool = False) -> tuple[tuple[str, ...], str]:
     """Return the columns without a suggestion, and TOML for --columns: suggestions, comments, and lines to complete.
 
     Args:
         known: columns that are already mapped.
+        standing: True for the log of a standing robot; see `Columns.missing`.
 
     Raises:
         RecordingError: names contradict each other.
@@ -55,17 +58,62 @@ def propose(robot: RobotModel, file: TableFile, known: Columns) -> tuple[tuple[s
         if found:
             names |= found
             notes[kind] = how if kind == "foot_force" else f"{how}; {_with_unit(kind, found, units)}"
-    if all(map(names.get, GYROSCOPE)):  # then an orientation is not read
-        names = {ours: name for ours, name in names.items() if not ours.startswith("orientation.")}
-        notes.pop("orientation", None)
+    if all(map(names.get, ACCELEROMETER)):
+        unread = {"base_position", *(("orientation",) if all(map(names.get, GYROSCOPE)) else ())}
+        names = {ours: name for ours, name in names.items() if ours in known.names or ours.split(".")[0] not in unread}
+        notes = {kind: note for kind, note in notes.items() if kind not in unread}
+    else:
+        for kind, (found, how) in _of_free_flyer(robot, file, by_kind).items():
+            if not any(name.startswith(f"{kind}.") for name in names):
+                names |= found
+                notes[kind] = how
     if names.get(TIME) and TIME not in units and "the unit is" not in notes.get(TIME, ""):
         unit = unit_of_steps(file.clock(names[TIME]))
         if TIME in notes or unit != "s":
             notes[TIME] = f"by name; consecutive samples are less than half a second apart in {unit}"
         units |= {TIME: unit} if unit != "s" else {}
     proposed = Columns(names, units, known.rate)
-    lines = _lines_to_complete(robot, proposed.missing()) + _unused_columns(file, set(names.values()))
-    return proposed.missing(), proposed.to_toml(notes).lstrip() + lines
+    missing = proposed.missing(standing)
+    lines = _lines_to_complete(robot, missing) + _unused_columns(file, set(names.values()))
+    return missing, proposed.to_toml(notes).lstrip() + lines
+
+
+def _of_free_flyer(robot: RobotModel, file: TableFile, by_kind: ByKind) -> dict[str, tuple[dict[str, str], str]]:
+    """Return the base's pose and angular velocity among numbered columns of the base and all joints, and the reasons."""
+    found: dict[str, tuple[dict[str, str], str]] = {}
+    for kind in ("position", "velocity"):
+        columns = next(map(list, _with_base(robot, kind, by_kind)), None)
+        if columns is not None and kind == "position":
+            first = _w_is_first(file, columns[3:7])
+            order = "wxyz" if first else "xyzw"
+            found["base_position"] = (
+                dict(zip(BASE_POSITION, columns[:3], strict=True)),
+                "the base's position before the joints, as of Pinocchio's and MuJoCo's free joints; is the unit m?",
+            )
+            found["orientation"] = (
+                {f"orientation.{part}": column for part, column in zip(order, columns[3:7], strict=True)},
+                f"the base's quaternion, {'w first, as MuJoCo' if first else 'w last, as Pinocchio'}, by its numbers",
+            )
+        elif columns is not None and np.allclose(robot.imu_in_base.rotation, np.eye(3)):
+            found["gyro"] = (
+                dict(zip(GYROSCOPE, columns[3:6], strict=True)),
+                "the base's angular velocity before the joints': is it in the base's axes, by the gyroscope, in rad/s?",
+            )
+    return found
+
+
+def _with_base(robot: RobotModel, kind: str, by_kind: ByKind) -> Iterator[list[str]]:
+    """Yield the numbered columns of families that have some of a floating base before those of all joints."""
+    for family in by_kind.get(kind, {}).values():
+        columns = [family[number] for number in _numbers(family)]
+        if len(columns) == _FLOATING_BASE[kind] + len(robot.joint_names):
+            yield columns
+
+
+def _w_is_first(file: TableFile, columns: Sequence[str]) -> bool:
+    """Return whether four columns hold w x y z, not x y z w: x and y of a robot that is upright are small."""
+    first, _, third, _ = (float(np.nanmedian(np.abs(file.column(name)))) for name in columns)
+    return first > max(third, _UPRIGHT)
 
 
 def _with_unit(kind: str, found: Mapping[str, str], units: dict[str, str]) -> str:
@@ -78,8 +126,8 @@ def _with_unit(kind: str, found: Mapping[str, str], units: dict[str, str]) -> st
 
 def _lines_to_complete(robot: RobotModel, missing: Sequence[str]) -> str:
     """Return remarks in which the user fills in the missing columns."""
-    joints = [f"position.{joint}" for joint in robot.joint_names] if "position.JOINT" in missing else []
-    names = [*(name for name in missing if name != "position.JOINT"), *joints]
+    parts = [name.partition("JOINT") for name in missing]
+    names = [f"{kind}{joint}" for kind, any_joint, _ in parts for joint in (robot.joint_names if any_joint else [""])]
     rate = "# or, without a time: rate = 500, in samples a second\n" if TIME in missing else ""
     return "".join(f'# missing: {name} = "..."\n' for name in names) + rate
 
@@ -143,7 +191,7 @@ def _sensor(kind: str, of_kind: Families) -> dict[str, str]:
     """Return the first family with a column for every part of a sensor, by documented names."""
     for family, sensor in itertools.product(of_kind.values(), _SENSORS[kind]):
         parts = [name.partition(".")[2] for name in sensor]
-        numbered = _numbers(family)[:4] if sensor in (GYROSCOPE, ACCELEROMETER) else []
+        numbered = _numbers(family)[:4] if sensor in (GYROSCOPE, ACCELEROMETER, BASE_POSITION) else []
         for keys in (parts, numbered):
             if len(keys) == len(parts) and set(keys) <= set(family):
                 return {ours: family[key] for ours, key in zip(sensor, keys, strict=True)}
@@ -265,5 +313,6 @@ _SENSORS = {
     "gyro": (GYROSCOPE,),
     "accelerometer": (ACCELEROMETER,),
     "orientation": (QUATERNION, ANGLES),
+    "base_position": (BASE_POSITION,),
     "foot_force": (FOOT_FORCES,),
 }

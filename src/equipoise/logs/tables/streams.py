@@ -6,6 +6,7 @@ velocity.JOINT, torque.JOINT           [rad/s], [Nm]; if the robot measures them
 gyro.x gyro.y gyro.z                   [rad/s], in the IMU's frame
 accelerometer.x .y .z                  [m/s2], +9.81 upward at rest
 orientation.w .x .y .z                 unit quaternion from the IMU's axes to level ones; or .roll .pitch .yaw [rad]
+base_position.x .y .z                  [m] of the base link, z up, in place of an accelerometer; the orientation is the link's
 command.JOINT                          position targets [rad]; optional
 foot_force.FL .FR .RL .RR              readings of the foot force sensors, in any unit; optional
 
@@ -15,18 +16,21 @@ Cells may be empty: streams of different rates share a table by rows with only j
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
+from equipoise.logs.base_pose import imu_of_poses
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.orientation import quaternions_of
 from equipoise.logs.raw_log import RawImu, RawJoints, RawLog
 from equipoise.logs.tables.column_names import (
     ACCELEROMETER,
     ANGLES,
+    BASE_POSITION,
     FOOT_FORCES,
     GYROSCOPE,
     QUATERNION,
@@ -43,13 +47,19 @@ from equipoise.robot.model import RobotModel
 
 
 def read_table(
-    path: Path, robot: RobotModel, topics: Topics, columns: Columns | None = None, tables: Sequence[Path] = ()
+    path: Path,
+    robot: RobotModel,
+    topics: Topics,
+    columns: Columns | None = None,
+    tables: Sequence[Path] = (),
+    standing: bool = False,
 ) -> RawLog:
     """Return the streams of a table: a `LogReader`.
 
     Args:
         columns: the user's map of columns without documented names.
         tables: further tables of the same run, which are joined with it by their time.
+        standing: True for a log of a standing robot, which needs no IMU, and no time.
 
     Raises:
         RecordingError: columns are missing; it proposes a map.
@@ -62,29 +72,37 @@ def read_table(
     given.check(file.names, file.title)
     known = given.of_table(file.names)
     file.refuse_twins(known.names.values())
-    if known.missing():
-        raise _missing_columns(file, known, *propose(robot, file, known))
+    if standing and not known.has([TIME]):
+        known = replace(known, rate=known.rate or 1.0)
+    if missing := known.missing(standing):
+        raise _missing_columns(file, missing, *propose(robot, file, known, standing))
     check_names_in_cells(robot, file, known)
-    return _Streams(file, known).raw_log(suffix_of(path))
+    return _Streams(file, known, robot).raw_log(suffix_of(path), standing)
 
 
 class _Streams:
     """Conversion of a file's columns to streams."""
 
-    def __init__(self, file: TableFile, columns: Columns) -> None:
-        self.file, self.columns, rate = file, columns, columns.rate
+    def __init__(self, file: TableFile, columns: Columns, robot: RobotModel) -> None:
+        self.file, self.columns, self.robot, rate = file, columns, robot, columns.rate
         self.time = np.arange(file.rows) / rate if rate else file.clock(columns.names[TIME]) * columns.factor(TIME)
 
-    def raw_log(self, kind: str) -> RawLog:
+    def raw_log(self, kind: str, standing: bool) -> RawLog:
         """Return all streams.
 
         Args:
             kind: name of the kind of file.
+            standing: see `read_table`.
         """
         findings: list[LogFinding] = []
-        joints, imu = self._joints("position", findings), self._imu()
-        for name, stamps in (("joint", joints.time), ("IMU", imu.time)) if self.columns.rate is None else ():
-            _check_seconds(self.file, name, stamps)
+        joints = self._joints("position", findings)
+        if standing:  # a pose differs little from the plane of the feet
+            imu = self._imu() if self.columns.has((*ACCELEROMETER, *GYROSCOPE)) else None
+        else:
+            imu = self._imu_of_poses(findings) if self.columns.has_pose() else self._imu()
+        stamped = [] if standing or self.columns.rate else [("joint", joints), ("IMU", imu)]
+        for name, stream in stamped:
+            _check_seconds(self.file, name, stream.time if stream is not None else np.empty(0))
         commands = self._joints("command", findings) if self.columns.joints("command") else None
         about = {"format": f"{kind} table, {len(self.time)} rows"}
         return RawLog(joints, imu, commands, about, tuple(findings))
@@ -125,6 +143,14 @@ class _Streams:
             None if orientation is None else orientation[rows],
         )
 
+    def _imu_of_poses(self, findings: list[LogFinding]) -> RawImu:
+        """Return IMU samples that are derived from the base's pose, at the times of a gyroscope if there is one."""
+        quaternions, turning = self._orientation(), self._stacked(GYROSCOPE) if self.columns.has(GYROSCOPE) else None
+        assert quaternions is not None  # as `Columns.missing` requires
+        imu, message = imu_of_poses(self.robot, self.time, self._stacked(BASE_POSITION), quaternions, turning)
+        findings.append(LogFinding("IMU", message))
+        return imu
+
     def _check_exchanged(self, gyroscope: FloatArray | None, acceleration: FloatArray) -> None:
         """Raise RecordingError if the gyroscope's columns carry gravity, and the accelerometer's do not."""
         if gyroscope is not None and is_exchanged(gyroscope, acceleration):
@@ -160,9 +186,9 @@ def _interpolated(at: FloatArray, time: FloatArray, table: FloatArray) -> FloatA
     return np.column_stack(columns)
 
 
-def _missing_columns(file: TableFile, known: Columns, nameless: Sequence[str], proposal: str) -> RecordingError:
+def _missing_columns(file: TableFile, missing: Sequence[str], nameless: Sequence[str], proposal: str) -> RecordingError:
     return ColumnProposal(
-        f"{file.title} has no {', '.join(known.missing())}. The names of its columns suggest the mapping below"
+        f"{file.title} has no {', '.join(missing)}. The names of its columns suggest the mapping below"
         + (f", but nothing for {', '.join(nameless)}: write these lines yourself" if nameless else "")
         + ("; --rate HERTZ stands in for a time where samples are evenly spaced" if TIME in nameless else ""),
         proposal,
