@@ -7,12 +7,10 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import ClassVar
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
-from gazebo.root import SERVER, inside, prepare_root
 from scipy.spatial.transform import Rotation
 from worlds.urdf import urdf
 
@@ -26,11 +24,12 @@ from equipoise.simulation.effects import EffectSizes
 from equipoise.simulation.leg_errors import in_frame_of_hips
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.simulated import SimulatedPlatform
+from gazebo.root import SERVER, inside, prepare_root
 
 LACKS: tuple[str, ...] = ("armature", "cable", *(row.name for row in EffectSizes.rows() if row.engines == ("mujoco",)))
 """Effects that are not simulated."""
 _OF_IMU = ("gyro_noise", "gyro_bias", "accelerometer_noise", "accelerometer_bias")  # simulated by Gazebo's sensor
-_TIMESTEP, _PERIOD = 1e-3, 2e-3  # [s]; the step is Gazebo's default
+_PERIOD = 2e-3  # [s], of commands
 
 
 @dataclass(frozen=True)
@@ -43,6 +42,7 @@ class Ode:
         friction_model: "pyramid_model", "box_model" or "cone_model".
         kp, kd: stiffness [N/m] and damping [N s/m] of contacts.
         max_vel: largest velocity that corrects a penetration [m/s].
+        step: time step [s].
     """
 
     solver: str = "quick"
@@ -51,6 +51,7 @@ class Ode:
     kp: float = 1e12
     kd: float = 1.0
     max_vel: float = 0.01
+    step: float = 1e-3
 
 
 class GazeboPlatform(SimulatedPlatform):
@@ -74,28 +75,38 @@ class GazeboPlatform(SimulatedPlatform):
     def __init__(
         self, robot: RobotModel, sizes: EffectSizes, payload: Payload | None, seed: int, ode: Ode | None = None
     ) -> None:
-        stance, joints = nominal_stance(robot), len(robot.joint_names)
+        stance, joints, ode = nominal_stance(robot), len(robot.joint_names), ode or Ode()
         errors = DrawnErrors.draw(sizes.without_effects(_OF_IMU), joints, seed)
         kp, kd = (np.full(joints, gain) for gain in robot.gains(stance.hip_height))
-        super().__init__(robot, errors, kp, kd, _TIMESTEP, _PERIOD)
+        super().__init__(robot, errors, kp, kd, ode.step, _PERIOD)
         self._files = TemporaryDirectory(dir=prepare_root() / "tmp")
         file = Path(self._files.name, "robot.urdf")
         root = urdf(robot, stance, errors, payload)
-        _add_extensions(root, robot, errors, sizes, ode or Ode())
+        _add_extensions(root, robot, errors, sizes, ode)
         ElementTree.ElementTree(root).write(file)
         read = ["gz", "sdf", "-p", f"/tmp/{file.parent.name}/{file.name}"]
         model = ElementTree.fromstring(subprocess.run(inside(*read), capture_output=True, check=True).stdout)
         world = file.with_name("robot.world")
-        world.write_text(_world(model, errors, ode or Ode()), encoding="utf-8")
+        world.write_text(_world(model, errors, ode), encoding="utf-8")
         self._stream, theirs = socket.socketpair()
         self._log = file.with_name("log")
-        command = [SERVER, f"/tmp/{world.parent.name}/{world.name}", str(theirs.fileno()), str(seed), *robot.joint_names]
+        command = [
+            SERVER,
+            f"/tmp/{world.parent.name}/{world.name}",
+            str(theirs.fileno()),
+            str(seed),
+            *robot.joint_names,
+        ]
         with theirs, self._log.open("wb") as log:
             self._server = subprocess.Popen(
                 inside(*command), pass_fds=[theirs.fileno()], stdout=log, stderr=log, start_new_session=True
             )
         self._now, self._held, self._up = np.zeros(self._raw_width), np.array(stance.joint_position), 1.0
-        self._settle(stance, "standing")
+        try:
+            self._settle(stance, "standing")
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         super().close()
@@ -156,24 +167,30 @@ def _sum(links: FloatArray) -> InertialParameters:
     arms = links[:, 1:4] - com
     xx, yy, zz, xy, xz, yz = links[:, 4:].sum(axis=0)
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    inertia += np.einsum("n,nk,nk->", links[:, 0], arms, arms) * np.eye(3) - np.einsum("n,ni,nj->ij", links[:, 0], arms, arms)
+    inertia += np.einsum("n,nk,nk->", links[:, 0], arms, arms) * np.eye(3) - np.einsum(
+        "n,ni,nj->ij", links[:, 0], arms, arms
+    )
     return InertialParameters(float(mass), com, inertia)
 
 
-def _add_extensions(root: ElementTree.Element, robot: RobotModel, errors: DrawnErrors, sizes: EffectSizes, ode: Ode) -> None:
+def _add_extensions(
+    root: ElementTree.Element, robot: RobotModel, errors: DrawnErrors, sizes: EffectSizes, ode: Ode
+) -> None:
     """Add joint friction to a URDF, and the elements of Gazebo: contacts of the feet, and an IMU."""
     for number, name in enumerate(robot.joint_names):
         friction, damping = errors.coulomb_friction[number], errors.viscous_friction[number]
         joint = next(joint for joint in root.iter("joint") if joint.get("name") == name)
         ElementTree.SubElement(joint, "dynamics", friction=f"{friction}", damping=f"{damping}")
     for leg in robot.legs:
-        root.append(ElementTree.fromstring(f'<gazebo reference="{leg}_foot">{_CONTACT_OF_URDF.format(ode=ode)}</gazebo>'))
+        root.append(
+            ElementTree.fromstring(f'<gazebo reference="{leg}_foot">{_CONTACT_OF_URDF.format(ode=ode)}</gazebo>')
+        )
     rotation = Rotation.from_matrix(np.array(robot.imu_in_base.rotation) @ np.array(pin.exp3(errors.imu_tilt)))
     pose = " ".join(map(repr, map(float, (*robot.imu_in_base.translation, *rotation.as_euler("xyz")))))
-    # A sample is a mean over a control period, or one of its steps: the noise density of the steps is the preset's.
+    noise = np.sqrt(_PERIOD / ode.step)  # of a step, with the density of the preset's samples
     turn, force = (
-        "".join(f"<{axis}>{_NOISE.format(noise=noise, bias=bias)}</{axis}>" for axis in "xyz")
-        for noise, bias in ((sizes.gyro_noise, sizes.gyro_bias), (sizes.accelerometer_noise, sizes.accelerometer_bias))
+        "".join(f"<{axis}>{_NOISE.format(noise=noise * size, bias=bias)}</{axis}>" for axis in "xyz")
+        for size, bias in ((sizes.gyro_noise, sizes.gyro_bias), (sizes.accelerometer_noise, sizes.accelerometer_bias))
     )
     root.append(ElementTree.fromstring(_IMU.format(pose=pose, turn=turn, force=force)))
 
@@ -182,12 +199,13 @@ _CONTACT_OF_URDF = (
     "<mu1>1</mu1><mu2>1</mu2><kp>{ode.kp}</kp><kd>{ode.kd}</kd><maxVel>{ode.max_vel}</maxVel><minDepth>0</minDepth>"
 )
 _NOISE = (
-    '<noise type="gaussian"><mean>0</mean><stddev>{noise}</stddev><bias_mean>0</bias_mean><bias_stddev>{bias}</bias_stddev></noise>'
+    '<noise type="gaussian"><mean>0</mean><stddev>{noise}</stddev><bias_mean>0</bias_mean><bias_stddev>{bias}</bias_stddev>'
+    "</noise>"
 )
 _IMU = """<gazebo reference="base"><sensor name="imu" type="imu"><always_on>1</always_on><pose>{pose}</pose><imu>
 <angular_velocity>{turn}</angular_velocity><linear_acceleration>{force}</linear_acceleration></imu></sensor></gazebo>"""
 _WORLD = """<sdf version="1.7"><world name="world"><gravity>{gravity}</gravity>
-<physics type="ode"><max_step_size>{step}</max_step_size><real_time_update_rate>0</real_time_update_rate>
+<physics type="ode"><max_step_size>{ode.step}</max_step_size><real_time_update_rate>0</real_time_update_rate>
 <ode><solver><type>{ode.solver}</type><iters>{ode.iters}</iters><friction_model>{ode.friction_model}</friction_model></solver></ode>
 </physics><model name="floor"><static>true</static><link name="link"><collision name="collision"><geometry><plane>
 <normal>0 0 1</normal><size>100 100</size></plane></geometry><surface><friction><ode><mu>{mu}</mu><mu2>{mu}</mu2></ode>
@@ -201,4 +219,4 @@ def _world(sdf: ElementTree.Element, errors: DrawnErrors, ode: Ode) -> str:
     model.set("name", "robot")
     gravity = " ".join(repr(float(value)) for value in GRAVITY * errors.gravity_direction)
     robot = ElementTree.tostring(model, encoding="unicode")
-    return _WORLD.format(gravity=gravity, step=_TIMESTEP, ode=ode, mu=errors.floor_friction, model=robot)
+    return _WORLD.format(gravity=gravity, ode=ode, mu=errors.floor_friction, model=robot)

@@ -14,7 +14,6 @@ import numpy as np
 import pinocchio as pin
 import pybullet
 from scipy.spatial.transform import Rotation
-from worlds.urdf import urdf
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.robot.inertial import InertialParameters
@@ -25,6 +24,7 @@ from equipoise.simulation.effects import EffectSizes
 from equipoise.simulation.leg_errors import in_frame_of_hips
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.simulated import SimulatedPlatform
+from worlds.urdf import urdf
 
 _SLOW = 0.02  # [rad/s] below which joint friction holds
 TIMESTEP = 1e-3  # [s]
