@@ -30,6 +30,7 @@ LACKS: tuple[str, ...] = ("armature", "cable", *(row.name for row in EffectSizes
 """Effects that are not simulated."""
 _OF_IMU = ("gyro_noise", "gyro_bias", "accelerometer_noise", "accelerometer_bias")  # simulated by Gazebo's sensor
 _PERIOD = 2e-3  # [s], of commands
+_PATIENCE = 120.0  # [s] for an answer; the longest motion at once takes a few seconds
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class Ode:
         kp, kd: stiffness [N/m] and damping [N s/m] of contacts.
         max_vel: largest velocity that corrects a penetration [m/s].
         step: time step [s].
+        difference: weight of the newest difference of positions in joint velocities, 0.65 in Unitree's joint controller;
+            0: velocities are Gazebo's.
     """
 
     solver: str = "quick"
@@ -52,6 +55,7 @@ class Ode:
     kd: float = 1.0
     max_vel: float = 0.01
     step: float = 1e-3
+    difference: float = 0.0
 
 
 class GazeboPlatform(SimulatedPlatform):
@@ -89,12 +93,14 @@ class GazeboPlatform(SimulatedPlatform):
         world = file.with_name("robot.world")
         world.write_text(_world(model, errors, ode), encoding="utf-8")
         self._stream, theirs = socket.socketpair()
+        self._stream.settimeout(_PATIENCE)
         self._log = file.with_name("log")
         command = [
             SERVER,
             f"/tmp/{world.parent.name}/{world.name}",
             str(theirs.fileno()),
             str(seed),
+            str(ode.difference),
             *robot.joint_names,
         ]
         with theirs, self._log.open("wb") as log:
@@ -152,11 +158,15 @@ class GazeboPlatform(SimulatedPlatform):
     def _receive(self, count: int) -> FloatArray:
         message = bytearray()
         while len(message) < 8 * count:
-            part = self._stream.recv(8 * count - len(message))
+            try:
+                message += (part := self._stream.recv(8 * count - len(message)))
+            except TimeoutError:
+                part = b""
             if not part:
                 log = self._log.read_text(errors="replace")[-500:]
-                raise MotionError(f"the Gazebo server ended with code {self._server.wait()}; its last output: {log}")
-            message += part
+                raise MotionError(
+                    f"the Gazebo server does not answer (exit code {self._server.poll()}); its output: {log}"
+                )
         return np.frombuffer(bytes(message))
 
 

@@ -1,6 +1,7 @@
-// Gazebo 11 in lockstep with a client: server WORLD SOCKET SEED JOINT...
+// Gazebo 11 in lockstep with a client: server WORLD SOCKET SEED WEIGHT JOINT...
 //
-// All messages are doubles. SOCKET is the number of an open stream socket; SEED is that of the sensors' noise. Requests:
+// All messages are doubles. SOCKET is the number of an open stream socket; SEED is that of the sensors' noise.
+// WEIGHT is that of the newest difference of positions in the joint velocities, as in Unitree's controller; 0: Gazebo's velocities. Requests:
 //   0, height, then (nj) joint positions, effort limits, torque gains: places model "robot" at rest, and returns (nj + 1, 10) values
 //      of link "base" and the joints' links: mass, CoM, inertia xx yy zz xy xz yz about the CoM, in the frame of "base".
 //   n > 0, then (nj) kp, (nj) kd, (n, nj) position targets: makes n steps with joint PD, and returns (n + 1, 3 nj + 6) rows and the
@@ -54,7 +55,7 @@ int main(int count, char** arguments) {
   auto model = world->ModelByName("robot");
   auto base = model->GetLink("base");
   std::vector<physics::JointPtr> joints;
-  for (int i = 4; i < count; i++) joints.push_back(model->GetJoint(arguments[i]));
+  for (int i = 5; i < count; i++) joints.push_back(model->GetJoint(arguments[i]));
   sensors::run_once(true);
   auto imu = std::dynamic_pointer_cast<sensors::ImuSensor>(sensors::get_sensor("imu"));
   if (!imu || model->GetLinks().size() != joints.size() + 1) {
@@ -63,11 +64,12 @@ int main(int count, char** arguments) {
   }
 
   const size_t n = joints.size();
-  Values limit(n), gain(n), kp, kd, targets, rows, seen(6);
+  const double weight = std::stod(arguments[4]), h = world->Physics()->GetMaxStepSize();
+  Values limit(n), gain(n), kp, kd, targets, rows, seen(6), last(n), velocity(n);
   size_t step = 0;
   auto sense = [&] {  // appends a row, torques zero
     for (auto& joint : joints) rows.push_back(joint->Position(0));
-    for (auto& joint : joints) rows.push_back(joint->GetVelocity(0));
+    rows.insert(rows.end(), velocity.begin(), velocity.end());
     rows.resize(rows.size() + n);
     rows.insert(rows.end(), seen.begin(), seen.end());
   };
@@ -86,6 +88,11 @@ int main(int count, char** arguments) {
     while (imu->LastMeasurementTime() != now) {  // the sensor's data come by a topic, which another thread may be serving
       transport::TopicManager::Instance()->ProcessNodes();
       imu->Update(true);
+    }
+    for (size_t i = 0; i < n; i++) {
+      double position = joints[i]->Position(0), slope = (position - last[i]) / h;
+      velocity[i] = weight > 0 ? (1 - weight) * velocity[i] + weight * slope : joints[i]->GetVelocity(0);
+      last[i] = position;
     }
     auto turn = imu->AngularVelocity(), force = imu->LinearAcceleration();
     seen = {turn.X(), turn.Y(), turn.Z(), force.X(), force.Y(), force.Z()};
@@ -108,6 +115,7 @@ int main(int count, char** arguments) {
     model->SetWorldPose({0, 0, height, 0, 0, 0});
     for (size_t i = 0; i < n; i++) joints[i]->SetPosition(0, positions[i], false);
     model->ResetPhysicsStates();
+    last = positions, std::fill(velocity.begin(), velocity.end(), 0.0);
     Values table;
     for (size_t i = 0; i <= n; i++) {
       auto link = i == 0 ? base : joints[i - 1]->GetChild();
