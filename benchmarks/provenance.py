@@ -23,6 +23,7 @@ RESULTS = ROOT / "benchmarks" / "results"
 MAKERS = {
     "paper/README.md": "src/equipoise/lab/cli/reproduce.py",
     "sources/summary.md": "src/equipoise/lab/cli/monte_carlo.py",
+    "gazebo.md": "benchmarks/gazebo/run.py",
     "peers.md": "benchmarks/peers/run.py",
     "peers_tuning.md": "benchmarks/peers/tune.py",
 }

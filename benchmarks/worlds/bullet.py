@@ -19,12 +19,12 @@ from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.robot.tree import joint_axis
 from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import EffectSizes
-from equipoise.simulation.leg_errors import LegErrors, in_frame_of_hips
+from equipoise.simulation.leg_errors import in_frame_of_hips
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.simulated import SimulatedPlatform
+from worlds.urdf import urdf
 
 _SLOW = 0.02  # [rad/s] below which joint friction holds
 TIMESTEP = 1e-3  # [s]
@@ -50,7 +50,9 @@ class BulletPlatform(SimulatedPlatform):
         plane = pybullet.createMultiBody(0, floor, **engine)
         with TemporaryDirectory() as folder:
             file = Path(folder, "robot.urdf")
-            file.write_text(_urdf(robot, stance, errors, payload), encoding="utf-8")
+            root = urdf(robot, stance, errors, payload)
+            ElementTree.indent(root)  # the engine cannot read long lines
+            file.write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
             flags = pybullet.URDF_USE_INERTIA_FROM_FILE
             self._body = pybullet.loadURDF(str(file), [0, 0, stance.base_height], flags=flags, **engine)
         names = [pybullet.getJointInfo(self._body, j, **engine)[1].decode() for j in range(self._links)]
@@ -164,69 +166,3 @@ class BulletPlatform(SimulatedPlatform):
         pybullet.restoreState(before, physicsClientId=self._engine)
         pybullet.removeState(before, physicsClientId=self._engine)
         return raw[0]
-
-
-def _urdf(robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None) -> str:
-    """The robot with its drawn legs as one file: a body for the base, and one for each leg link."""
-    model, legs = robot.pinocchio, LegErrors.of(robot, stance, errors)
-    root = ElementTree.Element("robot", name=robot.name)
-    base = model.inertias[1]
-    if payload is not None:
-        base = base + pin.Inertia.FromDynamicParameters(payload.parameters.vector)
-    _link(root, "base", base)
-    for number, leg in enumerate(robot.legs.values()):
-        parent, shift = "base", legs.hip_shift[number]
-        for name, joint in zip(leg.joint_names, leg.joints, strict=True):
-            index = model.getJointId(name)
-            own = model.inertias[index]
-            mass = own.mass * float(errors.leg_mass_scale[joint])
-            inertia = errors.leg_mass_scale[joint] * errors.leg_inertia_scale[joint] * np.array(own.inertia)
-            _link(root, name, pin.Inertia(mass, own.lever + legs.com_shift[joint], inertia))
-            place = model.jointPlacements[index]
-            axis = np.array(pin.exp3(legs.axis_turn[joint])) @ joint_axis(model, index)
-            _joint(root, name, parent, np.array(place.translation) + shift, place.rotation, axis)
-            parent, shift = name, legs.end_shift[joint]
-        placement = model.frames[leg.foot_frame_id].placement
-        foot, radius = f"{leg.name} foot", robot.feet[leg.name].radius + float(legs.foot_radius[number])
-        _joint(root, foot, parent, np.array(placement.translation) + shift, placement.rotation, None)
-        collision = ElementTree.SubElement(_link(root, foot, None), "collision")
-        ElementTree.SubElement(ElementTree.SubElement(collision, "geometry"), "sphere", radius=str(radius))
-    ElementTree.indent(root)  # the engine cannot read long lines
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _link(root: ElementTree.Element, name: str, body: pin.Inertia | None) -> ElementTree.Element:
-    link = ElementTree.SubElement(root, "link", name=name)
-    inertial = ElementTree.SubElement(link, "inertial")
-    if body is None:  # a foot, whose mass is its link's: the engine wants some
-        mass, com, moments, axes = 1e-9, np.zeros(3), np.full(3, 1e-12), np.eye(3)
-    else:
-        mass, com = body.mass, np.array(body.lever)
-        moments, axes = np.linalg.eigh(np.array(body.inertia))
-        axes[:, 2] *= np.linalg.det(axes)
-    _origin(inertial, com, axes)
-    ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
-    diagonal = dict(zip(("ixx", "iyy", "izz"), (repr(float(value)) for value in moments), strict=True))
-    ElementTree.SubElement(inertial, "inertia", ixy="0", ixz="0", iyz="0", **diagonal)
-    return link
-
-
-def _joint(
-    root: ElementTree.Element, name: str, parent: str, place: FloatArray, rotation: FloatArray, axis: FloatArray | None
-) -> None:
-    """A joint to the link of the same name; None: it is fixed."""
-    joint = ElementTree.SubElement(root, "joint", name=name, type="fixed" if axis is None else "continuous")
-    ElementTree.SubElement(joint, "parent", link=parent)
-    ElementTree.SubElement(joint, "child", link=name)
-    _origin(joint, place, rotation)
-    if axis is not None:
-        ElementTree.SubElement(joint, "axis", xyz=_numbers(axis))
-
-
-def _origin(element: ElementTree.Element, place: FloatArray, rotation: FloatArray) -> None:
-    angles = Rotation.from_matrix(rotation).as_euler("xyz")
-    ElementTree.SubElement(element, "origin", xyz=_numbers(place), rpy=_numbers(angles))
-
-
-def _numbers(values: FloatArray) -> str:
-    return " ".join(repr(float(value)) for value in values)
