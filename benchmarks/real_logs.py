@@ -63,7 +63,7 @@ ELSEWHERE = (
     ("IIT's DLS datasets, HyQ", "needs an account, not available"),
     (
         "well-robotics/PRIME and Renkunzhao/PRIME, Go2 with a plate of 4.6 kg",
-        "`p_sense`, `v_sense`, `tau_sense`: the layout is read ([base pose](base_pose.md)); the repositories were not available",
+        "`p_sense`, `v_sense`, `tau_sense`: the layout is read ([base pose](base_pose.md)); no repository was available",
     ),
     ("Renkunzhao/PRIME, `lowstate` bags, Go2 with 4 kg on one side", "the repository was not available"),
     (
