@@ -34,7 +34,7 @@ def world(
     """A standing robot, and what it is, whole, at its nominal stance, by the engine's own bodies."""
     without = lacking(engine, preset)
     if engine != "pybullet":
-        with simulate(robot, preset, payload, seed, engine=engine, without=without) as simulation:
+        with simulate(robot, preset, payload, seed, engine=engine, disabled_effects=without) as simulation:
             yield simulation.platform, simulation.truth.composite
         return
     from worlds.bullet import BulletPlatform  # noqa: PLC0415
