@@ -3,7 +3,8 @@
 Robots with a payload trot for 20 or 60 s (equipoise.lab.gaits.trot) with varying speed, sidesteps and turns, in PyBullet and
 DART with the effects that these engines support, and in MuJoCo with all of them. Others crawl (equipoise.lab.gaits.crawl).
 Their logs are written as tables and read like foreign logs; the scale has an error of 0.5 % (rms). The same robots are also
-calibrated in MuJoCo, to compare lifts and trot. An interrupted benchmark resumes from walking.jsonl.
+calibrated in MuJoCo, to compare lifts and trot. A trot also measures payloads. An interrupted benchmark resumes from
+walking.jsonl.
 
     python benchmarks/walking.py              # missing runs, then the page
     python benchmarks/walking.py --seeds 2    # the first seeds only
@@ -29,11 +30,13 @@ import numpy as np
 from provenance import commit, write_page
 from worlds.world import world
 
-from equipoise import BayesianMethod, Payload, Recording, RobotModel, calibrate, load_robot, nominal_stance
+from equipoise import BayesianMethod, Payload, Recording, RobotModel, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
+from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.lab.gaits.crawl import crawl
 from equipoise.lab.gaits.trot import trot
 from equipoise.logs.offline import estimate_log
+from equipoise.logs.payload import measure_payload_in_log
 from equipoise.logs.reader import read_log
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
@@ -41,6 +44,8 @@ from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "walking.jsonl"
 FIRST_SEED, SCALE_ERROR = 10_000, 5e-3
+FIRST_PAYLOAD, LOADED, BARE = 20_000, 20, 5  # seeds of payloads
+PAYLOADS = (0.5, 2.0)  # [kg]
 BUDGET = 60.0  # [s] of the calibrations, on an A1
 TARGETS = {("realistic", 20): (3, 3, 8), ("stress", 20): (5, 5, 12), ("realistic", 60): (2, 2, None)}  # [mm] rms
 
@@ -137,6 +142,100 @@ def run(case: Case, seed: int) -> dict[str, object]:
     return row
 
 
+def measure(seed: int) -> dict[str, object]:
+    """Return a row of the payload of a trot, in four ways: with or without a prior run, and with or without a scale."""
+    warnings.simplefilter("ignore")
+    robot, generator = load_robot("unitree_a1"), np.random.default_rng([seed, 79])
+    stance, factor = nominal_stance(robot), 1 + SCALE_ERROR * float(generator.standard_normal())
+    half = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
+    place = np.array([*(generator.uniform(-0.4, 0.4, 2) * half), generator.uniform(0.1, 0.3) * stance.hip_height])
+    mass = float(generator.uniform(*PAYLOADS))
+    loaded = seed < FIRST_PAYLOAD + LOADED
+    row: dict[str, object] = {"key": f"payload/{seed}", "case": "payload", "seed": seed, "commit": commit(), "ways": {}}
+    row |= {"mass": mass if loaded else 0.0, "place": place.tolist()}
+    try:
+        with simulate(robot, "realistic", None, seed, noise_seed=2 * seed + 1) as simulation:
+            bare = factor * simulation.truth.composite.mass
+            method = BayesianMethod(leg_prior="narrow", cable="none", mass=bare)
+            first = calibrate(simulation.platform, robot, method)
+        prior_run = PriorRun.of(first.evidence.posterior, first.settings, "bare")
+        payload = Payload(InertialParameters(mass, place, np.zeros((3, 3)))) if loaded else None
+        with simulate(robot, "realistic", payload, seed, noise_seed=2 * seed) as simulation:
+            seconds = 60 if seed % 10 == 0 else 20
+            recording = trot(simulation.platform, robot, (1 + seconds) * stance.scale.time, phase=float(seed))
+            weighed = factor * simulation.truth.composite.mass
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "trot.csv")
+            write(recording, file)
+            for way, method in {
+                "prior run": BayesianMethod(prior_run=prior_run, cable="none"),
+                "prior run and scale": BayesianMethod(prior_run=prior_run, cable="none", mass=weighed),
+                "model file": BayesianMethod(cable="none"),
+                "model file and scale": BayesianMethod(cable="none", mass=weighed),
+            }.items():
+                row["ways"][way] = measured(robot, file, method)
+        row["seconds"] = seconds
+    except EquipoiseError as error:
+        row["failed"] = f"{type(error).__name__}: {error}"
+    return row
+
+
+def measured(robot: RobotModel, file: Path, method: BayesianMethod) -> dict[str, object]:
+    """Return the payload in a log, and the CPU time of reading and estimating it."""
+    begun = time.process_time()
+    found, _ = measure_payload_in_log(robot, read_log(file, robot), method)
+    payload = [*found.change.payload][:4]
+    return {
+        "cpu": time.process_time() - begun,
+        "answer": found.answer,
+        "value": [one.value for one in payload],
+        "sd": [one.std for one in payload],
+        "cannot tell": found.message.partition("cannot tell ")[2],
+    }
+
+
+def payloads(rows: list[dict]) -> Iterator[str]:
+    """Yield the table of payloads."""
+    loaded, bare = (
+        [row for row in rows if (row["mass"] > 0) is full and "failed" not in row] for full in (True, False)
+    )
+    yield (
+        f"`equipoise payload --log`: payloads of {PAYLOADS[0]} to {PAYLOADS[1]} kg at random places on a simulated A1 "
+        "(`realistic`), 20 s of trot (60 s for each tenth seed). *Prior run*: the bare robot, two minutes, weighed. Targets: "
+        "mass 5 %, place 5 mm, 5 s. *Determined*: coordinates within 10 mm, half width of the 95 % interval; the answer names "
+        "the others. Errors of mass and place are of answers with a place."
+    )
+    yield ""
+    yield (
+        "| reference | n | with a place | mass [%] | place x, y, z [mm] | coverage | determined, rms [mm] | false alarms | "
+        "CPU of 20, 60 s [s] |"
+    )
+    yield "|" + "---|" * 9
+    for way in loaded[0]["ways"] if loaded else ():
+        all_found = [(row, row["ways"][way]) for row in loaded]
+        found = [(row, one) for row, one in all_found if one["value"][1] is not None]
+        alarms = sum(row["ways"][way]["answer"] in ("added", "removed", "moved") for row in bare)
+        if not found:
+            yield f"| {way} | {len(loaded)} | 0 | - | - | - | - | {alarms} of {len(bare)} | - |"
+            continue
+        true = np.array([[row["mass"], *row["place"]] for row, _ in found])
+        error = np.array([one["value"] for _, one in found]) - true
+        sd = np.array([one["sd"] for _, one in found])
+        narrow = NORMAL_95 * sd[:, 1:] <= 10e-3
+        cpu = {
+            seconds: np.mean([row["ways"][way]["cpu"] for row in (*loaded, *bare) if row["seconds"] == seconds])
+            for seconds in (20, 60)
+        }
+        share = f"{narrow.mean():.0%}, {1e3 * rms(error[:, 1:][narrow]):.1f}" if narrow.any() else "0%, -"
+        yield (
+            f"| {way} | {len(loaded)} | {len(found)} | "
+            f"{100 * rms(error[:, 0] / true[:, 0]):.1f} | {' '.join(f'{1e3 * value:.0f}' for value in rms(error[:, 1:]))} | "
+            f"{np.mean(np.abs(error) <= NORMAL_95 * sd):.0%} | {share} | "
+            f"{alarms} of {len(bare)} | "
+            f"{cpu[20]:.1f}, {cpu[60]:.1f} |"
+        )
+
+
 def numbers(result: object, truth: InertialParameters) -> dict[str, object]:
     """Return the row of one estimate."""
     true, whole = components(truth), result.composite
@@ -170,6 +269,9 @@ def lines(rows: list[dict]) -> Iterator[str]:
     yield ""
     yield from table(rows, "crawl")
     finished = [row for row in rows if "error" in row]
+    if weighed := [row for row in rows if row["case"] == "payload"]:
+        yield ""
+        yield from payloads(weighed)
     both = [row for row in finished if "lifts" in row]
     if both:
         yield ""
@@ -248,6 +350,12 @@ def main() -> None:
     arguments = parser.parse_args()
     rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()] if ROWS.exists() else []
     done = {row["key"] for row in rows}
+    for number in range(min(arguments.seeds, LOADED + BARE)):
+        if f"payload/{FIRST_PAYLOAD + number}" not in done:
+            rows.append(row := measure(FIRST_PAYLOAD + number))
+            with ROWS.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(row) + "\n")
+            print(row["key"], row.get("failed", ""), flush=True)
     for number in range(min(arguments.seeds, max(case.seeds for case in CASES))):
         for case in CASES:
             seed = FIRST_SEED + number

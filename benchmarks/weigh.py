@@ -127,12 +127,12 @@ def numbers(
 ) -> dict[str, object]:
     """Return errors and standard deviations of the robot's ten parameters, and of the payload's mass and CoM."""
     whole = result.with_truth(truth).composite
-    delta = measure_payload(robot, known, result).delta.with_truth(bare, truth)
-    found = [*delta.payload][:4]
+    change = measure_payload(robot, known, result).change.with_truth(bare, truth)
+    found = [*change.payload][:4]
     return {
         f"{way}error": whole.errors.tolist(),
         f"{way}sd": whole.stds.tolist(),
-        f"{way}payload": delta.payload.mass.truth,
+        f"{way}payload": change.payload.mass.truth,
         f"{way}payload error": [one.error for one in found],
         f"{way}payload sd": [one.std for one in found],
     }

@@ -119,6 +119,19 @@ def find_payload_change_since(robot: RobotModel, prior_run: PriorRun, evidence: 
     return _payload_change(robot, nominal_stance(robot), runs, tuple(change.message for change in evidence.changes))
 
 
+def find_payload_change_from_file(robot: RobotModel, evidence: PosteriorEvidence) -> PayloadChange:
+    """Estimate the payload as the whole robot minus that of the model file, whose errors therefore count as payload.
+
+    Args:
+        evidence: evidence of a result without a prior run.
+    """
+    posterior, stance = evidence.posterior, nominal_stance(robot)
+    body, file = posterior.unknowns.robot_body, composite_parameters(robot, stance.joint_position)
+    changed = _propagated(lambda x: components(body(x)) - components(file), posterior.x, posterior.covariance)
+    added = _propagated(lambda x: body(x).vector - file.vector, posterior.x, posterior.covariance)
+    return _change_of(robot, stance, changed, added, ())
+
+
 def negligible_changes(whole: InertialParameters, length_scale: float) -> FloatArray:
     """Return (10,) largest changes of a robot that are negligible for a controller, in the order of COMPONENTS, SI units.
 
@@ -140,8 +153,25 @@ def _payload_change(robot: RobotModel, stance: Stance, runs: TwoRuns, warnings: 
         body = runs.unknowns.robot_body
         return components(body(x[size:])) - components(body(x[:size]))
 
-    change, change_covariance = _propagated(changed, both, runs.covariance)
-    vector, covariance = _propagated(added, both, runs.covariance)
+    return _change_of(
+        robot, stance, _propagated(changed, both, runs.covariance), _propagated(added, both, runs.covariance), warnings
+    )
+
+
+def _change_of(
+    robot: RobotModel,
+    stance: Stance,
+    changed: tuple[FloatArray, FloatArray],
+    added: tuple[FloatArray, FloatArray],
+    warnings: tuple[str, ...],
+) -> PayloadChange:
+    """Return a change.
+
+    Args:
+        changed: (10,) changes of the whole robot in the order of COMPONENTS, and their covariance.
+        added: (10,) added parameters about the base's origin, and their covariance.
+    """
+    (change, change_covariance), (vector, covariance) = changed, added
     removed = bool(vector[0] < 0)
     vector = -vector if removed else vector
     payload = _payload(vector, covariance, float(np.ptp(stance.feet_in_base[:, 0])) / 2)

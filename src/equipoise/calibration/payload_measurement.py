@@ -1,4 +1,4 @@
-"""Payload measurement by a run of half a minute, against a prior run."""
+"""Payload measurement by a run of half a minute or a log, against a prior run or the model file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from equipoise.calibration.payload_change import PayloadChange, find_payload_change_since
+from equipoise.calibration.payload_change import (
+    PayloadChange,
+    find_payload_change_from_file,
+    find_payload_change_since,
+)
 from equipoise.errors import NotEstimatedError
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.estimator.prior_runs.prior_run import PriorRun
@@ -62,11 +66,12 @@ class PayloadMeasurement:
         }
 
 
-def measure_payload(robot: RobotModel, prior_run: PriorRun, result: Calibration) -> PayloadMeasurement:
-    """Compare a run with its prior run.
+def measure_payload(robot: RobotModel, prior_run: PriorRun | None, result: Calibration) -> PayloadMeasurement:
+    """Compare a run or a log with its prior run, or with the model file.
 
     Args:
-        result: result of `calibrate` or `estimate` by a method with this prior run.
+        prior_run: prior run; None to compare with the model file.
+        result: result of `calibrate`, `estimate` or `estimate_log` by a method with this prior run.
 
     Raises:
         NotEstimatedError: the result is not that of such a method, or comes from a file.
@@ -74,12 +79,16 @@ def measure_payload(robot: RobotModel, prior_run: PriorRun, result: Calibration)
     """
     if not isinstance(result.evidence, PosteriorEvidence):
         raise NotEstimatedError(
-            "a payload measurement needs the result of a run with --prior-run, estimated in this process; "
-            "this result has no evidence"
+            "a payload measurement needs the result of a run or a log that is estimated in this process; this result has no "
+            "evidence"
         )
-    change = find_payload_change_since(robot, prior_run, result.evidence)
+    if prior_run is None:
+        change = find_payload_change_from_file(robot, result.evidence)
+        reference = "relative to the model file, whose errors count as payload (usual priors)"
+    else:
+        change, reference = find_payload_change_since(robot, prior_run, result.evidence), f"since {prior_run.name}"
     answer = _answer(robot, change)
-    message = _message(robot, prior_run, change, answer, _robot_time(result))
+    message = _message(robot, reference, change, answer, _robot_time(result))
     masses = result.mass_comparison
     doubt = f"Doubtful: {masses.message}. " if masses is not None and masses.disagrees else ""
     return PayloadMeasurement(change, result, answer, doubt + message)
@@ -100,17 +109,17 @@ def _answer(robot: RobotModel, change: PayloadChange) -> Answer:
     return "removed" if change.removed else "added"
 
 
-def _message(robot: RobotModel, prior_run: PriorRun, change: PayloadChange, answer: Answer, time: float) -> str:
+def _message(robot: RobotModel, reference: str, change: PayloadChange, answer: Answer, time: float) -> str:
     payload, whole = change.payload, change.change
     more = f"{whole.mass.value or 0.0:+.3f} +- {whole.mass.half_width or 0.0:.3f} kg"
     x, y = (
         f"{1000 * (one.value or 0.0):+.1f} +- {1000 * (one.half_width or 0.0):.1f}" for one in [*whole.com_in_base][:2]
     )
-    since = f"since {prior_run.name}; {time:.0f} s of robot time"
+    since = f"{reference}; {time:.0f} s of robot time"
     if answer == "nothing":
         return f"{robot.name}: too small to matter: {more}, CoM x {x} mm, y {y} mm {since}"
     if answer == "unsure":
-        remedy = "use a scale (--mass KG) or a longer --duration"
+        remedy = "use a scale (--mass KG) or more robot time"
         return f"{robot.name}: cannot tell whether anything changed: {more}, CoM x {x} mm, y {y} mm {since}; {remedy}"
     if answer == "moved" or payload.com_in_base.x.value is None:
         return f"{robot.name}: the centre of mass moved: CoM x {x} mm, y {y} mm, {more} {since}"

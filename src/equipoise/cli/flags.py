@@ -102,11 +102,10 @@ class Output:
 
 
 @dataclass(frozen=True)
-class LogFlags:
-    """Log of another program.
+class LogFormat:
+    """Format of a log of another program.
 
     Attributes:
-        robot: Robot of the log: a name or a model file, as in 'calibrate'. Not needed for a run folder.
         joint_topic: Topic of the joint states, if a bag has several.
         imu_topic: Topic of the IMU samples, if a bag has several.
         command_topic: Topic of the joint commands, if a bag has several.
@@ -118,7 +117,6 @@ class LogFlags:
         tables: Further tables of the same run, for example of the IMU, merged by time.
     """
 
-    robot: Annotated[str | None, arg(metavar="ROBOT", help_behavior_hint="")] = None
     joint_topic: Topic = None
     imu_topic: Topic = None
     command_topic: Topic = None
@@ -152,6 +150,17 @@ class LogFlags:
         if self.rate is not None:
             columns = (columns or Columns()).with_changes(Columns(rate=self.rate))
         return read_with_dialogue(path, model, topics, self.joint_map, columns, span, asking, self.tables, standing)
+
+
+@dataclass(frozen=True)
+class LogFlags(LogFormat):
+    """Log of another program.
+
+    Attributes:
+        robot: Robot of the log: a name or a model file, as in 'calibrate'. Not needed for a run folder.
+    """
+
+    robot: Annotated[str | None, arg(metavar="ROBOT", help_behavior_hint="")] = None
 
 
 def open_run(path: Path, source: LogFlags, description: RobotDescription) -> RunFolder:

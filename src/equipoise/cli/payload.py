@@ -6,12 +6,13 @@ import json as json_module
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg
 from tyro.constructors import StructConstructorSpec
 
-from equipoise.cli.flags import Described, File, Output, Required, Robot, exit_code
+from equipoise.cli.flags import Described, File, LogFormat, Output, Required, Robot, exit_code
 from equipoise.cli.methods import DEFAULT_METHOD, method_from
 from equipoise.cli.operator_prompt import with_imu_pose
 from equipoise.cli.parsing import ChosenFlags
@@ -24,8 +25,10 @@ from equipoise.robot.catalog import load_robot
 from equipoise.user_file import write_file
 
 if TYPE_CHECKING:
+    from equipoise.bayesian.method import BayesianMethod
     from equipoise.calibration.payload_measurement import PayloadMeasurement
     from equipoise.estimator.prior_runs.prior_run import PriorRun
+    from equipoise.robot.description import RobotDescription
 
 _FLAGS = ("prior_run", "mass", "mass_std", "confirm_mass", "duration", "cable", "surface")
 _REQUIRED = (
@@ -38,15 +41,17 @@ PAYLOAD = "payload.json"
 def payload(
     robot: Robot,
     *,
+    log: File = None,
     out: File = None,
     fail_unless: Annotated[Required, arg(help=_REQUIRED)] = None,
     method: Method,
     description: Described,
     target: Annotated[RunTarget, arg(name="platform")],
+    source: Annotated[LogFormat, arg(name="log format")],
     output: Output,
 ) -> int:
-    """Measure the payload on the robot against an earlier run, in half a minute: mass
-    and CoM with intervals.
+    """Measure the payload on the robot against an earlier run, in half a minute, or from
+    a log: mass and CoM with intervals.
 
     The robot stands up, moves with all feet on the floor and lifts two feet about six
     times. Sensors, legs and friction come from --prior-run; parameters that changed
@@ -55,9 +60,11 @@ def payload(
 
     Example: equipoise payload go2 --prior-run runs/last
              equipoise payload go2 --prior-run runs/last --mass 16.31 --json
+             equipoise payload go2 --log bags/trot --mass 17.3
 
     Args:
-        out: Run folder; default runs/ROBOT-TIME.
+        log: Log of a robot that trots for 20 s or more, instead of motions; without --prior-run against the model file.
+        out: Run folder; default runs/ROBOT-TIME. With --log: file for the answer as JSON; default none.
     """
     from equipoise.bayesian.method import BayesianMethod
     from equipoise.calibration.payload_measurement import measure_payload
@@ -67,6 +74,16 @@ def payload(
 
     assert isinstance(method, BayesianMethod)
     required = read_requirements(fail_unless)
+    if log is not None:
+        if method.duration is not None or target != type(target)(target.platform):
+            raise SettingsError(
+                "--log: nothing moves; leave out --duration, --platform and the flags of the simulated robot"
+            )
+        return _from_log(log, robot, description, source, method, out, required, output)
+    if source != LogFormat():
+        raise SettingsError(
+            "tables, topics, --joint-map, --columns, --rate, --from and --until are for --log; pass --log too"
+        )
     if method.prior_run is None:
         raise SettingsError("no prior run is given; pass this robot's last run folder: --prior-run RUN")
     model = with_imu_pose(load_robot(robot, description), target.simulated)
@@ -80,6 +97,34 @@ def payload(
     measurement = _with_truth(measure_payload(model, method.prior_run, result), method.prior_run)
     write_file(out / PAYLOAD, json_module.dumps(measurement.to_dict(), indent=2) + "\n")
     output.write(measurement.to_dict(), lambda: _print(measurement))
+    return exit_code(required, measurement.verdicts)
+
+
+def _from_log(
+    log: Path,
+    robot: str,
+    description: RobotDescription,
+    source: LogFormat,
+    method: BayesianMethod,
+    out: Path | None,
+    required: Sequence[str],
+    output: Output,
+) -> int:
+    """Print the payload in a log, and save it to `out`; return the exit code."""
+    from equipoise.logs.payload import measure_payload_in_log
+    from equipoise.terminal.log_summary import print_log_report
+
+    model = with_imu_pose(load_robot(robot, description))
+    try:
+        measurement, report = measure_payload_in_log(model, source.read(log, model, not output.silent), method)
+    except RecordingError as error:
+        if error.report is not None and not output.json:
+            print_log_report(error.report, False)
+        raise
+    table = {**measurement.to_dict(), "log": report.to_dict()}
+    if out is not None:
+        write_file(out, json_module.dumps(table, indent=2) + "\n")
+    output.write(table, lambda: _print(measurement))
     return exit_code(required, measurement.verdicts)
 
 

@@ -72,8 +72,13 @@ class LogEstimate:
     report: LogReport
 
 
-def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = None) -> LogEstimate:
+def estimate_log(
+    robot: RobotModel, log: Log, method: BayesianMethod | None = None, most_walks: int | None = None
+) -> LogEstimate:
     """Estimate the robot's parameters from a log, by the Bayesian method.
+
+    Args:
+        most_walks: largest number of pieces of walks to use, evenly spread over the log; default all.
 
     Raises:
         RecordingError: nothing in it can be used, or its sensors are not plausible (the error then carries the report); its
@@ -90,6 +95,8 @@ def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = No
     _check_upright(robot, recording)
     findings += _rates(recording, stance)
     segments = find_segments(robot, stance, recording, log.foot_forces, findings)
+    if most_walks is not None:
+        segments = _with_fewer_walks(segments, most_walks)
     report = LogReport(log, tuple(segments), tuple(findings))
     recordings = usable(segments)
     if not recordings:
@@ -219,6 +226,18 @@ def _rates(recording: Recording, stance: Stance) -> list[LogFinding]:
             "rates", f"{name} samples come at {found:.0f} Hz; a lift lasts half a second and needs {wanted:.0f} Hz"
         )
         for name, found, wanted in slow
+    ]
+
+
+def _with_fewer_walks(segments: list[LogSegment], most: int) -> list[LogSegment]:
+    walks = [at for at, one in enumerate(segments) if one.recording and isinstance(one.recording.trial, WalkTrial)]
+    if len(walks) <= most:
+        return segments
+    kept = {walks[round(float(at))] for at in np.linspace(0, len(walks) - 1, most)}
+    reason = f"{most} of {len(walks)} pieces of walking suffice for this answer"
+    return [
+        replace(one, recording=None, reason_unused=reason) if at in walks and at not in kept else one
+        for at, one in enumerate(segments)
     ]
 
 
