@@ -162,7 +162,7 @@ def main() -> None:
                 with ROWS.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(row) + "\n")
                 print(row["key"], row.get("failed") or np.round(1e3 * np.array(row["error"][1:4]), 1), flush=True)
-    write_page("base_pose.md", "\n".join(lines(rows)) + "\n")
+    write_page("base_pose.md", "\n".join(lines(rows)) + "\n", rows)
 
 
 if __name__ == "__main__":
