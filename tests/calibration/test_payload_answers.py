@@ -1,7 +1,5 @@
 """Answers of a payload measurement from intervals."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -50,7 +48,7 @@ def test_an_uncertain_change_is_not_called_too_small(a1, delta, answer):
     ],
 )
 def test_the_message_has_the_answer(a1, delta, words):
-    message = _message(a1, SimpleNamespace(name="runs/last"), delta, _answer(a1, delta), 26.0)
+    message = _message(a1, "since runs/last", delta, _answer(a1, delta), 26.0)
     assert message.startswith(f"unitree_a1: {words}")
     assert "since runs/last; 26 s of robot time" in message
     assert ("--mass KG" in message) == ("cannot tell" in message)

@@ -151,7 +151,7 @@ def test_a_change_is_not_common_to_both_runs(earlier, moved):
 
 
 def test_a_payload_needs_the_evidence_of_the_result(a1, earlier, later):
-    with pytest.raises(NotEstimatedError, match="a run with --prior-run"):
+    with pytest.raises(NotEstimatedError, match="a run or a log that is estimated in this process"):
         measure_payload(a1, earlier, replace(later[2], evidence=None))
 
 

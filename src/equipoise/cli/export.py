@@ -73,8 +73,8 @@ def export(
         relative_to: Model that a policy was trained on: write the base's difference from it, as json and ros2 or --to one.
         list: List the formats.
     """
-    if run is None or list or not (all or to or relative_to):
-        if (all or to or relative_to) and not list:
+    if run is None or list or not (all or to or relative_to is not None):
+        if (all or to or relative_to is not None) and not list:
             flags = f"--to {to}" if to else "--all" if all else f"--relative-to {relative_to}"
             raise SettingsError(f"no run is given: equipoise export RUN {flags}")
         _show_formats(output.json)
@@ -90,7 +90,7 @@ def export(
         if to or file or add_payload_link or samples:
             flag = "--all writes every format" if all else "--relative-to writes several files"
             raise SettingsError(f"{flag}; leave out --to, --file, --add-payload-link and --samples")
-        if all and relative_to:
+        if all and relative_to is not None:
             raise SettingsError("--relative-to writes json and ros2, not --all formats; leave out --all")
         _export_all(run, out, force, seed, parameters, relative_to, output)
         return

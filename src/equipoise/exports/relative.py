@@ -84,7 +84,7 @@ def load_reference(name: str, result: Calibration) -> RobotModel:
         )
     shift = feet_shift(reference, original, result.joint_position)
     if np.linalg.norm(shift, axis=1).max() > _SAME_FRAME * original.leg_length:
-        mean = ", ".join(f"{1000 * value:.1f}" for value in shift.mean(axis=0))
+        mean = ", ".join(f"{round(1000 * value, 1) + 0.0:.1f}" for value in shift.mean(axis=0))
         raise SettingsError(
             f"--relative-to {name}: at the run's stance its feet are up to "
             f"{1000 * np.linalg.norm(shift, axis=1).max():.1f} mm from those of the run's model (mean {mean} mm): its base "

@@ -39,7 +39,7 @@ def _undetermined(robot: RobotModel, found: PayloadMeasurement) -> list[str]:
     """Return the mass and CoM coordinates of the payload whose interval is missing or too wide, with the limit."""
     payload, place = found.change.payload, _PLACE_WITHIN * nominal_stance(robot).scale.length
     limits = [
-        (_MASS_WITHIN * (payload.mass.value or 0.0), f"{_MASS_WITHIN:.0%}"),
+        (_MASS_WITHIN * (payload.mass.value or 0.0), f"{100 * _MASS_WITHIN:.0f} %"),
         *3 * [(place, f"{1000 * place:.0f} mm")],
     ]
     return [

@@ -1,0 +1,102 @@
+"""Payload in the log of a trot, against a prior run and against the model file."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from commands import fails
+from foreign_logs import columns_of, write_csv
+
+from equipoise import BayesianMethod, simulate
+from equipoise.cli import main
+from equipoise.estimator.prior_runs.prior_run import PriorRun
+from equipoise.lab.gaits.trot import trot
+from equipoise.logs.joint_names import JointMap
+from equipoise.logs.offline import estimate_log
+from equipoise.logs.payload import measure_payload_in_log
+from equipoise.logs.raw_log import Log
+
+DURATION = 11.0  # [s]
+
+
+@pytest.fixture(scope="module")
+def trotted(a1):
+    """Log of the robot of `bayesian_run`, without its payload, while it trots."""
+    with simulate(a1, "realistic", seed=4, noise_seed=204, timestep=1e-3) as simulation:
+        recording = trot(simulation.platform, a1, DURATION)
+        return SimpleNamespace(recording=recording, truth=simulation.truth)
+
+
+@pytest.fixture(scope="module")
+def log(trotted):
+    return Log(trotted.recording, JointMap(()), {}, ())
+
+
+def test_a_payload_that_was_removed_since_the_prior_run(a1, log, trotted, bayesian_run):
+    weighed = replace(bayesian_run.settings, mass=bayesian_run.truth.composite.mass)
+    result = weighed.estimate(a1, bayesian_run.recordings, bayesian_run.stance)
+    earlier = PriorRun.of(result.evidence.posterior, result.settings)
+    method = BayesianMethod(prior_run=earlier, mass=trotted.truth.composite.mass)
+    found, _ = measure_payload_in_log(a1, log, method)
+    change = found.change.with_truth(bayesian_run.truth, trotted.truth)
+    assert found.answer == "removed"
+    assert " since the prior run; " in found.message
+    assert not any(one.missed for one in [*change.payload][:4])
+
+
+def test_without_a_prior_run_the_model_file_is_the_reference(a1, log, trotted):
+    mass = trotted.truth.composite.mass
+    found, _ = measure_payload_in_log(a1, log, BayesianMethod(mass=mass, mass_std=0.1))
+    whole, file = found.result.composite, found.result.nominal.composite
+    assert found.change.change.mass.value == pytest.approx(mass - file.mass, abs=0.1)
+    np.testing.assert_allclose([one.value for one in found.change.change], whole.values - [one.model for one in whole])
+    np.testing.assert_allclose([one.std for one in found.change.change], whole.stds, rtol=1e-3)
+    assert "relative to the model file, whose errors count as payload" in found.message
+
+
+def test_a_payload_is_the_difference_of_the_whole_robot_from_the_file(a1, log):
+    found, _ = measure_payload_in_log(a1, log, BayesianMethod(mass=14.4, mass_std=0.05))  # as if 2 kg were there
+    assert found.answer == "added"
+    added = found.result.composite.parameters().vector - found.result.nominal.composite.vector
+    np.testing.assert_allclose(found.change.payload.parameters().vector, added, atol=1e-9)
+    assert "; cannot tell " in found.message
+    assert found.message.endswith(" mm")
+    assert "pass --mass" not in found.message
+
+
+def test_a_log_without_torques_and_scale_cannot_tell(a1, log):
+    silent = replace(log, recording=replace(log.recording, joints=replace(log.recording.joints, torque=None)))
+    found, _ = measure_payload_in_log(a1, silent, BayesianMethod())
+    assert found.answer in ("unsure", "moved")
+    assert not found.verdicts["identified"]
+
+
+def test_fewer_walks_are_spread_over_the_log(a1, log):
+    walks = [one for one in estimate_log(a1, log).report.segments if one.kind == "walk" and one.used]
+    assert len(walks) > 3
+    report = estimate_log(a1, log, most_walks=2).report
+    kept = [one for one in report.segments if one.kind == "walk" and one.used]
+    assert [one.start for one in kept] == [walks[0].start, walks[-1].start]
+    reasons = {one.reason_unused for one in report.segments if one.kind == "walk" and not one.used}
+    assert f"2 of {len(walks)} pieces of walking suffice for this answer" in reasons
+
+
+def test_the_command(trotted, tmp_path, capsys):
+    file = write_csv(tmp_path / "trot.csv", columns_of(trotted.recording))
+    command = ["payload", "unitree_a1", "--log", str(file), "--mass", "14.4"]
+    assert main([*command, "--out", str(tmp_path / "answer.json")]) == 0
+    assert " kg added at x y z = " in capsys.readouterr().out
+    assert main([*command, "--json"]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert table == json.loads((tmp_path / "answer.json").read_text())
+    assert (table["schema"], table["answer"]) == ("equipoise.payload/1", "added")
+    assert any(segment["kind"] == "walk" for segment in table["log"]["segments"])
+    assert "--log: nothing moves" in fails(capsys, 2, *command, "--duration", "30s")
+    assert "--log: nothing moves" in fails(capsys, 2, *command, "--seed", "1")
+
+
+def test_flags_of_logs_need_a_log(capsys):
+    assert "pass --log too" in fails(capsys, 2, "payload", "unitree_a1", "--from", "2s")
+    assert "does not exist" in fails(capsys, 5, "payload", "unitree_a1", "--log", "nothing.csv")
