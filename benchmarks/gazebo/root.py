@@ -43,12 +43,10 @@ def prepare_root() -> Path:
     """Make the root, unless it exists, and compile the server, unless it is compiled.
 
     Raises:
-        SystemExit: the user is not root, or `debootstrap` is not installed.
+        SystemExit: the user is not root, or `debootstrap` is not installed; the status is 0, after a message.
     """
     if os.geteuid() != 0:
-        raise SystemExit(
-            "skipped: debootstrap and chroot need the user root; run it as root, for example in a container"
-        )
+        _skip("debootstrap and chroot need the user root; run it as root, for example in a container")
     if not (ROOT / "usr/include/gazebo-11").exists():
         if shutil.which("debootstrap") is None:
             _skip("debootstrap is not installed; apt-get install debootstrap")
