@@ -34,7 +34,7 @@ def named(words):
     return " ".join(words[:count]), words[count:]
 
 
-TABLES = {"estimate", "diagnose", "payload", "view", "validate"}  # verbs that take further tables, so that one more word is one
+TABLES = {"estimate", "diagnose", "payload", "view", "validate"}  # verbs that take further tables: one more word is one
 NUMBERS = {
     "X Y Z": "0.01 -0.02 3e-2",
     "KG KG": "13 14",
