@@ -43,19 +43,26 @@ def prepare_root() -> Path:
     """Make the root, unless it exists, and compile the server, unless it is compiled.
 
     Raises:
-        SystemExit: the user is not root, or `debootstrap` is not installed; the status is 0, after a message.
+        SystemExit: the user is not root, or `debootstrap` is not installed, with status 0; the folder is another.
     """
     if os.geteuid() != 0:
         _skip("debootstrap and chroot need the user root; run it as root, for example in a container")
     if not (ROOT / "usr/include/gazebo-11").exists():
         if shutil.which("debootstrap") is None:
             _skip("debootstrap is not installed; apt-get install debootstrap")
+        if ROOT.exists():
+            raise SystemExit(
+                f"{ROOT} exists and has no Gazebo: remove it, or set EQUIPOISE_GAZEBO_ROOT to another folder"
+            )
+        unfinished = ROOT.with_name(f"{ROOT.name}.unfinished")
         print(f"making {ROOT}: 2.7 GB, 10 minutes", flush=True)
-        shutil.rmtree(ROOT, ignore_errors=True)  # of an interrupted call
-        subprocess.run(["debootstrap", "--variant=minbase", "bullseye", ROOT], check=True)
+        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished.parent.mkdir(parents=True, exist_ok=True)
+        subprocess.run(["debootstrap", "--variant=minbase", "bullseye", unfinished], check=True)
         environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
         install = ["apt-get", "install", "--yes", "--no-install-recommends", *_PACKAGES]
-        subprocess.run(["chroot", ROOT, *install], check=True, env=environment)
+        subprocess.run(["chroot", unfinished, *install], check=True, env=environment)
+        unfinished.rename(ROOT)
     server = ROOT / SERVER[1:]
     if not server.exists() or server.with_suffix(".cc").read_bytes() != _SOURCE.read_bytes():
         server.unlink(missing_ok=True)
