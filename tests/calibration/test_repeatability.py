@@ -26,7 +26,8 @@ def test_the_spread_is_that_of_the_results(results):
     assert by_name["mass"].quantity.value == pytest.approx(np.mean(masses))
     assert by_name["mass"].spread == pytest.approx(np.std(masses, ddof=1))
     assert by_name["mass"].spread > 0
-    assert by_name["mass"].ratio is None
+    stds = [result.composite.mass.std for result in results]
+    assert by_name["mass"].ratio == pytest.approx(by_name["mass"].spread / np.sqrt(np.mean(np.square(stds))), rel=0.01)
 
 
 def test_the_spread_is_compared_with_the_std(bayesian_run):

@@ -569,7 +569,8 @@ def test_a_difference_has_the_combined_interval(bayesian, static):
     mixed = comparison_contents({"bayesian": bayesian, "static": static})
     table = next(block for block in blocks(mixed, DataTable) if block.title == "static minus bayesian")
     assert [row[0] for row in table.rows] == ["mass [kg]", "CoM x [mm]", "CoM y [mm]"]
-    assert table.rows[0][2:] == ["", ""]
+    both = np.hypot(half, static.composite.mass.half_width)
+    assert table.rows[0][2:] == [f"{both:.3f}", "within the interval"]
 
 
 def test_differences_in_provenance_are_bold(bayesian):
