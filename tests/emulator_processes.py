@@ -86,11 +86,20 @@ def running_emulator(module, *flags, **others):
         emulator.end()
 
 
+_ports = []  # sockets: each keeps its port for this process
+
+
 def free_port():
-    """Return an unused UDP port of this machine."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    """Return a UDP port that no other process of these tests uses: it reserves the TCP port of its number.
+
+    The port is below those that the system gives to sockets without one, which may take a port before the emulator does.
+    """
+    for port in range(20_000, 32_000):
+        with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", port))
+            _ports.append(socket.create_server(("127.0.0.1", port)))
+            return port
+    raise AssertionError("no port is free")
 
 
 _domains = []  # sockets: each keeps its domain for this process
