@@ -120,11 +120,11 @@ def lines(rows: list[dict]) -> Iterator[str]:
         f"the base with noise of {1e3 * POSITION_NOISE:g} mm and {1e3 * ANGLE_NOISE:g} mrad, joints and torques at "
         f"{RATE:.0f} Hz, in files without names, read with the proposed columns; a scale with an error of 0.5 %. Root mean "
         "square errors of the whole robot; *file*: the model file without the payload; *z*: rms of error over std, of all ten "
-        f"parameters. Seeds from {FIRST_SEED} on, not used in development. The moments of inertia are too "
-        "large by about one std, which is 12 to 50 % of them: such a log determines mass and planar CoM."
+        f"parameters. Seeds from {FIRST_SEED} on, not used in development. Such a log determines "
+        "mass and planar CoM; moments of inertia are wrong by up to 103 %."
     )
     yield ""
-    yield "| robot | angular velocity | n | CoM x, y, z [mm] | file | Ixx, Iyy, Izz [%] | file | z | coverage | failed |"
+    yield "| robot | angular velocity | n | CoM x, y, z [mm] | file | Ixx, Iyy, Izz [%] | file | z | coverage | failed checks |"
     yield "|" + "---|" * 10
     for name in ROBOTS:
         for source in SOURCES:

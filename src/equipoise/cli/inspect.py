@@ -259,7 +259,7 @@ def diagnose(
 
     if source.robot is not None:
         result = estimate_from_log(log, source, description, given, output).result
-        run = f"the file of 'equipoise estimate {typed(log)} --robot {typed(source.robot)} --out FILE'"
+        run = "the file that 'equipoise estimate' writes with these arguments and --out FILE"
     else:
         folder = flags.open_run(log, source, description)
         result, run = folder.estimate(folder.method().having(given)), typed(log)

@@ -60,7 +60,7 @@ def payload(
 
     Example: equipoise payload go2 --prior-run runs/last
              equipoise payload go2 --prior-run runs/last --mass 16.31 --json
-             equipoise payload go2 --log bags/trot --mass 17.3
+             equipoise payload go2 --log bags/trot --prior-run runs/last --mass 17.3
 
     Args:
         log: Log of a robot that trots for 20 s or more, instead of motions; without --prior-run against the model file.

@@ -50,7 +50,7 @@ def imu_of_poses(
     period = float(np.median(np.diff(times)))
     if period > (slowest := POSE_KNOT / _FEWEST):
         raise RecordingError(
-            f"the log has {1 / period:.0f} poses of the base a second; at least {1 / slowest:.0f} are needed"
+            f"the log has {1 / period:.0f} poses of the base a second; at least {1 / slowest:.0f} are needed: record faster"
         )
     found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     variances: list[tuple[float, float]] = []
@@ -66,7 +66,8 @@ def imu_of_poses(
             found.append(samples)
             variances.append(noise)
     if not found:
-        raise RecordingError(f"no {_SHORTEST * POSE_KNOT:.1f} s of the base's poses are without a gap")
+        needed = (_SHORTEST + 2 * _ENDS) * POSE_KNOT
+        raise RecordingError(f"no {needed:.1f} s of the base's poses are without a gap; record without dropouts")
     at, turning, force = (np.concatenate(part) for part in zip(*found, strict=True))
     of_position, of_angle = np.sqrt(np.median(variances, axis=0)).tolist()
     message = (

@@ -1,4 +1,4 @@
-"""Samples that repeat, as a log has them that was written faster than its sensor was read."""
+"""Repeated samples in logs that are written faster than the sensor is read."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LONGEST = 20  # samples: a sensor that repeats for longer is frozen
 
 
 def repeated_rows(values: Sequence[FloatArray]) -> NDArray[np.bool_]:
-    """Return (n,) whether each sample repeats the one before it in all (n, k) tables; none if few do, or for too long.
+    """Return an (n,) mask of the samples that equal the one before in all (n, k) tables; all False if few or too many do.
 
     Repeated samples would look like a sensor with half the noise that lags by half its period.
     """

@@ -14,7 +14,7 @@ from equipoise.estimator.diagnostics.causes import Cause, Diagnosis
 from equipoise.result.quantity import Quantity
 from equipoise.terminal.rich_tables import show_table
 
-_NOTABLE = 1.0  # normal deviate: one of six possible causes without an error
+_SHOWN_ABOVE = 1.0  # normal deviate; one of six causes without an error exceeds it
 _UNITS = {"rad": (math.degrees(1.0), "deg", "+.2f"), "m": (1000.0, "mm", "+.1f"), "kg": (1.0, "kg", "+.2f")}
 _FRACTION = (100.0, "%", "+.1f")
 
@@ -31,8 +31,8 @@ def print_diagnosis(found: Diagnosis, failed: Sequence[str], run: str) -> None:
         [cause for cause in found.causes if cause.verdict == verdict]
         for verdict in ("significant", "possible", "ruled out")
     )
-    notable = [cause for cause in possible if cause.deviate > _NOTABLE]
-    shown = [*significant, *notable]
+    likely = [cause for cause in possible if cause.deviate > _SHOWN_ABOVE]
+    shown = [*significant, *likely]
     heads = ["cause", "|CoM shift [mm]", "|95 % +-", "|roll, pitch [deg]", "verdict"]
     if shown:
         show_table(f"{found.robot}: causes of a lean at the stance", heads, [*map(_row, shown)], console)
@@ -49,7 +49,7 @@ def print_diagnosis(found: Diagnosis, failed: Sequence[str], run: str) -> None:
             f"{other} ({correlation:.2f})" for one, other, correlation in found.inseparable if one == name
         )
         console.print(escape(f"{name} is not separated by these data from (correlation): {others}"))
-    for words, causes in (("not determined", possible[len(notable) :]), ("ruled out", out)):
+    for words, causes in (("not determined", possible[len(likely) :]), ("ruled out", out)):
         if causes:
             largest = 1000 * max(cause.size + cause.bound for cause in causes)
             console.print(f"{words}: {_counted(causes)}, CoM shift up to {largest:.1f} mm")

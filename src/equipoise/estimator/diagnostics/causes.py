@@ -9,7 +9,8 @@ The effect of a cause is the shift of the CoM over the feet at the nominal stanc
   controller feeds torques forward.
 
 The priors of joint offsets and torque gains describe sound robots, and a faulty joint's estimate shrinks towards them. So the
-joint that conflicts most with its prior gets a jump, as long as the jump's Bayes factor exceeds the number of joints.
+joint offset or torque gain that conflicts most with its prior gets a jump, as long as the jump's Bayes factor exceeds their
+number.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from equipoise.robot.statics import static_torques
 
 _JUMP = 6.0  # prior stds of a jump: 30 mrad of a joint offset, 18 % of a torque gain
 _FALSE_ALARM = 5e-3  # probability that any cause of a kind is significant on a robot without errors
-_VISIBLE = 5e-3  # [rad]: CoM shift over CoM height; causes that are certainly smaller are ruled out
+_VISIBLE = 5e-3  # [rad]: CoM shift over hip height; causes that are certainly smaller are ruled out
 _INSEPARABLE = 0.7  # correlation
 _INFORMATIVE = 1e-6  # least variance of a shift's direction, over the largest
 _CHANGES = {
@@ -98,9 +99,14 @@ class Diagnosis:
 
 
 class _Effect(NamedTuple):
-    """Error of one part: names and units of its k values, their derivative (k, size) by x, and that of the outcome by them.
+    """Error of one part.
 
-    The outcome is the shift and, with four rows, the lean.
+    Attributes:
+        kind, name: as of a `Cause`.
+        units: unit of each of its k values, by name.
+        rows: (k, size) derivative of the values by the parameters.
+        outcome: (2 or 4, k) derivative of the shift [m] and, with four rows, of the lean [rad] by the values.
+        before: (k,) values without jumps.
     """
 
     kind: str
