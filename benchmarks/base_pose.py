@@ -121,10 +121,10 @@ def lines(rows: list[dict]) -> Iterator[str]:
         f"{RATE:.0f} Hz, in files without names, read with the proposed columns; a scale with an error of 0.5 %. Root mean "
         "square errors of the whole robot; *file*: the model file without the payload; *z*: rms of error over std, of all ten "
         f"parameters. Seeds from {FIRST_SEED} on, not used in development. Such a log determines "
-        "mass and planar CoM; moments of inertia are wrong by up to 103 %."
+        "mass and planar CoM; moments of inertia are wrong by up to 103 %. *Checks*: runs with a failed check."
     )
     yield ""
-    yield "| robot | angular velocity | n | CoM x, y, z [mm] | file | Ixx, Iyy, Izz [%] | file | z | coverage | failed checks |"
+    yield "| robot | angular velocity | n | CoM x, y, z [mm] | file | Ixx, Iyy, Izz [%] | file | z | coverage | checks |"
     yield "|" + "---|" * 10
     for name in ROBOTS:
         for source in SOURCES:
