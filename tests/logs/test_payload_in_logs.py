@@ -97,6 +97,16 @@ def test_the_command(trotted, tmp_path, capsys):
     assert "--log: nothing moves" in fails(capsys, 2, *command, "--seed", "1")
 
 
+def test_a_log_whose_columns_are_not_known_is_refused_with_a_proposal(tmp_path, capsys):
+    path = tmp_path / "log.csv"
+    path.write_text("first,second\n0,1\n1,2\n", encoding="utf-8")
+    assert main(["payload", "unitree_a1", "--log", str(path)]) == 5
+    printed = capsys.readouterr()
+    assert printed.err.startswith("error: ")
+    assert "add --columns columns.toml" in printed.err
+    assert printed.out == ""
+
+
 def test_flags_of_logs_need_a_log(capsys):
     assert "pass --log too" in fails(capsys, 2, "payload", "unitree_a1", "--from", "2s")
     assert "does not exist" in fails(capsys, 5, "payload", "unitree_a1", "--log", "nothing.csv")

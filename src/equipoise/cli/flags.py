@@ -100,6 +100,22 @@ class Output:
         else:
             text()
 
+    @contextmanager
+    def reporting_failed_log(self, verbose: bool = False) -> Generator[None]:
+        """Print the contents of a log whose estimate fails, unless JSON is printed.
+
+        Args:
+            verbose: true to print every segment of the log.
+        """
+        from equipoise.terminal.log_summary import print_log_report
+
+        try:
+            yield
+        except RecordingError as error:
+            if error.report is not None and not self.json:
+                print_log_report(error.report, verbose)
+            raise
+
 
 @dataclass(frozen=True)
 class LogFormat:

@@ -203,19 +203,14 @@ def estimate_from_log(
         verbose: true to print every segment of the log then.
     """
     from equipoise.logs.offline import estimate_log, estimate_standing_log
-    from equipoise.terminal.log_summary import print_log_report
 
     settings = {name: value for name, value in given.items() if name != "method"}
     method = method_named(given.get("method", DEFAULT_METHOD))(**settings)
     model = with_imu_pose(load_robot(source.robot or "", description))  # the result contains it
     standing = method.name == STATIC
     log = source.read(path, model, not output.silent, standing)
-    try:
+    with output.reporting_failed_log(verbose):
         estimated = (estimate_standing_log if standing else estimate_log)(model, log, cast("Any", method))
-    except RecordingError as error:
-        if error.report is not None and not output.json:
-            print_log_report(error.report, verbose)
-        raise
     return replace(
         estimated, result=estimated.result.with_provenance(log=", ".join(map(str, (path, *source.tables))), **log.about)
     )

@@ -112,15 +112,11 @@ def _from_log(
 ) -> int:
     """Print the payload in a log, and save it to `out`; return the exit code."""
     from equipoise.logs.payload import measure_payload_in_log
-    from equipoise.terminal.log_summary import print_log_report
 
     model = with_imu_pose(load_robot(robot, description))
-    try:
-        measurement, report = measure_payload_in_log(model, source.read(log, model, not output.silent), method)
-    except RecordingError as error:
-        if error.report is not None and not output.json:
-            print_log_report(error.report, False)
-        raise
+    content = source.read(log, model, not output.silent)
+    with output.reporting_failed_log():
+        measurement, report = measure_payload_in_log(model, content, method)
     table = {**measurement.to_dict(), "log": report.to_dict()}
     if out is not None:
         write_file(out, json_module.dumps(table, indent=2) + "\n")
