@@ -32,7 +32,7 @@ from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.forward import link_in_file
-from equipoise.robot.inertial import COMPONENTS, base_parameters, components, composite_parameters
+from equipoise.robot.inertial import COMPONENTS, InertialParameters, base_parameters, components, composite_parameters
 from equipoise.robot.links import file_links
 from equipoise.robot.model import RobotModel
 
@@ -131,7 +131,8 @@ def write_ros2(subject: Subject) -> Written:
 def contents(subject: Subject) -> str:
     """Return the sentence that states the difference of mass and CoM, with 95 % intervals, and its frame."""
     reference = _reference(subject)
-    rows = _compared(subject)[0]["base"]
+    bodies, in_composite, _ = _measured(subject)
+    rows, _ = _base_rows(bodies, in_composite)
     mass, *com = (
         f"{scale * rows[name]['difference']:+.{digits}f} +- {scale * NORMAL_95 * rows[name]['std']:.{digits}f}"
         for name, scale, digits in (("mass", 1, 3), ("com_x", 1000, 1), ("com_y", 1000, 1), ("com_z", 1000, 1))
@@ -142,13 +143,12 @@ def contents(subject: Subject) -> str:
     )
 
 
-def _compared(subject: Subject) -> tuple[dict[str, Rows], FloatArray, tuple[str, ...]]:
-    """Return rows of the other file's base, the run's and their difference, in the axes of that file's base link.
-
-    Intervals of the entries of U are those of physical bodies that are drawn from the posterior; all others are linear.
+def _measured(subject: Subject) -> tuple[tuple[InertialParameters, ...], FloatArray, tuple[str, ...]]:
+    """Return bodies in the axes of the other file's base link, and the covariance of the last one.
 
     Returns:
-        rows by kind and name; (10, 10) covariance of the difference about the origin, SI units; notes.
+        the other file's base, the run's base for its legs, and the run's composite; (10, 10) covariance of the composite in
+        the order of COMPONENTS, SI units; notes.
     """
     reference, in_composite = _reference(subject), subject.result.composite.covariance
     if in_composite is None:
@@ -160,24 +160,48 @@ def _compared(subject: Subject) -> tuple[dict[str, Rows], FloatArray, tuple[str,
     )
     placement = link_in_file(reference.base_link, reference.source.forward)[1]
     turn = axes_change(placement)
-    in_composite = turn @ in_composite @ turn.T
     model, run, composite = (seen_from(body, placement) for body in (model, run, subject.composite))
+    return (model, run, composite), turn @ in_composite @ turn.T, (*notes, *_legs_note(subject))
+
+
+def _base_rows(bodies: tuple[InertialParameters, ...], in_composite: FloatArray) -> tuple[Rows, FloatArray]:
+    """Return rows of mass, CoM and inertia, and the (10, 10) covariance of the difference about the origin, SI units.
+
+    Args:
+        bodies, in_composite: as from `_measured`.
+    """
+    model, run, composite = bodies
     slope, back = vector_slope(composite), np.linalg.inv(vector_slope(run))
     covariance = slope @ in_composite @ slope.T
     stds = np.sqrt(np.concatenate([np.diag(covariance), np.diag(back @ covariance @ back.T)[1:]]))
     values = np.array([np.concatenate([body.vector, components(body)[1:]]) for body in (model, run)])
-    rows = {"base": _table(_UNITS, values, stds, values[1] + NORMAL_95 * np.outer([-1, 1], stds))}
+    return _table(_UNITS, values, stds, values[1] + NORMAL_95 * np.outer([-1, 1], stds)), covariance
+
+
+def _compared(subject: Subject) -> tuple[dict[str, Rows], FloatArray, tuple[str, ...]]:
+    """Return rows of the other file's base, the run's and their difference, in the axes of that file's base link.
+
+    Intervals of the entries of U are those of physical bodies that are drawn from the posterior; all others are linear.
+
+    Returns:
+        rows by kind and name; (10, 10) covariance of the difference about the origin, SI units; notes.
+    """
+    bodies, in_composite, notes = _measured(subject)
+    of_base, covariance = _base_rows(bodies, in_composite)
+    model, run, composite = bodies
+    rows = {"base": of_base}
     pair = pseudo_inertias(np.array([model.vector, run.vector]))
     if not np.linalg.eigvalsh(pair[0])[0] > 0:
         raise NotEstimatedError(
-            f"the base of {_name(reference)} has no log-Cholesky parameters: it is as flat as a plate; correct its inertia"
+            f"the base of {_name(_reference(subject))} has no log-Cholesky parameters: it is as flat as a plate; correct its "
+            "inertia"
         )
     drawn = spread(run, composite, in_composite, subject.seed).pseudo
     for kind, origin in (("log_cholesky", np.eye(4)), ("stretch", pair[0])):
         entries = entries_between(drawn, origin)
         ends = np.quantile(entries, QUANTILES, axis=0)
         rows[kind] = _table(dict.fromkeys(ENTRIES, "1"), entries_between(pair, origin), entries.std(axis=0), ends)
-    return rows, covariance, (*notes, *_legs_note(subject))
+    return rows, covariance, notes
 
 
 def _table(units: dict[str, str], values: FloatArray, stds: FloatArray, ends: FloatArray) -> Rows:

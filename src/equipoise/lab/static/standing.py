@@ -56,11 +56,13 @@ def estimate_standing(
     position, torque = rest.joints.position.mean(axis=0), rest.joints.torque.mean(axis=0)
     up = rest.imu.acceleration_in_imu.mean(axis=0) @ np.array(robot.imu_in_base.rotation).T
     priors, joints = Priors(), len(position)
+    nominal = nominal_inertia(robot, stance.joint_position)
+    at_stance = composite_parameters(robot, stance.joint_position).com
     stds = {
         "gain": [priors.torque_gain_common],
         "gains": [priors.torque_gain] * joints,
-        "friction": [priors.coulomb_friction * stance.scale.torque / np.sqrt(3)]
-        * joints,  # anywhere between its limits
+        "friction": joints
+        * [priors.coulomb_friction * stance.scale.torque / np.sqrt(3)],  # anywhere between its limits
         "offsets": [priors.joint_offset] * joints,
         "legs": [priors.leg_mass_common],
         "tilt": [priors.imu_tilt, priors.imu_tilt],
@@ -71,16 +73,14 @@ def estimate_standing(
             errors, np.cumsum([len(part) for part in stds.values()])[:-1]
         )
         true, upward = torque * (1 + gain + gains) + friction, up / np.linalg.norm(up) + np.append(tilt, 0.0)
-        return _mass_and_com(
-            robot, stance, position - offsets, true, upward / np.linalg.norm(upward), 1 + float(legs[0])
-        )
+        upward /= np.linalg.norm(upward)
+        return _mass_and_com(robot, at_stance, position - offsets, true, upward, 1 + float(legs[0]))
 
     sizes = np.concatenate([*stds.values()])
     values = found(np.zeros_like(sizes))
     effects = np.array([found(std * unit) - values for std, unit in zip(sizes, np.eye(len(sizes)), strict=True)])
     covariance = np.full((10, 10), np.nan)
     covariance[:3, :3] = effects.T @ effects
-    nominal = nominal_inertia(robot, stance.joint_position)
     hip = priors.first_moment * stance.hip_height
     return Calibration(
         **model_facts(robot, stance.joint_position),
@@ -107,11 +107,12 @@ def estimate_standing(
 
 
 def _mass_and_com(
-    robot: RobotModel, stance: Stance, position: FloatArray, torque: FloatArray, up: FloatArray, leg_mass: float
+    robot: RobotModel, at_stance: FloatArray, position: FloatArray, torque: FloatArray, up: FloatArray, leg_mass: float
 ) -> FloatArray:
     """Return the mass [kg], and x and y of the CoM at the nominal stance, at the height of the model's [m].
 
     Args:
+        at_stance: (3,) CoM of the model at the nominal stance [m].
         position, torque: (nj,) joint positions [rad] and torques [Nm].
         up: (3,) unit vector against gravity, in base axes.
         leg_mass: factor on the masses of the leg links.
@@ -121,5 +122,5 @@ def _mass_and_com(
     centre = carried @ foot_positions(robot, position) / carried.sum()
     com = composite_parameters(robot, position).com
     centre = centre + (com - centre)[2] / up[2] * up  # the CoM is above the centre of pressure
-    x, y, _ = centre + composite_parameters(robot, stance.joint_position).com - com
+    x, y, _ = centre + at_stance - com
     return np.array([carried.sum() / np.linalg.norm(robot.pinocchio.gravity.linear), x, y])
