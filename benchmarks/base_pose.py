@@ -24,7 +24,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 from provenance import commit, write_page
 from scipy.spatial.transform import Rotation
-from walking import SCALE_ERROR, numbers, payload_of, rms
+from walking import SCALE_ERROR, keep, numbers, payload_of, rms
 
 from equipoise import BayesianMethod, Recording, RobotModel, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError, RecordingError
@@ -159,10 +159,7 @@ def main() -> None:
             if all(f"{name}/{source}/{seed}" in done for source in SOURCES):
                 continue
             for row in runs(name, seed):
-                rows.append(row)
-                with ROWS.open("a", encoding="utf-8") as stream:
-                    stream.write(json.dumps(row) + "\n")
-                print(row["key"], row.get("failed") or np.round(1e3 * np.array(row["error"][1:4]), 1), flush=True)
+                keep(rows, ROWS, row)
     write_page("base_pose.md", "\n".join(lines(rows)) + "\n", rows)
 
 

@@ -344,6 +344,15 @@ def rms(values: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(values**2, axis=0))
 
 
+def keep(rows: list[dict], path: Path, row: dict) -> None:
+    """Add a row to the rows and to their file, and print its failure or its errors of the CoM [mm]."""
+    rows.append(row)
+    with path.open("a", encoding="utf-8") as stream:
+        stream.write(json.dumps(row) + "\n")
+    shown = np.round(1e3 * np.array(row["error"][1:4]), 1) if "error" in row else ""
+    print(row["key"], row.get("failed") or shown, flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=1000, help="largest number of seeds per case")
@@ -352,20 +361,13 @@ def main() -> None:
     done = {row["key"] for row in rows}
     for number in range(min(arguments.seeds, LOADED + BARE)):
         if f"payload/{FIRST_PAYLOAD + number}" not in done:
-            rows.append(row := measure(FIRST_PAYLOAD + number))
-            with ROWS.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps(row) + "\n")
-            print(row["key"], row.get("failed", ""), flush=True)
+            keep(rows, ROWS, measure(FIRST_PAYLOAD + number))
     for number in range(min(arguments.seeds, max(case.seeds for case in CASES))):
         for case in CASES:
             seed = FIRST_SEED + number
             if number >= case.seeds or f"{case.key}/{seed}" in done:
                 continue
-            row = run(case, seed)
-            rows.append(row)
-            with ROWS.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps(row) + "\n")
-            print(row["key"], row.get("failed") or np.round(1e3 * np.array(row["error"][1:4]), 1), flush=True)
+            keep(rows, ROWS, run(case, seed))
     write_page("walking.md", "\n".join(lines(rows)) + "\n", rows)
 
 
