@@ -353,6 +353,7 @@ def test_a_second_commander_is_refused_and_one_that_sends_nothing_is_not(tmp_pat
                 platform.step(lying)
         assert str(caught.value).startswith("another program commands the motors of unitree-go2 on lo: ")
         assert "end that program, on this computer or on the robot" in str(caught.value)
+        assert caught.value.other_commander
         hold(platform, lying.position, 0.1)
 
 
@@ -372,8 +373,9 @@ def test_a_commander_that_begins_in_mid_run_is_noticed_at_once_and_named(standin
         keep_commanding(link, target, 0.2)
         command()
         begun = time.monotonic()
-        with pytest.raises(MotionError, match=f"process {process.pid} on .* sent .* commands on rt/lowcmd"):
+        with pytest.raises(MotionError, match=f"process {process.pid} on .* sent .* commands on rt/lowcmd") as caught:
             keep_commanding(link, target, 1.0)
+        assert caught.value.other_commander
         noticed = time.monotonic() - begun
     assert noticed < 0.05
     time.sleep(0.1)

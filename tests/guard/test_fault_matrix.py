@@ -163,6 +163,8 @@ def assert_put_down(robot, case, outcome, recorder, report):
     assert all(command.limp for command in sent[began:])
     assert (len(sent) - began) * SLOW >= DAMPED_TIME
     sound = isinstance(outcome, StoppedError) and case.kind != "remote damp"
+    if isinstance(outcome, StoppedError):
+        assert outcome.exit_code == (13 if case.kind.startswith("remote") else 12)
     *before, damped, _ = report.ending
     assert all(step in ("feet down", "lowered") for step in before)
     if not sound:

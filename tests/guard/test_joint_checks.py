@@ -180,7 +180,7 @@ def test_limp_joints_are_asked_for_nothing(a1, checks, stance):
 )
 def test_faults_that_the_robot_reports_are_raised(a1, checks, hold, health, message):
     error, _ = run_checks(checks, lasting(a1, lambda state: replace(state, health=health)), hold)
-    assert type(error) is StoppedError
+    assert (type(error), error.exit_code) == (StoppedError, 12)
     assert str(error) == message
 
 

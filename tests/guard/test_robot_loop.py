@@ -273,7 +273,7 @@ def test_a_robot_that_was_left_alone_is_lowered_from_where_it_is_now(a1, clock):
     asleep.append(clock.sleep(5.0))
     sent = len(platform.sent)
     loop.tick()
-    assert type(loop.trouble) is StoppedError
+    assert (type(loop.trouble), loop.trouble.exit_code) == (StoppedError, 4)
     assert "no command was sent for 500" in str(loop.trouble)
     assert len(platform.sent) == sent
     run(loop)
@@ -393,5 +393,5 @@ def test_a_motor_that_stays_hot_is_lowered_all_the_same(a1):
     platform = Robot(a1, lambda count: at_rest(a1, count, health=Health(battery_charge=0.05)), follows=True)
     loop = commanded(platform, a1)
     run(loop)
-    assert type(loop.trouble) is StoppedError
+    assert (type(loop.trouble), loop.trouble.exit_code) == (StoppedError, 12)
     assert loop.ending.done == ["lowered", "damped", "released"]

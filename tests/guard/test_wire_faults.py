@@ -119,8 +119,9 @@ def test_the_space_bar_damps_the_robot(a1):
     with standing(a1) as (remote, emulator, *_):
         pressed = time.monotonic()
         remote.stop("damp")
-        with pytest.raises(StoppedError, match="the operator asked to damp the robot"):
+        with pytest.raises(StoppedError, match="the operator asked to damp the robot") as caught:
             lift(remote, a1, watch=1.0)
+        assert caught.value.exit_code == 13
         assert next(e["at"] for e in emulator.log if e.get("mode") == "damped" and e["at"] > pressed) - pressed < 0.05
         assert remote.report().ending == ("damped", "released")
 
@@ -241,8 +242,9 @@ def test_another_program_that_commands_ends_the_run_and_is_not_fought(a1):
         other = subprocess.Popen(
             [sys.executable, "-c", OTHER, str(domain)], stdout=subprocess.PIPE, text=True, env=environment()
         )
-        with pytest.raises(MotionError, match=str(other.pid)):
+        with pytest.raises(MotionError, match=str(other.pid)) as caught:
             hold(remote, 20.0)
+        assert caught.value.other_commander
         other.communicate(timeout=PATIENCE)
         assert remote.report().ending == ("left to the other program", "released")
 
