@@ -71,6 +71,22 @@ def cache(shared_folder):
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def coarse_engine():
+    """Let MuJoCo take steps of 1 ms, which halves the computation of its physics."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(mujoco_model, "TIMESTEP", 1e-3)
+        yield
+
+
+@pytest.fixture(scope="module")
+def fine_engine():
+    """Let MuJoCo take its usual steps, in tests whose figures depend on them."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(mujoco_model, "TIMESTEP", 5e-4)
+        yield
+
+
 @pytest.fixture(scope="session")
 def a1():
     """Return the built-in Unitree A1."""
@@ -120,7 +136,7 @@ def bayesian_run(a1):
     """Return a short Bayesian run of a realistic A1 with a payload: settings, recordings, result and truth."""
     recordings = []
     settings = BayesianMethod(duration=60, excitation=False)
-    with simulate(a1, "realistic", seed=4, payload="1.5,0.05,-0.02,0.06", timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=4, payload="1.5,0.05,-0.02,0.06") as simulation:
         result = calibrate(simulation.platform, a1, settings, keep=recordings.append)
         return SimpleNamespace(
             stance=nominal_stance(a1),
@@ -134,9 +150,9 @@ def bayesian_run(a1):
 
 @pytest.fixture(scope="session")
 def paper_run(a1):
-    """Return a run of the paper's method on an ideal A1, in steps of 1 ms: recordings, and the result with the truth."""
+    """Return a run of the paper's method on an ideal A1: recordings, and the result with the truth."""
     recordings = []
-    with simulate(a1, "ideal", timestep=1e-3) as simulation:
+    with simulate(a1, "ideal") as simulation:
         result = calibrate(simulation.platform, a1, PaperMethod(), keep=recordings.append).with_truth(simulation.truth)
     return SimpleNamespace(recordings=recordings, result=result)
 
@@ -145,11 +161,3 @@ def paper_run(a1):
 def paper_result(paper_run):
     """Return the result of `paper_run`."""
     return paper_run.result
-
-
-@pytest.fixture(scope="module")
-def coarse_engine():
-    """Let MuJoCo take steps of 1 ms, which halves the computation, in tests that do not depend on its step."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(mujoco_model, "TIMESTEP", 1e-3)
-        yield

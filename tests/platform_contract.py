@@ -270,7 +270,7 @@ class SimulationContract(PlatformContract):
         self.robot = a1
 
     def make(self):
-        return simulate(self.robot, self.noise, seed=3, timestep=1e-3).platform
+        return simulate(self.robot, self.noise, seed=3).platform
 
 
 class SteppedRobot:

@@ -42,7 +42,6 @@ def test_the_result_gives_a_pinocchio_model_with_the_base_found(bayesian_run):
     assert model.inertias[1].mass == pytest.approx(bayesian_run.result.base.mass.value)
 
 
-@pytest.mark.usefixtures("coarse_engine")
 def test_a_replan_without_lifts_is_ignored_while_lifts_are_too_few(a1, monkeypatch):
     """Stance motions may add more information per second, but are not sufficient alone."""
     recordings, replanned = [], []
@@ -55,7 +54,7 @@ def test_a_replan_without_lifts_is_ignored_while_lifts_are_too_few(a1, monkeypat
     monkeypatch.setattr(BayesianRoutine, "_replan", replan)
     monkeypatch.setattr(bayesian_routine, "_REPLAN_AT", 0.1)
     settings = BayesianMethod(duration=35, excitation=False)
-    with simulate(a1, "realistic", timestep=1e-3) as simulation:
+    with simulate(a1, "realistic") as simulation:
         assert calibrate(simulation.platform, a1, settings, keep=recordings.append).trustworthy
     assert replanned[0] < 4
     searched = 4

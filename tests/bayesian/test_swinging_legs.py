@@ -26,7 +26,7 @@ WRONG_LEGS = {"leg_mass_common": 0.1, "leg_com_common": 8e-3, "leg_length": 1.5e
 
 
 @pytest.fixture(scope="module")
-def found(a1, coarse_engine):
+def found(a1):
     """Result and recordings of a run on a robot whose legs differ from the model file."""
     kept = []
     with simulate(

@@ -34,8 +34,6 @@ from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import EffectSizes
 from equipoise.simulation.mujoco_contacts import foothold_heights
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 LOG = "recording_0.mcap"
 SETTINGS = BayesianMethod(duration=65, mass=14.0, excitation=False, rotate_halfway=True)
 WORLD = {
@@ -217,7 +215,7 @@ def test_the_gyroscope_measures_the_rotation(a1, run):
 def test_dart_turns_the_robot(a1):
     pytest.importorskip("dartpy")
     stance = nominal_stance(a1)
-    with simulate(a1, "realistic", engine="dart", timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", engine="dart") as simulation:
         standing, _ = stand_up(simulation.platform, a1, stance)
         recording = BayesianTrials(standing, stance, composite_parameters(a1, stance.joint_position).com).turn()
         feet = simulation.truth_view.look().feet

@@ -20,8 +20,6 @@ from equipoise.method.table import method_named
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.inertial import composite_parameters
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 PAPER = PaperMethod()
 QUICK = PaperMethod(com_search=ComSearchSettings(tolerance=0.02), excitation=ExcitationSettings(duration=1.0))
 
@@ -39,7 +37,7 @@ def ideal(a1):
 
 
 @pytest.fixture(scope="module")
-def realistic(a1, coarse_engine):
+def realistic(a1):
     """Run with realistic sensors and seed 5."""
     with simulate(a1, "realistic", seed=5) as simulation:
         return calibrate(simulation.platform, a1, QUICK).with_truth(simulation.truth)
@@ -166,7 +164,7 @@ def test_a_payload_seen_by_the_torques_is_reported(a1, realistic):
 
 def test_lifts_grow_to_a_bound(a1):
     settings = PaperMethod(com_search=ComSearchSettings(tolerance=1e-4), excitation=ExcitationSettings(duration=1.0))
-    with simulate(a1, "realistic", seed=1, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=1) as simulation:
         result = calibrate(simulation.platform, a1, settings)
     heights = [trial.lift_height for trial in result.trials if trial.kind == "lift"]
     assert max(heights) <= 1.6**2 * heights[0] * 1.001
@@ -181,7 +179,7 @@ def test_unknown_settings_are_rejected():
 
 def test_progress_names_the_trial_and_the_bracket(a1):
     progresses = []
-    with simulate(a1, "ideal", timestep=1e-3) as simulation:
+    with simulate(a1, "ideal") as simulation:
         calibrate(simulation.platform, a1, QUICK, report=progresses.append)
     assert progresses[0].doing.startswith("lift on FL_RR: offset +0.0 mm, bracket -61.5 to +61.5 mm")
     *_, roll, pitch, yaw, last = (progress.doing for progress in progresses)
@@ -197,7 +195,7 @@ def test_progress_names_the_trial_and_the_bracket(a1):
 def test_progress_counts_repeated_lifts(a1):
     """The robot is balanced in the middle of these bounds on the first diagonal."""
     progresses, bounds = [], ComSearchSettings(lower=-0.0666, upper=0.0534)
-    with simulate(a1, "ideal", timestep=1e-3) as simulation:
+    with simulate(a1, "ideal") as simulation:
         result = calibrate(
             simulation.platform, a1, dataclasses.replace(QUICK, com_search=bounds), report=progresses.append
         )
@@ -215,7 +213,7 @@ def test_every_robot_of_the_catalogue_is_calibrated_unattended(name, recwarn):
         robot = load_robot(name)
     except MissingDependencyError as error:
         pytest.skip(str(error))
-    with simulate(robot, "ideal", timestep=1e-3) as simulation:
+    with simulate(robot, "ideal") as simulation:
         result = calibrate(simulation.platform, robot, QUICK).with_truth(simulation.truth)
     recwarn.clear()
     # Half the tolerance is the bracket's; the rest scales with the robot.
@@ -229,7 +227,7 @@ def test_unreachable_excitation_axes_are_skipped_with_the_reason(recwarn):
         robot = load_robot("solo8")
     except MissingDependencyError as error:
         pytest.skip(str(error))
-    with simulate(robot, "ideal", timestep=1e-3) as simulation:
+    with simulate(robot, "ideal") as simulation:
         result = calibrate(simulation.platform, robot, QUICK)
     recwarn.clear()
     for axis in ("roll", "yaw"):

@@ -26,8 +26,6 @@ from equipoise.recording.trials import LiftTrial
 from equipoise.result.body import Body
 from equipoise.robot.inertial import InertialParameters
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `bayesian_run`
 
 
@@ -35,7 +33,7 @@ PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `bayesian_run`
 def bare(a1):
     """Recordings and truth of the robot of `bayesian_run` without its payload and with other noise."""
     settings = BayesianMethod(duration=40, excitation=False)
-    with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=4, noise_seed=104) as simulation:
         return perform(simulation.platform, a1, settings).recordings, simulation.truth
 
 

@@ -8,8 +8,6 @@ from equipoise.calibration.rehearsal import rehearse
 from equipoise.errors import SettingsError
 from equipoise.lab.static.method import Static
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 SETTINGS = {
     "bayesian": BayesianMethod(duration=40),
     "paper": PaperMethod(),

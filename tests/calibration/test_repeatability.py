@@ -8,14 +8,12 @@ from equipoise.calibration.repeatability import repeatability, to_dict
 from equipoise.errors import SettingsError
 from equipoise.lab.static.method import Static
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 SETTINGS = Static()
 
 
 @pytest.fixture(scope="module")
 def results(a1):
-    with simulate(a1, "realistic", seed=4, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=4) as simulation:
         return [calibrate(simulation.platform, a1, SETTINGS) for _ in range(3)]
 
 

@@ -33,8 +33,6 @@ from equipoise.platform.logged_platform import Logged
 from equipoise.recording.recording import Event, ImuStream, JointStream, Recording
 from equipoise.recording.run_log import RunLog
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 SETTINGS = PaperMethod(com_search=ComSearchSettings(tolerance=0.01), excitation=ExcitationSettings(duration=1.0))
 PROVENANCE = {
     "seed": 2,
@@ -49,7 +47,7 @@ def calibrated(a1, tmp_path_factory):
     """Run folder and its calibration."""
     with (
         RunFolder.create(tmp_path_factory.mktemp("runs") / "run", a1, SETTINGS, PROVENANCE) as folder,
-        simulate(a1, "realistic", payload="1.5,0.05,0,0.06", seed=2, timestep=1e-3) as simulation,
+        simulate(a1, "realistic", payload="1.5,0.05,0,0.06", seed=2) as simulation,
     ):
         calibration = calibrate(Logged(simulation.platform, folder.log), a1, SETTINGS, keep=folder.keep)
         folder.save_truth(simulation.truth)

@@ -17,8 +17,6 @@ from equipoise import RunFolder, load_robot
 from equipoise import __main__ as entry
 from equipoise.cli import VERBS, main
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 QUICK = [
     "--sim-preset",
     "ideal",

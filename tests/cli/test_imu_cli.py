@@ -11,8 +11,6 @@ from robots import quadruped_urdf
 from equipoise import RunFolder
 from equipoise.cli import main
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 BNO = """<link name="bno085"/><joint name="bno085_joint" type="fixed"><origin xyz="0.05 0 0.02"/><parent link="trunk"/>
 <child link="bno085"/></joint>"""
 ORIGIN = "IMU: at the origin of base link 'trunk' (assumed: no frame of the model looks like an IMU)"

@@ -12,7 +12,7 @@ CODE = "import sys; sys.modules |= dict.fromkeys({}); from equipoise.cli import 
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory, a1, coarse_engine):
+def run(tmp_path_factory, a1):
     path = tmp_path_factory.mktemp("runs") / "a1"
     with simulate(a1, "ideal") as simulation, RunFolder.create(path, a1, PaperMethod(), {}) as folder:
         folder.save(calibrate(simulation.platform, a1, PaperMethod(), folder.keep))

@@ -9,8 +9,6 @@ from commands import at_a_terminal
 
 from equipoise.cli import main
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 WRONG = ["calibrate", "--mass", "9.5", "--duration", "40s", "--seed", "4", "--quiet", "--no-report"]
 
 

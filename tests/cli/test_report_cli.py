@@ -7,8 +7,6 @@ import pytest
 
 from equipoise.cli import main
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 QUICK = ["calibrate", "--method", "static", "--quiet"]
 
 

@@ -12,6 +12,8 @@ import pytest
 from equipoise import RunFolder
 from equipoise.cli import main
 
+pytestmark = pytest.mark.usefixtures("fine_engine")
+
 QUICK = ["--method", "paper", "--tolerance", "0.03", "--excitation-duration", "0.8"]
 ROBOT = ["--sim-preset", "realistic", "--payload", "1,0.03,0.02,0.06", "--seed", "3", "--start", "lying"]
 COMMAND = [sys.executable, "-m", "equipoise", "calibrate", "--quiet"]

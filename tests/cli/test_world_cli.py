@@ -8,8 +8,6 @@ import pytest
 from equipoise.cli import main
 from equipoise.cli.target import RunTarget, SimulatedTarget
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 QUIET = ["--quiet", "--no-report"]
 
 

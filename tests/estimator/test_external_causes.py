@@ -10,8 +10,6 @@ from equipoise.estimator.diagnostics import checks
 from equipoise.estimator.diagnostics.checks import half_difference
 from equipoise.estimator.problem import body_jacobian
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 
 def run_with(robot, effect, budget=None):
     with simulate(robot, "realistic", "1,0.03,0.02,0.08", seed=21, effects={effect: None}) as simulation:
@@ -20,7 +18,7 @@ def run_with(robot, effect, budget=None):
 
 
 @pytest.fixture(scope="module")
-def in_a_sling(a1, coarse_engine):
+def in_a_sling(a1):
     return run_with(a1, "sling", budget=60)
 
 

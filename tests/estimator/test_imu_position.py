@@ -15,8 +15,6 @@ from equipoise.estimator.parameters import Unknowns
 from equipoise.estimator.unknowns import Priors
 from equipoise.robot.description import RobotDescription
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 
 @pytest.fixture(scope="module")
 def swaying(a1):

@@ -23,7 +23,6 @@ from equipoise.result.held_out import FOUND, MODEL, PRIOR_RUN
 from equipoise.result.requirements import UNMET
 from equipoise.robot.inertial import composite_parameters
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
 MOVED = 6e-3  # [rad]
 
 
@@ -37,7 +36,7 @@ def earlier(bayesian_run):
 def later(a1, earlier):
     """Return a run without that payload: method, recordings and result."""
     method, recordings = BayesianMethod(prior_run=earlier, duration=26), []
-    with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=4, noise_seed=104) as simulation:
         result = calibrate(simulation.platform, a1, method, keep=recordings.append)
         return method, recordings, result.with_truth(simulation.truth)
 
@@ -119,7 +118,7 @@ def test_a_scale_that_weighs_twice_has_one_gain(a1, earlier, later):
 def moved(a1, earlier):
     """Return posterior and changes from the first moves of a run whose FL_thigh_joint has a new offset."""
     stance, method, recordings = nominal_stance(a1), BayesianMethod(prior_run=earlier), []
-    with simulate(a1, "realistic", seed=4, noise_seed=105, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=4, noise_seed=105) as simulation:
         simulation.errors.drawn["joint_offset"][1] += MOVED
         standing, _ = stand_up(simulation.platform, a1, stance)
         trials = BayesianTrials(standing, stance, composite_parameters(a1, stance.joint_position).com)

@@ -17,14 +17,13 @@ from equipoise.recording.phases import Phase
 from equipoise.result.legend import doubt_message
 from equipoise.result.mass_comparison import MassComparison
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
 LIFTS = {Phase.UNLOAD, Phase.LIFT}
 
 
 def comparisons(robot, preset, seed, start="standing", payload=None, known=None):
     """Return the comparison of the true mass on one simulated robot, and this mass [kg]."""
     stance = nominal_stance(robot)
-    with simulate(robot, preset, payload, seed, start, timestep=1e-3) as simulation:
+    with simulate(robot, preset, payload, seed, start) as simulation:
         standing, _ = stand_up(simulation.platform, robot, stance)
         mass = simulation.truth.composite.mass
         return compare_at_rest(robot, stance, (mass, 0.005 * mass), dip(standing, stance), known), mass
@@ -44,7 +43,7 @@ def test_the_true_mass_raises_no_question(a1, preset, spread):
 
 def test_a_wrong_mass_is_refused_before_a_foot_is_lifted(a1):
     kept, asked = [], []
-    with simulate(a1, "realistic", "4.5,0,0,0.08", 3, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", "4.5,0,0,0.08", 3) as simulation:
         with pytest.raises(SettingsError) as caught:
             calibrate(simulation.platform, a1, BayesianMethod(mass=12.0), kept.append)
         asleep = calibrate_asking(simulation.platform, a1, BayesianMethod(mass=12.0), asked)
@@ -155,7 +154,7 @@ def test_torque_constants_from_a_confirmed_mass_are_used(a1, bayesian_run):
 def test_a_payload_measured_with_a_wrong_mass_is_doubtful_in_its_answer(a1, bayesian_run):
     known = known_with_scale(a1, bayesian_run, bayesian_run.truth.composite.mass)
     method = BayesianMethod(prior_run=known, duration=26)
-    with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=4, noise_seed=104) as simulation:
         recordings = perform(simulation.platform, a1, method).recordings
     result = replace(method, mass=11.2).estimate(a1, recordings, nominal_stance(a1))
     found = measure_payload(a1, known, result)

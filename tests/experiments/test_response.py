@@ -21,7 +21,6 @@ from equipoise.result.calibration import Calibration
 from equipoise.result.legend import frame_message
 from equipoise.robot.catalog import CATALOG
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
 ROBOTS = ("unitree_a1", "anymal_c", "solo12")
 HIPS = ("FL", "FR", "RL", "RR")
 

@@ -32,8 +32,6 @@ from equipoise.robot.kinematics import Kinematics, foot_positions, inverse_kinem
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.posture import BodyPosture
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 UP = np.array([0.0, 0.0, 1.0])
 LIFT, LOWER, DELAY = 0.03, 0.2, 0.05
 
@@ -278,7 +276,7 @@ def test_robots_that_were_thrown_on_their_backs_stay_up(name, seed, motions):
     except MissingDependencyError as error:
         pytest.skip(str(error))
     tilts = []
-    with simulate(robot, "realistic", seed=seed, timestep=1e-3) as simulation:
+    with simulate(robot, "realistic", seed=seed) as simulation:
 
         def keep(recording):
             tilts.append(simulation.truth_view.look().tilt)

@@ -10,8 +10,6 @@ from equipoise.recording.run_log import RunLog
 from equipoise.recording.run_log_reader import read_log
 from equipoise.recording.trials import StandTrial
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 
 @pytest.fixture
 def log(tmp_path):
@@ -21,7 +19,7 @@ def log(tmp_path):
 
 @pytest.fixture
 def standing(a1, log):
-    with simulate(a1, "ideal", timestep=1e-3) as simulation:
+    with simulate(a1, "ideal") as simulation:
         standing, _ = stand_up(Logged(simulation.platform, log), a1, nominal_stance(a1))
         standing.keep = log.keep
         yield standing

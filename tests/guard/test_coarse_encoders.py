@@ -32,7 +32,7 @@ class Coarse(PlatformWrapper):
     """A simulated robot whose encoders have steps."""
 
     def __init__(self, robot, step: float = 1.5e-3):
-        self._simulation, self._coarseness = simulate(robot, "realistic", seed=1, timestep=1e-3), step
+        self._simulation, self._coarseness = simulate(robot, "realistic", seed=1), step
         super().__init__(self._simulation.platform)
 
     def _sensed(self, state):

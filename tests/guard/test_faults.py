@@ -26,8 +26,6 @@ from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import components
 from equipoise.simulation.effects import REALISTIC
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 SETTINGS = BayesianMethod(duration=60)
 PAYLOAD, SEED = "1.0,0.05,0.02,0.08", 3
 MOVED_PAYLOAD = "1.0,-0.02,0.02,0.08"
@@ -36,7 +34,7 @@ JOINTS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint i
 
 def recorded(robot, model=None, payload=PAYLOAD, noise="realistic", settings=SETTINGS):
     """Return recordings of a run on a simulated robot with the user's model, and the true body."""
-    with simulate(robot, noise, payload, SEED, timestep=1e-3) as simulation:
+    with simulate(robot, noise, payload, SEED) as simulation:
         return perform(simulation.platform, model or robot, settings).recordings, simulation.truth.composite
 
 
@@ -452,7 +450,7 @@ def test_legs_of_two_joints_determine_x_and_z_of_the_com_only(recwarn):
     except MissingDependencyError as error:
         pytest.skip(str(error))
     recordings = []
-    with simulate(robot, "realistic", seed=0, timestep=1e-3) as simulation:
+    with simulate(robot, "realistic", seed=0) as simulation:
         result = calibrate(simulation.platform, robot, SETTINGS, recordings.append)
         off = components(result.composite.parameters()) - components(simulation.truth.composite)
     assert not failed(result)

@@ -31,7 +31,7 @@ def a1():
 def walked(a1):
     """A trot, the poses of its base (time, x y z, w x y z), and the true body."""
     poses = []
-    with simulate(a1, "realistic", "1.2,0.06,0.02,0.08", seed=7, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", "1.2,0.06,0.02,0.08", seed=7) as simulation:
         platform, step = simulation.platform, simulation.platform.step
 
         def seen(command):

@@ -30,7 +30,7 @@ def stance(a1):
 @pytest.fixture(scope="module")
 def crawled(a1):
     """Log of a crawling robot, and its true parameters."""
-    with simulate(a1, "realistic", "1.2,0.06,0.02,0.08", seed=7, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", "1.2,0.06,0.02,0.08", seed=7) as simulation:
         return SimpleNamespace(log=crawl(simulation.platform, a1, DURATION), truth=simulation.truth.composite)
 
 

@@ -22,8 +22,6 @@ from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial
 from equipoise.robot.inertial import COMPONENTS, components
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 
 @pytest.fixture(scope="module")
 def log(bayesian_run):

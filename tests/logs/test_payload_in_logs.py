@@ -24,7 +24,7 @@ DURATION = 11.0  # [s]
 @pytest.fixture(scope="module")
 def trotted(a1):
     """Log of the robot of `bayesian_run`, without its payload, while it trots."""
-    with simulate(a1, "realistic", seed=4, noise_seed=204, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=4, noise_seed=204) as simulation:
         recording = trot(simulation.platform, a1, DURATION)
         return SimpleNamespace(recording=recording, truth=simulation.truth)
 

@@ -25,8 +25,6 @@ from equipoise.recording.trials import LiftTrial, PostureTrial
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 PAUSE = 0.8  # [s]
 
 

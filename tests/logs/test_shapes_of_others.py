@@ -38,7 +38,7 @@ def a1():
 @pytest.fixture(scope="module")
 def whole(a1):
     """Columns of a trot's table by documented names, joints and IMU in the same rows."""
-    with simulate(a1, "realistic", "1.2,0.06,0.02,0.08", seed=7, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", "1.2,0.06,0.02,0.08", seed=7) as simulation:
         log = trot(simulation.platform, a1, DURATION)
     time = log.joints.time
     table = {"time": time - time[0]}

@@ -27,7 +27,7 @@ def a1():
 
 def standing(robot, seed):
     """A sample of a simulated robot that stands, and its true body."""
-    with simulate(robot, "realistic", "1.2,0.06,0.02,0.08", seed=seed, timestep=1e-3) as simulation:
+    with simulate(robot, "realistic", "1.2,0.06,0.02,0.08", seed=seed) as simulation:
         command = JointCommand(position=np.array(nominal_stance(robot).joint_position))
         for _ in range(round(0.5 / simulation.platform.control_period)):
             state = simulation.platform.step(command)

@@ -42,7 +42,7 @@ def stance(a1):
 @pytest.fixture(scope="module")
 def trotted(a1):
     """Log of a trotting robot, and its true parameters."""
-    with simulate(a1, "realistic", PAYLOAD, seed=7, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", PAYLOAD, seed=7) as simulation:
         return SimpleNamespace(log=trot(simulation.platform, a1, DURATION), truth=simulation.truth.composite)
 
 

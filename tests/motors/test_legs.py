@@ -22,9 +22,9 @@ HEAVY = {"leg_mass_common": 0.15, "leg_com_common": 4e-3, "cable": 0.0}
 
 
 @pytest.fixture(scope="module")
-def run(a1, coarse_engine):
+def run(a1):
     """Recordings, truth and settings of a short run for base, legs and motors."""
-    with simulate(a1, "realistic", seed=5, effects=HEAVY, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=5, effects=HEAVY) as simulation:
         mass = simulation.truth.composite.mass
         both = CombinedMethod(
             BayesianMethod(duration=45.0, mass=mass, cable="none", swings=True, excitation=False),
@@ -35,9 +35,9 @@ def run(a1, coarse_engine):
 
 
 @pytest.fixture(scope="module")
-def on_three_feet(a1, coarse_engine):
+def on_three_feet(a1):
     """Recordings of the same robot swinging one leg after the other."""
-    with simulate(a1, "realistic", seed=5, effects=HEAVY, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=5, effects=HEAVY) as simulation:
         return perform(simulation.platform, a1, Motors(motor_time=20.0, motor_stance="three-feet")).recordings
 
 

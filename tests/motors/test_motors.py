@@ -23,8 +23,6 @@ from equipoise.recording.trials import MotorTrial
 from equipoise.report.contents import run_contents
 from equipoise.robot.description import RobotDescription
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 
 @pytest.fixture(scope="module")
 def swung(a1):

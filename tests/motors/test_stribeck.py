@@ -12,6 +12,8 @@ from equipoise.exports.parameters import MOTORS, columns_of
 from equipoise.figures.parts import parts_of
 from equipoise.motors.method import Motors
 
+pytestmark = pytest.mark.usefixtures("fine_engine")
+
 
 @pytest.fixture(scope="module")
 def swung(a1):

@@ -19,8 +19,6 @@ from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import LEG_NAMES
 from equipoise.robot.statics import foot_forces
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 ON_THREE = Motors(motor_time=8.0, motor_stance="three-feet")
 
 

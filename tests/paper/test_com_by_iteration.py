@@ -16,7 +16,7 @@ SETTINGS = PaperMethod(com_search=ComSearchSettings(tolerance=0.004), excitation
 def calibrated(robot, payload, tolerance=SETTINGS.com_search.tolerance):
     """Return the result of a `realistic` run, its first bracket and the true CoM."""
     settings = replace(SETTINGS, com_search=replace(SETTINGS.com_search, tolerance=tolerance))
-    with simulate(robot, "realistic", payload=payload, seed=3, timestep=1e-3) as simulation:
+    with simulate(robot, "realistic", payload=payload, seed=3) as simulation:
         result = calibrate(simulation.platform, robot, settings)
     return result, settings.com_search.bracket(nominal_stance(robot)), simulation.truth.composite.com
 

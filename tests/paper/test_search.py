@@ -12,8 +12,6 @@ from equipoise.paper.com_search import find_com, find_support_vector
 from equipoise.paper.lift_trial import lift_trial, read_lift_trial
 from equipoise.paper.trial_runner import TrialRunner, shifted_feet
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 DIAGONALS = ("FL_RR", "FR_RL")
 
 

@@ -29,7 +29,7 @@ class TestLogged(SimulationContract):
 
     def make(self):
         self.logs.append(RunLog(self.folder / f"{len(self.logs)}.mcap"))
-        return Logged(simulate(self.robot, "ideal", seed=3, timestep=1e-3).platform, self.logs[-1])
+        return Logged(simulate(self.robot, "ideal", seed=3).platform, self.logs[-1])
 
 
 @pytest.fixture

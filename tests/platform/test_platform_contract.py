@@ -40,7 +40,7 @@ class TestSteppedRobot(PlatformContract):
         self.robot = a1
 
     def make(self):
-        return SteppedRobot(simulate(self.robot, "realistic", seed=3, timestep=1e-3).platform)
+        return SteppedRobot(simulate(self.robot, "realistic", seed=3).platform)
 
 
 class TestGuardedRobot(PlatformContract):

@@ -17,8 +17,6 @@ from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import PHASE, TRIAL
 from equipoise.recording.run_log_reader import LogContent
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 SETTINGS = PaperMethod(com_search=ComSearchSettings(tolerance=0.04), excitation=ExcitationSettings(duration=0.7))
 PAYLOAD = "1,0.03,0.02,0.06"
 NOTHING = LogContent((), (), None, False, ())
@@ -62,7 +60,7 @@ def die(folder):
 
 def begin(path, a1, motions):
     folder = RunFolder.create(path, a1, SETTINGS, {})
-    with simulate(a1, "realistic", PAYLOAD, seed=5, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", PAYLOAD, seed=5) as simulation:
         platform = Mortal(Logged(simulation.platform, folder.log), motions)
         with pytest.raises(Killed):
             calibrate(platform, a1, SETTINGS, keeper(folder))
@@ -71,7 +69,7 @@ def begin(path, a1, motions):
 
 def go_on_simulated(path, a1, motions=10**6):
     folder, content = RunFolder.resume(path, repeats=True)
-    with simulate(a1, "realistic", PAYLOAD, seed=5, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", PAYLOAD, seed=5) as simulation:
         live = Logged(simulation.platform, folder.log)
         platform = Mortal(RepeatedSimulation(live, simulation.platform, content), motions)
         try:
@@ -88,7 +86,7 @@ def whole(a1, tmp_path_factory):
     path = tmp_path_factory.mktemp("whole") / "run"
     with (
         RunFolder.create(path, a1, SETTINGS, {}) as folder,
-        simulate(a1, "realistic", PAYLOAD, seed=5, timestep=1e-3) as simulation,
+        simulate(a1, "realistic", PAYLOAD, seed=5) as simulation,
     ):
         result = calibrate(Logged(simulation.platform, folder.log), a1, SETTINGS, folder.keep)
     return folder, result
@@ -116,7 +114,7 @@ def test_a_simulated_run_ends_as_if_nothing_had_happened(a1, tmp_path, whole):
 def test_a_simulation_that_differs_is_reported(a1, tmp_path):
     begin(tmp_path / "run", a1, 12)
     folder, content = RunFolder.resume(tmp_path / "run", repeats=True)
-    with folder, simulate(a1, "realistic", PAYLOAD.replace("1,", "1.0001,"), seed=5, timestep=1e-3) as simulation:
+    with folder, simulate(a1, "realistic", PAYLOAD.replace("1,", "1.0001,"), seed=5) as simulation:
         platform = RepeatedSimulation(Logged(simulation.platform, folder.log), simulation.platform, content)
         with pytest.raises(
             RecordingError, match="standing up differs from its recording: a simulation repeats exactly only with"
@@ -131,7 +129,7 @@ def test_other_settings_are_reported_with_the_trial_that_they_change(a1, tmp_pat
     other = dataclasses.replace(SETTINGS, com_search=ComSearchSettings(tolerance=0.04, lower=-0.055))
     folder, content = RunFolder.resume(tmp_path / "run", repeats=True)
     assert len(content.recordings) == 2
-    with folder, simulate(a1, "realistic", PAYLOAD, seed=5, timestep=1e-3) as simulation:
+    with folder, simulate(a1, "realistic", PAYLOAD, seed=5) as simulation:
         live = Logged(simulation.platform, folder.log)
         platform = RepeatedSimulation(live, simulation.platform, content)
         if robot == "real":
@@ -158,7 +156,7 @@ class RealRobot(SteppedRobot):
     """A robot for each program that connects, with a clock that continues; it records the commands."""
 
     def __init__(self, a1, seed, clock):
-        super().__init__(simulate(a1, "realistic", PAYLOAD, seed=seed, timestep=1e-3).platform)
+        super().__init__(simulate(a1, "realistic", PAYLOAD, seed=seed).platform)
         self._clock, self.sent = clock, []
 
     def read(self):
@@ -252,7 +250,7 @@ def test_a_robot_that_swung_its_legs_does_not_lie_down_for_it_again(a1, tmp_path
     method = Motors(motor_time=3.0)
     with (
         RunFolder.create(tmp_path / "run", a1, method, {}) as folder,
-        simulate(a1, "realistic", seed=5, timestep=1e-3) as simulation,
+        simulate(a1, "realistic", seed=5) as simulation,
     ):
         result = calibrate(Logged(simulation.platform, folder.log), a1, method, folder.keep)
     content = RunFolder.open(tmp_path / "run").read()

@@ -15,8 +15,6 @@ from equipoise.platform.stepping import Recorder, play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import Recording
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 
 class Stuttering(PlatformWrapper):
     """A home-built platform: it reads and steps, and every third step brings no new sample, also where a motion ends."""

@@ -40,8 +40,6 @@ from equipoise.result.body import Body, InertiaTensor
 from equipoise.result.calibration import ExcitationEstimate
 from equipoise.robot.inertial import COMPONENTS, InertialParameters
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 ROOT = Path(__file__).parents[2]
 LARGEST = 8_000_000  # [B]
 run_contents = functools.cache(page_contents.run_contents)  # a second for each result of the Bayesian method
@@ -60,7 +58,7 @@ def paper(paper_result):
 @pytest.fixture(scope="module")
 def static():
     robot = load_robot("unitree_a1")
-    with simulate(robot, "ideal", timestep=1e-3) as simulation:
+    with simulate(robot, "ideal") as simulation:
         return calibrate(simulation.platform, robot, Static())
 
 

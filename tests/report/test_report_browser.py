@@ -10,8 +10,6 @@ from browser import open_browser
 
 from equipoise.report.page import save_comparison, save_report
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 DRAW_ALL = "() => Promise.all(plots.map(draw)).then(() => null)"
 DRAWN = "() => plots.map((plot) => Boolean(plot.querySelector('canvas, .cartesianlayer .trace path')))"
 SCENE = "plots.find((plot) => plot.layout?.scene)"

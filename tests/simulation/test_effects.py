@@ -28,6 +28,8 @@ from equipoise.simulation.mujoco_model import build_simulated_robot
 from equipoise.simulation.mujoco_truth import simulated_truth
 from equipoise.simulation.samples import Samples
 
+pytestmark = pytest.mark.usefixtures("fine_engine")
+
 ROWS = EffectSizes.rows()
 JOINTS, SEED, PERIOD = 12, 5, 2e-3
 LEG_EFFECTS = (

@@ -9,6 +9,8 @@ from robots import load_text, quadruped_urdf
 
 from equipoise import EffectSizes, nominal_stance, simulate
 
+pytestmark = pytest.mark.usefixtures("fine_engine")
+
 COULOMB, VISCOUS, ARMATURE = 0.3, 0.05, 0.01
 JOINT = 1  # the front left thigh
 

@@ -17,8 +17,6 @@ from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.posture import BodyPosture
 from equipoise.view.base_motion import STEP, BaseTracker
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 
 class Witnessed(PlatformWrapper):
     """Simulated platform that records the true base motion every ten milliseconds."""

@@ -15,8 +15,6 @@ from equipoise.recording.run_log import RunLog, resume_log
 from equipoise.recording.run_log_reader import read_log
 from equipoise.view.follow import FollowedLog, follow
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 WRITER = """
 import sys, time
 from pathlib import Path

@@ -22,8 +22,6 @@ from equipoise.view.follow import follow, log_news
 from equipoise.view.rerun_scene import estimate_text, plane_piece, trial_title
 from equipoise.view.viewer import view
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 PAPER = PaperMethod(com_search=ComSearchSettings(tolerance=0.01))
 PERIOD = 0.04
 

@@ -20,8 +20,6 @@ from equipoise import BayesianMethod, RunFolder
 from equipoise.cli import main
 from equipoise.view.viewer import BROWSER, WINDOW, free_port, has_display, how_to_open, live_viewer
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 pytest.importorskip("rerun", reason="no rerun-sdk: the view was NOT TRIED")
 EQUIPOISE = [sys.executable, "-m", "equipoise"]
 QUICK = ["calibrate", "--method", "static", "--sim-preset", "realistic", "--no-report", "--quiet", "--json"]

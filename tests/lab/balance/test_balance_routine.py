@@ -17,8 +17,6 @@ from equipoise.result.body import Body
 from equipoise.robot.inertial import composite_parameters
 from equipoise.simulation.ground_truth_view import GroundTruthRecorder
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 
 class Wrapped:
     """Platform with only the required interface, which applies a function to every state that `step` returns."""
@@ -227,7 +225,7 @@ def test_leveling_turns_a_vector_to_the_vertical():
 
 def test_a_displaced_design_model_differs_from_the_truth_only_by_the_displacement(a1):
     stance = nominal_stance(a1)
-    with simulate(a1, "realistic", payload="2,0.1,0.03,0.05", seed=1, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", payload="2,0.1,0.03,0.05", seed=1) as simulation:
         truth = simulation.truth
     for diagonal in ("FL_RR", "FR_RL"):
         design = displaced(a1, stance, truth, diagonal, 0.007)
@@ -250,7 +248,7 @@ def test_a_bayesian_calibration_gives_mass_inertia_and_sensor_errors(a1, bayesia
     assert whole.mass == pytest.approx(estimate.mass)
     assert np.allclose(whole.com, estimate.com, atol=1e-9)
     assert design.source == "a calibration by the method bayesian"
-    with simulate(a1, "realistic", seed=bayesian_run.seed, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=bayesian_run.seed) as simulation:
         drawn = simulation.errors
     assert design.sensors.any
     # Remaining errors are smaller than the drawn ones: units, signs and order are right.
