@@ -61,7 +61,7 @@ def dask_cluster(scheduler: str) -> Generator[tuple[Executor, Callable[[], int]]
         raise MissingDependencyError("a Dask cluster needs its client: pip install 'equipoise[dask]'") from error
     if "://" not in scheduler:
         raise SettingsError(f"the scheduler's address is {scheduler!r}; it must be like tcp://192.168.1.2:8786")
-    with _silenced("distributed", "distributed.client"):
+    with _silenced("distributed", "distributed.client", "tornado.application"):
         try:
             client = Client(scheduler, timeout=_PATIENCE)
         except (OSError, ValueError) as error:  # TimeoutError is an OSError
