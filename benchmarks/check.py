@@ -1,0 +1,73 @@
+"""Repeats random rows of all pages: `make bench-check`. Fails if one differs by more than the allowed standard deviations.
+
+Rows are repeated that have errors with standard deviations, of robots and programs that this machine has. Rounding of another
+processor may change a plan, and with it a row by some standard deviations.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
+
+from rows import Page, Row, Table  # isort: skip - it limits the threads of NumPy
+import numpy as np
+
+PAGES = (
+    "accuracy", "robustness", "robots", "baselines", "engines", "logs", "legs_and_motors", "payload", "safety", "speed",
+    "paper", "wrong_files",
+)  # fmt: skip
+"""Modules of all pages."""
+MOST_TRIES = 5  # rows that may turn out to need something that this machine does not have, per repeated row
+
+
+def repeatable() -> Iterator[tuple[Table, Row]]:
+    """Yield all rows with a standard deviation and their tables."""
+    for name in PAGES:
+        page: Page = import_module(name).PAGE
+        by_name = {table.name: table for table in page.tables}
+        for row in page.read().values():
+            table = by_name.get(row["key"].split("/")[0])
+            if table is not None and not table.alone and "sd" in row:
+                yield table, row
+
+
+def change(table: Table, row: Row) -> float | str | None:
+    """Return the largest change of a repeated row's errors [standard deviations], its error, or None if it was not tried."""
+    again = table.row(tuple(row["case"]), "")
+    if again is None or "failed" in again:
+        return None if again is None else again["failed"]
+    before, now, sd = (
+        np.array([np.nan if value is None else value for value in of], dtype=float)
+        for of in (row["error"], again["error"], row["sd"])
+    )
+    return float(np.nanmax(np.abs(now - before) / sd))
+
+
+def main() -> None:
+    """Repeat rows until enough were tried."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--rows", type=int, default=6, metavar="N", help="number of rows")
+    parser.add_argument("--within", type=float, default=0.02, metavar="STD", help="allowed change")
+    given = parser.parse_args()
+    found = list(repeatable())
+    chosen = random.sample(found, min(MOST_TRIES * given.rows, len(found)))
+    tried = failed = 0
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        while chosen and tried < given.rows:
+            now = [chosen.pop() for _ in range(min(given.rows - tried, len(chosen)))]
+            for (_, row), how in zip(now, pool.map(change, *zip(*now, strict=True)), strict=True):
+                wrong = how is not None and (isinstance(how, str) or how > given.within)
+                tried, failed = tried + (how is not None), failed + wrong
+                text = "not tried" if how is None else how if isinstance(how, str) else f"differs by {how:.2g} std"
+                print(row["key"], text, flush=True)
+    print(f"{tried - failed} of {tried} rows are within {given.within:g} std")
+    sys.exit(not tried or failed > 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""Figures and lines of tables in Markdown."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from rows import Row
+
+NORMAL_95 = 1.96
+UNITS = "mass %, CoM x, y, z [mm], Ixx, Iyy, Izz [%], Ixy, Ixz, Iyz [% of Ixx]"
+"""Units of `relative`."""
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[str]:
+    """Return the lines of a table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return [f"| {' | '.join(str(cell) for cell in line)} |" for line in lines]
+
+
+def rms(values: Any) -> Any:
+    """Return the root mean square over the first axis."""
+    return np.sqrt(np.mean(np.square(np.asarray(values, dtype=float)), axis=0))
+
+
+def figures(values: Any, form: str = ".2f", most: Any = np.inf) -> str:
+    """Return numbers separated by spaces, bold above the largest allowed ones; "-" for nan."""
+    values = np.atleast_1d(np.asarray(values, dtype=float))
+    limits = np.broadcast_to(np.asarray(most, dtype=float), values.shape)
+    return " ".join(
+        "-" if np.isnan(value) else f"**{value:{form}}**" if value > limit else f"{value:{form}}"
+        for value, limit in zip(values, limits, strict=True)
+    )
+
+
+def column(rows: Iterable[Row], name: str) -> np.ndarray:
+    """Return the (n, ...) numbers of a column; None becomes nan."""
+    return np.array([row[name] for row in rows], dtype=float)
+
+
+def relative(rows: Sequence[Row], name: str = "error") -> np.ndarray:
+    """Return (n, 10) errors of the whole robot in `UNITS`; a row has its "truth"."""
+    truth = column(rows, "truth")
+    unit = np.hstack([100 / truth[:, :1], np.full((len(truth), 3), 1e3), 100 / truth[:, 4:7], 100 / truth[:, [4] * 3]])
+    return column(rows, name) * unit
+
+
+def coverage(rows: Iterable[Row]) -> str:
+    """Return the share of 95 % intervals that contain the truth, by the rows' "holds"."""
+    return f"{np.mean(np.concatenate([row['holds'] for row in rows])):.0%}"
+
+
+def failed_checks(rows: Sequence[Row]) -> str:
+    """Return the number of rows with a failed check, and the number of each."""
+    counts = Counter(name for row in rows for name in row["alarms"])
+    named = ", ".join(f"{name} {count}" for name, count in counts.most_common())
+    return f"{sum(bool(row['alarms']) for row in rows)} {named}".strip()
+
+
+def interval_of_share(share: float, count: int) -> str:
+    """Return a share with its 95 % interval by Wilson's formula (1927)."""
+    z2 = NORMAL_95**2
+    middle = (share + z2 / (2 * count)) / (1 + z2 / count)
+    half = NORMAL_95 / (1 + z2 / count) * np.sqrt(share * (1 - share) / count + z2 / (4 * count**2))
+    return f"{share:.0%} ({max(middle - half, 0.0):.0%} to {min(middle + half, 1.0):.0%})"
