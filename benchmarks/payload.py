@@ -1,10 +1,10 @@
 """Accuracy of a payload's mass and place: `make bench-payload`. Writes benchmarks/results/payload.md.
 
-A simulated robot with typical sensors carries 1 kg ten centimetres above, next to, ahead of or behind the base's origin, scaled
-to other robots. The payload follows from the difference of two calibrations, or from half a minute with a prior run, also
-after a restart: joint offsets and the accelerometer's bias change as much as the priors allow, and one joint offset by 5 mrad.
-One scale with an error of 0.5 % (rms) and a resolution of 10 g weighs the robot twice; the same recordings are also estimated
-without it. First runs with a payload have the sensor errors of those without, and other noise.
+A simulated robot with typical sensors carries 1 kg ten centimetres above, next to, ahead of or behind the base's origin (in
+proportion on other robots). The payload follows from the difference of two calibrations, or from half a minute with a prior
+run, also after a restart: joint offsets and the accelerometer's bias change as much as the priors allow, and one joint offset
+by 5 mrad. One scale with an error of 0.5 % (rms) and a resolution of 10 g weighs the robot twice; the same recordings are also
+estimated without it. First runs with a payload have the sensor errors of those without, and other noise.
 """
 
 from __future__ import annotations
