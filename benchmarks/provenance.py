@@ -20,13 +20,22 @@ from typing import NamedTuple
 from sources import FOLDERS, ROOT, UNKNOWN, changes, hash_of
 
 RESULTS = ROOT / "benchmarks" / "results"
-MAKERS = {
-    "paper/README.md": "src/equipoise/lab/cli/reproduce.py",
-    "sources/summary.md": "src/equipoise/lab/cli/monte_carlo.py",
-    "gazebo.md": "benchmarks/gazebo/run.py",
-    "peers.md": "benchmarks/peers/run.py",
-    "peers_tuning.md": "benchmarks/peers/tune.py",
+OLDER = {
+    "accuracy": ("perfect_sensors",),
+    "baselines": ("peers", "peers_tuning"),
+    "engines": ("gazebo",),
+    "legs_and_motors": ("legs", "motors"),
+    "logs": ("base_pose", "real_logs", "validate", "walking"),
+    "paper": ("accuracy_paper", "balance", "paper/README", "sources/summary"),
+    "payload": ("weigh",),
+    "robots": ("guard",),
+    "robustness": ("feet", "footholds"),
+    "safety": ("foreign", "kill_resume", "link", "mutants", "ros2", "stays_up", "udp"),
+    "speed": ("monte_carlo", "report", "size", "view"),
+    "wrong_files": ("diagnose",),
 }
+"""Pages of older code whose tables are on another page now, until that is made again, by its name."""
+MAKERS = {f"{name}.md": f"benchmarks/{maker}.py" for maker, names in OLDER.items() for name in names}
 """Maker of each page whose script has another name."""
 _LAST_LINE = re.compile(r"^Made at commit ([^;\n]+); sources ([^;\n]+)\.$", re.MULTILINE)
 
@@ -95,11 +104,7 @@ class Page(NamedTuple):
     @property
     def command(self) -> str:
         """Command that makes the page again."""
-        called = self.maker if self.maker.startswith("benchmarks/") else f"equipoise lab {_verb(self.maker)}"
-        for target, recipe in re.findall(r"^([\w-]+):.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE):
-            if re.search(rf"{re.escape(called)}\b", recipe):
-                return f"make {target}"
-        return f"python {self.maker}"
+        return f"make bench-{PurePosixPath(self.maker).stem.replace('_', '-')}"
 
     @property
     def banner(self) -> str:
@@ -108,10 +113,6 @@ class Page(NamedTuple):
         changed = [counts for name in self.commits if (counts := changes(self.maker, name)) is not None]
         how_many = ["{} of its {} source files have changed since".format(*max(changed))] if changed else []
         return "; ".join([f"Made by older code: {made}", *how_many, f"make it again with `{self.command}`."])
-
-
-def _verb(path: str) -> str:
-    return PurePosixPath(path).stem.replace("_", "-")
 
 
 def pages() -> list[Path]:
