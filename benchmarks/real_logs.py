@@ -5,7 +5,7 @@ was tuned on them.
 
     git clone https://github.com/mrsp/serow
     git clone https://github.com/hanlinniu/unitree_sdk2_python
-    REAL_LOGS=. python benchmarks/logs.py --only real
+    REAL_LOGS=. python benchmarks/logs.py --only=-of-
 """
 
 from __future__ import annotations
@@ -255,6 +255,6 @@ def show_standing(rows: list[Row]) -> Iterator[str]:
 
 
 TABLES = (
-    Table("real walk", walk, MASSES, show_walk),
-    Table("real message", standing, [(state,) for state in MESSAGES], show_standing),
+    Table("walk-of-go1", walk, MASSES, show_walk),
+    Table("message-of-go2", standing, [(state,) for state in MESSAGES], show_standing),
 )
