@@ -132,7 +132,7 @@ def test_links_to_pages_of_older_code_rows_of_them_and_pictures_are_marked(tmp_p
     results = tmp_path / "benchmarks" / "results"
     results.mkdir(parents=True)
     table = "| a | b |\n|---|---|\n| one | 1 |\n\n"
-    for name, found in (("speed", "another hash"), ("size", hash_of("benchmarks/size.py"))):
+    for name, found in (("speed", "another hash"), ("payload", hash_of("benchmarks/payload.py"))):
         (results / f"{name}.md").write_text(f"{table}Made at commit 0123abc; sources {found}.\n", encoding="utf-8")
     svg = "<svg></svg>"
     (tmp_path / "docs").mkdir()
@@ -146,13 +146,13 @@ def test_links_to_pages_of_older_code_rows_of_them_and_pictures_are_marked(tmp_p
         return hooks.on_page_markdown(markdown, page, None, None)
 
     assert made("[speed](../benchmarks/results/speed.md#a) of").endswith("speed.md#a) (older code) of")
-    assert made("[size](../benchmarks/results/size.md) of").endswith("size.md) of")
+    assert made("[payload](../benchmarks/results/payload.md) of").endswith("payload.md) of")
     assert "*Rows made by older code: commit 0123abc.*" in made(
         "<!-- rows of benchmarks/results/speed.md, table 1: one -->"
     )
-    assert "older" not in made("<!-- rows of benchmarks/results/size.md, table 1: one -->")
+    assert "older" not in made("<!-- rows of benchmarks/results/payload.md, table 1: one -->")
     assert "speed.md (older code)." in made("![Drawn from benchmarks/results/speed.md.](drawn.svg)")
-    assert "older" not in made("![Drawn from benchmarks/results/size.md.](drawn.svg)")
+    assert "older" not in made("![Drawn from benchmarks/results/payload.md.](drawn.svg)")
 
 
 @pytest.mark.parametrize(
