@@ -1,8 +1,8 @@
 """Calibrations in other physics engines: `make bench-engines`. Writes benchmarks/results/engines.md.
 
-Four robots are calibrated in MuJoCo, DART and PyBullet with the same drawn payloads and errors, and an A1 in Gazebo 11 with
-ODE by both methods. PyBullet and Gazebo share no code with MuJoCo and are not part of the package; nothing was tuned in them.
-Runs in Gazebo need the user root and its root folder, see gazebo/root.py.
+Four robots are calibrated in MuJoCo, DART and PyBullet with the same drawn payloads and errors, an A1 also in Drake, and in
+Gazebo 11 with ODE by both methods. PyBullet, Drake and Gazebo share no code with MuJoCo and are not part of the package;
+nothing was tuned in them. Runs in Gazebo need the user root and its root folder, see gazebo/root.py.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from equipoise.robot.inertial import components
 from equipoise.simulation.effects import IDEAL, REALISTIC
 
 PRESETS = ("ideal", "realistic")
-ROBOTS = {"unitree_a1": 3, "go2": 3, "solo12": 3, "anymal_c": 3}
-"""Number of seeds of each robot, for each preset and engine."""
+ROBOTS = {"unitree_a1": 5, "go2": 3, "solo12": 3, "anymal_c": 3}
+"""Number of seeds of each robot, for each preset and engine; Drake simulates only the A1."""
+PACKAGES = {"mujoco": "mujoco", "dart": "dartpy", "pybullet": "pybullet", "drake": "drake"}
 CONTACTS = {
     "Unitree": ("`kp` 1e6, `kd` 1: the feet in Unitree's A1 URDF", Ode(kp=1e6)),
     "damped": ("`kp` 1e7, `kd` 1e4, `max_vel` 100", Ode(kp=1e7, kd=1e4, max_vel=100)),
@@ -55,7 +56,7 @@ SILENT = 4.0  # [std], of an error without a failed check
 
 
 def in_engine(preset: str, name: str, engine: str, seed: int) -> Row:
-    """Return the row of a calibration without a scale in MuJoCo, DART or PyBullet."""
+    """Return the row of a calibration without a scale in an engine of `ENGINES`."""
     robot = robot_called(name)
     payload = Payload.parse(payload_of(robot, np.random.default_rng([seed, 77])))
     begin = time.process_time()
@@ -69,21 +70,22 @@ def in_engine(preset: str, name: str, engine: str, seed: int) -> Row:
         "holds": [one.lower <= true <= one.upper for one, true in zip(found, truth, strict=True)],
         "alarms": [check.name for check in result.checks if not check.passed],
         "cpu": time.process_time() - begin,
+        "version": f"{ENGINES[engine]} {version(PACKAGES[engine])}",
+        "lacks": list(lacking(engine, preset)),
     }
 
 
 def show_engines(rows: list[Row]) -> Iterator[str]:
-    versions = ", ".join(f"{name} {version(name)}" for name in ("pin", "mujoco", "dartpy", "pybullet"))
-    yield "## MuJoCo, DART and PyBullet"
+    versions = dict.fromkeys(row["version"] for row in rows)
+    lacks = {ENGINES[row["case"][2]]: ", ".join(f"`{name}`" for name in row["lacks"]) for row in rows if row["lacks"]}
+    yield "## MuJoCo, DART, PyBullet and Drake"
     yield ""
     yield (
-        f"{versions}. `bayesian` without a scale. Contact, joint friction and integration are each engine's own; each engine "
-        "computes the truth of its bodies. `realistic` lacks what an engine does not support: "
-        + "; ".join(
-            f"{called} {', '.join(lacking(engine, 'realistic'))}" for engine, called in list(ENGINES.items())[1:]
-        )
-        + ". Difference: of the errors in an engine and in MuJoCo, over their combined standard deviation, same seeds. CPU "
-        "time: median of a calibration on one core, with planning and estimation."
+        f"{', '.join(versions)}. `bayesian` without a scale. Contact, joint friction and integration are each engine's own; "
+        "each engine computes the truth of its bodies. `realistic` lacks what an engine does not support "
+        f"({'; '.join(f'{engine}: {names}' for engine, names in lacks.items())}). Drake has hydroelastic contact and the "
+        "solver SAP. Difference: of the errors in an engine and in MuJoCo, over their combined standard deviation, same "
+        "seeds. CPU time: median of a calibration on one core, with planning and estimation."
     )
     yield ""
     head = (
@@ -104,22 +106,29 @@ def show_engines(rows: list[Row]) -> Iterator[str]:
 
 
 def _engine_lines(rows: list[Row]) -> Iterator[list[str]]:
-    in_mujoco = {
-        (preset, name, seed): row for row in rows for preset, name, engine, seed in [row["case"]] if engine == "mujoco"
-    }
     for preset, (engine, called) in product(PRESETS, ENGINES.items()):
         if of := [row for row in rows if row["case"][0] == preset and row["case"][2] == engine]:
-            ratios = column(of, "error") / column(of, "sd")
-            cells = ["-", "-"]
-            if engine != "mujoco":
-                both = [(row, in_mujoco.get((row["case"][0], row["case"][1], row["case"][3]))) for row in of]
-                here, there = zip(*((row, other) for row, other in both if other), strict=True)
-                apart = column(here, "error") - column(there, "error")
-                apart /= np.hypot(column(here, "sd"), column(there, "sd"))
-                cells = [figures(rms(apart.ravel())), figures(np.abs(apart).max())]
+            ratios, apart = column(of, "error") / column(of, "sd"), difference(of, rows)
             held = interval_of_share(float(np.mean([row["holds"] for row in of])), len(of))
-            largest = figures(np.abs(ratios).max())
-            yield [preset, called, str(len(of)), held, figures(rms(ratios.ravel())), largest, *cells, failed_checks(of)]
+            cells = ["-", "-"]
+            if engine != "mujoco" and len(apart):
+                cells = [figures(rms(apart.ravel())), figures(np.abs(apart).max())]
+            yield [
+                preset, called, str(len(of)), held, figures(rms(ratios.ravel())), figures(np.abs(ratios).max()), *cells,
+                failed_checks(of),
+            ]  # fmt: skip
+
+
+def difference(of: list[Row], rows: list[Row]) -> np.ndarray:
+    """Return (n, 10) differences from MuJoCo's errors of the same seeds, over the combined standard deviations.
+
+    Errors are compared instead of estimates, because each engine assembles the drawn legs itself.
+    """
+    in_mujoco = {(row["case"][0], row["case"][1], row["case"][3]): row for row in rows if row["case"][2] == "mujoco"}
+    pairs = [(row, in_mujoco.get((row["case"][0], row["case"][1], row["case"][3]))) for row in of]
+    return np.array([
+        np.subtract(row["error"], other["error"]) / np.hypot(row["sd"], other["sd"]) for row, other in pairs if other
+    ])  # fmt: skip
 
 
 def _robot_lines(rows: list[Row]) -> Iterator[list[str]]:
@@ -281,7 +290,11 @@ def _bayesian_lines(rows: list[Row]) -> Iterator[list[str]]:
 def engine_cases() -> list[Case]:
     """Return preset, robot, engine and seed of all cases, ordered by seed."""
     order = product(range(max(ROBOTS.values())), PRESETS, ROBOTS, ENGINES)
-    return [(preset, name, engine, FIRST_SEED + seed) for seed, preset, name, engine in order if seed < ROBOTS[name]]
+    return [
+        (preset, name, engine, FIRST_SEED + seed)
+        for seed, preset, name, engine in order
+        if seed < ROBOTS[name] and (engine != "drake" or name == "unitree_a1")
+    ]
 
 
 def gazebo_cases() -> list[Case]:

@@ -28,6 +28,7 @@ from equipoise import (
     BayesianMethod,
     Method,
     PaperMethod,
+    RobotModel,
     RunFolder,
     calibrate,
     estimate,
@@ -84,14 +85,16 @@ def timed(function: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def recorded(simulation: Simulation, method: Method) -> tuple[float, mujoco.MjModel, np.ndarray, np.ndarray]:
+def recorded(
+    simulation: Simulation, robot: RobotModel, method: Method
+) -> tuple[float, mujoco.MjModel, np.ndarray, np.ndarray]:
     """Calibrate; return the CPU time [s], the engine's model, its initial state, and its controls at every step."""
     platform = simulation.platform
     model, run, controls = platform._model, platform._run, list[np.ndarray]()
     initial = np.zeros(mujoco.mj_stateSize(model, STATE))
     mujoco.mj_getState(model, platform._data, initial, STATE)
     platform._run = lambda control, raw: (controls.append(control.copy()), run(control, raw))
-    taken = timed(lambda: calibrate(platform, simulation.robot, method))
+    taken = timed(lambda: calibrate(platform, robot, method))
     return taken, model, initial, np.concatenate(controls)
 
 
@@ -107,7 +110,7 @@ def over_rollout(name: str, preset: str) -> Row:
     method = PaperMethod() if name == "paper" else BayesianMethod()
     for _ in range(1 + ROUNDS):
         with simulate(robot, preset, seed=SEED, timestep=method.timestep) as simulation:
-            taken, *bare = recorded(simulation, method)
+            taken, *bare = recorded(simulation, robot, method)
         whole.append(taken)
         alone.append(rollout_alone(*bare))
     return {"whole": whole[1:], "alone": alone[1:]}
@@ -163,7 +166,7 @@ def commands_of_trial(trial: int, timestep: float, begin: float, repeats: int) -
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with simulate(drawn.robot, drawn.sizes, drawn.payload, drawn.seed, timestep=timestep) as simulation:
-            _, model, initial, controls = recorded(simulation, PaperMethod())
+            _, model, initial, controls = recorded(simulation, drawn.robot, PaperMethod())
     engine, data = rollout.Rollout(nthread=0), mujoco.MjData(model)
     time.sleep(max(0.0, begin - time.time()))
     start = time.perf_counter()
