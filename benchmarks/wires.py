@@ -203,9 +203,8 @@ def show_calibrated(rows: list[Row]) -> Iterator[str]:
         f"`bayesian` of {DURATION:g} s on an emulated A1, `realistic`, 1 kg of payload, a scale with an error of "
         f"{SCALE_ERROR:.1%}; the largest error of the runs. The emulator is a process of its own on loopback; no real robot "
         "was used. UDP: 2 % of packets are lost, 2 % doubled, 2 % overtaken. ROS 2: JointState, Imu and commands over DDS; "
-        "without `stiffness`, soft joints give no result, nor does an IMU at 50 Hz (champ). Late: share of commands more "
-        "than 1 ms late (each of 100 trajectories per second waits for ten samples), and the latest. Real-time priority: "
-        f"{', '.join(priority)}."
+        "champ's own IMU has 50 Hz. Late: share of commands more than 1 ms late (each of 100 trajectories per second waits "
+        f"for ten samples), and the latest. Real-time priority: {', '.join(priority)}."
     )
     yield ""
     head = (
