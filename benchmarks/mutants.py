@@ -1,4 +1,4 @@
-"""Mutation test of safety limits: `make mutants`. Writes benchmarks/results/mutants.md.
+"""Mutation test of safety limits: `make mutants`. The page `safety` has its results.
 
 Each limit of the guard, its endings, the second connection and the doctor is loosened by half in a copy of the package, and
 its tests are run on the copy. A mutant is detected if a test fails; a surviving mutant shows a limit without a test.
@@ -16,12 +16,13 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
-from provenance import commit, write_page
+from rows import Row, Table
+from tables import markdown
 
 ROOT = Path(__file__).parents[1]
-RESULTS = Path(__file__).parent / "results"
 LOOSER = 1.5
 PATIENCE = 300.0  # [s] for the tests of one mutant; a timeout counts as detection
 
@@ -82,6 +83,10 @@ class Mutant:
     factor: float
     tests: tuple[str, ...]
 
+    @property
+    def name(self) -> str:
+        return f"{self.module} {self.limit}"
+
     def apply(self, source: str) -> str:
         """Return the module's text with the looser limit; raises LookupError if the limit is missing."""
         name, _, index = self.limit.rstrip("]").partition("[")
@@ -115,22 +120,30 @@ def _replaced(source: str, node: ast.expr, text: str) -> str:
 
 
 def mutants() -> Iterator[Mutant]:
-    """All of them."""
+    """Yield all mutants."""
     for module, (tests, larger, smaller) in LIMITS.items():
         for names, factor in ((larger, LOOSER), (smaller, 1 / LOOSER)):
             for limit in names.split():
                 yield Mutant(module, limit, factor, tuple(f"tests/{test}" for test in tests.split()))
 
 
-def killer(mutant: Mutant, package: Path) -> str | None:
-    """Return the test that detects a mutant in a copy of the package, which is restored; None if it survives."""
-    path = package / mutant.module
-    sound = path.read_text(encoding="utf-8")
-    path.write_text(mutant.apply(sound), encoding="utf-8")
-    try:
-        return _failing(mutant.tests, package.parent)
-    finally:
-        path.write_text(sound, encoding="utf-8")
+@cache
+def check_unchanged() -> None:
+    """Run all tests on the unchanged package; raise SystemExit if one fails."""
+    every = [f"tests/{test}" for tests, _, _ in LIMITS.values() for test in tests.split()]
+    if failing := _failing(tuple(dict.fromkeys(every)), ROOT / "src"):
+        raise SystemExit(f"{failing} fails on the unchanged package; fix it first")
+
+
+def detected_by(name: str) -> str | None:
+    """Return the test that detects a mutant; None if it survives."""
+    check_unchanged()
+    mutant = next(one for one in mutants() if one.name == name)
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(shutil.copytree(ROOT / "src", Path(folder, "src")))
+        path = source / "equipoise" / mutant.module
+        path.write_text(mutant.apply(path.read_text(encoding="utf-8")), encoding="utf-8")
+        return _failing(mutant.tests, source)
 
 
 def _failing(tests: tuple[str, ...], source: Path) -> str | None:
@@ -150,50 +163,47 @@ def _failing(tests: tuple[str, ...], source: Path) -> str | None:
     return failed[1].rpartition("::")[2]
 
 
+def row_of(name: str) -> Row:
+    """Return the row of a mutant."""
+    return {"detected_by": detected_by(name)}
+
+
+def show(rows: list[Row]) -> Iterator[str]:
+    detected = sum(row["detected_by"] is not None for row in rows)
+    share = f"{detected} of {len(rows)}"
+    yield "## Loosened limits"
+    yield ""
+    yield (
+        "`make mutants`. Each limit of the guard, its endings, the second connection and the doctor is loosened by a factor "
+        f"of {LOOSER:g}, and its tests are run. A test detects {share if detected == len(rows) else f'**{share}**'} mutants."
+    )
+    yield ""
+    yield from markdown(("module", "limits", "detected", "survivors"), _lines(rows))
+
+
+def _lines(rows: list[Row]) -> Iterator[list[str]]:
+    for module in LIMITS:
+        of = {row["case"][0].split()[1]: row["detected_by"] for row in rows if row["case"][0].split()[0] == module}
+        survivors = [limit for limit, test in of.items() if test is None]
+        if of:
+            yield [f"`{module}`", str(len(of)), str(len(of) - len(survivors)), ", ".join(survivors)]
+
+
+TABLES = (Table("mutants", row_of, [(mutant.name,) for mutant in mutants()], show, alone=True),)
+
+
 def main() -> None:
-    """Run all limits and write the page, or run those whose names contain a text."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Run the limits whose names contain a text, and fail if one survives."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--only", default="", help="text in the names of modules or limits to run")
     only = parser.parse_args().only
-    rows: list[tuple[Mutant, str | None]] = []
-    made_at = commit()
-    with tempfile.TemporaryDirectory() as folder:
-        package = Path(shutil.copytree(ROOT / "src", Path(folder) / "src")) / "equipoise"
-        every = [test for tests, _, _ in LIMITS.values() for test in tests.split()]
-        sound = _failing(tuple(f"tests/{test}" for test in dict.fromkeys(every)), package.parent)
-        if sound is not None:
-            raise SystemExit(f"{sound} fails on the unchanged package; fix it first")
-        for mutant in mutants():
-            if only in f"{mutant.module} {mutant.limit}":
-                rows.append((mutant, killer(mutant, package)))
-                print(*line(*rows[-1]), flush=True)
-    if not only:
-        write_page("mutants.md", page(rows), [{"commit": made_at}])
-    sys.exit(any(test is None for _, test in rows))
-
-
-def line(mutant: Mutant, test: str | None) -> tuple[str, str, str]:
-    """Return module, limit and result of a mutant."""
-    return mutant.module, mutant.limit, "**survived**" if test is None else test
-
-
-def page(rows: list[tuple[Mutant, str | None]]) -> str:
-    """Return the text in Markdown."""
-    noticed = sum(test is not None for _, test in rows)
-    return "\n".join(
-        [
-            "# Mutation test of safety limits",
-            "",
-            "`make mutants`. Each limit of the guard, its endings, the second connection and the doctor is loosened by a "
-            "factor of 1.5, and its tests are run: a failing test detects the mutant. "
-            f"{noticed} of {len(rows)} are detected.",
-            "",
-            "| module | limit | detected by |",
-            "|---|---|---|",
-            *(f"| {' | '.join(line(mutant, test))} |" for mutant, test in rows),
-            "",
-        ]
-    )
+    survivors = 0
+    for mutant in mutants():
+        if only in mutant.name:
+            test = detected_by(mutant.name)
+            survivors += test is None
+            print(mutant.name, test or "SURVIVED", flush=True)
+    sys.exit(survivors > 0)
 
 
 if __name__ == "__main__":

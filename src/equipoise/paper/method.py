@@ -58,7 +58,7 @@ class PaperMethod(PaperSettings, Method):
         "(equations 2 to 5)"
     )
     estimates: ClassVar[tuple[str, ...]] = ("com_x", "com_y")
-    # Twice the default step changes the estimates by less than a tenth of their errors (`make bench-monte-carlo`). A longer
+    # Twice the default step changes the estimates by less than a tenth of their errors (`make bench-speed`). A longer
     # step would make contacts softer.
     timestep: ClassVar[float] = 1e-3
 
