@@ -1,339 +1,223 @@
 """Influence of single effects on a result, and their detection by checks: `make bench-robustness`.
 
-The preset `realistic` with one additional effect, at half, once and twice its test size on an A1, and once on a Go2 and an
-ANYmal C; also the presets `ideal`, `realistic` and `stress` alone. Calibrations use the Bayesian method for 120 s (A1 robot
-time), with a payload drawn from the seed and a scale with an error of 0.5 %. An interrupted benchmark resumes from the rows in
-benchmarks/results/robustness.jsonl, from which benchmarks/results/robustness.md is written.
-
-    python benchmarks/robustness.py                   # missing runs, then the page
-    python benchmarks/robustness.py --first 2         # the first two seeds of every case only
-    python benchmarks/robustness.py --only-effects springs    # cases of some effects only
-    python benchmarks/robustness.py --keep DIR        # keep the recordings; with --again, estimate kept ones again
-    python benchmarks/robustness.py --check 5         # repeat five random rows; fails if one changes
-    python benchmarks/robustness.py --check 5 --within 3  # allow three stds: rounding of another processor may change a plan
+The preset `realistic` with one additional effect, and the presets alone. Calibrations use the Bayesian method for 120 s (A1
+robot time), a payload drawn from the seed, and a scale. The same with the contact parameters of public model files.
+Writes benchmarks/results/robustness.md.
 """
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
-import json
-import os
-import random
-import shutil
-import sys
-import warnings
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
-from functools import cache
-from itertools import repeat
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from typing import Any
 
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per run
-    os.environ.setdefault(_name, "1")
-
+from rows import Case, Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
 import numpy as np
-from accuracy import Row, judged, load_rows, payload_of, relative, rms, rounded
-from provenance import commit, write_page
-
-from equipoise import (
-    BayesianMethod,
-    Calibration,
-    RobotModel,
-    RunFolder,
-    calibrate,
-    estimate,
-    load_robot,
-    nominal_stance,
-    simulate,
+from simulated import FIRST_SEED, GYM, SCALE_ERROR, cases_of, judged, loaded, robot_called
+from tables import (
+    column,
+    coverage_with_interval,
+    failed_checks,
+    figures,
+    interval_of_share,
+    markdown,
+    relative,
+    rms,
 )
-from equipoise.errors import EquipoiseError, MissingDependencyError
-from equipoise.robot.inertial import RobotInertia
-from equipoise.robot.scale import Scale
-from equipoise.simulation.effects import IDEAL, REALISTIC, STRESS, EffectSizes
 
-RESULTS = Path(__file__).parent / "results"
-ROWS = RESULTS / "robustness.jsonl"
-SEEDS = range(10_000, 10_012)
-FACTORS = {"unitree_a1": (1.0, 0.5, 2.0), "go2": (1.0,), "anymal_c": (1.0,)}
-ALONE = ("ideal", "realistic")  # presets alone, for false alarms
-BUDGET = 120.0  # [s] on an A1
-SCALE = 0.005  # a scale's error, as a fraction
-SILENT = 4.0  # error in standard deviations, without a failed check
-MOVED = 0.02  # [std], allowed change of a repeated row
+from equipoise import BayesianMethod, RobotModel, calibrate, nominal_stance
+from equipoise.simulation.effects import IDEAL, REALISTIC, STRESS, EffectSizes
+from equipoise.simulation.mujoco_contacts import foot_name
+
+PRESETS = {"ideal": IDEAL, "realistic": REALISTIC, "stress": STRESS}
 # No effect without springs; an error that checks name (tests/estimator/test_outside_forces.py).
-_LEFT_OUT = ("spring_spread", "sling")
-# A cable of 0.3 kg hanging from the robot is visible to an operator. No motion distinguishes its weight from the CoM.
-_SAID = {"vertical_pull": "heavy"}
+LEFT_OUT = ("spring_spread", "sling")
 EFFECTS = tuple(
     row.name
     for row in EffectSizes.rows()
-    if row.size_alone not in (row.realistic, row.none) and row.name not in _LEFT_OUT
+    if row.size_alone not in (row.realistic, row.none) and row.name not in LEFT_OUT
 )
 """Effects that are smaller in `realistic` or not part of it."""
+SEEDS = {("unitree_a1", 1): 4, ("unitree_a1", 2): 2, ("go2", 1): 1, ("anymal_c", 1): 1}
+"""Number of seeds for each effect, by robot and factor on the effect's size."""
+COUNTS: dict[Case, int] = {  # robot, preset or effect, factor
+    ("unitree_a1", "ideal", 1): 8,
+    ("unitree_a1", "realistic", 1): 16,
+    **{("unitree_a1", "stress", factor): n for factor, n in ((0.5, 8), (1, 8), (2, 4))},
+    **{(robot, preset, 1): 4 for robot in ("go2", "anymal_c") for preset in PRESETS},
+    **{
+        (robot, effect.name, factor): n
+        for (robot, factor), n in SEEDS.items()
+        for effect in map(EffectSizes.row, EFFECTS)
+        if effect.times(effect.size_alone, factor) <= effect.most[0]
+    },
+}
+CABLES = {"vertical_pull": "heavy"}
+"""`--cable` of runs with an effect that an operator sees and no motion distinguishes from a shifted CoM."""
+SILENT = 4.0
+"""Error in standard deviations that a check must detect."""
+FEET = ("go1", "go2", "a2", "b2", "aliengo", "mini_cheetah", "spot", "hyqreal1", "hyqreal2", "pegasus")
+FEET_SEEDS = 4
+FEET_TARGET = (0.5, 0.5, 2.0, 6, 6, 6)  # CoM [mm] and moments [%] on feet of condim 6
+NO_TARGET = (np.inf,) * 6
+ACCURACY = ("CoM x, y, z [mm]", "Ixx, Iyy, Izz [%]", "largest error / std", "coverage", "runs with a failed check")
+"""Columns of `accuracy_cells`."""
 
 
-@dataclass(frozen=True)
-class Case:
-    """Run of a robot with a scaled effect or a preset. The seed draws payload, effects, sensors and scale."""
-
-    name: str
-    factor: float
-    robot: str
-    seed: int
-
-    @property
-    def key(self) -> str:
-        return f"{self.robot}/{self.name}/{self.factor:g}/{self.seed}"
-
-    def sizes(self, scale: Scale) -> EffectSizes:
-        """Effects of the simulated robot."""
-        if self.name in ALONE:
-            return {"ideal": IDEAL, "realistic": REALISTIC}[self.name].scaled_to(scale)
-        if self.name == "stress":
-            varied = [name for name in EFFECTS if EffectSizes.row(name).varied and EffectSizes.row(name).alone is None]
-            return STRESS.scaled_to(scale).times(dict.fromkeys((*varied, "spring_spread"), self.factor))
-        return REALISTIC.scaled_to(scale).with_effects({self.name: None}, scale).times({self.name: self.factor})
-
-
-def cases(
-    seeds: Sequence[int], only: Sequence[str] = (), robots: Sequence[str] = (), sizes: Sequence[float] = ()
-) -> list[Case]:
-    """Return all cases, ordered by seed."""
-    named = [
-        (name, factor, robot)
-        for robot, factors in FACTORS.items()
-        for factor in factors
-        for name in (*ALONE, "stress", *EFFECTS)
-        if (factor == 1.0 or name not in ALONE) and (not only or name in only)
-        if (not robots or robot in robots) and (not sizes or factor in sizes)
-    ]
-    return [Case(*which, seed) for seed in seeds for which in named]
-
-
-@cache
-def robot_called(name: str) -> RobotModel:
-    return load_robot(name)
-
-
-def is_there(robot: str) -> bool:
-    """Return true if a robot's model is installed."""
-    try:
-        robot_called(robot)
-    except MissingDependencyError:
-        return False
-    return True
-
-
-def run(case: Case, keep: Path | None, again: bool) -> Row:
-    """One row."""
-    warnings.simplefilter("ignore")
-    robot = robot_called(case.robot)
+def sizes_of(robot: RobotModel, name: str, factor: float) -> EffectSizes:
+    """Return the effects of a preset or of `realistic` with one effect, multiplied by a factor."""
     scale = nominal_stance(robot).scale
-    generator = np.random.default_rng([case.seed, 77])
-    payload = payload_of(robot, generator)
-    row: Row = {"key": case.key, **dataclasses.asdict(case), "payload": payload, "commit": commit()}
-    try:
-        with simulate(robot, case.sizes(scale), payload, case.seed) as simulation:
-            truth = simulation.truth
-            weighed = truth.composite.mass * (1 + SCALE * generator.standard_normal())
-            settings = BayesianMethod(
-                duration=BUDGET * scale.time, mass=weighed, mass_std=SCALE * weighed, confirm_mass=True,  # no operator
-                cable=_SAID.get(case.name, "light"),
-            )  # fmt: skip
-            folder = None if keep is None else keep / case.key.replace("/", "-")
-            if again and folder is not None and (folder / "truth.json").exists():
-                result = estimate(robot, RunFolder.open(folder).recordings(), settings)
-            elif folder is None:
-                result = calibrate(simulation.platform, robot, settings)
-            else:
-                result = _kept(simulation.platform, robot, settings, truth, folder)
-    except EquipoiseError as error:
-        return {**row, "failed": f"{type(error).__name__}: {error}"}
-    return row | detected(result.with_truth(truth))
+    if name in EFFECTS:
+        return REALISTIC.scaled_to(scale).with_effects({name: None}, scale).times({name: factor})
+    varied = [row.name for row in map(EffectSizes.row, EFFECTS) if row.varied and row.alone is None]
+    enlarged = (*varied, "spring_spread") if name == "stress" else ()
+    return PRESETS[name].scaled_to(scale).times(dict.fromkeys(enlarged, factor))
 
 
-def _kept(
-    platform: object, robot: RobotModel, settings: BayesianMethod, truth: RobotInertia, folder: Path
-) -> Calibration:
-    shutil.rmtree(folder, ignore_errors=True)  # from an interrupted run
-    with RunFolder.create(folder, robot, settings, {}) as store:
-        store.save_truth(truth)
-        return calibrate(platform, robot, settings, store.keep)
+def run(name: str, effect: str, factor: float, seed: int) -> Row:
+    """Return the row of one calibration."""
+    robot = robot_called(name)
+    return calibrated(robot, sizes_of(robot, effect, factor), seed, CABLES.get(effect, "light"))
 
 
-def detected(result: Calibration) -> Row:
-    """Return the printed estimates and intervals of the whole robot, with the truth."""
-    body = list(result.composite)
-    return judged(result) | {
-        "truth": [quantity.truth for quantity in body],
-        "verdict": [quantity.verdict for quantity in body],
-        "file_error": [quantity.model - quantity.truth for quantity in body],
-        "robot_time": sum(trial.duration for trial in result.trials),
-    }
+def calibrated(robot: RobotModel, preset: Any, seed: int, cable: Any = "light", **settings: Any) -> Row:
+    """Return the row of a weighed robot; settings are arguments of `simulate`."""
+    simulation, mass = loaded(robot, preset, seed, **settings)
+    method = BayesianMethod(cable=cable).weighed(mass, SCALE_ERROR * mass)
+    with simulation:
+        return judged(calibrate(simulation.platform, robot, method).with_truth(simulation.truth))
 
 
-def deviates(row: Row) -> np.ndarray:
-    """Return the (10,) errors in standard deviations."""
-    return np.array(row["error"]) / np.array(row["sd"])
+def run_on_feet(name: str, seed: int) -> Row:
+    """Return the row of a calibration with the contact parameters of the model file."""
+    robot = robot_called(f"{GYM}:{name}")
+    simulation, _ = loaded(robot, "ideal", seed, contact_model="file")
+    with simulation:
+        foot = simulation.platform._model.geom(foot_name("FL"))
+        contact = {"friction": foot.friction.tolist(), "condim": int(foot.condim[0]), "version": version(GYM)}
+    return calibrated(robot, "realistic", seed, contact_model="file") | contact
+
+
+def deviation(row: Row) -> float:
+    """Return the largest error [standard deviations]."""
+    return float(np.abs(column([row], "error") / column([row], "sd")).max())
 
 
 def is_silent(row: Row) -> bool:
     """Return true for a large error without a failed check."""
-    return not row["alarms"] and bool(np.abs(deviates(row)).max() > SILENT)
+    return not row["alarms"] and deviation(row) > SILENT
 
 
-def fired(rows: Sequence[Row]) -> str:
-    """Return the number of runs with a failed check, and the count of each check."""
-    alarms = Counter(alarm for row in rows for alarm in row["alarms"])
-    names = ", ".join(f"{name} {count}" for name, count in alarms.most_common())
-    return f"{sum(bool(row['alarms']) for row in rows)} {names}"
+def accuracy_cells(rows: list[Row], target: tuple[float, ...]) -> list[str]:
+    """Return the cells of `ACCURACY`, bold above a target."""
+    error = rms(relative(rows))[1:7]
+    held = np.mean([row["holds"] for row in rows])
+    return [
+        figures(error[:3], most=target[:3]), figures(error[3:], ".1f", target[3:]),
+        f"{max(map(deviation, rows)):.1f}", f"{held:.0%}", failed_checks(rows),
+    ]  # fmt: skip
 
 
-HEAD = (
-    "| effect | size | runs | mass % | CoM x, y, z [mm] | Ixx, Iyy, Izz % | file: mass; CoM; I | largest z | coverage | "
-    "doubtful | checks | silent |"
-)
-
-
-def line(label: str, size: str, rows: Sequence[Row]) -> str:
-    """Return a line of the table."""
-    good = [row for row in rows if "failed" not in row]
-    runs = f"{len(good)}" if len(good) == len(rows) else f"{len(good)} of {len(rows)}"
-    if not good:
-        return f"| {label} | {size} | {runs} |" + " - |" * 9
-    ours, file = (rms(np.array([relative(row, row[name])[:7] for row in good])) for name in ("error", "file_error"))
-    doubtful = np.mean([[verdict == "doubtful" for verdict in row["verdict"]] for row in good])
-    worse = ours > file
-    cells = [
-        f"**{value:.2f}**" if bad and doubtful < 1 else f"{value:.2f}" for value, bad in zip(ours, worse, strict=True)
-    ]
-    return (
-        f"| {label} | {size} | {runs} | {cells[0]} | {' '.join(cells[1:4])} | {' '.join(cells[4:])} | {file[0]:.1f}; "
-        f"{' '.join(f'{value:.1f}' for value in file[1:4])}; {' '.join(f'{value:.1f}' for value in file[4:])} | "
-        f"{max(np.abs(deviates(row)).max() for row in good):.1f} | {np.mean([row['holds'] for row in good]):.0%} | "
-        f"{doubtful:.0%} | {fired(good)} | {sum(map(is_silent, good))} |"
+def show(rows: list[Row]) -> Iterator[str]:
+    yield "## Coverage and detection"
+    yield ""
+    yield (
+        f"*Silent*: runs with an error above {SILENT:g} standard deviations and no failed check; the target is none. Shares "
+        "with their 95 % intervals."
     )
+    yield ""
+    head = ("runs", "n", "coverage", "runs with a failed check", "of them", "largest error / std", "silent")
+    yield from markdown(head, _summary_lines(rows))
+    for factor, title in ((1, "Effects on an A1"), (2, "Effects of twice the size on an A1")):
+        of = [row for row in rows if row["case"][0] == "unitree_a1" and row["case"][2] == factor]
+        yield from ("", f"## {title}", "") if of else ()
+        yield from markdown(("effect", "size", "n", *ACCURACY), _effect_lines(of, factor)) if of else ()
+
+
+def _summary_lines(rows: list[Row]) -> Iterator[list[Any]]:
+    groups: dict[str, Callable[[str, str, float], bool]] = {
+        "`ideal`": lambda robot, name, factor: name == "ideal",
+        "`realistic`": lambda robot, name, factor: name == "realistic",
+        **{
+            f"`stress`, {size:g} x": lambda robot, name, factor, size=size: (name, factor) == ("stress", size)
+            for size in (0.5, 1, 2)
+        },
+        **{
+            f"effects, {of[0]}, {of[1]} x": lambda robot, name, factor, of=of: name in EFFECTS and (robot, factor) == of
+            for of in SEEDS
+        },
+        "all": lambda robot, name, factor: True,
+    }
+    for label, belongs in groups.items():
+        of = [row for row in rows if belongs(*row["case"][:3])]
+        if not of:
+            continue
+        fired = [row["case"][1] for row in of if row["alarms"]]
+        named = ", ".join(f"{name} {n}" for name, n in Counter(fired).most_common() if name in EFFECTS)
+        worst = max(of, key=deviation)
+        yield [
+            label, len(of), coverage_with_interval(of), interval_of_share(len(fired) / len(of), len(of)),
+            named if label != "all" else "", f"{deviation(worst):.1f} {worst['case'][1]}", sum(map(is_silent, of)),
+        ]  # fmt: skip
+
+
+def _effect_lines(rows: list[Row], factor: float) -> Iterator[list[Any]]:
+    for name in (*PRESETS, *EFFECTS):
+        of = [row for row in rows if row["case"][1] == name]
+        if of:
+            file = rms(relative(of, "file_error"))[1:7]
+            if name in ("realistic", "stress"):
+                shown = figures(file[:3]), figures(file[3:], ".1f"), "", "", ""
+                yield [f"{name}, model file", "", len(of), *shown]
+            yield [name, size_of(name, factor), len(of), *accuracy_cells(of, tuple(file))]
 
 
 def size_of(name: str, factor: float) -> str:
     """Return the size on an A1 as text."""
-    if name in ALONE or name == "stress":
+    if name in PRESETS:
         return f"{factor:g} x"
     effect = EffectSizes.row(name)
     return f"{effect.times(effect.size_alone, factor):.5g} {effect.unit}".strip()
 
 
-def tables(rows: Sequence[Row]) -> list[str]:
-    """Return a table for each robot and factor."""
-    text: list[str] = []
-    for robot, factors in FACTORS.items():
-        for factor in sorted(factors):
-            text += ["", f"## {robot}, {factor:g} times the size", "", HEAD, "|" + "---|" * (HEAD.count("|") - 1)]
-            for name in (*ALONE, "stress", *EFFECTS):
-                of = [row for row in rows if (row["robot"], row["factor"], row["name"]) == (robot, factor, name)]
-                text += [line(name, size_of(name, factor), of)] if of else []
-    return text
-
-
-def verdict(rows: Sequence[Row]) -> list[str]:
-    """Return the summary and its targets."""
-    good = [row for row in rows if "failed" not in row]
-    silent = [row for row in good if is_silent(row)]
-    text = [f"- Silent runs (an error above {SILENT:g} std without a failed check): **{len(silent)} of {len(good)}**."]
-    first = {}
-    for row in sorted(silent, key=lambda row: row["factor"]):
-        first.setdefault((row["robot"], row["name"]), row["factor"])
-    if first:
-        sizes = (f"{name} on {robot} at {size_of(name, factor)}" for (robot, name), factor in first.items())
-        text.append(f"- Smallest size with a silent run: {'; '.join(sizes)}.")
-    for name, factor in (("ideal", 1.0), ("realistic", 1.0), ("stress", 0.5)):
-        of = [row for row in good if (row["name"], row["factor"]) == (name, factor)]
-        if of:
-            detected = sum(bool(row["alarms"]) for row in of)
-            text.append(f"- Runs with a failed check, `{name}` at {factor:g} times the size: {detected} of {len(of)}.")
-    return text
-
-
-ABOUT = """# Influence of single effects, and their detection
-
-`make bench-robustness`; {seeds}. The preset `realistic` with one additional effect, a payload drawn from the seed, a scale of
-0.5 %, the Bayesian method for 120 s (A1 robot time). Sizes are those on an A1. Errors are root mean square, of the whole
-robot; *file*: errors of the model file, without the payload. **Bold**: worse than the file. *Coverage*: share of all ten
-printed 95 % intervals that contain the truth; all runs count. Runs with a vertical force use `--cable heavy`. *Doubtful*:
-share of values with this verdict. *Checks*: number of runs with a failed check, and its names. *Silent*: runs with an error
-above {silent:g} standard deviations and no failed check.
-"""
-
-
-def page(rows: Sequence[Row]) -> str:
-    """The page."""
-    used = sorted({int(str(row["seed"])) for row in rows})
-    about = ABOUT.format(seeds=f"seeds {used[0]} to {used[-1]}", silent=SILENT)
-    failed = [f"- {row['key']}: {row['failed']}" for row in rows if "failed" in row]
-    return "\n".join(
-        [about, *verdict(rows), *tables(rows), *(["", "Ended by name:", "", *failed] if failed else []), ""]
+def show_feet(rows: list[Row]) -> Iterator[str]:
+    yield "## Contact parameters of public model files"
+    yield ""
+    yield (
+        f"MJCF files of {GYM} {', '.join(sorted({row['version'] for row in rows}))} with the contact parameters of "
+        "their own feet (`--contact-model file`) on MuJoCo's default floor, with our solver settings, in `realistic`. "
+        "*Friction*: MuJoCo's sliding, torsional [m] and rolling [m] friction; the last two act at condim 4 and 6. "
+        f"Targets for condim 6: CoM {figures(FEET_TARGET[:3], '.1f')} mm, moments {FEET_TARGET[3]} %. Coverage of all files: "
+        f"{coverage_with_interval(rows)}. Silent: {sum(map(is_silent, rows))} of {len(rows)} runs."
     )
+    yield ""
+    yield from markdown(("file", "friction", "condim", "n", *ACCURACY), _feet_lines(rows))
 
 
-def moved(case: Case, before: Row, within: float) -> str | None:
-    """Return the difference of a repeated row; None if it is within the given standard deviations."""
-    now = rounded(run(case, None, again=False))
-    if "failed" in before or "failed" in now:
-        return None if before.get("failed") == now.get("failed") else f"{before.get('failed')} -> {now.get('failed')}"
-    change = np.abs(np.array(now["error"]) - np.array(before["error"])) / np.array(before["sd"])
-    return None if change.max() < within else f"by {change.max():.2f} sd"
+def _feet_lines(rows: list[Row]) -> Iterator[list[Any]]:
+    for name in FEET:
+        of = [row for row in rows if row["case"][0] == name]
+        if of:
+            target = FEET_TARGET if of[0]["condim"] == 6 else NO_TARGET
+            friction = figures(of[0]["friction"], "g")
+            yield [name, friction, of[0]["condim"], len(of), *accuracy_cells(of, target)]
 
 
-def check(rows: dict[str, Row], count: int, within: float) -> int:
-    """Repeat some rows of installed robots; return the number that changed."""
-    there = sorted(key for key, row in rows.items() if is_there(str(row["robot"])))
-    chosen = [rows[key] for key in random.sample(there, min(count, len(there)))]
-    fields = [field.name for field in dataclasses.fields(Case)]
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        found = list(
-            pool.map(moved, [Case(**{name: row[name] for name in fields}) for row in chosen], chosen, repeat(within))
-        )
-    for row, how in zip(chosen, found, strict=True):
-        print(row["key"], how or "as before", flush=True)
-    return sum(how is not None for how in found)
+PAGE = Page(
+    "robustness",
+    f"""# Influence of single effects, and their detection
 
-
-def made(missing: Iterable[Case], keep: Path | None, again: bool) -> Iterable[Row]:
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        for future in as_completed([pool.submit(run, case, keep, again) for case in missing]):
-            yield rounded(future.result())
-
-
-def main() -> None:
-    """Run missing cases, then write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--first", type=int, default=len(SEEDS), metavar="N", help="number of seeds per case")
-    parser.add_argument("--only-effects", nargs="*", default=[], metavar="EFFECT", help="effects and presets")
-    parser.add_argument("--robots", nargs="*", default=[], metavar="ROBOT", help="robots; default all three")
-    parser.add_argument("--sizes", nargs="*", type=float, default=[], metavar="FACTOR", help="factors on the sizes")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="folder for recordings")
-    parser.add_argument("--again", action="store_true", help="estimate kept recordings again")
-    parser.add_argument("--tables", action="store_true", help="the page only")
-    parser.add_argument("--check", type=int, metavar="N", help="repeat N rows and compare")
-    parser.add_argument("--within", type=float, default=MOVED, metavar="SD", help="allowed difference [std]")
-    given = parser.parse_args()
-    rows = load_rows(ROWS)
-    if given.check:
-        sys.exit(check(rows, given.check, given.within))
-    wanted = [] if given.tables else cases(SEEDS[: given.first], given.only_effects, given.robots, given.sizes)
-    for row in made([case for case in wanted if given.again or case.key not in rows], given.keep, given.again):
-        rows[str(row["key"])] = row
-        with ROWS.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
-        print(
-            row["key"], row.get("failed") or f"largest z {np.abs(deviates(row)).max():.1f} {row['alarms']}", flush=True
-        )
-    write_page("robustness.md", page(list(rows.values())), rows.values())
-    print(*verdict(list(rows.values())), sep="\n")
-
+`make bench-robustness`; seeds from {FIRST_SEED:,} on. The preset `realistic` with one additional effect, a payload drawn from
+the seed, a scale with an error of {SCALE_ERROR:.1%}, the Bayesian method for 120 s (A1 robot time). Sizes are of an A1. Errors
+are root mean square, of the whole robot. *Model file*: errors of the file, without the payload. **Bold**: worse than the
+file. *Coverage*: share of all 95 % intervals that contain the truth; all runs count. Runs with `vertical_pull` use `--cable
+heavy`. *Failed check*: number of runs with a failed check, and its names.""",
+    (
+        Table("effects", run, cases_of(COUNTS), show),
+        Table("feet", run_on_feet, cases_of({(name,): FEET_SEEDS for name in FEET}), show_feet),
+    ),
+)
 
 if __name__ == "__main__":
-    main()
+    main(PAGE)

@@ -59,9 +59,16 @@ def failed_checks(rows: Sequence[Row]) -> str:
     return f"{sum(bool(row['alarms']) for row in rows)} {named}".strip()
 
 
-def interval_of_share(share: float, count: int) -> str:
+def interval_of_share(share: float, count: float) -> str:
     """Return a share with its 95 % interval by Wilson's formula (1927)."""
     z2 = NORMAL_95**2
     middle = (share + z2 / (2 * count)) / (1 + z2 / count)
     half = NORMAL_95 / (1 + z2 / count) * np.sqrt(share * (1 - share) / count + z2 / (4 * count**2))
     return f"{share:.0%} ({max(middle - half, 0.0):.0%} to {min(middle + half, 1.0):.0%})"
+
+
+def coverage_with_interval(rows: Sequence[Row]) -> str:
+    """Return `coverage` with its 95 % interval, widened by the spread of the runs' shares: values of a run correlate."""
+    holds = np.array([row["holds"] for row in rows])
+    share, spread = holds.mean(), holds.mean(axis=1).var(ddof=1) / len(holds) if len(holds) > 1 else 0.0
+    return interval_of_share(share, min(holds.size, share * (1 - share) / spread) if spread else holds.size)

@@ -21,9 +21,11 @@ def draw_methods() -> Figure:
     figure = new_figure(7.4, 2.6)
     axes = figure.add_subplot()
     rng = np.random.default_rng(0)
-    rows = [row for row in _lines("accuracy.jsonl") if row["robot"] == "unitree_a1" and row["source"] == "realistic"]
+    rows = [
+        row for row in _lines("accuracy.jsonl") if row["case"][:2] == ["unitree_a1", "realistic"] and "error" in row
+    ]
     for place, (method, colour) in enumerate(_METHODS.items()):
-        errors = np.array([1000 * np.hypot(*row["error"][1:3]) for row in rows if row["method"] == method])
+        errors = np.array([1000 * np.hypot(*row["error"][1:3]) for row in rows if row["case"][2] == method])
         axes.plot(
             errors, place + rng.uniform(-0.24, 0.24, len(errors)), "o", color=colour, markersize=3.4, alpha=0.5, mew=0
         )
