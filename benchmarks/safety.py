@@ -23,7 +23,7 @@ from equipoise.errors import EquipoiseError
 from equipoise.recording.trials import LiftTrial
 from equipoise.robot.catalog import CATALOG
 
-SEEDS, DURATION = 5, 60.0  # [s] on an A1; in proportion on others
+SEEDS, DURATION = 20, 60.0  # [s] on an A1; in proportion on others
 HEAVIEST, OFF_CENTRE, ABOVE, SOFTEST = 0.3, 0.3, (0.2, 0.5), 0.3
 FALLEN = np.radians(40)
 
