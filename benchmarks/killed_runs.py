@@ -151,12 +151,13 @@ def killed(method: str, seed: int) -> Row:
 
 def show_killed(rows: list[Row]) -> Iterator[str]:
     same = sum(row["identical"] for row in rows)
+    share = f"{same} of {len(rows)} ({interval_of_share(same / len(rows), len(rows))})"
     yield "## Killed and resumed runs"
     yield ""
     yield (
         "`equipoise calibrate`, killed by SIGKILL at random times and resumed with `--resume`. The result of the "
-        f"uninterrupted run, in every number of `calibration.json` except times: **{same} of {len(rows)}** "
-        f"({interval_of_share(same / len(rows), len(rows))}). A simulation returns a motion at its end, some tens of "
+        f"uninterrupted run, in every number of `calibration.json` except times: "
+        f"{share if same == len(rows) else f'**{share}**'}. A simulation returns a motion at its end, some tens of "
         "milliseconds after its start; a lost motion is simulated again."
     )
     yield ""

@@ -6,7 +6,6 @@ Writes benchmarks/results/safety.md. Tables other than the falls are in `killed_
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 
 from rows import Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
@@ -23,7 +22,7 @@ from equipoise.errors import EquipoiseError
 from equipoise.recording.trials import LiftTrial
 from equipoise.robot.catalog import CATALOG
 
-SEEDS, DURATION = 5, 60.0  # [s] on an A1; in proportion on others
+SEEDS, DURATION = 20, 60.0  # [s] on an A1; in proportion on others
 HEAVIEST, OFF_CENTRE, ABOVE, SOFTEST = 0.3, 0.3, (0.2, 0.5), 0.3
 FALLEN = np.radians(40)
 
@@ -71,7 +70,8 @@ def show_falls(rows: list[Row]) -> Iterator[str]:
         "a scale. The seed draws a payload of up to 30 % of the robot's mass, up to 0.3 of half the robot's length and width "
         "from the middle, 0.2 to 0.5 hip heights above the base's origin. It also draws drives with up to 30 % less gain and "
         "feed-forward torque than the model, which report the commanded torque. Both are unknown to the method. A robot "
-        f"falls if its base leans by more than 40 degrees. Target: no robot falls. **{fell} of {len(rows)} fell: {share}.**"
+        f"falls if its base leans by more than 40 degrees. Target: no robot falls. {fell} of {len(rows)} fell: "
+        f"{share if not fell else f'**{share}**'}."
     )
     yield ""
     head = (
@@ -84,9 +84,10 @@ def show_falls(rows: list[Row]) -> Iterator[str]:
         "could have tipped over. Coverage: 95 % intervals of all ten parameters that contain the truth; the wrong torques "
         "violate the model."
     )
+    yield ""
     for name in CATALOG:
-        ended = Counter(row["ended"].split(" would ")[0] for row in rows if row["case"][0] == name and "ended" in row)
-        yield from (f"- {name}, {count} of the errors: {message}" for message, count in ended.items())
+        ended = [row["ended"] for row in rows if row["case"][0] == name and "ended" in row]
+        yield from [f"- {name}, {len(ended)} runs, the first: {ended[0]}"] if ended else []
 
 
 def _fall_lines(rows: list[Row]) -> Iterator[list[str]]:

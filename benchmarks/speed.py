@@ -306,14 +306,14 @@ def computing(words: str) -> Row:
     """Return times and memory of a command that computes; RUN is a run of 120 s, LOG a log of 1,000 s."""
     flags = ("--quiet", "--no-report")
     with tempfile.TemporaryDirectory() as name:
-        cache, run = Path(name, "cache"), Path(name, "run")
+        cache, run, paths = Path(name, "cache"), Path(name, "run"), dict[str, Path]()
         if "LOG" in words:
-            paths = {"LOG": long_run(Path(name, "long"))}
-        else:
+            paths["LOG"] = long_run(Path(name, "long"))
+        if "RUN" in words:
             command("calibrate", "unitree_a1", "--out", run, "--seed", SEED, *flags, cache=cache)
-            paths = {"RUN": run}
+            paths["RUN"] = run
         typed = [paths.get(word, word) for word in words.split()]
-        return command(*typed, *(() if "plan" in words else flags), cache=cache)
+        return command(*typed, *(flags if paths else ()), cache=cache)
 
 
 def show_commands(rows: list[Row]) -> Iterator[str]:
