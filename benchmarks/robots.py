@@ -70,8 +70,8 @@ def show(rows: list[Row]) -> Iterator[str]:
         of = [row for row in bayesian if row["case"][1] == preset]
         if of:
             alarms = sum(bool(row["alarms"]) for row in of)
-            held = coverage_with_interval(of)
-            yield f"- `bayesian`, `{preset}`: coverage {held} of 95 %; a check fails in {alarms} of {len(of)} runs."
+            held = f"{coverage_with_interval(of)} of the 95 % intervals contain the truth"
+            yield f"- `bayesian`, `{preset}`: {held}; a check fails in {alarms} of {len(of)} runs."
     yield from ("", "## Guard", "")
     yield (
         "All runs in `realistic` are guarded. The end of this page lists runs that an alarm ends. *Lean*: largest angle from "
