@@ -70,35 +70,25 @@ def show(rows: list[Row]) -> Iterator[str]:
         of = [row for row in bayesian if row["case"][1] == preset]
         if of:
             alarms = sum(bool(row["alarms"]) for row in of)
-            held = coverage_with_interval(of)
-            yield f"- `bayesian`, `{preset}`: coverage {held} of 95 %; a check fails in {alarms} of {len(of)} runs."
+            held = f"{coverage_with_interval(of)} of the 95 % intervals contain the truth"
+            yield f"- `bayesian`, `{preset}`: {held}; a check fails in {alarms} of {len(of)} runs."
     yield from ("", "## Guard", "")
     yield (
-        "All runs in `realistic` are guarded. Runs that an alarm ends are listed at the end of this page. *Lean*: largest angle "
-        "from upright; lift trials tip the robot."
+        "All runs in `realistic` are guarded. The end of this page lists runs that an alarm ends. *Lean*: largest angle from "
+        "upright; lift trials tip the robot."
     )
     yield ""
-    yield from markdown(
-        ("method", "preset", "start", "runs without an alarm", "largest lean [deg]", "end"), _guard(rows)
-    )
+    yield from markdown(("method", "start", "runs without an alarm", "largest lean [deg]", "end"), _guard(rows))
     yield from ("", "## The paper's method, default settings", "")
     yield "*Bracket*: the wider of the last two support lines' brackets; joint offsets in `realistic` add further errors."
     yield ""
-    yield from markdown(
-        ("robot", "preset", "x, y [mm]", "allowed", "bracket [mm]", "robot time [s]"), map(_paper_line, paper)
-    )
+    head = ("robot", "preset", "x, y [mm]", "allowed", "bracket [mm]", "robot time [s]")
+    yield from markdown(head, map(_paper_line, paper))
     yield from ("", f"## The Bayesian method, {DURATION:g} s (A1 robot time)", "")
     yield "Error +- half width of the 95 % interval. *Held*: intervals that contain the truth."
     yield ""
-    head = (
-        "robot",
-        "preset, start",
-        "CoM x, y, z [mm]",
-        "Ixx, Iyy, Izz [%]",
-        "held",
-        "failed checks",
-        "robot time [s]",
-    )
+    estimates = "CoM x, y, z [mm]", "Ixx, Iyy, Izz [%]"
+    head = ("robot", "preset, start", *estimates, "held", "failed checks", "robot time [s]")
     yield from markdown(head, map(_bayesian_line, bayesian))
 
 

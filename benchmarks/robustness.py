@@ -8,7 +8,7 @@ Writes benchmarks/results/robustness.md.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any
 
@@ -127,7 +127,7 @@ def show(rows: list[Row]) -> Iterator[str]:
         "with their 95 % intervals."
     )
     yield ""
-    head = ("runs", "n", "coverage", "runs with a failed check", "of them", "largest error / std", "silent")
+    head = ("runs", "n", "coverage", "runs with a failed check", "their effects", "largest error / std", "silent")
     yield from markdown(head, _summary_lines(rows))
     for factor, title in ((1, "Effects on an A1"), (2, "Effects of twice the size on an A1")):
         of = [row for row in rows if row["case"][0] == "unitree_a1" and row["case"][2] == factor]
@@ -136,30 +136,22 @@ def show(rows: list[Row]) -> Iterator[str]:
 
 
 def _summary_lines(rows: list[Row]) -> Iterator[list[Any]]:
-    groups: dict[str, Callable[[str, str, float], bool]] = {
-        "`ideal`": lambda robot, name, factor: name == "ideal",
-        "`realistic`": lambda robot, name, factor: name == "realistic",
-        **{
-            f"`stress`, {size:g} x": lambda robot, name, factor, size=size: (name, factor) == ("stress", size)
-            for size in (0.5, 1, 2)
-        },
-        **{
-            f"effects, {of[0]}, {of[1]} x": lambda robot, name, factor, of=of: name in EFFECTS and (robot, factor) == of
-            for of in SEEDS
-        },
-        "all": lambda robot, name, factor: True,
-    }
-    for label, belongs in groups.items():
-        of = [row for row in rows if belongs(*row["case"][:3])]
-        if not of:
-            continue
-        fired = [row["case"][1] for row in of if row["alarms"]]
-        named = ", ".join(f"{name} {n}" for name, n in Counter(fired).most_common() if name in EFFECTS)
-        worst = max(of, key=deviation)
-        yield [
-            label, len(of), coverage_with_interval(of), interval_of_share(len(fired) / len(of), len(of)),
-            named if label != "all" else "", f"{deviation(worst):.1f} {worst['case'][1]}", sum(map(is_silent, of)),
-        ]  # fmt: skip
+    for label in (*dict.fromkeys(group_of(*case) for case in COUNTS), "all"):
+        of = [row for row in rows if label in ("all", group_of(*row["case"][:3]))]
+        if of:
+            fired = Counter(row["case"][1] for row in of if row["alarms"])
+            silent = [row["case"][1] for row in of if is_silent(row)]
+            worst = max(of, key=deviation)
+            named = ", ".join(f"{name} {n}" for name, n in fired.most_common()) if "effects" in label else ""
+            yield [
+                label, len(of), coverage_with_interval(of), interval_of_share(fired.total() / len(of), len(of)), named,
+                f"{deviation(worst):.1f} {worst['case'][1]}", " ".join([str(len(silent)), *silent]),
+            ]  # fmt: skip
+
+
+def group_of(robot: str, name: str, factor: float) -> str:
+    """Return the label of a line of the summary."""
+    return f"effects, {robot}, {factor:g} x" if name in EFFECTS else f"`{name}`, {factor:g} x"
 
 
 def _effect_lines(rows: list[Row], factor: float) -> Iterator[list[Any]]:
