@@ -21,11 +21,9 @@ from sources import FOLDERS, ROOT, UNKNOWN, changes, hash_of
 
 RESULTS = ROOT / "benchmarks" / "results"
 MAKERS = {
-    "paper/README.md": "src/equipoise/lab/cli/reproduce.py",
+    "paper/README.md": "benchmarks/paper.py",
     "sources/summary.md": "src/equipoise/lab/cli/monte_carlo.py",
     "gazebo.md": "benchmarks/gazebo/run.py",
-    "peers.md": "benchmarks/peers/run.py",
-    "peers_tuning.md": "benchmarks/peers/tune.py",
 }
 """Maker of each page whose script has another name."""
 _LAST_LINE = re.compile(r"^Made at commit ([^;\n]+); sources ([^;\n]+)\.$", re.MULTILINE)
