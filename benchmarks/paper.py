@@ -201,9 +201,9 @@ def show_displaced(rows: list[Row]) -> Iterator[str]:
     yield ""
     yield (
         "Runs that stood for 10 s on two feet, both diagonals together, `realistic`. Error [mm]: CoM of the controller's "
-        "model minus the true one, along the horizontal normal of the support line, forward. Constant sensor errors are corrected. "
-        "Success according to the simulated truth: lifted feet clear of the floor, standing feet on it and in place, tilt "
-        "below 20 deg. The paper's controller tolerates 5 mm."
+        "model minus the true one, along the horizontal normal of the support line, forward. Constant sensor errors are "
+        "corrected. Success according to the simulated truth: lifted feet clear of the floor, standing feet on it and in "
+        "place, tilt below 20 deg. The paper's controller tolerates 5 mm."
     )
     yield ""
     lines = []
