@@ -46,10 +46,10 @@ def draw_methods() -> Figure:
 
 
 def draw_balance() -> Figure:
-    """How many runs balanced, against the error of the CoM that the law believes."""
+    """Share of runs that balanced, against the error of the controller's CoM."""
     figure = new_figure(7.4, 2.7)
     axes = figure.add_subplot()
-    rows = [row for row in _lines("balance.jsonl") if row["kind"] == "known"]
+    rows = [row for row in _lines("paper.jsonl") if row["key"].startswith("balance/") and "failed" not in row]
     axes.axvspan(-5, 5, color=FAINT, alpha=0.45, linewidth=0)
     axes.annotate("the paper's 5 mm", (0, 1.04), ha="center", fontsize=9, color=MUTED, va="bottom")
     for robot, colour, dash in (
@@ -57,10 +57,9 @@ def draw_balance() -> Figure:
         ("go2", BLUE, (0, (5, 2))),
         ("solo12", GREEN, (0, (1, 1.6))),
     ):
-        errors = sorted({row["error"] for row in rows if row["robot"] == robot})
-        share = [
-            np.mean([row["balanced"] for row in rows if row["robot"] == robot and row["error"] == e]) for e in errors
-        ]
+        of = [(row["case"][2], row["balanced"]) for row in rows if row["case"][0] == robot]
+        errors = sorted({error for error, _ in of})
+        share = [np.mean([balanced for error, balanced in of if error == one]) for one in errors]
         axes.plot(errors, share, color=colour, linestyle=dash, marker="o", markersize=3.5, label=robot)
     axes.set_xlim(-16, 16)
     axes.set_ylim(-0.05, 1.15)

@@ -29,6 +29,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from baselines_of_others.filtered import kind_of
 from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import InertialParameters, composite_parameters
 from equipoise.robot.kinematics import foot_positions
@@ -39,7 +40,6 @@ from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.effects import IDEAL, REALISTIC
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_contacts import add_contacts
-from peers.filtered import kind_of
 
 FloatArray = NDArray[np.float64]
 

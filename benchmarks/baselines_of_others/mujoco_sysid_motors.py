@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from baselines_of_others.held_base import HeldBase, JointParameters, Swing
+from baselines_of_others.mujoco_sysid import toolbox
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
-from peers.held_base import HeldBase, JointParameters, Swing
-from peers.mujoco_sysid import toolbox
 
 FloatArray = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from baselines_of_others.held_base import JointParameters, Swing
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
-from peers.held_base import JointParameters, Swing
 
 FloatArray = NDArray[np.float64]
 

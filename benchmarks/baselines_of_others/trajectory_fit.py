@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from baselines_of_others.held_base import TIMESTEP, HeldBase, JointParameters, Swing
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
-from peers.held_base import TIMESTEP, HeldBase, JointParameters, Swing
 
 FloatArray = NDArray[np.float64]
 

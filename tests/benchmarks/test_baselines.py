@@ -1,4 +1,4 @@
-"""Baselines in benchmarks/peers recover the body from noise-free motions, so that the comparison is valid."""
+"""Baselines in benchmarks/baselines_of_others recover the body from noise-free motions, so that the comparison is valid."""
 
 import sys
 from dataclasses import replace
@@ -14,10 +14,10 @@ from equipoise.robot.inertial import base_parameters, components, composite_para
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # last: some names equal those of tests
 
-from peers import projected_least_squares, rigid_body_kalman
-from peers.filtered import Filtered
-from peers.projected_least_squares import ProjectedSettings
-from peers.rigid_body_kalman import KalmanSettings
+from baselines_of_others import projected_least_squares, rigid_body_kalman
+from baselines_of_others.filtered import Filtered
+from baselines_of_others.projected_least_squares import ProjectedSettings
+from baselines_of_others.rigid_body_kalman import KalmanSettings
 
 LOSSES = 0.4, 0.07, 0.015  # Coulomb [Nm], viscous [Nm s/rad], armature [kg m2]
 PAYLOAD = pin.Inertia(1.5, np.array([0.08, -0.03, 0.07]), np.diag([0.004, 0.007, 0.006]))

@@ -1,25 +1,21 @@
-"""What every peer is given: recordings of one simulated robot with a payload, the same for all of them.
+"""Recordings that all baselines are given: runs of one simulated robot with a payload.
 
-A robot is drawn from its seed as `benchmarks/accuracy.py` draws it: payload, sensor errors, and what a scale says. Four runs
-are recorded, each by the routine of the name: `bayesian`, `paper`, `static`, and `shake`, a motion that was made for the
-peers that need one: the body turns about three axes and moves along three at once, over planted feet, for 20 s.
+Four runs are recorded, each by the routine of its name: `bayesian`, `paper`, `static`, and `shake`, a motion for the baselines
+that need one: the body turns about three axes and moves along three at once, over planted feet, for 20 s.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
 
-import accuracy
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+from simulated import SCALE_ERROR, payload_of, robot_called, weighed
 
-from equipoise import BayesianMethod, Method, RunFolder, calibrate, load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, calibrate, nominal_stance, simulate
 from equipoise.errors import RecordingError
 from equipoise.experiments.stand import stand_up
 from equipoise.experiments.standing_robot import StandingRobot
@@ -28,16 +24,12 @@ from equipoise.paper.excitation import why_not_standing
 from equipoise.platform.platform import Platform, TiltLimit, Trajectory
 from equipoise.recording.event import TRIAL
 from equipoise.recording.recording import Recording
-from equipoise.robot.inertial import components, composite_parameters
+from equipoise.robot.inertial import RobotInertia, composite_parameters
 from equipoise.robot.kinematics import feet_under_base
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.simulation.effects import REALISTIC
 
 FloatArray = NDArray[np.float64]
-
-RUNS = ("bayesian", "paper", "static", "shake")
-TRUTH, FEED_FORWARD = "components.npz", "feed_forward.npz"
 
 _GRAVITY = 9.81
 # No two are multiples of one another, and all directions of all joints come back at many phases of the others.
@@ -52,7 +44,7 @@ _DURATION, _RAMP, _SETTLE = 20.0, 1.0, 0.5  # [s]
 
 
 class CommandTap:
-    """A platform that remembers the feed-forward torques sent through it: a recording keeps only position targets."""
+    """Platform that keeps the feed-forward torques of its commands; a recording has only their position targets."""
 
     def __init__(self, platform: Platform) -> None:
         self.platform = platform
@@ -71,89 +63,49 @@ class CommandTap:
         return recording
 
 
-@dataclass(frozen=True)
-class Case:
-    """One simulated robot: a model's name and the seed of payload, sensor errors, noise and scale."""
-
-    robot_name: str
-    seed: int
-
-    @cached_property
-    def robot(self) -> RobotModel:
-        return load_robot(self.robot_name)
-
-    @cached_property
-    def stance(self) -> Stance:
-        return nominal_stance(self.robot)
-
-    def folder(self, kept: Path) -> Path:
-        return kept / f"{self.robot_name}-{self.seed}"
-
-
 @dataclass(frozen=True, eq=False)
-class Known:
-    """What a baseline is given besides the recordings.
+class Recorded:
+    """Recordings of one simulated robot, and what its baselines are given besides them.
 
     Attributes:
-        mass: of the whole robot by the scale [kg].
-        mass_std: its standard deviation [kg].
+        robot: model of the robot, without the payload.
+        stance: its nominal stance.
+        truth: the simulated robot.
+        mass, mass_std: mass of the whole robot from a scale, and its standard deviation [kg].
+        runs: recordings of each run.
+        feed_forward: (n,) times and (n, nj) feed-forward torques of each run [s], [Nm].
     """
 
+    robot: RobotModel
+    stance: Stance
+    truth: RobotInertia
     mass: float
     mass_std: float
+    runs: dict[str, list[Recording]]
+    feed_forward: dict[str, tuple[FloatArray, FloatArray]]
 
 
-def record(case: Case, kept: Path) -> None:
-    """Make the four runs of a robot, unless they are there."""
-    folder = case.folder(kept)
-    generator = np.random.default_rng([case.seed, 77])
-    payload = accuracy.payload_of(case.robot, generator)
-    sizes = REALISTIC.scaled_to(case.stance.scale)
-    settings: Method | None = None
-    for run in RUNS:
-        if settings is not None and (folder / run / FEED_FORWARD).exists():
-            continue
-        with simulate(case.robot, sizes, payload, case.seed) as simulation:
-            if settings is None:
-                true = components(simulation.truth.composite)
-                drawn_as = accuracy.Case(case.robot_name, case.seed, "bayesian", "realistic")
-                settings = accuracy.settings_of(drawn_as, float(true[0]), generator)
-                folder.mkdir(parents=True, exist_ok=True)
-                weighed = settings if isinstance(settings, BayesianMethod) else BayesianMethod()
-                scale = [weighed.mass or 0.0, weighed.mass_std or 0.0]
-                np.savez(folder / TRUTH, composite=true, scale=scale)
-            if not (folder / run / FEED_FORWARD).exists():
-                _record(case, simulation.platform, run, settings, folder / run)
-
-
-def _record(case: Case, platform: Platform, run: str, settings: Method, folder: Path) -> None:
-    shutil.rmtree(folder, ignore_errors=True)  # of a run that was cut short
-    tap, recordings = CommandTap(platform), list[Recording]()
-    if run == "shake":
-        shake(tap, case.robot, case.stance, recordings.append)
-    else:
-        calibrate(tap, case.robot, settings if settings.name == run else method_named(run)(), recordings.append)
-    with RunFolder.create(folder, case.robot, settings, {}) as store:
-        for recording in recordings:
-            store.keep(recording)
-    np.savez_compressed(folder / FEED_FORWARD, time=np.concatenate(tap.time), torque=np.concatenate(tap.torque))
-
-
-def load(case: Case, kept: Path, run: str) -> list[Recording]:
-    """The recordings of a run."""
-    return RunFolder.open(case.folder(kept) / run).recordings()
-
-
-def known(case: Case, kept: Path) -> Known:
-    """What the scale says."""
-    with np.load(case.folder(kept) / TRUTH) as stored:
-        return Known(*(float(value) for value in stored["scale"]))
-
-
-def truth(case: Case, kept: Path) -> FloatArray:
-    """(10,) the whole robot at the nominal stance, in the order of COMPONENTS; for the benchmark alone, never a peer."""
-    with np.load(case.folder(kept) / TRUTH) as stored:
-        return np.array(stored["composite"])
+def record(name: str, seed: int, runs: Iterable[str]) -> Recorded:
+    """Simulate runs of a robot; the seed determines payload, sensor errors, noise and scale."""
+    robot, generator = robot_called(name), np.random.default_rng([seed, 77])
+    stance, payload = nominal_stance(robot), payload_of(robot, generator)
+    with simulate(robot, "realistic", payload, seed) as simulation:
+        truth = simulation.truth
+    mass = weighed(truth.composite.mass, generator)
+    recorded = Recorded(robot, stance, truth, mass, SCALE_ERROR * mass, {}, {})
+    for run in runs:
+        with simulate(robot, "realistic", payload, seed) as simulation:
+            tap, recordings = CommandTap(simulation.platform), list[Recording]()
+            if run == "shake":
+                shake(tap, robot, stance, recordings.append)
+            else:
+                method = (
+                    BayesianMethod(mass=mass, mass_std=recorded.mass_std) if run == "bayesian" else method_named(run)()
+                )
+                calibrate(tap, robot, method, recordings.append)
+        recorded.runs[run] = recordings
+        recorded.feed_forward[run] = np.concatenate(tap.time), np.concatenate(tap.torque)
+    return recorded
 
 
 def shake(platform: Platform, robot: RobotModel, stance: Stance, keep: Callable[[Recording], None]) -> None:

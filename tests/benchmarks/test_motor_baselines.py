@@ -1,6 +1,5 @@
 """Baselines of motor identification recover the motors of a simulated leg, so that the comparison is valid."""
 
-import json
 import pickle
 import sys
 import zipfile
@@ -14,8 +13,8 @@ from equipoise import nominal_stance
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # last: some names equal those of tests
 
-from peers import go2_log, motors, mujoco_sysid, mujoco_sysid_motors, torque_regression, trajectory_fit
-from peers.held_base import HeldBase, JointParameters, Swing
+from baselines_of_others import go2_log, motors, mujoco_sysid, mujoco_sysid_motors, torque_regression, trajectory_fit
+from baselines_of_others.held_base import HeldBase, JointParameters, Swing
 
 TIMESTEP = 1e-3  # [s]
 
@@ -111,17 +110,3 @@ def test_reading_a_torch_file_executes_no_code(tmp_path):
     assert go2_log.read_tensors(file(tensor))["q"].tolist() == [[1, 2], [3, 4]]
     with pytest.raises(pickle.UnpicklingError, match=r"os\.system is neither a tensor"):
         go2_log.read_tensors(file(b"cos\nsystem\n(S'true'\ntR."))
-
-
-def test_rows_without_commit_or_world_are_repeated(tmp_path):
-    import motors as ours  # noqa: PLC0415 - sets the number of threads
-
-    rows = [
-        {"seed": 1, "commit": "abc", "world": "stress"},
-        {"seed": 2, "world": "stress"},
-        {"seed": 3, "commit": "abc"},
-    ]
-    (tmp_path / "rows.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-    assert ours.of_known_code(tmp_path / "rows.jsonl") == rows[:1]
-    assert ours.of_known_code(tmp_path / "rows.jsonl") == rows[:1]
-    assert ours.of_known_code(tmp_path / "none.jsonl") == []

@@ -29,9 +29,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from baselines_of_others.filtered import Acceleration, Filtered, Motions, contact_jacobians
 from equipoise.robot.inertial import InertialParameters, composite_parameters
 from equipoise.robot.model import RobotModel
-from peers.filtered import Acceleration, Filtered, Motions, contact_jacobians
 
 FloatArray = NDArray[np.float64]
 

@@ -1,36 +1,25 @@
 """A real Go2's log: joint positions that were predicted from commands, with motors fitted on the other half of the log.
 
-    python benchmarks/peers/go2_log.py CHECKOUT/datasets/go2/traj_0.pt
-
-The log is of https://github.com/iit-DLSLab/sim2real-robot-identification: a Go2 in the air, its base held, 13 triangles of all
-joints, each faster than the one before; commands and encoders at 200 Hz. Motors are fitted on every other triangle. The rest
-is predicted by a rollout of all commands from the first sample on, which sees no later one. Writes
-benchmarks/results/motors_go2_log.json.
+The log is datasets/go2/traj_0.pt of https://github.com/iit-DLSLab/sim2real-robot-identification: a Go2 in the air, its base
+held, 13 triangles of all joints, each faster than the one before; commands and encoders at 200 Hz. Motors are fitted on every
+other triangle. The rest is predicted by a rollout of all commands from the first sample on, which uses no later one.
 """
 
 from __future__ import annotations
 
-import argparse
 import io
-import json
-import os
 import pickle
-import sys
-import warnings
 import zipfile
 from collections import OrderedDict
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
-sys.path.append(str(Path(__file__).parents[1]))  # behind what has the same names
-
 import numpy as np
 from numpy.typing import NDArray
-from provenance import commit
 
+from baselines_of_others import trajectory_fit
+from baselines_of_others.held_base import GRAVITY, HeldBase, JointParameters, Swing, read_swing
 from equipoise import RobotModel, load_robot, nominal_stance
 from equipoise.estimator.motors.equations import motor_samples
 from equipoise.estimator.motors.fit import fit_motors
@@ -39,12 +28,9 @@ from equipoise.recording.phases import Phase
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
 from equipoise.recording.trials import MotorTrial
 from equipoise.robot.scale import Scale
-from peers import trajectory_fit
-from peers.held_base import GRAVITY, HeldBase, JointParameters, Swing, read_swing
 
 FloatArray = NDArray[np.float64]
 
-FOUND = Path(__file__).parents[1] / "results" / "motors_go2_log.json"
 KP, KD = 20.0, 1.5  # their config.py
 _LOWEST = 1e-3  # [rad] from the lowest command of a calf, where one triangle ends and the next begins
 
@@ -128,25 +114,16 @@ def errors_of(world: HeldBase, parameters: JointParameters, used: NDArray[np.boo
     return {**rms, **median, "delay": parameters.delay}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("log", type=Path, help="traj_0.pt of a checkout")
-    path = parser.parse_args().log
-    warnings.simplefilter("ignore")
+def predict(path: Path) -> dict[str, dict[str, Any]]:
+    """Return errors and median motor parameters of each fit to the log's file."""
     robot = load_robot("go2")
     scale, recording = nominal_stance(robot).scale, recording_of(robot, read_tensors(path))
     swing: Swing = read_swing(robot, recording)
     world = HeldBase(robot, swing)
     used = triangles(swing.target[-len(swing.time) :, robot.legs["FL"].joints[-1]]) % 2 == 0
-    every_other = (
-        ("file's legs alone", JointParameters.alike(len(robot.joint_names), 0.0, 0.0, 0.0, 0.0)),
-        ("equipoise, without torques", ours(robot, recording, scale, used)),
-        ("trajectory fit", trajectory_fit.fit(robot, swing, scale, used)),
-    )
-    found = {name: errors_of(world, parameters, used) for name, parameters in every_other}
-    FOUND.write_text(json.dumps({"commit": commit(), "found": found}, indent=1) + "\n")
-    print(FOUND.read_text())
-
-
-if __name__ == "__main__":
-    main()
+    every_other = {
+        "file's legs alone": JointParameters.alike(len(robot.joint_names), 0.0, 0.0, 0.0, 0.0),
+        "equipoise, without torques": ours(robot, recording, scale, used),
+        "trajectory fit": trajectory_fit.fit(robot, swing, scale, used),
+    }
+    return {name: errors_of(world, parameters, used) for name, parameters in every_other.items()}

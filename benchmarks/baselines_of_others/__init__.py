@@ -1,0 +1,1 @@
+"""Methods of others, on the same simulated robots and recordings as ours."""

@@ -1,1 +1,0 @@
-"""Our estimators and the alternatives that users have, on the same simulated robots and recordings."""
