@@ -14,7 +14,7 @@ from equipoise.cli import main
 from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.lab.gaits.trot import trot
 from equipoise.logs.joint_names import JointMap
-from equipoise.logs.offline import estimate_log
+from equipoise.logs.offline import estimate_log, estimate_segments, read_segments
 from equipoise.logs.payload import measure_payload_in_log
 from equipoise.logs.raw_log import Log
 
@@ -76,7 +76,7 @@ def test_a_log_without_torques_and_scale_cannot_tell(a1, log):
 def test_fewer_walks_are_spread_over_the_log(a1, log):
     walks = [one for one in estimate_log(a1, log).report.segments if one.kind == "walk" and one.used]
     assert len(walks) > 3
-    report = estimate_log(a1, log, most_walks=2).report
+    report = estimate_segments(a1, read_segments(a1, log), BayesianMethod(), most_walks=2).report
     kept = [one for one in report.segments if one.kind == "walk" and one.used]
     assert [one.start for one in kept] == [walks[0].start, walks[-1].start]
     reasons = {one.reason_unused for one in report.segments if one.kind == "walk" and not one.used}
