@@ -81,6 +81,8 @@ def payload(
             raise SettingsError(
                 "--log: nothing moves; leave out --duration, --platform and the flags of the simulated robot"
             )
+        if bare_log is not None and (method.prior_run is None or method.mass is not None):
+            raise SettingsError("--bare-log replaces a scale after a prior run: pass --prior-run RUN, and no --mass")
         if bare_log is not None and source.tables:
             raise SettingsError(
                 "--bare-log: further tables would belong to both logs; join each log's tables in one file"

@@ -1,4 +1,4 @@
-"""Mass of a robot that walks with a payload, from the loads on its feet over those in a walk without payload.
+"""Mass of a robot that walks with a payload, from the loads on its feet over those in a bare walk, as in the prior run.
 
 Over whole gait cycles the mean force on the feet is the mass times the mean specific force. The first is from joint torques,
 
@@ -40,7 +40,7 @@ def mass_by_ratio(
     """Return the mass of the whole robot in a walk and its standard deviation, without the error of the prior run's mass [kg].
 
     Args:
-        walk, bare: segments of the logs of a walk, and of one of the robot of the prior run, without payload.
+        walk, bare: segments of the logs of a walk, and of one of the robot as it was in the prior run.
 
     Raises:
         RecordingError: a log has no joint torques, or too little walking; the torques in the bare log do not carry the robot
@@ -59,7 +59,7 @@ def mass_by_ratio(
     if abs(unloaded / mass - 1) > limit:
         raise RecordingError(
             f"the joint torques in the bare log carry {unloaded:.2f} kg, but the robot of {prior_run.name} has {mass:.2f} kg "
-            f"(allowed {limit:.0%}): it is another robot, or it carries a payload; use a walk of the same robot without one"
+            f"(allowed {limit:.0%}): it is another robot, or carries another payload; use a walk of the robot as it was then"
         )
     ratio = loaded / unloaded
     relative = np.sqrt(sum(_variance_of_mean(masses / masses.mean()) for masses in carried) + _SYSTEMATIC**2)

@@ -32,12 +32,14 @@ def measure_payload_in_log(
     A1 (half widths of 95 % intervals).
 
     Args:
-        bare: log of a walk of the robot of the prior run, without payload, in place of a mass from a scale.
+        bare: log of a walk of the robot as it was in the prior run, in place of a mass from a scale.
 
     Raises:
         RecordingError: nothing in a log can be used, or its sensors are not plausible.
         SettingsError: the prior run is of another robot, or missing; a mass does not fit the robot, or is given with `bare`.
     """
+    if bare is not None and (method.prior_run is None or method.mass is not None):
+        raise SettingsError("a bare log replaces a scale after a prior run: give a prior run, and no mass")
     if method.mass is not None:
         check_mass_of(robot, method.mass)
     report = read_segments(robot, log)
@@ -65,10 +67,7 @@ def _with_mass(
     robot: RobotModel, method: BayesianMethod, report: LogReport, bare: Log
 ) -> tuple[BayesianMethod, LogFinding]:
     """Return the method with the robot's mass by the loads on its feet over those in the bare log, and the finding."""
-    if method.prior_run is None or method.mass is not None:
-        raise SettingsError(
-            "--bare-log replaces the scale (--mass) after a prior run: pass --prior-run RUN, and no --mass"
-        )
+    assert method.prior_run is not None  # as the caller has checked
     with naming_bare_log():
         unloaded = read_segments(robot, bare)
     mass, std = mass_by_ratio(robot, method.prior_run, report.segments, unloaded.segments)
