@@ -210,7 +210,8 @@ def payloads(rows: list[dict]) -> Iterator[str]:
     yield (
         f"`equipoise payload --log`: payloads of {PAYLOADS[0]} to {PAYLOADS[1]} kg at random places on a simulated A1 "
         "(`realistic`), 20 s of trot (60 s for each tenth seed). *Prior run*: the bare robot, two minutes, weighed. Targets: "
-        "mass 5 %, place 5 mm, coverage 90 %, 5 s. *Bare walk*: 20 s of the bare robot. *Determined*: coordinates within 10 mm, half width of the 95 % interval; the answer names "
+        "mass 5 %, place 5 mm, coverage 90 %, 5 s. Bold: missed. *Bare walk*: 20 s of the bare robot, in another phase. "
+        "*Determined*: coordinates within 10 mm, half width of the 95 % interval; the answer names "
         "the others. Errors of mass and place are of answers with a place."
     )
     yield ""

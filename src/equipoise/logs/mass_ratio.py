@@ -85,8 +85,10 @@ def _carried_masses(
             weights = np.hanning(len(track.time))
             found.append(float(weights @ _load(robot, track, values) / (weights @ track.acceleration_in_base[:, 2])))
     if len(found) < _FEWEST:
-        seconds = 2 * _FEWEST * stance.scale.time
-        raise RecordingError(f"{which} has {2 * len(found)} s of usable walking; at least {seconds:.0f} s are needed")
+        piece = 2 * stance.scale.time
+        raise RecordingError(
+            f"{which} has {piece * len(found):.0f} s of usable walking; at least {piece * _FEWEST:.0f} s are needed"
+        )
     return np.array(found)
 
 
