@@ -137,6 +137,16 @@ def test_poses_that_repeat_are_left_out_and_gaps_are_not_bridged(a1):
     assert imu.time[[0, -1]] == pytest.approx([0, 6], abs=0.1)
 
 
+def test_a_gyroscope_whose_stamps_go_back_is_read_at_those_that_increase(a1):
+    time = np.arange(0, 4, 0.005)
+    turning = np.outer(np.cos(3 * time), [0, 0.9, 0])
+    quaternion = np.column_stack([np.cos(0.15 * np.sin(3 * time)), 0 * time, np.sin(0.15 * np.sin(3 * time)), 0 * time])
+    repeated = np.concatenate([np.arange(400), np.arange(300, len(time))])  # half a second is written twice
+    imu, _ = imu_of_poses(a1, time[repeated], np.zeros((len(repeated), 3)), quaternion[repeated], turning[repeated])
+    assert (np.diff(imu.time) > 0).all()
+    np.testing.assert_allclose(imu.angular_velocity_in_imu, np.outer(np.cos(3 * imu.time), [0, 0.9, 0]), atol=1e-12)
+
+
 def test_poses_that_cannot_be_right_are_refused(a1):
     time = np.arange(0, 3, 0.005)
     position, level = np.zeros((len(time), 3)), np.tile([1.0, 0, 0, 0], (len(time), 1))

@@ -11,10 +11,11 @@ from foreign_logs import columns_of, write_csv
 
 from equipoise import BayesianMethod, simulate
 from equipoise.cli import main
+from equipoise.errors import RecordingError, SettingsError
 from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.lab.gaits.trot import trot
 from equipoise.logs.joint_names import JointMap
-from equipoise.logs.offline import estimate_log
+from equipoise.logs.offline import estimate_log, estimate_segments, read_segments
 from equipoise.logs.payload import measure_payload_in_log
 from equipoise.logs.raw_log import Log
 
@@ -44,6 +45,55 @@ def test_a_payload_that_was_removed_since_the_prior_run(a1, log, trotted, bayesi
     assert found.answer == "removed"
     assert " since the prior run; " in found.message
     assert not any(one.missed for one in [*change.payload][:4])
+
+
+@pytest.fixture(scope="module")
+def bare(a1):
+    """Log of a trot of the robot of `bayesian_run`, as it was in that run."""
+    with simulate(a1, "realistic", seed=4, payload="1.5,0.05,-0.02,0.06", noise_seed=205, timestep=1e-3) as simulation:
+        return Log(trot(simulation.platform, a1, DURATION, phase=2.0), JointMap(()), {}, ())
+
+
+@pytest.mark.parametrize("weighed", [True, False])
+def test_a_bare_log_replaces_the_scale(a1, log, bare, trotted, bayesian_run, weighed):
+    true = bayesian_run.truth.composite.mass
+    settings = replace(bayesian_run.settings, mass=true if weighed else None)
+    before = settings.estimate(a1, bayesian_run.recordings, bayesian_run.stance)
+    earlier = PriorRun.of(before.evidence.posterior, before.settings)
+    found, report = measure_payload_in_log(a1, log, BayesianMethod(prior_run=earlier), bare)
+    (finding,) = (one.message for one in report.findings if one.about == "bare log")
+    assert "by the loads on its feet" in finding
+    assert found.answer == "removed"
+    payload = found.change.with_truth(bayesian_run.truth, trotted.truth).payload
+    assert not any(one.missed for one in [*payload][:4])
+    # Its error is that of the prior run's mass as a fraction of the payload's, not of the robot's.
+    assert payload.mass.value == pytest.approx(1.5 * before.composite.mass.value / true, abs=0.05)
+    assert payload.mass.std < 0.06 + 1.5 * before.composite.mass.std / true
+
+
+def test_a_bare_log_that_cannot_replace_the_scale_is_refused(a1, log, bare, bayesian_run):
+    weighed = replace(bayesian_run.settings, mass=bayesian_run.truth.composite.mass)
+    result = weighed.estimate(a1, bayesian_run.recordings, bayesian_run.stance)
+    method = BayesianMethod(prior_run=PriorRun.of(result.evidence.posterior, result.settings))
+    silent = replace(bare, recording=replace(bare.recording, joints=replace(bare.recording.joints, torque=None)))
+    with pytest.raises(RecordingError, match="the bare log has no joint torques"):
+        measure_payload_in_log(a1, log, method, silent)
+    with pytest.raises(RecordingError, match="the bare log has 4 s of usable walking; at least 8 s are needed"):
+        measure_payload_in_log(a1, log, method, replace(bare, recording=bare.recording.between(0, 6)))
+    with pytest.raises(RecordingError, match="another robot, or carries another payload"):
+        measure_payload_in_log(a1, bare, method, log)
+    standing = replace(bare, recording=bare.recording.between(0, 0.9))
+    with pytest.raises(RecordingError, match="the bare log has 0 s of usable walking"):
+        measure_payload_in_log(a1, log, method, standing)
+    with pytest.raises(SettingsError, match="give a prior run, and no mass"):
+        measure_payload_in_log(a1, log, replace(method, mass=14.0), bare)
+
+
+def test_a_robot_like_that_in_the_bare_log_carries_nothing(a1, bare, bayesian_run):
+    earlier = PriorRun.of(bayesian_run.result.evidence.posterior, bayesian_run.result.settings)
+    found, _ = measure_payload_in_log(a1, bare, BayesianMethod(prior_run=earlier), bare)
+    assert found.change.change.mass.lower < 0 < found.change.change.mass.upper
+    assert found.answer in ("nothing", "unsure")
 
 
 def test_without_a_prior_run_the_model_file_is_the_reference(a1, log, trotted):
@@ -76,7 +126,7 @@ def test_a_log_without_torques_and_scale_cannot_tell(a1, log):
 def test_fewer_walks_are_spread_over_the_log(a1, log):
     walks = [one for one in estimate_log(a1, log).report.segments if one.kind == "walk" and one.used]
     assert len(walks) > 3
-    report = estimate_log(a1, log, most_walks=2).report
+    report = estimate_segments(a1, read_segments(a1, log), BayesianMethod(), most_walks=2).report
     kept = [one for one in report.segments if one.kind == "walk" and one.used]
     assert [one.start for one in kept] == [walks[0].start, walks[-1].start]
     reasons = {one.reason_unused for one in report.segments if one.kind == "walk" and not one.used}
@@ -109,4 +159,8 @@ def test_a_log_whose_columns_are_not_known_is_refused_with_a_proposal(tmp_path, 
 
 def test_flags_of_logs_need_a_log(capsys):
     assert "pass --log too" in fails(capsys, 2, "payload", "unitree_a1", "--from", "2s")
+    assert "pass --log too" in fails(capsys, 2, "payload", "unitree_a1", "--bare-log", "bare.csv")
+    assert "or the log of a walk: --log LOG" in fails(capsys, 2, "payload", "unitree_a1")
+    alone = ["payload", "unitree_a1", "--log", "walk.csv", "--bare-log", "bare.csv"]
+    assert "pass --prior-run RUN, and no --mass" in fails(capsys, 2, *alone)
     assert "does not exist" in fails(capsys, 5, "payload", "unitree_a1", "--log", "nothing.csv")

@@ -13,7 +13,7 @@ from equipoise import BayesianMethod, load_robot, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import MotionError, RecordingError, SettingsError
 from equipoise.estimator.diagnostics import prior_conflict
-from equipoise.estimator.measurements.walking import gyro_bias_of_walks, up_between_steps
+from equipoise.estimator.measurements.walking import MARGIN, gyro_bias_of_walks, up_between_steps
 from equipoise.estimator.problem import MapProblem
 from equipoise.estimator.solve import solve
 from equipoise.lab.gaits.trot import trot
@@ -239,6 +239,17 @@ def test_up_is_the_mean_specific_force():
     found, turned = up_between_steps(imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu, 0.5)
     assert np.abs(found - up)[150:-150].max() < 0.01
     np.testing.assert_allclose(turned, turning * imu.time, atol=0.02)
+
+
+def test_slow_accelerations_hardly_tilt_the_vertical_that_steps_are_read_with():
+    time = np.arange(0, 30, 0.005)
+    force = np.column_stack([0.2 * np.sin(2 * np.pi * time / 7), 0 * time, 9.81 + 0 * time])
+    tilts = []
+    for reach in (0.5, MARGIN / 2):
+        up, _ = up_between_steps(time, np.zeros((len(time), 3)), force, reach)
+        tilts.append(np.abs(up[1000:-1000, 0]).max())
+    assert tilts[0] > 0.8 * 0.2 / 9.81
+    assert tilts[1] < 0.3 * 0.2 / 9.81
 
 
 def test_the_bias_rotates_gravity():

@@ -51,6 +51,7 @@ class BayesianSettings:
         priors: priors of the parameters; a TOML file of standard deviations by name.
         prior_run: run folder of an earlier run of the same robot, whose sensors, legs and friction are reused. The CoM
             then takes half a minute (30 s on an A1); parameters that changed since are reported.
+        relative_mass: the mass is known relative to that of the prior run, whose error it shares; set by `payload --bare-log`.
         swings: lifts in which the two lifted feet swing, which determine masses, CoMs and lengths of the legs and
             improve the CoM's height and the inertia.
     """
@@ -70,6 +71,7 @@ class BayesianSettings:
     goals: Goals = field(default_factory=Goals, metadata={"prefix": None})
     priors: Priors = field(default_factory=Priors, metadata={"file": Priors.read})
     prior_run: PriorRun | None = field(default=None, metadata={"file": PriorRun.read, "metavar": "RUN"})
+    relative_mass: bool = field(default=False, metadata={"flag": False})
     swings: bool = field(default=False, metadata={"flag": False})  # set by `--parameters legs`
     confirm_mass: bool = False
 
@@ -109,7 +111,9 @@ class BayesianSettings:
     @property
     def _same_scale(self) -> bool:
         """True if the scale is assumed to be that of the prior run; a given `mass_std` means another scale."""
-        return self.prior_run is not None and None not in (self.prior_run.weighed, self.mass) and self.mass_std is None
+        if self.prior_run is None:
+            return False
+        return self.relative_mass or (None not in (self.prior_run.weighed, self.mass) and self.mass_std is None)
 
     @property
     def _chosen_priors(self) -> Priors:

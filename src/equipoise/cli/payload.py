@@ -42,6 +42,7 @@ def payload(
     robot: Robot,
     *,
     log: File = None,
+    bare_log: File = None,
     out: File = None,
     fail_unless: Annotated[Required, arg(help=_REQUIRED)] = None,
     method: Method,
@@ -58,12 +59,13 @@ def payload(
     since, such as a joint offset, are reported. The answer may also be 'too small to
     matter' or 'cannot tell'.
 
-    Example: equipoise payload go2 --prior-run runs/last
-             equipoise payload go2 --prior-run runs/last --mass 16.31 --json
+    Example: equipoise payload go2 --prior-run runs/last --mass 16.31 --json
              equipoise payload go2 --log bags/trot --prior-run runs/last --mass 17.3
+             equipoise payload go2 --log bags/trot --prior-run runs/last --bare-log bags/bare
 
     Args:
         log: Log of a robot that trots for 20 s or more, instead of motions; without --prior-run against the model file.
+        bare_log: Log of a walk without payload, read like --log: with --prior-run it replaces the scale.
         out: Run folder; default runs/ROBOT-TIME. With --log: file for the answer as JSON; default none.
     """
     from equipoise.bayesian.method import BayesianMethod
@@ -79,13 +81,21 @@ def payload(
             raise SettingsError(
                 "--log: nothing moves; leave out --duration, --platform and the flags of the simulated robot"
             )
-        return _from_log(log, robot, description, source, method, out, required, output)
-    if source != LogFormat():
+        if bare_log is not None and (method.prior_run is None or method.mass is not None):
+            raise SettingsError("--bare-log replaces a scale after a prior run: pass --prior-run RUN, and no --mass")
+        if bare_log is not None and source.tables:
+            raise SettingsError(
+                "--bare-log: further tables would belong to both logs; join each log's tables in one file"
+            )
+        return _from_log(log, bare_log, robot, description, source, method, out, required, output)
+    if source != LogFormat() or bare_log is not None:
         raise SettingsError(
-            "tables, topics, --joint-map, --columns, --rate, --from and --until are for --log; pass --log too"
+            "tables, topics, --joint-map, --columns, --rate, --from, --until and --bare-log are for --log; pass --log too"
         )
     if method.prior_run is None:
-        raise SettingsError("no prior run is given; pass this robot's last run folder: --prior-run RUN")
+        raise SettingsError(
+            "no prior run is given; pass this robot's last run folder: --prior-run RUN; or the log of a walk: --log LOG"
+        )
     model = with_imu_pose(load_robot(robot, description), target.simulated)
     if not output.silent:
         print(model.imu.message, file=sys.stderr)
@@ -102,6 +112,7 @@ def payload(
 
 def _from_log(
     log: Path,
+    bare_log: Path | None,
     robot: str,
     description: RobotDescription,
     source: LogFormat,
@@ -111,12 +122,15 @@ def _from_log(
     output: Output,
 ) -> int:
     """Print the payload in a log, and save it to `out`; return the exit code."""
-    from equipoise.logs.payload import measure_payload_in_log
+    from equipoise.logs.payload import measure_payload_in_log, naming_bare_log
 
     model = with_imu_pose(load_robot(robot, description))
-    content = source.read(log, model, not output.silent)
+    content, bare = source.read(log, model, not output.silent), None
+    if bare_log is not None:
+        with naming_bare_log():
+            bare = source.read(bare_log, model, not output.silent)
     with output.reporting_failed_log():
-        measurement, report = measure_payload_in_log(model, content, method)
+        measurement, report = measure_payload_in_log(model, content, method, bare)
     table = {**measurement.to_dict(), "log": report.to_dict()}
     if out is not None:
         write_file(out, json_module.dumps(table, indent=2) + "\n")

@@ -7,6 +7,7 @@ the weights in the estimate: differentiation amplifies it at high frequencies.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import GRAVITY, FloatArray
@@ -36,7 +37,7 @@ def imu_of_poses(
         time: (n,) times of the poses [s]; those that do not increase are left out, as are poses that repeat.
         position: (n, 3) positions of the base's origin in a world whose z axis points up [m]; NaN where there is none.
         quat_wxyz: (n, 4) rotations of the base's axes to the world's.
-        angular_velocity_in_imu: (n, 3) readings of a gyroscope [rad/s], at whose times the samples are, or None.
+        angular_velocity_in_imu: (n, 3) readings of a gyroscope [rad/s], at whose increasing times the samples are, or None.
 
     Raises:
         RecordingError: the quaternions are not normalized, or there are too few poses without a gap.
@@ -52,17 +53,18 @@ def imu_of_poses(
         raise RecordingError(
             f"the log has {1 / period:.0f} poses of the base a second; at least {1 / slowest:.0f} are needed: record faster"
         )
+    rows = _increasing(time)
     found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     variances: list[tuple[float, float]] = []
-    for rows in np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > _LONGEST_GAP * POSE_KNOT) + 1):
-        start, end = (float(times[row]) + later * POSE_KNOT for row, later in ((rows[0], _ENDS), (rows[-1], -_ENDS)))
+    for piece in np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > _LONGEST_GAP * POSE_KNOT) + 1):
+        start, end = (float(times[row]) + later * POSE_KNOT for row, later in ((piece[0], _ENDS), (piece[-1], -_ENDS)))
         if end - start > _SHORTEST * POSE_KNOT:
             at = (
                 np.arange(start, end, _STEP)
                 if angular_velocity_in_imu is None
-                else time[(time >= start) & (time <= end)]
+                else time[rows][(time[rows] >= start) & (time[rows] <= end)]
             )
-            samples, noise = _differentiated(times[rows], position[rows], imu[rows], at)
+            samples, noise = _differentiated(times[piece], position[piece], imu[piece], at)
             found.append(samples)
             variances.append(noise)
     if not found:
@@ -75,19 +77,24 @@ def imu_of_poses(
         f"{1e3 * of_angle:.2g} mrad about a spline"
     )
     if angular_velocity_in_imu is not None:
-        turning = angular_velocity_in_imu[np.searchsorted(time, at)]
+        turning = angular_velocity_in_imu[rows[np.searchsorted(time[rows], at)]]
         of_angle = 0.0
     density = np.sqrt(period) * np.array([of_position, of_angle])
     return RawImu(at, turning, force, pose_noise=np.tile(density, (len(at), 1))), message
 
 
+def _increasing(time: FloatArray) -> NDArray[np.intp]:
+    """Return the rows whose times are numbers and exceed all before."""
+    rows = np.flatnonzero(np.isfinite(time))
+    return rows[np.diff(np.maximum.accumulate(time[rows]), prepend=-np.inf) > 0]
+
+
 def _valid(time: FloatArray, position: FloatArray, quat_wxyz: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the usable poses."""
     poses = np.column_stack([position, quat_wxyz])
-    rows = np.flatnonzero(np.isfinite(time) & np.isfinite(poses).all(axis=1))
+    rows = _increasing(np.where(np.isfinite(poses).all(axis=1), time, np.nan))
     if len(rows) < 2:
         raise RecordingError(f"the log has {len(rows)} poses of the base, and needs some seconds of them")
-    rows = rows[np.diff(np.maximum.accumulate(time[rows]), prepend=-np.inf) > 0]
     rows = rows[~repeated_rows([poses[rows]])]
     norm = np.linalg.norm(quat_wxyz[rows], axis=1)
     if abs(usual := float(np.median(norm)) - 1) > _UNIT:

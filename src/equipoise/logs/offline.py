@@ -72,41 +72,60 @@ class LogEstimate:
     report: LogReport
 
 
-def estimate_log(
-    robot: RobotModel, log: Log, method: BayesianMethod | None = None, most_walks: int | None = None
-) -> LogEstimate:
-    """Estimate the robot's parameters from a log, by the Bayesian method.
-
-    Args:
-        most_walks: largest number of pieces of walks to use, evenly spread over the log; default all.
+def read_segments(robot: RobotModel, log: Log) -> LogReport:
+    """Return the report on a log before an estimate, with the segments that an estimate can use.
 
     Raises:
         RecordingError: nothing in it can be used, or its sensors are not plausible (the error then carries the report); its
             units, signs or order of joints cannot be right.
         MotionError: the IMU is rotated.
-        SettingsError: the mass does not fit the robot.
     """
-    method, stance = method or BayesianMethod(), nominal_stance(robot)
-    if method.mass is not None:
-        check_mass_of(robot, method.mass)
+    stance = nominal_stance(robot)
     screen_log(robot, log.recording)
     findings = list(log.findings)
     recording = _on_one_clock(robot, stance, log.recording, findings)
     _check_upright(robot, recording)
     findings += _rates(recording, stance)
     segments = find_segments(robot, stance, recording, log.foot_forces, findings)
-    if most_walks is not None:
-        segments = _with_fewer_walks(segments, most_walks)
     report = LogReport(log, tuple(segments), tuple(findings))
-    recordings = usable(segments)
-    if not recordings:
+    if not usable(segments):
         raise _nothing_usable(report)
-    method = _with_wide_mounting_prior(method, recordings, recording.imu.pose_noise is not None)
+    return report
+
+
+def estimate_log(robot: RobotModel, log: Log, method: BayesianMethod | None = None) -> LogEstimate:
+    """Estimate the robot's parameters from a log, by the Bayesian method.
+
+    Raises:
+        RecordingError, MotionError: as from `read_segments`.
+        SettingsError: the mass does not fit the robot.
+    """
+    method = method or BayesianMethod()
+    if method.mass is not None:
+        check_mass_of(robot, method.mass)
+    return estimate_segments(robot, read_segments(robot, log), method)
+
+
+def estimate_segments(
+    robot: RobotModel, report: LogReport, method: BayesianMethod, most_walks: int | None = None
+) -> LogEstimate:
+    """Estimate the robot's parameters from the segments of a log.
+
+    Args:
+        most_walks: largest number of pieces of walks to use, evenly spread over the log; default all.
+
+    Raises:
+        RecordingError: the estimate failed (the error then carries the report).
+    """
+    if most_walks is not None:
+        report = replace(report, segments=tuple(_with_fewer_walks(report.segments, most_walks)))
+    recordings = usable(report.segments)
+    method = _with_wide_mounting_prior(method, recordings, recordings[0].imu.pose_noise is not None)
     try:
-        result = method.estimate(robot, recordings, stance, lifts_needed=False)
+        result = method.estimate(robot, recordings, nominal_stance(robot), lifts_needed=False)
     except RecordingError as error:
         raise RecordingError(str(error), report, details={"log": report.to_dict()}) from error
-    report = replace(report, segments=_judged(segments, result))
+    report = replace(report, segments=_judged(report.segments, result))
     return LogEstimate(result, replace(report, limitations=tuple(_limitations(result, report, method))))
 
 
@@ -229,7 +248,7 @@ def _rates(recording: Recording, stance: Stance) -> list[LogFinding]:
     ]
 
 
-def _with_fewer_walks(segments: list[LogSegment], most: int) -> list[LogSegment]:
+def _with_fewer_walks(segments: Sequence[LogSegment], most: int) -> Sequence[LogSegment]:
     walks = [at for at, one in enumerate(segments) if one.recording and isinstance(one.recording.trial, WalkTrial)]
     if len(walks) <= most:
         return segments
@@ -241,7 +260,7 @@ def _with_fewer_walks(segments: list[LogSegment], most: int) -> list[LogSegment]
     ]
 
 
-def _judged(segments: list[LogSegment], result: Calibration) -> tuple[LogSegment, ...]:
+def _judged(segments: Sequence[LogSegment], result: Calibration) -> tuple[LogSegment, ...]:
     """Return the segments with the estimate's notes: trials are in the order of their recordings."""
     notes = iter([trial.note for trial in result.trials])
     judged: list[LogSegment] = []

@@ -36,7 +36,7 @@ def compare_at_rest(
         rests: recordings of the robot at rest on four feet, reached from opposite directions: joint friction cancels.
         prior_run: prior run whose torque constants are used.
     """
-    gains, limit = _torque_constants(robot, stance, prior_run)
+    gains, limit = torque_constants(robot, stance, prior_run)
     carried: list[float] = []
     for recording in rests:
         joints = recording.phase(Phase.REST).joints
@@ -57,7 +57,7 @@ def compare_estimate(posterior: Posterior, scale: Scale | None, prior_run: Prior
     unknowns = posterior.unknowns
     values = unknowns.values(posterior.x)
     gain = 1 + float(values["torque_gain_common"].mean() + values["torque_gain"].mean())
-    gains, limit = _torque_constants(unknowns.robot, unknowns.stance, prior_run)
+    gains, limit = torque_constants(unknowns.robot, unknowns.stance, prior_run)
     return _compared(scale, posterior.robot_body.mass * float(gains.mean()) / gain, limit, prior_run)
 
 
@@ -72,7 +72,7 @@ def assumed_mass(scale: Scale | None, masses: MassComparison | None) -> tuple[st
     return (assumed if masses is not None else f"{assumed}, and there are no joint torques to compare it with",)
 
 
-def _torque_constants(robot: RobotModel, stance: Stance, prior_run: PriorRun | None) -> tuple[FloatArray, float]:
+def torque_constants(robot: RobotModel, stance: Stance, prior_run: PriorRun | None) -> tuple[FloatArray, float]:
     """Return the (nj,) true over reported torques, one without a prior run, and the largest difference of masses."""
     if prior_run is None:
         return np.ones(len(robot.joint_names)), _DIFFERENCE

@@ -37,7 +37,8 @@ from equipoise.robot.inertial import moment_parameters
 from equipoise.robot.model import LEG_NAMES, RobotModel
 
 _KNOT, _STEP = 0.03, 0.09  # [s] on an A1; errors are correlated over longer times
-_STICTION_SPEED = 0.03  # v_0 [rad/s]
+STICTION_SPEED = 0.03
+"""Speed v_0 within which friction changes its sign [rad/s]."""
 _PAD = 0.05  # [s]
 _FEWEST = 4  # samples
 # Error of the friction model at rest and in motion, divided by the Coulomb friction.
@@ -180,7 +181,7 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
         columns_of_links(robot, rows),
         free[:, :, 6:],
         samples.joint_torque,
-        np.tanh(samples.joint_velocity / _STICTION_SPEED),
+        np.tanh(samples.joint_velocity / STICTION_SPEED),
         samples.joint_velocity,
         samples.joint_acceleration,
         free[:, :, :6],

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError, RecordingError, SettingsError, reason
 from equipoise.estimator.unknown import ROBOT, SCALE, Unknown, unknown
-from equipoise.estimator.unknowns import Priors
+from equipoise.estimator.unknowns import Priors, Values
 from equipoise.json_form import from_json
 from equipoise.user_file import check_schema, json_value, kind_of, read_text, typed
 
@@ -183,11 +183,11 @@ class PriorRun:
 
         Args:
             priors: priors of the other rows.
-            weighed_again: True if the robot is weighed on the same scale.
+            weighed_again: True if the robot is weighed on the same scale, or its mass is known relative to this run's.
         """
         kept = {row.name: self.priors.get(row.name, 0.0) for row in Priors.rows() if is_kept(row)}
         combined = replace(priors, **kept, inertia=min(priors.inertia, _INERTIA))
-        if not (weighed_again and self.weighed):
+        if not weighed_again:
             return combined
         return PriorsWithScale(**{each.name: getattr(combined, each.name) for each in fields(Priors)})
 
@@ -215,11 +215,27 @@ class PriorRun:
         both = Unknowns(unknowns.robot, unknowns.stance, PriorsWithScale(**{**fixed, **self.priors}))
         return np.append(x, (weighed / total - 1) / SCALE_GAIN), spread, both
 
-    def torque_gains(self, robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]:
-        """Return the (nj,) true over reported torques of all joints, and the standard deviation of their mean."""
+    def values(self, robot: RobotModel, stance: Stance) -> Values:
+        """Return the parameters of sensors, legs and friction, by name."""
+        x, _, layout = self._own(robot, stance)
+        return layout.values(x)
+
+    def mass(self, robot: RobotModel, stance: Stance) -> float:
+        """Return the mass of the whole robot: the scale's reading, or without one the estimate [kg]."""
+        from equipoise.estimator.problem import total_mass  # noqa: PLC0415
+
+        x, _, layout = self._own(robot, stance)
+        return self.weighed or total_mass(layout, x)[0]
+
+    def _own(self, robot: RobotModel, stance: Stance) -> tuple[FloatArray, FloatArray, Unknowns]:
+        """Return mode, covariance and layout of this run."""
         from equipoise.estimator.parameters import Unknowns  # noqa: PLC0415
 
-        x, spread, layout = self.earlier(Unknowns(robot, stance, Priors()))
+        return self.earlier(Unknowns(robot, stance, Priors()))
+
+    def torque_gains(self, robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]:
+        """Return the (nj,) true over reported torques of all joints, and the standard deviation of their mean."""
+        x, spread, layout = self._own(robot, stance)
         values = layout.values(x)
         gains = 1 + values["torque_gain_common"] + values["torque_gain"]
         mean = np.zeros(layout.size)

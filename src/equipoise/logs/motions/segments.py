@@ -19,7 +19,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.estimator.diagnostics.screening import screen
 from equipoise.estimator.measurements.leg_motion import LegChains
-from equipoise.estimator.measurements.walking import CONTEXT, gyro_bias_of_walks
+from equipoise.estimator.measurements.walking import CONTEXT, MARGIN, gyro_bias_of_walks
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.motions.diagonal_stances import SHORTEST_STANCE, diagonal_stances, why_no_lift
 from equipoise.logs.motions.foot_paths import FootPaths
@@ -244,8 +244,8 @@ class _PieceReader:
         return why_not_carried(self.robot, position, torque)
 
     def _of_walk(self, start: float, end: float, trial: RecordedTrial) -> Recording:
-        context = CONTEXT * self.stance.scale.time
-        return marked(self.recording, [(Phase.WALK, start), (Phase.END, end)], start - context, end + context, trial)
+        margin = MARGIN * self.stance.scale.time
+        return marked(self.recording, [(Phase.WALK, start), (Phase.END, end)], start - margin, end + margin, trial)
 
     def _between_rests(self) -> list[LogSegment]:
         start, end = self.recording.joints.time[0], self.recording.joints.time[-1]
