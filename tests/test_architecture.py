@@ -14,7 +14,7 @@ SOURCE = Path(equipoise.__file__).parent
 # Layers from the lowest one; a module may import from lower layers and from its own.
 FLOORS = [
     ["errors", "conventions", "_version"],
-    ["threads", "thread_memory", "user_file", "json_form", "plugins"],
+    ["threads", "thread_memory", "small_arrays", "user_file", "json_form", "plugins"],
     ["user_cache"],
     ["robot"],
     ["recording", "clearance"],

@@ -390,3 +390,17 @@ def test_centre_shift_estimates_the_com_error(a1, diagonal, distance):
     assert found.normal == pytest.approx(normal, abs=1e-3)
     assert found.normal[0] > 0
     assert found.distance == pytest.approx(distance, abs=0.05 * abs(distance) + 1e-4)
+
+
+def test_results_kept_from_the_last_derivatives_belong_to_their_values(a1):
+    """Results after derivatives at the same values, by other parameters, and at other values equal those of a new equation."""
+    lift = frozen_lift(a1, "FL_RR", random_state(a1, 5))
+    model, inertial, kept = nothing_wrong(a1), parameters(a1), equation_of(a1, lift)
+    moved = {**model, "imu_tilt": np.array([0.1, 0.0, 0.0])}
+    kept.linearise(model, inertial, ("imu_tilt",))
+    for values, of_bodies in ((model, inertial), (moved, inertial), (model, 1.1 * inertial)):
+        new = equation_of(a1, lift)
+        for result, expected in zip(kept.evaluate(values, of_bodies), new.evaluate(values, of_bodies), strict=True):
+            np.testing.assert_array_equal(result, expected)
+        np.testing.assert_array_equal(kept.levers(values, of_bodies), new.levers(values, of_bodies))
+        assert set(kept.linearise(values, of_bodies, ("clock_offset",))[2]) == {"inertial", "clock_offset"}

@@ -13,6 +13,7 @@ import numpy as np
 from equipoise.clearance.pairs import Distances, pairs_of
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
+from equipoise.small_arrays import any_of
 from equipoise.thread_memory import ThreadMemory
 
 FLOOR = "the floor"
@@ -88,7 +89,7 @@ class Clearance:
     def next_contact(self, joint_position: FloatArray) -> Contact | None:
         """Return `first_contact` of the next (nj,) posture [rad], for a control loop."""
         travelled = self._travelled + np.abs(joint_position - self._here) @ self._pairs.reach
-        if (travelled > self._soonest).any():
+        if any_of(travelled > self._soonest):
             return self._check_due(joint_position, travelled)
         self._here, self._travelled = joint_position, travelled
         return None

@@ -10,6 +10,7 @@ from equipoise.guard.check_context import Check, CheckContext
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand
 from equipoise.robot.model import RobotModel
+from equipoise.small_arrays import all_of, any_of
 
 _ROUNDING = 1e-3  # [rad] by which a command may exceed a joint's limit
 _FIRST_JUMP = 0.1  # [rad] between a joint's position and its first target
@@ -52,10 +53,10 @@ class CommandChecks:
         before = here if context.sent.limp else context.sent.position  # the operator may have moved limp joints
         self.check_shape(target)
         # Comparisons with NaN are false: negated, so that NaN is rejected.
-        if not ((target >= robot.lower_limit) & (target <= robot.upper_limit)).all():
+        if not all_of((target >= robot.lower_limit) & (target <= robot.upper_limit)):
             self._check_beyond(target, here)
         moved = np.abs(target - before)
-        if (moved > self._farthest).any() and not command.limp:
+        if any_of(moved > self._farthest) and not command.limp:
             speed = moved / self._period
             joint = int(np.argmax(speed / robot.velocity_limit))
             raise MotionError(
@@ -94,7 +95,7 @@ class CommandChecks:
     def _check_range(self, name: str, unit: str, values: FloatArray, least: FloatArray, most: FloatArray) -> None:
         self.check_shape(values)
         within = (values >= least) & (values <= most)
-        if not within.all():
+        if not all_of(within):
             self._check_finite(name, values)
             joint = int(np.argmin(within))
             raise MotionError(

@@ -12,6 +12,7 @@ from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.kinematics import foot_jacobians
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
+from equipoise.small_arrays import all_of
 
 _FIRST_LIFTS, _GENTLE, _RATE = 2, 0.5, 5.0  # number; share of the stiffness; its change [1/s]
 
@@ -60,7 +61,7 @@ class ForceLimit:
         gains = command.kp if self._share == 1.0 else self._share * kp
         reach = self.excess / np.maximum(self._share * kp, 1e-9)
         behind = command.position - state.joint_position
-        if gains is command.kp and (np.abs(behind) <= reach).all():
+        if gains is command.kp and all_of(np.abs(behind) <= reach):
             return command
         position = state.joint_position + np.minimum(np.maximum(behind, -reach), reach)
         return replace(command, position=position, kp=gains)

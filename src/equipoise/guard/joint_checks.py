@@ -14,6 +14,7 @@ from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
+from equipoise.small_arrays import any_of
 
 _STUCK_TIME = 0.5  # [s] over which a joint must follow
 _STUCK_MOVE, _STUCK_SHARE = 0.12, 0.25  # [rad] of target motion; share that the joint must move (working joints: 0.66)
@@ -65,7 +66,7 @@ class JointChecks:
     def _check_position(self, command: JointCommand, context: CheckContext) -> None:
         robot, position = self._robot, context.state.joint_position
         beyond = np.maximum(robot.lower_limit - position, position - robot.upper_limit)
-        joint = int(np.argmax(beyond))
+        joint = int(beyond.argmax())
         if beyond[joint] > self._limits.position_margin:
             raise MotionError(
                 f"joint {robot.joint_names[joint]!r} is at {position[joint]:.3f} rad; its limits are "
@@ -87,8 +88,8 @@ class JointChecks:
             return
         behind = np.abs(command.position - context.state.joint_position)
         joint = self._lasting(self._behind, behind > self._limits.following)
-        if joint is None and behind.max() > _RUNAWAY * self._limits.following:
-            joint = int(np.argmax(behind))
+        if joint is None and any_of(behind > _RUNAWAY * self._limits.following):
+            joint = int(behind.argmax())
         if joint is not None:
             raise MotionError(
                 f"joint {self._robot.joint_names[joint]!r} is {behind[joint]:.2f} rad from its target: is it stuck, or has "
@@ -129,7 +130,7 @@ class JointChecks:
         sent = sent + (0.0 if command.torque is None else command.torque)
         sent = np.minimum(np.maximum(sent, -self._robot.effort_limit), self._robot.effort_limit)  # clip() is slow
         self._short += self._period / self._limits.patience * (np.abs(sent - torque) - self._short)
-        joint = int(np.argmax(self._short))
+        joint = int(self._short.argmax())
         if self._short[joint] > self._missing_torque:
             raise MotionError(
                 f"the motor of joint {self._robot.joint_names[joint]!r} gives {torque[joint]:.1f} Nm; its position and its "
@@ -159,12 +160,12 @@ class JointChecks:
 
     def _lasting(self, since: FloatArray, now: NDArray[np.bool_]) -> int | None:
         """Return the joint whose condition has lasted for too long, or None."""
-        if not now.any():
+        if not any_of(now):
             since.fill(0.0)
             return None
         since += self._period
         since *= now
-        joint = int(np.argmax(since))
+        joint = int(since.argmax())
         return joint if since[joint] > self._limits.patience else None
 
 

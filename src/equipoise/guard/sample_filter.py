@@ -13,6 +13,7 @@ from equipoise.errors import CommunicationError, MotionError
 from equipoise.platform.platform import RobotState
 from equipoise.recording.encoder_steps import frozen_travel
 from equipoise.robot.model import RobotModel
+from equipoise.small_arrays import all_of, any_of
 
 _FROZEN_TIME = 0.15  # [s] of identical samples
 _FROZEN_MOVE = 0.03  # [rad] of target motion meanwhile; more with coarse encoders
@@ -114,8 +115,8 @@ class SampleFilter:
             self._since *= moved == 0
             np.minimum(self._steps, moved, out=self._steps, where=moved > 0)
         if last is not None and new_imu:
-            same = (sample.angular_velocity_in_imu == last.angular_velocity_in_imu).all()
-            same = same and (sample.acceleration_in_imu == last.acceleration_in_imu).all()
+            same = all_of(sample.angular_velocity_in_imu == last.angular_velocity_in_imu)
+            same = same and all_of(sample.acceleration_in_imu == last.acceleration_in_imu)
             self._imu_since = self._imu_since + imu - self._imu if same else 0.0
         self._last = sample
         self._joints, self._imu = max(self._joints, sample.time), max(self._imu, imu)
@@ -142,7 +143,7 @@ class SampleFilter:
     def _check_jump(self, time: float, moved: FloatArray, step: float) -> None:
         """Raise MotionError if an encoder moves faster than a joint can."""
         wild = moved > _JUMP + self._fastest * step
-        if wild.any():
+        if any_of(wild):
             joint = int(np.argmax(moved * wild))
             raise MotionError(
                 f"the encoder of joint {self._names[joint]!r} jumped by {moved[joint]:.2f} rad in {step * 1000:.0f} ms at "
@@ -163,13 +164,13 @@ class SampleFilter:
 
     def _check_frozen_joints(self, target: FloatArray) -> None:
         low, high, same = self._sent_low, self._sent_high, self._since > 0
-        if not same.any():
+        if not any_of(same):
             low[:] = high[:] = target
             return
         np.copyto(low, np.where(same, np.minimum(low, target), target))
         np.copyto(high, np.where(same, np.maximum(high, target), target))
         frozen = (self._since > _FROZEN_TIME) & (high - low > _FROZEN_MOVE)
-        if frozen.any() and (frozen := frozen & (high - low > frozen_travel(_FROZEN_MOVE, self._steps))).any():
+        if any_of(frozen) and any_of(frozen := frozen & (high - low > frozen_travel(_FROZEN_MOVE, self._steps))):
             joint = int(np.argmax(frozen))
             raise MotionError(
                 f"the encoder of joint {self._names[joint]!r} is frozen: its reading has not changed for "

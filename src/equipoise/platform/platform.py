@@ -11,6 +11,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.platform.tilt_limit import TiltLimit
 from equipoise.recording.recording import Event, Recording
+from equipoise.small_arrays import all_of, any_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,7 @@ class JointCommand:
     @property
     def limp(self) -> bool:
         """Return whether the joints only resist motion."""
-        return self.kp is not None and not self.kp.any()
+        return self.kp is not None and not any_of(self.kp != 0)
 
     @classmethod
     def damping(cls, position: FloatArray, kd: FloatArray | float) -> JointCommand:
@@ -137,15 +138,15 @@ class Trajectory:
     trial: int | None = None
 
     def __post_init__(self) -> None:
-        if self.position.ndim != 2 or len(self.position) == 0 or not np.isfinite(self.position).all():
+        if self.position.ndim != 2 or len(self.position) == 0 or not all_of(np.isfinite(self.position)):
             raise SettingsError(f"a trajectory needs (n, nj) finite positions, got shape {self.position.shape}")
         for name in ("velocity", "torque"):
             array = getattr(self, name)
-            if array is not None and (array.shape != self.position.shape or not np.isfinite(array).all()):
+            if array is not None and (array.shape != self.position.shape or not all_of(np.isfinite(array))):
                 raise SettingsError(f"trajectory {name} must be finite and of shape {self.position.shape}")
         for name in ("kp", "kd"):
             gains = getattr(self, name)
-            if gains is not None and (gains.shape != self.position.shape[1:] or not (gains >= 0).all()):
+            if gains is not None and (gains.shape != self.position.shape[1:] or not all_of(gains >= 0)):
                 raise SettingsError(f"trajectory {name} must be {self.position.shape[1]} numbers of zero or more")
 
     @classmethod

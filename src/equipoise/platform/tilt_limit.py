@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.small_arrays import any_of
 
 
 @dataclass(frozen=True)
@@ -84,4 +85,4 @@ class TiltTest:
         rate = (lean - leans[: len(lean)]) / (width * self._period)
         ahead = lean + self._limit.horizon * (rate + self._limit.spin * (turning - rate))
         least, most = self._limit.bounds
-        return bool(((np.abs(lean) >= self._limit.angle) | (ahead <= least) | (ahead >= most)).any())
+        return any_of((np.abs(lean) >= self._limit.angle) | (ahead <= least) | (ahead >= most))

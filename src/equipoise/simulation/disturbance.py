@@ -7,6 +7,9 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.simulation.mujoco_model import SimulatedRobot
+from equipoise.small_arrays import any_of
+
+_CONTROL, _PUSHED = int(mujoco.mjtState.mjSTATE_CTRL), int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 
 
 class Disturbance:
@@ -29,11 +32,10 @@ class Disturbance:
     @property
     def spec(self) -> int:
         """Bit mask of the engine inputs that a rollout needs."""
-        control, pushed = int(mujoco.mjtState.mjSTATE_CTRL), int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
-        return control | pushed if self.wrench.any() else control
+        return _CONTROL | _PUSHED if any_of(self.wrench != 0) else _CONTROL
 
     def with_wrench(self, control: FloatArray) -> FloatArray:
         """Return (n, nu) controls, followed by the wrench if `spec` includes it."""
-        if not self.wrench.any():
+        if not any_of(self.wrench != 0):
             return control
-        return np.hstack([control, np.tile(self.wrench.ravel(), (len(control), 1))])
+        return np.concatenate([control, np.broadcast_to(self.wrench.ravel(), (len(control), self.wrench.size))], axis=1)

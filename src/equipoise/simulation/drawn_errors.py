@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.simulation.effects import EffectSizes
+from equipoise.small_arrays import any_of
 
 _NOISE_BLOCK = 1024
 # [rad/s]: speed at which a joint's friction has lost two thirds of what it has more at rest.
@@ -190,7 +191,7 @@ def _normal_quantile(share: float) -> float:
 def _keyed(seed: int, stream: int, first: int, count: int, scale: FloatArray) -> FloatArray:
     """Return (count, n) normal numbers of consecutive samples, one column for each of the (n,) standard deviations."""
     noise = np.zeros((count, scale.size))
-    if scale.any():
+    if any_of(scale > 0):
         done = 0
         while done < count:
             block, start = divmod(first + done, _NOISE_BLOCK)

@@ -14,6 +14,7 @@ from equipoise.simulation.mujoco_contacts import floors_of_feet, foothold_height
 from equipoise.simulation.mujoco_drive import ChangingFriction
 from equipoise.simulation.mujoco_model import ACCELEROMETER, IMU_SITE, SimulatedRobot
 from equipoise.simulation.simulated import SimulatedPlatform, Start
+from equipoise.small_arrays import all_of, any_of
 
 _PRESSED = 1e-6  # [m]: largest penetration of the floor when a robot is placed
 _STATE, _WHOLE_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.mjtState.mjSTATE_INTEGRATION
@@ -44,10 +45,12 @@ class MujocoPlatform(SimulatedPlatform):
     ) -> None:
         self._simulated = simulated
         self._model = simulated.model
-        self._gains = np.empty(0), np.empty(0)  # last ones set in the engine
+        self._gains = np.full((2, len(robot.joint_names)), np.nan)  # last ones set in the engine
         super().__init__(robot, simulated.errors, simulated.kp, simulated.kd, self._model.opt.timestep, control_period)
         self._data = mujoco.MjData(self._model) if data is None else data
         self._ahead = mujoco.MjData(self._model)  # scratch: one engine step beyond the present
+        self._state_size = mujoco.mj_stateSize(self._model, _STATE)
+        self._whole_state = np.empty(mujoco.mj_stateSize(self._model, _WHOLE_STATE))
         self._rollout = rollout.Rollout(nthread=0)
         self._disturbance = disturbance or Disturbance(simulated)
         self._friction = ChangingFriction(self._model, simulated.dof, simulated.qpos, simulated.errors)
@@ -95,71 +98,69 @@ class MujocoPlatform(SimulatedPlatform):
 
     def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
         super()._set_gains(kp, kd)
-        if not (np.array_equal(self._kp, self._gains[0]) and np.array_equal(self._kd, self._gains[1])):
-            self._gains = self._kp.copy(), self._kd.copy()  # the caller may change its arrays
+        if any_of(self._kp != self._gains[0]) or any_of(self._kd != self._gains[1]):
+            self._gains = np.array([self._kp, self._kd])  # the caller may change its arrays
             self._simulated.set_gains(*self._gains)
 
     def _run(self, control: FloatArray, raw: FloatArray) -> None:
-        data, model = self._data, self._model
-        size = mujoco.mj_stateSize(model, _STATE)
-        initial = np.zeros(size)
-        mujoco.mj_getState(model, data, initial, _STATE)
-        states, sensors = self._stepped(initial, control) if self._friction.needed else self._rolled(initial, control)
+        data, model, joints = self._data, self._model, self._model.nu
+        path = np.empty((len(control) + 1, self._state_size))  # the state before each step, and after the last
+        mujoco.mj_getState(model, data, path[0], _STATE)
+        sensors = self._stepped(path, control) if self._friction.needed else self._rolled(path, control)
         # The engine restarts at time zero when it diverges.
-        if not (states[0, 0] > initial[0] and (states[1:, 0] > states[:-1, 0]).all()):
-            raise self._became_unstable(initial[0])
-        mujoco.mj_setState(model, data, states[-1], _STATE)
-        joints, path = model.nu, np.concatenate([initial[None], states])
+        if not all_of(path[1:, 0] > path[:-1, 0]):
+            raise self._became_unstable(path[0, 0])
+        mujoco.mj_setState(model, data, path[-1], _STATE)
         # The engine's velocity belongs to the middle of the step before a state: the mean of two belongs to the state.
         speeds = path.take(self._speeds, axis=1)
         means = (speeds[1:] + speeds[:-1]) / 2
         raw[:, :joints] = path[:-1].take(self._positions, axis=1)
         raw[:, joints : 2 * joints] = means[:, :joints]
-        raw[:, 2 * joints : -6] = self._reported_torque(sensors[:, :joints], np.diff(speeds[:, :joints], axis=0))
+        raw[:, 2 * joints : -6] = self._reported_torque(sensors[:, :joints], (speeds[1:] - speeds[:-1])[:, :joints])
         raw[:, -6:-3] = means[:, joints:] @ self._imu_rotation
         raw[:, -3:] = sensors[:, self._accelerometer]
 
-    def _rolled(self, initial: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (n, ...) states after each step, and the engine's sensor values at its start."""
+    def _rolled(self, path: FloatArray, control: FloatArray) -> FloatArray:
+        """Fill in the states after each step; return the engine's (n, ...) sensor values at its start."""
         steps = len(control)
-        states, sensors = np.empty((1, steps, initial.size)), np.empty((1, steps, self._model.nsensordata))
+        sensors = np.empty((1, steps, self._model.nsensordata))
         self._rollout.rollout(
             [self._model],
             [self._data],
-            initial[None],
+            path[:1],
             np.ascontiguousarray(self._disturbance.with_wrench(control))[None],
             control_spec=self._disturbance.spec,
             skip_checks=True,  # the checks take a fifth of the time of a short rollout
             nstep=steps,
             initial_warmstart=np.array(self._data.qacc_warmstart)[None],
-            state=states,
+            state=path[None, 1:],
             sensordata=sensors,
         )
-        return states[0], sensors[0]
+        return sensors[0]
 
-    def _stepped(self, initial: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _stepped(self, path: FloatArray, control: FloatArray) -> FloatArray:
         """Roll out step by step, for inputs that must be set before each step."""
         data, model = self._data, self._model
-        states, sensors = np.empty((len(control), initial.size)), np.empty((len(control), model.nsensordata))
+        sensors = np.empty((len(control), model.nsensordata))
         warm = np.array(data.qacc_warmstart)
         data.xfrc_applied[:] = self._disturbance.wrench
         try:
             commanded, sensed = data.ctrl, data.sensordata
-            for row, state, seen in zip(control, states, sensors, strict=True):
+            for row, state, seen in zip(control, path[1:], sensors, strict=True):
                 commanded[:] = row
                 self._friction.act(data)
                 mujoco.mj_step(model, data)
                 mujoco.mj_getState(model, data, state, _STATE)
                 seen[:] = sensed
         except BaseException:
-            mujoco.mj_setState(model, data, initial, _STATE)
+            mujoco.mj_setState(model, data, path[0], _STATE)
             data.qacc_warmstart[:] = warm
             raise
-        return states, sensors
+        return sensors
 
     def _raw_now(self) -> FloatArray:
         data, model, simulated = self._data, self._model, self._simulated
-        ahead, state = self._ahead, np.zeros(mujoco.mj_stateSize(model, _WHOLE_STATE))
+        ahead, state = self._ahead, self._whole_state
         mujoco.mj_getState(model, data, state, _WHOLE_STATE)
         mujoco.mj_setState(model, ahead, state, _WHOLE_STATE)
         if len(self._late_control):
@@ -168,12 +169,13 @@ class MujocoPlatform(SimulatedPlatform):
         if self._friction.needed:
             self._friction.act(ahead)
         mujoco.mj_step(model, ahead)
-        velocity = (data.qvel + ahead.qvel) / 2
+        before, after = data.qvel, ahead.qvel
+        velocity = (before + after) / 2
         return np.concatenate(
             [
                 data.qpos[simulated.qpos],
                 velocity[simulated.dof],
-                self._reported_torque(ahead.sensordata[: model.nu], (ahead.qvel - data.qvel)[simulated.dof]),
+                self._reported_torque(ahead.sensordata[: model.nu], (after - before)[simulated.dof]),
                 velocity[3:6] @ self._imu_rotation,
                 ahead.sensordata[self._accelerometer],
             ]

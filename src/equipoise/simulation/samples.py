@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +15,7 @@ from equipoise.simulation.drawn_errors import DrawnErrors
 _LARGEST_JITTER = 0.4  # of a control period: samples keep their order
 _DRIFT_TIME = 120.0  # [s] in which the gyroscope's bias changes by its drift
 _ORDER = 2  # of the IMU's low pass
+_NEWEST = -1 + 1e-6  # engine steps from the present to the newest past values
 
 
 class Samples:
@@ -28,17 +32,26 @@ class Samples:
         self._errors, self._joints, self._timestep, self._substeps = errors, joints, timestep, substeps
         sizes = errors.sizes
         self._per_period = sizes.sample_rate * substeps * timestep
-        self._mean = _mean_over(substeps)[:, None, None]
+        self._complete = not (0 < self._per_period < 1 or sizes.lost_samples)  # each control period has a sample
+        half = substeps // 2
+        self._around, self._mean = np.arange(-half, half + 1)[:, None], _mean_over(substeps)[:, None, None]
+        self._joint_steps = -sizes.sensor_delay / timestep  # engine steps from the present to a sample
+        self._imu_steps = self._joint_steps + (sizes.imu_clock_offset - sizes.imu_latency) / timestep
         self._sections = _low_pass(sizes.imu_filter, timestep)
         self._filter_state: FloatArray | None = None
         self._newest: RobotState | None = None
 
-    @property
+    @cached_property
     def past_steps(self) -> int:
-        """Return the number of past engine steps that samples may need."""
+        """Number of past engine steps that samples may need."""
         sizes = self._errors.sizes
         longest = sizes.sensor_delay + abs(sizes.imu_clock_offset) + sizes.imu_latency + sizes.gyro_lag
         return int(np.ceil(longest / self._timestep)) + 2 + self._substeps // 2
+
+    @cached_property
+    def late(self) -> bool:
+        """Whether a sample is older than the newest engine step, so that past values determine it."""
+        return max(self._joint_steps, self._imu_steps + self._substeps // 2) <= _NEWEST
 
     def filtered(self, raw: FloatArray, keep: bool = True) -> FloatArray:
         """Return raw values (n, 3 nj + 6) at consecutive engine steps, with the IMU's after its filter.
@@ -67,18 +80,13 @@ class Samples:
             count: number of samples.
             period: number of the first sample's control period, which its noise is keyed by.
         """
-        errors, step, sizes = self._errors, self._timestep, self._errors.sizes
-        joints = 3 * self._joints
-        joint_steps = -sizes.sensor_delay / step
-        imu_steps = joint_steps + (sizes.imu_clock_offset - sizes.imu_latency) / step
+        errors, sizes, joints = self._errors, self._errors.sizes, 3 * self._joints
         samples = np.empty((count, raw.shape[1]))
         ticks = first + self._substeps * np.arange(count)
-        samples[:, :joints] = _at(raw[:, :joints], ticks, joint_steps)
-        samples[:, joints:-3] = _at(raw[:, joints:-3], ticks, imu_steps - sizes.gyro_lag / step)
+        samples[:, :joints] = _at(raw[:, :joints], ticks, self._joint_steps)
+        samples[:, joints:-3] = _at(raw[:, joints:-3], ticks, self._imu_steps - sizes.gyro_lag / self._timestep)
         # The mean over a centred control period filters contact transients, as an IMU's sampling at 1 kHz or more does.
-        half = self._substeps // 2
-        around = ticks + np.arange(-half, half + 1)[:, None]
-        samples[:, -3:] = (self._mean * _at(raw[:, -3:], around, imu_steps)).sum(axis=0)
+        samples[:, -3:] = (self._mean * _at(raw[:, -3:], ticks + self._around, self._imu_steps)).sum(axis=0)
         if sizes.encoder_eccentricity:
             position = samples[:, : self._joints].copy()
             samples[:, self._joints : 2 * self._joints] *= 1 + errors.encoder_error_slope(position)
@@ -123,7 +131,7 @@ class Samples:
 
     def state(self, sample: FloatArray, period: int) -> RobotState:
         """Return the state in a control period for a (3 nj + 6,) sample, or the last one if the sample is lost."""
-        if self._newest is None or self.arrived(period, 1)[0]:
+        if self._newest is None or self._complete or self.arrived(period, 1)[0]:
             self._newest = self._state_of(sample, period)
         return self._newest
 
@@ -170,7 +178,7 @@ def _mean_over(steps: int) -> FloatArray:
 
 def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:
     """Return rows (..., n) of raw values (m, n) at ticks (...) + offset engine steps, linear in between, constant outside."""
-    whole = int(np.floor(offset + 1e-9))  # rounding: a delay of four steps may be 3.9999999999
+    whole = math.floor(offset + 1e-9)  # rounding: a delay of four steps may be 3.9999999999
     fraction = offset - whole
     before = raw.take(ticks + whole, axis=0, mode="clip")
     if fraction < 1e-6:

@@ -28,6 +28,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, lying_posture
 from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.samples import Samples
+from equipoise.small_arrays import all_of
 
 Start = Literal["standing", "lying"]
 
@@ -108,8 +109,10 @@ class SimulatedPlatform(SteppedPlatform):
         """Return the cosine of the angle between the base's z axis and the floor's normal."""
 
     def read(self) -> RobotState:
-        raw = np.concatenate([self._raw_past, self._samples.filtered(self._raw_now()[None], keep=False)])
-        sample = self._samples.sensed(raw, len(raw) - 1, 1, self._periods)
+        raw = self._raw_past
+        if not self._samples.late:
+            raw = np.concatenate([raw, self._samples.filtered(self._raw_now()[None], keep=False)])
+        sample = self._samples.sensed(raw, len(self._raw_past), 1, self._periods)
         return self._samples.state(sample[0], self._periods)
 
     def step(self, command: JointCommand) -> RobotState:
@@ -174,7 +177,7 @@ class SimulatedPlatform(SteppedPlatform):
         """Set the gains until the next command; None is the platform's own."""
         self._kp = self._own_kp if kp is None else kp
         self._kd = self._own_kd if kd is None else kd
-        if not (np.min(self._kp) >= 0 and np.min(self._kd) >= 0):
+        if not (all_of(self._kp >= 0) and all_of(self._kd >= 0)):
             raise SettingsError("joint gains kp and kd must be numbers of zero or more")
         self._kp = np.maximum(self._kp, _LEAST_KP)
 

@@ -71,8 +71,11 @@ class TiltEquation(MotionEquation[LiftSamples]):
         ]
 
     def zero_at(self, x: FloatArray) -> None:
-        """Subtract the residual at x from all residuals: predicted lifts are accurate enough for derivatives only."""
-        y, levers = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
+        """Subtract the residual at x from all residuals: predicted lifts are accurate enough for derivatives only.
+
+        Derivatives are needed next, so they are computed at once and kept.
+        """
+        y, levers, *_ = self.equation.linearise(self.unknowns.values(x), self.unknowns.inertial(x), self.open)
         self._unexplained = np.concatenate(
             [_centred(y[trial]) / inertia for trial, inertia in zip(self.equation.trials, levers[0], strict=True)]
         )

@@ -46,6 +46,9 @@ from equipoise.robot.model import RobotModel
 Derivatives = Mapping[str, FloatArray]
 """(rows, size) derivatives with respect to each parameter; keys are the parameters' names and "inertial"."""
 
+Linearised = tuple[FloatArray, FloatArray, Derivatives, Derivatives]
+"""y(t), the levers, and the derivatives of both."""
+
 
 @dataclass(frozen=True, eq=False)
 class SensedLift:
@@ -105,6 +108,7 @@ class TiltInvariant:
         self._first = self._samples.at(np.array([trial.start for trial in self.trials], dtype=np.intp))
         self._middles = [(trial.start + trial.stop) // 2 for trial in self.trials]
         self._one_by_one = self._samples.one_by_one(self._middles)
+        self._last: tuple[tuple[bytes, ...], Linearised] | None = None  # rounds and checks ask for it again
 
     def evaluate(self, values: Values, inertial: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute y(t) and its sensitivities to errors of the sensors (levers).
@@ -115,6 +119,8 @@ class TiltInvariant:
             height of the CoM above the line, the factor on an error of the specific force [kg m]; and the derivative of
             l . L_o at its middle with respect to each axis of the gyroscope and each joint's velocity [kg m2].
         """
+        if (known := self._known(values, inertial)) is not None:
+            return known[:2]
         momentum, rate = self._samples.momentum_and_rate(self._inputs(values, inertial, self._samples))
         return self._integrated(momentum.value, rate.value), self.levers(values, inertial)
 
@@ -136,6 +142,8 @@ class TiltInvariant:
 
     def levers(self, values: Values, inertial: FloatArray) -> FloatArray:
         """Return the levers of `evaluate`."""
+        if (known := self._known(values, inertial)) is not None:
+            return known[1]
         about = self._first.inertia_and_moment(self._inputs(values, inertial, self._first))
         read = self._one_by_one.momentum(self._inputs(values, inertial, self._one_by_one))
         return self._stacked(*(part.value for part in (*about, read)))
@@ -154,11 +162,19 @@ class TiltInvariant:
         lean = self._middle.lean(inputs)
         return lean.value, _gradients(lean, inputs, names)
 
-    def linearise(
-        self, values: Values, inertial: FloatArray, names: Sequence[str] = DEPENDS_ON
-    ) -> tuple[FloatArray, FloatArray, Derivatives, Derivatives]:
+    def linearise(self, values: Values, inertial: FloatArray, names: Sequence[str] = DEPENDS_ON) -> Linearised:
         """Return the results of `evaluate` and their derivatives by the inertial and the named parameters."""
-        names = ("inertial", *names)
+        known, names = self._known(values, inertial), ("inertial", *names)
+        if known is None or tuple(known[2]) != names:
+            known = self._linearised(values, inertial, names)
+            self._last = _bytes_of(values, inertial), known
+        return known
+
+    def _known(self, values: Values, inertial: FloatArray) -> Linearised | None:
+        """Return the last derivatives if they are those at the same values, by any parameters."""
+        return self._last[1] if self._last is not None and self._last[0] == _bytes_of(values, inertial) else None
+
+    def _linearised(self, values: Values, inertial: FloatArray, names: Sequence[str]) -> Linearised:
         samples, first, one_by_one = (
             self._inputs(values, inertial, part, names) for part in (self._samples, self._first, self._one_by_one)
         )
@@ -205,6 +221,10 @@ def integral(count: int, step: float) -> FloatArray:
     matrix = np.asarray(cumulative_simpson(np.eye(count), dx=step, axis=0, initial=0))
     matrix.setflags(write=False)
     return matrix
+
+
+def _bytes_of(values: Values, inertial: FloatArray) -> tuple[bytes, ...]:
+    return (inertial.tobytes(), *(values[name].tobytes() for name in TiltInvariant.DEPENDS_ON))
 
 
 def _gradients(of: Traced, by: TracedValues, names: Sequence[str]) -> Derivatives:
