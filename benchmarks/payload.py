@@ -15,6 +15,7 @@ from functools import cache
 
 from rows import Case, Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
 import numpy as np
+import payload_in_walks
 from simulated import FIRST_SEED, SCALE_ERROR, robot_called
 from tables import NORMAL_95, column, coverage, figures, markdown, rms
 
@@ -223,6 +224,7 @@ Bold: target missed.""",
     (
         Table("pairs", pair, by_seed(PAIRS), show_pairs),
         Table("measurements", measurements, by_seed(MEASUREMENTS), show_measurements),
+        payload_in_walks.TABLE,
     ),
 )
 
