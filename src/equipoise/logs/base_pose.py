@@ -54,16 +54,15 @@ def imu_of_poses(
             f"the log has {1 / period:.0f} poses of the base a second; at least {1 / slowest:.0f} are needed: record faster"
         )
     rows = _increasing(time)
+    stamps = time[rows]
     found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     variances: list[tuple[float, float]] = []
     for piece in np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > _LONGEST_GAP * POSE_KNOT) + 1):
         start, end = (float(times[row]) + later * POSE_KNOT for row, later in ((piece[0], _ENDS), (piece[-1], -_ENDS)))
         if end - start > _SHORTEST * POSE_KNOT:
-            at = (
-                np.arange(start, end, _STEP)
-                if angular_velocity_in_imu is None
-                else time[rows][(time[rows] >= start) & (time[rows] <= end)]
-            )
+            at = stamps[(stamps >= start) & (stamps <= end)]
+            if angular_velocity_in_imu is None:
+                at = np.arange(start, end, _STEP)
             samples, noise = _differentiated(times[piece], position[piece], imu[piece], at)
             found.append(samples)
             variances.append(noise)
@@ -77,7 +76,7 @@ def imu_of_poses(
         f"{1e3 * of_angle:.2g} mrad about a spline"
     )
     if angular_velocity_in_imu is not None:
-        turning = angular_velocity_in_imu[rows[np.searchsorted(time[rows], at)]]
+        turning = angular_velocity_in_imu[rows[np.searchsorted(stamps, at)]]
         of_angle = 0.0
     density = np.sqrt(period) * np.array([of_position, of_angle])
     return RawImu(at, turning, force, pose_noise=np.tile(density, (len(at), 1))), message
