@@ -29,6 +29,7 @@ for _name in (
 ):  # one core per case; before NumPy is imported
     os.environ[_name] = "1"
 
+import numpy as np
 from provenance import RESULTS, commit, write_page
 
 from equipoise.errors import EquipoiseError, MissingDependencyError
@@ -85,13 +86,13 @@ class Page:
         name: name of the page and of its module.
         about: title and first paragraph.
         tables: tables in their order on the page.
-        ends: function from the rows of all tables, by the table's name, to further lines, such as the targets that are met.
+        notes: text after the tables.
     """
 
     name: str
     about: str
     tables: tuple[Table, ...]
-    ends: Callable[[dict[str, list[Row]]], Iterable[str]] | None = None
+    notes: str = ""
 
     @property
     def file(self) -> Path:
@@ -111,8 +112,7 @@ class Page:
         for table in self.tables:
             if finished[table.name]:
                 lines += ["", *table.show(finished[table.name])]
-        if self.ends is not None:
-            lines += ["", *self.ends(finished)]
+        lines += ["", self.notes.strip()] if self.notes else []
         failed = [f"- {row['key']}: {row['failed']}" for of in kept.values() for row in of if "failed" in row]
         lines += ["", "## Runs that ended with an error", "", *failed] if failed else []
         return "\n".join(lines) + "\n"
@@ -166,7 +166,9 @@ def run_all(wanted: Sequence[tuple[Table, Case]], jobs: int) -> Iterator[Row]:
 
 
 def rounded(value: Any) -> Any:
-    """Return a JSON value with floats rounded to six digits, because rows are stored in the repository."""
+    """Return a JSON value of a row, with floats rounded to six digits, because rows are stored in the repository."""
+    if isinstance(value, np.generic):
+        return rounded(value.item())
     if isinstance(value, float):
         return float(f"{value:.6g}")
     if isinstance(value, dict):
