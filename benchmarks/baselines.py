@@ -22,7 +22,7 @@ from baselines_of_others.mujoco_sysid import SysidSettings
 from baselines_of_others.projected_least_squares import ProjectedSettings
 from baselines_of_others.recordings import Recorded, record
 from baselines_of_others.rigid_body_kalman import KalmanSettings
-from simulated import FIRST_SEED, judged, robot_called
+from simulated import FIRST_SEED, cases_of, judged, robot_called
 from tables import column, figures, markdown, relative, rms
 
 from equipoise import Calibration, Recording, calibrate, estimate, nominal_stance, simulate
@@ -230,29 +230,18 @@ minus truth; "-": not estimated. The implementations are ours, and no method has
         Table(
             "robots",
             robots,
-            [
-                (name, slow, FIRST_SEED + seed)
-                for seed in range(max(SEEDS.values()))
-                for name in ROBOTS
-                for slow, count in SEEDS.items()
-                if seed < count
-            ],
+            cases_of({(name, slow): n for name in ROBOTS for slow, n in SEEDS.items()}),
             show_robots,
         ),
         Table(
             "motors",
             motor_fits,
-            [
-                (*of, FIRST_SEED + seed)
-                for seed in range(max(MOTOR_RUNS.values()))
-                for of, n in MOTOR_RUNS.items()
-                if seed < n
-            ],
+            cases_of(MOTOR_RUNS),
             show_motors,
         ),
         Table("log", log, [("traj_0.pt",)], show_log),
     ),
-    lambda rows: NOTES.read_text(encoding="utf-8").splitlines(),
+    NOTES.read_text(encoding="utf-8"),
 )
 
 if __name__ == "__main__":

@@ -16,19 +16,15 @@ from importlib import import_module
 
 from rows import Page, Row, Table  # isort: skip - it limits the threads of NumPy
 import numpy as np
+from provenance import RESULTS
 
-PAGES = (
-    "accuracy", "robustness", "robots", "baselines", "engines", "logs", "legs_and_motors", "payload", "safety", "speed",
-    "paper", "wrong_files",
-)  # fmt: skip
-"""Modules of all pages."""
 MOST_TRIES = 5  # rows that may turn out to need something that this machine does not have, per repeated row
 
 
 def repeatable() -> Iterator[tuple[Table, Row]]:
     """Yield all rows with a standard deviation and their tables."""
-    for name in PAGES:
-        page: Page = import_module(name).PAGE
+    for file in sorted(RESULTS.glob("*.jsonl")):
+        page: Page = import_module(file.stem).PAGE
         by_name = {table.name: table for table in page.tables}
         for row in page.read().values():
             table = by_name.get(row["key"].split("/")[0])

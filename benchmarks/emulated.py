@@ -7,7 +7,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from rows import NotTriedError  # isort: skip - it limits the threads of NumPy
@@ -15,6 +15,7 @@ import numpy as np
 from simulated import robot_called
 
 from equipoise import Trajectory, nominal_stance
+from equipoise.platform.platform import Platform
 
 ROBOT = "unitree_a1"
 GO2_DOMAIN = 71  # DDS domain of an emulated Go2
@@ -41,6 +42,19 @@ def emulator(module: str, *flags: object) -> Generator[None]:
         finally:
             process.terminate()
             process.wait(timeout=10)
+
+
+def standing_go2() -> AbstractContextManager[None]:
+    """Run an emulated Go2 without errors that stands."""
+    flags = ("--domain", GO2_DOMAIN, "--sim-preset", "ideal", "--start", "standing", "--no-sport-mode")
+    return emulator("unitree_dds", *flags)
+
+
+def oscillate(platform: Platform, seconds: float) -> None:
+    """Play `excitation` again and again for a time."""
+    motion = excitation()
+    for _ in range(round(seconds / (len(motion.position) * platform.control_period))):
+        platform.play(motion)
 
 
 def excitation() -> Trajectory:

@@ -13,12 +13,23 @@ from collections.abc import Iterator
 from importlib.metadata import version
 from itertools import product
 
-from rows import Case, NotTriedError, Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
+from rows import NotTriedError, Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
 import numpy as np
 from gazebo.gazebo_platform import LACKS, GazeboPlatform, Ode
 from gazebo.root import ROOT, SERVER
-from simulated import FIRST_SEED, SCALE_ERROR, judged, payload_of, robot_called, weighed
-from tables import column, failed_checks, figures, interval_of_share, markdown, relative, rms
+from simulated import FIRST_SEED, SCALE_ERROR, cases_of, judged, payload_of, robot_called, weighed
+from tables import (
+    SILENT,
+    column,
+    coverage_with_interval,
+    failed_checks,
+    figures,
+    interval_of_share,
+    is_silent,
+    markdown,
+    relative,
+    rms,
+)
 from worlds.world import ENGINES, lacking, world
 
 from equipoise import BayesianMethod, PaperMethod, Payload, Trajectory, calibrate, nominal_stance
@@ -28,7 +39,12 @@ from equipoise.simulation.effects import IDEAL, REALISTIC
 
 PRESETS = ("ideal", "realistic")
 ROBOTS = {"unitree_a1": 5, "go2": 3, "solo12": 3, "anymal_c": 3}
-"""Number of seeds of each robot, for each preset and engine; Drake simulates only the A1."""
+IN_ENGINES = {
+    (preset, name, engine): n
+    for (name, n), preset, engine in product(ROBOTS.items(), PRESETS, ENGINES)
+    if engine != "drake" or name == "unitree_a1"
+}
+"""Number of runs by preset, robot and engine."""
 PACKAGES = {"mujoco": "mujoco", "dart": "dartpy", "pybullet": "pybullet", "drake": "drake"}
 CONTACTS = {
     "Unitree": ("`kp` 1e6, `kd` 1: the feet in Unitree's A1 URDF", Ode(kp=1e6)),
@@ -51,8 +67,8 @@ IN_GAZEBO = {
 }
 """Number of runs by contacts, preset and method."""
 TARGETS = (0.8, 0.6, 2.0), (5.0, 5.0, 5.0)  # CoM [mm], moments [%]
+COVERAGE = 0.9
 WITHIN = 5e-3  # [m], of the paper's planar CoM
-SILENT = 4.0  # [std], of an error without a failed check
 
 
 def in_engine(preset: str, name: str, engine: str, seed: int) -> Row:
@@ -62,13 +78,7 @@ def in_engine(preset: str, name: str, engine: str, seed: int) -> Row:
     begin = time.process_time()
     with world(engine, preset, robot, payload, seed) as (platform, inertia):
         result = calibrate(platform, robot)
-    truth, found = components(inertia), result.composite
-    return {
-        "truth": truth.tolist(),
-        "error": (found.values - truth).tolist(),
-        "sd": found.stds.tolist(),
-        "holds": [one.lower <= true <= one.upper for one, true in zip(found, truth, strict=True)],
-        "alarms": [check.name for check in result.checks if not check.passed],
+    return judged(result, inertia) | {
         "cpu": time.process_time() - begin,
         "version": f"{ENGINES[engine]} {version(PACKAGES[engine])}",
         "lacks": list(lacking(engine, preset)),
@@ -109,13 +119,12 @@ def _engine_lines(rows: list[Row]) -> Iterator[list[str]]:
     for preset, (engine, called) in product(PRESETS, ENGINES.items()):
         if of := [row for row in rows if row["case"][0] == preset and row["case"][2] == engine]:
             ratios, apart = column(of, "error") / column(of, "sd"), difference(of, rows)
-            held = interval_of_share(float(np.mean([row["holds"] for row in of])), len(of))
             cells = ["-", "-"]
             if engine != "mujoco" and len(apart):
                 cells = [figures(rms(apart.ravel())), figures(np.abs(apart).max())]
             yield [
-                preset, called, str(len(of)), held, figures(rms(ratios.ravel())), figures(np.abs(ratios).max()), *cells,
-                failed_checks(of),
+                preset, called, str(len(of)), coverage_with_interval(of),
+                figures(rms(ratios.ravel())), figures(np.abs(ratios).max()), *cells, failed_checks(of),
             ]  # fmt: skip
 
 
@@ -273,34 +282,17 @@ def _halvings(rows: list[Row]) -> Iterator[list[str]]:
 
 
 def _bayesian_lines(rows: list[Row]) -> Iterator[list[str]]:
-    yield ["*target*", "", *(" ".join(f"*{limit:g}*" for limit in most) for most in TARGETS), "*90 %*", "", "", "*0*"]
+    most = [" ".join(f"*{limit:g}*" for limit in of) for of in TARGETS]
+    yield ["*target*", "", *most, f"*{COVERAGE:.0%}*", "", "", "*0*"]
     for contacts in CONTACTS:
         if of := [row for row in rows if row["case"][0] == contacts]:
             error, ratios = rms(relative(of)), np.abs(column(of, "error") / column(of, "sd"))
-            share = float(np.mean([row["holds"] for row in of]))
-            held = interval_of_share(share, len(of))
-            silent = sum(ratio.max() > SILENT and not row["alarms"] for ratio, row in zip(ratios, of, strict=True))
+            silent = sum(map(is_silent, of))
             yield [
                 contacts, str(len(of)), figures(error[1:4], most=TARGETS[0]), figures(error[4:7], ".1f", TARGETS[1]),
-                held if share >= 0.9 else f"**{held}**", figures(ratios.max(), ".1f"), failed_checks(of),
+                coverage_with_interval(of, COVERAGE), figures(ratios.max(), ".1f"), failed_checks(of),
                 f"**{silent}**" if silent else "0",
             ]  # fmt: skip
-
-
-def engine_cases() -> list[Case]:
-    """Return preset, robot, engine and seed of all cases, ordered by seed."""
-    order = product(range(max(ROBOTS.values())), PRESETS, ROBOTS, ENGINES)
-    return [
-        (preset, name, engine, FIRST_SEED + seed)
-        for seed, preset, name, engine in order
-        if seed < ROBOTS[name] and (engine != "drake" or name == "unitree_a1")
-    ]
-
-
-def gazebo_cases() -> list[Case]:
-    """Return contacts, preset, method and seed of all cases, ordered by the share of their part."""
-    order = [(seed / count, (*part, FIRST_SEED + seed)) for part, count in IN_GAZEBO.items() for seed in range(count)]
-    return [case for _, case in sorted(order, key=lambda one: one[0])]
 
 
 PAGE = Page(
@@ -310,11 +302,11 @@ PAGE = Page(
 `make bench-engines`; seeds from {FIRST_SEED:,}, random payloads of 5 to 30 % of the base's mass. A seed draws the same
 payload, sensors, motors and floor for all engines. `ideal`: perfect sensors, a robot as in its file. Root mean square errors
 of the whole robot at the nominal stance, estimate minus truth. Coverage: share of 95 % intervals that contain the truth, with
-its own 95 % interval as if the ten parameters of a run were one. Bold: target missed.""",
+its own 95 % interval. Bold: target missed.""",
     (
-        Table("engines", in_engine, engine_cases(), show_engines),
+        Table("engines", in_engine, cases_of(IN_ENGINES), show_engines),
         Table("velocities", velocities, [(contacts,) for contacts in CONTACTS], show_velocities),
-        Table("gazebo", in_gazebo, gazebo_cases(), show_gazebo),
+        Table("gazebo", in_gazebo, cases_of(IN_GAZEBO), show_gazebo),
     ),
 )
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from rows import Row, Table  # isort: skip - it limits the threads of NumPy
 import numpy as np
-from simulated import FIRST_SEED
+from simulated import cases_of
 from tables import column, interval_of_share, markdown
 
 from equipoise.recording.run_log_reader import read_log
@@ -205,9 +205,9 @@ TABLES = (
     Table(
         "killed",
         killed,
-        [(name, FIRST_SEED + kill) for kill in range(KILLS) for name in METHODS],
+        cases_of({(name,): KILLS for name in METHODS}),
         show_killed,
         alone=True,
     ),
-    Table("lost", lost, [(FIRST_SEED + loss,) for loss in range(LOSSES)], show_lost, alone=True),
+    Table("lost", lost, cases_of({(): LOSSES}), show_lost, alone=True),
 )

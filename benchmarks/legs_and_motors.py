@@ -11,10 +11,10 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
 
-from rows import Case, Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
+from rows import Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
 import numpy as np
-from simulated import FIRST_SEED, judged, robot_called, weighed
-from tables import column, figures, markdown, relative, rms
+from simulated import FIRST_SEED, cases_of, judged, robot_called, weighed
+from tables import column, coverage, figures, markdown, relative, rms
 
 from equipoise import BayesianMethod, Calibration, Recording, RobotModel, calibrate, nominal_stance, simulate
 from equipoise.method.combined import CombinedMethod
@@ -141,15 +141,9 @@ def _leg_cells(rows: list[Row], most: tuple) -> list[str]:
     ratio = column(rows, "sd").mean(axis=0)[1:7] / rms(column(rows, "error"))[1:7]
     return [
         figures(rms(errors[:, 1:4]), most=most[0]), figures(rms(errors[:, 4:7]), ".1f", most[1]), *moments,
-        figures(1e3 * values["length"], most=most[4]), share(rows), share(found), figures(ratio, ".1f", MOST_STD),
-        str(sum(bool(row["alarms"]) for row in rows)),
+        figures(1e3 * values["length"], most=most[4]), coverage(rows, COVERAGE), coverage(found, COVERAGE),
+        figures(ratio, ".1f", MOST_STD), str(sum(bool(row["alarms"]) for row in rows)),
     ]  # fmt: skip
-
-
-def share(rows: list[Row]) -> str:
-    """Return the coverage, bold below its target."""
-    value = float(np.mean(np.concatenate([row["holds"] for row in rows])))
-    return f"{value:.0%}" if value >= COVERAGE else f"**{value:.0%}**"
 
 
 def motors(what: str, name: str, seed: int) -> Row:
@@ -199,18 +193,14 @@ def _motor_lines(rows: list[Row]) -> Iterator[list[str]]:
             errors = rms(np.hstack(column(of, "error").reshape(len(of), len(QUANTITIES), -1)).T)
             limits, forms = most or (np.inf,) * len(errors), [".1f"] * 4 + [".2f"]
             cells = [figures(*one) for one in zip(errors, forms, limits, strict=True)]
-            yield [what, name, str(len(of)), *cells, share(of), _static_friction(of) if "Stribeck" in what else ""]
+            static = _static_friction(of) if "Stribeck" in what else ""
+            yield [what, name, str(len(of)), *cells, coverage(of, COVERAGE), static]
 
 
 def _static_friction(rows: list[Row]) -> str:
     values = np.concatenate([row["stribeck"] for row in rows])
     reported = f"reported in {sum(bool(row['stribeck']) for row in rows)} of {len(rows)}"
     return f"{rms(values):.0f}, {reported}" if len(values) else reported
-
-
-def by_seed(counts: dict[tuple[str, str], int]) -> list[Case]:
-    """Return the cases of each pair of values with their number of seeds, ordered by seed."""
-    return [(*of, FIRST_SEED + seed) for seed in range(max(counts.values())) for of, n in counts.items() if seed < n]
 
 
 PAGE = Page(
@@ -220,11 +210,11 @@ PAGE = Page(
 `make bench-legs-and-motors`; seeds from {FIRST_SEED:,}. Root mean square errors, estimate minus truth. Coverage: share of
 95 % intervals that contain the truth. Bold: target missed.""",
     (
-        Table("legs", legs, by_seed(LEG_RUNS), show_legs),
+        Table("legs", legs, cases_of(LEG_RUNS), show_legs),
         Table(
             "motors",
             motors,
-            by_seed({(what, name): n for what, (*_, counts) in MOTOR_RUNS.items() for name, n in counts.items()}),
+            cases_of({(what, name): n for what, (*_, counts) in MOTOR_RUNS.items() for name, n in counts.items()}),
             show_motors,
         ),
     ),

@@ -12,12 +12,13 @@ import re
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 from rows import Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
 import numpy as np
 from provenance import write_page
-from simulated import FIRST_SEED, robot_called
+from simulated import FIRST_SEED, cases_of, robot_called
 from tables import column, figures, interval_of_share, markdown, rms
 
 from equipoise import ComSearchSettings, PaperMethod, RobotModel, calibrate, nominal_stance, simulate
@@ -263,27 +264,21 @@ PAGE = Page(
         Table(
             "search",
             search,
-            [("unitree_a1", *of, FIRST_SEED + seed) for of, n in A1_SEARCHES.items() for seed in range(n)]
-            + [(name, *of, FIRST_SEED) for name in CATALOG for of in ALL_SEARCHES],
+            cases_of({("unitree_a1", *of): n for of, n in A1_SEARCHES.items()})
+            + cases_of({(name, *of): n for name in CATALOG for of, n in ALL_SEARCHES.items()}),
             show_searches,
         ),
         Table("effects", effect, [(trial,) for trial in range(EFFECT_TRIALS)], show_effects),
         Table(
             "balance",
             displaced_balance,
-            [
-                (name, diagonal, error, FIRST_SEED + seed)
-                for seed in range(BALANCE_SEEDS)
-                for name in BALANCED
-                for diagonal in DIAGONALS
-                for error in ERRORS
-            ],
+            cases_of(dict.fromkeys(product(BALANCED, DIAGONALS, ERRORS), BALANCE_SEEDS)),
             show_displaced,
         ),
         Table(
             "calibrated",
             calibrated_balance,
-            [(*of, FIRST_SEED + seed) for seed in range(BALANCE_SEEDS) for of in PAYLOADS],
+            cases_of(dict.fromkeys(PAYLOADS, BALANCE_SEEDS)),
             show_calibrated,
         ),
     ),

@@ -13,11 +13,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
 
-from rows import Case, Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
+from rows import Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
 import numpy as np
 import payload_in_walks
-from simulated import FIRST_SEED, SCALE_ERROR, robot_called
-from tables import NORMAL_95, column, coverage, figures, markdown, rms
+from simulated import FIRST_SEED, cases_of, robot_called, weighed
+from tables import column, coverage, figures, markdown, rms
 
 from equipoise import (
     BayesianMethod,
@@ -35,11 +35,12 @@ from equipoise import (
 )
 from equipoise.calibration.payload_measurement import measure_payload
 from equipoise.estimator.prior_runs.prior_run import PriorRun
+from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.simulation.simulation import Simulation
 
-PAIRS = {"unitree_a1": 12, "go2": 4, "anymal_c": 4}
-MEASUREMENTS = {"unitree_a1": 15, "go2": 15}
+PAIRS = {("unitree_a1",): 12, ("go2",): 4, ("anymal_c",): 4}
+MEASUREMENTS = {("unitree_a1",): 15, ("go2",): 15}
 DURATIONS = {"30 s": 30.0, "45 s": 45.0, "30 s, restarted": 30.0}
 SCALE_STEP = 0.01  # [kg]
 MOVED = 5e-3  # [rad], the offset of one joint after a restart
@@ -64,8 +65,7 @@ def payload_on(robot: RobotModel, seed: int) -> Payload:
 
 def reading(seed: int, truth: RobotInertia) -> float:
     """Return the reading of the seed's scale [kg]."""
-    factor = 1 + SCALE_ERROR * float(np.random.default_rng([seed, 77]).standard_normal())
-    return round(factor * truth.composite.mass / SCALE_STEP) * SCALE_STEP
+    return round(weighed(truth.composite.mass, np.random.default_rng([seed, 77])) / SCALE_STEP) * SCALE_STEP
 
 
 def row_of(change: PayloadChange, way: str = "") -> Row:
@@ -104,7 +104,7 @@ def show_pairs(rows: list[Row]) -> Iterator[str]:
 
 
 def _pair_lines(rows: list[Row]) -> Iterator[list[str]]:
-    for name in PAIRS:
+    for (name,) in PAIRS:
         of = [row for row in rows if row["case"][0] == name]
         for way, scale in ((", no scale", "no"), ("", "yes")):
             if of:
@@ -194,7 +194,7 @@ def _measurement_lines(rows: list[Row]) -> Iterable[list[str]]:
         shown = [f"*{limit:g}*" if np.isfinite(limit) else "-" for limit in most]
         if set(shown) != {"-"}:
             yield ["*target*", what, "", "", " ".join(shown[:3]), *shown[3:5], " ".join(shown[5:]), "*90 %*", "", ""]
-        for name in MEASUREMENTS:
+        for (name,) in MEASUREMENTS:
             of = [row[what] for row in rows if row["case"][0] == name]
             if not of:
                 continue
@@ -209,11 +209,6 @@ def _measurement_lines(rows: list[Row]) -> Iterable[list[str]]:
             ]  # fmt: skip
 
 
-def by_seed(counts: dict[str, int]) -> list[Case]:
-    """Return robot and seed of all cases, ordered by seed."""
-    return [(name, FIRST_SEED + seed) for seed in range(max(counts.values())) for name, n in counts.items() if seed < n]
-
-
 PAGE = Page(
     "payload",
     f"""# Payload
@@ -222,8 +217,8 @@ PAGE = Page(
 proportion on others. Root mean square errors, estimate minus truth. Coverage: share of 95 % intervals that contain the truth.
 Bold: target missed.""",
     (
-        Table("pairs", pair, by_seed(PAIRS), show_pairs),
-        Table("measurements", measurements, by_seed(MEASUREMENTS), show_measurements),
+        Table("pairs", pair, cases_of(PAIRS), show_pairs),
+        Table("measurements", measurements, cases_of(MEASUREMENTS), show_measurements),
         payload_in_walks.TABLE,
     ),
 )

@@ -10,13 +10,14 @@ from pathlib import Path
 from rows import Row, Table  # isort: skip - it limits the threads of NumPy
 import numpy as np
 from simulated import FIRST_SEED, SCALE_ERROR, robot_called
-from tables import NORMAL_95, column, figures, markdown, rms
+from tables import column, coverage, figures, markdown, rms
 from walks import GAITS, payload_on_trunk, write_table
 
 from equipoise import BayesianMethod, Payload, RobotModel, calibrate, nominal_stance, simulate
 from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.logs.payload import measure_payload_in_log
 from equipoise.logs.reader import read_log
+from equipoise.result.statistics import NORMAL_95
 
 PAYLOADS = (0.5, 2.0)  # [kg]
 LOADED, BARE = 16, 5  # runs with a payload, and without one
@@ -110,11 +111,10 @@ def _lines(rows: list[Row]) -> Iterator[list[str]]:
         cells = ["-"] * 4
         if found:
             error, narrow = column(found, "payload"), column(found, "determined").astype(bool)
-            covered = float(column(found, "holds").mean())
             near = f", {rms(error[:, 1:][narrow]):.1f}" if narrow.any() else ""
             cells = [
                 figures(rms(error[:, :1]), ".1f", MASS_TARGET), figures(rms(error[:, 1:]), ".0f", PLACE_TARGET),
-                f"{covered:.0%}" if covered >= 0.9 else f"**{covered:.0%}**", f"{narrow.mean():.0%}{near}",
+                coverage(found, 0.9), f"{narrow.mean():.0%}{near}",
             ]  # fmt: skip
         yield [
             way, str(len(loaded)), str(len(found)), *cells, f"{alarms} of {len(bare)}", figures(cpu, ".1f", CPU_TARGET)

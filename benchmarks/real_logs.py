@@ -21,7 +21,7 @@ from pathlib import Path
 from rows import NotTriedError, Row, Table  # isort: skip - it limits the threads of NumPy
 import numpy as np
 from simulated import robot_called
-from tables import NORMAL_95, markdown
+from tables import markdown
 
 from equipoise import BayesianMethod, RobotModel
 from equipoise.drivers.unitree.motors import MOTOR_LEGS, MOTORS
@@ -35,6 +35,7 @@ from equipoise.logs.raw_log import Log
 from equipoise.logs.reader import read_log
 from equipoise.logs.tables.column_names import Columns
 from equipoise.result.held_out import FOUND, MODEL
+from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import components
 
 MASSES = ((12.0, 0.5), (12.0, 3.0), (13.1, 0.5), (14.5, 0.5), (16.0, 0.5))  # [kg] with standard deviations
@@ -56,7 +57,7 @@ ELSEWHERE = (
     ("mrsp/serow, `evaluation/unit_tests/data/go2.csv`, Go2", "the file was not available"),
     (
         "iit-DLSLab/sim2real-robot-identification, Go2",
-        "hangs on a stand, without an IMU; [motors](baselines.md) reads it",
+        "its base is fixed to a stand, without an IMU; [motors](baselines.md) reads it",
     ),
     ("ouguangjun/legkilo-dataset, Go1", "stored outside its repository, not available"),
     ("UMich-CURLY/deep-contact-estimator, Mini Cheetah", "stored outside its repository, not available"),

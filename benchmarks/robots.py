@@ -13,10 +13,11 @@ from typing import Any
 from rows import Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
 import numpy as np
 from simulated import FIRST_SEED, GYM, SCALE_ERROR, cases_of, judged, loaded, robot_called
-from tables import NORMAL_95, coverage_with_interval, markdown, relative
+from tables import coverage_with_interval, markdown, relative
 
 from equipoise import BayesianMethod, PaperMethod, calibrate, nominal_stance
 from equipoise.guard.guard import Guard
+from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.catalog import CATALOG
 
 ROBOTS = (*CATALOG, *(f"{GYM}:{name}" for name in ("a2", "b2", "spot", "hyqreal1", "hyqreal2", "pegasus")))

@@ -16,11 +16,13 @@ from rows import Case, Page, Row, Table, main  # isort: skip - it limits the thr
 import numpy as np
 from simulated import FIRST_SEED, GYM, SCALE_ERROR, cases_of, judged, loaded, robot_called
 from tables import (
-    column,
+    SILENT,
     coverage_with_interval,
+    deviation,
     failed_checks,
     figures,
     interval_of_share,
+    is_silent,
     markdown,
     relative,
     rms,
@@ -55,8 +57,6 @@ COUNTS: dict[Case, int] = {  # robot, preset or effect, factor
 }
 CABLES = {"vertical_pull": "heavy"}
 """`--cable` of runs with an effect that an operator sees and no motion distinguishes from a shifted CoM."""
-SILENT = 4.0
-"""Error in standard deviations that a check must detect."""
 FEET = ("go1", "go2", "a2", "b2", "aliengo", "mini_cheetah", "spot", "hyqreal1", "hyqreal2", "pegasus")
 FEET_SEEDS = 4
 FEET_TARGET = (0.5, 0.5, 2.0, 6, 6, 6)  # CoM [mm] and moments [%] on feet of condim 6
@@ -97,16 +97,6 @@ def run_on_feet(name: str, seed: int) -> Row:
         foot = simulation.platform._model.geom(foot_name("FL"))
         contact = {"friction": foot.friction.tolist(), "condim": int(foot.condim[0]), "version": version(GYM)}
     return calibrated(robot, "realistic", seed, contact_model="file") | contact
-
-
-def deviation(row: Row) -> float:
-    """Return the largest error [standard deviations]."""
-    return float(np.abs(column([row], "error") / column([row], "sd")).max())
-
-
-def is_silent(row: Row) -> bool:
-    """Return true for a large error without a failed check."""
-    return not row["alarms"] and deviation(row) > SILENT
 
 
 def accuracy_cells(rows: list[Row], target: tuple[float, ...]) -> list[str]:

@@ -12,6 +12,7 @@ import numpy as np
 from rows import Case, NotTriedError, Row
 
 from equipoise import Calibration, EffectSizes, RobotModel, load_robot, nominal_stance, simulate
+from equipoise.robot.inertial import InertialParameters
 from equipoise.simulation.effects import Noise
 from equipoise.simulation.simulation import Simulation
 
@@ -74,9 +75,13 @@ def loaded(robot: RobotModel, preset: Noise | EffectSizes, seed: int, **settings
     return simulation, weighed(simulation.truth.composite.mass, generator)
 
 
-def judged(result: Calibration) -> Row:
-    """Return the row of a result with its truth: the whole robot's ten values, failed checks, and intervals if it has any."""
-    body = list(result.composite)
+def judged(result: Calibration, truth: InertialParameters | None = None) -> Row:
+    """Return the row of a result: the whole robot's ten values, failed checks, and intervals if it has any.
+
+    Args:
+        truth: the whole robot; default: the truth that the result has.
+    """
+    body = list(result.composite if truth is None else result.composite.with_truth(truth))
     row: Row = {
         "truth": [quantity.truth for quantity in body],
         "error": [quantity.error for quantity in body],

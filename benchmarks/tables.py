@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from rows import Row
 
-NORMAL_95 = 1.96
-UNITS = "mass %, CoM x, y, z [mm], Ixx, Iyy, Izz [%], Ixy, Ixz, Iyz [% of Ixx]"
-"""Units of `relative`."""
+from equipoise.result.statistics import NORMAL_95
+
+SILENT = 4.0
+"""Error in standard deviations that a check must detect."""
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[str]:
@@ -41,15 +42,16 @@ def column(rows: Iterable[Row], name: str) -> np.ndarray:
 
 
 def relative(rows: Sequence[Row], name: str = "error") -> np.ndarray:
-    """Return (n, 10) errors of the whole robot in `UNITS`; a row has its "truth"."""
+    """Return (n, 10) errors: mass [%], CoM [mm], moments [%], products [% of Ixx]; a row has its "truth"."""
     truth = column(rows, "truth")
     unit = np.hstack([100 / truth[:, :1], np.full((len(truth), 3), 1e3), 100 / truth[:, 4:7], 100 / truth[:, [4] * 3]])
     return column(rows, name) * unit
 
 
-def coverage(rows: Iterable[Row]) -> str:
-    """Return the share of 95 % intervals that contain the truth, by the rows' "holds"."""
-    return f"{np.mean(np.concatenate([row['holds'] for row in rows])):.0%}"
+def coverage(rows: Iterable[Row], least: float = 0.0) -> str:
+    """Return the share of 95 % intervals that contain the truth, by the rows' "holds"; bold below the least allowed one."""
+    share = float(np.mean(np.concatenate([row["holds"] for row in rows])))
+    return f"{share:.0%}" if share >= least else f"**{share:.0%}**"
 
 
 def failed_checks(rows: Sequence[Row]) -> str:
@@ -67,8 +69,23 @@ def interval_of_share(share: float, count: float) -> str:
     return f"{share:.0%} ({max(middle - half, 0.0):.0%} to {min(middle + half, 1.0):.0%})"
 
 
-def coverage_with_interval(rows: Sequence[Row]) -> str:
-    """Return `coverage` with its 95 % interval, widened by the spread of the runs' shares: values of a run correlate."""
+def coverage_with_interval(rows: Sequence[Row], least: float = 0.0) -> str:
+    """Return `coverage` with its 95 % interval, widened by the spread of the runs' shares: values of a run correlate.
+
+    If all or no intervals contain the truth, the spread says nothing of that, and each run counts once.
+    """
     holds = np.array([row["holds"] for row in rows])
     share, spread = holds.mean(), holds.mean(axis=1).var(ddof=1) / len(holds) if len(holds) > 1 else 0.0
-    return interval_of_share(share, min(holds.size, share * (1 - share) / spread) if spread else holds.size)
+    count = min(holds.size, share * (1 - share) / spread) if spread else holds.size if 0 < share < 1 else len(holds)
+    text = interval_of_share(share, count)
+    return text if share >= least else f"**{text}**"
+
+
+def deviation(row: Row) -> float:
+    """Return the largest error [standard deviations]."""
+    return float(np.abs(column([row], "error") / column([row], "sd")).max())
+
+
+def is_silent(row: Row) -> bool:
+    """Return true for a large error without a failed check."""
+    return not row["alarms"] and deviation(row) > SILENT

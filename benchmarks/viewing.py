@@ -15,7 +15,7 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from emulated import GO2, GO2_DOMAIN, ROBOT, emulator, excitation
+from emulated import GO2, ROBOT, oscillate, standing_go2
 from rows import NotTriedError, Row, Table
 from simulated import robot_called
 from tables import column, figures, markdown
@@ -67,15 +67,13 @@ def browser() -> Generator[None]:
 
 def loop(view: str, number: int) -> Row:
     """Return the delays of commands in one of several rounds."""
-    robot, motion = robot_called(ROBOT), excitation()
-    flags = ("--domain", GO2_DOMAIN, "--sim-preset", "ideal", "--start", "standing", "--no-sport-mode")
-    with tempfile.TemporaryDirectory() as place, emulator("unitree_dds", *flags):
+    robot = robot_called(ROBOT)
+    with tempfile.TemporaryDirectory() as place, standing_go2():
         folder = RunFolder.create(Path(place, "run"), robot, BayesianMethod(), {})
         with folder, viewed(view, folder.path):
             remote = RemoteRobot("unitree-go2", robot, GO2, folder.log)
             with remote:
-                for _ in range(round(SECONDS / (len(motion.position) * remote.control_period))):
-                    remote.play(motion)
+                oscillate(remote, SECONDS)
             report = remote.report()
     names = ("commands", "overruns", "stalls", "late_999", "latest", "realtime")
     return {name: getattr(report, name) for name in names} | {"load": os.getloadavg()[0]}

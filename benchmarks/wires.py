@@ -17,8 +17,8 @@ from dataclasses import asdict, dataclass, field
 
 from rows import Row, Table  # isort: skip - it limits the threads of NumPy
 import numpy as np
-from emulated import GO2, GO2_DOMAIN, ROBOT, emulator, excitation
-from simulated import FIRST_SEED, SCALE_ERROR, judged, robot_called, weighed
+from emulated import GO2, GO2_DOMAIN, ROBOT, emulator, oscillate, standing_go2
+from simulated import SCALE_ERROR, cases_of, judged, robot_called, weighed
 from tables import column, coverage, failed_checks, figures, markdown, relative
 
 from equipoise import BayesianMethod, calibrate, nominal_stance, simulate
@@ -110,15 +110,13 @@ def busy(count: int) -> Generator[None]:
 
 def loop(realtime: bool, load: int, seconds: float) -> Row:
     """Measure the lateness of commands during excitation and holding, and CPU time of both processes."""
-    robot, motion = robot_called(ROBOT), excitation()
-    flags = ("--domain", GO2_DOMAIN, "--sim-preset", "ideal", "--start", "standing", "--no-sport-mode")
-    with emulator("unitree_dds", *flags), busy(load):
+    robot = robot_called(ROBOT)
+    with standing_go2(), busy(load):
         remote = RemoteRobot("unitree-go2", robot, GO2, realtime=realtime)
         began, used = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF)
         with remote:
             standing, feet = stand_up(remote, robot, nominal_stance(robot))
-            for _ in range(round(seconds / (len(motion.position) * remote.control_period))):
-                remote.play(motion)
+            oscillate(remote, seconds)
             move_to(standing, feet)
         now, wall = resource.getrusage(resource.RUSAGE_SELF), time.monotonic() - began
     share = (now.ru_utime + now.ru_stime - used.ru_utime - used.ru_stime) / wall
@@ -234,7 +232,7 @@ TABLES = (
     Table(
         "wires",
         calibrated,
-        [(name, FIRST_SEED + seed) for seed in range(SEEDS) for name in WIRES],
+        cases_of({(name,): SEEDS for name in WIRES}),
         show_calibrated,
         alone=True,
     ),

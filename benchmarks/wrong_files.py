@@ -14,8 +14,8 @@ from pathlib import Path
 
 from rows import Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
 import numpy as np
-from simulated import FIRST_SEED, judged, payload_of, robot_called, weighed
-from tables import column, coverage, figures, interval_of_share, markdown, relative, rms
+from simulated import FIRST_SEED, cases_of, judged, payload_of, robot_called, weighed
+from tables import SILENT, column, coverage, figures, interval_of_share, markdown, relative, rms
 
 from equipoise import (
     BayesianMethod,
@@ -50,7 +50,6 @@ RUNS: dict[tuple[str, Noise], int] = {
     ("anymal_c", "stress"): 4,
 }
 OTHER = {"unitree_a1": "go2", "go2": "unitree_a1", "anymal_c": "anymal_b"}
-SILENT = 4.0  # standard deviations
 
 DIAGNOSES = 20
 ASKED_FIRST, JUDGED = 0.9, ("joint", "payload", "imu")  # target of the share that is ranked first, and its causes
@@ -310,18 +309,13 @@ PAGE = Page(
         Table(
             "files",
             files,
-            [(*of, FIRST_SEED + seed) for seed in range(max(RUNS.values())) for of, n in RUNS.items() if seed < n],
+            cases_of(RUNS),
             show_files,
         ),
         Table(
             "causes",
             causes,
-            [
-                (source, cause, FIRST_SEED + seed)
-                for seed in range(DIAGNOSES)
-                for cause in CAUSES
-                for source in ("calibration", "log")
-            ],
+            cases_of({(source, cause): DIAGNOSES for cause in CAUSES for source in ("calibration", "log")}),
             show_causes,
         ),
     ),
