@@ -71,19 +71,24 @@ def cache(shared_folder):
         yield
 
 
+USUAL_TIMESTEP = mujoco_model.TIMESTEP
+
+
 @pytest.fixture(scope="session", autouse=True)
 def coarse_engine():
     """Let MuJoCo take steps of 1 ms, which halves the computation of its physics."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(mujoco_model, "TIMESTEP", 1e-3)
-        yield
+    yield from _steps_of(1e-3)
 
 
 @pytest.fixture(scope="module")
 def fine_engine():
     """Let MuJoCo take its usual steps, in tests whose figures depend on them."""
+    yield from _steps_of(USUAL_TIMESTEP)
+
+
+def _steps_of(timestep):
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(mujoco_model, "TIMESTEP", 5e-4)
+        patched.setattr(mujoco_model, "TIMESTEP", timestep)
         yield
 
 
