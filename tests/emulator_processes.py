@@ -27,11 +27,11 @@ class EmulatorProcess:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
-    def wait_for(self, key, value=None, patience=PATIENCE):
-        """Return the first log entry with a key (and a value)."""
+    def wait_for(self, key, value=None, patience=PATIENCE, after=None):
+        """Return the first log entry with a key (and a value), or the first one that follows another entry."""
         until = time.monotonic() + patience
         while time.monotonic() < until:
-            for entry in list(self.log):
+            for entry in self.log[0 if after is None else self.log.index(after) + 1 :]:
                 if key in entry and value in (None, entry[key]):
                     return entry
             if self._process.poll() is not None and not self._reader.is_alive():
