@@ -11,10 +11,9 @@ import os
 import random
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
 
-from rows import Page, Row, Table  # isort: skip - it limits the threads of NumPy
+from rows import Page, Row, Table, workers  # isort: skip - it limits the threads of NumPy
 import numpy as np
 from provenance import RESULTS
 
@@ -53,7 +52,7 @@ def main() -> None:
     found = list(repeatable())
     chosen = random.sample(found, min(MOST_TRIES * given.rows, len(found)))
     tried = failed = 0
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with workers(os.cpu_count() or 1) as pool:
         while chosen and tried < given.rows:
             now = [chosen.pop() for _ in range(min(given.rows - tried, len(chosen)))]
             for (_, row), how in zip(now, pool.map(change, *zip(*now, strict=True)), strict=True):

@@ -15,9 +15,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import as_completed
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,7 @@ import numpy as np
 from provenance import RESULTS, commit, write_page
 
 from equipoise.errors import EquipoiseError, MissingDependencyError
+from equipoise.lab.study.processes import Processes
 
 Row = dict[str, Any]
 Case = tuple[Any, ...]
@@ -131,11 +134,16 @@ def main(page: Page) -> None:
         page.file.unlink(missing_ok=True)
     rows = page.read()
     wanted = [] if given.text else [one for one in in_turn(page.tables, given.part) if one[0].key(one[1]) not in rows]
-    for row in run_all([one for one in wanted if given.only in one[0].key(one[1])], given.jobs):
-        rows[row["key"]] = row
-        with page.file.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
-        print(row["key"], row.get("failed", ""), flush=True)
+    try:
+        with closing(run_all([one for one in wanted if given.only in one[0].key(one[1])], given.jobs)) as made:
+            for row in made:
+                rows[row["key"]] = row
+                with page.file.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(row) + "\n")
+                print(row["key"], row.get("failed", ""), flush=True)
+    except KeyboardInterrupt:
+        print("interrupted; finished rows are kept, and the same command makes the missing ones")
+        sys.exit(130)
     text = page.text(rows)
     known = {table.key(case) for table in page.tables for case in table.cases}
     write_page(f"{page.name}.md", text, [row for key, row in rows.items() if key in known])
@@ -152,11 +160,21 @@ def in_turn(tables: Iterable[Table], part: float = 1.0) -> list[tuple[Table, Cas
     return [(table, case) for *_, table, case in sorted(placed, key=lambda one: one[:3])]
 
 
-def run_all(wanted: Sequence[tuple[Table, Case]], jobs: int) -> Iterator[Row]:
+@contextmanager
+def workers(count: int) -> Generator[Processes]:
+    """Yield worker processes, which end with the context, also in the middle of their calls."""
+    pool = Processes(count)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def run_all(wanted: Sequence[tuple[Table, Case]], jobs: int) -> Generator[Row]:
     """Yield the rows of cases as they finish; those of tables that run alone one by one at the end."""
     made_at = commit()
     together = [(table, case) for table, case in wanted if not table.alone]
-    with ProcessPoolExecutor(jobs) as pool:
+    with workers(jobs) as pool:
         for future in as_completed([pool.submit(table.row, case, made_at) for table, case in together]):
             if (row := future.result()) is not None:
                 yield row
