@@ -18,6 +18,7 @@ from equipoise.lab.study.rows import Table, column, failed, table_of
 from equipoise.lab.study.store import FAILURES, TrialStore
 from equipoise.lab.study.study import Study
 from equipoise.lab.study.trial import check_study, run_trial
+from equipoise.platform.interruptions import Interruptions
 from equipoise.threads import ONE_THREAD
 
 LOST = "WorkerLost"
@@ -25,7 +26,7 @@ LOST = "WorkerLost"
 
 _IN_FLIGHT_PER_WORKER = 3  # so that workers do not wait for trials
 _LIMIT = 1800.0  # [s]; the slowest robots and engines take some minutes
-_PATIENCE = 1.0  # [s] between checks for Ctrl-C, which `wait` blocks on some systems
+_PATIENCE = 0.2  # [s] between checks for Ctrl-C
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,13 @@ def run_study(
         arrivals = _Arrivals(store, trials, len(missing), report)
         with _one_thread_each(), _pool(executor, at_once()) as pool:
             try:
-                _run(study, missing, arrivals, pool, at_once, limit)
+                interruptions = Interruptions()
+                with (
+                    interruptions.noted()
+                ):  # `wait` holds locks that workers need, and an exception could keep them locked
+                    for _ in _run(study, missing, arrivals, pool, at_once, limit):
+                        if interruptions.asked:
+                            raise KeyboardInterrupt
             finally:
                 store.flush()
     rows = store.rows()
@@ -124,7 +131,8 @@ class _Arrivals:
 
 def _run(
     study: Study, missing: deque[int], arrivals: _Arrivals, pool: Executor, at_once: Callable[[], int], limit: float
-) -> None:
+) -> Generator[None]:
+    """Run trials; yields between waits, also if none has finished."""
     logs = str((arrivals.store.folder / FAILURES).resolve())  # workers may run in other folders
     running: dict[Future[Table], int] = {}
     while missing or running:
@@ -138,6 +146,7 @@ def _run(
         ):  # rows before errors
             arrivals.add(_rows(study, running.pop(future), future, limit))
         arrivals.store.flush_if_due()
+        yield
 
 
 def _rows(study: Study, trial: int, future: Future[Table], limit: float) -> Table:
