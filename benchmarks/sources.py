@@ -23,7 +23,8 @@ ROOT = Path(__file__).resolve().parents[1]
 UNKNOWN = "unknown"
 FOLDERS = ("benchmarks", "src/equipoise")
 """Folders of the sources."""
-_BOOKKEEPING = {"benchmarks/provenance.py", "benchmarks/sources.py"}  # without effect on results
+# Without effect on results.
+_BOOKKEEPING = {"benchmarks/provenance.py", "benchmarks/sources.py", "src/equipoise/_version.py"}
 _MODULE = re.compile(r"\bequipoise(?:\.\w+)+(?![\w.])")
 _HASH_LENGTH = 12
 

@@ -71,6 +71,10 @@ def test_an_estimate_with_other_settings_keeps_the_result_of_the_run(tmp_path, c
     assert json.loads(out.read_text(encoding="utf-8"))["settings"]["feet"] == "commanded"
     assert (run / "calibration.json").read_text(encoding="utf-8") == own
     assert main(["estimate", str(run), "--feet", "guessed"]) == 2
+    (run / "calibration.json").unlink()
+    capsys.readouterr()
+    assert main(["estimate", str(run)]) == 0
+    assert f"finish it: equipoise calibrate --resume {run}" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("verb", [["estimate"], ["report"], ["calibrate", "--resume"]], ids=lambda verb: verb[0])

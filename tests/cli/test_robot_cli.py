@@ -167,6 +167,7 @@ def test_a_dry_run_moves_nothing_and_prints_the_plan(tmp_path, monkeypatch, caps
         "Nothing was moved.",
     ):
         assert words in printed
+    assert "Joint gains: 60 Nm/rad and 5.0 Nm s/rad" in printed, "those that the run will command"
     assert main(["calibrate", "--method", "paper", "--dry-run", "--json"]) == 0
     table = json.loads(capsys.readouterr().out)
     assert table["schema"] == "equipoise.rehearsal/1"

@@ -198,9 +198,10 @@ def calibrate_for(arguments: Sequence[str]) -> Verb:
 def show_rehearsal(model: RobotModel, method: Method, platform: str, json: bool) -> None:
     """Print the plan of a calibration."""
     from equipoise.calibration.rehearsal import rehearse
+    from equipoise.drivers.platforms import for_platform
     from equipoise.terminal.robot_reports import print_rehearsal
 
-    rehearsal = rehearse(model, method)
+    rehearsal = rehearse(for_platform(platform, model), method)
     if json:
         table = {"schema": "equipoise.rehearsal/1", "platform": platform, **rehearsal.to_dict()}
         table["imu"] = model.imu.to_dict()

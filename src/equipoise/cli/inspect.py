@@ -186,6 +186,10 @@ def _estimate_run(folder: RunFolder, given: Mapping[str, Any], output: EstimateO
         print(result.to_json(), end="")
         return result
     output.show(result, files, output.out or (folder.path if own and folder.complete else None))
+    if not folder.complete:
+        print(
+            f"interrupted run, {len(result.trials)} trials; finish it: equipoise calibrate --resume {typed(folder.path)}"
+        )
     if not own and output.out is None:
         file, kept = folder.path / "again.json", folder.path / RESULT
         print(f"not saved, and different from {kept}: to save, view and export it, add --out {file}")

@@ -106,7 +106,7 @@ def payload(
         result = run(output.silent)
     measurement = _with_truth(measure_payload(model, method.prior_run, result), method.prior_run)
     write_file(out / PAYLOAD, json_module.dumps(measurement.to_dict(), indent=2) + "\n")
-    output.write(measurement.to_dict(), lambda: _print(measurement))
+    output.write(measurement.to_dict(), lambda: _print(measurement, out / PAYLOAD))
     return exit_code(required, measurement.verdicts)
 
 
@@ -134,7 +134,7 @@ def _from_log(
     table = {**measurement.to_dict(), "log": report.to_dict()}
     if out is not None:
         write_file(out, json_module.dumps(table, indent=2) + "\n")
-    output.write(table, lambda: _print(measurement))
+    output.write(table, lambda: _print(measurement, out))
     return exit_code(required, measurement.verdicts)
 
 
@@ -166,9 +166,11 @@ def _with_truth(measurement: PayloadMeasurement, prior_run: PriorRun) -> Payload
     return replace(measurement, change=measurement.change.with_truth(before, truth))
 
 
-def _print(measurement: PayloadMeasurement) -> None:
+def _print(measurement: PayloadMeasurement, saved: Path | None) -> None:
     for failed in (check for check in measurement.result.checks if not check.passed):
         print(f"check failed: {failed.name}: {failed.message}")
     for warning in measurement.change.warnings:
         print(f"changed: {warning}")
     print(measurement.message)
+    if saved is not None:
+        print(f"saved: {saved}")

@@ -17,6 +17,7 @@ from equipoise.terminal.rich_tables import show_table
 _SHOWN_ABOVE = 1.0  # normal deviate; one of six causes without an error exceeds it
 _UNITS = {"rad": (math.degrees(1.0), "deg", "+.2f"), "m": (1000.0, "mm", "+.1f"), "kg": (1.0, "kg", "+.2f")}
 _FRACTION = (100.0, "%", "+.1f")
+_NAMES = {"com_x": "CoM x of the robot", "com_y": "CoM y of the robot"}
 
 
 def print_diagnosis(found: Diagnosis, failed: Sequence[str], run: str) -> None:
@@ -45,9 +46,7 @@ def print_diagnosis(found: Diagnosis, failed: Sequence[str], run: str) -> None:
     if significant:
         console.print(escape(f"RUN is {run}"), soft_wrap=True)
     for name in (cause.name for cause in shown if cause.name in {name for name, *_ in found.inseparable}):
-        others = ", ".join(
-            f"{other} ({correlation:.2f})" for one, other, correlation in found.inseparable if one == name
-        )
+        others = ", ".join(f"{other} ({value:.2f})" for one, other, value in found.inseparable if one == name)
         console.print(escape(f"{name} is not separated by these data from (correlation): {others}"))
     for words, causes in (("not determined", possible[len(likely) :]), ("ruled out", out)):
         if causes:
@@ -66,7 +65,7 @@ def _row(cause: Cause) -> list[str]:
 def _value(quantity: Quantity) -> str:
     factor, unit, form = _UNITS.get(quantity.unit, _FRACTION)
     value, std = (factor * float(number or 0.0) for number in (quantity.value, quantity.std))
-    return f"{quantity.name} {value:{form}} {unit} (std {std:{form[1:]}})"
+    return f"{_NAMES.get(quantity.name, quantity.name)} {value:{form}} {unit} (std {std:{form[1:]}})"
 
 
 def _counted(causes: Sequence[Cause]) -> str:

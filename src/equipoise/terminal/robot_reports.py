@@ -140,7 +140,7 @@ def gain_lines(robot: RobotModel, platform: str) -> list[str]:
     kp, kd = robot.gains(nominal_stance(robot).hip_height)
     source = ", as in the manufacturer's example" if driver.makers_gains == (kp, kd) else ""
     lines = [
-        f"Joint gains: {kp:.0f} Nm/rad and {kd:.1f} Nm s/rad{source}; the robot is lowered with the damping alone."
+        f"Joint gains: {kp:.0f} Nm/rad and {kd:.1f} Nm s/rad{source}; at the end the robot is lowered, then damped."
     ]
     if driver.makers_gains is not None and driver.makers_gains != (kp, kd):
         example = "{:g} and {:g}; --kp {:g} --kd {:g}".format(*driver.makers_gains, *driver.makers_gains)
