@@ -2,6 +2,8 @@
 
 Rows are repeated that have errors with standard deviations, of robots and programs that this machine has. Rounding of another
 processor may change a plan, and with it a row by some standard deviations.
+
+    python benchmarks/check.py --confirm accuracy robots --rows 8    # if equal, the pages become current: `provenance.py`
 """
 
 from __future__ import annotations
@@ -15,8 +17,9 @@ from importlib import import_module
 
 from rows import Page, Row, Table, workers  # isort: skip - it limits the threads of NumPy
 import numpy as np
-from provenance import RESULTS
+from provenance import RESULTS, confirm_page
 
+EQUAL = 1e-4  # [std]; rows are kept with six digits
 MOST_TRIES = 5  # rows that may turn out to need something that this machine does not have, per repeated row
 
 
@@ -43,13 +46,35 @@ def change(table: Table, row: Row) -> float | str | None:
     return float(np.nanmax(np.abs(now - before) / sd))
 
 
+def confirmed(name: str, count: int) -> bool:
+    """Repeat random rows of a page; note it on the page if none differs by more than rounding."""
+    own = {table.name for table in import_module(name).PAGE.tables}
+    kept = import_module(name).PAGE.read()
+    rows = [(table, row) for table, row in repeatable() if table.name in own and kept.get(row["key"]) == row]
+    chosen = random.sample(rows, min(count, len(rows)))
+    with workers(os.cpu_count() or 1) as pool:
+        found = list(pool.map(change, *zip(*chosen, strict=True))) if chosen else []
+    tried = [how for how in found if how is not None]
+    equal = bool(tried) and all(isinstance(how, float) and how < EQUAL for how in tried)
+    print(f"{name}: {len(tried)} rows tried, {'equal' if equal else f'not equal: {tried}'}", flush=True)
+    if equal:
+        confirm_page(f"{name}.md", len(tried))
+    return equal
+
+
 def main() -> None:
     """Repeat rows until enough were tried."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--rows", type=int, default=6, metavar="N", help="number of rows")
     parser.add_argument("--within", type=float, default=0.02, metavar="STD", help="allowed change")
+    parser.add_argument(
+        "--confirm", nargs="+", default=(), metavar="PAGE", help="pages to confirm, each by so many rows"
+    )
     given = parser.parse_args()
     found = list(repeatable())
+    if given.confirm:
+        equal = [confirmed(name, given.rows) for name in given.confirm]
+        sys.exit(not all(equal))
     chosen = random.sample(found, min(MOST_TRIES * given.rows, len(found)))
     tried = failed = 0
     with workers(os.cpu_count() or 1) as pool:

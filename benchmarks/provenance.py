@@ -2,7 +2,8 @@
 
 The last line of a page is "Made at commit COMMIT; sources HASH.", written by `write_page("NAME.md", text)`. The hash covers
 the script of the page and its imports from the project (`sources.py`). A page is current if its hash equals that of the
-present sources.
+present sources. After a change that should not affect it, `check.py --confirm` repeats random rows; if they are equal, a line
+with the present hash follows.
 
     python benchmarks/provenance.py              # every page: current, or the number of changed sources
     python benchmarks/provenance.py NAME.md      # add the last line to a page that a verb has just written
@@ -21,22 +22,14 @@ from sources import FOLDERS, ROOT, UNKNOWN, changes, hash_of
 
 RESULTS = ROOT / "benchmarks" / "results"
 OLDER = {
-    "accuracy": ("perfect_sensors",),
-    "baselines": ("peers", "peers_tuning"),
-    "engines": ("gazebo",),
-    "legs_and_motors": ("legs", "motors"),
-    "logs": ("base_pose", "real_logs", "validate", "walking"),
-    "paper": ("accuracy_paper", "balance", "paper/README", "sources/summary"),
-    "payload": ("weigh",),
-    "robots": ("guard",),
-    "robustness": ("feet", "footholds"),
+    "paper": ("paper/README",),
     "safety": ("foreign", "kill_resume", "link", "mutants", "ros2", "stays_up", "udp"),
     "speed": ("monte_carlo", "report", "size", "view"),
-    "wrong_files": ("diagnose",),
 }
 """Pages of older code whose tables are on another page now, until that is made again, by its name."""
 MAKERS = {f"{name}.md": f"benchmarks/{maker}.py" for maker, names in OLDER.items() for name in names}
 """Maker of each page whose script has another name."""
+_REPEATED = re.compile(r"\n*^Repeated at commit (\S+): (\d+) rows, equal; sources (\S+)\.$", re.MULTILINE)
 _LAST_LINE = re.compile(r"^Made at commit ([^;\n]+); sources ([^;\n]+)\.$", re.MULTILINE)
 
 
@@ -51,7 +44,15 @@ def write_page(name: str, text: str, rows: Iterable[Mapping[str, object]] | None
     commits = [commit()] if rows is None else sorted({str(row.get("commit", UNKNOWN)) for row in rows})
     hashes = dict.fromkeys(hash_of(maker_of(name), "" if one == commit() else one) for one in commits)
     made = f"Made at commit {', '.join(commits)}; sources {', '.join(hashes)}."
-    (RESULTS / name).write_text(f"{_LAST_LINE.sub('', text).rstrip()}\n\n{made}\n", encoding="utf-8")
+    text = _LAST_LINE.sub("", _REPEATED.sub("", text)).rstrip()
+    (RESULTS / name).write_text(f"{text}\n\n{made}\n", encoding="utf-8")
+
+
+def confirm_page(name: str, rows: int) -> None:
+    """Add a line to a page: some rows, repeated with the present sources, are equal."""
+    text = _REPEATED.sub("", (RESULTS / name).read_text(encoding="utf-8")).rstrip()
+    line = f"Repeated at commit {commit()}: {rows} rows, equal; sources {hash_of(maker_of(name))}."
+    (RESULTS / name).write_text(f"{text}\n\n{line}\n", encoding="utf-8")
 
 
 def maker_of(name: str) -> str:
@@ -87,19 +88,22 @@ class Page(NamedTuple):
     """Commits that its rows were made at; empty if the page does not name them."""
     hashes: tuple[str, ...]
     """Hashes of the sources at those commits."""
+    confirmed: str = ""
+    """Hash of the sources with which rows were repeated and equal."""
 
     @classmethod
     def read(cls, path: Path) -> Page:
         """Read the last line of a page in `benchmarks/results`; the page may also lie elsewhere under its path there."""
         maker = maker_of(path.relative_to(RESULTS).as_posix())
-        found = _LAST_LINE.findall(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        found, repeated = _LAST_LINE.findall(text), _REPEATED.findall(text)
         commits, hashes = (tuple(part.split(", ")) for part in found[-1]) if found else ((), ())
-        return cls(maker, commits, hashes)
+        return cls(maker, commits, hashes, repeated[-1][-1] if repeated else "")
 
     @property
     def is_current(self) -> bool:
         """True if the present sources made the whole page."""
-        return self.hashes == (hash_of(self.maker),)
+        return hash_of(self.maker) == self.confirmed or self.hashes == (hash_of(self.maker),)
 
     @property
     def command(self) -> str:

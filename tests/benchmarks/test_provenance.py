@@ -11,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT / "benchmarks"))  # last: some names equal those of tests
+import provenance  # noqa: E402
 from provenance import RESULTS, Page, pages  # noqa: E402
 from sources import Tree, sources, tree_of  # noqa: E402
 
@@ -178,3 +179,19 @@ def test_readme_names_the_commit_of_figures_and_marks_older_code():
             page = Page.read(ROOT / link)
             assert all(name in text for name in page.commits)
             assert ("older code" in " ".join(text.split())) is not page.is_current
+
+
+def test_a_page_of_older_code_is_current_if_repeated_rows_were_equal(tmp_path, monkeypatch):
+    for module in (provenance, sys.modules["sources"]):
+        monkeypatch.setattr(module, "RESULTS", tmp_path, raising=False)
+    page = tmp_path / "robots.md"
+    page.write_text("# Robots\n\nMade at commit 0123abc; sources another.\n", encoding="utf-8")
+    assert not Page.read(page).is_current
+    provenance.confirm_page("robots.md", 3)
+    provenance.confirm_page("robots.md", 5)
+    assert Page.read(page).is_current
+    text = page.read_text(encoding="utf-8")
+    assert text.count("Repeated at commit") == 1
+    assert ": 5 rows, equal; sources " in text
+    page.write_text(text.replace(provenance.hash_of("benchmarks/robots.py"), "changed"), encoding="utf-8")
+    assert not Page.read(page).is_current

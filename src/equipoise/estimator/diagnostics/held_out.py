@@ -172,13 +172,13 @@ def _stds(tilts: TiltEquation, x: FloatArray, covariances: Sequence[FloatArray])
 
 def _since_the_start(lift: LiftSamples) -> FloatArray:
     """Return the (n, n) matrix from angular velocities, less the first, to the rotation since the first sample."""
-    since = np.eye(len(lift.joint_position))
+    since = np.eye(lift.rows)
     since[:, 0] -= 1.0
     return np.asarray(integral(len(since), lift.step) @ since, dtype=float)
 
 
 def _times(lift: LiftSamples) -> FloatArray:
-    return np.asarray(lift.step * np.arange(len(lift.joint_position)), dtype=float)
+    return np.asarray(lift.step * np.arange(lift.rows), dtype=float)
 
 
 def _tilt(unknowns: Unknowns, legs: LegChains, lift: LiftSamples) -> FloatArray:
@@ -187,4 +187,5 @@ def _tilt(unknowns: Unknowns, legs: LegChains, lift: LiftSamples) -> FloatArray:
     line = feet[:, left] - feet[:, right]
     angular_velocity = lift.angular_velocity_in_imu @ np.array(unknowns.robot.imu_in_base.rotation).T
     rate = np.einsum("ni,ni->n", line, angular_velocity) / np.linalg.norm(line, axis=1)
+    rate = rate if lift.average is None else lift.average @ rate
     return np.asarray(integral(len(rate), lift.step) @ rate, dtype=float)

@@ -60,7 +60,7 @@ class TiltEquation(MotionEquation[LiftSamples]):
         self._unexplained = np.zeros(self.motions[-1][1].stop)
 
     def _rows_in(self, sample: LiftSamples) -> int:
-        return len(sample.joint_position)
+        return sample.rows
 
     def prepare(self, x: FloatArray) -> None:
         """Compute the noise of each trial, of its sensors and beyond."""
@@ -163,7 +163,7 @@ class TiltNoise:
     @classmethod
     def of(cls, lift: LiftSamples) -> TiltNoise:
         """Return the noise of a lift from that of its sensors at rest."""
-        count = len(lift.joint_position)
+        count = lift.rows
         integrate = integral(count, lift.step)
         ramp = _BIAS_FLOOR * lift.step * np.arange(count)
         force = integrate @ lift.acceleration_noise @ integrate.T + np.outer(ramp, ramp)

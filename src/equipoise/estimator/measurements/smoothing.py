@@ -39,12 +39,12 @@ class SplineFit:
     def at(self, time: FloatArray, derivative: int = 0) -> FloatArray:
         """Return (n, k) values, or a derivative, at (n,) times."""
         curve = self.spline.derivative(derivative) if derivative else self.spline
-        later, weights = _mean_about(self.reach)
+        later, weights = mean_about(self.reach)
         return np.tensordot(weights, curve(later[:, None] + time), axes=1)
 
     def noise(self, time: FloatArray, derivative: int = 0) -> FloatArray:
         """Return the (n, n) covariance of `at`, for samples with a standard deviation of one."""
-        later, weights = _mean_about(self.reach)
+        later, weights = mean_about(self.reach)
         at_all = _basis(self.spline.t, (later[:, None] + time).ravel(), derivative).toarray()
         basis = np.tensordot(weights, at_all.reshape(len(weights), len(time), -1), axes=1)
         return np.asarray(basis @ cho_solve_banded((self.factor, True), basis.T), dtype=float)
@@ -100,7 +100,7 @@ def noise_in_motion(values: FloatArray) -> float:
     return float(np.median(sizes)) / (0.6745 * np.sqrt(20))
 
 
-def _mean_about(reach: float) -> tuple[FloatArray, FloatArray]:
+def mean_about(reach: float) -> tuple[FloatArray, FloatArray]:
     """Return relative times and weights of an average: a mean of three, applied four times, that ends at the reach."""
     if not reach:
         return np.zeros(1), np.ones(1)

@@ -99,14 +99,16 @@ class TiltInvariant:
 
     def __init__(self, robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> None:
         self.legs = legs
-        counts = [len(lift.joint_position) for lift in lifts]
-        ends = np.cumsum(counts)
-        self.trials = [slice(int(end - count), int(end)) for end, count in zip(ends, counts, strict=True)]
+        self.trials = _slices([lift.rows for lift in lifts])
+        self._readings = _slices([len(lift.joint_position) for lift in lifts])
+        self._averages = [lift.average for lift in lifts]
         # Integration is linear: one matrix per trial is faster than a call per trial and evaluation.
-        self._integrals = [integral(len(lift.joint_position), lift.step) for lift in lifts]
+        self._integrals = [
+            _averaged(lift.average, integral(len(lift.joint_position), lift.reading_step)) for lift in lifts
+        ]
         self._samples = TiltSamples.of(robot, legs, lifts)
-        self._first = self._samples.at(np.array([trial.start for trial in self.trials], dtype=np.intp))
-        self._middles = [(trial.start + trial.stop) // 2 for trial in self.trials]
+        self._first = self._samples.at(np.array([trial.start for trial in self._readings], dtype=np.intp))
+        self._middles = [(trial.start + trial.stop) // 2 for trial in self._readings]
         self._one_by_one = self._samples.one_by_one(self._middles)
         self._last: tuple[tuple[bytes, ...], Linearised] | None = None  # rounds and checks ask for it again
 
@@ -128,7 +130,7 @@ class TiltInvariant:
         """Return (n,) y(t) and (trials,) inertia l . I_o l at each first sample [kg m2], with separate values per trial."""
         own = {name: np.stack([of[name] for of in values], axis=1) for name in self.DEPENDS_ON}
         own["inertial"] = np.stack(inertial, axis=1)
-        counts = [trial.stop - trial.start for trial in self.trials]
+        counts = [trial.stop - trial.start for trial in self._readings]
         repeated = {name: np.repeat(value, counts, axis=1) for name, value in own.items()}
         momentum, rate = self._samples.momentum_and_rate(inputs_of(repeated, [*own], self._samples.count))
         inertia, _ = self._first.inertia_and_moment(inputs_of(own, [*own], self._first.count))
@@ -138,7 +140,7 @@ class TiltInvariant:
         """Return the corrected sensor readings of each trial."""
         inputs = self._inputs(values, np.zeros(BASE + 4 * self.legs.links), self._samples)
         parts = self._samples.corrected(inputs)
-        return [SensedLift(*(part.value[:, trial].T for part in parts)) for trial in self.trials]
+        return [SensedLift(*(part.value[:, trial].T for part in parts)) for trial in self._readings]
 
     def levers(self, values: Values, inertial: FloatArray) -> FloatArray:
         """Return the levers of `evaluate`."""
@@ -209,10 +211,18 @@ class TiltInvariant:
 
     def _integrated(self, momentum: FloatArray, rate: FloatArray) -> FloatArray:
         """Return y(t) from l . L_o and the right side, or its derivatives from theirs."""
-        y = momentum.copy()
-        for trial, integral in zip(self.trials, self._integrals, strict=True):
-            y[trial] -= integral @ rate[trial]
-        return y
+        parts = zip(self._averages, self._integrals, self._readings, strict=True)
+        return np.concatenate([_averaged(mean, momentum[of]) - integral @ rate[of] for mean, integral, of in parts])
+
+
+def _averaged(average: FloatArray | None, rows: FloatArray) -> FloatArray:
+    return rows if average is None else average @ rows
+
+
+def _slices(counts: Sequence[int]) -> list[slice]:
+    """Return the places of consecutive parts with these numbers of rows."""
+    ends = np.cumsum(counts)
+    return [slice(int(end - count), int(end)) for end, count in zip(ends, counts, strict=True)]
 
 
 @lru_cache(maxsize=256)  # all planned lifts have the same one

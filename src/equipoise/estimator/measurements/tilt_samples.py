@@ -259,7 +259,9 @@ def _joint_readings(robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamp
 
 def _rates(readings: Sequence[FloatArray], lifts: Sequence[LiftSamples]) -> FloatArray:
     """Return (n, k) rates of change of the readings of several lifts."""
-    return np.concatenate([np.gradient(part, lift.step, axis=0) for part, lift in zip(readings, lifts, strict=True)])
+    return np.concatenate(
+        [np.gradient(part, lift.reading_step, axis=0) for part, lift in zip(readings, lifts, strict=True)]
+    )
 
 
 def carried_torque(robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> FloatArray:
