@@ -81,8 +81,9 @@ fuzz: $(DEV_STAMP)
 mutants: $(DEV_STAMP)
 	$(BIN)/python benchmarks/mutants.py
 
-# All results pages, some four hours on two cores. An interrupted benchmark resumes; `benchmarks/NAME.py --help` lists its options.
-# Gazebo 11 needs root and debootstrap, and logs of real robots need checkouts (benchmarks/real_logs.py); they are skipped elsewhere.
+# All results pages, some seven hours on two cores, one of them with nothing else running. An interrupted benchmark resumes;
+# `benchmarks/NAME.py --help` lists its options. Gazebo 11 needs root and debootstrap, and logs of real robots need checkouts
+# (benchmarks/real_logs.py); they are skipped elsewhere.
 bench: $(BENCHES)
 
 bench-engines: gazebo

@@ -1,6 +1,8 @@
 """Hooks of MkDocs: pages outside of docs/, tables from results and code, formulas, pictures.
 
-Documents are written so that they read well in the repository too: links are those of the repository.
+Documents are written so that they read well in the repository too: links are those of the repository. A link on a line of its
+own to a file with a table becomes that table on the site: "[Table 1: unitree_a1](...)" is the rows of the first table of a
+results page whose first cells match "unitree_a1".
 
 A results page that older code made is marked, and so are links to it, rows of it and pictures that are drawn from it.
 """
@@ -27,17 +29,17 @@ ROOT = Path(__file__).parents[2]
 _SHOWN = ("CONTRIBUTING.md", "CHANGELOG.md", "benchmarks/results/**/*.md", "benchmarks/results/**/*.png")
 _LINK = re.compile(r"(?<=\]\()(?!https?:|#|mailto:)([^)#\s]+)")
 _PICTURE = re.compile(r"!\[([^\]]*)\]\((\S+?\.svg)\)")
-_ROWS = re.compile(r"^<!-- rows of (\S+), table (\d+): (.+) -->$", re.MULTILINE)
+_ROWS = re.compile(r"^\[Table (\d+): (.+)\]\((?:\.\./)+(\S+)\)$", re.MULTILINE)
 _TO_RESULTS = re.compile(r"\]\(([^)#\s]*\.md)(#[^)\s]*)?\)")
 _DRAWN_FROM = re.compile(r"Drawn from (\S+\.md)")
 _OLDER = "(older code)"
-_UNKNOWNS = "<!-- table of unknowns -->"
-_EFFECTS = "<!-- table of effects -->"
-_FLAGS = "<!-- flags of every verb -->"
-_VERBS = "<!-- table of verbs -->"
-_EXIT_CODES = "<!-- table of exit codes -->"
-_ROBOT_KEYS = "<!-- table of robot configuration -->"
-_NAMES = "<!-- stable names -->"
+_UNKNOWNS = "[Table of parameters](../../src/equipoise/estimator/unknowns.py)"
+_EFFECTS = "[Table of effects](../src/equipoise/simulation/effects.py)"
+_FLAGS = "[Flags of every verb](../../src/equipoise/cli/__init__.py)"
+_VERBS = "[Table of verbs](../../src/equipoise/cli/__init__.py)"
+_EXIT_CODES = "[Table of exit codes](../../src/equipoise/errors.py)"
+_ROBOT_KEYS = "[Table of keys](../../src/equipoise/robot/description.py)"
+_NAMES = "[Stable names](../../src/equipoise/__init__.py)"
 
 
 def on_files(files, config):
@@ -55,7 +57,7 @@ def on_page_markdown(markdown, page, config, files):
     if source.is_relative_to(RESULTS):
         markdown = with_banner(markdown, Page.read(source))
     markdown = _ROWS.sub(
-        lambda found: rows(ROOT / found[1], int(found[2]), found[3]) + _rows_note(ROOT / found[1]), markdown
+        lambda found: rows(ROOT / found[3], int(found[1]), found[2]) + _rows_note(ROOT / found[3]), markdown
     )
     for placeholder, table in _TABLES.items():
         if placeholder in markdown:
