@@ -23,9 +23,9 @@ EQUAL = 1e-4  # [std]; rows are kept with six digits
 MOST_TRIES = 5  # rows that may turn out to need something that this machine does not have, per repeated row
 
 
-def repeatable() -> Iterator[tuple[Table, Row]]:
-    """Yield all rows with a standard deviation and their tables."""
-    for file in sorted(RESULTS.glob("*.jsonl")):
+def repeatable(page_name: str = "*") -> Iterator[tuple[Table, Row]]:
+    """Yield all rows with a standard deviation, of a page or of all pages, and their tables."""
+    for file in sorted(RESULTS.glob(f"{page_name}.jsonl")):
         page: Page = import_module(file.stem).PAGE
         by_name = {table.name: table for table in page.tables}
         for row in page.read().values():
@@ -48,9 +48,7 @@ def change(table: Table, row: Row) -> float | str | None:
 
 def confirmed(name: str, count: int) -> bool:
     """Repeat random rows of a page; note it on the page if none differs by more than rounding."""
-    own = {table.name for table in import_module(name).PAGE.tables}
-    kept = import_module(name).PAGE.read()
-    rows = [(table, row) for table, row in repeatable() if table.name in own and kept.get(row["key"]) == row]
+    rows = list(repeatable(name))
     chosen = random.sample(rows, min(count, len(rows)))
     with workers(os.cpu_count() or 1) as pool:
         found = list(pool.map(change, *zip(*chosen, strict=True))) if chosen else []
@@ -71,10 +69,10 @@ def main() -> None:
         "--confirm", nargs="+", default=(), metavar="PAGE", help="pages to confirm, each by so many rows"
     )
     given = parser.parse_args()
-    found = list(repeatable())
     if given.confirm:
         equal = [confirmed(name, given.rows) for name in given.confirm]
         sys.exit(not all(equal))
+    found = list(repeatable())
     chosen = random.sample(found, min(MOST_TRIES * given.rows, len(found)))
     tried = failed = 0
     with workers(os.cpu_count() or 1) as pool:

@@ -102,7 +102,7 @@ class Page(NamedTuple):
 
     @property
     def is_current(self) -> bool:
-        """True if the present sources made the whole page."""
+        """True if the present sources made the whole page, or made repeated rows of it that were equal."""
         return hash_of(self.maker) == self.confirmed or self.hashes == (hash_of(self.maker),)
 
     @property

@@ -182,8 +182,7 @@ def test_readme_names_the_commit_of_figures_and_marks_older_code():
 
 
 def test_a_page_of_older_code_is_current_if_repeated_rows_were_equal(tmp_path, monkeypatch):
-    for module in (provenance, sys.modules["sources"]):
-        monkeypatch.setattr(module, "RESULTS", tmp_path, raising=False)
+    monkeypatch.setattr(provenance, "RESULTS", tmp_path)
     page = tmp_path / "robots.md"
     page.write_text("# Robots\n\nMade at commit 0123abc; sources another.\n", encoding="utf-8")
     assert not Page.read(page).is_current

@@ -91,13 +91,7 @@ def run_study(
         arrivals = _Arrivals(store, trials, len(missing), report)
         with _one_thread_each(), _pool(executor, at_once()) as pool:
             try:
-                interruptions = Interruptions()
-                with (
-                    interruptions.noted()
-                ):  # `wait` holds locks that workers need, and an exception could keep them locked
-                    for _ in _run(study, missing, arrivals, pool, at_once, limit):
-                        if interruptions.asked:
-                            raise KeyboardInterrupt
+                _run(study, missing, arrivals, pool, at_once, limit)
             finally:
                 store.flush()
     rows = store.rows()
@@ -131,22 +125,24 @@ class _Arrivals:
 
 def _run(
     study: Study, missing: deque[int], arrivals: _Arrivals, pool: Executor, at_once: Callable[[], int], limit: float
-) -> Generator[None]:
-    """Run trials; yields between waits, also if none has finished."""
+) -> None:
+    """Run trials. Ctrl-C waits for `wait`, which holds locks that workers need: an exception could keep them locked."""
     logs = str((arrivals.store.folder / FAILURES).resolve())  # workers may run in other folders
     running: dict[Future[Table], int] = {}
-    while missing or running:
-        room = _IN_FLIGHT_PER_WORKER * max(1, at_once()) - len(running)
-        for _ in range(min(room, len(missing))):
-            trial = missing.popleft()
-            running[pool.submit(ended_after, limit, run_trial, study, trial, logs)] = trial
-        done, _ = wait(running, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
-        for future in sorted(
-            done, key=lambda one: one.cancelled() or one.exception() is not None
-        ):  # rows before errors
-            arrivals.add(_rows(study, running.pop(future), future, limit))
-        arrivals.store.flush_if_due()
-        yield
+    interruptions = Interruptions()
+    with interruptions.noted():
+        while missing or running:
+            room = _IN_FLIGHT_PER_WORKER * max(1, at_once()) - len(running)
+            for _ in range(min(room, len(missing))):
+                trial = missing.popleft()
+                running[pool.submit(ended_after, limit, run_trial, study, trial, logs)] = trial
+            done, _ = wait(running, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
+            # Rows before errors.
+            for future in sorted(done, key=lambda one: one.cancelled() or one.exception() is not None):
+                arrivals.add(_rows(study, running.pop(future), future, limit))
+            arrivals.store.flush_if_due()
+            if interruptions.asked:
+                raise KeyboardInterrupt
 
 
 def _rows(study: Study, trial: int, future: Future[Table], limit: float) -> Table:
