@@ -45,7 +45,7 @@ def test_before_anything_moves_the_base_is_upright(a1, checks, hold):
         look(checks.at_rest, hold, leaning(a1, 0.36))
     assert str(caught.value) == (
         "the base leans by 21 deg before the first command. If the robot has fallen, set it upright. If the IMU is rotated: "
-        "--imu-rpy 0.000 0.360 0.000 (imu_rpy in a robot description) brings gravity upright; it leaves yaw open"
+        "--imu-rpy 0.000 0.360 0.000 (imu_rpy in a robot configuration) brings gravity upright; it leaves yaw open"
     )
 
 

@@ -246,7 +246,7 @@ def test_a_robot_without_a_stance_is_audited_with_the_reason(edited_a1):
     assert (report.ratio_composite_over_base, report.ratio_message) == (None, None)
     finding = the_finding(report, "no nominal stance")
     assert (finding.severity, finding.body) == ("error", "")
-    assert "give one under [stance] in a robot description" in finding.text
+    assert "give one under [stance] in a robot configuration" in finding.text
     assert the_finding(report, "mirror").body == "FL_thigh, FR_thigh"
     assert json.loads(json.dumps(report.to_dict(), allow_nan=False))["composite"] is None
 

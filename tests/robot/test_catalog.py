@@ -119,9 +119,16 @@ def test_an_unknown_name_is_refused_with_the_known_ones():
     with pytest.raises(ModelError) as error:
         load_robot("spot")
     assert str(error.value) == (
-        f"no robot is called 'spot' and no such file exists; known names are {', '.join(CATALOG)}"
+        f"no robot is called 'spot' and no such file exists; known names are {', '.join(CATALOG)}; "
+        "for others give the URDF or MJCF file, or robot_descriptions:NAME"
     )
     assert error.value.exit_code == 3
+
+
+@pytest.mark.parametrize(("name", "near"), [("unitree_go22", "go2"), ("Unitree-B1x", "b1"), ("anymal", "anymal_c")])
+def test_a_misspelt_name_is_answered_with_the_nearest_one(name, near):
+    with pytest.raises(ModelError, match=f"did you mean '{near}'"):
+        load_robot(name)
 
 
 @pytest.mark.parametrize("path", ["models/spot", "spot.urdf"])

@@ -1,4 +1,4 @@
-"""Robot descriptions: valid and invalid values."""
+"""Robot configurations: valid and invalid values."""
 
 import dataclasses
 import math
@@ -135,11 +135,11 @@ REFUSED = [
 
 @pytest.mark.parametrize(("text", "message"), REFUSED, ids=[text.replace("\n", " ") for text, _ in REFUSED])
 def test_invalid_values_are_refused_with_key_and_value(refusal, text, message):
-    assert refusal(text) == f"robot description 'robot.toml': {message}"
+    assert refusal(text) == f"robot configuration 'robot.toml': {message}"
 
 
 def test_invalid_toml_is_refused_with_its_place(refusal, tmp_path):
-    assert refusal("kp 3").startswith("robot description 'robot.toml' is not TOML: Expected '='")
+    assert refusal("kp 3").startswith("robot configuration 'robot.toml' is not TOML: Expected '='")
     (tmp_path / "picture.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(SettingsError, match="is not TOML"):
         RobotDescription.from_toml(tmp_path / "picture.toml")
@@ -148,7 +148,7 @@ def test_invalid_toml_is_refused_with_its_place(refusal, tmp_path):
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
     with pytest.raises(SettingsError) as error:
         RobotDescription.from_toml(tmp_path / "none.toml")
-    assert str(error.value) == f"robot description '{tmp_path / 'none.toml'}' does not exist"
+    assert str(error.value) == f"robot configuration '{tmp_path / 'none.toml'}' does not exist"
     with pytest.raises(SettingsError, match="cannot be read: Is a directory"):
         RobotDescription.from_toml(tmp_path)
 

@@ -324,7 +324,7 @@ def test_feet_without_spheres_are_at_the_farthest_frames_with_a_warning(tmp_path
     with pytest.warns(ModelWarning) as caught:
         robot = RobotModel.from_file(path)
     assert str(caught[-1].message) == (
-        "spot: no sphere or cylinder at the feet; a radius of 20 mm is assumed (set foot_radius in the robot description)"
+        "spot: no sphere or cylinder at the feet; a radius of 20 mm is assumed (set foot_radius in the robot configuration)"
     )
     assert {foot.radius for foot in robot.feet.values()} == {0.05 * robot.leg_length}
     assert {foot.position_in_body for foot in robot.feet.values()} == {(0.0, 0.0, -0.2)}

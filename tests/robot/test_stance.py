@@ -149,7 +149,7 @@ def test_a_height_out_of_reach_is_refused_with_the_remedy(tmp_path):
     assert re.fullmatch(
         r"no stance of 'robot' with the feet under the hips at 99% of the leg length lies within its joint limits "
         r"\(the (FL|RR) foot misses its place by \d+\.\d mm \(allowed 0\.4 mm\): joint (FL|RR)_2 is at its limit\); give "
-        r"one under \[stance\] in a robot description",
+        r"one under \[stance\] in a robot configuration",
         str(error.value),
     )
     assert error.value.exit_code == 4

@@ -88,7 +88,7 @@ def audit(robot: RobotModel) -> Audit:
     Front and rear legs may differ; many robots' do.
 
     Raises:
-        SettingsError: the robot description gives a stance that cannot be used.
+        SettingsError: the robot configuration gives a stance that cannot be used.
     """
     stance, without_stance = _find_stance(robot)
     inertia = None if stance is None else nominal_inertia(robot, stance.joint_position)

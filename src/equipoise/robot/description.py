@@ -93,15 +93,15 @@ class RobotDescription:
         try:
             table = toml_table(read_text(path))
         except FileNotFoundError:
-            raise SettingsError(f"robot description {str(path)!r} does not exist") from None
+            raise SettingsError(f"robot configuration {str(path)!r} does not exist") from None
         except OSError as error:
-            raise SettingsError(f"robot description {str(path)!r} cannot be read: {error.strerror}") from error
+            raise SettingsError(f"robot configuration {str(path)!r} cannot be read: {error.strerror}") from error
         except ValueError as error:
-            raise SettingsError(f"robot description {str(path)!r} is not TOML: {error}") from error
+            raise SettingsError(f"robot configuration {str(path)!r} is not TOML: {error}") from error
         try:
             return cls.from_dict(table)
         except SettingsError as error:
-            raise SettingsError(f"robot description {str(path)!r}: {error}") from error
+            raise SettingsError(f"robot configuration {str(path)!r}: {error}") from error
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> RobotDescription:

@@ -61,7 +61,7 @@ def forward_axis(chains: Sequence[Sequence[str]], hips_in_base: FloatArray, path
     )
     raise ModelError(
         f"robot model {str(path)!r}: the legs' places do not fit their names for any forward axis of the base: "
-        f'{places} m; set forward = "+x" (or "+y", "-x", "-y") in a robot description to name legs by their places'
+        f'{places} m; set forward = "+x" (or "+y", "-x", "-y") in a robot configuration to name legs by their places'
     )
 
 
@@ -84,11 +84,11 @@ def turned(source: ModelSource, base_link: str, axis: Forward, described: bool) 
     Args:
         base_link: name of the file's base link.
         axis: its axis that points forward.
-        described: whether the robot description gives it; otherwise it follows from the legs' names.
+        described: whether the robot configuration gives it; otherwise it follows from the legs' names.
     """
     root = ET.fromstring(source.xml)
     (_turn_urdf if source.format == "urdf" else _turn_mjcf)(root, base_link, -_YAW[axis])
-    origin = "robot description" if described else "names of its legs"
+    origin = "robot configuration" if described else "names of its legs"
     repair = (
         f"{axis} of {base_link!r} points forward ({origin}): the base frame is {base_link + _SUFFIX!r}, whose x does"
     )

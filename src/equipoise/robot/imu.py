@@ -139,7 +139,7 @@ def upright_flag(rotation: FloatArray, acceleration_in_imu: FloatArray, up_in_ba
         up_in_base: (3,) unit vector upward in base axes.
     """
     turn = pin.Quaternion.FromTwoVectors(rotation @ acceleration_in_imu, np.array(up_in_base)).matrix()
-    return f"{rpy_flag(turn @ rotation)} (imu_rpy in a robot description) brings gravity upright; it leaves yaw open"
+    return f"{rpy_flag(turn @ rotation)} (imu_rpy in a robot configuration) brings gravity upright; it leaves yaw open"
 
 
 def _frames_on_base(model: pin.Model) -> dict[str, pin.SE3]:

@@ -56,7 +56,7 @@ def add_legs(
         model: Pinocchio model with leg joints only.
         chains: names of each leg's joints from the hip down.
         rounds: spheres among the collision shapes, and cylinders along the joints' axes.
-        description: robot description, for foot frames and radius.
+        description: robot configuration, for foot frames and radius.
         robot: name of the robot, for messages.
         path: path of its model file, for messages.
     """
@@ -96,7 +96,7 @@ def add_legs(
     guess = _DEFAULT_FOOT_RADIUS_RATIO * length
     warnings.warn(
         f"{robot}: no sphere or cylinder at the feet; a radius of {guess * 1000:.0f} mm is assumed "
-        "(set foot_radius in the robot description)",
+        "(set foot_radius in the robot configuration)",
         ModelWarning,
         stacklevel=4,
     )

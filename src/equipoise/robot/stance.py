@@ -92,7 +92,7 @@ def nominal_stance(robot: RobotModel) -> Stance:
             failure = failure or error
     raise ReachError(
         f"no stance of {robot.name!r} with the feet under the hips at {ratios[0]:.0%} of the leg length lies within "
-        f"its joint limits ({failure}); give one under [stance] in a robot description"
+        f"its joint limits ({failure}); give one under [stance] in a robot configuration"
     ) from failure
 
 

@@ -114,7 +114,7 @@ def leg_chains(model: pin.Model, source: ModelSource) -> list[list[str]]:
         raise ModelError(
             f"robot model {str(source.path)!r} stands on wheels (joints {', '.join(wheels)}), but equipoise needs feet that "
             "do not move. If your wheels are braked throughout, by their motors or by pins, make those joints fixed in a copy "
-            "of the file, and give the wheels' radius as foot_radius in a robot description"
+            "of the file, and give the wheels' radius as foot_radius in a robot configuration"
         )
     if len(legs) != 1:
         raise ModelError(

@@ -187,5 +187,4 @@ def _tilt(unknowns: Unknowns, legs: LegChains, lift: LiftSamples) -> FloatArray:
     line = feet[:, left] - feet[:, right]
     angular_velocity = lift.angular_velocity_in_imu @ np.array(unknowns.robot.imu_in_base.rotation).T
     rate = np.einsum("ni,ni->n", line, angular_velocity) / np.linalg.norm(line, axis=1)
-    rate = rate if lift.average is None else lift.average @ rate
-    return np.asarray(integral(len(rate), lift.step) @ rate, dtype=float)
+    return np.asarray(integral(lift.rows, lift.step) @ lift.means(rate), dtype=float)

@@ -98,6 +98,10 @@ class LiftSamples:
     def reading_step(self) -> float:
         return self.step if self.average is None else _BETWEEN
 
+    def means(self, readings: FloatArray) -> FloatArray:
+        """Return the (rows, ...) means of (n, ...) readings, or of their derivatives."""
+        return readings if self.average is None else self.average @ readings
+
     @property
     def stance_feet(self) -> tuple[int, int]:
         """Indices of the left and the right stance foot: the support line's direction runs from right to left.

@@ -101,11 +101,9 @@ class TiltInvariant:
         self.legs = legs
         self.trials = _slices([lift.rows for lift in lifts])
         self._readings = _slices([len(lift.joint_position) for lift in lifts])
-        self._averages = [lift.average for lift in lifts]
+        self._means = [lift.means for lift in lifts]
         # Integration is linear: one matrix per trial is faster than a call per trial and evaluation.
-        self._integrals = [
-            _averaged(lift.average, integral(len(lift.joint_position), lift.reading_step)) for lift in lifts
-        ]
+        self._integrals = [lift.means(integral(len(lift.joint_position), lift.reading_step)) for lift in lifts]
         self._samples = TiltSamples.of(robot, legs, lifts)
         self._first = self._samples.at(np.array([trial.start for trial in self._readings], dtype=np.intp))
         self._middles = [(trial.start + trial.stop) // 2 for trial in self._readings]
@@ -211,12 +209,8 @@ class TiltInvariant:
 
     def _integrated(self, momentum: FloatArray, rate: FloatArray) -> FloatArray:
         """Return y(t) from l . L_o and the right side, or its derivatives from theirs."""
-        parts = zip(self._averages, self._integrals, self._readings, strict=True)
-        return np.concatenate([_averaged(mean, momentum[of]) - integral @ rate[of] for mean, integral, of in parts])
-
-
-def _averaged(average: FloatArray | None, rows: FloatArray) -> FloatArray:
-    return rows if average is None else average @ rows
+        parts = zip(self._means, self._integrals, self._readings, strict=True)
+        return np.concatenate([means(momentum[of]) - integral @ rate[of] for means, integral, of in parts])
 
 
 def _slices(counts: Sequence[int]) -> list[slice]:

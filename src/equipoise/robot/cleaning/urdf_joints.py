@@ -76,7 +76,7 @@ def clean_joints(root: ET.Element, path: Path) -> Iterator[str]:
     if unlimited:
         yield (
             f"joints without position limits get {UNLIMITED_JOINT_RANGE:.2f} rad to either side: "
-            f"{', '.join(unlimited)}; give lower and upper of their <limit>, or joint_limits in a robot description"
+            f"{', '.join(unlimited)}; give lower and upper of their <limit>, or joint_limits in a robot configuration"
         )
 
 
