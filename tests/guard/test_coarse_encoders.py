@@ -110,6 +110,7 @@ def test_a_frozen_encoder_among_coarse_ones_is_named(a1, recording, step):
         screen_log(a1, frozen)
 
 
+@pytest.mark.realtime  # its platform is as a robot's: a robot process that is not heard for 0.3 s ends the run
 def test_a_robot_with_coarse_encoders_is_calibrated_behind_the_guard(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # the robot process imports this module
     arguments = ["--platform", f"{__name__}:Coarse", "--set", "step=1.5e-3", "--duration", "30s", "--mass", "12.46"]
