@@ -23,7 +23,6 @@ from sources import FOLDERS, ROOT, UNKNOWN, changes, hash_of
 RESULTS = ROOT / "benchmarks" / "results"
 OLDER = {
     "paper": ("paper/README",),
-    "speed": ("monte_carlo", "report", "size", "view"),
 }
 """Pages of older code whose tables are on another page now, until that is made again, by its name."""
 MAKERS = {f"{name}.md": f"benchmarks/{maker}.py" for maker, names in OLDER.items() for name in names}
