@@ -21,11 +21,7 @@ from typing import NamedTuple
 from sources import FOLDERS, ROOT, UNKNOWN, changes, hash_of
 
 RESULTS = ROOT / "benchmarks" / "results"
-OLDER = {
-    "paper": ("paper/README",),
-}
-"""Pages of older code whose tables are on another page now, until that is made again, by its name."""
-MAKERS = {f"{name}.md": f"benchmarks/{maker}.py" for maker, names in OLDER.items() for name in names}
+MAKERS = {"paper/README.md": "benchmarks/paper.py"}
 """Maker of each page whose script has another name."""
 _REPEATED = re.compile(r"\n*^Repeated at commit (\S+): (\d+) rows, equal; sources (\S+)\.$", re.MULTILINE)
 _LAST_LINE = re.compile(r"^Made at commit ([^;\n]+); sources ([^;\n]+)\.$", re.MULTILINE)

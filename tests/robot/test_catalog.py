@@ -125,7 +125,16 @@ def test_an_unknown_name_is_refused_with_the_known_ones():
     assert error.value.exit_code == 3
 
 
-@pytest.mark.parametrize(("name", "near"), [("unitree_go22", "go2"), ("Unitree-B1x", "b1"), ("anymal", "anymal_c")])
+@pytest.mark.parametrize(
+    ("name", "near"),
+    [
+        ("unitree_go22", "go2"),
+        ("Unitree-B1x", "b1"),
+        ("anymal", "anymal_c"),
+        ("Unitree-A1", "unitree_a1"),
+        ("unitree_a2", "unitree_a1"),
+    ],
+)
 def test_a_misspelt_name_is_answered_with_the_nearest_one(name, near):
     with pytest.raises(ModelError, match=f"did you mean '{near}'"):
         load_robot(name)

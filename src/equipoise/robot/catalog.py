@@ -143,10 +143,11 @@ def find_model(name_or_path: str) -> tuple[Path, str | None]:
         return _find_robot_description(module), module
     path = Path(name_or_path)
     if not path.exists() and "/" not in name_or_path and "." not in name_or_path:
-        plain = name_or_path.lower().replace("-", "_").removeprefix("unitree_")
+        name = name_or_path.lower().replace("-", "_")
+        plain = name if name in CATALOG else name.removeprefix("unitree_")  # which is most of the built-in robot's name
         raise ModelError(
             f"no robot is called {name_or_path!r} and no such file exists; "
-            f"{did_you_mean(plain, CATALOG)}known names are {', '.join(CATALOG)}; "
+            f"{did_you_mean(plain, CATALOG) or did_you_mean(name, CATALOG)}known names are {', '.join(CATALOG)}; "
             "for others give the URDF or MJCF file, or robot_descriptions:NAME"
         )
     return path, None

@@ -260,9 +260,7 @@ def _limits(robot: RobotModel) -> Iterator[ModelFinding]:
     endless = [name for name, low, high in spans if max(low, -high) <= -UNLIMITED_JOINT_RANGE]
     if endless:
         which = "all leg joints" if len(endless) == len(robot.joint_names) else ", ".join(endless)
-        text = (
-            f"no position limit within two turns of {which}; joint_limits in a robot configuration sets narrower ones"
-        )
+        text = f"no position limit within two turns of {which}; joint_limits in a robot configuration sets one"
         yield ModelFinding("note", "", text)
 
 
