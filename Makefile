@@ -39,7 +39,7 @@ GIVING_WAY = $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0 || ech
 test: export OPENBLAS_NUM_THREADS = 1
 test: export OMP_NUM_THREADS = 1
 test: $(DEV_STAMP)
-	@trap 'kill $$realtime; exit 130' INT TERM; failed=0; \
+	@trap 'kill $$realtime 2>/dev/null; exit 130' INT TERM; failed=0; \
 	$(BIN)/python -m pytest -m realtime --numprocesses 2 --dist worksteal $$(grep -rl mark.realtime tests --include 'test_*.py') \
 	  >$(VENV)/realtime.log 2>&1 & realtime=$$!; \
 	$(GIVING_WAY) $(BIN)/python -m pytest -m "not realtime" --numprocesses $$($(BIN)/python -c "import os; print((os.cpu_count() or 1) + 1)") --dist worksteal || failed=1; \

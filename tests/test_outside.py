@@ -67,6 +67,7 @@ def calibrated(out, *flags):
     return code, RunFolder.open(out) if code == 0 else None
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("platform", ["outside-robot", "outside_platform:Robot"])
 def test_a_users_class_is_a_platform_in_every_verb(installed, here, tmp_path, capsys, platform):
     if ":" in platform:
@@ -102,6 +103,7 @@ def test_platforms_lists_what_packages_add_with_their_settings(installed, capsys
     assert "outside-bus: robots on another vendor's bus" in capsys.readouterr().out
 
 
+@pytest.mark.realtime
 def test_a_users_platform_plays_by_stepping_and_is_guarded(installed, a1):
     installed("platform")
     stand = JointCommand(nominal_stance(a1).joint_position)
@@ -206,6 +208,7 @@ def test_a_platform_that_cannot_be_made_gives_the_reason(here, a1, made, given, 
     assert message in str(caught.value)
 
 
+@pytest.mark.realtime
 def test_a_robot_process_that_dies_at_once_is_not_one_that_is_late(here, a1):
     here("mine", mine(made="__import__('os')._exit(3)"))
     with pytest.raises(CommunicationError, match=r"died before it was ready \(exit code 3\); the robot was not moved"):
