@@ -1,4 +1,4 @@
-"""The paper's method, its results made again, and balancing on two feet: `make bench-paper`.
+"""The paper's method, its results reproduced, and balancing on two feet: `make bench-paper`.
 
 Writes benchmarks/results/paper.md, and paper/README.md by `equipoise lab reproduce`. Search: simulated calibrations by the
 paper's method. Effects: calibrations of A1s on which the size of each simulated effect is drawn; a fit gives the share of
@@ -170,7 +170,7 @@ def study_again() -> Row:
 
 
 def show_study(rows: list[Row]) -> Iterator[str]:
-    yield "## The paper's results made again"
+    yield "## The paper's results reproduced"
     yield ""
     yield (
         f"[Table I, Fig. 3, the Monte Carlo rate and the effect of joint errors](paper/README.md): `equipoise lab reproduce` "

@@ -86,10 +86,10 @@ def show(rows: list[Row]) -> Iterator[str]:
     head = ("robot", "preset", "x, y [mm]", "allowed", "bracket [mm]", "robot time [s]")
     yield from markdown(head, map(_paper_line, paper))
     yield from ("", f"## The Bayesian method, {DURATION:g} s (A1 robot time)", "")
-    yield "Error +- half width of the 95 % interval. *Held*: intervals that contain the truth."
+    yield "Error +- half width of the 95 % interval. *Coverage*: intervals that contain the truth."
     yield ""
     estimates = "CoM x, y, z [mm]", "Ixx, Iyy, Izz [%]"
-    head = ("robot", "preset, start", *estimates, "held", "failed checks", "robot time [s]")
+    head = ("robot", "preset, start", *estimates, "coverage", "failed checks", "robot time [s]")
     yield from markdown(head, map(_bayesian_line, bayesian))
 
 

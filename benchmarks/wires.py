@@ -142,7 +142,7 @@ def show_loop(rows: list[Row]) -> Iterator[str]:
     yield ""
     yield (
         "An emulator sends a Go2's messages over DDS on loopback at 500 Hz. Delay of every command after its deadline, "
-        f"during excitation and holding. Targets with real-time priority beside {LOAD} busy processes in ten minutes: "
+        f"during excitation and holding. Targets with real-time priority and {LOAD} busy processes in ten minutes: "
         f"{LEAST_ON_TIME:.1%} within 1 ms, none later than {1e3 * MOST_LATE:g} ms; CPU time of a control period at most "
         f"{1e3 * MOST_WORK:g} ms. Calibration process: its share of a core."
     )
@@ -168,7 +168,7 @@ def _loop_line(row: Row) -> list[str]:
 def show_sleeper(rows: list[Row]) -> Iterator[str]:
     for row in rows:
         yield (
-            f"The same computer: a process that only sleeps for 2 ms at a time, with {row['realtime']}, beside "
+            f"The same computer: a process that only sleeps for 2 ms at a time, with {row['realtime']}, and "
             f"{row['case'][0]} busy processes: {1 - row['overruns'] / row['commands']:.3%} of {row['commands']} periods "
             f"within 1 ms, latest {1e3 * row['latest']:.1f} ms. Meanwhile the hypervisor withheld {row['stolen']:.2f} s of "
             "processor time."

@@ -52,7 +52,7 @@ def view(
 
     Args:
         follow: Follow a run, or a file of 'equipoise record' (with --robot), while another process writes it.
-        browser: Serve the viewer to a browser on this computer until Ctrl-C. For another computer: docs/report-and-viewer.md.
+        browser: Serve the viewer to a browser on this computer until Ctrl-C. To open it elsewhere, type the printed `ssh`.
         out: Write this file instead of opening a viewer; 'rerun FILE.rrd' opens it.
     """
     from equipoise.view.viewer import BROWSER, how_to_open, require_rerun

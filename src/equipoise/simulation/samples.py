@@ -50,7 +50,7 @@ class Samples:
 
     @cached_property
     def late(self) -> bool:
-        """Whether a sample is older than the newest engine step, so that past values determine it."""
+        """True if every sample is older than the newest engine step, so that past values determine it."""
         return max(self._joint_steps, self._imu_steps + self._substeps // 2) <= _NEWEST
 
     def filtered(self, raw: FloatArray, keep: bool = True) -> FloatArray:
