@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from rows import Case, Page, Row, Table, main  # isort: skip - it limits the threads of NumPy
+import choices
 import numpy as np
 from scipy.stats import binom
 from simulated import FIRST_SEED, SCALE_ERROR, cases_of, judged, loaded, robot_called
@@ -149,7 +150,7 @@ scale with an error of {SCALE_ERROR:.1%} unless stated; `bayesian` takes 120 s o
 settings are estimated from the same recordings. *Model file*: errors of the file, without the payload. The moments of `paper`
 are compared with the whole robot's. Bold: target missed. With perfect sensors (`ideal`), all intervals should contain the
 truth, and no check should fail.""",
-    (Table("runs", run, cases_of(COUNTS), show),),
+    (Table("runs", run, cases_of(COUNTS), show), choices.TABLE),
 )
 
 if __name__ == "__main__":
