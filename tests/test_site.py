@@ -22,6 +22,7 @@ formulas, hooks = import_module("formulas"), import_module("hooks")
 hash_of = import_module("sources").hash_of
 
 WORKER = ROOT / "docs" / "assets" / "iframe-worker.js"
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
 PICTURES = sorted((ROOT / "docs" / "pictures").glob("*.svg"))
 
 
@@ -39,6 +40,13 @@ def test_a_formula_on_its_own_has_its_number():
 @pytest.mark.parametrize("code", ["`$x$`", "```\n$x$\n```", "    echo $x and $y"])
 def test_code_is_left_as_it_is(code):
     assert formulas.with_formulas(code) == code
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_list_begins_after_an_empty_line(page):
+    """Otherwise the site shows it as part of the paragraph before it."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    assert not re.findall(r"^(?!- |\d+\. |\s).+\n- .*", text, flags=re.MULTILINE)
 
 
 def test_rows_of_a_result_come_with_their_head(tmp_path):
