@@ -108,7 +108,7 @@ def test_every_stable_name_has_its_directive():
 
 
 def test_each_placeholder_is_on_one_page():
-    pages = [page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md")]
+    pages = [page.read_text(encoding="utf-8") for page in PAGES]
     for placeholder in hooks._TABLES:
         assert sum(placeholder in page for page in pages) == 1, placeholder
 
@@ -116,7 +116,7 @@ def test_each_placeholder_is_on_one_page():
 def test_every_page_is_in_the_navigation_and_benchmarks_lists_every_result():
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
     listed = re.findall(r": (\S+\.md)$", navigation, re.MULTILINE)
-    pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")}
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in PAGES}
     assert sorted(listed) == sorted(pages | {"CONTRIBUTING.md", "CHANGELOG.md"})
     benchmarks = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
     for result in (ROOT / "benchmarks" / "results").rglob("*.md"):
@@ -181,7 +181,7 @@ def test_a_picture_is_small_needs_nothing_and_is_shown(picture):
     svg = picture.read_text(encoding="utf-8")
     assert len(svg) < 100_000
     assert not re.search(r"(?:href|src)=\"http|url\(http|@import", svg)
-    pages = (page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md"))
+    pages = (page.read_text(encoding="utf-8") for page in PAGES)
     assert any(f"pictures/{picture.name})" in page for page in pages)
 
 
