@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from itertools import product
@@ -25,14 +25,12 @@ from equipoise.user_cache import VARIABLE
 SEEDS = 2
 DURATIONS = (60, 90, 120, 180)  # [s], without the swings of the legs in the air
 GOAL, GOAL_TIME = (3.8, 2.0, 1.7), 120  # [%] standard deviations of Ixx, Iyy, Izz at a duration [s]
-METHODS: dict[str, Callable[[float], Method]] = {
-    "default": lambda duration: BayesianMethod(duration=duration),
-    "no excitation, more lifts": lambda duration: BayesianMethod(duration=duration, excitation=False),
-    "turned halfway": lambda duration: BayesianMethod(duration=duration, rotate_halfway=True),
-    "lifted feet swing": lambda duration: BayesianMethod(duration=duration, swings=True),
-    "lifted feet swing, then all legs in the air": lambda duration: CombinedMethod(
-        BayesianMethod(duration=duration, swings=True), Motors()
-    ),
+METHODS: dict[str, Method] = {
+    "default": BayesianMethod(),
+    "no excitation, more lifts": BayesianMethod(excitation=False),
+    "turned halfway": BayesianMethod(rotate_halfway=True),
+    "lifted feet swing": BayesianMethod(swings=True),
+    "lifted feet swing, then all legs in the air": CombinedMethod(BayesianMethod(swings=True), Motors()),
 }
 
 
@@ -66,7 +64,9 @@ def run(choice: str, duration: int, seed: int) -> Row:
     """Return the row of a calibration of an A1 in `stress`."""
     robot = robot_called("unitree_a1")
     simulation, mass = loaded(robot, "stress", seed)
-    method = METHODS.get(choice, METHODS["default"])(float(duration)).weighed(mass, SCALE_ERROR * mass)
+    method = (
+        METHODS.get(choice, BayesianMethod()).having({"duration": float(duration)}).weighed(mass, SCALE_ERROR * mass)
+    )
     with designed(choice), simulation:
         result = calibrate(simulation.platform, robot, method)
         return judged(result.with_truth(simulation.truth))
