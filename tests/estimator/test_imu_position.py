@@ -13,6 +13,8 @@ from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.parameters import Unknowns
 from equipoise.estimator.unknowns import Priors
+from equipoise.recording.phases import Phase
+from equipoise.recording.trials import ExcitationTrial
 from equipoise.robot.description import RobotDescription
 
 
@@ -48,18 +50,16 @@ def test_the_position_is_found(swaying, shift):
     assert np.all(std < 2e-3)
 
 
-def test_only_the_first_minute_of_a_long_excitation_is_read(swaying, a1, monkeypatch):
-    stance = nominal_stance(a1)
-    (excitation,) = (
-        excitation for motion in read_motions(a1, stance, swaying) for excitation in motion.of(ExcitationSamples)
-    )
-    longest = (excitation.time[-1] - excitation.time[0]) / 2
-    monkeypatch.setattr(imu_position, "_LONGEST", longest / stance.scale.time)
-    half = excitation.first(longest)
-    assert 2 * len(half.time) == pytest.approx(len(excitation.time), abs=2)
-    values = Unknowns(a1, stance, Priors()).values(Unknowns(a1, stance, Priors()).start())
-    of_all, of_half = (imu_by_excitation(a1, LegChains(a1), one, values, stance.scale) for one in (excitation, half))
-    assert np.array_equal(of_all, of_half)
+def test_only_the_first_minute_of_a_long_excitation_is_read(swaying, monkeypatch):
+    (recording,) = (one for one in swaying if isinstance(one.trial, ExcitationTrial))
+    recording = recording.phase(Phase.EXCITATION)
+    whole = ExcitationSamples.of(recording, np.zeros(3), 1.0)
+    assert np.array_equal(whole.time, recording.imu.time)
+    longest = (whole.time[-1] - whole.time[0]) / 2
+    monkeypatch.setattr(imu_position, "_LONGEST", longest / 2)
+    half = ExcitationSamples.of(recording, np.zeros(3), 2.0)
+    assert 2 * len(half.time) == pytest.approx(len(whole.time), abs=2)
+    assert np.array_equal(half.joint_position, whole.joint_position[: len(half.time)])
 
 
 @pytest.mark.parametrize("up", [0.01, 0.02])

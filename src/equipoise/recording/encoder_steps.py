@@ -25,8 +25,11 @@ def smallest_steps(position: FloatArray) -> FloatArray:
     Returns:
         (nj,) smallest difference between two successive readings that differ [rad]; infinite where all are the same.
     """
-    change = np.abs(np.diff(position, axis=0))
-    return np.where(change > 0, change, np.inf).min(axis=0, initial=np.inf)
+    smallest: list[float] = []
+    for readings in position.T:  # one encoder at a time, to save memory
+        change = np.abs(np.diff(readings))
+        smallest.append(change[change > 0].min(initial=np.inf))
+    return np.array(smallest)
 
 
 def frozen_travel(least: float, steps: FloatArray) -> FloatArray:

@@ -38,6 +38,7 @@ _FREQUENCIES = (0.3, 4.0, 0.15)  # [Hz] on an A1: first, last, step, of test fun
 # shift of the base by feet and springs on an A1 [m].
 _ATTITUDE_ERROR, _BASE_SHIFT = 5e-3, 1e-3
 _LONGEST = 60.0  # [s] on an A1: the longest part of an excitation that is read; test functions take memory per sample
+_SAMPLES_AT_ONCE = 4096  # to save memory
 _FITS = 3  # iterations that determine the noise from the residuals
 # [m] on an A1: standard deviation of the IMU position due to leg lengths and foot compliance. In 28 development runs, 24 of
 # them in `stress`, the difference from the lifts was then 0.6 standard deviations rms, 1.8 at most.
@@ -65,17 +66,14 @@ class ExcitationSamples:
     joint_torque: FloatArray
 
     @classmethod
-    def of(cls, excitation: Recording, gyro_bias: FloatArray) -> ExcitationSamples:
-        """Read a recording of an excitation."""
+    def of(cls, excitation: Recording, gyro_bias: FloatArray, time_scale: float) -> ExcitationSamples:
+        """Read the first minute of a recording of an excitation; `time_scale` is that of the robot, relative to an A1."""
         joints, imu = excitation.joints, excitation.imu
+        used = imu.time <= imu.time[0] + _LONGEST * time_scale
+        time = imu.time[used]
         torque = np.zeros_like(joints.position) if joints.torque is None else joints.torque
-        read = (at_times(imu.time, joints.time, part) for part in (joints.position, joints.rates, torque))
-        return cls(imu.time, imu.angular_velocity_in_imu - gyro_bias, imu.acceleration_in_imu, *read)
-
-    def first(self, duration: float) -> ExcitationSamples:
-        """Return the samples of the first `duration` [s]."""
-        count = np.count_nonzero(self.time <= self.time[0] + duration)
-        return ExcitationSamples(**{name: values[:count] for name, values in vars(self).items()})
+        read = (at_times(time, joints.time, part) for part in (joints.position, joints.rates, torque))
+        return cls(time, imu.angular_velocity_in_imu[used] - gyro_bias, imu.acceleration_in_imu[used], *read)
 
 
 def imu_by_excitation(
@@ -90,7 +88,6 @@ def imu_by_excitation(
     Returns:
         (3,) position and (3,) standard deviations, from the residuals and the uncertainty of leg lengths.
     """
-    excitation = excitation.first(_LONGEST * scale.time)
     time, mounted = excitation.time, mounting(np.array(robot.imu_in_base.rotation), values["imu_tilt"])
     turning = at_times(time, time - values["gyro_lag"], excitation.angular_velocity_in_imu) @ mounted.T
     acceleration = excitation.acceleration_in_imu @ mounted.T
@@ -118,28 +115,40 @@ def _base(
     legs: LegChains, excitation: ExcitationSamples, values: Values, turning: FloatArray, rotation: FloatArray
 ) -> FloatArray:
     """Return the (n, 3) base's origin from leg kinematics on a level floor, up to a constant [m]."""
-    readings = JointReadings.of(legs, excitation.joint_position, excitation.joint_velocity, excitation.joint_torque)
-    given = inputs_of(values, (*DRIVE_TRAIN, "clock_offset"), len(excitation.time))
-    position, _ = readings.later(given)
-    feet = legs.motion(position.value.T, excitation.joint_velocity, turning)
-    spin = np.einsum("tij,tlj->tli", rotation, feet.foot_angular_velocity)
+    parts = [slice(first, first + _SAMPLES_AT_ONCE) for first in range(0, len(turning), _SAMPLES_AT_ONCE)]
+    feet = [_feet(legs, excitation, values, turning, part) for part in parts]
+    foot, foot_angular_velocity = (np.concatenate(arrays) for arrays in zip(*feet, strict=True))
+    spin = np.einsum("tij,tlj->tli", rotation, foot_angular_velocity)
     rolling = legs.foot_radius[:, None] * cross(spin, _UP)
     rolled = np.cumsum(rolling * np.gradient(excitation.time)[:, None, None], axis=0)
-    return (rolled - np.einsum("tij,tlj->tli", rotation, feet.foot)).mean(axis=1)
+    return (rolled - np.einsum("tij,tlj->tli", rotation, foot)).mean(axis=1)
+
+
+def _feet(
+    legs: LegChains, excitation: ExcitationSamples, values: Values, turning: FloatArray, part: slice
+) -> tuple[FloatArray, FloatArray]:
+    """Return (n, 4, 3) positions [m] and angular velocities [rad/s] of the feet in the base frame, in a part."""
+    position, velocity = excitation.joint_position[part], excitation.joint_velocity[part]
+    readings = JointReadings.of(legs, position, velocity, excitation.joint_torque[part])
+    given = inputs_of(values, (*DRIVE_TRAIN, "clock_offset"), len(position))
+    corrected, _ = readings.later(given)
+    motion = legs.motion(corrected.value.T, velocity, turning[part])
+    return motion.foot, motion.foot_angular_velocity
 
 
 def _test_functions(time: FloatArray, time_scale: float) -> tuple[FloatArray, FloatArray]:
     """Return (m, n) weights of integrals over samples, with Hann-windowed waves and with their second derivatives."""
     since, whole = time - time[0], time[-1] - time[0]
     frequency = 2 * np.pi * np.arange(*_FREQUENCIES) / time_scale
+    phase = np.array([0.0, np.pi / 2])[:, None, None]
+    value = rate_rate = np.zeros((2, len(frequency), len(time)))
     # The product with the window is a sum of three waves.
-    share, aside = np.array([0.5, -0.25, -0.25]), 2 * np.pi / whole * np.array([0.0, 1.0, -1.0])
-    at = (frequency[:, None] + aside)[..., None]
-    waves = share[:, None] * np.cos(at * since + np.array([0.0, np.pi / 2])[:, None, None, None])
+    for share, aside in ((0.5, 0.0), (-0.25, 1.0), (-0.25, -1.0)):
+        at = (frequency + 2 * np.pi / whole * aside)[:, None]
+        wave = share * np.cos(at * since + phase)
+        value, rate_rate = value + wave, rate_rate - at**2 * wave
     weights = np.gradient(time)
-    summed = (np.sum(part, axis=-2) * weights for part in (waves, -(at**2) * waves))
-    value, rate_rate = (np.asarray(part, dtype=float).reshape(-1, len(time)) for part in summed)
-    return value, rate_rate
+    return (value * weights).reshape(-1, len(time)), (rate_rate * weights).reshape(-1, len(time))
 
 
 def _fit(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -168,7 +177,8 @@ class ImuPosition(Equation[ExcitationSamples]):
         """Return the samples of an excitation."""
         if not isinstance(recording.trial, ExcitationTrial) or not recording.complete:
             return ()
-        return (ExcitationSamples.of(recording.phase(Phase.EXCITATION), run.gyro_bias),)
+        clock = run.stance.scale.time
+        return (ExcitationSamples.of(recording.phase(Phase.EXCITATION), run.gyro_bias, clock),)
 
     def __init__(self, unknowns: Unknowns, samples: Sequence[tuple[int, ExcitationSamples]]) -> None:
         super().__init__(unknowns, samples)
