@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -152,7 +153,7 @@ class Recording:
         streams = [vars(stream) for stream in (self.joints, self.imu, self.commands) if stream is not None]
         return [array for stream in streams for array in stream.values()]
 
-    @property
+    @cached_property
     def trial(self) -> RecordedTrial | None:
         """Return the recording's trial; None if there is none, or its kind is unknown.
 
