@@ -180,7 +180,7 @@ def show_study(rows: list[Row]) -> Iterator[str]:
 
 def stand(robot: RobotModel, simulation: Simulation, design: DesignModel, diagonal: str) -> Row:
     """Do one balance trial; return its result, its time [s], and the error of the controller's CoM across the line [mm]."""
-    recorder = GroundTruthRecorder(simulation.truth_view.look, 5)
+    recorder = GroundTruthRecorder(simulation.ground_truth, 5)
     run = balance(simulation.platform, robot, design.model, diagonal, None, design.sensors, recorder.watch)
     verdict = evaluate(run, recorder.ground_truths)
     error = error_along(nominal_stance(robot), diagonal, design.model, simulation.truth)

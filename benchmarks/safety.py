@@ -48,13 +48,13 @@ def fall(name: str, seed: int) -> Row:
 
         def keep(recording: Recording) -> None:
             recordings.append(recording)
-            leaning.append(simulation.truth_view.look().tilt)
+            leaning.append(simulation.ground_truth().tilt)
 
         try:
             row = judged(calibrate(simulation.platform, robot, method, keep).with_truth(simulation.truth))
         except EquipoiseError as error:
             row = {"ended": f"{type(error).__name__}: {error}"}
-        leaning.append(simulation.truth_view.look().tilt)
+        leaning.append(simulation.ground_truth().tilt)
     lifts = [recording for recording in recordings if isinstance(recording.trial, LiftTrial)]
     lifted = sum(recording.complete for recording in lifts)
     return row | {"fell": bool(max(leaning) > FALLEN), "lifts": lifted, "skipped": len(lifts) - lifted}

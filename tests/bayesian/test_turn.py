@@ -218,7 +218,7 @@ def test_dart_turns_the_robot(a1):
     with simulate(a1, "realistic", engine="dart") as simulation:
         standing, _ = stand_up(simulation.platform, a1, stance)
         recording = BayesianTrials(standing, stance, composite_parameters(a1, stance.joint_position).com).turn()
-        feet = simulation.truth_view.look().feet
+        feet = simulation.ground_truth().feet
     ahead = (feet[:2] - feet[2:]).sum(axis=0)
     heading = np.arctan2(ahead[1], ahead[0])
     off = (angle_turned(a1, recording) - heading + np.pi) % (2 * np.pi) - np.pi

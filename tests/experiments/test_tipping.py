@@ -192,7 +192,7 @@ def tilt_after_a_lift(robot, share, monkeypatch):
         trials.com_covariance = search_covariance(stance)
         trials.lift(LiftDesign(BodyPosture(), "FL_RR", 1))
         standing.play(standing.motion().hold(1.0))
-        return simulation.truth_view.look().tilt
+        return simulation.ground_truth().tilt
 
 
 def test_a_narrow_robot_stays_on_its_feet_with_that_margin_and_not_with_twice_of_it(narrow, monkeypatch):
@@ -279,7 +279,7 @@ def test_robots_that_were_thrown_on_their_backs_stay_up(name, seed, motions):
     with simulate(robot, "realistic", seed=seed) as simulation:
 
         def keep(recording):
-            tilts.append(simulation.truth_view.look().tilt)
+            tilts.append(simulation.ground_truth().tilt)
             if len(tilts) == motions:
                 raise EnoughError
 

@@ -93,14 +93,14 @@ def test_gains_of_the_first_command_are_what_a_limp_robot_grows_into(a1, gains, 
 def test_a_standing_robot_hardly_notices(a1, gains, reported):
     """It sinks where its torques are not known: by what they then lack at first."""
     with simulate(a1, "realistic", "1,0.05,0.02,0.08", seed=3) as simulation:
-        platform, truth_view = simulation.platform, simulation.truth_view
+        platform, ground_truth = simulation.platform, simulation.ground_truth
         state = platform.read()
         target = Target.standing(a1, np.array(state.joint_position))
         first = JointCommand(target.joint_position, torque=target.torque)
-        before = truth_view.look().com[2]
+        before = ground_truth().com[2]
         sunk = 0.0
         seen = state if reported else replace(state, joint_torque=None)
         for command in soft_start(first, seen, gains, False, PERIOD, NO_LIMITS):
             platform.step(command)
-            sunk = max(sunk, before - truth_view.look().com[2])
+            sunk = max(sunk, before - ground_truth().com[2])
     assert sunk < (0.004 if reported else 0.03)

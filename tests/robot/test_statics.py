@@ -175,7 +175,7 @@ def test_soft_drives_with_static_torques_hold_a_rotated_base(a1):
         motion = Motion(a1, period, Target.standing(a1, stance.joint_position))
         motion.move_feet(feet_in_posture(stance, com, posture), 0.5).hold(1.0)
         simulation.platform.play(motion.build())
-        tilt = simulation.truth_view.look().tilt
+        tilt = simulation.ground_truth().tilt
     assert tilt == pytest.approx(np.arccos(posture.rotation[2, 2]), abs=np.radians(0.3))
 
 

@@ -183,7 +183,7 @@ def test_robots_rest_in_dart_as_in_mujoco(robots, name, start):
     for engine in ENGINES:
         with simulate(robots[name], "realistic", PAYLOAD, 1, start, engine=engine) as simulation:
             states.append(simulation.platform.read())
-            seen.append(simulation.truth_view.look())
+            seen.append(simulation.ground_truth())
     one, other = states
     # Friction holds the joints anywhere between what gravity and their control ask for.
     assert np.abs(one.joint_position - other.joint_position).max() < 0.02
@@ -285,9 +285,9 @@ def test_a_robot_in_free_fall_conserves_momentum(a1):
     with simulate(a1, EffectSizes(armature=0.02), PAYLOAD, engine="dart") as simulation:
         platform, stance = simulation.platform, nominal_stance(a1)
         platform._place(stance.joint_position, stance.base_height + 5)
-        com = simulation.truth_view.look().com
+        com = simulation.ground_truth().com
         recording = platform.play(wave(platform, 100))
-        fallen = com - simulation.truth_view.look().com
+        fallen = com - simulation.ground_truth().com
     duration = 100 * platform.control_period
     assert np.allclose(fallen, [0, 0, 9.81 * duration**2 / 2], atol=2e-3)  # half a step of the engine is worth 0.5 mm
     assert np.abs(recording.imu.acceleration_in_imu.mean(axis=0)).max() < 0.3
@@ -299,9 +299,9 @@ def test_a_robot_in_free_fall_conserves_momentum(a1):
 def test_stance_feet_do_not_slide(a1):
     with simulate(a1, "realistic", engine="dart") as simulation:
         here = np.repeat(nominal_stance(a1).joint_position[None], 500, axis=0)
-        before = simulation.truth_view.look().feet
+        before = simulation.ground_truth().feet
         simulation.platform.play(Trajectory(here))
-        assert np.abs(simulation.truth_view.look().feet - before).max() < 1e-6
+        assert np.abs(simulation.ground_truth().feet - before).max() < 1e-6
 
 
 @pytest.mark.parametrize("seed", [3, 4])  # down the slope to the front left, and to the front
@@ -310,9 +310,9 @@ def test_feet_hold_on_a_slope_up_to_the_friction_of_the_floor(a1, seed):
     for slope in (0.44, 0.56):
         sizes = EffectSizes(floor_friction=0.5, floor_slope=float(np.arctan(slope)), coulomb_friction=0.3)
         with simulate(a1, sizes, seed=seed, engine="dart") as simulation:
-            before = simulation.truth_view.look().feet
+            before = simulation.ground_truth().feet
             simulation.platform.play(Trajectory(np.repeat(nominal_stance(a1).joint_position[None], 100, axis=0)))
-            slid.append(np.abs(simulation.truth_view.look().feet - before).max())
+            slid.append(np.abs(simulation.ground_truth().feet - before).max())
     assert slid[0] < 1e-4
     assert slid[1] > 0.05
 
@@ -338,7 +338,7 @@ def test_a_foot_that_is_lifted_leaves_the_floor(a1):
     target = inverse_kinematics(a1, lifted, stance.joint_position)
     with simulate(a1, "ideal", engine="dart") as simulation:
         simulation.platform.play(Trajectory(stance.joint_position + share * (target - stance.joint_position)))
-        clearance = simulation.truth_view.look().clearance
+        clearance = simulation.ground_truth().clearance
     assert clearance[[0, 3]].max() > 2e-3
 
 

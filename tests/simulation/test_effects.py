@@ -53,8 +53,8 @@ def standing(robot, preset="ideal", seed=SEED, **effects):
     with simulate(robot, preset, seed=seed, effects=effects) as simulation:
         simulation.platform.play(Trajectory(np.tile(nominal_stance(robot).joint_position, (250, 1))))
         seen = engine(simulation)
-        seen.errors, seen.truth, seen.truth_view = simulation.errors, simulation.truth, simulation.truth_view
-        seen.ground_truth = simulation.truth_view.look()
+        seen.errors, seen.truth = simulation.errors, simulation.truth
+        seen.ground_truth = simulation.ground_truth()
         seen.data.xfrc_applied[:] = simulation.disturbance.wrench
         mujoco.mj_forward(seen.model, seen.data)
         return seen
@@ -466,9 +466,9 @@ def test_feet_sink_in_by_the_load_over_their_stiffness(a1):
 def test_soft_feet_creep_no_faster_than_hard_ones(a1):
     def creep(**effects):
         with simulate(a1, "ideal", effects=effects) as simulation:
-            before = simulation.truth_view.look().feet
+            before = simulation.ground_truth().feet
             simulation.platform.play(Trajectory(np.tile(nominal_stance(a1).joint_position, (250, 1))))
-            return np.abs(simulation.truth_view.look().feet - before)[:, :2].max() / 0.5
+            return np.abs(simulation.ground_truth().feet - before)[:, :2].max() / 0.5
 
     assert creep(foot_stiffness=30e3) < max(2 * creep(), 30e-6)  # [m/s]
 
@@ -590,7 +590,7 @@ def test_a_foot_that_leans_touches_the_floor_where_its_shape_has_it(a1, effects,
 def test_feet_of_all_shapes_stand_level_on_the_floor(a1, skewed, effect, contacts):
     for robot in (a1, skewed):
         with simulate(robot, "ideal", effects={effect: None}) as simulation:
-            ground_truth, seen = simulation.truth_view.look(), engine(simulation)
+            ground_truth, seen = simulation.ground_truth(), engine(simulation)
             assert np.abs(ground_truth.clearance).max() < 0.2e-3
             assert ground_truth.tilt < 0.02
         data = mujoco.MjData(seen.model)
@@ -705,7 +705,7 @@ def test_all_motors_can_err_together():
 def test_robots_of_all_kinds_rest_in_stress(a1, two_jointed, skewed, name, start):
     robot = {"unitree_a1": a1, "two_jointed": two_jointed, "skewed": skewed}[name]
     with simulate(robot, "stress", seed=SEED, start=start, effects={"swinging_load": None}) as simulation:
-        ground_truth = simulation.truth_view.look()
+        ground_truth = simulation.ground_truth()
         assert np.abs(simulation.platform.read().joint_velocity).max() < 0.3
     assert ground_truth.tilt < 0.05
     if start == "standing":

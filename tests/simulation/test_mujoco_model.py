@@ -334,10 +334,10 @@ def test_stance_feet_hold_while_the_body_shakes(a1, payload, timestep):
         platform = simulation.platform
         hold = Trajectory(np.repeat(nominal_stance(a1).joint_position[None], 1000, axis=0))
         platform.play(hold)
-        before = simulation.truth_view.look()
+        before = simulation.ground_truth()
         platform.play(rocking(a1, platform.control_period, duration=1.2, size=0.01))
         platform.play(hold)
-        after = simulation.truth_view.look()
+        after = simulation.ground_truth()
     assert np.abs(after.feet - before.feet)[:, :2].max() < 15e-6
     assert np.abs(after.clearance).max() < 10e-6
 

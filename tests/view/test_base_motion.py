@@ -23,7 +23,7 @@ class Witnessed(PlatformWrapper):
 
     def __init__(self, simulation):
         super().__init__(simulation.platform)
-        self._look, self.seen, self.recordings, self._count = simulation.truth_view.look, [], [], 0
+        self._look, self.seen, self.recordings, self._count = simulation.ground_truth, [], [], 0
 
     def step(self, command):
         if self._count % 5 == 0:

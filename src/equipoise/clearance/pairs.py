@@ -36,7 +36,6 @@ class Pairs:
         route: (pairs,) index of the route (pair of parent joints) of each pair, a column of `reach`, ascending.
         first: (routes,) index of the first pair of each route.
         reach: (nj, routes) largest approach of a route's shapes per rotation of each joint [m/rad].
-        left_out: pairs of names of the links that are closer than `least` in the standing or lying posture.
     """
 
     shapes: pin.GeometryModel
@@ -45,7 +44,6 @@ class Pairs:
     route: NDArray[np.intp]
     first: NDArray[np.intp]
     reach: FloatArray
-    left_out: tuple[tuple[str, str], ...]
 
 
 class Distances:
@@ -89,12 +87,11 @@ def pairs_of(robot: RobotModel) -> Pairs:
     _pair_up(robot, shapes)
     usual, postures = Distances(robot, shapes), (stance.joint_position, lying_posture(robot, stance)[0])
     touch = np.min([usual.all(position) for position in postures], axis=0) < least
-    links, pairs = _links(shapes), list(shapes.collisionPairs)
+    pairs = list(shapes.collisionPairs)
     shapes.removeAllCollisionPairs()
     for index in np.flatnonzero(~touch):
         shapes.addCollisionPair(pairs[index])
-    left_out = tuple(dict.fromkeys(links[index] for index in np.flatnonzero(touch)))
-    return Pairs(shapes, _links(shapes), least, *_routes(robot, shapes), left_out)
+    return Pairs(shapes, _links(shapes), least, *_routes(robot, shapes))
 
 
 def _pair_up(robot: RobotModel, shapes: pin.GeometryModel) -> None:

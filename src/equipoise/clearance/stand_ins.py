@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import FloatArray
-from equipoise.robot.bodies import hip_positions
-from equipoise.robot.legs import Leg
+from equipoise.robot.bodies import hip_positions, link_ends
 from equipoise.robot.model import RobotModel
 
 BASE_JOINT = 1
@@ -52,7 +51,7 @@ def leg_limbs(robot: RobotModel, shown: Container[int]) -> Iterator[Limb]:
     """Generate capsules along the leg links whose joint is not in `shown`; links shorter than their radius have none."""
     radius = LIMB_RADIUS_RATIO * robot.leg_length
     for leg in robot.legs.values():
-        for joint, end in _links(robot, leg):
+        for joint, end in link_ends(robot, leg).items():
             if joint not in shown and float(np.linalg.norm(end)) > radius:
                 yield Limb(joint, np.zeros(3), end, radius * (_SHANK_SHARE if joint == leg.joint_ids[-1] else 1.0))
 
@@ -66,10 +65,3 @@ def trunk_box(robot: RobotModel, around: float = 0.0) -> tuple[tuple[float, floa
     hips, radius = hip_positions(robot), LIMB_RADIUS_RATIO * robot.leg_length
     x, y, z = (np.ptp(hips, axis=0) + 2 * radius * np.array([around, around, 1 + around])).tolist()
     return (x, y, z), hips.mean(axis=0)
-
-
-def _links(robot: RobotModel, leg: Leg) -> Iterator[tuple[int, FloatArray]]:
-    """Generate each joint of a leg with the end of its link in the joint's frame [m]."""
-    for joint, following in zip(leg.joint_ids, leg.joint_ids[1:], strict=False):
-        yield joint, np.array(robot.pinocchio.jointPlacements[following].translation)
-    yield leg.joint_ids[-1], np.array(robot.pinocchio.frames[leg.foot_frame_id].placement.translation)

@@ -14,6 +14,12 @@ from equipoise.robot.inertial import InertialParameters, base_parameters, nomina
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 
+_WRITTEN = (
+    "robot", "mass", "base_link", "composite", "base", "stance_effective", "ratio_composite_over_base", "bodies",
+    "findings", "imu",
+)  # fmt: skip
+"""Fields and properties in the JSON form, in this order; the stance follows."""
+
 
 @dataclass(frozen=True, eq=False)
 class Audit:
@@ -66,20 +72,11 @@ class Audit:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form; null without a stance."""
-        ratio = self.ratio_composite_over_base
-        return {
-            "robot": self.robot,
-            "mass": self.mass,
-            "base_link": self.base_link,
-            "composite": to_json(self.composite),
-            "base": to_json(self.base),
-            "stance_effective": to_json(self.stance_effective),
-            "ratio_composite_over_base": to_json(ratio),
-            "bodies": to_json(self.bodies),
-            "findings": to_json(self.findings),
-            "imu": to_json(self.imu),
-            "stance": None if self.stance is None else _stance_to_dict(self.stance, self.joint_names),
-        }
+        table = {name: to_json(getattr(self, name)) for name in _WRITTEN}
+        if self.stance is None:
+            return {**table, "stance": None}
+        position = dict(zip(self.joint_names, self.stance.joint_position.tolist(), strict=True))
+        return {**table, "stance": {"joint_position": position, "hip_height": self.stance.hip_height}}
 
 
 def audit(robot: RobotModel) -> Audit:
@@ -90,7 +87,12 @@ def audit(robot: RobotModel) -> Audit:
     Raises:
         SettingsError: the robot configuration gives a stance that cannot be used.
     """
-    stance, without_stance = _find_stance(robot)
+    stance, without_stance = None, list[ModelFinding]()
+    try:
+        stance = nominal_stance(robot)
+    except ReachError as error:
+        text = f"it has no nominal stance, so its composite inertia is unknown: {error}"
+        without_stance.append(ModelFinding("error", "", text))
     inertia = None if stance is None else nominal_inertia(robot, stance.joint_position)
     composite = None if inertia is None else inertia.composite
     bodies = bodies_of(robot)
@@ -107,17 +109,3 @@ def audit(robot: RobotModel) -> Audit:
         findings=(*without_stance, *find(robot, bodies, list(links_of(robot, bodies)), composite, stance)),
         imu=robot.imu,
     )
-
-
-def _find_stance(robot: RobotModel) -> tuple[Stance | None, list[ModelFinding]]:
-    try:
-        return nominal_stance(robot), []
-    except ReachError as error:
-        return None, [
-            ModelFinding("error", "", f"it has no nominal stance, so its composite inertia is unknown: {error}")
-        ]
-
-
-def _stance_to_dict(stance: Stance, joint_names: tuple[str, ...]) -> dict[str, Any]:
-    position = [float(value) for value in stance.joint_position]
-    return {"joint_position": dict(zip(joint_names, position, strict=True)), "hip_height": stance.hip_height}

@@ -10,6 +10,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.legs import Leg
 from equipoise.robot.links import file_links, link_names, radius_of_gyration_of
 from equipoise.robot.model import RobotModel
 
@@ -69,10 +70,11 @@ class LinkInertial:
 
 def bodies_of(robot: RobotModel) -> dict[int, RigidBody]:
     """Return the base and the leg links, by Pinocchio joint."""
-    return {joint: _body(robot, joint) for joint in range(1, robot.pinocchio.njoints)}
+    ends = {joint: end for leg in robot.legs.values() for joint, end in link_ends(robot, leg).items()}
+    return {joint: _body(robot, joint, ends) for joint in range(1, robot.pinocchio.njoints)}
 
 
-def _body(robot: RobotModel, joint: int) -> RigidBody:
+def _body(robot: RobotModel, joint: int, ends: dict[int, FloatArray]) -> RigidBody:
     inertia = robot.pinocchio.inertias[joint]
     com = np.array(inertia.lever)
     if joint == 1:
@@ -81,7 +83,7 @@ def _body(robot: RobotModel, joint: int) -> RigidBody:
         name = link_names(robot.full_pinocchio)[robot.full_pinocchio.getJointId(robot.pinocchio.names[joint])]
         # Mass is balanced about the CoM, so a body reaches about as far past it as its joint is before it.
         reach = 2 * float(np.linalg.norm(com))
-        extent = max(_distance_to_next(robot, joint), reach, _SMALLEST_EXTENT_RATIO * robot.leg_length)
+        extent = max(float(np.linalg.norm(ends[joint])), reach, _SMALLEST_EXTENT_RATIO * robot.leg_length)
     return RigidBody(
         name, float(inertia.mass), com, np.asarray(np.linalg.eigvalsh(np.array(inertia.inertia)), dtype=float), extent
     )
@@ -98,13 +100,11 @@ def hip_positions(robot: RobotModel) -> FloatArray:
     return np.array([robot.pinocchio.jointPlacements[leg.joint_ids[0]].translation for leg in robot.legs.values()])
 
 
-def _distance_to_next(robot: RobotModel, joint: int) -> float:
-    """Return the distance from a leg joint to the next one, or to the foot [m]."""
-    leg = next(leg for leg in robot.legs.values() if joint in leg.joint_ids)
-    place = leg.joint_ids.index(joint) + 1
-    if place < len(leg.joint_ids):
-        return float(np.linalg.norm(robot.pinocchio.jointPlacements[leg.joint_ids[place]].translation))
-    return float(np.linalg.norm(robot.pinocchio.frames[leg.foot_frame_id].placement.translation))
+def link_ends(robot: RobotModel, leg: Leg) -> dict[int, FloatArray]:
+    """Return by joint of a leg the (3,) end of its link, the next joint or the foot, in the joint's frame [m]."""
+    following = [robot.pinocchio.jointPlacements[joint] for joint in leg.joint_ids[1:]]
+    ends = [*following, robot.pinocchio.frames[leg.foot_frame_id].placement]
+    return {joint: np.array(end.translation) for joint, end in zip(leg.joint_ids, ends, strict=True)}
 
 
 def links_of(robot: RobotModel, bodies: dict[int, RigidBody]) -> Iterator[LinkInertial]:

@@ -60,13 +60,12 @@ class CatalogEntry:
     @property
     def installed(self) -> bool:
         """True if its package is installed."""
-        path = self._path
-        return path is not None and path.is_file()
+        return self._path is not None
 
     @property
     def _path(self) -> Path | None:
         folder = _package_folder(self.source)
-        return None if folder is None else folder / self.path
+        return folder / self.path if folder is not None and (folder / self.path).is_file() else None
 
     def find(self) -> Path:
         """Return the path of the model file.
@@ -75,7 +74,7 @@ class CatalogEntry:
             MissingDependencyError: its package is not installed.
         """
         path = self._path
-        if path is None or not path.is_file():
+        if path is None:
             raise MissingDependencyError(
                 f"robot {self.name!r} comes with the package {self.source}, which is not installed: {self.hint}; "
                 f"{BUILT_IN_ROBOT!r} is built in"

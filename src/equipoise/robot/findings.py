@@ -268,18 +268,16 @@ def _missing_limits(robot: RobotModel) -> Iterator[ModelFinding]:
     """Yield leg joints without torque or speed limits for the guard. MJCF has no speed limits."""
     urdf = robot.source.format == "urdf"
     place = "effort [Nm] of their <limit>" if urdf else "forcerange [Nm] of their actuators"
-    yield from _unlimited(robot, robot.effort_limit, "torque", "excessive torques", place)
+    limits = [("torque", robot.effort_limit, "excessive torques", place)]
     if urdf:
-        unseen, place = "excessive speeds or jumps of targets", "velocity [rad/s] of their <limit>"
-        yield from _unlimited(robot, robot.velocity_limit, "speed", unseen, place)
-
-
-def _unlimited(robot: RobotModel, limit: FloatArray, what: str, unseen: str, place: str) -> Iterator[ModelFinding]:
-    joints = [name for name, most in zip(robot.joint_names, limit, strict=True) if not math.isfinite(most)]
-    if joints:
-        which = "any leg joint" if len(joints) == len(robot.joint_names) else ", ".join(joints)
-        text = f"no {what} limit of {which}: the guard cannot detect {unseen}; give it as {place}"
-        yield ModelFinding("warning", "", text)
+        place = "velocity [rad/s] of their <limit>"
+        limits.append(("speed", robot.velocity_limit, "excessive speeds or jumps of targets", place))
+    for what, limit, unseen, place in limits:
+        joints = [name for name, most in zip(robot.joint_names, limit, strict=True) if not math.isfinite(most)]
+        if joints:
+            which = "any leg joint" if len(joints) == len(robot.joint_names) else ", ".join(joints)
+            text = f"no {what} limit of {which}: the guard cannot detect {unseen}; give it as {place}"
+            yield ModelFinding("warning", "", text)
 
 
 def _merged(findings: list[ModelFinding]) -> tuple[ModelFinding, ...]:

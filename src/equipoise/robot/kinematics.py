@@ -141,9 +141,8 @@ def inverse_kinematics(
         ReachError: a foot misses its target by more than the tolerance; the message has leg and distance.
     """
     tolerance = REACH_TOLERANCE_RATIO * robot.leg_length if tolerance is None else tolerance
-    kinematics = Kinematics(robot)
-    position = _nearest_posture(robot, kinematics, feet_in_base, start)
-    misses = np.linalg.norm(kinematics.foot_positions(position) - feet_in_base, axis=1)
+    position = inverse_kinematics_best_effort(robot, feet_in_base, start)
+    misses = np.linalg.norm(foot_positions(robot, position) - feet_in_base, axis=1)
     worst = int(np.argmax(misses))
     if not misses[worst] <= tolerance:
         leg = list(robot.legs.values())[worst]
@@ -162,12 +161,7 @@ def inverse_kinematics(
 
 def inverse_kinematics_best_effort(robot: RobotModel, feet_in_base: FloatArray, start: FloatArray) -> FloatArray:
     """Return the nearest posture that `inverse_kinematics` finds, at any distance."""
-    return _nearest_posture(robot, Kinematics(robot), feet_in_base, start)
-
-
-def _nearest_posture(
-    robot: RobotModel, kinematics: Kinematics, feet_in_base: FloatArray, start: FloatArray
-) -> FloatArray:
+    kinematics = Kinematics(robot)
     position = _within(start, robot.lower_limit, robot.upper_limit)
     joints = robot.leg_joints
     damping = (1e-4 * robot.leg_length) ** 2 * np.eye(joints.shape[1])

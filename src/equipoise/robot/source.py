@@ -101,15 +101,12 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
     if any("xacro}" in element.tag for element in root.iter()):
         raise ModelError(f"robot model {str(path)!r} is a xacro file; run xacro on it and use the URDF that it writes")
     sensors = _imu_sensor_frames(root)
+    effort_limits, home = dict[str, float](), dict[str, float]()
     if root.tag == "robot":
         _refuse_non_finite_numbers(root, path)
         couplings, locked = couplings_of(root), fix_locked_joints(root, path)
-        repairs = (*clean_urdf(root, path, base_link), *_of_joints(locked, couplings))
-        xml = ET.tostring(root, encoding="unicode")
-        return ModelSource(
-            path, "urdf", xml, sha256, repairs, {}, locked=locked, couplings=tuple(couplings), imu_sensors=sensors
-        )
-    if root.tag == "mujoco":
+        repairs = list(clean_urdf(root, path, base_link))
+    elif root.tag == "mujoco":
         from equipoise.robot.cleaning.mjcf import clean_mjcf  # noqa: PLC0415 - most models are URDF
 
         try:
@@ -125,15 +122,22 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
                 f"robot model {str(path)!r}: base link {base_link!r} is not the body with the free joint, "
                 f"{base.get('name')!r}"
             )
-        xml = ET.tostring(root, encoding="unicode")
-        repairs = (*repairs, *_of_joints(locked, couplings))
-        return ModelSource(
-            path, "mjcf", xml, sha256, repairs, effort_limits, home, locked=locked, couplings=tuple(couplings),
-            imu_sensors=sensors,
-        )  # fmt: skip
-    raise ModelError(
-        f"robot model {str(path)!r} starts with <{root.tag}>; expected <robot> (URDF; run xacro first on a .xacro file) "
-        "or <mujoco> (MJCF)"
+    else:
+        raise ModelError(
+            f"robot model {str(path)!r} starts with <{root.tag}>; expected <robot> (URDF; run xacro first on a .xacro file) "
+            "or <mujoco> (MJCF)"
+        )
+    return ModelSource(
+        path,
+        "urdf" if root.tag == "robot" else "mjcf",
+        ET.tostring(root, encoding="unicode"),
+        sha256,
+        (*repairs, *_of_joints(locked, couplings)),
+        effort_limits,
+        home,
+        locked=locked,
+        couplings=tuple(couplings),
+        imu_sensors=sensors,
     )
 
 

@@ -132,3 +132,13 @@ def effect(meaning: str, unit: str, each: str, law: str, source: str, **more: An
     """Return a row of the table as a field; the arguments are those of `Effect`."""
     row = Effect(meaning, unit, each, law, source, **more)
     return field(default=row.none, metadata={ROW: row})
+
+
+def exact(meaning: str, unit: str, source: str, **more: Any) -> Any:
+    """Return the row of an effect that a robot has once, exactly of its size."""
+    return effect(meaning, unit, "robot", "exact", source, **more)
+
+
+def rms(meaning: str, unit: str, each: str, source: str, **more: Any) -> Any:
+    """Return the row of an effect that is drawn for each part from a normal distribution."""
+    return effect(meaning, unit, each, "rms", source, **more)

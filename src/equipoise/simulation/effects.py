@@ -13,14 +13,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import Literal
 
 import numpy as np
 
 from equipoise.errors import SettingsError, did_you_mean
 from equipoise.robot.scale import Scale
-from equipoise.simulation.effect import MUJOCO, ROW, Effect, effect
+from equipoise.simulation.effect import MUJOCO, ROW, Effect, effect, exact, rms
 
 Noise = Literal["ideal", "realistic", "stress"]
 Contacts = Literal["default", "file"]
@@ -45,67 +45,58 @@ class EffectSizes:
     (`EffectSizes.rows()`, docs/simulation-studies.md); a size is an rms value, exact, or as the law of its row defines it.
     """
 
-    encoder_noise: float = effect(
-        "noise of the encoders", "rad", "joint", "rms", _SHEET, realistic=0.3e-3,
-    )  # fmt: skip
-    joint_offset: float = effect(
-        "encoder reading less joint position", "rad", "joint", "rms", _JIG, realistic=5e-3, stress=10e-3,
-    )  # fmt: skip
-    joint_velocity_noise: float = effect(
-        "noise of the joint velocities", "rad/s", "joint", "rms", "encoders, differentiated on the motor boards",
+    encoder_noise: float = rms("noise of the encoders", "rad", "joint", _SHEET, realistic=0.3e-3)
+    joint_offset: float = rms("encoder reading less joint position", "rad", "joint", _JIG, realistic=5e-3, stress=10e-3)
+    joint_velocity_noise: float = rms(
+        "noise of the joint velocities", "rad/s", "joint", "encoders, differentiated on the motor boards",
         realistic=0.03,
     )  # fmt: skip
-    gyro_noise: float = effect("noise of the gyroscope", "rad/s", "axis", "rms", _SHEET, realistic=3e-3)
-    gyro_bias: float = effect("bias of the gyroscope, in the IMU frame", "rad/s", "axis", "rms", _SHEET, realistic=2e-3)
-    accelerometer_noise: float = effect("noise of the accelerometer", "m/s2", "axis", "rms", _SHEET, realistic=0.05)
-    accelerometer_bias: float = effect(
-        "bias of the accelerometer, in the IMU frame", "m/s2", "axis", "rms", _SHEET, realistic=0.03,
+    gyro_noise: float = rms("noise of the gyroscope", "rad/s", "axis", _SHEET, realistic=3e-3)
+    gyro_bias: float = rms("bias of the gyroscope, in the IMU frame", "rad/s", "axis", _SHEET, realistic=2e-3)
+    accelerometer_noise: float = rms("noise of the accelerometer", "m/s2", "axis", _SHEET, realistic=0.05)
+    accelerometer_bias: float = rms(
+        "bias of the accelerometer, in the IMU frame", "m/s2", "axis", _SHEET, realistic=0.03,
     )  # fmt: skip
-    imu_tilt: float = effect(
-        "rotation vector of the IMU in its nominal frame", "rad", "axis", "rms", _JIG,
-        realistic=5e-3, stress=10e-3,
+    imu_tilt: float = rms(
+        "rotation vector of the IMU in its nominal frame", "rad", "axis", _JIG, realistic=5e-3, stress=10e-3,
     )  # fmt: skip
-    torque_noise: float = effect(
-        "noise of the reported joint torques", "Nm", "joint", "rms", "current sensors", realistic=0.2, measure="torque",
+    torque_noise: float = rms(
+        "noise of the reported joint torques", "Nm", "joint", "current sensors", realistic=0.2, measure="torque",
     )  # fmt: skip
-    coulomb_friction: float = effect(
-        "Coulomb friction of a joint", "Nm", "robot", "exact", f"{_FRICTION}; half as much again when cold",
-        realistic=0.3, stress=0.45, measure="torque",
+    coulomb_friction: float = exact(
+        "Coulomb friction of a joint", "Nm", f"{_FRICTION}; half as much again when cold", realistic=0.3, stress=0.45,
+        measure="torque",
     )  # fmt: skip
-    viscous_friction: float = effect(
-        "viscous friction of a joint", "Nm s/rad", "robot", "exact", f"{_FRICTION}; half as much again when cold",
-        realistic=0.05, stress=0.075, measure="torque",
+    viscous_friction: float = exact(
+        "viscous friction of a joint", "Nm s/rad", f"{_FRICTION}; half as much again when cold", realistic=0.05,
+        stress=0.075, measure="torque",
     )  # fmt: skip
-    armature: float = effect(
-        "rotor inertia seen at a joint", "kg m2", "robot", "exact", "motors with a gear ratio of six to ten",
-        realistic=0.01, measure="torque",
+    armature: float = exact(
+        "rotor inertia seen at a joint", "kg m2", "motors with a gear ratio of six to ten", realistic=0.01,
+        measure="torque",
     )  # fmt: skip
-    torque_gain: float = effect(
-        "true over reported torque, less one", "", "joint", "rms", "magnets and windings differ", realistic=0.03,
+    torque_gain: float = rms(
+        "true over reported torque, less one", "", "joint", "magnets and windings differ", realistic=0.03,
     )  # fmt: skip
-    leg_mass: float = effect(
-        "mass, first moment and inertia of a leg link over the model's, less one", "", "joint", "rms", _SCREWS,
-        realistic=0.03,
+    leg_mass: float = rms(
+        "mass, first moment and inertia of a leg link over the model's, less one", "", "joint", _SCREWS, realistic=0.03,
     )  # fmt: skip
-    command_delay: float = effect(
-        "time from sending a command until it acts", "s", "robot", "exact", _BUS, realistic=2e-3,
+    command_delay: float = exact("time from sending a command until it acts", "s", _BUS, realistic=2e-3)
+    sensor_delay: float = exact("time from sensing until the time stamp", "s", _BUS, realistic=2e-3)
+    imu_clock_offset: float = exact(
+        "time by which IMU samples are younger than joint samples of the same stamp", "s", _BUS, realistic=0.5e-3,
+        stress=0.0, signed=True,
     )  # fmt: skip
-    sensor_delay: float = effect("time from sensing until the time stamp", "s", "robot", "exact", _BUS, realistic=2e-3)
-    imu_clock_offset: float = effect(
-        "time by which IMU samples are younger than joint samples of the same stamp", "s", "robot", "exact", _BUS,
-        realistic=0.5e-3, stress=0.0, signed=True,
-    )  # fmt: skip
-    floor_friction: float = effect(
-        "friction coefficient of the floor", "", "robot", "exact", "rubber on a dusty floor", realistic=0.8, none=1.0,
-        varied=False,
+    floor_friction: float = exact(
+        "friction coefficient of the floor", "", "rubber on a dusty floor", realistic=0.8, none=1.0, varied=False,
     )  # fmt: skip
     floor_slope: float = effect(
-        "angle between gravity and the floor's normal", "rad", "robot", "exact, its direction drawn",
-        "a floor", realistic=5e-3,
+        "angle between gravity and the floor's normal", "rad", "robot", "exact, its direction drawn", "a floor",
+        realistic=5e-3,
     )  # fmt: skip
 
-    springs: float = effect(
-        "stiffness of the spring between a motor's encoder and the link", "Nm/rad", "robot", "exact",
+    springs: float = exact(
+        "stiffness of the spring between a motor's encoder and the link", "Nm/rad",
         "gear and shank of a 12 kg robot bend by some mrad under 10 Nm; not measured, the lowest estimate",
         stress=3000.0, measure="torque", inverse=True, engines=MUJOCO,
     )  # fmt: skip
@@ -113,116 +104,108 @@ class EffectSizes:
         "stiffness of a joint's spring over that of all", "", "joint", "rms of a factor's logarithm",
         "shanks and gears differ by joint", stress=0.2, engines=MUJOCO,
     )  # fmt: skip
-    backlash: float = effect(
-        "backlash between a motor's encoder and the link, from stop to stop", "rad", "robot", "exact",
-        "0.1 deg: a planetary gear", stress=float(np.deg2rad(0.1)), engines=MUJOCO,
+    backlash: float = exact(
+        "backlash between a motor's encoder and the link, from stop to stop", "rad", "0.1 deg: a planetary gear",
+        stress=float(np.deg2rad(0.1)), engines=MUJOCO,
     )  # fmt: skip
-    rotor_spin: float = effect(
+    rotor_spin: float = exact(
         "spin of the rotors in the links that carry them, as a fraction of the armature: one over the gear ratio", "",
-        "robot", "exact", "every geared motor; a ratio of nine", stress=1 / 9, engines=MUJOCO,
+        "every geared motor; a ratio of nine", stress=1 / 9, engines=MUJOCO,
     )  # fmt: skip
     friction_spread: float = effect(
         "Coulomb and viscous friction of a joint over those of all", "", "joint", "rms of a factor's logarithm",
         "temperature, seals", stress=0.3,
     )  # fmt: skip
-    load_friction: float = effect(
-        "friction of a joint over the torque of its motor", "", "robot", "exact", "teeth under load", stress=0.04,
+    load_friction: float = exact(
+        "friction of a joint over the torque of its motor", "", "teeth under load", stress=0.04,
     )  # fmt: skip
-    stribeck: float = effect(
-        "Coulomb friction at rest over that in motion, less one", "", "robot", "exact", "grease at rest", alone=0.3,
-    )  # fmt: skip
-    leg_mass_common: float = effect(
-        "mass, first moment and inertia of all leg links over the model's, less one", "", "robot", "rms",
+    stribeck: float = exact("Coulomb friction at rest over that in motion, less one", "", "grease at rest", alone=0.3)
+    leg_mass_common: float = rms(
+        "mass, first moment and inertia of all leg links over the model's, less one", "", "robot",
         f"{_SCREWS}; errors common to all links of a file", stress=0.05,
     )  # fmt: skip
-    leg_com_common: float = effect(
-        "shift of the CoM of all leg links of a kind", "m", "kind of leg link, three axes", "rms",
-        _CAD, stress=4e-3, measure="length",
-    )  # fmt: skip
-    leg_com: float = effect(
-        "shift of the CoM of a leg link", "m", "leg link, three axes", "rms",
-        _CAD, stress=3e-3, measure="length",
-    )  # fmt: skip
-    leg_inertia: float = effect(
-        "inertia of a leg link about its CoM over that scaled with its mass, less one", "", "joint", "rms",
-        "solids of one density in CAD", alone=0.1,
-    )  # fmt: skip
-    leg_length_common: float = effect(
-        "length of all thighs or of all calves, less the model's", "m", "kind of leg link", "rms", _WORN, stress=0.7e-3,
+    leg_com_common: float = rms(
+        "shift of the CoM of all leg links of a kind", "m", "kind of leg link, three axes", _CAD, stress=4e-3,
         measure="length",
     )  # fmt: skip
-    leg_length: float = effect(
-        "length of a thigh or a calf, less the model's", "m", "joint", "rms", _WORN, stress=0.7e-3, measure="length",
+    leg_com: float = rms(
+        "shift of the CoM of a leg link", "m", "leg link, three axes", _CAD, stress=3e-3, measure="length",
     )  # fmt: skip
-    hip_position: float = effect(
-        "position of a leg's first joint, less the model's, in base axes", "m", "leg, three axes", "rms", "tolerances",
+    leg_inertia: float = rms(
+        "inertia of a leg link about its CoM over that scaled with its mass, less one", "", "joint",
+        "solids of one density in CAD", alone=0.1,
+    )  # fmt: skip
+    leg_length_common: float = rms(
+        "length of all thighs or of all calves, less the model's", "m", "kind of leg link", _WORN, stress=0.7e-3,
+        measure="length",
+    )  # fmt: skip
+    leg_length: float = rms(
+        "length of a thigh or a calf, less the model's", "m", "joint", _WORN, stress=0.7e-3, measure="length",
+    )  # fmt: skip
+    hip_position: float = rms(
+        "position of a leg's first joint, less the model's, in base axes", "m", "leg, three axes", "tolerances",
         stress=0.7e-3, measure="length",
     )  # fmt: skip
-    foot_radius: float = effect(
-        "radius of a foot, less the model's", "m", "leg", "rms", "rubber wears", stress=1e-3, measure="length",
+    foot_radius: float = rms(
+        "radius of a foot, less the model's", "m", "leg", "rubber wears", stress=1e-3, measure="length",
     )  # fmt: skip
-    joint_axes: float = effect(
-        "tilt of a joint's axis, about two directions across it", "rad", "joint, two directions", "rms",
-        "bores and bearings", alone=5e-3,
+    joint_axes: float = rms(
+        "tilt of a joint's axis, about two directions across it", "rad", "joint, two directions", "bores and bearings",
+        alone=5e-3,
     )  # fmt: skip
-    foot_stiffness: float = effect(
-        "stiffness of a foot and the floor under it", "N/m", "robot", "exact",
-        _RUBBER, stress=30e3, measure="force over length",
+    foot_stiffness: float = exact(
+        "stiffness of a foot and the floor under it", "N/m", _RUBBER, stress=30e3, measure="force over length",
         inverse=True, engines=MUJOCO,
     )  # fmt: skip
-    rolling_friction: float = effect(
-        "rolling friction of a foot: the largest moment over the normal force", "m", "robot", "exact",
-        f"{_RUBBER}: contact patch", stress=0.3e-3, measure="length", engines=MUJOCO,
+    rolling_friction: float = exact(
+        "rolling friction of a foot: the largest moment over the normal force", "m", f"{_RUBBER}: contact patch",
+        stress=0.3e-3, measure="length", engines=MUJOCO,
     )  # fmt: skip
-    torsional_friction: float = effect(
-        "torsional friction of a foot: the largest moment over the normal force", "m", "robot", "exact",
-        f"{_RUBBER}: contact patch", stress=4e-3, measure="length", engines=MUJOCO,
+    torsional_friction: float = exact(
+        "torsional friction of a foot: the largest moment over the normal force", "m", f"{_RUBBER}: contact patch",
+        stress=4e-3, measure="length", engines=MUJOCO,
     )  # fmt: skip
     floor_friction_spread: float = effect(
         "friction coefficient of the floor, less `floor_friction`", "", "robot", "half width",
         "rubber on floors of all kinds", stress=0.2, varied=False,
     )  # fmt: skip
-    foothold_height: float = effect(
-        "height of the floor under a foot", "m", "leg", "rms", "a floor", stress=1e-3, measure="length", engines=MUJOCO,
+    foothold_height: float = rms(
+        "height of the floor under a foot", "m", "leg", "a floor", stress=1e-3, measure="length", engines=MUJOCO,
     )  # fmt: skip
-    torque_gain_common: float = effect(
-        "true over reported torque of all motors, less one", "", "robot", "rms", _MOTORS, stress=0.05,
+    torque_gain_common: float = rms(
+        "true over reported torque of all motors, less one", "", "robot", _MOTORS, stress=0.05,
     )  # fmt: skip
-    gyro_gain: float = effect(
-        "gyroscope's gain, less one", "", "axis", "rms", f"{_SHEET}: 1 to 3 % uncalibrated", stress=5e-3,
+    gyro_gain: float = rms("gyroscope's gain, less one", "", "axis", f"{_SHEET}: 1 to 3 % uncalibrated", stress=5e-3)
+    gyro_misalignment: float = rms(
+        "share of another axis's rate in the gyroscope's reading", "", "pair of axes", _SHEET, stress=2e-3,
     )  # fmt: skip
-    gyro_misalignment: float = effect(
-        "share of another axis's rate in the gyroscope's reading", "", "pair of axes", "rms", _SHEET, stress=2e-3,
+    gyro_turn: float = rms(
+        "rotation vector of the gyroscope in the accelerometer's frame", "rad", "axis", _SHEET, stress=5e-3,
     )  # fmt: skip
-    gyro_turn: float = effect(
-        "rotation vector of the gyroscope in the accelerometer's frame", "rad", "axis", "rms", _SHEET, stress=5e-3,
+    imu_position: float = rms(
+        "position of the IMU, less the model's, in base axes", "m", "axis", "boards and drawings", alone=2e-3,
     )  # fmt: skip
-    imu_position: float = effect(
-        "position of the IMU, less the model's, in base axes", "m", "axis", "rms", "boards and drawings", alone=2e-3,
+    accelerometer_gain: float = rms(
+        "accelerometer's gain, less one", "", "axis", f"{_SHEET}: 0.3 to 1 % uncalibrated", stress=3e-3,
     )  # fmt: skip
-    accelerometer_gain: float = effect(
-        "accelerometer's gain, less one", "", "axis", "rms", f"{_SHEET}: 0.3 to 1 % uncalibrated", stress=3e-3,
+    gyro_drift: float = rms(
+        "change of the gyroscope's bias in two minutes", "rad/s", "axis", "an IMU that warms up", alone=2e-3,
     )  # fmt: skip
-    gyro_drift: float = effect(
-        "change of the gyroscope's bias in two minutes", "rad/s", "axis", "rms", "an IMU that warms up", alone=2e-3,
+    imu_filter: float = exact(
+        "cut-off frequency of the IMU's low pass, a Butterworth filter of second order", "Hz", "on-board filters",
+        stress=100.0, inverse=True,
     )  # fmt: skip
-    imu_filter: float = effect(
-        "cut-off frequency of the IMU's low pass, a Butterworth filter of second order", "Hz", "robot", "exact",
-        "on-board filters", stress=100.0, inverse=True,
+    imu_latency: float = exact(
+        "time by which IMU samples are older than joint samples of the same stamp", "s", "on-board filters",
+        stress=2e-3,
     )  # fmt: skip
-    imu_latency: float = effect(
-        "time by which IMU samples are older than joint samples of the same stamp", "s", "robot", "exact",
-        "on-board filters", stress=2e-3,
+    sample_rate: float = exact(
+        "sample rate; without it, one sample per control period", "Hz", "logs and buses of 100 to 200 Hz", alone=200.0,
+        inverse=True,
     )  # fmt: skip
-    sample_rate: float = effect(
-        "sample rate; without it, one sample per control period", "Hz", "robot", "exact",
-        "logs and buses of 100 to 200 Hz", alone=200.0, inverse=True,
-    )  # fmt: skip
-    jitter: float = effect(
-        "time stamp of a sample minus its read time", "s", "robot", "rms", "DDS, UDP", stress=0.2e-3,
-    )  # fmt: skip
-    lost_samples: float = effect(
-        "share of the samples that are lost", "", "robot", "exact", "DDS, UDP", stress=3e-3,
+    jitter: float = rms("time stamp of a sample minus its read time", "s", "robot", "DDS, UDP", stress=0.2e-3)
+    lost_samples: float = exact(
+        "share of the samples that are lost", "", "DDS, UDP", stress=3e-3,
         most=(0.5, "control loops need more samples"),
     )  # fmt: skip
     encoder_eccentricity: float = effect(
@@ -233,48 +216,47 @@ class EffectSizes:
         "constant horizontal force on the base, in a direction that is fixed in the room", "N", "robot",
         "exact, its direction drawn", "half a metre of Ethernet", stress=0.15,
     )  # fmt: skip
-    swinging_load: float = effect(
-        "mass of a load that swings under the base, on a string of 0.1 m, scaled by the robot's length over an A1's", "kg",
-        "robot", "exact", "a plug, a lanyard", alone=0.1, measure="mass", engines=MUJOCO,
+    swinging_load: float = exact(
+        "mass of a load that swings under the base, on a string of 0.1 m, scaled by the robot's length over an A1's",
+        "kg", "a plug, a lanyard", alone=0.1, measure="mass", engines=MUJOCO,
     )  # fmt: skip
-    sling: float = effect(
+    sling: float = exact(
         "stiffness of a safety sling above the base, 5 mm slack at the stance, scaled by the robot's length over an A1's",
-        "N/m", "robot", "exact",
-        "a crane that is not lowered far enough", alone=1e3, measure="force over length", engines=MUJOCO,
+        "N/m", "a crane that is not lowered far enough", alone=1e3, measure="force over length", engines=MUJOCO,
         varied=False,
     )  # fmt: skip
-    foot_width: float = effect(
-        "half width of feet that are cylinders across the leg", "m", "robot", "exact",
-        "feet of rubber hose or of printed plates", alone=6e-3, measure="length", engines=MUJOCO, varied=False,
+    foot_width: float = exact(
+        "half width of feet that are cylinders across the leg", "m", "feet of rubber hose or of printed plates",
+        alone=6e-3, measure="length", engines=MUJOCO, varied=False,
     )  # fmt: skip
-    foot_oval: float = effect(
+    foot_oval: float = exact(
         "fore-aft radius of curvature of a foot's bottom over its radius, less one; the lateral one falls by half as much",
-        "", "robot", "exact", "rubber that wore on two sides", alone=0.3, most=(1.0, "the foot would be a blade"),
-        engines=MUJOCO, varied=False,
+        "", "rubber that wore on two sides", alone=0.3, most=(1.0, "the foot would be a blade"), engines=MUJOCO,
+        varied=False,
     )  # fmt: skip
-    foot_flat: float = effect(
-        "half width of the flat at a foot's bottom, a disc that is level at the stance", "m", "robot", "exact",
+    foot_flat: float = exact(
+        "half width of the flat at a foot's bottom, a disc that is level at the stance", "m",
         "rubber that wore where it stands", alone=3e-3, measure="length", engines=MUJOCO, varied=False,
     )  # fmt: skip
-    foot_position: float = effect(
-        "position of a foot, less the model's, along the calf and in two directions across it", "m", "leg, three axes", "rms",
+    foot_position: float = rms(
+        "position of a foot, less the model's, along the calf and in two directions across it", "m", "leg, three axes",
         "feet that were replaced: 3 mm in all", alone=1.7e-3, measure="length",
     )  # fmt: skip
-    gyro_lag: float = effect(
-        "time by which gyroscope samples are older than accelerometer samples of the same stamp", "s", "robot", "exact",
+    gyro_lag: float = exact(
+        "time by which gyroscope samples are older than accelerometer samples of the same stamp", "s",
         "separate filters inside an IMU: 2 to 4 ms", alone=4e-3,
     )  # fmt: skip
-    vertical_pull: float = effect(
-        "vertical force on the base above the rear feet, upward where positive", "N", "robot", "exact",
+    vertical_pull: float = exact(
+        "vertical force on the base above the rear feet, upward where positive", "N",
         "a cable that hangs down or comes from above", alone=-3.0, measure="force", signed=True, engines=MUJOCO,
     )  # fmt: skip
-    hose: float = effect(
-        "stiffness of a hose that pulls the point of the base above the rear feet back to its position at the stance", "N/m",
-        "robot", "exact", "hoses and thick cables: 10 to 20 N/m", alone=20.0, measure="force over length", engines=MUJOCO,
+    hose: float = exact(
+        "stiffness of a hose that pulls the point of the base above the rear feet back to its position at the stance",
+        "N/m", "hoses and thick cables: 10 to 20 N/m", alone=20.0, measure="force over length", engines=MUJOCO,
     )  # fmt: skip
-    slosh: float = effect(
-        "share of the payload that moves as water in a tank does, 2.2 Hz on an A1", "", "robot", "exact", "tanks half full",
-        alone=0.65, most=(0.9, "the tank itself has a mass"), engines=MUJOCO, varied=False,
+    slosh: float = exact(
+        "share of the payload that moves as water in a tank does, 2.2 Hz on an A1", "", "tanks half full", alone=0.65,
+        most=(0.9, "the tank itself has a mass"), engines=MUJOCO, varied=False,
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -292,9 +274,10 @@ class EffectSizes:
             )
 
     @classmethod
+    @cache
     def rows(cls) -> tuple[Effect, ...]:
         """Return the table of effects."""
-        return _rows()
+        return tuple(dataclasses.replace(row.metadata[ROW], name=row.name) for row in dataclasses.fields(cls))
 
     @classmethod
     def row(cls, name: str) -> Effect:
@@ -368,12 +351,6 @@ def read_effects(texts: Iterable[str]) -> dict[str, float | None]:
 def read_names(texts: Iterable[str]) -> tuple[str, ...]:
     """Return the words between commas."""
     return tuple(word.strip() for text in texts for word in text.split(",") if word.strip())
-
-
-@lru_cache(maxsize=1)
-def _rows() -> tuple[Effect, ...]:
-    fields = dataclasses.fields(EffectSizes)
-    return tuple(dataclasses.replace(row.metadata[ROW], name=row.name) for row in fields)
 
 
 IDEAL = EffectSizes()

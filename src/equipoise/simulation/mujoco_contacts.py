@@ -60,7 +60,8 @@ def add_contacts(
         SettingsError: the file has no contact parameters, or feet would have two shapes.
     """
     from_file = _parameters_from_file(spec, robot) if contacts == "file" else {}
-    hard = {"solref": [CONTACT_TIME, 1.0], "solimp": [*IMPEDANCE, 0.001, 0.5, 2.0], "friction": _friction(errors)}
+    dimensions, friction = _friction(errors)
+    hard = {"solref": [CONTACT_TIME, 1.0], "solimp": [*IMPEDANCE, 0.001, 0.5, 2.0], "friction": friction}
     floor = hard if contacts == "default" else {}
     spec.worldbody.add_geom(
         name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=1, conaffinity=2, **floor
@@ -68,7 +69,7 @@ def add_contacts(
     touching = {"contype": 2, "conaffinity": 1, "condim": 3, "mass": 0.0, **hard}
     heights, axes = errors.drawn["foothold_height"], _base_axes(robot, stance)
     for index, (leg, foot) in enumerate(robot.feet.items()):
-        how: dict[str, Any] = {**touching, "condim": _dimensions(errors), **from_file.get(leg, {})}
+        how: dict[str, Any] = {**touching, "condim": dimensions, **from_file.get(leg, {})}
         if heights.any():
             # Each foot has a separate floor and touches no other.
             how |= {"contype": 4 << index, "conaffinity": 4 << index}
@@ -165,19 +166,15 @@ def soften_feet(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors) -
         model.opt.impratio = max(model.opt.impratio, softness / hard)
 
 
-def _friction(errors: DrawnErrors) -> list[float]:
-    """Return the sliding, torsional [m] and rolling [m] friction; those without a contact dimension have no effect."""
-    sizes = errors.sizes
-    if _dimensions(errors) == 3:
-        return [errors.floor_friction, 0.005, 0.0001]
-    return [errors.floor_friction, sizes.torsional_friction, sizes.rolling_friction]
+def _friction(errors: DrawnErrors) -> tuple[int, list[float]]:
+    """Return the contact dimensions, and the sliding, torsional [m] and rolling [m] friction.
 
-
-def _dimensions(errors: DrawnErrors) -> int:
-    """Return the contact dimensions: 3 for sliding, 4 with torsional, 6 with rolling friction."""
-    if errors.sizes.rolling_friction:
-        return 6
-    return 4 if errors.sizes.torsional_friction else 3
+    The dimensions are 3 for sliding, 4 with torsional, 6 with rolling friction; friction without one has no effect.
+    """
+    torsional, rolling = errors.sizes.torsional_friction, errors.sizes.rolling_friction
+    if not (torsional or rolling):
+        return 3, [errors.floor_friction, 0.005, 0.0001]
+    return 6 if rolling else 4, [errors.floor_friction, torsional, rolling]
 
 
 def _parameters_from_file(spec: mujoco.MjSpec, robot: RobotModel) -> dict[str, dict[str, Any]]:

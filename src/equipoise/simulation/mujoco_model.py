@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.errors import ModelError, SettingsError
+from equipoise.robot.cleaning.urdf import read_inertia, write_inertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
 from equipoise.robot.stance import Stance
@@ -30,7 +32,6 @@ from equipoise.simulation.payload import Payload
 IMU_SITE = "equipoise_imu"
 ACCELEROMETER = "equipoise_accelerometer"
 
-_TENSOR_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 TIMESTEP = 0.5e-3  # [s], the usual one
 _NO_ISLANDS = int(getattr(mujoco.mjtDisableBit, "mjDSBL_ISLAND", 0))
 
@@ -100,7 +101,7 @@ def build_simulated_robot(
     legs = LegErrors.of(robot, stance, errors)
     try:
         spec = _read(robot.source)
-        base = _floating_base(spec, robot)
+        base = _floating_base(spec)
         _strip(spec)
         _weld_locked_joints(spec, robot)
         add_contacts(spec, robot, stance, base, errors, legs, contacts)
@@ -189,22 +190,19 @@ def _read(source: ModelSource) -> mujoco.MjSpec:
         for collision in link.findall("collision"):
             link.remove(collision)
         for inertial in link.findall("inertial"):
-            _straighten(inertial)
+            _straighten(inertial, link.get("name", ""), source.path)
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     spec.compiler.fusestatic = False  # reason: `set_options`
     return spec
 
 
-def _straighten(inertial: ET.Element) -> None:
+def _straighten(inertial: ET.Element, link: str, path: Path) -> None:
     """Write a URDF link's inertia in the link's own axes: MuJoCo before 3.17 reads a rotated one wrongly."""
     origin, tensor = inertial.find("origin"), inertial.find("inertia")
     if origin is None or tensor is None or "rpy" not in origin.attrib:
         return
     turn = pin.rpy.rpyToMatrix(np.array([float(word) for word in origin.attrib.pop("rpy").split()]))
-    xx, yy, zz, xy, xz, yz = (float(tensor.get(key, "0")) for key in _TENSOR_KEYS)
-    straight = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
-    for key, value in zip(_TENSOR_KEYS, straight[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], strict=True):
-        tensor.set(key, repr(float(value)))
+    write_inertia(tensor, turn @ read_inertia(tensor, link, path) @ turn.T)
 
 
 def _delete(spec: mujoco.MjSpec, element: Any) -> None:
@@ -215,10 +213,9 @@ def _delete(spec: mujoco.MjSpec, element: Any) -> None:
         element.delete()
 
 
-def _floating_base(spec: mujoco.MjSpec, robot: RobotModel) -> mujoco.MjsBody:
+def _floating_base(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     base = spec.worldbody.first_body()
-    free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
-    if not free:
+    if not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in spec.joints):
         base.add_freejoint()
     # The floor is at z = 0 and the platform places the base: the file's pose of it is not used.
     return base

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -81,35 +83,31 @@ def _sum(model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.bool_]) 
     return InertialParameters(float(masses.sum()), com, inertia)
 
 
-class MujocoTruthView:
-    """Ground truth of the simulated robot, for evaluation only.
+def ground_truth_of(robot: RobotModel, simulated: SimulatedRobot, present: mujoco.MjData) -> Callable[[], GroundTruth]:
+    """Return a function for the true state of the simulated robot at the present moment, for evaluation only.
 
     Args:
         present: state of the engine that the platform moves.
     """
+    model, base = simulated.model, simulated.base_body
+    data = mujoco.MjData(model)
+    feet = [model.geom(foot_name(leg)).id for leg in robot.legs]
+    floors = floors_of_feet(model, robot, simulated.errors)
+    up = -np.array(simulated.errors.gravity_direction)
 
-    def __init__(self, robot: RobotModel, simulated: SimulatedRobot, present: mujoco.MjData) -> None:
-        self._present = present
-        self._model = simulated.model
-        self._data = mujoco.MjData(self._model)
-        self._feet = [self._model.geom(foot_name(leg)).id for leg in robot.legs]
-        self._floors = floors_of_feet(self._model, robot, simulated.errors)
-        self._base = simulated.base_body
-        self._up = -np.array(simulated.errors.gravity_direction)
-
-    def look(self) -> GroundTruth:
-        """Return the true state at the present moment."""
-        model, data = self._model, self._data
-        data.qpos[:] = self._present.qpos
+    def look() -> GroundTruth:
+        data.qpos[:] = present.qpos
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        feet = np.array(data.geom_xpos[self._feet])
-        cosine = float(data.xmat[self._base].reshape(3, 3)[:, 2] @ self._up)
+        centres = np.array(data.geom_xpos[feet])
+        cosine = float(data.xmat[base].reshape(3, 3)[:, 2] @ up)
         return GroundTruth(
-            float(self._present.time),
-            feet,
-            feet[:, 2] - model.geom_size[self._feet, 0] - model.geom_pos[self._floors, 2],
+            float(present.time),
+            centres,
+            centres[:, 2] - model.geom_size[feet, 0] - model.geom_pos[floors, 2],
             np.array(data.subtree_com[0]),
-            self._up,
+            up,
             float(np.arccos(np.clip(cosine, -1, 1))),
         )
+
+    return look

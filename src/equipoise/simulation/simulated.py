@@ -156,17 +156,13 @@ class SimulatedPlatform(SteppedPlatform):
             position, height = lying_posture(self._robot, stance)
         self._place(position, height)
         hold = self._with_zeros(np.array(position)[None])
-        self._late_control = np.repeat(hold, self._late_steps, axis=0)
+        self._late_control = np.repeat(hold, round(self._errors.sizes.command_delay / self._timestep), axis=0)
         self._roll(np.repeat(hold, round(_SETTLING_TIME / self._timestep), axis=0))
         self._raw_past = self._raw_past[-self._samples.past_steps :]
         self._periods = 0
         self._set_clock_to_zero()
         if not self._base_up() > 0.9:
             raise FallError(f"{self._robot.name!r} fell over before the first motion; check that its stance is stable")
-
-    @property
-    def _late_steps(self) -> int:
-        return round(self._errors.sizes.command_delay / self._timestep)
 
     def _with_zeros(self, position: FloatArray) -> FloatArray:
         """Return the joint targets at which the encoders read a position, since the loop closes on them."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,14 +23,6 @@ if TYPE_CHECKING:
     from equipoise.simulation.disturbance import Disturbance
 
 
-class GroundTruthView(Protocol):
-    """Ground truth of the simulated robot, for evaluation only."""
-
-    def look(self) -> GroundTruth:
-        """Return the true state at the present moment."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class Simulation:
     """Simulated robot. Use it as a context manager, or close the platform.
@@ -40,7 +32,7 @@ class Simulation:
         truth: true parameters, for evaluation only: join them to a result afterwards.
         engine_version: version of the engine.
         errors: effects that were drawn for it; for studies, not for experiments.
-        truth_view: access to the true state; for evaluation only.
+        ground_truth: function that returns the true state at the present moment; for evaluation only.
         disturbance: external forces on the robot; None in engines that do not support them.
         link_truth: true values of each leg link by name, as in `equipoise.result.findings.Link`; empty in engines
             that do not provide them.
@@ -50,17 +42,16 @@ class Simulation:
     truth: RobotInertia
     engine_version: str
     errors: DrawnErrors
-    truth_view: GroundTruthView
+    ground_truth: Callable[[], GroundTruth]
     disturbance: Disturbance | None = None
     link_truth: dict[str, dict[str, float]] = field(default_factory=dict[str, "dict[str, float]"])
 
     @property
     def truth_of_parts(self) -> dict[str, dict[str, dict[str, float]]]:
-        """Return true values of each part by name for a result: of "motors", and of "links" if the engine provides them."""
-        return {"motors": self._motor_truth(), "links": self.link_truth}
+        """Return true values of each part by name for a result: of "motors", and of "links" if the engine provides them.
 
-    def _motor_truth(self) -> dict[str, dict[str, float]]:
-        """Return true values of each joint's motor by name, as in `equipoise.result.findings.Motor`."""
+        The values of motors are those of `equipoise.result.findings.Motor`.
+        """
         joints = self.platform.joint_names
         gain, armature = self.errors.torque_gain, np.full(len(joints), self.errors.sizes.armature)
         mean, period = float(gain.mean()), self.platform.control_period
@@ -74,7 +65,8 @@ class Simulation:
             # A sample contains the last command that acted before it.
             "delay": np.full(len(joints), period * np.ceil(late / period - 1e-9)),
         }
-        return {joint: {name: float(of[i]) for name, of in columns.items()} for i, joint in enumerate(joints)}
+        motors = {joint: {name: float(of[i]) for name, of in columns.items()} for i, joint in enumerate(joints)}
+        return {"motors": motors, "links": self.link_truth}
 
     def __enter__(self) -> Simulation:
         return self
@@ -162,7 +154,7 @@ def build(
         from equipoise.simulation.disturbance import Disturbance  # noqa: PLC0415
         from equipoise.simulation.mujoco import MujocoPlatform  # noqa: PLC0415
         from equipoise.simulation.mujoco_model import TIMESTEP, build_simulated_robot  # noqa: PLC0415
-        from equipoise.simulation.mujoco_truth import MujocoTruthView, link_truth, simulated_truth  # noqa: PLC0415
+        from equipoise.simulation.mujoco_truth import ground_truth_of, link_truth, simulated_truth  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingDependencyError("simulation needs MuJoCo: pip install 'equipoise[simulation]'") from error
     timestep = TIMESTEP if timestep is None else timestep
@@ -171,7 +163,7 @@ def build(
     data = mujoco.MjData(simulated.model)
     disturbance = Disturbance(simulated)
     platform = MujocoPlatform(robot, simulated, stance, start, data=data, disturbance=disturbance)
-    truth_view = MujocoTruthView(robot, simulated, data)
+    ground_truth = ground_truth_of(robot, simulated, data)
     return Simulation(
-        platform, truth, mujoco.__version__, errors, truth_view, disturbance, link_truth(robot, simulated)
+        platform, truth, mujoco.__version__, errors, ground_truth, disturbance, link_truth(robot, simulated)
     )

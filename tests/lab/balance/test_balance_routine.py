@@ -44,11 +44,11 @@ def stand(robot, error, diagonal="FL_RR", noise="ideal", seconds=3.0, seed=0):
     stance = nominal_stance(robot)
     with simulate(robot, noise, seed=seed) as simulation:
         model = displaced(robot, stance, simulation.truth, diagonal, error).model
-        recorder = GroundTruthRecorder(simulation.truth_view.look, 5)
+        recorder = GroundTruthRecorder(simulation.ground_truth, 5)
         run = balance(
             Wrapped(simulation.platform), robot, model, diagonal, BalanceSettings(seconds), watch=recorder.watch
         )
-        last = simulation.truth_view.look()
+        last = simulation.ground_truth()
     return SimpleNamespace(
         run=run, ground_truths=recorder.ground_truths, verdict=evaluate(run, recorder.ground_truths), last=last
     )
@@ -135,7 +135,7 @@ def test_ctrl_c_puts_the_feet_down_and_keeps_the_recording(a1):
         platform = Wrapped(simulation.platform, interrupt)
         with pytest.raises(MotionInterrupted) as caught:
             balance(platform, a1, a1, "FL_RR")
-        last = simulation.truth_view.look()
+        last = simulation.ground_truth()
     assert seen
     recording = caught.value.recording
     assert recording.has_phase("lift")
@@ -155,7 +155,7 @@ def test_a_measurement_that_is_not_finite_ends_the_trial_with_the_feet_down(a1, 
         platform = Wrapped(simulation.platform, spoil)
         with pytest.raises(MotionError, match="is not finite; the feet were lowered") as caught:
             balance(platform, a1, a1, "FR_RL")
-        last = simulation.truth_view.look()
+        last = simulation.ground_truth()
     assert all(np.isfinite(command.position).all() for command in platform.commands)
     assert caught.value.recordings[0].has_phase("lower")
     assert np.abs(last.clearance).max() < 2e-3
@@ -174,7 +174,7 @@ def test_settings_out_of_range_raise_an_error(name, value):
 
 def test_the_ground_truth_describes_a_standing_robot_on_a_slope(a1):
     with simulate(a1, "realistic", seed=5) as simulation:
-        ground_truth = simulation.truth_view.look()
+        ground_truth = simulation.ground_truth()
         down = simulation.errors.gravity_direction
         state = simulation.platform.read()
     assert np.allclose(ground_truth.up, -down)

@@ -183,7 +183,7 @@ def _trial(
     diagonal: str,
     settings: BalanceSettings,
 ) -> BalanceTrial:
-    recorder = GroundTruthRecorder(simulation.truth_view.look, _WATCHED_PERIODS)
+    recorder = GroundTruthRecorder(simulation.ground_truth, _WATCHED_PERIODS)
     done = run(simulation.platform, robot, design.model, diagonal, settings, design.sensors, recorder.watch)
     off = error_along(stance, diagonal, design.model, simulation.truth)
     verdict = evaluate(done, recorder.ground_truths)

@@ -40,4 +40,4 @@ def build(
     simulated = build_dart_robot(robot, stance, errors, payload, timestep)
     truth = dart_truth(robot, simulated, stance.joint_position)
     platform = DartPlatform(robot, simulated, stance, start)
-    return Simulation(platform, truth, dartpy.__version__, errors, DartTruthView(simulated))
+    return Simulation(platform, truth, dartpy.__version__, errors, DartTruthView(simulated).look)

@@ -106,7 +106,7 @@ class EmulatedRobot:
         self._stiff = self._limp = 0
         self._lines, self._body = FaultLines(robot, self.log), FaultyBody(robot, gains)
         self._wiring = CrossedWiring(robot, settings.wiring, settings.wiring_of)
-        truth = self._simulation.truth_view.look()
+        truth = self._simulation.ground_truth()
         self._com_height, self._speed, self._tilt = float(truth.com[2]), 0.0, float(np.degrees(truth.tilt))
         self._largest: FloatArray = np.zeros(len(robot.joint_names))
         self._traced = -np.inf
@@ -167,7 +167,7 @@ class EmulatedRobot:
 
     def _record_motion(self, sensed: RobotState) -> None:
         """Record the true motion, and begin the faults that are due."""
-        truth, before = self._simulation.truth_view.look(), self._com_height
+        truth, before = self._simulation.ground_truth(), self._com_height
         self._com_height, self._tilt = float(truth.com[2]), float(np.degrees(truth.tilt))
         self._speed = max(self._speed, (self._com_height - before) / self.control_period, key=abs)
         if sensed.joint_torque is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from typing import NamedTuple
 
 from equipoise.errors import ModelError
 from equipoise.robot.cleaning.mjcf_joints import base_body, clean_joints, couplings_of
@@ -27,19 +26,13 @@ _POSITIONS = {"free": 7, "ball": 4}  # numbers in `qpos`; other joints have one
 _GENERATORS = ("replicate", "attach", "composite", "flexcomp")
 
 
-class CleanedMjcf(NamedTuple):
-    """Cleaned MJCF file: its root, and further fields of `ModelSource`."""
-
-    root: ET.Element
-    repairs: list[str]
-    effort_limits: dict[str, float]
-    home: dict[str, float]
-    locked: dict[str, float]
-    couplings: list[Coupling]
-
-
-def clean_mjcf(root: ET.Element, path: Path) -> CleanedMjcf:
+def clean_mjcf(
+    root: ET.Element, path: Path
+) -> tuple[ET.Element, list[str], dict[str, float], dict[str, float], dict[str, float], list[Coupling]]:
     """Clean a parsed MJCF file.
+
+    Returns:
+        the root of the cleaned file, and `repairs`, `effort_limits`, `home`, `locked` and `couplings` of `ModelSource`.
 
     Raises:
         ModelError: no body with a free joint, a body whose mass only a mesh determines, bodies or masses that only MuJoCo
@@ -76,7 +69,7 @@ def clean_mjcf(root: ET.Element, path: Path) -> CleanedMjcf:
         for child in list(world):
             if child is not base:
                 world.remove(child)
-    return CleanedMjcf(root, repairs, effort_limits, at_home, locked, couplings)
+    return root, repairs, effort_limits, at_home, locked, couplings
 
 
 def _expand_includes(root: ET.Element, path: Path, main: Path, depth: int) -> None:
@@ -181,8 +174,9 @@ def _effort_limits(root: ET.Element, defaults: _Defaults) -> dict[str, float]:
             span = defaults.get(element, "ctrlrange")
         gear = abs(float((defaults.get(element, "gear") or "1").split()[0]))
         _lower(limits, joint, span, gear)
-    for childclass, joint in _walk_joints(root):
-        _lower(limits, joint.get("name", ""), defaults.get(joint, "actuatorfrcrange", childclass), 1.0)
+    for childclass, body in _walk_bodies(root):
+        for joint in body.findall("joint"):
+            _lower(limits, joint.get("name", ""), defaults.get(joint, "actuatorfrcrange", childclass), 1.0)
     return limits
 
 
@@ -207,10 +201,6 @@ def _lower(limits: dict[str, float], joint: str, span: str | None, gear: float) 
     limit = gear * min((abs(float(word)) for word in (span or "").split()), default=0.0)
     if limit > 0:
         limits[joint] = min(limit, limits.get(joint, limit))
-
-
-def _walk_joints(root: ET.Element) -> list[tuple[str, ET.Element]]:
-    return [(childclass, joint) for childclass, body in _walk_bodies(root) for joint in body.findall("joint")]
 
 
 def _walk_bodies(root: ET.Element) -> list[tuple[str, ET.Element]]:

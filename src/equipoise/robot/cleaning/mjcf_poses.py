@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.robot.cleaning.urdf_text import words
 
 ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 _PLACED = ("body", "geom", "site", "inertial", "frame")
@@ -119,18 +120,18 @@ def fold_reference(body: ET.Element, convention: AngleConvention) -> None:
         turn, anchor = _turned(axis, -convention.unit * references[0]), _numbers(joints[0], "pos", "0 0 0")
         shift = anchor - turn @ anchor
     rotation = orientation(body, convention)
-    body.set("pos", _text(_numbers(body, "pos", "0 0 0") + rotation @ shift))
+    body.set("pos", words(_numbers(body, "pos", "0 0 0") + rotation @ shift))
     _set_orientation(body, rotation @ turn)
 
 
 def _move(element: ET.Element, translation: FloatArray, rotation: FloatArray, convention: AngleConvention) -> None:
     if "fromto" in element.attrib:
         ends = _numbers(element, "fromto").reshape(2, 3) @ rotation.T + translation
-        element.set("fromto", _text(ends.ravel()))
+        element.set("fromto", words(ends.ravel()))
         return
-    element.set("pos", _text(rotation @ _numbers(element, "pos", "0 0 0") + translation))
+    element.set("pos", words(rotation @ _numbers(element, "pos", "0 0 0") + translation))
     if element.tag == "joint":
-        element.set("axis", _text(rotation @ _numbers(element, "axis", "0 0 1")))
+        element.set("axis", words(rotation @ _numbers(element, "axis", "0 0 1")))
     elif element.tag in _PLACED:
         _set_orientation(element, rotation @ orientation(element, convention))
 
@@ -138,7 +139,7 @@ def _move(element: ET.Element, translation: FloatArray, rotation: FloatArray, co
 def _set_orientation(element: ET.Element, rotation: FloatArray) -> None:
     for key in ORIENTATIONS:
         element.attrib.pop(key, None)
-    element.set("xyaxes", _text(rotation.T[:2].ravel()))
+    element.set("xyaxes", words(rotation.T[:2].ravel()))
 
 
 def _numbers(element: ET.Element, key: str, default: str = "") -> FloatArray:
@@ -149,7 +150,3 @@ def _numbers(element: ET.Element, key: str, default: str = "") -> FloatArray:
     if not np.isfinite(numbers).all():
         raise ValueError(f"<{element.tag}> has {key}={element.get(key)!r}; every number must be finite")
     return numbers
-
-
-def _text(numbers: FloatArray) -> str:
-    return " ".join(repr(float(number)) for number in numbers)

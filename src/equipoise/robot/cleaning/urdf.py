@@ -70,7 +70,7 @@ def _repair_inertials(links: dict[str, ET.Element], path: Path) -> Iterator[str]
             element.attrib.setdefault(key, "0")
         for key in ("xyz", "rpy"):
             tidy_vector(inertial.find("origin"), key, f"link {name!r}: {key} of its <inertial>", path)
-        inertia = _read_inertia(element, name, path)
+        inertia = read_inertia(element, name, path)
         repaired = physical_inertia(inertia, masses[name])
         if np.array_equal(repaired, inertia):
             continue
@@ -80,8 +80,7 @@ def _repair_inertials(links: dict[str, ET.Element], path: Path) -> Iterator[str]
                 f"link {name!r} has an inertia that no body can have (principal moments {principal} kg m2); "
                 "it was moved to the nearest physical one"
             )
-        for key, (row, column) in _INERTIA_KEYS.items():
-            element.set(key, repr(float(repaired[row, column])))
+        write_inertia(element, repaired)
     if negligible:
         shown = ", ".join(negligible[:4]) + (", ..." if len(negligible) > 4 else "")
         yield f"{len(negligible)} links with (almost) no mass are treated as massless: {shown}"
@@ -90,12 +89,19 @@ def _repair_inertials(links: dict[str, ET.Element], path: Path) -> Iterator[str]
 _INERTIA_KEYS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 
 
-def _read_inertia(element: ET.Element, link: str, path: Path) -> NDArray[np.float64]:
+def read_inertia(element: ET.Element, link: str, path: Path) -> NDArray[np.float64]:
+    """Return the (3, 3) tensor of an <inertia> [kg m2]; missing components are zero."""
     inertia = np.zeros((3, 3))
     for key, (row, column) in _INERTIA_KEYS.items():
         value = number(element.get(key), 0.0, f"link {link!r}: {key}", path)
         inertia[row, column] = inertia[column, row] = value
     return inertia
+
+
+def write_inertia(element: ET.Element, inertia: NDArray[np.float64]) -> None:
+    """Write a (3, 3) tensor into an <inertia> [kg m2]."""
+    for key, (row, column) in _INERTIA_KEYS.items():
+        element.set(key, repr(float(inertia[row, column])))
 
 
 def physical_inertia(inertia: NDArray[np.float64], mass: float, least: float = 1e-6) -> NDArray[np.float64]:
