@@ -20,7 +20,10 @@ BENCHES := $(addprefix bench-,$(PAGES))
 size: $(DEV_STAMP)
 	$(BIN)/python tests/code_size.py
 
-.PHONY: install demo test size fuzz mutants robots lint types format bench bench-check gazebo $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
+# Workers and processes of the tests share compiled files.
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: install demo test collect size fuzz mutants robots lint types format bench bench-check gazebo $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
 ACTIVATE = @echo "equipoise is installed in $(BIN); activate it with '. $(BIN)/activate', then try 'equipoise --help'"
 
@@ -46,6 +49,10 @@ test: $(DEV_STAMP)
 	wait $$realtime || failed=1; \
 	cat $(VENV)/realtime.log; \
 	exit $$failed
+
+# Compiles the tests once, before the workers of `make test` do it at the same time; an error fails there.
+collect: $(DEV_STAMP)
+	-$(BIN)/python -m pytest --collect-only --quiet >/dev/null 2>&1
 
 lint: $(DEV_STAMP)
 	$(BIN)/ruff check .
@@ -96,8 +103,9 @@ $(BENCHES): bench-%: $(BENCH_STAMP)
 	$(BIN)/python benchmarks/$(subst -,_,$*).py
 
 # Repeats random rows of all pages; fails if one differs by more than rounding, or by more than WITHIN standard deviations.
+# ROWS is their number.
 bench-check: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/check.py $(if $(WITHIN),--within $(WITHIN))
+	$(BIN)/python benchmarks/check.py $(if $(WITHIN),--within $(WITHIN)) $(if $(ROWS),--rows $(ROWS))
 
 lock:
 	for extras in run:desk dev:dev,desk robots:dev,desk,robots; do \

@@ -16,6 +16,7 @@ from equipoise import BayesianMethod, PaperMethod, calibrate, load_robot, nomina
 from equipoise.bayesian.lift_design import LiftDesign
 from equipoise.bayesian.trials import BayesianTrials
 from equipoise.experiments.stand import stand_up
+from equipoise.guard import remote_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.posture import BodyPosture
@@ -69,6 +70,17 @@ def cache(shared_folder):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(VARIABLE, str(shared_folder / "cache"))
         yield
+
+
+@pytest.fixture(autouse=True)
+def _robot_process_in_real_time_only(request, monkeypatch):
+    """Fail a test that starts a robot process without the mark `realtime`: other tests delay it beyond its limits."""
+
+    def refuse(*_, **__):
+        pytest.fail(f"{request.node.name} starts a robot process; mark it with pytest.mark.realtime")
+
+    if request.node.get_closest_marker("realtime") is None:
+        monkeypatch.setattr(remote_robot.RemoteRobot, "__init__", refuse)
 
 
 USUAL_TIMESTEP = mujoco_model.TIMESTEP

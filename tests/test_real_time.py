@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+from equipoise.guard.remote_robot import RemoteRobot
+
 pytest_plugins = "pytester"
 
 MODULE = """
@@ -50,3 +52,10 @@ def test_a_failure_is_repeated_only_in_a_stall(pytester, monkeypatch, stall, pas
     assert (pytester.path / "tries").read_text() == tries * "x"
     if "skipped" in outcome:
         result.stdout.fnmatch_lines(["*this machine is too busy for real time: 3 tries failed, with stalls of 0.*"])
+
+
+def test_a_robot_process_needs_the_mark(a1):
+    with pytest.raises(
+        pytest.fail.Exception, match=r"needs_the_mark starts a robot process; mark it with pytest\.mark"
+    ):
+        RemoteRobot("unitree-go2", a1, {})

@@ -95,16 +95,15 @@ def printed_as_text(table):
     return json.dumps(table, indent=2) + "\n"
 
 
-@pytest.mark.parametrize(("parts", "how"), [((0.5, 0.9), "belly"), ((0.6,), "three-feet")])
-def test_a_run_killed_during_motor_swings_has_the_same_result(tmp_path, parts, how):
+@pytest.mark.parametrize(("part", "how"), [(0.5, "belly"), (0.6, "three-feet")])
+def test_a_run_killed_during_motor_swings_has_the_same_result(tmp_path, part, how):
     """The robot lies with raised legs, or stands on three feet; the recordings of the base stay."""
     whole, arguments = tmp_path / "whole", ["--parameters", "base,motors", "--method", "static", "--motor-time", "5s"]
     arguments += ["--motor-stance", how, "--no-report"]
     assert main(["calibrate", *arguments, *ROBOT, "--quiet", "--out", str(whole)]) == 0
-    for part in parts:
-        copy = cut_at(part, whole, tmp_path / f"cut at {part}")
-        assert main(["calibrate", "--resume", str(copy), "--quiet", "--no-report"]) == 0
-        assert result(copy) == result(whole)
+    copy = cut_at(part, whole, tmp_path / f"cut at {part}")
+    assert main(["calibrate", "--resume", str(copy), "--quiet", "--no-report"]) == 0
+    assert result(copy) == result(whole)
 
 
 def test_one_of_several_runs_is_resumed(tmp_path):

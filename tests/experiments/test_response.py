@@ -61,7 +61,7 @@ def test_a_standing_robot_is_not_moved_joint_by_joint(a1):
         assert simulation.platform.read().time == before
 
 
-@pytest.mark.parametrize("joint", [0, 4, 8])
+@pytest.mark.parametrize(("robot", "joint"), [*zip(ROBOTS, (0, 4, 8), strict=True)], indirect=["robot"])
 def test_a_joint_with_the_wrong_sign_is_rejected(robot, joint):
     sign = np.ones(12)
     sign[joint] = -1
@@ -76,7 +76,7 @@ def test_a_joint_with_the_wrong_sign_is_rejected(robot, joint):
     assert list(details["moved"]) == list(robot.joint_names)
 
 
-@pytest.mark.parametrize("pair", [(0, 3), (1, 2), (7, 10)])
+@pytest.mark.parametrize(("robot", "pair"), [*zip(ROBOTS, [(0, 3), (1, 2), (7, 10)], strict=True)], indirect=["robot"])
 def test_joints_in_the_wrong_order_are_rejected(robot, pair):
     order = np.arange(12)
     order[list(pair)] = order[list(pair)][::-1]
@@ -100,9 +100,13 @@ MISWIRINGS = [
 ]
 
 
-@pytest.mark.parametrize("number", range(len(MISWIRINGS)), ids=[cause for *_, cause in MISWIRINGS])
+@pytest.mark.parametrize(
+    ("robot", "number"),
+    [("unitree_a1", number) for number in range(7)] + [(name, number) for name in ROBOTS[1:] for number in (1, 6)],
+    indirect=["robot"],
+)
 def test_consistent_miswiring_is_named_by_the_gyroscope(robot, number, request):
-    """Every miswiring on every robot, and in pairs with both presets."""
+    """Every miswiring on the A1, two on other robots; each robot with both presets."""
     exchange, hips, cause = MISWIRINGS[number]
     preset = ("realistic", "stress")[(number + ROBOTS.index(request.node.callspec.params["robot"])) % 2]
     with simulate(robot, preset, seed=1) as simulation:
@@ -129,7 +133,12 @@ def test_legs_of_two_joints_turn_in_pitch_alone(two_jointed):
     assert np.degrees(test.angle) < 2
 
 
-@pytest.mark.parametrize("rpy", [(0, 0, 90), (0, 0, 180), (180, 0, 0), (20, -30, 140)])
+@pytest.mark.parametrize(
+    ("robot", "rpy"),
+    [("unitree_a1", rpy) for rpy in ((0, 0, 90), (0, 0, 180), (180, 0, 0))]
+    + [(name, (20, -30, 140)) for name in ROBOTS],
+    indirect=["robot"],
+)
 def test_a_turned_imu_is_measured_and_used_once_confirmed(robot, rpy):
     mounted = Rotation.from_euler("xyz", rpy, degrees=True).as_matrix()
     stance, asked = nominal_stance(robot), []
@@ -144,11 +153,11 @@ def test_a_turned_imu_is_measured_and_used_once_confirmed(robot, rpy):
     assert "Is the measured orientation right?" in asked[0]
 
 
-def test_a_turned_imu_that_is_not_confirmed_ends_the_run(robot):
+def test_a_turned_imu_that_is_not_confirmed_ends_the_run(a1):
     mounted = Rotation.from_euler("xyz", (20, -30, 140), degrees=True).as_matrix()
-    stance = nominal_stance(robot)
-    with simulate(robot, "realistic", seed=5) as simulation:
-        standing, _ = stand_up(Miswired(simulation.platform, imu=mounted.T), robot, stance)
+    stance = nominal_stance(a1)
+    with simulate(a1, "realistic", seed=5) as simulation:
+        standing, _ = stand_up(Miswired(simulation.platform, imu=mounted.T), a1, stance)
         with pytest.raises(MotionError, match=r"not confirmed, and no foot was lifted.*--imu-rpy "):
             check_base(standing, stance, 0, None)
 
