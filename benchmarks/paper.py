@@ -23,7 +23,7 @@ from tables import column, figures, interval_of_share, markdown, rms
 
 from equipoise import ComSearchSettings, PaperMethod, RobotModel, calibrate, nominal_stance, simulate
 from equipoise.lab.balance.balance_routine import balance
-from equipoise.lab.balance.evaluation import evaluate
+from equipoise.lab.balance.evaluation import evaluate, true_traces
 from equipoise.lab.balance.model_error import DesignModel, calibrated, displaced, error_along, model_file
 from equipoise.lab.balance.observer import SensorCorrections
 from equipoise.lab.pages.reproduction_page import reproduction_page, save_reproduction
@@ -182,7 +182,7 @@ def stand(robot: RobotModel, simulation: Simulation, design: DesignModel, diagon
     """Do one balance trial; return its result, its time [s], and the error of the controller's CoM across the line [mm]."""
     recorder = GroundTruthRecorder(simulation.ground_truth, 5)
     run = balance(simulation.platform, robot, design.model, diagonal, None, design.sensors, recorder.watch)
-    verdict = evaluate(run, recorder.ground_truths)
+    verdict = evaluate(run, true_traces(run, recorder.ground_truths))
     error = error_along(nominal_stance(robot), diagonal, design.model, simulation.truth)
     return {"balanced": verdict.balanced, "time": verdict.time_balanced, "model_error": 1e3 * error}
 

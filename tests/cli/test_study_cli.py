@@ -5,7 +5,6 @@ import json
 import pytest
 
 from equipoise.cli import main
-from equipoise.lab.study import study_statistics as statistics
 
 QUICK = ["lab", "monte-carlo", "--methods", "static", "--workers", "1", "--quiet"]
 
@@ -115,20 +114,6 @@ def test_a_study_of_failures_prints_the_reason(tmp_path, capsys):
     ]
 
 
-def test_random_robots_alone_have_no_slopes(tmp_path, capsys, monkeypatch):
-    """Sizes that vary with the robots are correlated and have no separate slopes."""
-
-    def asked(*_):
-        raise AssertionError("slopes of sizes that vary together")
-
-    monkeypatch.setattr(statistics, "slopes", asked)
-    flags = [*QUICK, "--spread", "0.1", "--trials", "3", "--out", str(tmp_path / "study")]
-    assert main([*flags, "--json", "--no-report"]) == 0
-    table = json.loads(capsys.readouterr().out)
-    assert table["slopes"] == []
-    assert table["methods"][0]["failures"] == {}
-
-
 @pytest.mark.parametrize(
     ("code", "flags", "words"),
     [
@@ -147,8 +132,6 @@ def test_random_robots_alone_have_no_slopes(tmp_path, capsys, monkeypatch):
         (2, ["--timestep", "0.0003"], "whole multiple of it"),
         (2, ["--timestep", "0.002"], "contacts of the feet need"),
         (2, ["--payload", "heavy"], "MASS,X,Y,Z"),
-        (2, ["--spread", "2"], "from 0 to 0.3"),
-        (2, ["--scale-error", "5"], "0.005 for 0.5 %"),
         (2, ["--methods", "bayesian", "--duration", "soon"], "give it as 60s, 2min or 1h"),
         (2, ["--duration", "60s"], "--duration belongs to --method bayesian; this is --methods paper"),
         (2, ["--tolerance", "0.9"], "leaves nothing to search"),

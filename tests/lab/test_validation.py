@@ -10,8 +10,7 @@ from robots import load_text
 from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli import main
 from equipoise.errors import NotEstimatedError, SettingsError
-from equipoise.lab.replay.in_mujoco import MujocoReplay
-from equipoise.lab.replay.replayed_motion import TwoFootMotion
+from equipoise.lab.replay.in_mujoco import MujocoReplay, TwoFootMotion
 from equipoise.lab.replay.validation import validate
 from equipoise.result.body import Body
 from equipoise.result.held_out import FOUND, MODEL
@@ -32,7 +31,7 @@ def motion(robot):
 
 def tilt(robot, base=None):
     """Return the (n, 3) approximate rotation of the base [rad]."""
-    return STEP * np.cumsum(MujocoReplay(robot, base).play(motion(robot)).angular_velocity_base_in_base, axis=0)
+    return STEP * np.cumsum(MujocoReplay(robot, base).play(motion(robot))[0], axis=0)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise, product
@@ -115,16 +116,24 @@ def _with_leg_up(
     """Return the joint positions with one more leg up; None if it has no room."""
     joints = list(robot.legs[leg].joints)
     clearance = LegsInTheAir(robot, stance, _CLEAR * stance.scale.length, (leg,))
-    corners = np.array([(0.0,) * len(joints), *product((-1.0, 1.0), repeat=len(joints))]) * swing
-    for angles in nearest_first(robot, joints, before[joints], swing):
-        postures = np.repeat(before[None], len(corners), axis=0)
-        postures[:, joints] = angles + corners
+    for postures in postures_to_swing(robot, joints, before, swing):
         if all(map(clearance.kept, postures)) and _way_is_free(robot, leg, before, postures):
             return postures[0]
     return None
 
 
-def nearest_first(robot: RobotModel, joints: list[int], start: FloatArray, swing: FloatArray) -> list[FloatArray]:
+def postures_to_swing(
+    robot: RobotModel, joints: list[int], start: FloatArray, swing: FloatArray
+) -> Iterator[FloatArray]:
+    """Yield (n, nj) joint positions with one leg moved and at the corners of its swing, the nearest to `start` first [rad]."""
+    corners = np.array([(0.0,) * len(joints), *product((-1.0, 1.0), repeat=len(joints))]) * swing
+    for angles in _nearest_first(robot, joints, start[joints], swing):
+        postures = np.repeat(start[None], len(corners), axis=0)
+        postures[:, joints] = angles + corners
+        yield postures
+
+
+def _nearest_first(robot: RobotModel, joints: list[int], start: FloatArray, swing: FloatArray) -> list[FloatArray]:
     """Return grid postures of one leg within its limits, by their largest joint displacement from `start`."""
     reach = np.array([_HIP_RANGE, np.pi, np.pi])[-len(joints) :]
     lower = np.maximum(robot.lower_limit[joints] + _LIMIT_MARGIN + swing, start - reach)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
 
 import numpy as np
 
 from equipoise.clearance.in_the_air import LegsInTheAir
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
-from equipoise.experiments.legs_up import OVERSHOOT, SHARES, SWING, nearest_first
+from equipoise.experiments.legs_up import OVERSHOOT, SHARES, SWING, postures_to_swing
 from equipoise.experiments.posture import check_posture
 from equipoise.robot.floor import margin_inside, over_three_feet
 from equipoise.robot.kinematics import Kinematics, foot_positions
@@ -109,10 +108,7 @@ def _with_room(robot: RobotModel, stance: Stance, leg: str, standing: FloatArray
     most = np.minimum(SWING[-len(joints) :], _TORQUE_SHARE * robot.effort_limit[joints] / stiffness)
     for share in SHARES:
         swing = OVERSHOOT * share * most
-        corners = np.array([(0.0,) * len(joints), *product((-1.0, 1.0), repeat=len(joints))]) * swing
-        for angles in nearest_first(robot, joints, standing[joints], swing):
-            postures = np.repeat(standing[None], len(corners), axis=0)
-            postures[:, joints] = angles + corners
+        for postures in postures_to_swing(robot, joints, standing, swing):
             if all(map(clearance.kept, postures)):
                 of_all = np.zeros_like(standing)
                 of_all[joints] = share * most

@@ -137,11 +137,3 @@ def test_the_controller_balances_the_linear_robot_with_a_lean_per_millimetre_of_
     assert np.abs(shape[-1] - shape[-500]).max() < 1e-4  # at rest
     assert case.model.stiffness[0] @ shape[-1] == pytest.approx(1e-3 * case.model.of_offset[0], rel=1e-3)
     assert 0.8 < np.degrees(np.linalg.norm(case.model.of_base @ shape[-1])) < 2.0
-    assert law.offset == 0
-
-
-def test_the_observer_finds_the_offset_and_stands_upright(case):
-    law = BalanceLaw(case.model, PERIOD, 2, BalanceWeights(), 1.0, observe_offset=True)
-    shape = closed_loop(case.model, law, 2, 3e-3, 12.0)[-1, : len(case.model.mass)]
-    assert law.offset == pytest.approx(3e-3, abs=0.05e-3)
-    assert np.degrees(np.linalg.norm(case.model.of_base @ shape)) < 0.5

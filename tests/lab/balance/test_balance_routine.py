@@ -9,7 +9,7 @@ import pytest
 from equipoise import nominal_stance, simulate
 from equipoise.errors import FallError, MotionError, SettingsError
 from equipoise.lab.balance.balance_routine import BalanceSettings, balance
-from equipoise.lab.balance.evaluation import estimated_traces, evaluate, true_traces
+from equipoise.lab.balance.evaluation import evaluate, true_traces
 from equipoise.lab.balance.model_error import calibrated, displaced, error_along, model_file, with_composite
 from equipoise.lab.balance.observer import SensorCorrections, StateEstimator, leveling
 from equipoise.platform.platform import MotionInterrupted, RobotState
@@ -49,9 +49,8 @@ def stand(robot, error, diagonal="FL_RR", noise="ideal", seconds=3.0, seed=0):
             Wrapped(simulation.platform), robot, model, diagonal, BalanceSettings(seconds), watch=recorder.watch
         )
         last = simulation.ground_truth()
-    return SimpleNamespace(
-        run=run, ground_truths=recorder.ground_truths, verdict=evaluate(run, recorder.ground_truths), last=last
-    )
+    traces = true_traces(run, recorder.ground_truths)
+    return SimpleNamespace(run=run, traces=traces, verdict=evaluate(run, traces), last=last)
 
 
 @pytest.fixture(scope="module")
@@ -69,23 +68,19 @@ def test_an_a1_with_the_true_model_balances(balanced):
     assert verdict.balanced
     assert verdict.failure is None
     assert verdict.time_balanced == 3.0
-    assert verdict.judged_by == "truth"
     assert verdict.com_std < 0.5e-3
     assert verdict.largest_tilt < np.radians(2)
     assert verdict.largest_torque < 15
     assert verdict.foot_travel < 1e-3
-    assert verdict.observed_error is None
 
 
 def test_the_estimated_states_agree_with_the_simulated_truth(balanced):
-    estimated, true = estimated_traces(balanced.run), true_traces(balanced.run, balanced.ground_truths)
+    estimated, true = balanced.run.estimates, balanced.traces
     at = np.searchsorted(estimated.time, true.time[:-1] - 1e-9)
     later = true.time[:-1] > 0.2
     for name, tolerance in (("tilt", np.radians(0.3)), ("com_ahead", 0.5e-3), ("clearance", 3e-3)):
         difference = getattr(estimated, name)[at] - getattr(true, name)[:-1]
         assert np.abs(difference[later]).max() < tolerance, name
-    assert evaluate(balanced.run).balanced
-    assert evaluate(balanced.run).judged_by == "sensors"
 
 
 def test_the_recording_holds_the_phases_and_every_sample(balanced):
@@ -108,7 +103,6 @@ def test_an_a1_with_a_com_error_of_20_mm_falls_and_its_joints_are_held(a1, falle
     assert verdict.failure is not None
     assert 0.1 < verdict.time_balanced < 1.5
     assert verdict.com_std is None
-    assert not evaluate(fallen.run).balanced
     assert fallen.run.ending in ("touched", "tilted")
     recording = fallen.run.recording
     assert recording.has_phase("catch")

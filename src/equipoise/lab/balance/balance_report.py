@@ -28,14 +28,14 @@ class BalanceTrial:
         verdict: verdict on the run.
         traces: time series that were evaluated.
         model_error: distance of the design model's CoM in front of the true one, along the horizontal normal of the
-            support line at the stance [m]; None without the truth.
+            support line at the stance [m].
         source: description of the design model's source.
     """
 
     run: BalanceRun
     verdict: Verdict
     traces: BalanceTraces
-    model_error: float | None
+    model_error: float
     source: str
 
     def to_dict(self) -> dict[str, Any]:
@@ -76,7 +76,6 @@ class BalanceReport:
         return {
             "schema": SCHEMA,
             "robot": self.robot,
-            "mode": "observing" if self.settings.observe_offset else "fixed model",
             "balanced": self.balanced,
             "sensor_errors_taken_off": self.sensors_corrected,
             "diagonals": {trial.run.diagonal: trial.to_dict() for trial in self.trials},
@@ -92,18 +91,14 @@ class BalanceReport:
         """Write balance.json and a recording of every trial; returns their paths.
 
         Raises:
-            OutputError: the folder is not empty or cannot be written.
+            OutputError: the folder cannot be written.
         """
         files = [folder / "balance.json"]
         try:
-            if folder.is_dir() and any(folder.iterdir()):
-                raise OutputError(f"the output folder {str(folder)!r} is not empty; name a new one with --out")
             folder.mkdir(parents=True, exist_ok=True)
-            write_file(files[0], self.to_json())
-        except OutputError:
-            raise
         except OSError as error:
             raise OutputError(f"cannot write into the output folder {str(folder)!r}: {error.strerror}") from error
+        write_file(files[0], self.to_json())
         for trial in self.trials:
             files.append(folder / f"balance-{trial.run.diagonal}.mcap")
             save_recording(trial.run.recording, files[-1])

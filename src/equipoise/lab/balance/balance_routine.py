@@ -29,6 +29,7 @@ from equipoise.robot.statics import static_torques
 _HEIGHTS = 7  # of the lifted feet, at which the posture over the line is computed
 _TOUCHING = 0.1  # of the lift height: a foot below it, according to the encoders, touches the floor or soon will
 _CROUCH = 0.5  # of the hip height
+_LONGEST = 3600.0  # [s]
 _TOUCHED_TIME = 0.04  # [s]: shorter contacts may be errors of the estimated height
 
 
@@ -38,8 +39,6 @@ class BalanceSettings:
 
     Attributes:
         duration: time on two feet [s].
-        observe_offset: observe the distance of the true CoM from the design model's, and stand accordingly. The robot then
-            balances even with a wrong model: this measures the error and does not validate the model.
         swing_height: height of the lifted feet as a fraction of the hip height.
         delay: time from a sample to the effect of its command [s].
         armature: rotor inertia at each joint of an A1, seen at the output [kg m2].
@@ -47,12 +46,10 @@ class BalanceSettings:
         rest_time, move_time, unload_time, lift_time, lower_time: durations of the phases [s].
         catch_time, recover_time: times after a fall: until the robot rests on a third foot, and back to four feet [s].
         engage_time: time from the lift's start until the controller acts [s]; its model is wrong while feet touch.
-        observe_time: time from the lift's start until the offset is observed [s].
         weights: weights of the controller.
     """
 
     duration: float = 10.0
-    observe_offset: bool = False
     swing_height: float = 0.19
     delay: float = 4e-3
     armature: float = 0.01
@@ -65,12 +62,11 @@ class BalanceSettings:
     catch_time: float = 0.5
     recover_time: float = 1.0
     engage_time: float = 0.02
-    observe_time: float = 0.15
     weights: BalanceWeights = field(default_factory=BalanceWeights)
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.duration) and self.duration > 0):
-            raise SettingsError(f"the duration is {self.duration:g} s; it must be positive, for example 10s")
+        if not 0 < self.duration <= _LONGEST:
+            raise SettingsError(f"the duration is {self.duration:g} s; pass for example 10s, at most one hour")
         if not (np.isfinite(self.delay) and 0 <= self.delay <= 0.05):
             raise SettingsError(f"the delay is {self.delay:g} s; it must be between 0 and 0.05 s")
 
@@ -128,7 +124,7 @@ def balance(
         trial.put_feet_back(settings.recover_time)
     move_to(standing, feet_at_end)
     return BalanceRun(
-        robot.name, diagonal, settings.duration, trial.swing_height, settings.observe_offset, lift_off, ending,
+        diagonal, settings.duration, lift_off, ending,
         trial.samples.recording(platform.joint_names), trial.samples.estimates(lift_off), model.unstable_pole,
     )  # fmt: skip
 
@@ -198,7 +194,7 @@ class _Trial:
         armature = settings.armature * self._scale
         model = linear_model(self.design_model, postures[-1], self.diagonal, self._gains, armature)
         delay = round(settings.delay / period)
-        law = BalanceLaw(model, period, delay, settings.weights, self._scale, settings.observe_offset)
+        law = BalanceLaw(model, period, delay, settings.weights, self._scale)
         path = _lift_path(postures, self._periods(settings.lift_time))
         law.begin(estimator.joint_position - path[0][0], estimator.lean)
         lift_off, touched = self._state.time, 0.0
@@ -213,10 +209,9 @@ class _Trial:
                 estimator.lean,
                 estimator.angular_velocity_in_base,
                 active=time >= settings.engage_time,
-                observe=time >= settings.observe_time,
             )
             com_ahead, clearance = geometry.com_and_clearance(estimator)
-            self.samples.add_estimate(self._state.time, estimator.up, com_ahead, clearance, law.offset)
+            self.samples.add_estimate(self._state.time, estimator.up, com_ahead, clearance)
             down = time > settings.lift_time and clearance < _TOUCHING * self.swing_height
             touched = touched + period if down else 0.0
             if estimator.up[2] < np.cos(settings.tilt_limit):

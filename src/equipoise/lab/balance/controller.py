@@ -1,8 +1,6 @@
 """Balance controller: a linear quadratic regulator on the state estimated by a Kalman filter.
 
 Its output is an offset of the joint position targets. The controller is designed on a fixed model, without the true CoM.
-With `observe_offset`, the filter also estimates the distance of the true CoM from the model's. The robot then stands where
-that CoM is balanced.
 """
 
 from __future__ import annotations
@@ -27,7 +25,6 @@ class BalanceWeights:
         effort: cost of an offset of a joint target [1/rad2].
         encoder, lean, gyro: standard deviation of measurement noise [rad], [rad], [rad/s].
         joint_torque, line_torque: standard deviation of disturbances per period, at a joint and about the line [Nm].
-        offset_drift: random walk of the observed offset [m/sqrt(s)].
     """
 
     joint: float = 30.0
@@ -39,21 +36,16 @@ class BalanceWeights:
     gyro: float = 4e-3
     joint_torque: float = 0.22
     line_torque: float = 0.13
-    offset_drift: float = 0.05e-3
 
 
 class BalanceLaw:
     """Regulator and filter, with one call of `update` per control period.
-
-    Attributes:
-        offset: observed distance of the true CoM in front of the design model's [m]; zero if it is not observed.
 
     Args:
         model: model of the robot to balance.
         period: control period [s].
         delay: number of control periods from a sample to the effect of its command.
         scale: torque scale: the robot's m g h over an A1's.
-        observe_offset: true to observe the offset and stand accordingly.
     """
 
     def __init__(
@@ -63,19 +55,15 @@ class BalanceLaw:
         delay: int,
         weights: BalanceWeights,
         scale: float,
-        observe_offset: bool = False,
     ) -> None:
-        self._a, self._b, self._e = model.discrete(period)
-        costs = _costs(model, weights)
-        self._feedback = _regulator(self._a, self._b, *costs, delay)
-        self._state_of_offset, self._input_of_offset = _at_rest_with_offset(model, *costs)
+        self._a, self._b, _ = model.discrete(period)
+        self._feedback = _regulator(self._a, self._b, *_costs(model, weights), delay)
         self._measurement = _measurements(model)
-        self._gain, self._offset_gain = _filter_gains(model, self._measurement, period, weights, scale, observe_offset)
+        self._gain = _filter_gain(model, self._measurement, period, weights, scale)
         inputs = self._b.shape[1]
         self._inputs = [np.zeros(inputs)] * delay
         self._predicted = np.zeros(len(self._a))
         self.state: FloatArray = np.zeros(len(self._a))
-        self.offset = 0.0
 
     def begin(self, joint_error: FloatArray, lean: FloatArray) -> None:
         """Initialize the state from a robot that is nearly at rest."""
@@ -90,7 +78,6 @@ class BalanceLaw:
         lean: FloatArray,
         angular_velocity_in_base: FloatArray,
         active: bool = True,
-        observe: bool = True,
     ) -> FloatArray:
         """Compute the offset of the joint targets for the next period.
 
@@ -99,22 +86,17 @@ class BalanceLaw:
             lean: (2,) rotation of the base about x and y [rad].
             angular_velocity_in_base: (3,) angular velocity of the base, in its own axes [rad/s].
             active: false for zero offset of the targets.
-            observe: true if the offset of the CoM may change.
 
         Returns:
             (nj,) offsets of the joint targets [rad].
         """
         innovation = np.concatenate([joint_error, lean, angular_velocity_in_base]) - self._measurement @ self._predicted
         self.state = self._predicted + self._gain @ innovation
-        if observe:
-            self.offset += float(self._offset_gain @ innovation)
         command = np.zeros(self._b.shape[1])
         if active:
-            equilibrium, feedforward = self._state_of_offset * self.offset, self._input_of_offset * self.offset
-            past = [sent - feedforward for sent in reversed(self._inputs)]
-            command = feedforward - self._feedback @ np.concatenate([self.state - equilibrium, *past])
+            command = -(self._feedback @ np.concatenate([self.state, *reversed(self._inputs)]))
         self._inputs.append(command)
-        self._predicted = self._a @ self.state + self._b @ self._inputs.pop(0) + self._e * self.offset
+        self._predicted = self._a @ self.state + self._b @ self._inputs.pop(0)
         return command
 
 
@@ -145,24 +127,6 @@ def _regulator(a: FloatArray, b: FloatArray, state_cost: FloatArray, effort: Flo
     return np.asarray(np.linalg.solve(effort + entry.T @ value @ entry, entry.T @ value @ whole), dtype=float)
 
 
-def _at_rest_with_offset(
-    model: LinearModel, state_cost: FloatArray, effort: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Compute state and input of least cost, per metre of offset, at which the robot is at rest.
-
-    (K + kp H^T H) z - kp H^T u = G d, with the cost's stationarity (Lagrange).
-    """
-    size, inputs = len(model.mass), len(effort)
-    balance = np.hstack(
-        [model.stiffness + model.kp * model.of_joints.T @ model.of_joints, -model.kp * model.of_joints.T]
-    )
-    cost = block_diag(state_cost[:size, :size], effort)
-    whole = np.block([[cost, balance.T], [balance, np.zeros((size, size))]])
-    right = np.concatenate([np.zeros(size + inputs), model.of_offset])
-    solution = np.asarray(np.linalg.solve(whole, right), dtype=float)
-    return np.concatenate([solution[:size], np.zeros(size)]), solution[size : size + inputs]
-
-
 def _measurements(model: LinearModel) -> FloatArray:
     """Return the (nj + 5, states) measurement matrix of joint positions, lean about x and y, and angular velocity."""
     joints, base = model.of_joints, model.of_base
@@ -175,11 +139,9 @@ def _measurements(model: LinearModel) -> FloatArray:
     )
 
 
-def _filter_gains(
-    model: LinearModel, c: FloatArray, period: float, weights: BalanceWeights, scale: float, observe_offset: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Compute the steady Kalman gains of the state and of the offset, zero if it is not observed."""
-    a, b, e = model.discrete(period)
+def _filter_gain(model: LinearModel, c: FloatArray, period: float, weights: BalanceWeights, scale: float) -> FloatArray:
+    """Compute the steady Kalman gain of the state."""
+    a, b, _ = model.discrete(period)
     size = len(model.mass)
     # A joint torque tau acts like a target offset tau / kp; a torque about the line acts on the first motion.
     inverse = np.linalg.inv(model.mass)
@@ -188,15 +150,5 @@ def _filter_gains(
     disturbance = inputs @ inputs.T + 1e-14 * np.eye(2 * size)
     joints = len(model.of_joints)
     noise = np.diag(np.repeat([weights.encoder, weights.lean, weights.gyro], [joints, 2, 3]) ** 2)
-    if not observe_offset:
-        return _kalman(a, c, disturbance, noise), np.zeros(len(noise))
-    whole = np.block([[a, e[:, None]], [np.zeros((1, 2 * size)), np.ones((1, 1))]])
-    drift = np.array([[weights.offset_drift**2 * period]])
-    extended = np.hstack([c, np.zeros((len(c), 1))])
-    gain = _kalman(whole, extended, block_diag(disturbance, drift), noise)
-    return gain[:-1], gain[-1]
-
-
-def _kalman(a: FloatArray, c: FloatArray, disturbance: FloatArray, noise: FloatArray) -> FloatArray:
     covariance = solve_discrete_are(a.T, c.T, disturbance, noise)
     return np.asarray(np.linalg.solve(c @ covariance @ c.T + noise, c @ covariance).T, dtype=float)

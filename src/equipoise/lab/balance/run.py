@@ -29,14 +29,12 @@ class StateEstimates:
         up_in_base: (n, 3) unit vector against gravity, in base axes.
         com_ahead: (n,) distance of the design model's CoM in front of the support line [m].
         clearance: (n,) height of the lower lifted foot over its foothold [m].
-        offset: (n,) observed distance of the true CoM in front of the design model's [m]; zero if it is not observed.
     """
 
     time: FloatArray
     up_in_base: FloatArray
     com_ahead: FloatArray
     clearance: FloatArray
-    offset: FloatArray
 
     @property
     def tilt(self) -> FloatArray:
@@ -49,11 +47,8 @@ class BalanceRun:
     """Trial on one diagonal.
 
     Attributes:
-        robot: name of the robot.
         diagonal: diagonal that the robot stood on.
         duration: requested time on two feet [s].
-        swing_height: commanded height of the lifted feet [m].
-        observing: true if the offset of the CoM was observed.
         lift_off: time at which two feet began to lift [s].
         ending: reason why the controller was switched off.
         recording: recording of the trial, with phases rest, move, unload, lift, balance, lower.
@@ -61,11 +56,8 @@ class BalanceRun:
         unstable_pole: rate at which the design model with locked joints tips over [1/s].
     """
 
-    robot: str
     diagonal: str
     duration: float
-    swing_height: float
-    observing: bool
     lift_off: float
     ending: Ending
     recording: Recording
@@ -79,7 +71,7 @@ class TrialSamples:
     def __init__(self) -> None:
         self._samples: list[tuple[RobotState, FloatArray]] = []
         self._events: list[Event] = []
-        self._estimates: list[tuple[float, FloatArray, float, float, float]] = []
+        self._estimates: list[tuple[float, FloatArray, float, float]] = []
 
     def phase(self, name: str, time: float) -> None:
         """Record the beginning of a phase."""
@@ -90,14 +82,14 @@ class TrialSamples:
         if not self._samples or state.time > self._samples[-1][0].time:
             self._samples.append((state, target))
 
-    def add_estimate(self, time: float, up: FloatArray, com_ahead: float, clearance: float, offset: float) -> None:
+    def add_estimate(self, time: float, up: FloatArray, com_ahead: float, clearance: float) -> None:
         """Add an estimate as in `StateEstimates`, with the platform's time [s]."""
-        self._estimates.append((time, up, com_ahead, clearance, offset))
+        self._estimates.append((time, up, com_ahead, clearance))
 
     def estimates(self, lift_off: float) -> StateEstimates:
         """Return all estimates."""
-        time, up, ahead, clearance, offset = (np.array(column) for column in zip(*self._estimates, strict=True))
-        return StateEstimates(time - lift_off, up, ahead, clearance, offset)
+        time, up, ahead, clearance = (np.array(column) for column in zip(*self._estimates, strict=True))
+        return StateEstimates(time - lift_off, up, ahead, clearance)
 
     def recording(self, joint_names: tuple[str, ...]) -> Recording:
         """Return all samples and commands, without samples that are not finite."""

@@ -47,7 +47,6 @@ def balance(
     com_error: Length = None,
     diagonal: Literal["FL_RR", "FR_RL", "both"] = "both",
     duration: Annotated[str, arg(metavar="TIME")] = "10s",
-    observe_offset: flags.Flag = False,
     sim_preset: flags.PresetName = "realistic",
     enable_effect: flags.WithEffects = (),
     disable_effect: flags.WithoutEffects = (),
@@ -79,8 +78,6 @@ def balance(
             of each support line, forward if positive (5mm, or --com-error=-5mm).
         diagonal: Feet to stand on.
         duration: Time to balance on each diagonal, for example 10s.
-        observe_offset: Also observe the distance of the true centre of mass from the model's, and stand accordingly. This
-            measures the error; a robot that then balances does not validate the model.
         seed: Seed of everything drawn.
         out: Folder; default runs/ROBOT-balance-TIME.
         report: Write no page balance.html.
@@ -88,7 +85,7 @@ def balance(
     """
     if com is not None and com_error is not None:
         raise SettingsError("--com and --com-error both set the controller's model; pass one of them")
-    settings = BalanceSettings(_duration(duration), observe_offset)
+    settings = BalanceSettings(seconds(duration, "duration") or 0.0)
     error = None if com_error is None else metres(com_error)
     model = load_robot(robot, description)
     stance = nominal_stance(model)
@@ -158,13 +155,6 @@ def metres(text: str) -> float:
     return value
 
 
-def _duration(text: str) -> float:
-    value = seconds(text, "duration") or 0.0
-    if not 0 < value <= 3600:
-        raise SettingsError(f"--duration is {text!r}; pass for example 10s, at most one hour")
-    return value
-
-
 def _design_model(
     robot: RobotModel, stance: Stance, simulation: Simulation, diagonal: str, calibration: Any, error: float | None
 ) -> DesignModel:
@@ -186,5 +176,5 @@ def _trial(
     recorder = GroundTruthRecorder(simulation.ground_truth, _WATCHED_PERIODS)
     done = run(simulation.platform, robot, design.model, diagonal, settings, design.sensors, recorder.watch)
     off = error_along(stance, diagonal, design.model, simulation.truth)
-    verdict = evaluate(done, recorder.ground_truths)
-    return BalanceTrial(done, verdict, true_traces(done, recorder.ground_truths), off, design.source)
+    traces = true_traces(done, recorder.ground_truths)
+    return BalanceTrial(done, evaluate(done, traces), traces, off, design.source)

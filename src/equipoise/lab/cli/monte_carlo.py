@@ -35,8 +35,6 @@ class DrawnFlags:
         only_effects: Effects to enable, for example joint_offset,imu_tilt; default all.
         vary_effects: Draw the size of each effect, from 0 to twice its default, to measure its share of the error.
         payload: random: 5 to 30 % of the base's mass on its back; none; or MASS,X,Y,Z as in 'calibrate'.
-        spread: Relative spread of link lengths, masses and the base's centre of mass of random robots.
-        scale_error: Relative error of a scale that weighs each robot, for methods that use its mass; 0.005 is 0.5 %.
         timestep: Time step of the simulation [s]; default 1 ms for paper and static, 0.5 ms for bayesian.
         seed: Seed of everything drawn.
     """
@@ -48,8 +46,6 @@ class DrawnFlags:
     only_effects: Names = ""
     vary_effects: flags.Flag = False
     payload: Annotated[str, arg(metavar="random|none|M,X,Y,Z")] = "random"
-    spread: float = 0.0
-    scale_error: Annotated[float | None, arg(metavar="FRACTION", help_behavior_hint="")] = None
     timestep: Annotated[float | None, arg(metavar="SECONDS", help_behavior_hint="")] = None
     seed: int = 0
 
@@ -99,7 +95,7 @@ def monte_carlo(
         robot, methods, preset=simulation.sim_preset, effects=read_effects(simulation.enable_effect),
         disabled_effects=read_names(simulation.disable_effect), contact_model=simulation.contact_model,
         only=read_names([simulation.only_effects]), vary_effects=simulation.vary_effects, payload=simulation.payload,
-        spread=simulation.spread, scale_error=simulation.scale_error, timestep=simulation.timestep, seed=simulation.seed,
+        timestep=simulation.timestep, seed=simulation.seed,
         description=description,
     )  # fmt: skip
     folder = out or Path("runs") / f"monte-carlo-{Path(robot).stem}"

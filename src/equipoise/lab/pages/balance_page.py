@@ -33,19 +33,14 @@ def balance_table(report: BalanceReport) -> DataTable:
         ["largest tilt [deg]", *(number(np.degrees(v.largest_tilt), 1, ".1f") for v in verdicts)],
         ["largest joint torque [Nm]", *(number(v.largest_torque, 1, ".1f") for v in verdicts)],
         ["joint torque, rms [Nm]", *(number(v.rms_torque, 1, ".2f") for v in verdicts)],
+        ["model's CoM in front of the true one [mm]", *(number(t.model_error, 1000, "+.2f") for t in report.trials)],
     ]
-    if any(trial.model_error is not None for trial in report.trials):
-        errors = [number(trial.model_error, 1000, "+.2f") for trial in report.trials]
-        rows.append(["model's CoM in front of the true one [mm]", *errors])
-    if report.settings.observe_offset:
-        rows.append(["the same, as observed [mm]", *(number(v.observed_error, 1000, "+.2f") for v in verdicts)])
     return DataTable("", ["", *(f"|{trial.run.diagonal}" for trial in report.trials)], rows)
 
 
 def title(report: BalanceReport) -> str:
     """Return the heading of table and page."""
-    mode = "observing the offset of its centre of mass" if report.settings.observe_offset else "with a fixed model"
-    return f"{report.robot}: balancing on two feet {mode}"
+    return f"{report.robot}: balancing on two feet with a fixed model"
 
 
 def messages(report: BalanceReport) -> tuple[str, ...]:
@@ -53,8 +48,7 @@ def messages(report: BalanceReport) -> tuple[str, ...]:
     verdicts = [f"{trial.run.diagonal}: {_verdict(trial)}" for trial in report.trials]
     correction = "corrected as calibrated" if report.sensors_corrected else "not corrected"
     used = f"The controller is designed on {report.trials[0].source}; sensor errors are {correction}."
-    observed = "The offset of the CoM was observed and compensated, so this does not validate the model."
-    return (*verdicts, used, *([observed] if report.settings.observe_offset else []))
+    return (*verdicts, used)
 
 
 def _verdict(trial: BalanceTrial) -> str:
@@ -85,9 +79,10 @@ def _figure(trial: BalanceTrial, name: str, caption: str, data: list[Trace], lab
 
 def _tilt(trial: BalanceTrial) -> Figure:
     estimates, traces = trial.run.estimates, trial.traces
-    data = [line(estimates.time, np.degrees(estimates.tilt), "measured", 0)]
-    if trial.verdict.judged_by == "truth":
-        data.append(line(traces.time, np.degrees(traces.tilt), "true", 1))
+    data = [
+        line(estimates.time, np.degrees(estimates.tilt), "measured", 0),
+        line(traces.time, np.degrees(traces.tilt), "true", 1),
+    ]
     figure = _figure(trial, "Tilt of the base", _verdict(trial), data, "tilt [deg]")
     figure.layout["yaxis"]["range"] = [0, 1.15 * float(np.degrees(trial.verdict.largest_tilt))]
     return figure
@@ -95,11 +90,10 @@ def _tilt(trial: BalanceTrial) -> Figure:
 
 def _com(trial: BalanceTrial) -> Figure:
     estimates, traces = trial.run.estimates, trial.traces
-    data = [line(estimates.time, 1000 * estimates.com_ahead, "measured, with the model's CoM", 0)]
-    if trial.verdict.judged_by == "truth":
-        data.append(line(traces.time, 1000 * traces.com_ahead, "true", 1))
-    if trial.run.observing:
-        data.append(line(estimates.time, -1000 * estimates.offset, "observed error of the model's CoM", 3))
+    data = [
+        line(estimates.time, 1000 * estimates.com_ahead, "measured, with the model's CoM", 0),
+        line(traces.time, 1000 * traces.com_ahead, "true", 1),
+    ]
     limit = 1.15 * _largest_distance(trial)
     caption = "Distance of the centre of mass from the support line, forward positive."
     figure = _figure(trial, "Centre of mass", caption, data, "CoM ahead of the line [mm]")

@@ -113,8 +113,6 @@ def _conditions(study: Study, summaries: Sequence[MethodSummary]) -> str:
     noise += ["each source's size times a random factor from 0 to 2"] if study.vary_effects else []
     parts = [f"{max((s.trials for s in summaries), default=0)} trials", f"noise {', '.join(noise)}"]
     parts += [f"payload {payload}", f"seed {study.seed}"]
-    parts += [f"random robots with a spread of {study.spread:g}"] if study.spread else []
-    parts += [f"mass from a scale with an error of {study.scale_error:.1%}"] if study.scale_error else []
     return f"{'; '.join(parts)}. Errors are estimate minus truth, of the whole robot at its nominal stance."
 
 

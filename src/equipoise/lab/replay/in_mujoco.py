@@ -15,7 +15,6 @@ from mujoco import rollout
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.errors import FallError
-from equipoise.lab.replay.replayed_motion import TwoFootMotion
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import nominal_stance
@@ -32,16 +31,37 @@ _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
 @dataclass(frozen=True, eq=False)
-class Replayed:
-    """Motion of the simulated robot.
+class TwoFootMotion:
+    """Joint motion over time, and initial state of the base.
 
     Attributes:
-        angular_velocity_base_in_base: (n, 3) angular velocity of the base at the motion's samples [rad/s].
-        joint_error: largest joint position error [rad].
+        stance_feet: indices of the left and the right standing foot among FL FR RL RR.
+        step: time between samples [s].
+        joint_position, joint_velocity: (n, nj) joint positions [rad] and velocities [rad/s], in the model's order.
+        up_in_base: (3,) direction against gravity at the first sample.
+        angular_velocity_base_in_base: (3,) angular velocity of the base at the first sample [rad/s].
     """
 
+    stance_feet: tuple[int, int]
+    step: float
+    joint_position: FloatArray
+    joint_velocity: FloatArray
+    up_in_base: FloatArray
     angular_velocity_base_in_base: FloatArray
-    joint_error: float
+
+    @property
+    def time(self) -> FloatArray:
+        """Times (n,) of the samples [s]."""
+        return np.asarray(self.step * np.arange(len(self.joint_position)), dtype=float)
+
+    def joints_at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (k, nj) positions [rad] and velocities [rad/s] at (k,) times by cubic Hermite interpolation."""
+        before = np.minimum((time / self.step).astype(int), len(self.joint_position) - 2)
+        s = np.minimum(time / self.step - before, 1.0)[:, None]
+        (a, b), (u, v) = ((of[before], of[before + 1]) for of in (self.joint_position, self.step * self.joint_velocity))
+        position = a + s * u + s**2 * (3 * (b - a) - 2 * u - v) + s**3 * (2 * (a - b) + u + v)
+        change = u + 2 * s * (3 * (b - a) - 2 * u - v) + 3 * s**2 * (2 * (a - b) + u + v)
+        return position, change / self.step
 
 
 class MujocoReplay:
@@ -65,9 +85,14 @@ class MujocoReplay:
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))  # contact stiffness depends on masses and gains
         self._data, self._rollout = mujoco.MjData(self._model), rollout.Rollout(nthread=0)
         self._feet = [self._model.geom(foot_name(leg)).id for leg in LEG_NAMES]
+        self.joint_names = robot.joint_names
 
-    def play(self, motion: TwoFootMotion) -> Replayed:
+    def play(self, motion: TwoFootMotion) -> tuple[FloatArray, float]:
         """Play a motion from its first sample to its last.
+
+        Returns:
+            (n, 3) angular velocity of the base in base axes at the motion's samples [rad/s], and the largest joint position
+            error [rad].
 
         Raises:
             FallError: the simulation became unstable.
@@ -90,7 +115,7 @@ class MujocoReplay:
         speeds = path[:, 1 + int(model.nq) :][:, 3:6]
         turning = np.column_stack([np.interp(motion.time, time, speeds[:, axis]) for axis in range(3)])
         missed = np.abs(path[:, 1 + self._simulated.qpos] - position).max()
-        return Replayed(turning, float(missed))
+        return turning, float(missed)
 
     def _begin(self, motion: TwoFootMotion) -> None:
         """Set the initial state, with two rolling feet on the floor."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,12 +22,14 @@ from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.measurements.lift_samples import LiftSamples
 from equipoise.estimator.measurements.tilt_invariant import SensedLift, integral
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
-from equipoise.lab.replay.replayed_motion import TwoFootMotion
 from equipoise.result.calibration import Calibration
 from equipoise.result.held_out import FOUND, MODEL
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
+
+if TYPE_CHECKING:
+    from equipoise.lab.replay.in_mujoco import MujocoReplay
 
 SCHEMA = "equipoise.validation/1"
 _ALIKE = 2.0  # ratio of errors that errors of the legs and noise of the start can cause
@@ -147,49 +149,47 @@ def validate(result: Calibration, against: Mapping[str, RobotModel | Calibration
     for prediction, lift, sensed in _sensed(evidence):
         errors: dict[str, FloatArray] = {}
         for name, replay in replays.items():
-            errors[name], joint_error = replay.play(lift, sensed)
+            errors[name], joint_error = _played(robot.joint_names, replay, lift, sensed)
             largest[name] = max(largest[name], joint_error)
         lifts.append(ReplayedLift(prediction, result.trials[prediction.motion].about, errors))
     return Validation(result.robot, tuple(lifts), largest)
 
 
-class _LiftReplay:
-    """Replay of lifts with one body.
+def _replay(robot: RobotModel, base: InertialParameters | None) -> MujocoReplay:
+    """Return the replay with a model, whose base may be replaced."""
+    try:
+        from equipoise.lab.replay.in_mujoco import MujocoReplay  # noqa: PLC0415 - estimation does not need an engine
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError("the replay of lifts needs MuJoCo: pip install 'equipoise[simulation]'") from error
+    return MujocoReplay(robot, base)
+
+
+def _played(
+    joint_names: Sequence[str], replay: MujocoReplay, lift: LiftSamples, sensed: SensedLift
+) -> tuple[FloatArray, float]:
+    """Return (n,) measured minus simulated tilt [rad], and the largest joint error [rad].
 
     Args:
         joint_names: names of the recorded joint columns.
-        robot: model to simulate.
-        base: base that replaces the model's.
     """
+    from equipoise.lab.replay.in_mujoco import TwoFootMotion  # noqa: PLC0415 - estimation does not need an engine
 
-    def __init__(self, joint_names: Sequence[str], robot: RobotModel, base: InertialParameters | None) -> None:
-        try:
-            from equipoise.lab.replay.in_mujoco import MujocoReplay  # noqa: PLC0415 - estimation does not need an engine
-        except ModuleNotFoundError as error:
-            raise MissingDependencyError(
-                "the replay of lifts needs MuJoCo: pip install 'equipoise[simulation]'"
-            ) from error
-        self._replay = MujocoReplay(robot, base)
-        self._columns = [joint_names.index(name) for name in robot.joint_names]
-
-    def play(self, lift: LiftSamples, sensed: SensedLift) -> tuple[FloatArray, float]:
-        """Return (n,) measured minus simulated tilt [rad], and the largest joint error [rad]."""
-        done = self._replay.play(
-            TwoFootMotion(
-                lift.stance_feet, lift.step, sensed.joint_position[:, self._columns],
-                sensed.joint_velocity[:, self._columns], sensed.up_in_base[0], sensed.angular_velocity_base_in_base[0],
-            )
-        )  # fmt: skip
-        difference = sensed.angular_velocity_base_in_base - done.angular_velocity_base_in_base
-        about_line = np.einsum("ni,ni->n", sensed.line_in_base, difference)
-        return np.asarray(integral(len(difference), lift.step) @ about_line, dtype=float), done.joint_error
+    columns = [joint_names.index(name) for name in replay.joint_names]
+    motion = TwoFootMotion(
+        lift.stance_feet, lift.step, sensed.joint_position[:, columns], sensed.joint_velocity[:, columns],
+        sensed.up_in_base[0], sensed.angular_velocity_base_in_base[0],
+    )  # fmt: skip
+    angular_velocity, joint_error = replay.play(motion)
+    difference = sensed.angular_velocity_base_in_base - angular_velocity
+    about_line = np.einsum("ni,ni->n", sensed.line_in_base, difference)
+    return np.asarray(integral(len(difference), lift.step) @ about_line, dtype=float), joint_error
 
 
-def _replays(robot: RobotModel, bodies: Mapping[str, RobotModel | Calibration]) -> dict[str, _LiftReplay]:
-    replays: dict[str, _LiftReplay] = {}
+def _replays(robot: RobotModel, bodies: Mapping[str, RobotModel | Calibration]) -> dict[str, MujocoReplay]:
+    replays: dict[str, MujocoReplay] = {}
     for name, body in bodies.items():
         if isinstance(body, Calibration):
-            replays[name] = _LiftReplay(robot.joint_names, robot, _base_of(name, robot, body))
+            replays[name] = _replay(robot, _base_of(name, robot, body))
         elif set(body.joint_names) != set(robot.joint_names):
             different = sorted(set(body.joint_names) ^ set(robot.joint_names))
             raise SettingsError(
@@ -197,7 +197,7 @@ def _replays(robot: RobotModel, bodies: Mapping[str, RobotModel | Calibration]) 
                 "model of the same robot"
             )
         else:
-            replays[name] = _LiftReplay(robot.joint_names, body, None)
+            replays[name] = _replay(body, None)
     return replays
 
 

@@ -86,12 +86,24 @@ def run_study(
     check_study(study)
     store = TrialStore(folder, study)
     missing = deque(trial for trial in range(trials) if trial not in store.done)
+    to_run = len(missing)
     if missing:
         at_once = workers if callable(workers) else lambda: workers or _cores()
-        arrivals = _Arrivals(store, trials, len(missing), report)
+        begin, before, failures = time.monotonic(), len(store.done), 0
+
+        def add(rows: Table) -> None:
+            nonlocal failures
+            store.add(rows)
+            finished = len(store.done) - before
+            failures += failed(rows)
+            if report is not None:
+                rate = finished / (time.monotonic() - begin)
+                left = to_run - finished
+                report(StudyProgress(trials - left, trials, failures, rate, left / rate))
+
         with _one_thread_each(), _pool(executor, at_once()) as pool:
             try:
-                _run(study, missing, arrivals, pool, at_once, limit)
+                _run(study, missing, store, add, pool, at_once, limit)
             finally:
                 store.flush()
     rows = store.rows()
@@ -103,31 +115,12 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class _Arrivals:
-    """Store of arriving rows with progress reports."""
-
-    def __init__(
-        self, store: TrialStore, total: int, missing: int, report: Callable[[StudyProgress], None] | None
-    ) -> None:
-        self.store = store
-        self._total, self._missing, self._report = total, missing, report
-        self._begin, self._finished, self._failed = time.monotonic(), 0, 0
-
-    def add(self, rows: Table) -> None:
-        self.store.add(rows)
-        self._finished += 1
-        self._failed += failed(rows)
-        if self._report is not None:
-            rate = self._finished / (time.monotonic() - self._begin)
-            left = self._missing - self._finished
-            self._report(StudyProgress(self._total - left, self._total, self._failed, rate, left / rate))
-
-
 def _run(
-    study: Study, missing: deque[int], arrivals: _Arrivals, pool: Executor, at_once: Callable[[], int], limit: float
-) -> None:
+    study: Study, missing: deque[int], store: TrialStore, add: Callable[[Table], None], pool: Executor,
+    at_once: Callable[[], int], limit: float,
+) -> None:  # fmt: skip
     """Run trials. Ctrl-C waits for `wait`, which holds locks that workers need: an exception could keep them locked."""
-    logs = str((arrivals.store.folder / FAILURES).resolve())  # workers may run in other folders
+    logs = str((store.folder / FAILURES).resolve())  # workers may run in other folders
     running: dict[Future[Table], int] = {}
     interruptions = Interruptions()
     with interruptions.noted():
@@ -139,8 +132,8 @@ def _run(
             done, _ = wait(running, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
             # Rows before errors.
             for future in sorted(done, key=lambda one: one.cancelled() or one.exception() is not None):
-                arrivals.add(_rows(study, running.pop(future), future, limit))
-            arrivals.store.flush_if_due()
+                add(_rows(study, running.pop(future), future, limit))
+            store.flush_if_due()
             if interruptions.asked:
                 raise KeyboardInterrupt
 

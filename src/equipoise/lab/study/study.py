@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from equipoise.errors import SettingsError
-from equipoise.lab.study.variation import LARGEST_SPREAD, vary
 from equipoise.method.method import Method
 from equipoise.method.table import METHODS
 from equipoise.paper.method import PaperMethod
@@ -53,8 +52,6 @@ class Study:
         only: effects to keep, without all others; empty: all.
         vary_effects: true to multiply the size of each effect by a random factor from 0 to 2, which gives its slope.
         payload: "random", "none", or MASS,X,Y,Z[,IXX,IYY,IZZ].
-        spread: spread of random robots around the model (see `variation`); 0: the model itself.
-        scale_error: relative error of the mass from a scale, for methods that use it; None: no scale.
         timestep: time step of the engine [s]; None: the default of each method.
         seed: seed of everything drawn.
         description: robot configuration.
@@ -69,8 +66,6 @@ class Study:
     only: tuple[str, ...] = ()
     vary_effects: bool = False
     payload: str = "random"
-    spread: float = 0.0
-    scale_error: float | None = None
     timestep: float | None = None
     seed: int = 0
     description: RobotDescription = field(default_factory=RobotDescription)
@@ -84,12 +79,6 @@ class Study:
             Payload.parse(self.payload)
         if self.seed < 0:
             raise SettingsError(f"the seed is {self.seed}; it must be zero or more")
-        if not 0 <= self.spread <= LARGEST_SPREAD:
-            raise SettingsError(
-                f"the spread of random robots is {self.spread:g}; it must be from 0 to {LARGEST_SPREAD:g}"
-            )
-        if self.scale_error is not None and not 0 < self.scale_error < 1:
-            raise SettingsError(f"scale_error is {self.scale_error:g}; it must be a fraction, 0.005 for 0.5 %")
         if self.timestep is not None and not 0 < self.timestep < math.inf:
             raise SettingsError(f"the time step is {self.timestep:g} s; it must be positive, for example 0.001")
         if "imu_clock_offset" in self.only and "sensor_delay" not in self.only:
@@ -130,7 +119,6 @@ class Draw:
         payload: payload of the simulated robot only, or None.
         sizes: sizes of the simulated robot's sensor and actuator errors.
         seed: seed of the simulation, for errors and noise.
-        scale_reading: relative error of the scale's reading, or None.
     """
 
     robot: RobotModel
@@ -138,25 +126,20 @@ class Draw:
     payload: Payload | None
     sizes: EffectSizes
     seed: int
-    scale_reading: float | None
 
 
 def draw(study: Study, trial: int) -> Draw:
     """Return the draw of a trial, which depends only on the study and the trial's number."""
     stream = np.random.SeedSequence(study.seed, spawn_key=(trial,))
-    # Separate streams, so that disabling one draw does not change the others.
-    robots, payloads, sizes, scales, noise = (np.random.default_rng(child) for child in stream.spawn(5))
+    # Separate streams, so that disabling one draw does not change the others. The first and the fourth are unused.
+    _, payloads, sizes, _, noise = (np.random.default_rng(child) for child in stream.spawn(5))
     robot, stance = nominal_robot(study)
-    if study.spread:
-        robot = vary(robot, study.spread, robots)
-        stance = nominal_stance(robot)
     return Draw(
         robot,
         stance,
         _payload(study.payload, robot, stance, payloads),
         _sizes(study, robot, stance, sizes),
         int(noise.integers(2**62)),
-        None if study.scale_error is None else study.scale_error * float(scales.standard_normal()),
     )
 
 

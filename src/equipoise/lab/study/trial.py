@@ -77,9 +77,6 @@ def _calibrated(study: Study, drawn: Draw, facts: Row, method: Method, logs: str
             drawn.robot, drawn.sizes, drawn.payload, drawn.seed, timestep=timestep, contact_model=study.contact_model
         ) as simulation:
             row |= _truth(simulation)
-            if drawn.scale_reading is not None and study.scale_error is not None:
-                mass = simulation.truth.composite.mass * (1 + drawn.scale_reading)
-                method = method.weighed(mass, study.scale_error * mass)
             result = calibrate(simulation.platform, drawn.robot, method, recordings.append)
         row |= {"status": SUCCEEDED, "message": ""} | _estimates(result, drawn, method)
     except Exception as error:  # every failure is counted, including bugs of equipoise
