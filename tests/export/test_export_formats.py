@@ -19,7 +19,7 @@ import equipoise
 from equipoise import export
 from equipoise.errors import ModelError, NotEstimatedError, SettingsError
 from equipoise.exports.formats import FORMATS
-from equipoise.exports.randomisation import ENTRIES, pseudo_inertias, spread, stretched
+from equipoise.exports.randomisation import ENTRIES, _components, pseudo_inertias, spread
 from equipoise.result.body import Body
 from equipoise.result.findings import Check
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, base_parameters, components
@@ -351,6 +351,15 @@ def test_an_sdf_that_would_count_masses_twice_is_refused(result, tmp_path):
 
 def pseudo_of(body):
     return pseudo_inertias(body.vector[None])[0]
+
+
+def stretched(pseudo, entries):
+    """Return the body, in the order of COMPONENTS, whose pseudo-inertia is U J0 U', for the entries of U."""
+    alpha, d1, d2, d3, s12, s13, s23, t1, t2, t3 = entries
+    upper = np.exp(alpha) * np.array(
+        [[np.exp(d1), s12, s13, t1], [0, np.exp(d2), s23, t2], [0, 0, np.exp(d3), t3], [0, 0, 0, 1]]
+    )
+    return _components((upper @ pseudo @ upper.T)[None])[0]
 
 
 def draw(result, scale=1.0, **options):

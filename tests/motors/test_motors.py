@@ -246,7 +246,6 @@ def test_a_report_of_motors_alone_begins_with_them(swung):
         scale = estimates["x"][0] / first.value
         assert estimates["error_x"]["array"][0] == pytest.approx(scale * first.half_width, rel=1e-3)
         assert truths["x"][0] == pytest.approx(scale * first.truth, rel=1e-3)
-    assert "scene" not in {one.name for one in contents.sections}
 
 
 def test_a_result_round_trips(swung, tmp_path):

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import re
 from contextlib import contextmanager
 
 import pytest
@@ -11,10 +10,9 @@ from browser import open_browser
 from equipoise.report.page import save_comparison, save_report
 
 DRAW_ALL = "() => Promise.all(plots.map(draw)).then(() => null)"
-DRAWN = "() => plots.map((plot) => Boolean(plot.querySelector('canvas, .cartesianlayer .trace path')))"
-SCENE = "plots.find((plot) => plot.layout?.scene)"
+DRAWN = "() => plots.map((plot) => Boolean(plot.querySelector('.cartesianlayer .trace path')))"
 KINDS = ("bayesian", "paper", "comparison")
-FIGURES = {"bayesian": 8, "paper": 12, "comparison": 2}  # at least
+FIGURES = {"bayesian": 6, "paper": 9, "comparison": 2}  # at least
 
 
 @pytest.fixture(scope="module")
@@ -94,8 +92,6 @@ def test_every_figure_is_drawn_below_a_first_screen_that_holds_numbers_and_pictu
     page.evaluate(DRAW_ALL)
     page.wait_for_function(f"{DRAWN}.every(Boolean)")
     assert len(page.evaluate(DRAWN)) >= FIGURES[kind]
-    if kind == "bayesian":
-        assert_the_scene_looks_at_the_robot_or_at_the_com(page)
     ellipses = "plots[1].data.filter((trace) => trace.name.startsWith('95 % ellipse of')).length"
     assert page.evaluate(ellipses) == {"bayesian": 1, "paper": 0, "comparison": 1}[kind]
     page.set_viewport_size({"width": 400, "height": 800})
@@ -180,8 +176,6 @@ def test_print_shows_all_numbers_and_figures(page_of, tmp_path):
     pdf = (tmp_path / "report.pdf").read_bytes()
     assert pdf.startswith(b"%PDF")
     assert all(page.evaluate(DRAWN))
-    largest = max(int(width) for width in re.findall(rb"/Width (\d+)", pdf))
-    assert largest > 500  # the scene, whose canvas is an image on paper
 
 
 def assert_figures_below_are_drawn_when_they_come_near(page):
@@ -189,22 +183,6 @@ def assert_figures_below_are_drawn_when_they_come_near(page):
     assert not page.evaluate("Boolean(plots.at(-1).data)")
     page.evaluate("plots.at(-1).scrollIntoView()")
     page.wait_for_function("Boolean(plots.at(-1).data)")
-
-
-def assert_the_scene_looks_at_the_robot_or_at_the_com(page):
-    width = f"(() => {{ const [a, b] = {SCENE}._fullLayout.scene.xaxis.range; return b - a; }})()"
-    far = page.evaluate(width)
-    page.locator(".updatemenu-button", has_text="around the CoM").click()
-    page.wait_for_function(f"{width} < {far / 5}")
-
-
-def test_without_webgl_a_sentence_stands_in_for_the_scene(visit, pages):
-    no_webgl = """const own = HTMLCanvasElement.prototype.getContext;
-        HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
-          return kind.includes('webgl') ? null : own.call(this, kind, ...more); };"""
-    page = visit(pages["bayesian"], init=no_webgl)
-    page.evaluate("plots.forEach((plot) => Promise.resolve(draw(plot)).catch(() => null))")
-    page.wait_for_function("document.querySelector('#scene').innerText.includes('WebGL is not supported')")
 
 
 def test_a_name_is_shown_and_never_run(visit, results, tmp_path):

@@ -4,7 +4,6 @@ from functools import cache
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 from matplotlib.ticker import MaxNLocator
 from style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, draw_com, new_figure
 
@@ -46,10 +45,9 @@ def draw_result() -> Figure:
         ends = 1000 * line.piece(view.centre, 0.04)
         left.plot(ends[:, 1], ends[:, 0], color=_COLOURS[line.diagonal], linewidth=0.9, alpha=0.5)
     places = {mark.kind: 1000 * mark.position for mark in view.marks}
-    (ellipse,) = (mark.ellipse for mark in view.found)
+    (ellipse,) = (1000 * mark.ellipse for mark in view.found)
     x, y = places["found"]
-    size = 2000 * ellipse.major, 2000 * ellipse.minor
-    left.add_patch(Ellipse((y, x), *size, angle=90 - np.degrees(ellipse.angle), facecolor=ORANGE, alpha=0.25, zorder=8))
+    left.fill(ellipse[:, 1], ellipse[:, 0], facecolor=ORANGE, alpha=0.25, zorder=8)
     draw_com(left, y, x, 0.45)
     for kind, words in (("truth", "truth"), ("model", "model file")):
         at = places[kind]

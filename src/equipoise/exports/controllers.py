@@ -10,29 +10,28 @@ def quadruped_pympc(subject: Subject) -> Written:
     body, about = subject.composite, COMPOSITE_WORDS
     rows = [f"[{', '.join(map(number, row))}]" for row in body.inertia]
     indent = ",\n" + " " * len("inertia = np.array([")
-    return Written.text(
+    return subject.text(
+        about,
         [
-            *subject.comment(about),
             "# quadruped_pympc/config.py, after the choice of the robot; needs 'use_inertia_recomputation': False",
             f"mass = {number(body.mass)}",
             f"inertia = np.array([{indent.join(rows)}])",
         ],
-        about,
     )
 
 
 def unitree_guide(subject: Subject) -> Written:
     """Write lines for unitree_guide: src/common/unitreeRobot.cpp."""
     body, about = subject.composite, COMPOSITE_WORDS
-    return Written.text(
+    return subject.text(
+        about,
         [
-            *subject.comment(about, "// "),
             "// src/common/unitreeRobot.cpp, in the constructor of the robot",
             f"_mass = {number(body.mass)};",
             f"_pcb << {', '.join(map(number, body.com))};",
             *_matrix("_Ib << ", body.inertia),
         ],
-        about,
+        mark="// ",
     )
 
 
@@ -40,9 +39,9 @@ def mit_cheetah(subject: Subject) -> Written:
     """Write lines for Cheetah-Software: RobotState.h, RobotState.cpp (composite) and MiniCheetah.h (base)."""
     whole, base = subject.composite, subject.base
     about = f"{COMPOSITE_WORDS}; in MiniCheetah.h the {subject.base_words}"
-    return Written.text(
+    return subject.text(
+        about,
         [
-            *subject.comment(about, "// "),
             "// user/MIT_Controller/Controllers/convexMPC/RobotState.h: composite",
             f"fpt m = {number(whole.mass)}f;",
             "// user/MIT_Controller/Controllers/convexMPC/RobotState.cpp: composite; for Id and I_body.diagonal()",
@@ -53,7 +52,7 @@ def mit_cheetah(subject: Subject) -> Written:
             "bodyRotationalInertia = bodyRotationalInertia * 1e-6;",
             f"Vec3<T> bodyCOM({', '.join(map(number, base.com))});",
         ],
-        about,
+        mark="// ",
     )
 
 
@@ -61,9 +60,9 @@ def quad_sdk(subject: Subject) -> Written:
     """Write lines for Quad-SDK: quad_utils/config/ROBOT.yaml, and nmpc_controller/scripts/main.m in a comment."""
     body, about = subject.composite, COMPOSITE_WORDS
     rows = "; ".join(" ".join(map(number, row)) for row in body.inertia)
-    return Written.text(
+    return subject.text(
+        about,
         [
-            *subject.comment(about),
             "# nmpc_controller/scripts/main.m, before dynamicsModel(parameter); replaces the sums above it:",
             f"#   parameter.physics.mass_body = {number(body.mass)};",
             f"#   parameter.physics.inertia_body = [{rows}];",
@@ -73,7 +72,6 @@ def quad_sdk(subject: Subject) -> Written:
             "    global_body_planner:",
             f"      mass: {number(body.mass)}",
         ],
-        about,
     )
 
 

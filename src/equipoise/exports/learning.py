@@ -10,6 +10,7 @@ from equipoise.exports.randomisation import Spread, spread
 from equipoise.exports.subject import Subject, Written, axes_change, number
 from equipoise.robot.inertial import COMPONENTS
 
+_DRAWN = "# Drawn through the pseudo-inertia: all bodies in these ranges, and all SAMPLES, are physical."
 _MJLAB = """
 # One event a joint: 'encoder_bias_FL_hip_joint': EventTermCfg(mode='startup', func=dr.encoder_bias, params={'bias_range':
 #   ENCODER_BIAS['FL_hip_joint'], 'asset_cfg': SceneEntityCfg('robot', joint_names=('FL_hip_joint',))})
@@ -61,23 +62,23 @@ def _together(subject: Subject, of_base: Callable[[Subject], Written], offsets: 
 
 
 def _mjlab_base(subject: Subject) -> Written:
-    drawn, about = _spread(subject), _about(subject)
+    drawn = _spread(subject)
     ranges = {f"{name}_range": pair for name, pair in drawn.entry_ranges().items()}
-    return Written.text(
+    return subject.text(
+        _about(subject),
         [
-            *_head(subject, about),
+            _DRAWN,
             "# Each range is the 95 % interval of one entry given the others, because mjlab draws each independently.",
             "#   EventTermCfg(mode='startup', func=dr.pseudo_inertia,",
             f"#     params={{'asset_cfg': SceneEntityCfg('robot', body_names=({subject.file_link!r},)), **PSEUDO_INERTIA}})",
             *_dictionary("PSEUDO_INERTIA", ranges),
             *_tail(subject, drawn),
         ],
-        about,
     )
 
 
 def _isaaclab_base(subject: Subject) -> Written:
-    drawn, about = _spread(subject), _about(subject)
+    drawn = _spread(subject)
     ranges, body = drawn.body_ranges(), subject.base_in_file
     low, high = (bound / body.mass for bound in ranges["mass"])
     shifts = {
@@ -85,9 +86,10 @@ def _isaaclab_base(subject: Subject) -> Written:
         for axis, found in zip("xyz", body.com, strict=True)
     }
     on_base = f"asset_cfg=SceneEntityCfg('robot', body_names={subject.file_link!r})"
-    return Written.text(
+    return subject.text(
+        _about(subject),
         [
-            *_head(subject, about),
+            _DRAWN,
             f"#   EventTerm(func=mdp.randomize_rigid_body_mass, mode='startup', params=dict({on_base}, **MASS))",
             f"#   EventTerm(func=mdp.randomize_rigid_body_com, mode='startup', params=dict({on_base}, **COM))",
             f'MASS = {{"mass_distribution_params": ({number(low)}, {number(high)}), "operation": "scale"}}',
@@ -95,7 +97,6 @@ def _isaaclab_base(subject: Subject) -> Written:
             'COM = {"com_range": COM_RANGE}',
             *_tail(subject, drawn),
         ],
-        about,
     )
 
 
@@ -113,13 +114,6 @@ def _about(subject: Subject) -> str:
         f"posterior uncertainty of base link {subject.file_link!r} with all links fixed to it or locked, around the file "
         "that --to mjcf or --to urdf writes; its legs do not change"
     )
-
-
-def _head(subject: Subject, about: str) -> list[str]:
-    return [
-        *subject.comment(about),
-        "# Drawn through the pseudo-inertia: all bodies in these ranges, and all SAMPLES, are physical.",
-    ]
 
 
 def _tail(subject: Subject, drawn: Spread) -> list[str]:
@@ -141,7 +135,6 @@ def _dictionary(name: str, ranges: dict[str, tuple[float, ...]] | dict[str, tupl
 def _joints(subject: Subject, offsets: str, code: str) -> Written:
     about = subject.columns_words
     lines = [
-        *subject.comment(about),
         f"JOINTS = ({''.join(f'{joint!a}, ' for joint in subject.joints).rstrip()})",
         "# 95 % interval of encoder reading minus joint position [rad]",
         *_ranges(offsets, subject, "joint_offset"),
@@ -155,7 +148,7 @@ def _joints(subject: Subject, offsets: str, code: str) -> Written:
         ),
         *code.rstrip("\n").split("\n"),
     ]
-    return Written.text(lines, about)
+    return subject.text(about, lines)
 
 
 def _ranges(name: str, subject: Subject, found: str) -> list[str]:

@@ -112,20 +112,6 @@ def pseudo_inertias(vectors: FloatArray) -> FloatArray:
     return pseudo
 
 
-def stretched(pseudo: FloatArray, entries: FloatArray) -> FloatArray:
-    """Return the (10,) body, in the order of COMPONENTS, whose pseudo-inertia is U J0 U'.
-
-    Args:
-        pseudo: (4, 4) pseudo-inertia J0.
-        entries: (10,) entries of U, in the order of ENTRIES.
-    """
-    alpha, d1, d2, d3, s12, s13, s23, t1, t2, t3 = entries
-    upper = np.exp(alpha) * np.array(
-        [[np.exp(d1), s12, s13, t1], [0, np.exp(d2), s23, t2], [0, 0, np.exp(d3), t3], [0, 0, 0, 1]]
-    )
-    return _components((upper @ pseudo @ upper.T)[None])[0]
-
-
 def _components(pseudo: FloatArray) -> FloatArray:
     """Return (n, 10) parameters in the order of COMPONENTS."""
     mass = pseudo[:, 3, 3]

@@ -125,7 +125,7 @@ def write_ros2(subject: Subject) -> Written:
     }
     values = {"relative_to": _name(reference), "base_link": _frame(reference), **columns}
     lines = yaml_lines({"/**": {"ros__parameters": {"equipoise": values}}})
-    return Written.text([*(f"# {line}" for line in subject.header(about, *notes)), *lines], about, notes)
+    return subject.text(about, lines, notes)
 
 
 def contents(subject: Subject) -> str:

@@ -29,7 +29,7 @@ def write(subject: Subject) -> Written:
     header = subject.header(about, *notes)
     lines = [*comment_lines(header), *element]
     if subject.file is None:
-        return Written(("\n".join(lines) + "\n").encode(), about, notes)
+        return Written.text(lines, about, notes)
     document = Document(subject.file.content, subject.file.path)
     link = _link(document, subject.file_link)
     edit = (

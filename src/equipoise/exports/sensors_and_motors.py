@@ -20,7 +20,7 @@ def write_toml(subject: Subject) -> Written:
     """Write all parameters, with standard deviations and verdicts, as TOML."""
     about = subject.columns_words
     table = {**provenance(subject, SCHEMA, about), **columns_table(subject.columns)}
-    return Written.text([*subject.comment(about), *_toml(table, ())], about)
+    return subject.text(about, _toml(table, ()))
 
 
 def write_ros2(subject: Subject) -> Written:
@@ -28,7 +28,7 @@ def write_ros2(subject: Subject) -> Written:
     about = subject.columns_words
     values = {column.name: {key: column.number(key) for key in column.values} for column in subject.columns}
     lines = yaml_lines({"/**": {"ros__parameters": {"equipoise": values}}})
-    return Written.text([*subject.comment(about), *_meanings(subject, "# "), *lines], about)
+    return subject.text(about, [*_meanings(subject), *lines])
 
 
 def write_c_header(subject: Subject) -> Written:
@@ -36,7 +36,6 @@ def write_c_header(subject: Subject) -> Written:
     about, joints = subject.columns_words, list(subject.result.joint_position)
     names = ", ".join(map(_quoted, joints))
     lines = [
-        *subject.comment(about, "// "),
         "#ifndef EQUIPOISE_SENSORS_AND_MOTORS_H",
         "#define EQUIPOISE_SENSORS_AND_MOTORS_H",
         f"#define EQUIPOISE_JOINTS {len(joints)}",
@@ -51,13 +50,13 @@ def write_c_header(subject: Subject) -> Written:
             f"// [{column.unit}] {column.meaning}{order}",
             f"static const double equipoise_{column.name}[{size}] = {{{values}}};",
         ]
-    return Written.text([*lines, "#endif"], about)
+    return subject.text(about, [*lines, "#endif"], mark="// ")
 
 
 def write_joint_offsets(subject: Subject) -> Written:
     """Write joint offsets alone, by joint, as YAML."""
     about = "joint offsets [rad], encoder reading minus joint position: joint = reading - offset"
-    return Written.text([*subject.comment(about), *yaml_lines(_offsets(subject))], about)
+    return subject.text(about, yaml_lines(_offsets(subject)))
 
 
 def write_unitree(subject: Subject) -> Written:
@@ -68,7 +67,7 @@ def write_unitree(subject: Subject) -> Written:
     joints = _in_motor_order(subject)
     values = {column.name: [column.number(key) for key in _keys(column, joints)] for column in subject.columns}
     lines = yaml_lines({"joint_names": joints, **values})
-    return Written.text([*subject.comment(about), *_meanings(subject, "# "), *lines], about)
+    return subject.text(about, [*_meanings(subject), *lines])
 
 
 def write_holosoma(subject: Subject) -> Written:
@@ -76,7 +75,6 @@ def write_holosoma(subject: Subject) -> Written:
     about = "joint offsets in degrees: encoder reading minus joint position, to be added to a command"
     degrees = {joint: math.degrees(offset) for joint, offset in _offsets(subject).items()}
     lines = [
-        *subject.comment(about),
         "JOINT_OFFSETS_DEG = {",
         *(f"    {name!a}: {number(value)}," for name, value in degrees.items()),
         "}",
@@ -86,7 +84,7 @@ def write_holosoma(subject: Subject) -> Written:
         '    """RobotConfig(..., joint_offsets_deg=joint_offsets_deg(dof_names)): 0 for joints that are not listed."""',
         "    return tuple(JOINT_OFFSETS_DEG.get(name, 0.0) for name in dof_names)",
     ]
-    return Written.text(lines, about)
+    return subject.text(about, lines)
 
 
 def _offsets(subject: Subject) -> dict[str, float]:
@@ -111,8 +109,8 @@ def _in_motor_order(subject: Subject) -> list[str]:
     return [robot.joint_names[joint] for leg in _MOTOR_LEGS for joint in robot.legs[leg].joints]
 
 
-def _meanings(subject: Subject, mark: str) -> list[str]:
-    return [f"{mark}{column.name} [{column.unit}]: {column.meaning}" for column in subject.columns]
+def _meanings(subject: Subject) -> list[str]:
+    return [f"# {column.name} [{column.unit}]: {column.meaning}" for column in subject.columns]
 
 
 def _toml(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:

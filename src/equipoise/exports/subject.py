@@ -212,9 +212,9 @@ class Subject:
         )
         return tuple(map(_one_line, lines))
 
-    def comment(self, about: str, mark: str = "# ") -> list[str]:
-        """Return the header as comments of one line."""
-        return [mark + line for line in self.header(about)]
+    def text(self, about: str, lines: Iterable[str], notes: tuple[str, ...] = (), mark: str = "# ") -> Written:
+        """Return a file of lines of text, after the header as comments of one line."""
+        return Written.text([*(mark + line for line in self.header(about, *notes)), *lines], about, notes)
 
     def column(self, name: str) -> dict[str, float]:
         """Return the written numbers of one kind, by joint or axis; empty if there are none."""

@@ -29,7 +29,8 @@ Part = Literal["base", "hip", "thigh", "shank"]
 
 _AROUND = 24  # edges around a round body
 _MOST_FACES = 20_000  # per mesh, before simplification: some models have very fine meshes
-_MOST_FACES_ON_PAGE = 1200
+MOST_FACES_ON_PAGE = 1200
+"""Approximate largest number of faces of a mesh in a report."""
 _FACES_OF_GRID = 3.0  # faces of a simplified mesh, over the square of the number of cells along its longest side
 
 
@@ -66,27 +67,13 @@ class Shape:
         joint: Pinocchio id of the joint that carries the shape; 1 is the base.
         part: part of the robot.
         kind: type of the shape.
-        size: dimensions [m]. Box: edges x, y, z; sphere: radius; cylinder and capsule: radius, length along z without
-            caps; mesh: empty.
-        rotation: (3, 3) axes of the shape in the joint's frame.
-        translation: (3,) centre of the shape in the joint's frame [m].
-        own: triangles of a mesh in its own axes.
-        stands_in: True if the model file has no shape of the link.
+        mesh: its triangles in the joint's frame [m].
     """
 
     joint: int
     part: Part
     kind: Kind
-    size: tuple[float, ...]
-    rotation: FloatArray
-    translation: FloatArray
-    own: Mesh | None = None
-    stands_in: bool = False
-
-    def mesh(self) -> Mesh:
-        """Return the triangles in the joint's frame [m]."""
-        mesh = self.own or _MESHES[self.kind](*self.size)
-        return Mesh(mesh.vertices @ self.rotation.T + self.translation, mesh.faces)
+    mesh: Mesh
 
 
 def robot_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Shape, ...]:
@@ -106,30 +93,12 @@ def at_posture(robot: RobotModel, shapes: Iterable[Shape], joint_position: Float
         joint_position: (nj,) leg joint positions [rad].
     """
     poses = Kinematics(robot).joint_poses(joint_position)
-    return [shape.mesh().moved(poses[shape.joint]) for shape in shapes]
-
-
-def robot_meshes(robot: RobotModel, joint_position: FloatArray) -> tuple[list[Mesh], list[Mesh], bool]:
-    """Return simplified meshes of a robot in a posture, small enough for a report.
-
-    Args:
-        joint_position: (nj,) leg joint positions [rad].
-
-    Returns:
-        meshes of the base and of the legs in the base frame [m]; True if the model file has shapes of all links.
-    """
-    shapes = robot_shapes(robot, _MOST_FACES_ON_PAGE)
-    meshes = list(zip(shapes, at_posture(robot, shapes, joint_position), strict=True))
-    base = [mesh for shape, mesh in meshes if shape.part == "base"]
-    legs = [mesh for shape, mesh in meshes if shape.part != "base"]
-    return base, legs, not any(shape.stands_in for shape in shapes)
+    return [shape.mesh.moved(poses[shape.joint]) for shape in shapes]
 
 
 def box(x: float, y: float, z: float) -> Mesh:
     """Return a box centred at the origin, with the given edges [m]."""
-    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * [x / 2, y / 2, z / 2]
-    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return Mesh(corners, np.array([face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))]))
+    return _convex(np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * [x / 2, y / 2, z / 2])
 
 
 def sphere(radius: float) -> Mesh:
@@ -139,35 +108,31 @@ def sphere(radius: float) -> Mesh:
 
 def cylinder(radius: float, length: float) -> Mesh:
     """Return a cylinder along z, centred at the origin [m]."""
-    return _revolved([(0.0, -length / 2), (radius, -length / 2), (radius, length / 2), (0.0, length / 2)])
+    return _convex(np.vstack([_ring(radius, -length / 2), _ring(radius, length / 2)]))
 
 
 def capsule(radius: float, length: float) -> Mesh:
     """Return a capsule along z, centred at the origin; `length` excludes the caps [m]."""
     angles = np.linspace(0, np.pi / 2, _AROUND // 4 + 1)
-    upper = [(radius * float(np.cos(a)), length / 2 + radius * float(np.sin(a))) for a in angles[:-1]]
-    upper.append((0.0, length / 2 + radius))
-    return _revolved([(r, -z) for r, z in reversed(upper)] + upper[int(length == 0) :])
+    cap = np.vstack([_ring(radius * np.cos(a), length / 2 + radius * np.sin(a)) for a in angles])
+    return _convex(np.unique(np.vstack([cap, cap * [1, 1, -1]]).round(12), axis=0))
 
 
-_MESHES = {"box": box, "sphere": sphere, "cylinder": cylinder, "capsule": capsule}
-
-
-def _revolved(profile: list[tuple[float, float]]) -> Mesh:
-    """Return the solid of revolution about z of a profile (radius, z), given from bottom to top."""
+def _ring(radius: float, z: float) -> FloatArray:
+    """Return (n, 3) points on a horizontal circle around the z axis [m]."""
     around = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
-    circle = np.column_stack([np.cos(around), np.sin(around)])
-    rings = [np.column_stack([r * circle, np.full(_AROUND, z)]) for r, z in profile]
-    here = np.arange(_AROUND)
-    there = (here + 1) % _AROUND
-    faces: list[IntArray] = []
-    for ring in range(len(rings) - 1):
-        low, high = ring * _AROUND, (ring + 1) * _AROUND
-        if profile[ring][0] > 0:
-            faces.append(np.column_stack([low + here, low + there, high + there]))
-        if profile[ring + 1][0] > 0:
-            faces.append(np.column_stack([low + here, high + there, high + here]))
-    return Mesh(np.concatenate(rings), np.concatenate(faces))
+    return np.column_stack([radius * np.cos(around), radius * np.sin(around), np.full(_AROUND, z)])
+
+
+def _convex(points: FloatArray) -> Mesh:
+    """Return the convex hull of points."""
+    hull = ConvexHull(points)
+    faces, normals = np.asarray(hull.simplices, dtype=np.int64), np.asarray(hull.equations)[:, :3]
+    a, b, c = (points[faces[:, corner]] for corner in range(3))
+    inward = np.einsum("ni,ni->n", np.cross(b - a, c - a), normals) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    used, faces = np.unique(faces, return_inverse=True)
+    return Mesh(points[used], faces.reshape(-1, 3))
 
 
 def _visuals(robot: RobotModel, most_faces: int) -> list[Shape]:
@@ -192,8 +157,9 @@ def _collisions(robot: RobotModel, most_faces: int) -> list[Shape]:
 def _read(robot: RobotModel, path: Path, model_format: str, what: Any, most_faces: int) -> Iterator[Shape]:
     """Yield the shapes of a file on the robot's links, matched by link name."""
     if model_format == "urdf":
+        folders = [str(folder) for folder in path.resolve().parents]  # to resolve package://NAME/... in
         model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
-        geometry = pin.buildGeomFromUrdf(model, str(path), what, package_dirs=_package_folders(path))
+        geometry = pin.buildGeomFromUrdf(model, str(path), what, package_dirs=folders)
     else:
         model = pin.buildModelFromMJCF(str(path))
         geometry = pin.buildGeomFromMJCF(model, str(path), what)
@@ -204,32 +170,29 @@ def _read(robot: RobotModel, path: Path, model_format: str, what: Any, most_face
         form = None if ours is None else _form(shape, most_faces)
         if ours is None or form is None:
             continue
-        placement = ours.placement * theirs.placement.inverse() * shape.placement
+        kind, mesh = form
         joint = int(ours.parentJoint)
-        yield Shape(joint, _part(robot, joint), *form[:2], np.array(placement.rotation), placement.translation, form[2])
+        placement = ours.placement * theirs.placement.inverse() * shape.placement
+        yield Shape(joint, _part(robot, joint), kind, mesh.moved(placement))
 
 
-def _package_folders(path: Path) -> list[str]:
-    """Return the folders to resolve package://NAME/... in: all parents of the file."""
-    return [str(folder) for folder in path.resolve().parents]
-
-
-def _form(shape: Any, most_faces: int) -> tuple[Kind, tuple[float, ...], Mesh | None] | None:
-    """Return kind, size and triangles of a Pinocchio shape; None for unsupported ones such as planes."""
+def _form(shape: Any, most_faces: int) -> tuple[Kind, Mesh] | None:
+    """Return kind and triangles of a Pinocchio shape in its own axes; None for unsupported ones such as planes."""
     geometry = shape.geometry
     name = type(geometry).__name__
     if name == "Box":
-        return "box", tuple(2 * float(half) for half in geometry.halfSide), None
+        return "box", box(*(2 * float(half) for half in geometry.halfSide))
     if name == "Sphere":
-        return "sphere", (float(geometry.radius),), None
-    if name in ("Cylinder", "Capsule"):
-        kind: Kind = "cylinder" if name == "Cylinder" else "capsule"
-        return kind, (float(geometry.radius), 2 * float(geometry.halfLength)), None
+        return "sphere", sphere(float(geometry.radius))
+    if name == "Cylinder":
+        return "cylinder", cylinder(float(geometry.radius), 2 * float(geometry.halfLength))
+    if name == "Capsule":
+        return "capsule", capsule(float(geometry.radius), 2 * float(geometry.halfLength))
     if not hasattr(geometry, "tri_indices"):
         return None
     triangles = (geometry.tri_indices(index) for index in range(geometry.num_tris))
     faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
-    return "mesh", (), _coarser(_mended(Mesh(np.array(geometry.vertices(), dtype=float), faces)), most_faces)
+    return "mesh", _coarser(_mended(Mesh(np.array(geometry.vertices(), dtype=float), faces)), most_faces)
 
 
 def _mended(mesh: Mesh) -> Mesh:
@@ -237,15 +200,7 @@ def _mended(mesh: Mesh) -> Mesh:
 
     In files of several parts coal 3.0 numbers the vertices of each part from zero, so triangles have wrong vertices.
     """
-    if len(np.unique(mesh.faces)) == len(mesh.vertices):
-        return mesh
-    hull = ConvexHull(mesh.vertices)
-    faces, normals = np.asarray(hull.simplices, dtype=np.int64), np.asarray(hull.equations)[:, :3]
-    a, b, c = (mesh.vertices[faces[:, corner]] for corner in range(3))
-    inward = np.einsum("ni,ni->n", np.cross(b - a, c - a), normals) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    used, faces = np.unique(faces, return_inverse=True)
-    return Mesh(mesh.vertices[used], faces.reshape(-1, 3))
+    return mesh if len(np.unique(mesh.faces)) == len(mesh.vertices) else _convex(mesh.vertices)
 
 
 def _coarser(mesh: Mesh, most_faces: int) -> Mesh:
@@ -264,11 +219,10 @@ def _stand_ins(robot: RobotModel, found: list[Shape]) -> Iterator[Shape]:
     shown = {shape.joint for shape in found if shape.kind != "sphere"}
     if BASE_JOINT not in shown:
         edges, middle = trunk_box(robot, around=1.0)
-        yield Shape(BASE_JOINT, "base", "box", edges, np.eye(3), middle, stands_in=True)
+        yield Shape(BASE_JOINT, "base", "box", box(*edges).moved(pin.SE3(np.eye(3), middle)))
     for limb in leg_limbs(robot, shown):
-        place, size = limb.placement, (limb.radius, limb.length)
-        rotation, middle = np.array(place.rotation), np.array(place.translation)
-        yield Shape(limb.joint, _part(robot, limb.joint), "capsule", size, rotation, middle, stands_in=True)
+        drawn = capsule(limb.radius, limb.length).moved(limb.placement)
+        yield Shape(limb.joint, _part(robot, limb.joint), "capsule", drawn)
 
 
 def _part(robot: RobotModel, joint: int) -> Part:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -13,7 +12,7 @@ from scipy.spatial import ConvexHull
 from equipoise.conventions import FloatArray
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.figures.blocks import DASHES, INK, MUTED, ROBOT, SERIES, Figure, Trace, number, plain, short
-from equipoise.figures.geometry import Mesh, robot_meshes
+from equipoise.figures.geometry import MOST_FACES_ON_PAGE, Mesh, at_posture, robot_shapes
 from equipoise.figures.lift_planes import LiftPlanes
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import ellipsoid_95
@@ -26,34 +25,6 @@ _MARKERS: dict[str, Trace] = {
     "model": {"color": MUTED, "size": 11, "symbol": "square-open", "line": {"width": 2}},
     "truth": {"color": INK, "size": 9, "symbol": "x-thin", "line": {"width": 2, "color": INK}},
 }
-_FAINTEST = 0.35  # weight of the first lift of a bisection
-
-
-@dataclass(frozen=True, eq=False)
-class Ellipse:
-    """95 % ellipse of a normal distribution in the plane.
-
-    Attributes:
-        major, minor: semi-axes [m].
-        angle: angle of the major axis, from x towards y [rad].
-    """
-
-    major: float
-    minor: float
-    angle: float
-
-    @classmethod
-    def of(cls, covariance: FloatArray) -> Ellipse:
-        """Return the ellipse of a (2, 2) covariance of x and y [m2]."""
-        directions, (minor, major) = ellipsoid_95(covariance)
-        return cls(float(major), float(minor), float(np.arctan2(directions[1, 1], directions[0, 1])))
-
-    def outline(self, centre: FloatArray) -> FloatArray:
-        """Return (n, 2) points on the ellipse around a (2,) centre [m]."""
-        around = np.linspace(0, 2 * np.pi, 73)
-        along, across = self.major * np.cos(around), self.minor * np.sin(around)
-        cos, sin = np.cos(self.angle), np.sin(self.angle)
-        return centre + np.column_stack([along * cos - across * sin, along * sin + across * cos])
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +35,13 @@ class PlanMark:
         kind: "found" (estimate), "model" (model file) or "truth" (simulation).
         label: name to show.
         position: (2,) x and y in the base frame [m].
-        ellipse: 95 % ellipse, or None.
+        ellipse: (n, 2) points on the 95 % ellipse around it [m], or None.
     """
 
     kind: Literal["found", "model", "truth"]
     label: str
     position: FloatArray
-    ellipse: Ellipse | None = None
+    ellipse: FloatArray | None = None
 
     @property
     def words(self) -> str:
@@ -81,7 +52,7 @@ class PlanMark:
     @property
     def reach(self) -> float:
         """Major half axis of the 95 % ellipse [m]; zero without one."""
-        return 0.0 if self.ellipse is None else self.ellipse.major
+        return 0.0 if self.ellipse is None else float(np.linalg.norm(self.ellipse - self.position, axis=1).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,23 +64,19 @@ class PlanLine:
         point: (2,) point on the line, in the base frame [m].
         direction: (2,) unit vector along the line, in the base frame.
         verdict: direction in which the robot tipped, "forward", "backward" or "balanced"; None: the CoM is on the line.
-        weight: opacity, above 0 up to 1; later lifts of a bisection, which are nearer to the CoM, are more opaque.
     """
 
     diagonal: str
     point: FloatArray
     direction: FloatArray
     verdict: str | None = None
-    weight: float = 1.0
 
     @classmethod
-    def cut(
-        cls, diagonal: str, plane: SupportPlane, height: float, verdict: str | None = None, weight: float = 1.0
-    ) -> PlanLine:
+    def cut(cls, diagonal: str, plane: SupportPlane, height: float, verdict: str | None = None) -> PlanLine:
         """Return the intersection of a support plane with the horizontal plane at a height [m] in the base frame."""
         flat = plane.normal[:2]
         point = plane.point[:2] + flat * plane.normal[2] * (plane.point[2] - height) / (flat @ flat)
-        return cls(diagonal, point, np.array([flat[1], -flat[0]]) / np.linalg.norm(flat), verdict, weight)
+        return cls(diagonal, point, np.array([flat[1], -flat[0]]) / np.linalg.norm(flat), verdict)
 
     def nearest_to(self, position: FloatArray) -> FloatArray:
         """Return the (2,) point of the line nearest to a (2,) position [m]."""
@@ -118,28 +85,6 @@ class PlanLine:
     def piece(self, centre: FloatArray, reach: float) -> FloatArray:
         """Return the (2, 2) ends of a segment, `reach` [m] to either side of the point nearest to a (2,) centre [m]."""
         return self.nearest_to(centre) + np.outer([-reach, reach], self.direction)
-
-
-@dataclass(frozen=True, eq=False)
-class PlanOutline:
-    """Outline of the robot at its nominal stance.
-
-    Attributes:
-        base: (n, 2) corners of the base's convex outline, in the base frame [m].
-        legs: (n, 2) corners of the outline of each part of a leg.
-        feet: (2,) centre of each foot [m], by leg.
-    """
-
-    base: FloatArray
-    legs: tuple[FloatArray, ...]
-    feet: Mapping[str, FloatArray]
-
-    @classmethod
-    def of(cls, robot: RobotModel, joint_position: FloatArray) -> PlanOutline:
-        """Return the outline at (nj,) joint positions [rad]."""
-        base, legs, _ = robot_meshes(robot, joint_position)
-        feet: dict[str, FloatArray] = dict(zip(LEG_NAMES, foot_positions(robot, joint_position)[:, :2], strict=True))
-        return cls(_hull(base), tuple(_hull([mesh]) for mesh in legs), feet)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +98,8 @@ class PlanView:
         lifts: line of each lift.
         support_lines: line of each diagonal.
         balanced: True if the robot balances on these lines; False if they run through its feet.
-        outline: outline of the robot; None without its model.
+        feet: (2,) centre of each foot [m], by leg; empty without the robot's model.
+        outlines: (n, 2) corners of the convex outlines of the base and of each part of a leg [m]; empty without the model.
     """
 
     marks: tuple[PlanMark, ...]
@@ -162,7 +108,8 @@ class PlanView:
     lifts: tuple[PlanLine, ...] = ()
     support_lines: tuple[PlanLine, ...] = ()
     balanced: bool = False
-    outline: PlanOutline | None = None
+    feet: Mapping[str, FloatArray] = field(default_factory=dict[str, FloatArray])
+    outlines: tuple[FloatArray, ...] = ()
 
     @property
     def found(self) -> list[PlanMark]:
@@ -186,21 +133,41 @@ def plan_view(results: Mapping[str, Calibration], lifts: LiftPlanes = ()) -> Pla
     first, alone = next(iter(located.values())), len(results) == 1
     marks = [_found(result, "estimate" if alone else name) for name, result in located.items()]
     marks += _others(first) if alone else []
-    robot, outline = first.robot_model, None
-    if robot is not None:
-        outline = PlanOutline.of(robot, np.array([first.joint_position[name] for name in robot.joint_names]))
+    feet, outlines = ({}, ()) if first.robot_model is None else _robot(first, first.robot_model)
     z = first.composite.com_in_base.z
     height = float(first.nominal.composite.com[2]) if z.value is None else z.value
-    lines = _balanced(first, height) or ([] if outline is None else _through_feet(outline))
-    return PlanView(
-        tuple(marks), *_close_up(marks), tuple(_cuts(lifts, height)), tuple(lines), bool(first.support_lines), outline
-    )
+    cuts = [
+        PlanLine.cut(lift.diagonal, lift.plane, height, lift.verdict)
+        for lift in lifts
+        if np.linalg.norm(lift.plane.normal[:2]) > _UPRIGHT
+    ]
+    lines = _balanced(first, height) or _through_feet(feet)
+    balanced = bool(first.support_lines)
+    return PlanView(tuple(marks), *_close_up(marks), tuple(cuts), tuple(lines), balanced, feet, outlines)
+
+
+def _robot(result: Calibration, robot: RobotModel) -> tuple[dict[str, FloatArray], tuple[FloatArray, ...]]:
+    """Return the feet and the outlines of a result's robot at its stance."""
+    joint_position = np.array([result.joint_position[name] for name in robot.joint_names])
+    shapes = robot_shapes(robot, MOST_FACES_ON_PAGE)
+    meshes = list(zip(shapes, at_posture(robot, shapes, joint_position), strict=True))
+    base = [mesh for shape, mesh in meshes if shape.part == "base"]
+    legs = [[mesh] for shape, mesh in meshes if shape.part != "base"]
+    feet: dict[str, FloatArray] = dict(zip(LEG_NAMES, foot_positions(robot, joint_position)[:, :2], strict=True))
+    return feet, tuple(_hull(part) for part in (base, *legs))
 
 
 def _found(result: Calibration, label: str) -> PlanMark:
     covariance = result.composite.covariance
-    ellipse = None if covariance is None else Ellipse.of(covariance[1:3, 1:3])
-    return PlanMark("found", label, result.composite.com_in_base.values[:2], ellipse)
+    position = result.composite.com_in_base.values[:2]
+    return PlanMark("found", label, position, None if covariance is None else _ellipse(position, covariance[1:3, 1:3]))
+
+
+def _ellipse(centre: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return (n, 2) points on the 95 % ellipse of a (2, 2) covariance around a centre."""
+    directions, half_axes = ellipsoid_95(covariance)
+    around = np.linspace(0, 2 * np.pi, 73)
+    return centre + np.column_stack([np.sin(around), np.cos(around)]) * half_axes @ directions.T
 
 
 def _others(result: Calibration) -> list[PlanMark]:
@@ -229,23 +196,9 @@ def _balanced(result: Calibration, height: float) -> list[PlanLine]:
     ]
 
 
-def _through_feet(outline: PlanOutline) -> list[PlanLine]:
-    ends = {name: [outline.feet[leg] for leg in legs] for name, legs in DIAGONALS.items()}
+def _through_feet(feet: Mapping[str, FloatArray]) -> list[PlanLine]:
+    ends = {name: [feet[leg] for leg in legs] for name, legs in DIAGONALS.items() if feet}
     return [PlanLine(name, (a + b) / 2, (a - b) / np.linalg.norm(a - b)) for name, (a, b) in ends.items()]
-
-
-def _cuts(lifts: LiftPlanes, height: float) -> list[PlanLine]:
-    """Return the lines in which the lifts' support planes intersect the height of the CoM [m]."""
-    counts = Counter(lift.diagonal for lift in lifts)
-    seen: Counter[str] = Counter()
-    lines: list[PlanLine] = []
-    for lift in lifts:
-        later = (counts[lift.diagonal] - 1 - seen[lift.diagonal]) / max(1, counts[lift.diagonal] - 1)
-        seen[lift.diagonal] += 1
-        if np.linalg.norm(lift.plane.normal[:2]) > _UPRIGHT:
-            weight = 1.0 if lift.verdict is None else 1 - (1 - _FAINTEST) * later
-            lines.append(PlanLine.cut(lift.diagonal, lift.plane, height, lift.verdict, weight))
-    return lines
 
 
 def _hull(meshes: Sequence[Mesh]) -> FloatArray:
@@ -262,22 +215,23 @@ def plan_figures(view: PlanView | None) -> list[Figure]:
     layout = _frame(view.centre, view.half_width, b=150)
     layout["xaxis"]["title"], layout["yaxis"]["title"] = {"text": "y, left [mm]"}, {"text": "x, forward [mm]"}
     close_up = Figure("Around the centre of mass", caption, _around_com(view), layout, 430)
-    return [close_up] if view.outline is None else [_overview(view, view.outline), close_up]
+    return [_overview(view), close_up] if view.feet else [close_up]
 
 
-def _overview(view: PlanView, outline: PlanOutline) -> Figure:
+def _overview(view: PlanView) -> Figure:
     """Return a figure of the robot, with the close-up marked as a square."""
-    feet = np.array(list(outline.feet.values()))
-    reach = np.abs(np.concatenate([outline.base, *outline.legs, feet])).max(axis=0) * [1.1, 1.5]
+    base, *legs = view.outlines
+    feet = np.array(list(view.feet.values()))
+    reach = np.abs(np.concatenate([*view.outlines, feet])).max(axis=0) * [1.1, 1.5]
     (x0, y0), (x1, y1) = 1000 * (view.centre - view.half_width), 1000 * (view.centre + view.half_width)
     square = {"type": "rect", "x0": y0, "x1": y1, "y0": x0, "y1": x1, "line": {"width": 1, "color": INK}}
     sides = ["middle left" if y > 0 else "middle right" for y in feet[:, 1]]
     dot = {"size": 11, "color": "#ffffff", "line": {"color": INK, "width": 1.4}}
     data = [
-        *(_path(leg, "leg", 0, ROBOT, fill="toself", fillcolor=f"{ROBOT}55") for leg in outline.legs),
-        _path(outline.base, "base", 1, ROBOT, fill="toself", fillcolor=f"{ROBOT}33"),
+        *(_path(leg, "leg", 0, ROBOT, fill="toself", fillcolor=f"{ROBOT}55") for leg in legs),
+        _path(base, "base", 1, ROBOT, fill="toself", fillcolor=f"{ROBOT}33"),
         *(_support_line(line, view, np.zeros(2), 2 * float(reach.max())) for line in view.support_lines),
-        _path(feet, "feet", mode="markers+text", text=list(outline.feet), textposition=sides, marker=dot),
+        _path(feet, "feet", mode="markers+text", text=list(view.feet), textposition=sides, marker=dot),
         *(_mark(view, mark) for mark in view.found),
     ]
     layout = {**_frame(np.zeros(2), reach, b=30), "showlegend": False, "shapes": [square]}
@@ -292,15 +246,14 @@ def _around_com(view: PlanView) -> list[Trace]:
         first = not any(trace["legendgroup"] == line.diagonal for trace in lifts)
         group = {"legendgroup": line.diagonal, "showlegend": first, "text": words, "hoverinfo": "text"}
         piece = line.piece(view.centre, reach)
-        trace = _path(piece, f"lifts on {line.diagonal}", 1, _colour(line.diagonal), opacity=0.5 * line.weight, **group)
-        lifts.append(trace)
+        lifts.append(_path(piece, f"lifts on {line.diagonal}", 1, _colour(line.diagonal), opacity=0.5, **group))
     lines = [_support_line(line, view, view.centre, reach) for line in view.support_lines if view.balanced]
     ellipses: list[Trace] = []
     for mark in view.found:
         if mark.ellipse is not None:
-            outline, colour = mark.ellipse.outline(mark.position), _series(view, mark)
+            colour = _series(view, mark)
             fill = {"fill": "toself", "fillcolor": f"{colour}33", "showlegend": False}
-            ellipses.append(_path(outline, f"95 % ellipse of {plain(mark.label)}", 1.5, colour, **fill))
+            ellipses.append(_path(mark.ellipse, f"95 % ellipse of {plain(mark.label)}", 1.5, colour, **fill))
     return [*lifts, *lines, *ellipses, *(_mark(view, mark) for mark in reversed(view.marks))]
 
 

@@ -5,29 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.errors import SettingsError
-from equipoise.figures.blocks import (
-    INK,
-    MUTED,
-    SERIES,
-    Cell,
-    DataTable,
-    Figure,
-    PageContents,
-    Section,
-    Trace,
-    axes,
-    number,
-    plain,
-    points,
-    short,
-)
+from equipoise.figures.blocks import Cell, DataTable, PageContents, Section, number
 from equipoise.figures.numbers import Number, legend, numbers
 from equipoise.figures.plan_view import plan_figures, plan_view
 from equipoise.report.contents import alerts
 from equipoise.report.provenance import facts
 from equipoise.result.calibration import Calibration
 
-_SYMBOLS = ("circle", "diamond", "square", "triangle-up")
 _SHARED = (
     "The interval of a difference assumes independent errors of the two runs. Runs of one robot share the errors of joint "
     "offsets, IMU mounting and scale, which cancel: the true interval is narrower."
@@ -46,9 +30,7 @@ def comparison_contents(results: dict[str, Calibration]) -> PageContents:
     robots = list(dict.fromkeys(result.robot for result in results.values()))
     labels = list(dict.fromkeys(label for of_run in shown.values() for label in of_run))
     first, *others = results
-    common = [label for label in labels if sum(label in of_run for of_run in shown.values()) > 1]
     sections = [
-        Section("overlay", "Parameters", [_overlay(label, shown) for label in common]),
         Section(
             "differences", "Differences", [_SHARED, *(_differences(labels, shown, first, name) for name in others)]
         ),
@@ -76,27 +58,6 @@ def _cell(one: Number | None) -> Cell:
         return Cell("-")
     half = "" if one.quantity.half_width is None else f" +- {one.half_width}"
     return Cell(f"{one}{half}", verdict=one.quantity.verdict or "")
-
-
-def _overlay(label: str, shown: dict[str, dict[str, Number]]) -> Figure:
-    """Return a figure of one parameter: estimates of all runs with intervals, model values and ground truth."""
-    of_run = {name: runs[label] for name, runs in shown.items() if label in runs}
-    data: list[Trace] = []
-    for name, one in of_run.items():
-        series = list(shown).index(name) % 4
-        marker = {"color": SERIES[series], "symbol": _SYMBOLS[series], "size": 9}
-        interval = {"type": "data", "array": short([one.quantity.half_width or 0.0]), "width": 6, "thickness": 2}
-        data.append(points([one.value], [plain(name)], name, marker, error_x=interval, showlegend=False))
-    for kind, symbol, colour in (("model", "line-ns-open", MUTED), ("truth", "x-thin-open", INK)):
-        there = {
-            plain(name): value for name, one in of_run.items() if (value := getattr(one.quantity, kind)) is not None
-        }
-        marker = {"symbol": symbol, "color": colour, "size": 12, "line": {"width": 2, "color": colour}}
-        data += [points(there.values(), list(there), kind, marker)] if there else []
-    layout = axes(label, "")
-    layout["yaxis"] = {"type": "category", "autorange": "reversed"}
-    caption = "; ".join(f"{name}: {one}" for name, one in of_run.items())
-    return Figure(label, caption, data, layout, height=150 + 34 * len(of_run))
 
 
 def _differences(labels: list[str], shown: dict[str, dict[str, Number]], first: str, other: str) -> DataTable:

@@ -8,16 +8,13 @@ from equipoise.figures.numbers import BODIES, legend, not_estimated, numbers, nu
 from equipoise.figures.parts import parts_of
 from equipoise.figures.plan_view import plan_figures, plan_view
 from equipoise.figures.uncertainty_budget import remedies, uncertainty_table
-from equipoise.report.advice import advice_blocks
-from equipoise.report.convergence_figures import progress_figures
 from equipoise.report.differences import action_blocks
 from equipoise.report.excitation_figures import excitation_blocks
 from equipoise.report.part_figures import LINKS, MOTORS, motor_message, motors_alone, part_blocks
 from equipoise.report.provenance import provenance_blocks
 from equipoise.report.residuals import held_out_blocks, residual_figures
-from equipoise.report.scene import scene
 from equipoise.report.sensor_figures import sensor_blocks
-from equipoise.report.trial_figures import search_figures, tilt_figures, trial_table
+from equipoise.report.trial_figures import search_figures, trial_table
 from equipoise.result.calibration import Calibration
 from equipoise.result.legend import frame_message
 
@@ -28,28 +25,24 @@ def run_contents(result: Calibration, run: str = "RUN") -> PageContents:
     Args:
         run: path of the run, for commands.
     """
-    planes = lift_planes(result)
     alone = motors_alone(result)
-    trials = [*search_figures(result), *progress_figures(result), *tilt_figures(result), *trial_table(result)]
     uncertainty = [uncertainty_table(result), remedies(result)] if result.uncertainty_budget else []
     sections = [
         Section("held-out", _held_out_title(result), held_out_blocks(result)),
-        Section("trials", "Trials", trials),
-        Section("scene", "3D view", [] if alone else scene(result, planes)),
+        Section("trials", "Trials", [*search_figures(result), *trial_table(result)]),
         Section("excitations", "Excitations", excitation_blocks(result)),
-        Section("residuals", "Residuals", residual_figures(result, planes)),
+        Section("residuals", "Residuals", residual_figures(result)),
         Section("links", "Legs", part_blocks(result, LINKS)),
         Section("motors", "Motors", part_blocks(result, MOTORS)),
         Section("sensors", "Sensors", sensor_blocks(result)),
         Section("uncertainty", "Uncertainty", uncertainty),
-        Section("help", "Next steps", advice_blocks(result)),
         Section("bodies", "Other bodies", _other_bodies(result)),
         Section("checks", "Checks", _checks(result)),
         Section("provenance", "Provenance", provenance_blocks(result)),
     ]
     first = [parts_of(result)[0].table()] if alone else [numbers_table(numbers(result), _heading("composite"))]
     words = () if alone else legend(result)
-    view = plan_figures(plan_view({result.robot: result}, planes))
+    view = plan_figures(plan_view({result.robot: result}, lift_planes(result)))
     return PageContents(
         result.robot,
         _subtitle(result),

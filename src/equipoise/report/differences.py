@@ -35,7 +35,7 @@ def action_blocks(result: Calibration, run: str) -> list[Block]:
     if doubt := doubt_message(result):
         return [f"{doubt} Do not use these numbers before the failed checks below are resolved."]
     if motors_alone(result):
-        return []
+        return ["To estimate mass, centre of mass and inertia in the same run, pass `--parameters base,motors`."]
     if not result.has_intervals:
         return [
             f"`{result.method}` gives no intervals, so no difference from the model file is known to be significant. "

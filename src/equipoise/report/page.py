@@ -29,7 +29,6 @@ _AXIS = {
     "gridcolor": _GRID, "zerolinecolor": _GRID, "linecolor": MUTED, "tickcolor": _GRID, "ticks": "outside",
     "automargin": True,
 }  # fmt: skip
-_SPATIAL = {"gridcolor": _GRID, "zerolinecolor": _GRID, "color": MUTED, "backgroundcolor": "rgba(0,0,0,0)"}
 _TEMPLATE: Trace = {
     "layout": {
         "colorway": SERIES,
@@ -44,7 +43,6 @@ _TEMPLATE: Trace = {
         "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0},
         "xaxis": _AXIS,
         "yaxis": _AXIS,
-        "scene": {"xaxis": _SPATIAL, "yaxis": _SPATIAL, "zaxis": _SPATIAL},
         "bargap": 0.15,
     }
 }

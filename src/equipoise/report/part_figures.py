@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from equipoise.figures.blocks import INK, SERIES, Block, Figure, axes, plain, points, short
-from equipoise.figures.parts import Parts, parts_of
+from equipoise.figures.parts import parts_of
 from equipoise.result.calibration import Calibration
-from equipoise.result.shown import Shown
+from equipoise.result.findings import SensorFinding
+from equipoise.result.quantity import Quantity
 
 LINKS, MOTORS = "links", "motors"
 _LOOKS = {
@@ -22,7 +25,12 @@ def part_blocks(result: Calibration, kind: str) -> list[Block]:
     for parts in parts_of(result):
         if parts.kind == kind:
             leading = [] if motors_alone(result) else [parts.table()]
-            blocks += [*leading, *(_figure(parts, one) for one in parts.columns), parts.remark]
+            names, caption = [plain(name) for name in parts.found], f"Estimate and 95 % interval for each {parts.each}."
+            figures = [
+                interval_figure(one.words.capitalize(), caption, one.label, names, parts.of(one.name), one.factor)
+                for one in parts.columns
+            ]
+            blocks += [*leading, *figures, parts.remark]
     return blocks
 
 
@@ -44,11 +52,18 @@ def motor_message(result: Calibration) -> str:
     return f"Motors: {', '.join(ranges)}." if ranges else ""
 
 
-def _figure(parts: Parts, shown: Shown) -> Figure:
-    """Return a figure of estimates with their intervals, the first part on top."""
-    names, found = [plain(name) for name in parts.found], parts.of(shown.name)
+def interval_figure(
+    title: str, caption: str, label: str, names: Sequence[str], found: Sequence[Quantity | SensorFinding], factor: float
+) -> Figure:
+    """Return a figure of estimates with 95 % intervals, model values and ground truth, the first one on top.
+
+    Args:
+        label: title of the axis, with the unit.
+        names: name of each estimate.
+        factor: from SI to the unit shown.
+    """
     values = {
-        what: [np.nan if (value := getattr(one, what)) is None else shown.factor * value for one in found]
+        what: [np.nan if (value := getattr(one, what, None)) is None else factor * value for one in found]
         for what in ("value", "half_width", "model", "truth")
     }
     interval = {"type": "data", "array": short(values["half_width"]), "color": SERIES[0], "thickness": 1.4, "width": 3}
@@ -56,7 +71,6 @@ def _figure(parts: Parts, shown: Shown) -> Figure:
     data += [
         points(values[what], names, what, look) for what, look in _LOOKS.items() if np.isfinite(values[what]).any()
     ]
-    layout = axes(shown.label, "")
+    layout = axes(label, "")
     layout["yaxis"] |= {"autorange": "reversed"}
-    caption = f"Estimate and 95 % interval for each {parts.each}."
-    return Figure(shown.words.capitalize(), caption, data, layout, height=110 + 20 * len(names))
+    return Figure(title, caption, data, layout, height=110 + 20 * len(names))

@@ -5,22 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
-from equipoise.figures.blocks import (
-    SERIES,
-    Block,
-    Cell,
-    DataTable,
-    Figure,
-    Trace,
-    axes,
-    level,
-    line,
-    pieces,
-    plain,
-    points,
-    short,
-)
-from equipoise.figures.lift_planes import LiftPlanes
+from equipoise.figures.blocks import SERIES, Block, Cell, DataTable, Figure, Trace, axes, level, pieces, plain, short
 from equipoise.result.calibration import Calibration, Trial
 from equipoise.result.held_out import FOUND
 
@@ -29,19 +14,14 @@ _RATIO = "normalized residual (rms / expected noise)"
 _HOLLOW = "rgba(0,0,0,0)"
 
 
-def residual_figures(result: Calibration, planes: LiftPlanes) -> list[Figure]:
-    """Return the figures that apply to the method."""
-    return [*_residual_summary(result), *_plane_misses(result, planes), *_tilt_by_offset(result)]
-
-
-def _residual_summary(result: Calibration) -> list[Figure]:
+def residual_figures(result: Calibration) -> list[Figure]:
+    """Return the figure of the normalized residual of each motion, for methods that have these."""
     judged = [
         (number, trial) for number, trial in enumerate(result.trials, start=1) if trial.normalized_residual is not None
     ]
     if not judged:
         return []
     bars: list[Trace] = []
-    spreads: list[Trace] = []
     for series, (kind, name, pattern) in enumerate(_KINDS):
         mine = [(number, trial) for number, trial in judged if trial.kind == kind]
         if not mine:
@@ -54,19 +34,9 @@ def _residual_summary(result: Calibration) -> list[Figure]:
             "hovertemplate": "motion %{x}: %{y:.2f}<br>%{text}<extra></extra>",
             "marker": {"color": fills, "line": {"color": colour, "width": 1}, "pattern": {"shape": pattern}},
         })  # fmt: skip
-        spreads.append({
-            "type": "histogram", "name": name, "x": normalized_residuals, "xbins": {"start": 0, "size": 0.2},
-            "marker": {"color": colour, "pattern": {"shape": pattern}},
-        })  # fmt: skip
-    middle = float(np.median([trial.normalized_residual or 0.0 for _, trial in judged]))
     layout = axes("motion", _RATIO)
     layout["shapes"] = [level(1)]
-    return [
-        Figure("Residual of each motion", _about_one([trial for _, trial in judged]), bars, layout),
-        Figure(
-            "Distribution of the residuals", f"Median {middle:.2f}.", spreads, axes(_RATIO, "motions", barmode="stack")
-        ),
-    ]
+    return [Figure("Residual of each motion", _about_one([trial for _, trial in judged]), bars, layout)]
 
 
 def _about_one(trials: list[Trial]) -> str:
@@ -80,37 +50,6 @@ def _about_one(trials: list[Trial]) -> str:
     if any(trial.note for trial in trials):
         notes.append("Hollow bars: motions excluded from the estimate.")
     return " ".join(notes)
-
-
-def _plane_misses(result: Calibration, planes: LiftPlanes) -> list[Figure]:
-    """Return a histogram of the distances between the lifts' support planes and the estimated CoM."""
-    com = result.composite.com_in_base.values
-    if not np.isfinite(com).all():
-        return []
-    misses = [1000 * lift.plane.distance_to(com) for lift in planes]
-    if not misses:
-        return []
-    caption = (
-        f"Each lift alone, without sensor corrections: rms {np.sqrt(np.mean(np.square(misses))):.1f} mm. The estimate "
-        "corrects the sensor errors that the lifts share, so its interval is smaller."
-    )
-    data = [{"type": "histogram", "x": short(misses), "marker": {"color": SERIES[0]}, "nbinsx": 24, "name": "lifts"}]
-    layout = axes("distance, CoM ahead positive [mm]", "lifts")
-    return [Figure("Distance from the support planes to the CoM", caption, data, layout)]
-
-
-def _tilt_by_offset(result: Calibration) -> list[Figure]:
-    """Return tilt against offset of the paper's lifts: its sign should change at the estimated line."""
-    data: list[Trace] = []
-    for series, (diagonal, found) in enumerate(result.support_lines.items()):
-        mine = [trial for trial in result.trials if trial.about == diagonal and trial.tilt is not None]
-        offsets, tilts = (1000 * (one.offset or 0.0) for one in mine), np.degrees([one.tilt or 0.0 for one in mine])
-        marker = {"color": SERIES[series], "symbol": ("circle", "diamond")[series], "size": 9}
-        data.append(points(offsets, short(tilts), f"lifts on {diagonal}", marker))
-        data.append(line([1000 * found.offset] * 2, [-1, 1], f"balance on {diagonal}", series, line={"width": 1}))
-    caption = "The robot tips forward on a line behind its centre of mass, and backward on a line ahead of it."
-    layout = axes("offset of the support line [mm]", "tilt [deg]")
-    return [Figure("Tilt by offset", caption, data, layout)] if data else []
 
 
 def held_out_blocks(result: Calibration) -> list[Block]:

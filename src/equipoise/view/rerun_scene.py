@@ -159,7 +159,7 @@ class Scene:
     def _log_static(self) -> None:
         rr, size = self._rr, self._size
         for number, shape in enumerate(robot_shapes(self._robot)):
-            mesh, colour = shape.mesh(), (*_COLOURS[shape.part], 110 if shape.part == "base" else 255)
+            mesh, colour = shape.mesh, (*_COLOURS[shape.part], 110 if shape.part == "base" else 255)
             drawn = rr.Mesh3D(
                 vertex_positions=mesh.vertices, triangle_indices=mesh.faces, vertex_normals=mesh.normals(),
                 albedo_factor=colour,
