@@ -28,7 +28,7 @@ def main(how, folder, platform, *settings):
     with remote:
         stand_up(remote, robot, nominal_stance(robot))
         lift(remote, robot, watch=0.1)
-        print(json.dumps({"lifted": True, "robot": remote.process_id}), flush=True)
+        print(json.dumps({"lifted": True, "robot": remote._process.pid}), flush=True)
         if how == "hold":
             lift(remote, robot, watch=60.0)
         if how == "kill":

@@ -9,6 +9,7 @@ import pytest
 from equipoise import nominal_stance, simulate
 from equipoise.drivers import checkup
 from equipoise.errors import CommunicationError
+from equipoise.platform.platform import Health
 from equipoise.robot.model import LEG_NAMES
 from equipoise.robot.stance import lying_posture
 from equipoise.robot.statics import static_torques
@@ -70,8 +71,10 @@ def test_the_mass_that_torques_carry(a1, home, share, fine):
 
 
 def test_temperature_and_battery(a1):
-    assert [checkup._temperature(a1, np.full(12, hot)).fine for hot in (59.0, 62.0)] == [True, False]
-    assert [checkup._battery(None, charge)[0].fine for charge in (0.32, 0.28)] == [True, False]
+    hot, empty = ([Health(motor_temperature=np.full(12, value)) for value in (59.0, 62.0)],
+                  [Health(battery_charge=value) for value in (0.32, 0.28)])  # fmt: skip
+    for states in (hot, empty):
+        assert [[finding.fine for finding in checkup._health(a1, state)] for state in states] == [[True], [False]]
 
 
 def test_a_clock_that_stands_still_is_given_three_seconds(a1, home, monkeypatch):

@@ -265,7 +265,7 @@ def test_its_own_controller_lets_go_of_a_lying_robot_before_the_first_command(tm
             state = hold(platform, lying, 0.3)
             assert platform._connection.rejected > 10  # and left out
             assert np.allclose(state.joint_position, lying, atol=0.7)  # limp legs slide
-            assert platform.timing.lateness[0] == 0  # the seconds that it took are no delay
+            assert platform.lateness[0] == 0  # the seconds that it took are no delay
         emulator.wait_for(mode="silence")
         assert set(emulator.logged("asked")) == {"release"}
         assert emulator.logged("ignored") == []  # not a command came before

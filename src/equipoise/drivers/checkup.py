@@ -11,7 +11,7 @@ import numpy as np
 
 from equipoise.conventions import AT_REST_IN_UNITS_OF_G, GRAVITY, WELL_SCALED_ACCELERATION_AT_REST, FloatArray
 from equipoise.errors import CommunicationError
-from equipoise.platform.platform import JointCommand, Platform, RobotState
+from equipoise.platform.platform import Health, JointCommand, Platform, RobotState
 from equipoise.platform.stepping import recording_of
 from equipoise.recording.recording import Recording
 from equipoise.robot.floor import floor_normals_by_fit
@@ -144,11 +144,7 @@ def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> lis
         _torque(robot, position, joints.torque),
     ]
     if health is not None:
-        if health.motor_temperature is not None:
-            findings.append(_temperature(robot, health.motor_temperature))
-        findings += _battery(health.battery_voltage, health.battery_charge)
-        if health.fault is not None:
-            findings.append(CheckupFinding("fault", health.fault, False, "see the robot's manual", serious=True))
+        findings += _health(robot, health)
     return [*findings, _CABLE]
 
 
@@ -248,16 +244,17 @@ def _torque(robot: RobotModel, position: FloatArray, torque: FloatArray | None) 
     return _judged("joint torques", value, fine, "are they in Nm, with the joints' signs?", serious=True)
 
 
-def _temperature(robot: RobotModel, temperature: FloatArray) -> CheckupFinding:
-    hottest = int(np.argmax(temperature))
-    value = f"{temperature[hottest]:.0f} deg C at most ({robot.joint_names[hottest]})"
-    return _judged("motor temperatures", value, temperature[hottest] < _HOT, "let them cool down first")
-
-
-def _battery(voltage: float | None, charge: float | None) -> list[CheckupFinding]:
+def _health(robot: RobotModel, health: Health) -> list[CheckupFinding]:
     found: list[CheckupFinding] = []
+    temperature, voltage, charge = health.motor_temperature, health.battery_voltage, health.battery_charge
+    if temperature is not None:
+        hottest = int(np.argmax(temperature))
+        value = f"{temperature[hottest]:.0f} deg C at most ({robot.joint_names[hottest]})"
+        found.append(_judged("motor temperatures", value, temperature[hottest] < _HOT, "let them cool down first"))
     if voltage is not None:
         found.append(CheckupFinding("battery voltage", f"{voltage:.1f} V", None))
     if charge is not None:
         found.append(_judged("battery charge", f"{charge:.0%}", charge > _WEAK_BATTERY, "charge it first"))
+    if health.fault is not None:
+        found.append(CheckupFinding("fault", health.fault, False, "see the robot's manual", serious=True))
     return found

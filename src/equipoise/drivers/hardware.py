@@ -6,9 +6,6 @@ import time
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-import numpy as np
-
-from equipoise.conventions import FloatArray
 from equipoise.drivers.checkup import CheckupFinding, takeover_findings
 from equipoise.drivers.plugin_errors import translated
 from equipoise.errors import CommunicationError, MotionError, StoppedError
@@ -65,49 +62,12 @@ class RobotConnection(Protocol):
 
         The first command may take seconds: an on-board controller must release the motors first.
         """
-        ...
 
     def release(self) -> None:
         """Leave the motors without torque, or to the robot's own controller. May be called twice."""
-        ...
 
     def close(self) -> None:
         """Close the connection. May be called twice."""
-        ...
-
-
-class LoopTiming:
-    """Lateness of commands after their deadlines.
-
-    Attributes:
-        lateness: (n,) lateness of every command so far [s].
-        overruns: number of commands more than a millisecond late.
-        lost: number of deadlines without a command; they are skipped.
-        work: (n,) processor time of every control period, without waiting [s].
-    """
-
-    def __init__(self) -> None:
-        self._table = np.zeros((2, 4096))
-        self._count = 0
-        self.overruns = 0
-        self.lost = 0
-
-    @property
-    def lateness(self) -> FloatArray:
-        return self._table[0, : self._count]
-
-    @property
-    def work(self) -> FloatArray:
-        return self._table[1, : self._count]
-
-    def add(self, late: float, work: float, lost: int) -> None:
-        """Record one command, and the deadlines without one before it."""
-        self.lost += lost
-        if self._count == self._table.shape[1]:
-            self._table = np.concatenate([self._table, np.zeros_like(self._table)], axis=1)
-        self._table[:, self._count] = late, work
-        self._count += 1
-        self.overruns += late > _ON_TIME
 
 
 class HardwarePlatform(SteppedPlatform):
@@ -120,7 +80,10 @@ class HardwarePlatform(SteppedPlatform):
         patience: longest time to wait for the first sample [s].
 
     Attributes:
-        timing: timing of the commands.
+        lateness: lateness of every command after its deadline [s].
+        work: processor time of every control period, without waiting [s].
+        overruns: number of commands more than a millisecond late.
+        stalls: number of deadlines without a command; they are skipped.
         commanded: whether a command was sent.
         arrived: samples that arrived since the previous state, oldest first.
         sent_at: time at which the last command was sent, on the monotonic clock [s].
@@ -138,7 +101,9 @@ class HardwarePlatform(SteppedPlatform):
         least, most = (share * connection.control_period for share in _LEAD_SHARES)
         self._lead = min(max(_LEAD, least), most)
         self._closed = False
-        self.timing = LoopTiming()
+        self.lateness: list[float] = []
+        self.work: list[float] = []
+        self.overruns = self.stalls = 0
 
     @property
     def rejected(self) -> int:
@@ -186,7 +151,10 @@ class HardwarePlatform(SteppedPlatform):
             self._deadline = self.sent_at
         late = self.sent_at - self._deadline
         missed = int(late / self.control_period)  # skipped deadlines: a burst of commands would jerk the robot
-        self.timing.add(late, work, lost + (missed > 0))
+        self.lateness.append(late)
+        self.work.append(work)
+        self.overruns += late > _ON_TIME
+        self.stalls += lost + (missed > 0)
         self._deadline += (1 + missed) * self.control_period
         _wait_until(self._deadline - self._lead)
         self._worked = time.thread_time()

@@ -13,9 +13,7 @@ from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
-SILENCES = (0.1, 1.0, 10.0)
-"""Times without a command [s]."""
-
+_SILENCES = (0.1, 1.0, 10.0)  # [s] without a command
 _DAMPING = 0.2  # of the robot's own damping gain, while it is commanded
 _AS_FOUND, _DAMPED = 2.0, 2.0  # [s] of samples before the first command, and of damping before each silence
 _MOVING = 0.2  # [rad/s] of a joint whose damping can be measured
@@ -55,15 +53,12 @@ class HangingPhase:
     temperature: float | None
 
 
-def measure_hanging(
-    connection: RobotConnection, robot: RobotModel, silences: Sequence[float] = SILENCES
-) -> Generator[HangingPhase, None, None]:
+def measure_hanging(connection: RobotConnection, robot: RobotModel) -> Generator[HangingPhase, None, None]:
     """Yield the phases: as found, then damped and silent for each silence, and damped at the end.
 
     Args:
         connection: connection to a robot that hangs with its legs free; the first command takes over the motors.
         robot: model of the robot.
-        silences: times without a command [s].
 
     Raises:
         CommunicationError: no more samples arrive.
@@ -72,7 +67,7 @@ def measure_hanging(
     kd = _DAMPING * robot.gains(nominal_stance(robot).hip_height)[1]
     damping = JointCommand.damping(zeros, kd)
     yield _phase(connection, "as found", _AS_FOUND, None, kd)
-    for silence in silences:
+    for silence in _SILENCES:
         yield _phase(connection, "damped", _DAMPED, damping, kd)
         yield _phase(connection, f"silent for {silence:g} s", silence, None, kd)
     yield _phase(connection, "damped", _DAMPED, damping, kd)

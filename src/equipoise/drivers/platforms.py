@@ -209,17 +209,16 @@ def describe_platforms() -> list[PlatformRow]:
     for name, row in PLATFORMS.rows().items():
         if row is None:
             continue
-        if isinstance(row, EquipoiseError):
-            rows.append(PlatformRow(name, "", "", "", f"cannot be used here: {row}"))
-            continue
         try:
             settings = settings_of(name)
         except EquipoiseError as error:
             settings = f"cannot be used here: {error}"
         if isinstance(row, Driver):
-            rows.append(PlatformRow(name, row.what, row.start, row.page, settings))
+            what, start, page = row.what, row.start, row.page
         else:
-            rows.append(PlatformRow(name, (row.__doc__ or row.__name__).strip().splitlines()[0], "", "", settings))
+            about = "" if isinstance(row, EquipoiseError) else row.__doc__ or row.__name__
+            what, start, page = next(iter(about.strip().splitlines()), ""), "", ""
+        rows.append(PlatformRow(name, what, start, page, settings))
     return rows
 
 

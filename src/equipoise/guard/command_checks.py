@@ -78,9 +78,18 @@ class CommandChecks:
 
     def _check_ranges(self, command: JointCommand, context: CheckContext) -> None:
         for name, unit, least, most in self._ranges:
-            values = getattr(command, name)
-            if values is not None:
-                self._check_range(name, unit, values, least, most)
+            values: FloatArray | None = getattr(command, name)
+            if values is None:
+                continue
+            self.check_shape(values)
+            within = (values >= least) & (values <= most)
+            if not all_of(within):
+                self._check_finite(name, values)
+                joint = int(np.argmin(within))
+                raise MotionError(
+                    f"the commanded {name} of joint {self._robot.joint_names[joint]!r} is {values[joint]:.2f} {unit}; it must "
+                    f"be from {least[joint]:.2f} to {most[joint]:.2f}"
+                )
 
     def _check_start(self, command: JointCommand, context: CheckContext) -> None:
         here = context.state.joint_position
@@ -90,17 +99,6 @@ class CommandChecks:
             raise MotionError(
                 f"the first command would move joint {self._robot.joint_names[joint]!r} at once from {here[joint]:.3f} to "
                 f"{command.position[joint]:.3f} rad; begin the motion at the robot's joint positions"
-            )
-
-    def _check_range(self, name: str, unit: str, values: FloatArray, least: FloatArray, most: FloatArray) -> None:
-        self.check_shape(values)
-        within = (values >= least) & (values <= most)
-        if not all_of(within):
-            self._check_finite(name, values)
-            joint = int(np.argmin(within))
-            raise MotionError(
-                f"the commanded {name} of joint {self._robot.joint_names[joint]!r} is {values[joint]:.2f} {unit}; it must "
-                f"be from {least[joint]:.2f} to {most[joint]:.2f}"
             )
 
     def check_shape(self, values: FloatArray) -> None:

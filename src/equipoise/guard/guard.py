@@ -9,16 +9,9 @@ from equipoise.errors import MotionError
 from equipoise.guard.limits import Limits
 from equipoise.guard.report import GuardReport
 from equipoise.guard.robot_loop import MotionOrder, RobotLoop
-from equipoise.platform.platform import (
-    TURNS,
-    JointCommand,
-    MotionInterrupted,
-    Platform,
-    RobotState,
-    TiltLimit,
-    Trajectory,
-)
+from equipoise.platform.platform import TURNS, JointCommand, MotionInterrupted, Platform, RobotState, Trajectory
 from equipoise.platform.stepping import Recorder
+from equipoise.platform.tilt_limit import TiltLimit
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -173,22 +173,12 @@ class RemoteRobot:
             MotionError: the robot was put down; carries the recording so far. See `Guard.step` for its types.
             OutputError: the log cannot be written.
         """
-        with self._ending_on_trouble(), self._interruptions.held():
-            self._take_messages()
-            self._require_going()
-            self._begin(trajectory)
-            stop_requested = None if stop is None else stop.stop_requested
-            self._post(MotionOrder(self._number, trajectory, stop and replace(stop, stop_requested=None)))
-            while self._done < self._number:
-                self._take_messages(wait=0.05)
-                self._write_piece(trajectory, whole=False)
-                if stop_requested is not None and stop_requested():
-                    stop_requested = None
-                    self._post(self._number)
-                self._raise_waiting_signal(trajectory)
-                if self._ended.is_set():
-                    raise self._with_recording(self._trouble or MotionError(PUT_DOWN), trajectory)
-            self._write_piece(trajectory, whole=True)
+        try:
+            with self._interruptions.held():
+                self._play(trajectory, stop)
+        except BaseException as error:
+            self._end(error)
+            raise
         return self._recorder.recording(trajectory.events)
 
     def close(self) -> None:
@@ -198,11 +188,6 @@ class RemoteRobot:
     def report(self) -> GuardReport:
         """Return the report of the run; it is complete once the robot was put down."""
         return self._report or GuardReport(realtime=self.realtime)
-
-    @property
-    def process_id(self) -> int:
-        """Process id of the robot process."""
-        return self._process.pid
 
     def stop(self, request: str) -> None:
         """Put the robot down at the operator's request, a value of `RobotState.request`; may be called from any thread."""
@@ -220,11 +205,25 @@ class RemoteRobot:
 
     # --- a motion
 
-    def _begin(self, trajectory: Trajectory) -> None:
+    def _play(self, trajectory: Trajectory, stop: TiltLimit | None) -> None:
+        self._take_messages()
+        self._require_going()
         self._recorder.begin()
         self._number, self._written = self._number + 1, 0
         if self._log is not None:
             self._log.begin(len(trajectory.position), trajectory.trial)
+        stop_requested = None if stop is None else stop.stop_requested
+        self._post(MotionOrder(self._number, trajectory, stop and replace(stop, stop_requested=None)))
+        while self._done < self._number:
+            self._take_messages(wait=0.05)
+            self._write_piece(trajectory, whole=False)
+            if stop_requested is not None and stop_requested():
+                stop_requested = None
+                self._post(self._number)
+            self._raise_waiting_signal(trajectory)
+            if self._ended.is_set():
+                raise self._with_recording(self._trouble or MotionError(PUT_DOWN), trajectory)
+        self._write_piece(trajectory, whole=True)
 
     def _take_messages(self, wait: float = 0.0) -> None:
         """Take what the robot process has sent; wait for something for a time [s]."""
@@ -275,15 +274,6 @@ class RemoteRobot:
             raise self._trouble or MotionError(PUT_DOWN)
 
     # --- the end
-
-    @contextlib.contextmanager
-    def _ending_on_trouble(self) -> Generator[None]:
-        """Put the robot down before an error reaches the caller."""
-        try:
-            yield
-        except BaseException as error:
-            self._end(error)
-            raise
 
     def _end(self, error: BaseException | None) -> None:
         """Have the robot put down, and wait for it; a second signal or SIGTERM skips lowering it."""

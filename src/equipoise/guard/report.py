@@ -10,7 +10,7 @@ import numpy as np
 from equipoise.guard.sample_filter import SampleCounts
 
 if TYPE_CHECKING:
-    from equipoise.drivers.hardware import LoopTiming
+    from equipoise.drivers.hardware import HardwarePlatform
     from equipoise.platform.platform import RobotState
 
 
@@ -61,12 +61,13 @@ class GuardReport:
             self.lowest_voltage = min(self.lowest_voltage or np.inf, state.health.battery_voltage)
 
     def with_end(
-        self, timing: LoopTiming | None, largest_tilt: float, ending: tuple[str, ...], trouble: str
+        self, hardware: HardwarePlatform | None, largest_tilt: float, ending: tuple[str, ...], trouble: str
     ) -> GuardReport:
-        """Return a copy with the end of the run; `timing` is None in simulation."""
+        """Return a copy with the end of the run; `hardware` is None in simulation."""
         report = replace(self, samples=replace(self.samples), largest_tilt=largest_tilt, ending=ending, trouble=trouble)
-        if timing is not None and len(timing.lateness):
-            report.late_999, report.work = float(np.quantile(timing.lateness, 0.999)), float(np.median(timing.work))
-            report.latest = float(timing.lateness.max())
-            report.overruns, report.stalls = timing.overruns, timing.lost
+        report.unchecked = hardware is not None and hardware.unchecked
+        if hardware is not None and hardware.lateness:
+            report.late_999, report.work = float(np.quantile(hardware.lateness, 0.999)), float(np.median(hardware.work))
+            report.latest = max(hardware.lateness)
+            report.overruns, report.stalls = hardware.overruns, hardware.stalls
         return report

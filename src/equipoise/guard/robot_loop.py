@@ -159,7 +159,8 @@ class RobotLoop:
             done[-1] += f", stopped: {error}"
         self.motion = None
         self.ending = Ending(self, controllable, urgent, done)
-        self._commands = self.ending.commands() if self._was_commanded else iter(())
+        commanded = self.context is not None and (self._hardware is None or self._hardware.commanded)
+        self._commands = self.ending.commands() if commanded else iter(())
         if isinstance(error, MotionError) and error.other_commander:
             self.ending.done.append("left to the other program")
             self._commands = iter(())
@@ -298,10 +299,6 @@ class RobotLoop:
         """Return whether the robot's time passes without steps: simulated platforms report no time of arrival."""
         return self.state is not None and self.state.received is not None
 
-    @property
-    def _was_commanded(self) -> bool:
-        return self.context is not None and (self._hardware is None or self._hardware.commanded)
-
     def _fail(self, error: BaseException, controllable: bool) -> None:
         """Begin or continue the ending after an error; a failure during lowering damps the robot."""
         if self.ending is None:
@@ -390,8 +387,6 @@ class RobotLoop:
 
     def report(self) -> GuardReport:
         """Return the report of the run so far."""
-        timing = None if self._hardware is None else self._hardware.timing
         done = () if self.ending is None else tuple(self.ending.done)
         trouble = "" if self.trouble is None else str(self.trouble)
-        self._report.unchecked = self._hardware is not None and self._hardware.unchecked
-        return self._report.with_end(timing, self._tilt_filter.largest, done, trouble)
+        return self._report.with_end(self._hardware, self._tilt_filter.largest, done, trouble)

@@ -143,6 +143,7 @@ def main() -> int:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     pipe = Pipe(socket.socket(fileno=int(sys.argv[1])))
+    platform = None
     try:
         setup = _first_message(pipe)
         with warnings.catch_warnings():
@@ -152,21 +153,16 @@ def main() -> int:
         # First, so that the threads of the connection inherit the priority.
         realtime = claim_real_time() if setup.realtime else "not requested"
         platform = open_platform(setup.platform, robot, setup.given)
-    except EOFError:
-        return 1
-    except Exception as error:
-        with contextlib.suppress(EOFError):
-            pipe.post(Ended(_sendable(error), None))
-        return 1
-    try:
         process = RobotProcess(pipe, setup, platform, robot)
         learned = platform.learn() if isinstance(platform, HardwarePlatform) else dict[str, Any]()
         name = str(getattr(platform, "name", setup.platform))
         pipe.post(Ready(name, platform.joint_names, platform.control_period, platform.accepts, learned, realtime))
     except Exception as error:
-        platform.close()
+        if platform is not None:
+            platform.close()
         with contextlib.suppress(EOFError):
-            pipe.post(Ended(_sendable(error), None))
+            if not isinstance(error, EOFError):  # of the pipe: nothing receives the message
+                pipe.post(Ended(_sendable(error), None))
         return 1
     process.run(realtime)
     return 0

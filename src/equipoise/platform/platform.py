@@ -202,7 +202,6 @@ class Platform(Protocol):
 
     def close(self) -> None:
         """Leave the motors in a safe state. May be called twice."""
-        ...
 
 
 class MotionInterrupted(KeyboardInterrupt):

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
 PLACES = 20
 """Places for motors in every message; a quadruped uses the first twelve."""
 
@@ -49,3 +54,19 @@ SERVICES = {
 }
 """Requests to services and their responses. Parameter and data are JSON; a response has the identity of its request, and
 status zero on success."""
+
+
+def layout_of(definition: str, parts: Mapping[str, str], align: bool) -> np.dtype[Any]:
+    """Return the structured type of a record's fields in order, little endian.
+
+    Args:
+        definition: types and names of the fields, as above; a type is NumPy's name of a number or one of `parts`.
+        parts: definitions of the records in it, by name.
+        align: whether each field is aligned, as by C compilers; otherwise there is no padding.
+    """
+    fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = []
+    for kind, name in (each.split() for each in definition.split(", ")):
+        kind, _, count = kind.rstrip("]").partition("[")  # noqa: PLW2901
+        part = layout_of(parts[kind], parts, align) if kind in parts else np.dtype(kind).newbyteorder("<")
+        fields.append((name, part, (int(count),) if count else ()))
+    return np.dtype(fields, align=align)

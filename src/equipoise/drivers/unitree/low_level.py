@@ -7,13 +7,13 @@ only in the padding before the first motor's mode. Records are NumPy's: fields o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.drivers.unitree.crc import crc32_words
-from equipoise.drivers.unitree.dds_types import LowCmd, LowState
+from equipoise.drivers.unitree.definitions import LOW_LEVEL, layout_of
 
 STOP_POSITION, STOP_VELOCITY = 2.146e9, 16000.0  # values that disable position and velocity control
 SERVO = 1  # mode of a motor that executes its command
@@ -22,21 +22,10 @@ _HEADER = b"\x00\x01\x00\x00"  # of the plain encoding, little endian
 _BEGINS = (0xFE, 0xEF)
 _LOW_LEVEL = 0xFF
 _PAD = bytes(128)
-_BYTES = {"byte": "u1"}  # names that differ in NumPy
-
-
-def _in_memory(hint: Any) -> np.dtype[Any]:
-    """Return the memory layout of an IDL type: fields in order, each aligned as by C compilers."""
-    [kind] = getattr(hint, "__metadata__", (hint,))
-    if isinstance(kind, str):
-        return np.dtype(_BYTES.get(kind, kind)).newbyteorder("<")
-    if isinstance(kind, type):
-        fields = get_type_hints(kind, include_extras=True)
-        return np.dtype([(name, _in_memory(field)) for name, field in fields.items()], align=True)
-    return np.dtype((_in_memory(kind.subtype), kind.length))
-
-
-LOW_CMD, LOW_STATE = _in_memory(LowCmd), _in_memory(LowState)
+_UNSIGNED = {name: fields.replace(" int8", " uint8") for name, fields in LOW_LEVEL.items()}  # as the DDS types: bytes
+LOW_CMD, LOW_STATE = (
+    layout_of(_UNSIGNED[f"unitree_go/{name}"], _UNSIGNED, align=True) for name in ("LowCmd", "LowState")
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from equipoise.drivers.unitree.definitions import layout_of
 from equipoise.drivers.unitree.udp_settings import Protocol, form_names
 
 _PARTS = {
@@ -45,13 +46,8 @@ _TAIL = "uint8[40] remote, uint32 reserve, uint32 checksum"
 
 
 def _packed(definition: str) -> np.dtype[Any]:
-    """Return a structured type of fields in order, without padding; names in `_PARTS` are parts of a packet."""
-    fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = []
-    for kind, name in (each.split() for each in definition.split(", ")):
-        kind, _, count = kind.rstrip("]").partition("[")  # noqa: PLW2901
-        part = _packed(_PARTS[kind]) if kind in _PARTS else np.dtype(kind).newbyteorder("<")
-        fields.append((name, part, (int(count),) if count else ()))
-    return np.dtype(fields)
+    """Return a packet's structured type, without padding."""
+    return layout_of(definition, _PARTS, align=False)
 
 
 _COUNTS = {"torque": 256.0, "kp": 32.0, "kd": 16.0}  # per Nm, Nm/rad, Nm s/rad in a compressed record

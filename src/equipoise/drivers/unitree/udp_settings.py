@@ -47,13 +47,10 @@ class UnitreeUdpSettings:
         for name in ("address", "local_address"):
             if (value := getattr(self, name)) is not None:
                 _check_address(name, value)
-        for name, least, most in (
-            ("port", 1, 65535),
-            ("local_port", 1, 65535),
-            ("silence", 0.02, 10.0),
-            ("tick", 0.0, 1.0),
-        ):
-            check_range(self, name, least, most)
+        check_range(self, "port", 1, 65535)
+        check_range(self, "local_port", 1, 65535)
+        check_range(self, "silence", 0.02, 10.0)
+        check_range(self, "tick", 0.0, 1.0)
 
     @property
     def name(self) -> str:
