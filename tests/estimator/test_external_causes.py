@@ -36,12 +36,13 @@ def test_failed_checks_name_a_safety_sling(in_a_sling):
 def test_no_standard_deviation_of_a_failed_run_is_below_the_difference_of_its_halves(in_a_sling, body):
     posterior = in_a_sling.evidence.posterior
     of = {"composite": "robot_body", "base": "base_body"}.get(body, "stance_effective_body")
-    jacobian = body_jacobian(posterior.unknowns, posterior.x, getattr(posterior.unknowns, of))
+    body_at = getattr(posterior.unknowns, of)
+    jacobian = body_jacobian(posterior.unknowns, posterior.x, body_at)
     difference = np.abs(jacobian @ half_difference(posterior))
     found = getattr(in_a_sling, body)
     assert np.all(found.stds >= difference - 1e-12)
     assert np.allclose(np.sqrt(np.diag(found.covariance)), found.stds)
-    assert (difference > 1.5 * np.sqrt(np.diag(getattr(posterior, f"{of.removesuffix('_body')}_covariance")))).any()
+    assert (difference > 1.5 * np.sqrt(np.diag(posterior.covariance_of(body_at)))).any()
     assert {one.verdict for one in found} <= {"doubtful", "not identified"}
 
 

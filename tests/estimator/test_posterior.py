@@ -255,8 +255,9 @@ def test_sensors_are_calibrated_on_the_way(posterior, drawn, bayesian_run):
 
 
 def test_every_body_is_physically_consistent(posterior):
-    for body in (posterior.base_body, posterior.robot_body, posterior.stance_effective_body):
-        assert body.physical_defect() is None
+    unknowns = posterior.unknowns
+    for body in (unknowns.base_body, unknowns.robot_body, unknowns.stance_effective_body):
+        assert body(posterior.x).physical_defect() is None
 
 
 def test_the_estimate_has_converged_and_its_covariance_is_the_informations_inverse(posterior):
@@ -264,7 +265,9 @@ def test_the_estimate_has_converged_and_its_covariance_is_the_informations_inver
     information = rows.T @ rows + sum(posterior.information.values())
     np.testing.assert_allclose(posterior.covariance @ information, np.eye(len(information)), atol=1e-6)
     assert step_left(posterior) < 0.1
-    for covariance in (posterior.robot_covariance, posterior.base_covariance, posterior.stance_effective_covariance):
+    unknowns = posterior.unknowns
+    for body in (unknowns.robot_body, unknowns.base_body, unknowns.stance_effective_body):
+        covariance = posterior.covariance_of(body)
         np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
         assert (np.linalg.eigvalsh(covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))) > 0).all()
 

@@ -18,8 +18,7 @@ from equipoise.estimator.measurements.tilt_invariant import TiltInvariant
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.prior_runs.two_runs import estimate_two_runs
 from equipoise.estimator.problem import estimate_posterior
-from equipoise.estimator.unknown import AXIS, IMU, unknown
-from equipoise.estimator.unknowns import Priors, finding_names, model_values
+from equipoise.estimator.unknowns import AXIS, IMU, Priors, finding_names, model_values, unknown
 from equipoise.report.contents import run_contents
 
 # A second accelerometer, which on a bench read more than the first by this [m/s2].

@@ -109,8 +109,8 @@ def estimate_run(
         ),
         base=widened(
             Body.complete(
-                posterior.base_body,
-                posterior.base_covariance,
+                unknowns.base_body(posterior.x),
+                posterior.covariance_of(unknowns.base_body),
                 base_before,
                 nominal.base,
             ),
@@ -118,8 +118,8 @@ def estimate_run(
         ),
         stance_effective=widened(
             Body.complete(
-                posterior.stance_effective_body,
-                posterior.stance_effective_covariance,
+                unknowns.stance_effective_body(posterior.x),
+                posterior.covariance_of(unknowns.stance_effective_body),
                 stance_effective_before,
                 nominal.stance_effective,
             ),

@@ -15,8 +15,7 @@ from equipoise.conventions import FloatArray
 from equipoise.estimator.measurements.leg_motion import LEG_SHAPE, LegChains, LegShape
 from equipoise.estimator.measurements.momenta import model_parameters
 from equipoise.estimator.measurements.traced import Traced
-from equipoise.estimator.unknown import A1_TORQUE, Unknown
-from equipoise.estimator.unknowns import Priors, Values, inputs_of, model_values
+from equipoise.estimator.unknowns import A1_TORQUE, Priors, Unknown, Values, inputs_of, model_values
 from equipoise.robot.inertial import InertialParameters, base_parameters, moment_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
@@ -43,6 +42,25 @@ class PriorDistribution:
     def information(self) -> FloatArray:
         """(n, n) inverse of the covariance."""
         return np.asarray(np.linalg.inv(self.covariance), dtype=float)
+
+    def with_added_variance(self, place: int, variance: float) -> PriorDistribution:
+        """Return the distribution with an added variance of one parameter."""
+        added = np.zeros_like(self.covariance)
+        added[place, place] = variance
+        return PriorDistribution(self.mean, self.covariance + added)
+
+    def score(self, x: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the (n,) scores of an estimate at the prior mean, and their (n, n) covariance if the mean is right.
+
+        With prior information W, posterior mode x and posterior covariance C, these are s = W (x - mean) and W - W C W. A
+        single parameter that differs from its mean does so by s_j over the variance of s_j.
+
+        Args:
+            x: (n,) posterior mode.
+            covariance: (n, n) posterior covariance.
+        """
+        information = self.information
+        return information @ (x - self.mean), information - information @ covariance @ information
 
     @cached_property
     def whitening(self) -> FloatArray:
@@ -103,14 +121,16 @@ class Unknowns:
         """Return True if the table has a row of this name."""
         return name in self._slices
 
+    @property
+    def tabled_prior(self) -> PriorDistribution:
+        """Prior of all parameters except the base's, from a prior run or else from the table."""
+        size = self.size - self.tabled.start
+        return self.run_prior or PriorDistribution(np.zeros(size), np.eye(size))
+
     def prior(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Return the prior mean and covariance of a block, in units of the table's prior."""
-        own = self[name]
-        if self.run_prior is None:
-            size = int(own.stop - own.start)
-            return np.zeros(size), np.eye(size)
-        within = slice(own.start - self.tabled.start, own.stop - self.tabled.start)
-        return self.run_prior.mean[within], self.run_prior.covariance[within, within]
+        within = slice(self[name].start - self.tabled.start, self[name].stop - self.tabled.start)
+        return self.tabled_prior.mean[within], self.tabled_prior.covariance[within, within]
 
     def with_prior(self, run_prior: PriorDistribution) -> Unknowns:
         """Return a copy with the prior from a prior run."""

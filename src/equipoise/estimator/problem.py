@@ -23,8 +23,7 @@ from equipoise.estimator.equations.torque_balance import TorqueBalance
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.parameters import PriorDistribution, Unknowns
 from equipoise.estimator.solve import NormalEquations, descend, solve
-from equipoise.estimator.unknown import Unknown
-from equipoise.estimator.unknowns import Priors
+from equipoise.estimator.unknowns import Priors, Unknown
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
@@ -88,31 +87,12 @@ class Posterior:
         return self.unknowns.robot_body(self.x)
 
     @cached_property
-    def base_body(self) -> InertialParameters:
-        """Base."""
-        return self.unknowns.base_body(self.x)
-
-    @cached_property
-    def stance_effective_body(self) -> InertialParameters:
-        """Paper's body: base, hips and thighs."""
-        return self.unknowns.stance_effective_body(self.x)
-
-    @cached_property
     def robot_covariance(self) -> FloatArray:
         """(10, 10) covariance of the whole robot's parameters, in the order of COMPONENTS."""
-        return self._covariance_of(self.unknowns.robot_body)
+        return self.covariance_of(self.unknowns.robot_body)
 
-    @cached_property
-    def base_covariance(self) -> FloatArray:
-        """(10, 10) covariance of the base's parameters, in the order of COMPONENTS."""
-        return self._covariance_of(self.unknowns.base_body)
-
-    @cached_property
-    def stance_effective_covariance(self) -> FloatArray:
-        """(10, 10) covariance of the paper's body, in the order of COMPONENTS."""
-        return self._covariance_of(self.unknowns.stance_effective_body)
-
-    def _covariance_of(self, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
+    def covariance_of(self, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
+        """Return the (10, 10) covariance of a body's parameters, in the order of COMPONENTS."""
         jacobian = body_jacobian(self.unknowns, self.x, body)
         return np.asarray(jacobian @ self.covariance @ jacobian.T, dtype=float)
 

@@ -5,7 +5,8 @@ Each round takes Gauss-Newton steps, damped where a full step does not lower the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
@@ -85,6 +86,16 @@ class Problem(Protocol):
         ...
 
 
+@contextmanager
+def _determined() -> Generator[None]:
+    """Raise RecordingError where a matrix is singular."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise RecordingError(f"the recordings do not determine an estimate ({error}): record more motions") from error
+
+
+@_determined()
 def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray, bool]:
     """Return the (size,) parameters of least cost, and True if the iteration converged.
 
@@ -96,33 +107,29 @@ def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray,
         RecordingError: the recordings do not determine the parameters.
     """
     x = start
-    try:
-        for _ in range(rounds):
-            problem.prepare(x)
-            x, _ = _descend(problem, x, _NEAR, fix_scale=True)
-            problem.renew_noise(x)
+    for _ in range(rounds):
         problem.prepare(x)
-        x, left = _descend(problem, x, _CONVERGED)
-    except np.linalg.LinAlgError as error:
-        raise RecordingError(f"the recordings do not determine an estimate ({error}): record more motions") from error
-    return x, left < _SETTLED
+        x, _ = _descend(problem, x, _NEAR, fix_scale=True)
+        problem.renew_noise(x)
+    return descend(problem, x, patience=1)
 
 
-def descend(problem: Problem, start: FloatArray) -> tuple[FloatArray, bool]:
+@_determined()
+def descend(problem: Problem, start: FloatArray, patience: int = _PATIENCE) -> tuple[FloatArray, bool]:
     """Return the result of `solve` at the present noise levels.
+
+    Args:
+        patience: number of descents at most: poorly determined parameters converge slowly.
 
     Raises:
         RecordingError: the recordings do not determine the parameters.
     """
-    try:
-        problem.prepare(start)
-        x, left = start, np.inf
-        for _ in range(_PATIENCE):  # poorly determined parameters converge slowly
-            x, left = _descend(problem, x, _CONVERGED)
-            if left < _CONVERGED:
-                break
-    except np.linalg.LinAlgError as error:
-        raise RecordingError(f"the recordings do not determine an estimate ({error}): record more motions") from error
+    problem.prepare(start)
+    x, left = start, np.inf
+    for _ in range(patience):
+        x, left = _descend(problem, x, _CONVERGED)
+        if left < _CONVERGED:
+            break
     return x, left < _SETTLED
 
 

@@ -6,8 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from equipoise.estimator.unknown import Unknown
-from equipoise.estimator.unknowns import Priors
+from equipoise.estimator.unknowns import Priors, Unknown
 from equipoise.result.calibration import Calibration
 from equipoise.result.findings import Part, SensorFinding
 from equipoise.result.quantity import Quantity

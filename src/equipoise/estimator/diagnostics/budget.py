@@ -12,7 +12,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.estimator.problem import Posterior, body_jacobian, body_prior_rows
-from equipoise.estimator.unknown import MORE_TIME, USE_SCALE
+from equipoise.estimator.unknowns import MORE_TIME, USE_SCALE
 from equipoise.result.uncertainty import UncertaintySource
 
 

@@ -179,15 +179,6 @@ def _cause(effect: _Effect, posterior: Posterior, x: FloatArray, covariance: Flo
     return Cause(effect.name, effect.kind, quantities, shift, bound, lean, unlikely, verdict, change)
 
 
-def _prior(posterior: Posterior) -> tuple[FloatArray, FloatArray]:
-    """Return the (n,) mean and (n, n) information of the prior of the tabled parameters."""
-    tabled, run = posterior.unknowns.tabled, posterior.unknowns.run_prior
-    size = tabled.stop - tabled.start
-    if run is None:
-        return np.zeros(size), np.eye(size)
-    return run.mean, np.asarray(np.linalg.inv(run.covariance), dtype=float)
-
-
 def _with_jumps(posterior: Posterior) -> tuple[FloatArray, FloatArray]:
     """Return x and its covariance with a jump of each joint offset and torque gain that conflicts with its prior.
 
@@ -196,30 +187,30 @@ def _with_jumps(posterior: Posterior) -> tuple[FloatArray, FloatArray]:
     factor is exp(s^2 / (I + a^-2) / 2) / sqrt(1 + a^2 I).
     """
     unknowns, x, covariance = posterior.unknowns, posterior.x, posterior.covariance
-    tabled, (mean, prior) = unknowns.tabled, _prior(posterior)
+    tabled, prior = unknowns.tabled, unknowns.tabled_prior
     joints = unknowns.columns("joint_offset", "torque_gain") - tabled.start
     for _ in joints:
-        information = np.diag(prior - prior @ covariance[tabled, tabled] @ prior)[joints] + _JUMP**-2
-        scores = (prior @ (x[tabled] - mean))[joints]
+        scores, spread = prior.score(x[tabled], covariance[tabled, tabled])
+        scores, information = scores[joints], np.diag(spread)[joints] + _JUMP**-2
         factors = scores**2 / information / 2 - np.log(_JUMP**2 * information) / 2
         best = int(np.argmax(factors))
         if factors[best] < math.log(len(joints)):
             break
-        along = prior[:, joints[best]]
+        along = prior.information[:, joints[best]]
         moved = covariance[:, tabled] @ along
-        x = x + moved * scores[best] / information[best]
-        covariance = covariance + np.outer(moved, moved) / information[best]
-        prior = prior - np.outer(along, along) / (_JUMP**-2 + along[joints[best]])
+        x = np.asarray(x + moved * scores[best] / information[best], dtype=float)
+        covariance = np.asarray(covariance + np.outer(moved, moved) / information[best], dtype=float)
+        prior = prior.with_added_variance(joints[best], _JUMP**2)
     return x, covariance
 
 
 def _correlation(posterior: Posterior, one: _Effect, other: _Effect) -> float:
     """Return the largest correlation between values of two causes, both with jumps: their priors would separate them."""
-    tabled, (_, prior) = posterior.unknowns.tabled, _prior(posterior)
+    tabled, prior = posterior.unknowns.tabled, posterior.unknowns.tabled_prior
     rows = np.concatenate([one.rows, other.rows])
     errors = np.concatenate([effect.rows[:, tabled] for effect in (one, other) if effect.kind != "payload"])
-    along = prior[:, np.flatnonzero(errors.any(axis=0))]
-    information = along.T @ (np.linalg.inv(prior) - posterior.covariance[tabled, tabled]) @ along
+    along = prior.information[:, np.flatnonzero(errors.any(axis=0))]
+    information = along.T @ (prior.covariance - posterior.covariance[tabled, tabled]) @ along
     moved = rows @ posterior.covariance[:, tabled] @ along
     spread = rows @ posterior.covariance @ rows.T
     spread += moved @ np.linalg.solve(information + _JUMP**-2 * np.eye(len(information)), moved.T)

@@ -18,7 +18,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.estimator.equations.equation import MotionSamples
@@ -97,7 +96,8 @@ def predict_held_out(posterior: Posterior, prior_run: PriorRun | None = None) ->
     legs, normalized_residuals = unknowns.legs, posterior.residuals_of(TiltEquation)
     return tuple(
         LiftPrediction(
-            motion, of_lifts[index], float(heights[index]), _times(lift), _tilt(unknowns, legs, lift),
+            motion, of_lifts[index], float(heights[index]),
+            np.asarray(lift.step * np.arange(lift.rows), dtype=float), _tilt(unknowns, legs, lift),
             {name: error[index] for name, error in errors.items()}, stds[index],
             "step" if isinstance(lift, StepSamples) else "lift",
         )
@@ -128,24 +128,13 @@ def folds_of(motions: Sequence[MotionSamples], posterior: Posterior) -> list[lis
 def _with_each_body(unknowns: Unknowns, estimates: FloatArray, prior_run: PriorRun | None) -> dict[str, FloatArray]:
     """Return (lifts, size) estimates with each compared body, legs included."""
     bodies = {MODEL: unknowns.start()}
-    if prior_run is not None:
-        bodies[PRIOR_RUN] = _prior_values(unknowns, prior_run)
-    columns = unknowns.columns(*INERTIAL)
-    return {name: _replaced(estimates, columns, body[columns]) for name, body in bodies.items()} | {FOUND: estimates}
-
-
-def _prior_values(unknowns: Unknowns, prior_run: PriorRun) -> FloatArray:
-    """Return the (size,) values of the prior run, and the model's where it has none."""
-    x, (mean, _, layout) = unknowns.start(), prior_run.earlier(unknowns)
-    here, there = shared_places(unknowns, layout)
-    x[unknowns["base"]], x[here] = mean[layout["base"]], mean[there]
-    return x
-
-
-def _replaced(rows: FloatArray, columns: NDArray[np.intp], values: FloatArray) -> FloatArray:
-    replaced = rows.copy()
-    replaced[:, columns] = values
-    return replaced
+    if prior_run is not None:  # the model's values where the prior run has none
+        mean, _, layout = prior_run.earlier(unknowns)
+        here, there = shared_places(unknowns, layout)
+        bodies[PRIOR_RUN] = unknowns.start()
+        bodies[PRIOR_RUN][unknowns["base"]], bodies[PRIOR_RUN][here] = mean[layout["base"]], mean[there]
+    inertial = np.isin(np.arange(unknowns.size), unknowns.columns(*INERTIAL))
+    return {name: np.where(inertial, body, estimates) for name, body in bodies.items()} | {FOUND: estimates}
 
 
 def tilt_errors(tilts: TiltEquation, unknowns: Unknowns, estimates: FloatArray) -> list[FloatArray]:
@@ -175,10 +164,6 @@ def _since_the_start(lift: LiftSamples) -> FloatArray:
     since = np.eye(lift.rows)
     since[:, 0] -= 1.0
     return np.asarray(integral(len(since), lift.step) @ since, dtype=float)
-
-
-def _times(lift: LiftSamples) -> FloatArray:
-    return np.asarray(lift.step * np.arange(lift.rows), dtype=float)
 
 
 def _tilt(unknowns: Unknowns, legs: LegChains, lift: LiftSamples) -> FloatArray:

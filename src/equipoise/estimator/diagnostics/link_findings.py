@@ -29,8 +29,7 @@ def link_findings(unknowns: Unknowns, x: FloatArray, covariance: FloatArray) -> 
     model, derivative = _at_the_model(unknowns, legs)
     values = model + derivative @ (x * unknowns.scale)
     combined_priors = np.eye(unknowns.size)
-    if unknowns.run_prior is not None:
-        combined_priors[unknowns.tabled, unknowns.tabled] = unknowns.run_prior.covariance
+    combined_priors[unknowns.tabled, unknowns.tabled] = unknowns.tabled_prior.covariance
     rows = derivative * unknowns.scale
     before, after = (np.einsum("ij,jk,ik->i", rows, spread, rows) for spread in (combined_priors, covariance))
     # A common offset of the CoMs along the joint axes is not estimated: its variance shrinks as that of the link's own offset.

@@ -21,8 +21,7 @@ from equipoise.estimator.diagnostics.held_out import held_out, predict_held_out
 from equipoise.estimator.diagnostics.score import deviate
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.problem import Posterior, body_jacobian
-from equipoise.estimator.unknown import Unknown
-from equipoise.estimator.unknowns import Priors
+from equipoise.estimator.unknowns import Priors, Unknown
 from equipoise.result.held_out import FOUND
 from equipoise.robot.inertial import COMPONENTS, components
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.estimator.problem import Posterior
-from equipoise.estimator.unknown import Unknown
+from equipoise.estimator.unknowns import Unknown
 
 _INFORMATIVE = 0.1  # least eigenvalue of F: three times the usual size is then one standard deviation of the noise
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from equipoise.estimator.problem import Posterior
-from equipoise.estimator.unknown import Unknown
+from equipoise.estimator.unknowns import Unknown
 from equipoise.result.findings import SensorFinding
 
 _SIGNIFICANT = 3.0  # standard deviations from zero

@@ -21,7 +21,7 @@ from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.lift_samples import LiftSamples, StepSamples
 from equipoise.estimator.measurements.tilt_invariant import Derivatives
 from equipoise.estimator.parameters import INERTIAL, Unknowns
-from equipoise.estimator.unknown import MORE_TIME
+from equipoise.estimator.unknowns import MORE_TIME
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import RecordedTrial
 from equipoise.robot.model import RobotModel

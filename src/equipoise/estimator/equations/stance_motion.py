@@ -34,8 +34,7 @@ from equipoise.estimator.measurements.leg_motion import cross as cross_of_rows
 from equipoise.estimator.measurements.lift_samples import at_times, attitudes
 from equipoise.estimator.measurements.traced import Traced, contract, cross, length, stacked, turned
 from equipoise.estimator.parameters import Unknowns
-from equipoise.estimator.unknown import MORE_TIME
-from equipoise.estimator.unknowns import TracedValues, Values, inputs_of
+from equipoise.estimator.unknowns import MORE_TIME, TracedValues, Values, inputs_of
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import PostureTrial

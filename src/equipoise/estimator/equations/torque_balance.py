@@ -27,8 +27,7 @@ from equipoise.estimator.measurements.imu_frame import ACCELEROMETER, mounting, 
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.smoothing import fit_spline
 from equipoise.estimator.parameters import INERTIAL, Unknowns
-from equipoise.estimator.unknown import USE_SCALE
-from equipoise.estimator.unknowns import Values, inputs_of
+from equipoise.estimator.unknowns import USE_SCALE, Values, inputs_of
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import CrawlTrial, ExcitationTrial, MotorTrial, PostureTrial
@@ -120,6 +119,11 @@ class TorqueSamples:
             np.tile([leg != lifted for leg in LEG_NAMES], (len(time), 1)),
         )  # fmt: skip
 
+    @property
+    def friction_direction(self) -> FloatArray:
+        """(n, nj) smoothed sign of each joint's velocity, tanh(v / v_0)."""
+        return np.tanh(self.joint_velocity / STICTION_SPEED)
+
     def part(self, samples: slice) -> TorqueSamples:
         """Return a part of the samples."""
         return TorqueSamples(*(getattr(self, name)[samples] for name in self.__dataclass_fields__))
@@ -138,19 +142,12 @@ class TorqueRows:
         base: (n, r, 10) columns of the base's parameters, in Pinocchio's order about the base's origin.
         links: (n, r, 4 links) columns of a factor on each leg link, then of the offset of its first moment from the model's.
         torque: (n, r, nj) columns of each joint's link torque, to be subtracted.
-        reported: (n, nj) reported joint torques [Nm].
-        friction_direction: (n, nj) smoothed sign of each joint's velocity, tanh(v / v_0).
-        joint_velocity, joint_acceleration: (n, nj) derivatives of the joint positions [rad/s], [rad/s2].
         acceleration_rows: (n, r, 6) coefficients of the base's acceleration noise, times the robot's inertia.
     """
 
     base: FloatArray
     links: FloatArray
     torque: FloatArray
-    reported: FloatArray
-    friction_direction: FloatArray
-    joint_velocity: FloatArray
-    joint_acceleration: FloatArray
     acceleration_rows: FloatArray
 
 
@@ -171,21 +168,12 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
     position = readings.link_position(inputs_of(values, DRIVE_TRAIN, len(at_imu))).value.T
     velocity = np.hstack([np.zeros_like(at_imu), angular_velocity_in_base, samples.joint_velocity])
     acceleration = np.hstack([at_base, angular_acceleration_in_base, samples.joint_acceleration])
-    regressor, twists = _regressors_and_twists(robot, position, velocity, acceleration)
+    regressor, twists = regressors_and_twists(robot, position, velocity, acceleration)
     contact = _contact_jacobians(robot, position, twists, values["foot_radius"], samples.standing)
     full, _ = np.linalg.qr(np.swapaxes(contact, 1, 2), mode="complete")
     free = np.swapaxes(full[:, :, 12:], 1, 2)  # null space of the contact forces
     rows = free @ regressor
-    return TorqueRows(
-        rows[:, :, :10],
-        columns_of_links(robot, rows),
-        free[:, :, 6:],
-        samples.joint_torque,
-        np.tanh(samples.joint_velocity / STICTION_SPEED),
-        samples.joint_velocity,
-        samples.joint_acceleration,
-        free[:, :, :6],
-    )
+    return TorqueRows(rows[:, :, :10], columns_of_links(robot, rows), free[:, :, 6:], free[:, :, :6])
 
 
 def columns_of_links(robot: RobotModel, rows: FloatArray) -> FloatArray:
@@ -198,7 +186,7 @@ def columns_of_links(robot: RobotModel, rows: FloatArray) -> FloatArray:
     return np.concatenate([*links, *(part.reshape(*rows.shape[:2], -1) for part in moments)], axis=-1)
 
 
-def _regressors_and_twists(
+def regressors_and_twists(
     robot: RobotModel, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Compute Pinocchio's regressors without gravity, and the columns of joint Jacobians about the base's origin.
@@ -249,18 +237,18 @@ def _floor_normals(feet: FloatArray, standing: NDArray[np.bool_]) -> FloatArray:
     return normals
 
 
-def sawtooth(rows: TorqueRows, period: FloatArray, stiffness: float) -> FloatArray:
+def sawtooth(torque: FloatArray, samples: TorqueSamples, stiffness: float) -> FloatArray:
     """Return the (n,) error of the balance from the sampling instant within a control period [Nm].
 
     Position targets move in steps. Torques and accelerations are therefore sawteeth, with an amplitude of half a step times
     the stiffness. A sample is one point of them; joint accelerations, which come from positions, are their mean.
 
     Args:
-        period: (n,) control period [s].
+        torque: (n, r, nj) `TorqueRows.torque`.
         stiffness: stiffness of the joints' position control [Nm/rad].
     """
-    half_step = stiffness * period[:, None] / 2 * rows.joint_velocity
-    return np.linalg.norm(np.einsum("nrj,nj->nr", rows.torque, half_step), axis=1)
+    half_step = stiffness * samples.period[:, None] / 2 * samples.joint_velocity
+    return np.linalg.norm(np.einsum("nrj,nj->nr", torque, half_step), axis=1)
 
 
 class TorqueBalance(Equation[TorqueSamples]):
@@ -342,24 +330,24 @@ class TorqueBalance(Equation[TorqueSamples]):
         # The initial friction is large: otherwise the fit would assign friction to the motors' gains.
         friction = float(np.abs(unknowns.value(x, "coulomb_friction")[0]))
         friction = max(friction, 0.02 * scale) if friction else _INITIAL_FRICTION * scale
-        direction = np.abs(rows.friction_direction)
+        direction = np.abs(samples.friction_direction)
         variance = friction**2 * ((1 - direction) ** 2 + _FRICTION_MODEL_ERROR**2) + (_TORQUE_FLOOR * scale) ** 2
         noise: FloatArray = np.einsum("nrj,nj,nsj->nrs", rows.torque, variance, rows.torque)
         stiffness, _ = unknowns.robot.gains(unknowns.stance.hip_height)
-        noise += sawtooth(rows, samples.period, stiffness)[:, None, None] ** 2 * np.eye(noise.shape[1])
+        noise += sawtooth(rows.torque, samples, stiffness)[:, None, None] ** 2 * np.eye(noise.shape[1])
         # Accelerometer noise acts through the mass: 0.01 m/s2 on the whole robot.
         weight = (0.01 * unknowns.robot.mass) ** 2 * np.array([1, 1, 1, 0.01, 0.01, 0.01])
         noise += np.einsum("nrk,k,nsk->nrs", rows.acceleration_rows, weight, rows.acceleration_rows)
         level = self.normalized_residual * np.sqrt(self._correlation[part])
         whitening = whitening_of(noise) / level[:, None, None]
         terms = {
-            "torque_gain_common": -_summed(rows.torque, rows.reported),
-            "torque_gain": -rows.torque * rows.reported[:, None],
-            "coulomb_friction": _summed(rows.torque, rows.friction_direction),
-            "viscous_friction": _summed(rows.torque, rows.joint_velocity),
-            "armature": _summed(rows.torque, rows.joint_acceleration),
+            "torque_gain_common": -_summed(rows.torque, samples.joint_torque),
+            "torque_gain": -rows.torque * samples.joint_torque[:, None],
+            "coulomb_friction": _summed(rows.torque, samples.friction_direction),
+            "viscous_friction": _summed(rows.torque, samples.joint_velocity),
+            "armature": _summed(rows.torque, samples.joint_acceleration),
         }
-        target = np.einsum("nrj,nj->nr", rows.torque, rows.reported) - rows.links @ unknowns.model_links
+        target = np.einsum("nrj,nj->nr", rows.torque, samples.joint_torque) - rows.links @ unknowns.model_links
         links = rows.links @ unknowns.of_links
         acting = [terms[name] for name in self.actuators if unknowns.estimates(name)]
         return whitening @ np.concatenate([rows.base, links, *acting, target[..., None]], axis=2)

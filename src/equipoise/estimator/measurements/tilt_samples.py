@@ -23,25 +23,11 @@ from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 
 _UP = np.array([[0.0], [0.0], [1.0]])
+_READINGS = ("angular_velocity_in_imu", "angular_acceleration_in_imu", "acceleration_in_imu", "up_in_imu")
 _ROLLING = 0.03  # [rad/s] at which feet roll instead of creeping
 # Share of the feet in the foot compliance: a soft foot lowers its centre relative to the contact point, a soft floor does not,
 # and the measurements do not separate them.
 _COMPLIANCE_OF_FEET = 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class _Sensed:
-    """Corrected IMU readings of n samples.
-
-    Attributes:
-        rotation: (3, 3, n) rotation of the IMU to the base.
-        up: (3, n) upward direction, in base axes: accurate enough for contact points.
-        turning: (3, n) angular velocity, in base axes [rad/s].
-    """
-
-    rotation: Traced
-    up: Traced
-    turning: Traced
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +66,13 @@ class TiltSamples:
             np.array(robot.imu_in_base.rotation),
             np.array(robot.imu_in_base.translation),
             _joint_readings(robot, legs, lifts),
-            joined("angular_velocity_in_imu"),
-            joined("angular_acceleration_in_imu"),
-            np.ascontiguousarray(_rates([lift.angular_acceleration_in_imu for lift in lifts], lifts).T),
-            joined("acceleration_in_imu"),
-            joined("up_in_imu"),
-            _stance_feet(lifts),
-            np.repeat([lift.when for lift in lifts], counts),
-            np.repeat([lift.heading for lift in lifts], counts),
+            angular_jerk_in_imu=np.ascontiguousarray(
+                _rates([lift.angular_acceleration_in_imu for lift in lifts], lifts).T
+            ),
+            feet=_stance_feet(lifts),
+            when=np.repeat([lift.when for lift in lifts], counts),
+            heading=np.repeat([lift.heading for lift in lifts], counts),
+            **{name: joined(name) for name in _READINGS},
         )
 
     @property
@@ -96,18 +81,9 @@ class TiltSamples:
 
     def at(self, places: NDArray[np.intp]) -> TiltSamples:
         """Select samples by index."""
-        return replace(
-            self,
-            joints=self.joints.at(places),
-            angular_velocity_in_imu=self.angular_velocity_in_imu[:, places],
-            angular_acceleration_in_imu=self.angular_acceleration_in_imu[:, places],
-            angular_jerk_in_imu=self.angular_jerk_in_imu[:, places],
-            acceleration_in_imu=self.acceleration_in_imu[:, places],
-            up_in_imu=self.up_in_imu[:, places],
-            feet=[foot[places] for foot in self.feet],
-            when=self.when[places],
-            heading=self.heading[places],
-        )
+        of_samples = (*_READINGS, "angular_jerk_in_imu", "when", "heading")
+        selected = {name: getattr(self, name)[..., places] for name in of_samples}
+        return replace(self, joints=self.joints.at(places), feet=[foot[places] for foot in self.feet], **selected)
 
     def one_by_one(self, places: Sequence[int]) -> TiltSamples:
         """Return copies of selected samples at rest, each with a single reading of 1 rad/s.
@@ -127,10 +103,10 @@ class TiltSamples:
 
     def corrected(self, values: TracedValues) -> tuple[Traced, ...]:
         """Return the fields of `SensedLift` in its order, components first."""
-        imu, (position, velocity) = self._sensed(values), self.joints.later(values)
+        (_, up, turning), (position, velocity) = self._sensed(values), self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
-        line = ContactLine.of(posture, self.feet, self._contacts(values, posture, self._floor_normal(values, imu.up)))
-        return position, velocity, imu.up, imu.turning, line.left
+        line = ContactLine.of(posture, self.feet, self._contacts(values, posture, self._floor_normal(values, up)))
+        return position, velocity, up, turning, line.left
 
     def lean(self, values: TracedValues) -> Traced:
         """Return the (n,) sine of the line's inclination to the floor, up to its left foot.
@@ -146,19 +122,20 @@ class TiltSamples:
 
     def momentum(self, values: TracedValues) -> Traced:
         """Return (n,) l . L_o [kg m2/s]."""
-        line, _, _, angular = self._line_and_momenta(values, self._sensed(values))
+        _, up, turning = self._sensed(values)
+        line, _, _, angular = self._line_and_momenta(values, up, turning)
         return dot(line.left, angular)
 
     def momentum_and_rate(self, values: TracedValues) -> tuple[Traced, Traced]:
         """Return (n,) l . L_o [kg m2/s] and its rate of change, the right side of the tilt equation [Nm]."""
-        imu = self._sensed(values)
-        line, rolling, robot, angular = self._line_and_momenta(values, imu)
+        rotation, up, turning = self._sensed(values)
+        line, rolling, robot, angular = self._line_and_momenta(values, up, turning)
         rate = (
-            dot(cross(line.left, self._specific_force(values, imu)), robot.first)
+            dot(cross(line.left, self._specific_force(values, rotation, turning)), robot.first)
             - dot(line.left, cross(rolling.velocity - rolling.base_velocity, robot.linear))
             + dot(rolling.left_rate, angular)
             - GRAVITY * robot.mass * self._resistance_arm(values, rolling)
-            + dot(line.left, self._moment(values, line, imu.up)) * (robot.mass * (1 / self.legs.robot_mass))
+            + dot(line.left, self._moment(values, line, up)) * (robot.mass * (1 / self.legs.robot_mass))
         )
         return dot(line.left, angular), rate
 
@@ -169,7 +146,7 @@ class TiltSamples:
         """
         position, _ = self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
-        up, still = self._sensed(values).up, Traced(np.zeros(self.joints.position.shape))
+        (_, up, _), still = self._sensed(values), Traced(np.zeros(self.joints.position.shape))
         line = ContactLine.of(posture, self.feet, self._contacts(values, posture, self._floor_normal(values, up)))
         turning = self.legs.traced_motion(posture, still, line.left)
         robot = Momenta.about(
@@ -177,15 +154,17 @@ class TiltSamples:
         )
         return dot(line.left, robot.angular), dot(up, robot.first)
 
-    def _line_and_momenta(self, values: TracedValues, imu: _Sensed) -> tuple[ContactLine, RollingLine, Momenta, Traced]:
+    def _line_and_momenta(
+        self, values: TracedValues, up: Traced, turning: Traced
+    ) -> tuple[ContactLine, RollingLine, Momenta, Traced]:
         """Return the line, its motion, the bodies' momenta about it relative to the base's origin, and L_o with rotors."""
         position, velocity = self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
-        motion = self.legs.traced_motion(posture, velocity, imu.turning)
-        contacts = self._contacts(values, posture, self._floor_normal(values, imu.up))
+        motion = self.legs.traced_motion(posture, velocity, turning)
+        contacts = self._contacts(values, posture, self._floor_normal(values, up))
         line = ContactLine.of(posture, self.feet, contacts)
         origin = Traced(np.zeros((3, self.count)))
-        robot = Momenta.about(line.point, self.legs, values["inertial"], posture, motion, imu.turning, origin)
+        robot = Momenta.about(line.point, self.legs, values["inertial"], posture, motion, turning, origin)
         angular = robot.angular + values["rotor_spin"] * motion.bending
         return line, RollingLine.of(line, motion, self.feet, contacts), robot, angular
 
@@ -194,25 +173,30 @@ class TiltSamples:
         left, right = (tanh(turning * (1 / _ROLLING)) for turning in (rolling.left_turning, rolling.right_turning))
         return 0.5 * values["rolling_resistance"][0] * (left + right)
 
-    def _sensed(self, values: TracedValues) -> _Sensed:
-        """Return the corrected IMU readings."""
+    def _sensed(self, values: TracedValues) -> tuple[Traced, Traced, Traced]:
+        """Return the corrected IMU readings.
+
+        Returns:
+            (3, 3, n) rotation of the IMU to the base; (3, n) upward direction, accurate enough for contact points; (3, n)
+            angular velocity [rad/s]; both in base axes.
+        """
         rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
         rate = self._turning(values, self.angular_velocity_in_imu, self.angular_acceleration_in_imu)
         rate = rate - values["gyro_drift"] * self.when
-        return _Sensed(rotation, turned(rotation, self.up_in_imu), turned(rotation, rate))
+        return rotation, turned(rotation, self.up_in_imu), turned(rotation, rate)
 
     @staticmethod
     def _turning(values: TracedValues, read: FloatArray, read_rate: FloatArray) -> Traced:
         """Return the (3, n) angular velocity, or its rate, at the time of the accelerometer's sample, to first order."""
         return angular_velocity(values, read) + values["gyro_lag"] * angular_velocity(values, read_rate)
 
-    def _specific_force(self, values: TracedValues, imu: _Sensed) -> Traced:
+    def _specific_force(self, values: TracedValues, rotation: Traced, turning: Traced) -> Traced:
         """Return the (3, n) specific force at the base's origin, in base axes [m/s2]."""
-        force = turned(imu.rotation, specific_force(values, self.acceleration_in_imu, self.when))
+        force = turned(rotation, specific_force(values, self.acceleration_in_imu, self.when))
         rate = self._turning(values, self.angular_acceleration_in_imu, self.angular_jerk_in_imu)
-        turning_rate = turned(imu.rotation, rate)
+        turning_rate = turned(rotation, rate)
         arm = values["imu_position"] + self.imu_in_base[:, None]
-        return force - cross(turning_rate, arm) - cross(imu.turning, cross(imu.turning, arm))
+        return force - cross(turning_rate, arm) - cross(turning, cross(turning, arm))
 
     def _floor_normal(self, values: TracedValues, up: Traced) -> Traced:
         """Return the (3, n) normal of the floor, in base axes."""

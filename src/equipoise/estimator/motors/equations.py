@@ -29,12 +29,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
+from equipoise.estimator.equations.torque_balance import regressors_and_twists
 from equipoise.estimator.measurements.smoothing import fit_spline
 from equipoise.estimator.motors.delay import (
     NOMINAL_DELAY,
@@ -46,7 +46,7 @@ from equipoise.estimator.motors.delay import (
 )
 from equipoise.estimator.motors.stribeck import SPEEDS, stribeck_terms
 from equipoise.recording.phases import Phase
-from equipoise.recording.recording import ImuStream, Recording
+from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.tree import joint_axis
 
@@ -119,13 +119,11 @@ def motor_samples(robot: RobotModel, swings: Sequence[Recording], time_scale: fl
     delays = position_loop_delays(robot, swings, time_scale)
     parts = [_samples_of(robot, recording, time_scale, delays) for recording in swings]
     arrays = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in (
-            "time", "regressor", "spin", "torque", "sign", "velocity", "acceleration", "command_rate", "slides",
-        )
-    }  # fmt: skip
-    stribeck = np.concatenate([part.stribeck for part in parts], axis=1)
-    return replace(parts[0], **arrays, stribeck=stribeck, reported=all(part.reported for part in parts))
+        name: np.concatenate([getattr(part, name) for part in parts], axis=int(name == "stribeck"))
+        for name, value in vars(parts[0]).items()
+        if isinstance(value, np.ndarray)
+    }
+    return replace(parts[0], **arrays, reported=all(part.reported for part in parts))
 
 
 def _without_constant_signals(robot: RobotModel, recording: Recording) -> Recording:
@@ -167,15 +165,16 @@ def _samples_of(
     if delays is not None and joints.velocity is not None:
         share = 151 / 315 * float(np.median(np.diff(at))) / spacing  # of a sample's variance in an average
         torque = _by_law(torque, law_torque(recording, joints, joints.velocity, delays[0]), average[~near], share)
-    base = _base_at_rest(robot, steady, spacing) if trial.leg is None else _base_on_three_feet(robot, steady, spacing)
-    regressor = _regressors(robot, position(at), velocity, acceleration, base)
+    force, base_turning, turning_rate = _base_motion(robot, steady, spacing, rests=trial.leg is None)
+    speeds = np.hstack([np.zeros_like(force), base_turning, velocity])
+    regressor, _ = regressors_and_twists(robot, position(at), speeds, np.hstack([force, turning_rate, acceleration]))
     turning = np.tanh(velocity / _STICTION_SPEED)
     sign, stribeck = average @ turning, stribeck_terms(average, turning, velocity)
     slides = np.zeros_like(sign)
     swinging = list(swinging_joints(robot, trial))
     slides[:, swinging] = np.abs(sign[:, swinging]) > _SLIDES
     slides[near] = 0.0
-    regressor = _each(average, regressor)
+    regressor = _each(average, regressor[:, 6:])
     acceleration = average @ acceleration
     return MotorSamples(
         time, regressor, _spin(robot, regressor) - acceleration, average @ torque, sign, average @ velocity, acceleration,
@@ -224,61 +223,26 @@ def control_period(recording: Recording) -> float:
     return float(np.median(np.diff(recording.commands.time)))
 
 
-@dataclass(frozen=True, eq=False)
-class _BaseMotion:
-    """Motion of the base at n joint samples, in base axes.
+def _base_motion(robot: RobotModel, steady: Recording, spacing: float, rests: bool) -> tuple[FloatArray, ...]:
+    """Return the motion of the base at n joint samples, in base axes.
 
-    Attributes:
-        force: (n, 3) specific force of the base frame's origin [m/s2].
-        turning, turning_rate: (n, 3) angular velocity [rad/s] and acceleration [rad/s2].
+    Args:
+        rests: True for a lying robot, whose base has no gyroscope noise; False for one on three feet.
+
+    Returns:
+        (n, 3) specific force of the base frame's origin [m/s2], angular velocity [rad/s] and acceleration [rad/s2].
     """
-
-    force: FloatArray
-    turning: FloatArray
-    turning_rate: FloatArray
-
-
-def _base_at_rest(robot: RobotModel, steady: Recording, spacing: float) -> _BaseMotion:
-    """Return the base motion of a lying robot, without its gyroscope noise."""
-    at, imu = steady.joints.time, steady.imu
-    force = fit_spline(imu.time, imu.acceleration_in_imu, _imu_knot(imu, spacing)).spline(
-        np.clip(at, imu.time[0], imu.time[-1])
-    )
-    none = np.zeros_like(force)
-    return _BaseMotion(force @ np.array(robot.imu_in_base.rotation).T, none, none)
-
-
-def _imu_knot(imu: ImuStream, spacing: float) -> float:
-    """Return the knot spacing of splines through IMU samples [s]."""
-    return max(spacing, _PER_KNOT * float(np.median(np.diff(imu.time))))
-
-
-def _base_on_three_feet(robot: RobotModel, steady: Recording, spacing: float) -> _BaseMotion:
-    """Return the base motion of a robot on three feet, corrected for the IMU's position."""
-    rest, imu, pose = _base_at_rest(robot, steady, spacing), steady.imu, robot.imu_in_base
+    imu, to_base = steady.imu, np.array(robot.imu_in_base.rotation).T
     at = np.clip(steady.joints.time, imu.time[0], imu.time[-1])
-    gyroscope = fit_spline(imu.time, imu.angular_velocity_in_imu, _imu_knot(imu, spacing)).spline
-    to_base, arm = np.array(pose.rotation).T, np.array(pose.translation)
+    knot = max(spacing, _PER_KNOT * float(np.median(np.diff(imu.time))))
+    force = fit_spline(imu.time, imu.acceleration_in_imu, knot).spline(at) @ to_base
+    if rests:
+        return force, np.zeros_like(force), np.zeros_like(force)
+    gyroscope = fit_spline(imu.time, imu.angular_velocity_in_imu, knot).spline
     turning, turning_rate = gyroscope(at) @ to_base, gyroscope.derivative()(at) @ to_base
-    force = rest.force - np.cross(turning_rate, arm) - np.cross(turning, np.cross(turning, arm))
-    return _BaseMotion(force, turning, turning_rate)
-
-
-def _regressors(
-    robot: RobotModel, position: FloatArray, velocity: FloatArray, acceleration: FloatArray, base: _BaseMotion
-) -> FloatArray:
-    """Compute Pinocchio's regressors without gravity, which the base's specific force includes."""
-    model = robot.pinocchio.copy()
-    model.gravity.linear = np.zeros(3)
-    data, here = model.createData(), np.zeros(3)
-    rows = zip(position, velocity, acceleration, base.force, base.turning, base.turning_rate, strict=True)
-    regressors = [
-        pin.computeJointTorqueRegressor(
-            model, data, robot.configuration(q), np.concatenate([here, w, v]), np.concatenate([f, alpha, a])
-        )[6:]
-        for q, v, a, f, w, alpha in rows
-    ]
-    return np.array(regressors)
+    arm = np.array(robot.imu_in_base.translation)
+    force = force - np.cross(turning_rate, arm) - np.cross(turning, np.cross(turning, arm))
+    return force, turning, turning_rate
 
 
 def _each(average: csr_array, regressor: FloatArray) -> FloatArray:

@@ -71,45 +71,108 @@ class MotorFit:
     carried: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class _Table:
-    """Columns of the parameters: links, each joint's gain, terms and offset, the rotors' spin and the lag."""
+class _SwingProblem:
+    """Least-squares problem of all motors: links, each joint's gain, terms and offset, the rotors' spin and the lag.
 
-    model: FloatArray  # (n, nj): torques according to the model file
-    links: FloatArray  # (n, nj, k)
-    terms: dict[str, FloatArray]  # (n, nj) each
-    prior: FloatArray  # (u,)
-    stribeck_speed: float | None
+    Attributes:
+        model: (n, nj) torques according to the model file [Nm].
+        links: (n, nj, k) columns of the links' parameters.
+        terms: (n, nj) columns of friction and armature, by name.
+        prior: (u,) prior standard deviations.
+        x: (u,) best-fit parameters.
+        covariance: (u, u) covariance of x for uncorrelated averages.
+        residual: (n, nj) residual of the torques [Nm].
+    """
 
-    @property
-    def joints(self) -> int:
-        """Number of joints."""
-        return self.model.shape[1]
+    def __init__(self, robot: RobotModel, samples: MotorSamples, scale: Scale, stribeck_speed: float | None) -> None:
+        self.samples, self.stribeck_speed = samples, stribeck_speed
+        self.model, self.terms = np.zeros_like(samples.torque), samples.terms(stribeck_speed)
+        columns, prior = list[FloatArray](), list[float]()
+        of_kind: dict[tuple[int, int], FloatArray] = {}
+        for leg in robot.legs.values():
+            for kind, joint in enumerate(leg.joint_ids):
+                body, part = robot.pinocchio.inertias[joint], samples.regressor[:, :, 10 * (joint - 1) : 10 * joint]
+                whole = part @ body.toDynamicParameters()
+                self.model += whole
+                own = [whole, *(body.mass * part[:, :, 1 + axis] for axis in range(3))]
+                columns += own
+                prior += [_MASS, *[_COM * scale.length] * 3]
+                for axis, column in enumerate(own):
+                    shared = (-1, 0) if axis == 0 else (kind, axis)  # the common error of masses is that of all links
+                    of_kind[shared] = of_kind.get(shared, np.zeros_like(self.model)) + column
+        columns += of_kind.values()
+        prior += [_MASS_COMMON if axis == 0 else _COM_COMMON * scale.length for _, axis in of_kind]
+        self.links, sizes = np.stack(columns, axis=-1), prior_stds(samples, scale)
+        self.joints: int = samples.torque.shape[1]
+        for name in ("gain", *self.terms, "offset"):
+            prior += [sizes[name]] * self.joints
+        self.prior = np.array([*prior, sizes["spin"], sizes["lag"]])
+        self._solve()
 
     def of(self, name: str) -> slice:
         """Return the slice of a quantity of all joints."""
         start = self.links.shape[-1] + ("gain", *self.terms, "offset").index(name) * self.joints
         return slice(start, start + self.joints)
 
+    @property
+    def noise(self) -> FloatArray:
+        """(nj,) root mean square of the residual [Nm]."""
+        return positive_size(self.residual, self.samples.slides)
 
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    """Best-fit parameters."""
+    @property
+    def deviance(self) -> float:
+        """Minus twice the log-likelihood, with noise as large as the residual."""
+        return float((self.samples.slides.sum(axis=0) * np.log(self.noise**2)).sum())
 
-    x: FloatArray  # (u,)
-    covariance: FloatArray  # (u, u), for uncorrelated averages
-    residual: FloatArray  # (n, nj): residual of the torques [Nm]
+    def linearised(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return predicted (n, nj) torques and their (n, nj, u) derivatives by the parameters."""
+        links, joint, samples = self.links.shape[-1], np.arange(self.joints), self.samples
+        kappa = 1 / (1 + x[self.of("gain")])
+        moved = self.model + self.links @ x[:links] + samples.spin * x[-2]
+        moved += sum(column * x[self.of(name)] for name, column in self.terms.items())
+        design = np.zeros((*moved.shape, x.size))
+        design[:, :, :links] = kappa[:, None] * self.links
+        for name, column in self.terms.items():
+            design[:, joint, joint + self.of(name).start] = kappa * column
+        design[:, joint, joint + self.of("gain").start] = -(kappa**2) * moved
+        design[:, joint, joint + self.of("offset").start] = 1.0
+        design[:, :, -2] = kappa * samples.spin
+        design[:, :, -1] = samples.kp * samples.command_rate
+        return kappa * moved + x[self.of("offset")] + design[:, :, -1] * x[-1], design
+
+    def _solve(self) -> None:
+        samples, start = self.samples, np.zeros(self.prior.size)
+        start[-1] = samples.period / 2
+        self.x, self.residual = start.copy(), samples.torque
+        for _ in range(_ROUNDS):
+            predicted, design = self.linearised(self.x)
+            weight = samples.slides / self.noise
+            rows = (design * weight[..., None]).reshape(-1, start.size)
+            left = ((samples.torque - predicted) * weight).reshape(-1)
+            normal = rows.T @ rows + np.diag(self.prior**-2)
+            self.covariance = np.asarray(np.linalg.inv(normal), dtype=float)
+            step = self.covariance @ (rows.T @ left + (start - self.x) / self.prior**2)
+            self.x = self._nearest(normal, self.x + step)
+            self.residual = samples.torque - self.linearised(self.x)[0]
+
+    def _nearest(self, normal: FloatArray, x: FloatArray) -> FloatArray:
+        """Return the most likely parameters with nonnegative friction and rotor inertia."""
+        least = np.full(x.size, -np.inf)
+        for name in self.terms:
+            least[self.of(name)] = 0.0
+        if (x >= least).all():
+            return x
+        root = np.asarray(np.linalg.cholesky(normal).T, dtype=float)
+        return lsq_linear(root, root @ x, (least, np.full(x.size, np.inf)), "bvls").x
 
 
 def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorFit:
     """Fit the motors by Gauss-Newton, from the model file's legs; the noise is estimated from the residual."""
-    table = _table(robot, samples, scale, None)
-    solution = _solve(table, samples)
-    if _needs_stribeck(table, samples, scale, solution):
-        tables = [_table(robot, samples, scale, speed) for speed in SPEEDS]
-        solved = [(table, _solve(table, samples)) for table in tables]
-        table, solution = min(solved, key=lambda candidate: _deviance(samples, candidate[1]))
-    return _fit(table, samples, solution)
+    problem = _SwingProblem(robot, samples, scale, None)
+    if _needs_stribeck(problem, prior_stds(samples, scale)["stribeck"]):
+        solved = [_SwingProblem(robot, samples, scale, speed) for speed in SPEEDS]
+        problem = min(solved, key=lambda candidate: candidate.deviance)
+    return _fit(problem)
 
 
 @lru_cache(maxsize=2)  # a run for base and motors uses its swings for both
@@ -143,75 +206,21 @@ def last_swings(recordings: Sequence[Recording]) -> list[Recording]:
     return [of_leg[leg] for leg in LEG_NAMES]
 
 
-def _deviance(samples: MotorSamples, solution: _Solution) -> float:
-    """Return minus twice the log-likelihood, with noise as large as the residual."""
-    used = samples.slides
-    return float((used.sum(axis=0) * np.log(positive_size(solution.residual, used) ** 2)).sum())
+def _needs_stribeck(without: _SwingProblem, prior: float) -> bool:
+    """Test the residual of a solution without Stribeck friction for it.
 
-
-def _solve(table: _Table, samples: MotorSamples) -> _Solution:
-    start = np.zeros(table.prior.size)
-    start[-1] = samples.period / 2
-    x, residual = start.copy(), samples.torque
-    covariance: FloatArray = np.diag(table.prior**2)
-    for _ in range(_ROUNDS):
-        predicted, design = _linearised(table, samples, x)
-        weight = samples.slides / positive_size(residual, samples.slides)
-        rows = (design * weight[..., None]).reshape(-1, x.size)
-        left = ((samples.torque - predicted) * weight).reshape(-1)
-        normal = rows.T @ rows + np.diag(table.prior**-2)
-        covariance = np.asarray(np.linalg.inv(normal), dtype=float)
-        x = _nearest(table, normal, x + covariance @ (rows.T @ left + (start - x) / table.prior**2))
-        residual = samples.torque - _linearised(table, samples, x)[0]
-    return _Solution(x, covariance, residual)
-
-
-def _needs_stribeck(table: _Table, samples: MotorSamples, scale: Scale, without: _Solution) -> bool:
-    """Test the residual of a solution without Stribeck friction for it."""
-    repetition = _repetition(without.residual / positive_size(without.residual, samples.slides), samples.slides)
-    noise = np.hypot(positive_size(without.residual, samples.slides), _UNEVEN * without.x[table.of("coulomb_friction")])
+    Args:
+        prior: prior standard deviation of Stribeck friction [Nm].
+    """
+    samples, x = without.samples, without.x
+    repetition = _repetition(without.residual / without.noise, samples.slides)
+    noise = np.hypot(without.noise, _UNEVEN * x[without.of("coulomb_friction")])
     weight = samples.slides / noise / np.sqrt(repetition)
-    _, design = _linearised(table, samples, without.x)
-    terms = samples.stribeck * weight / (1 + without.x[table.of("gain")])
-    prior = prior_stds(samples, scale)["stribeck"]
+    _, design = without.linearised(x)
+    terms = samples.stribeck * weight / (1 + x[without.of("gain")])
     return is_significant(
         terms, design * weight[..., None], without.residual * weight, repetition * without.covariance, prior
     )
-
-
-def _nearest(table: _Table, normal: FloatArray, x: FloatArray) -> FloatArray:
-    """Return the most likely parameters with nonnegative friction and rotor inertia."""
-    least = np.full(x.size, -np.inf)
-    for name in table.terms:
-        least[table.of(name)] = 0.0
-    if (x >= least).all():
-        return x
-    root = np.asarray(np.linalg.cholesky(normal).T, dtype=float)
-    return lsq_linear(root, root @ x, (least, np.full(x.size, np.inf)), "bvls").x
-
-
-def _table(robot: RobotModel, samples: MotorSamples, scale: Scale, stribeck_speed: float | None) -> _Table:
-    model, columns, prior = np.zeros_like(samples.torque), list[FloatArray](), list[float]()
-    of_kind: dict[tuple[int, int], FloatArray] = {}
-    for leg in robot.legs.values():
-        for kind, joint in enumerate(leg.joint_ids):
-            body, part = robot.pinocchio.inertias[joint], samples.regressor[:, :, 10 * (joint - 1) : 10 * joint]
-            whole = part @ body.toDynamicParameters()
-            model += whole
-            own = [whole, *(body.mass * part[:, :, 1 + axis] for axis in range(3))]
-            columns += own
-            prior += [_MASS, *[_COM * scale.length] * 3]
-            for axis, column in enumerate(own):
-                shared = (-1, 0) if axis == 0 else (kind, axis)  # the common error of masses is that of all links
-                of_kind[shared] = of_kind.get(shared, np.zeros_like(model)) + column
-    columns += of_kind.values()
-    prior += [_MASS_COMMON if axis == 0 else _COM_COMMON * scale.length for _, axis in of_kind]
-    sizes, joints = prior_stds(samples, scale), samples.torque.shape[1]
-    terms = samples.terms(stribeck_speed)
-    for name in ("gain", *terms, "offset"):
-        prior += [sizes[name]] * joints
-    prior += [sizes["spin"], sizes["lag"]]
-    return _Table(model, np.stack(columns, axis=-1), terms, np.array(prior), stribeck_speed)
 
 
 def prior_stds(samples: MotorSamples, scale: Scale) -> dict[str, float]:
@@ -223,23 +232,6 @@ def prior_stds(samples: MotorSamples, scale: Scale) -> dict[str, float]:
     }  # fmt: skip
     lag = _LAG_SHARE * samples.period if samples.reported else _DELAY
     return {"gain": _GAIN, **{name: own * scale.torque for name, own in sizes.items()}, "lag": lag}
-
-
-def _linearised(table: _Table, samples: MotorSamples, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return predicted (n, nj) torques and their (n, nj, u) derivatives by the parameters."""
-    links, joint = table.links.shape[-1], np.arange(table.joints)
-    kappa = 1 / (1 + x[table.of("gain")])
-    moved = table.model + table.links @ x[:links] + samples.spin * x[-2]
-    moved += sum(column * x[table.of(name)] for name, column in table.terms.items())
-    design = np.zeros((*moved.shape, x.size))
-    design[:, :, :links] = kappa[:, None] * table.links
-    for name, column in table.terms.items():
-        design[:, joint, joint + table.of(name).start] = kappa * column
-    design[:, joint, joint + table.of("gain").start] = -(kappa**2) * moved
-    design[:, joint, joint + table.of("offset").start] = 1.0
-    design[:, :, -2] = kappa * samples.spin
-    design[:, :, -1] = samples.kp * samples.command_rate
-    return kappa * moved + x[table.of("offset")] + design[:, :, -1] * x[-1], design
 
 
 def size(residual: FloatArray, used: FloatArray) -> FloatArray:
@@ -260,20 +252,19 @@ def _repetition(residual: FloatArray, used: FloatArray, most: int = 8) -> float:
     return max(1.0, 1.0 + 2.0 * alike / power) if power > 0 else 1.0
 
 
-def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
+def _fit(problem: _SwingProblem) -> MotorFit:
     """Express a solution relative to the mean gain, which only the legs' masses determine."""
-    x, residual = solution.x, solution.residual
-    sigma = positive_size(residual, samples.slides)
-    repetition = _repetition(residual / sigma, samples.slides)
-    covariance, residual_level = repetition * solution.covariance, _residual_scale(samples, residual, repetition)
+    samples, x, residual, noise = problem.samples, problem.x, problem.residual, problem.noise
+    repetition = _repetition(residual / noise, samples.slides)
+    covariance, residual_level = repetition * problem.covariance, _residual_scale(samples, residual, repetition)
     model_error = _model_error(samples, residual_level)
-    gain = 1 + x[table.of("gain")]
-    mean, joints = gain.mean(), table.joints
-    values = np.array([gain / mean - 1, *(x[table.of(name)] / mean for name in table.terms)])
+    gain = 1 + x[problem.of("gain")]
+    mean, joints = gain.mean(), problem.joints
+    values = np.array([gain / mean - 1, *(x[problem.of(name)] / mean for name in problem.terms)])
     turn = np.zeros((len(values), joints, x.size))
-    for row, name in enumerate(("gain", *table.terms)):
-        turn[row, :, table.of(name)] = np.eye(joints) / mean
-        turn[row, :, table.of("gain")] -= ((gain if row == 0 else x[table.of(name)]) / mean**2 / joints)[:, None]
+    for row, name in enumerate(("gain", *problem.terms)):
+        turn[row, :, problem.of(name)] = np.eye(joints) / mean
+        turn[row, :, problem.of("gain")] -= ((gain if row == 0 else x[problem.of(name)]) / mean**2 / joints)[:, None]
     flat = turn.reshape(values.size, -1)
     delay = correlation = None
     if not samples.reported:
@@ -283,15 +274,15 @@ def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
         shared = float(viscous_friction @ covariance[:, -1])
         correlation = shared / float(np.sqrt(viscous_friction @ covariance @ viscous_friction * covariance[-1, -1]))
     spread = flat @ covariance @ flat.T
-    spread[np.diag_indices_from(spread)] += _error_variances(table, samples, model_error, values).ravel()
-    carried = gain * (samples.torque - residual - x[table.of("offset")] - samples.kp * samples.command_rate * x[-1])
+    spread[np.diag_indices_from(spread)] += _error_variances(problem, model_error, values).ravel()
+    carried = gain * (samples.torque - residual - x[problem.of("offset")] - samples.kp * samples.command_rate * x[-1])
     return MotorFit(
         values,
         spread,
-        table.stribeck_speed,
+        problem.stribeck_speed,
         delay,
         correlation,
-        sigma,
+        noise,
         residual_level,
         model_error,
         repetition,
@@ -312,18 +303,18 @@ def _model_error(samples: MotorSamples, residual_level: FloatArray) -> FloatArra
     return _MODEL_ERROR * np.sqrt((residual_level**2 + (common * carried) ** 2) / 2)
 
 
-def _error_variances(table: _Table, samples: MotorSamples, model_error: FloatArray, values: FloatArray) -> FloatArray:
+def _error_variances(problem: _SwingProblem, model_error: FloatArray, values: FloatArray) -> FloatArray:
     """Return (k, nj) variances of `values` due to model errors, gains first.
 
     The model error may be in each term. A time difference between a board's own position sample and the reported one acts
     like viscous friction. Friction at rest is extrapolated from sliding joints.
     """
-    used = samples.slides
-    terms = samples.torque, *(table.terms | {"coulomb_friction": np.ones_like(used)}).values()
+    samples, used = problem.samples, problem.samples.slides
+    terms = samples.torque, *(problem.terms | {"coulomb_friction": np.ones_like(used)}).values()
     sizes = np.array([positive_size(term, used) for term in terms])
     variance = (model_error / sizes) ** 2
     variance[2] += (samples.kp * _INSTANT * samples.period) ** 2
-    if table.stribeck_speed is not None:
+    if problem.stribeck_speed is not None:
         variance[4] += (_AT_REST * values[4]) ** 2
         variance[1:3] += (_IN_MOTION * values[4] / sizes[1:3]) ** 2
     return variance

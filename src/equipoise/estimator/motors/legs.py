@@ -13,8 +13,6 @@ Model errors are nuisance parameters too, because otherwise imperfect gears woul
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from equipoise.conventions import FloatArray
@@ -30,26 +28,8 @@ _OWN_INERTIA = 0.1  # of a link's inertia about its CoM, not proportional to its
 _MISALIGNMENT = 0.01  # [rad] of gravity relative to the legs, by joint offsets and the IMU's mounting
 _TENSOR = ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])  # Pinocchio's order
 
-
-@dataclass
-class _Nuisances:
-    """Columns of nuisance parameters, and their priors."""
-
-    columns: list[FloatArray] = field(default_factory=list[FloatArray])
-    mean: list[float] = field(default_factory=list[float])
-    std: list[float] = field(default_factory=list[float])
-
-    def add(self, column: FloatArray, std: float, mean: float = 0.0) -> None:
-        """Add a parameter with an (n, nj) column, unless its standard deviation is zero."""
-        if std > 0:
-            self.columns.append(column)
-            self.mean.append(mean)
-            self.std.append(std)
-
-    def add_each(self, columns: FloatArray, std: FloatArray | float) -> None:
-        """Add one parameter of each joint, with the joint's column of (n, nj) torques."""
-        for joint, sd in enumerate(np.broadcast_to(std, columns.shape[1]).tolist()):
-            self.add(_alone(columns, joint), sd)
+_Nuisance = tuple[FloatArray, float, float]
+"""Column (n, nj) of a nuisance parameter, and the standard deviation and mean of its prior."""
 
 
 def legs_in_swing(
@@ -72,38 +52,35 @@ def legs_in_swing(
     by_gain = -(per_gain**2) * fit.carried
     gains = np.stack([_alone(by_gain, joint) for joint in range(by_gain.shape[1])], axis=-1)
 
-    nuisances = _Nuisances()
-    shapes = {name: per_gain * term for name, term in samples.terms(fit.stribeck_speed).items()}
-    shapes["offset"] = np.ones_like(samples.torque)
-    for name, shape in shapes.items():
-        nuisances.add_each(shape, prior[name])
-    nuisances.add_each(samples.sign * np.abs(samples.torque), _LOAD)
-    nuisances.add(per_gain * samples.spin, prior["spin"])
-    nuisances.add(samples.kp * samples.command_rate, prior["lag"], samples.period / 2)
-    for joint, column in zip(_joints(robot), np.moveaxis(own, -1, 0), strict=True):
-        rms = size(column, samples.slides)[joint]
-        nuisances.add(column, float(np.hypot(_OWN_INERTIA, fit.model_error[joint] / rms)) if rms > 0 else 0.0)
+    joints = [int(joint) for leg in robot.legs.values() for joint in leg.joints]  # the one that moves each leg link
+    nuisances: list[_Nuisance] = []
+    for name, term in samples.terms(fit.stribeck_speed).items():
+        nuisances += _of_each_joint(per_gain * term, prior[name])
+    nuisances += _of_each_joint(np.ones_like(samples.torque), prior["offset"])
+    nuisances += _of_each_joint(samples.sign * np.abs(samples.torque), _LOAD)
+    nuisances.append((per_gain * samples.spin, prior["spin"], 0.0))
+    nuisances.append((samples.kp * samples.command_rate, prior["lag"], samples.period / 2))
+    for joint, column in zip(joints, np.moveaxis(own, -1, 0), strict=True):
+        if (rms := size(column, samples.slides)[joint]) > 0:
+            nuisances.append((column, float(np.hypot(_OWN_INERTIA, fit.model_error[joint] / rms)), 0.0))
     moment_error = np.hypot(fit.model_error, _MISALIGNMENT * size(fit.carried, samples.slides))
-    nuisances.add_each(by_gain, fit.model_error / positive_size(samples.torque, samples.slides))
-    moments = np.moveaxis(links[..., own.shape[-1] :], -1, 0).reshape(own.shape[-1], 3, *samples.torque.shape)
-    for joint, of_link in zip(_joints(robot), moments, strict=True):
-        for column in of_link:
-            rms = size(column, samples.slides)[joint]
-            nuisances.add(_alone(column, joint), float(moment_error[joint] / rms) if rms > 0 else 0.0)
-
+    nuisances += _of_each_joint(by_gain, fit.model_error / positive_size(samples.torque, samples.slides))
+    for joint, column in zip(np.repeat(joints, 3), np.moveaxis(links[..., len(joints) :], -1, 0), strict=True):
+        if (rms := size(column, samples.slides)[joint]) > 0:
+            nuisances.append((_alone(column, joint), float(moment_error[joint] / rms), 0.0))
     target = samples.torque + by_gain * (fit.gain - 1)
     system = _eliminated(nuisances, np.concatenate([links, gains, target[..., None]], axis=-1), samples, fit)
     return system[:, :-1], system[:, -1]
 
 
-def _eliminated(nuisances: _Nuisances, system: FloatArray, samples: MotorSamples, fit: MotorFit) -> FloatArray:
-    """Eliminate the nuisance parameters from an (n, nj, k) system; returns (r, k) rows with the same information."""
-    whole = np.concatenate([np.stack(nuisances.columns, axis=-1), system], axis=-1)
+def _eliminated(nuisances: list[_Nuisance], system: FloatArray, samples: MotorSamples, fit: MotorFit) -> FloatArray:
+    """Eliminate nuisance parameters from an (n, nj, k) system; returns (r, k) rows with the same information."""
+    used = [nuisance for nuisance in nuisances if nuisance[1] > 0]
+    std, mean = np.array([nuisance[1:] for nuisance in used]).T
+    whole, count = np.concatenate([np.stack([column for column, _, _ in used], axis=-1), system], axis=-1), len(used)
     weight = samples.slides / fit.noise / np.sqrt(fit.repetition)
-    count = len(nuisances.mean)
     prior = np.zeros((count, whole.shape[-1]))
-    prior[:, :count] = np.diag(1 / np.array(nuisances.std))
-    prior[:, -1] = np.array(nuisances.mean) / nuisances.std
+    prior[:, :count], prior[:, -1] = np.diag(1 / std), mean / std
     rows = np.concatenate([prior, (whole * weight[..., None]).reshape(-1, whole.shape[-1])])
     triangle = np.asarray(np.linalg.qr(rows, mode="r"), dtype=float)
     return triangle[count:-1, count:]  # the last row is the norm of the residual
@@ -117,9 +94,10 @@ def _own_inertias(robot: RobotModel, samples: MotorSamples) -> FloatArray:
     return np.stack([part @ body.inertia[_TENSOR] for part, body in zip(parts, bodies, strict=True)], axis=-1)
 
 
-def _joints(robot: RobotModel) -> list[int]:
-    """Return the index of the joint that moves each leg link."""
-    return [int(joint) for leg in robot.legs.values() for joint in leg.joints]
+def _of_each_joint(columns: FloatArray, std: FloatArray | float) -> list[_Nuisance]:
+    """Return one parameter of each joint, with the joint's column of (n, nj) torques and its prior."""
+    each = enumerate(np.broadcast_to(std, columns.shape[1]).tolist())
+    return [(_alone(columns, joint), own, 0.0) for joint, own in each]
 
 
 def _alone(columns: FloatArray, joint: int) -> FloatArray:

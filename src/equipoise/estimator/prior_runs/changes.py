@@ -25,8 +25,7 @@ from equipoise.estimator.parameters import PriorDistribution, Unknowns
 from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.estimator.problem import MapProblem, Posterior
 from equipoise.estimator.solve import descend, solve
-from equipoise.estimator.unknown import Unknown
-from equipoise.estimator.unknowns import Priors
+from equipoise.estimator.unknowns import Priors, Unknown
 from equipoise.result.findings import Check, SensorFinding
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
@@ -145,8 +144,10 @@ def _least_likely(
 ) -> Change | None:
     """Return the most significant change; None if none is significant."""
     unknowns = after.unknowns
-    covariance = np.linalg.inv(after.normal_equations(x).information)
-    score, variance = _scores(unknowns, prior, x, np.asarray(covariance, dtype=float))
+    covariance = np.asarray(np.linalg.inv(after.normal_equations(x).information), dtype=float)
+    rows = unknowns.tabled
+    score, spread = prior.score(x[rows], covariance[rows, rows])
+    score, variance = (np.concatenate([np.zeros(rows.start), part]) for part in (score, np.diag(spread)))
     tested = [int(at) for at in unknowns.columns(*_MAY_CHANGE) if at not in changed and variance[at] > _INFORMATIVE]
     if not tested:
         return None
@@ -154,18 +155,7 @@ def _least_likely(
     worst = max(deviates, key=lambda place: abs(deviates[place]))
     if abs(deviates[worst]) < NormalDist().inv_cdf(1 - _FALSE_ALARM / (2 * len(tested))):
         return None
-    return _change(unknowns, worst, -score[worst] / variance[worst], 1 / variance[worst], deviates[worst])
-
-
-def _scores(
-    unknowns: Unknowns, prior: PriorDistribution, x: FloatArray, covariance: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the (size,) scores at the prior mean, and their variances without changes; zero for the base."""
-    rows, information = unknowns.tabled, prior.information
-    score, variance = np.zeros(unknowns.size), np.zeros(unknowns.size)
-    score[rows] = -information @ (x[rows] - prior.mean)
-    variance[rows] = np.diag(information - information @ covariance[rows, rows] @ information)
-    return score, variance
+    return _change(unknowns, worst, score[worst] / variance[worst], 1 / variance[worst], deviates[worst])
 
 
 def _change(unknowns: Unknowns, place: int, value: float, variance: float, deviate: float) -> Change:

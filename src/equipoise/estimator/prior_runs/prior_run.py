@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError, RecordingError, SettingsError, reason
-from equipoise.estimator.unknown import ROBOT, SCALE, Unknown, unknown
-from equipoise.estimator.unknowns import Priors, Values
+from equipoise.estimator.unknowns import ROBOT, SCALE, Priors, Unknown, Values, unknown
 from equipoise.json_form import from_json
 from equipoise.user_file import check_schema, json_value, kind_of, read_text, typed
 
