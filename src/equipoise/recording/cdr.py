@@ -7,7 +7,7 @@ in a few numbers at fixed offsets.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import RecordingError
+
+Part = tuple[str, NDArray[Any]]
+"""Part of a message: name and zeros for numbers that differ between messages, no name and its value for a constant."""
 
 _LITTLE_ENDIAN = b"\0\1\0\0"
 
@@ -63,54 +66,45 @@ def bodies(rows: NDArray[Any]) -> list[bytes]:
     return [data[begin : begin + size] for begin in range(0, len(data), size)]
 
 
-class LayoutBuilder:
-    """Builder of a layout, field by field."""
+def number(name: str, kind: str, count: int | None = None) -> Part:
+    """Return the part of a number that differs between messages, or of an array of several."""
+    return name, np.zeros(() if count is None else count, dtype=kind)
 
-    def __init__(self) -> None:
-        self._template = bytearray(_LITTLE_ENDIAN)
-        self._numbers: dict[str, tuple[Any, int]] = {}
 
-    def number(self, name: str, kind: str, count: int | None = None) -> LayoutBuilder:
-        """Add a number that differs between messages, or an array of several."""
-        of_one = np.dtype(kind)
-        field = of_one if count is None else np.dtype((kind, (count,)))
-        self._align(of_one.itemsize if field.itemsize else 1)
-        self._numbers[name] = (field, len(self._template))
-        self._template += bytes(field.itemsize)
-        return self
+def constant(value: float | Sequence[float], kind: str) -> Part:
+    """Return the part of a number, or an array of several, that is the same in all messages."""
+    return "", np.array(value, dtype=kind)
 
-    def constant(self, value: float | Sequence[float], kind: str) -> LayoutBuilder:
-        """Add a number, or an array of several, that is the same in all messages."""
-        self._align(np.dtype(kind).itemsize)
-        self._template += np.array(value, dtype=kind).tobytes()
-        return self
 
-    def text(self, text: str) -> LayoutBuilder:
-        """Add a string that is the same in all messages."""
-        encoded = text.encode() + b"\0"
-        self.constant(len(encoded), "<u4")
-        self._template += encoded
-        return self
+def text(words: str) -> list[Part]:
+    """Return the parts of a string that is the same in all messages."""
+    encoded = words.encode() + b"\0"
+    return [constant(len(encoded), "<u4"), ("", np.frombuffer(encoded, "u1"))]
 
-    def header(self, frame: str) -> LayoutBuilder:
-        """Add a std_msgs/Header."""
-        return self.number("sec", "<i4").number("nanosec", "<u4").text(frame)
 
-    def sequence(self, name: str, count: int) -> LayoutBuilder:
-        """Add a sequence of doubles that differ between messages; an empty one consists of its length."""
-        return self.constant(count, "<u4").number(name, "<f8", count)
+def header(frame: str) -> list[Part]:
+    """Return the parts of a std_msgs/Header."""
+    return [number("sec", "<i4"), number("nanosec", "<u4"), *text(frame)]
 
-    def build(self) -> Layout:
-        """Return the layout."""
-        fields = np.dtype(
-            {
-                "names": list(self._numbers),
-                "formats": [kind for kind, _ in self._numbers.values()],
-                "offsets": [offset for _, offset in self._numbers.values()],
-                "itemsize": len(self._template),
-            }
-        )
-        return Layout(bytes(self._template), fields)
 
-    def _align(self, size: int) -> None:
-        self._template += bytes((len(_LITTLE_ENDIAN) - len(self._template)) % size)
+def sequence(name: str, count: int) -> list[Part]:
+    """Return the parts of a sequence of doubles that differ between messages; an empty one consists of its length."""
+    return [constant(count, "<u4"), number(name, "<f8", count)]
+
+
+def layout_of(parts: Iterable[Part]) -> Layout:
+    """Return the layout of a message of some parts, in order."""
+    template = bytearray(_LITTLE_ENDIAN)
+    fields: dict[str, tuple[np.dtype[Any], int]] = {}
+    for name, value in parts:
+        template += bytes((len(_LITTLE_ENDIAN) - len(template)) % value.itemsize if value.size else 0)
+        if name:
+            fields[name] = np.dtype((value.dtype, value.shape)), len(template)
+        template += value.tobytes()
+    return Layout(bytes(template), record_type(fields, len(template)))
+
+
+def record_type(fields: Mapping[str, tuple[Any, int]], size: int) -> np.dtype[np.void]:
+    """Return the structured type of a size [bytes] with fields, given by their types and offsets."""
+    formats, offsets = ([field[place] for field in fields.values()] for place in (0, 1))
+    return np.dtype({"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": size})

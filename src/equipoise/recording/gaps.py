@@ -34,29 +34,22 @@ def split_at_gaps(recording: Recording) -> list[Piece]:
     gaps = sorted(_gaps(recording))
     if not gaps and min(recording.joints.time.size, recording.imu.time.size) > 1:
         return [Piece(recording)]
+    merged: list[tuple[float, float, str]] = []
+    for start, end, stream in gaps:
+        if merged and start < merged[-1][1]:  # overlapping gaps of the two streams
+            first, last, missing = merged.pop()
+            missing = missing if stream == missing else f"{missing} and {stream}"
+            merged.append((first, max(last, end), missing))
+        else:
+            merged.append((start, end, stream))
     pieces: list[Piece] = []
-    start, before, missing = -np.inf, None, ""
-    for gap_start, gap_end, stream in gaps:
-        _append(
-            pieces, recording, start, max(gap_start + _JUST_BEHIND, np.nextafter(gap_start, np.inf)), before, missing
-        )
-        # Overlapping gaps of the two streams become one.
-        overlapping = before is not None and gap_start < before[1]
-        before = (before[0], max(before[1], gap_end)) if overlapping and before is not None else (gap_start, gap_end)
-        missing = f"{missing} and {stream}" if overlapping and stream != missing else stream
-        start = before[1]
-    _append(pieces, recording, start, np.inf, before, missing)
+    begin, before, missing = -np.inf, None, ""
+    for start, end, stream in [*merged, (np.inf, np.inf, "")]:
+        part = recording.between(begin, max(start + _JUST_BEHIND, np.nextafter(start, np.inf)))
+        if part.joints.time.size > 1 and part.imu.time.size > 1:
+            pieces.append(Piece(part, before, missing))
+        begin, before, missing = end, (start, end), stream
     return pieces
-
-
-def _append(
-    pieces: list[Piece], recording: Recording, start: float, end: float, gap: tuple[float, float] | None, missing: str
-) -> None:
-    if end <= start:
-        return
-    part = recording.between(start, end)
-    if part.joints.time.size > 1 and part.imu.time.size > 1:
-        pieces.append(Piece(part, gap, missing))
 
 
 def _gaps(recording: Recording) -> list[tuple[float, float, str]]:

@@ -6,7 +6,7 @@ import struct
 from functools import lru_cache
 
 from equipoise.errors import RecordingError
-from equipoise.recording.cdr import Layout, LayoutBuilder, bodies, stamps
+from equipoise.recording.cdr import Layout, bodies, constant, header, layout_of, number, sequence, stamps, text
 from equipoise.recording.clock import nanoseconds, seconds
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream
 
@@ -63,19 +63,21 @@ _NO_ORIENTATION = (-1.0, *(0.0,) * 8)  # likewise
 def joint_state(joint_names: tuple[str, ...], velocity: bool, effort: bool) -> Layout:
     """Return the layout of sensor_msgs/JointState for some joints, with or without velocities and efforts."""
     count = len(joint_names)
-    builder = LayoutBuilder().header("").constant(count, "<u4")
-    for name in joint_names:
-        builder.text(name)
-    builder.sequence("position", count).sequence("velocity", count * velocity)
-    return builder.sequence("effort", count * effort).build()
+    names = [part for name in joint_names for part in text(name)]
+    samples = [
+        *sequence("position", count),
+        *sequence("velocity", count * velocity),
+        *sequence("effort", count * effort),
+    ]
+    return layout_of([*header(""), constant(count, "<u4"), *names, *samples])
 
 
 @lru_cache(maxsize=1)
 def imu() -> Layout:
     """Return the layout of sensor_msgs/Imu without an orientation."""
-    builder = LayoutBuilder().header("imu").constant((0, 0, 0, 1, *_NO_ORIENTATION), "<f8")
-    builder.number("angular_velocity", "<f8", 3).constant(_UNKNOWN_COVARIANCE, "<f8")
-    return builder.number("acceleration", "<f8", 3).constant(_UNKNOWN_COVARIANCE, "<f8").build()
+    orientation, unknown = constant((0, 0, 0, 1, *_NO_ORIENTATION), "<f8"), constant(_UNKNOWN_COVARIANCE, "<f8")
+    angular_velocity, acceleration = number("angular_velocity", "<f8", 3), number("acceleration", "<f8", 3)
+    return layout_of([*header("imu"), orientation, angular_velocity, unknown, acceleration, unknown])
 
 
 def joint_messages(joint_names: tuple[str, ...], joints: JointStream) -> list[bytes]:
@@ -100,9 +102,9 @@ def imu_messages(stream: ImuStream) -> list[bytes]:
     return bodies(rows)
 
 
-def text_message(text: str) -> bytes:
+def text_message(words: str) -> bytes:
     """Return a String message."""
-    return LayoutBuilder().text(text).build().template
+    return layout_of(text(words)).template
 
 
 def read_joints(messages: list[bytes], joint_names: tuple[str, ...], velocity: bool, torque: bool) -> JointStream:

@@ -167,49 +167,31 @@ class StandTrial(RecordedTrial):
 
 
 @dataclass(frozen=True)
-class TwoFeet:
-    """Time in which a walking robot stands on two feet.
+class Step:
+    """Time in which a walking robot stands on two feet or three.
 
     Attributes:
-        pair: name of the two feet, one of PAIRS.
+        standing: names of the legs whose feet stand, in the order of LEG_NAMES.
         start, end: times at which it begins and ends [s].
     """
 
-    pair: str
+    standing: tuple[str, ...]
     start: float
     end: float
 
     def __post_init__(self) -> None:
-        if self.pair not in PAIRS:
-            raise ValueError(f"{self.pair!r} is not a pair of feet")
+        if not set(self.standing) < set(LEG_NAMES) or (len(self.standing) == 2 and self.pair not in PAIRS):
+            raise ValueError(f"{', '.join(self.standing)} are not two or three legs")
 
     @property
-    def standing(self) -> tuple[str, ...]:
-        """Return the names of the legs whose feet stand."""
-        return PAIRS[self.pair]
-
-
-@dataclass(frozen=True)
-class ThreeFeet:
-    """Time in which a walking robot stands on three feet.
-
-    Attributes:
-        lifted: name of the leg whose foot is up.
-        start, end: times at which it begins and ends [s].
-    """
-
-    lifted: str
-    start: float
-    end: float
-
-    def __post_init__(self) -> None:
-        if self.lifted not in LEG_NAMES:
-            raise ValueError(f"no leg is called {self.lifted!r}")
+    def pair(self) -> str:
+        """Return the name of the two feet that stand, one of PAIRS."""
+        return "_".join(self.standing)
 
     @property
-    def standing(self) -> tuple[str, ...]:
-        """Return the names of the legs whose feet stand."""
-        return tuple(leg for leg in LEG_NAMES if leg != self.lifted)
+    def lifted(self) -> str:
+        """Return the name of the first leg whose foot is up, the only one of a step on three feet."""
+        return next(leg for leg in LEG_NAMES if leg not in self.standing)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,7 +204,7 @@ class SteppingTrial(RecordedTrial):
 
     starts_with: ClassVar[str] = Phase.WALK
     complete_with: ClassVar[str] = Phase.END
-    steps: tuple[TwoFeet, ...] | tuple[ThreeFeet, ...]
+    steps: tuple[Step, ...]
 
     @property
     def duration(self) -> float:
@@ -235,25 +217,18 @@ class WalkTrial(SteppingTrial):
     """Walk with two feet on the floor at a time.
 
     Attributes:
-        steps: times on two feet.
         heading: heading at the start of the walk, relative to the start of the log, positive to the left [rad].
     """
 
     kind: ClassVar[str] = "walk"
-    steps: tuple[TwoFeet, ...]
     heading: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class CrawlTrial(SteppingTrial):
-    """Crawl: one foot is moved after the other.
-
-    Attributes:
-        steps: times on three feet.
-    """
+    """Crawl: one foot is moved after the other."""
 
     kind: ClassVar[str] = "crawl"
-    steps: tuple[ThreeFeet, ...]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from equipoise.logs.motions.foot_paths import FootPaths
 from equipoise.logs.motions.rests import LoggedRest
 from equipoise.recording.runs import true_runs
-from equipoise.recording.trials import TwoFeet
+from equipoise.recording.trials import Step
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.stance import Stance
 
@@ -23,17 +23,17 @@ SHORTEST_STANCE = 0.05
 """[s] on an A1; shorter ones are not reported."""
 
 
-def diagonal_stances(paths: FootPaths, stance: Stance) -> list[TwoFeet]:
+def diagonal_stances(paths: FootPaths, stance: Stance) -> list[Step]:
     """Return the times in which the two feet off a diagonal are up, in order."""
-    found: list[TwoFeet] = []
+    found: list[Step] = []
     for diagonal, standing in DIAGONALS.items():
         up = paths.rise_above(standing)[:, _lifted(diagonal)].min(axis=1) > _CLEAR * stance.scale.length
         spans = [(float(paths.time[first]), float(paths.time[last - 1])) for first, last in true_runs(up)]
-        found += [TwoFeet(diagonal, a, b) for a, b in spans if b - a >= SHORTEST_STANCE * stance.scale.time]
+        found += [Step(standing, a, b) for a, b in spans if b - a >= SHORTEST_STANCE * stance.scale.time]
     return sorted(found, key=lambda one: one.start)
 
 
-def why_no_lift(paths: FootPaths, stances: Sequence[TwoFeet], rest: LoggedRest, stance: Stance) -> str | None:
+def why_no_lift(paths: FootPaths, stances: Sequence[Step], rest: LoggedRest, stance: Stance) -> str | None:
     """Return the reason why the first diagonal stance after a rest is not a lift, or None.
 
     Args:

@@ -21,8 +21,8 @@ from equipoise.logs.motions.track import STEP, Integral, Track, at_once
 from equipoise.logs.motions.walking_feet import find_steps
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import TwoFeet
-from equipoise.robot.model import LEG_NAMES, PAIRS, RobotModel
+from equipoise.recording.trials import Step
+from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 
 Unexplained = Callable[[float, FloatArray], float]
@@ -77,7 +77,8 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
     parts = [part for track in tracks for part in _parts(track)]
     seen = _moving_part(legs, stance, parts)
     if seen is None:
-        seen, motion = _walking_part(legs, stance, parts), _STEPS
+        walked = (_walked(legs, stance, part) for part in parts)
+        seen, motion = next((part for part in walked if part is not None), None), _STEPS
     if seen is None:
         return None
     gyroscope = recording.imu.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T
@@ -123,17 +124,8 @@ def _parts(track: Track) -> Iterator[Track]:
         yield track.part(slice(first, last if len(track.time) - last > _FEWEST else None))
 
 
-def _walking_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Seen | None:
-    """Return the rotation of the line between two standing feet, in the base frame, over all steps of the first long walk.
-
-    With velocities v in the base frame, less rolling: v_one - v_other = -omega x (p_one - p_other).
-    """
-    found = (_walked(legs, stance, part) for part in parts)
-    return next((seen for seen in found if seen is not None), None)
-
-
 def _walked(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
-    """Return the steps of a piece of a track; None if the robot does not walk for long in it."""
+    """Return the rotation in the steps of a piece of a track; None if the robot does not walk for long in it."""
     if len(track.time) * track.step < 2 * CONTEXT * stance.scale.time:
         return None
     up = np.median(track.acceleration_in_base, axis=0)
@@ -156,8 +148,11 @@ def _walked(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
     return None
 
 
-def _seen_in(legs: LegChains, track: Track, steps: Sequence[TwoFeet]) -> _Seen | None:
-    """Return the rotation in steps."""
+def _seen_in(legs: LegChains, track: Track, steps: Sequence[Step]) -> _Seen | None:
+    """Return the rotation of the line between two standing feet, in the base frame, over steps.
+
+    With velocities v in the base frame, less rolling: v_one - v_other = -omega x (p_one - p_other).
+    """
     up = np.median(track.acceleration_in_base, axis=0)
     edges: list[FloatArray] = []
     turning: list[FloatArray] = []
@@ -170,7 +165,7 @@ def _seen_in(legs: LegChains, track: Track, steps: Sequence[TwoFeet]) -> _Seen |
         motion = legs.motion(part.joint_position, velocity, np.zeros((len(velocity), 3)))
         radius = legs.foot_radius[:, None] * (up / np.linalg.norm(up))
         moved = motion.foot_velocity - cross(motion.foot_angular_velocity, np.broadcast_to(radius, motion.foot.shape))
-        one, other = (LEG_NAMES.index(leg) for leg in PAIRS[step.pair])
+        one, other = (LEG_NAMES.index(leg) for leg in step.standing)
         edges.append(np.array([part.time - track.step / 2, part.time + track.step / 2]))
         turning.append(moved[:, other] - moved[:, one])
         arms.append((motion.foot - radius)[:, one] - (motion.foot - radius)[:, other])

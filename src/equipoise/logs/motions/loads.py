@@ -17,7 +17,7 @@ from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.motions.track import Integral, Track
 from equipoise.recording.runs import true_runs
-from equipoise.recording.trials import ThreeFeet, TwoFeet
+from equipoise.recording.trials import Step
 from equipoise.robot.kinematics import feet_and_forces
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.statics import PLAUSIBLE_LOAD, torques_of_legs
@@ -28,8 +28,6 @@ _CARRIES, _IDLE = 0.7, 0.3
 _UNLOADED = 0.02  # quantile of a foot's readings that is taken as no load
 _DEAD = 0.25  # of what the other feet's sensors read: not plausible
 _LOOKED_AT = 1000  # samples of a walk that its mean is of, at most
-
-Step = TwoFeet | ThreeFeet
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +95,7 @@ class FootLoads:
         load, stands = np.median(self._in(step)[1], axis=0), np.isin(LEG_NAMES, step.standing)
         return bool((load[~stands] > _CARRIES).any() or (load[stands] < _IDLE).any())
 
-    def cut(self, step: ThreeFeet, shortest: float) -> ThreeFeet | None:
+    def cut(self, step: Step, shortest: float) -> Step | None:
         """Return the longest part of a step in which the lifted foot carries no load; None if it is too short.
 
         Args:
@@ -131,8 +129,8 @@ class Contacts:
         self._doubted = 0
 
     def confirmed(
-        self, track: Track, on_two: Sequence[TwoFeet], on_three: Sequence[ThreeFeet], shortest: float
-    ) -> tuple[list[TwoFeet], list[ThreeFeet]]:
+        self, track: Track, on_two: Sequence[Step], on_three: Sequence[Step], shortest: float
+    ) -> tuple[list[Step], list[Step]]:
         """Return the steps of a track without those that loads contradict.
 
         Those on three feet are cut to the time in which the lifted foot carries no load: on uneven floors a foot may only
@@ -156,8 +154,8 @@ class Contacts:
         return two, three
 
     def _less(
-        self, loads: FootLoads, two: list[TwoFeet], three: list[ThreeFeet], shortest: float
-    ) -> tuple[list[TwoFeet], list[ThreeFeet]]:
+        self, loads: FootLoads, two: list[Step], three: list[Step], shortest: float
+    ) -> tuple[list[Step], list[Step]]:
         cut = [part for step in three if (part := loads.cut(step, shortest)) is not None]
         kept = (
             [step for step in two if not loads.contradicts(step)],

@@ -39,9 +39,8 @@ from equipoise.recording.trials import (
     PostureTrial,
     RecordedTrial,
     StandTrial,
+    Step,
     SteppingTrial,
-    ThreeFeet,
-    TwoFeet,
     WalkTrial,
 )
 from equipoise.robot.model import RobotModel
@@ -174,7 +173,7 @@ class _PieceReader:
         return WalkingFeet.of(self.legs, self.stance, self.track)
 
     @cached_property
-    def _steps(self) -> tuple[list[TwoFeet], list[ThreeFeet]]:
+    def _steps(self) -> tuple[list[Step], list[Step]]:
         """Return the times on two feet and on three."""
         if self._walking is None:
             return [], []
@@ -183,22 +182,19 @@ class _PieceReader:
 
     def segments(self) -> list[LogSegment]:
         """Return rests and the segments between them, in order."""
-        walked = [piece for segment in self._between_rests() for piece in self._walked(segment)]
-        return [piece for segment in walked for piece in self._crawled(segment)]
+        segments = self._between_rests()
+        for on_three in (False, True):
+            segments = [piece for segment in segments for piece in self._stepped(segment, on_three)]
+        return segments
 
-    def _walked(self, segment: LogSegment) -> list[LogSegment]:
-        """Return the walks in a segment that is not used otherwise, and the rest of it around them."""
+    def _stepped(self, segment: LogSegment, on_three: bool) -> list[LogSegment]:
+        """Return the walks or crawls in a segment that is not used otherwise, and the rest of it around them."""
         if segment.used or segment.kind not in _OF_STEPS:
             return [segment]
-        steps = [one for one in self._steps[0] if segment.start <= one.start and one.end <= segment.end]
+        steps = [one for one in self._steps[on_three] if segment.start <= one.start and one.end <= segment.end]
+        if on_three:
+            return self._around([self._crawl(crawl) for crawl in crawls(steps, self.stance)], segment)
         return self._around([self._walk(walk) for walk in walks(steps, self.stance)], segment)
-
-    def _crawled(self, segment: LogSegment) -> list[LogSegment]:
-        """Return the crawls in a segment that is not a walk, and the rest of it around them."""
-        if segment.used or segment.kind not in _OF_STEPS:
-            return [segment]
-        steps = [one for one in self._steps[1] if segment.start <= one.start and one.end <= segment.end]
-        return self._around([self._crawl(crawl) for crawl in crawls(steps, self.stance)], segment)
 
     def _around(self, motions: Sequence[LogSegment], segment: LogSegment) -> list[LogSegment]:
         """Return motions in a segment, and the rest of it around them; short parts are merged into the next motion."""
@@ -215,7 +211,7 @@ class _PieceReader:
             return [*pieces, replace(segment, start=start)]
         return [*pieces[:-1], replace(pieces[-1], end=segment.end)]
 
-    def _walk(self, steps: list[TwoFeet]) -> LogSegment:
+    def _walk(self, steps: list[Step]) -> LogSegment:
         assert self._walking is not None  # where the steps are from
         start, end = steps[0].start, steps[-1].end
         heading = float(np.interp(start, self.track.time, self._walking.turned))
@@ -223,7 +219,7 @@ class _PieceReader:
         what = f"walk, {len(steps)} times on two feet"
         return LogSegment(start, end, "walk", what, None, self._of_walk(start, end, trial))
 
-    def _crawl(self, steps: list[ThreeFeet]) -> LogSegment:
+    def _crawl(self, steps: list[Step]) -> LogSegment:
         start, end = steps[0].start, steps[-1].end
         reason_unused = self._why_no_crawl(steps)
         what = f"crawl, {len(steps)} times on three feet" if reason_unused is None else "crawl, its steps on three feet"
@@ -232,7 +228,7 @@ class _PieceReader:
             start, end, "crawl", what, reason_unused, None if reason_unused else self._of_walk(start, end, trial)
         )
 
-    def _why_no_crawl(self, steps: Sequence[ThreeFeet]) -> str | None:
+    def _why_no_crawl(self, steps: Sequence[Step]) -> str | None:
         """Return why times on three feet determine nothing, or None."""
         if self.track.joint_torque is None:
             return "no joint torques: times on three feet determine nothing without them"

@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from equipoise.estimator.measurements.walking import CONTEXT, up_between_steps
 from equipoise.logs.motions.rests import LOWEST
 from equipoise.logs.motions.track import Track, at_once
 from equipoise.recording.runs import true_runs
-from equipoise.recording.trials import ThreeFeet, TwoFeet
+from equipoise.recording.trials import Step
 from equipoise.robot.model import LEG_NAMES, PAIRS
 from equipoise.robot.stance import Stance
 
@@ -39,10 +38,8 @@ _PAUSE = 1.0  # [s] without a step that ends a walk
 SHORTEST_ON_THREE = 0.25
 """[s] on an A1: longer than a foot is up in a trot, even one that lands late."""
 
-_Step = TypeVar("_Step", TwoFeet, ThreeFeet)
 
-
-def find_steps(legs: LegChains, stance: Stance, track: Track) -> tuple[list[TwoFeet], FloatArray]:
+def find_steps(legs: LegChains, stance: Stance, track: Track) -> tuple[list[Step], FloatArray]:
     """Return all times on two feet in order, and the (n,) angle by which the robot has turned to its left so far [rad].
 
     Args:
@@ -87,28 +84,29 @@ class WalkingFeet:
         force = np.linalg.norm(track.acceleration_in_base, axis=1)
         return cls(stance, time, turned, foot, height, velocity, (force > _FALLING) & (force < _LANDING))
 
-    def on_two(self) -> list[TwoFeet]:
+    def on_two(self) -> list[Step]:
         """Return all times on two feet, in order."""
-        found: list[TwoFeet] = []
-        for pair, standing in PAIRS.items():
+        found: list[Step] = []
+        for standing in PAIRS.values():
             feet = [LEG_NAMES.index(leg) for leg in standing]
             spans = [span for span in self._standing(feet, _SHORTEST) if not self._stand_too(feet, *span)]
-            found += [TwoFeet(pair, start, end) for start, end in spans]
+            found += [Step(standing, start, end) for start, end in spans]
         return sorted(found, key=lambda step: step.start)
 
-    def on_three(self) -> list[ThreeFeet]:
+    def on_three(self) -> list[Step]:
         """Return all times on three feet, in order; none while the robot lies.
 
         Over short times the plane of the standing feet is a better reference than the IMU's vertical.
         """
-        found: list[ThreeFeet] = []
+        found: list[Step] = []
         nominal = float(self.stance.feet_in_base[:, 2].mean())
-        for lifted, leg in enumerate(LEG_NAMES):
+        for lifted in range(4):
             standing = [foot for foot in range(4) if foot != lifted]
             hips = self.stance.hip_height + nominal - self.height[:, standing].mean(axis=1)
             where = hips > LOWEST * self.stance.hip_height
             where &= _above_plane(self.foot[:, lifted], self.foot[:, standing]) > _CLEAR * self.stance.scale.length
-            found += [ThreeFeet(leg, a, b) for a, b in self._standing(standing, SHORTEST_ON_THREE, where)]
+            legs = tuple(LEG_NAMES[foot] for foot in standing)
+            found += [Step(legs, start, end) for start, end in self._standing(standing, SHORTEST_ON_THREE, where)]
         return sorted(found, key=lambda step: step.start)
 
     def _stand_too(self, feet: list[int], start: float, end: float) -> bool:
@@ -153,22 +151,22 @@ class WalkingFeet:
         return [(start, end) for start, end in spans if end - start >= shortest * scale.time]
 
 
-def walks(steps: Sequence[TwoFeet], stance: Stance) -> list[list[TwoFeet]]:
+def walks(steps: Sequence[Step], stance: Stance) -> list[list[Step]]:
     """Return consecutive steps in pieces, each one motion of the estimate; only walks are kept."""
     clock = stance.scale.time
     gaits = [_without_rare(bout) for bout in _bouts(steps, _PAUSE * clock)]
     return [piece for gait in gaits if len(gait) >= _FEWEST for piece in _pieces(gait, _PIECE * clock)]
 
 
-def crawls(steps: Sequence[ThreeFeet], stance: Stance) -> list[list[ThreeFeet]]:
+def crawls(steps: Sequence[Step], stance: Stance) -> list[list[Step]]:
     """Return consecutive times on three feet in pieces; a single one is enough."""
     bouts, duration = _bouts(steps, _PAUSE * stance.scale.time), _PIECE * stance.scale.time
     return [piece for bout in bouts if bout for piece in _pieces(bout, duration)]
 
 
-def _bouts(steps: Sequence[_Step], pause: float) -> list[list[_Step]]:
+def _bouts(steps: Sequence[Step], pause: float) -> list[list[Step]]:
     """Return groups of steps that follow each other within a pause [s]."""
-    bouts: list[list[_Step]] = [[*steps[:1]]]
+    bouts: list[list[Step]] = [[*steps[:1]]]
     for before, step in pairwise(steps):
         if step.start - before.end > pause:
             bouts.append([])
@@ -176,18 +174,18 @@ def _bouts(steps: Sequence[_Step], pause: float) -> list[list[_Step]]:
     return bouts
 
 
-def _without_rare(bout: Sequence[TwoFeet]) -> list[TwoFeet]:
+def _without_rare(bout: Sequence[Step]) -> list[Step]:
     """Return the steps without pairs of feet that are rare in the gait: a third foot still drags there."""
     counts = Counter(step.pair for step in bout)
     return [step for step in bout if counts[step.pair] >= _RARE * max(counts.values())]
 
 
-def _pieces(bout: Sequence[_Step], duration: float) -> list[list[_Step]]:
+def _pieces(bout: Sequence[Step], duration: float) -> list[list[Step]]:
     """Cut a bout into pieces of about equal duration."""
     start, end = bout[0].start, bout[-1].end
     count = max(1, round((end - start) / duration))
     edges = np.linspace(start, end, count + 1)[1:-1]
-    cut: list[list[_Step]] = [[] for _ in range(count)]
+    cut: list[list[Step]] = [[] for _ in range(count)]
     places: list[int] = np.searchsorted(edges, [step.start for step in bout]).tolist()
     for step, place in zip(bout, places, strict=True):
         cut[place].append(step)
