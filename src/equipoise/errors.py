@@ -7,7 +7,6 @@ are stable and are listed in docs/reference/cli.md.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Any
 
@@ -16,6 +15,8 @@ UNHEALTHY, STOP_REQUESTED = 12, 13  # exit codes of StoppedError
 
 def did_you_mean(name: str, options: Iterable[str]) -> str:
     """Return the nearest option, as a question for a message; empty if nothing is near."""
+    from difflib import get_close_matches  # noqa: PLC0415 - most commands need it not
+
     near = get_close_matches(name, [*options], n=1)
     return f"did you mean {near[0]!r}? " if near else ""
 

@@ -122,17 +122,6 @@ def test_a_comparison_is_written_to_the_working_folder(run, copy, tmp_path, caps
     assert (tmp_path / "comparison.html").exists()
 
 
-def test_repeated_runs_have_a_page_each_and_one_that_compares_them(tmp_path, capsys):
-    folder = tmp_path / "repeated"
-    assert main([*QUICK, "--repeat", "2", "--out", str(folder)]) == 0
-    for page in ("report.html", "01/report.html", "02/report.html"):
-        assert (folder / page).exists()
-    assert f"see {folder / 'report.html'}" in capsys.readouterr().out
-    (folder / "report.html").unlink()
-    assert main(["report", str(folder)]) == 0
-    assert (folder / "report.html").exists()
-
-
 def test_the_page_of_a_json_result_is_in_its_folder(run, tmp_path, capsys):
     result = shutil.copy(run / "calibration.json", tmp_path / "found.json")
     assert main(["report", str(result)]) == 0

@@ -106,10 +106,11 @@ def test_a_run_killed_during_motor_swings_has_the_same_result(tmp_path, part, ho
     assert result(copy) == result(whole)
 
 
-def test_one_of_several_runs_is_resumed(tmp_path):
-    """Each run of a --repeat is complete, with the same robot and sensors and different noise."""
+def test_a_run_with_other_noise_is_resumed(tmp_path):
+    """Runs with another --noise-seed have the same robot and sensors."""
     method = ["--method", "static", "--no-report", "--quiet"]
-    assert main(["calibrate", *method, *ROBOT, "--repeat", "2", "--out", str(tmp_path)]) == 0
+    assert main(["calibrate", *method, *ROBOT, "--out", str(tmp_path / "01")]) == 0
+    assert main(["calibrate", *method, *ROBOT, "--noise-seed", "99", "--out", str(tmp_path / "02")]) == 0
     first, second = (result(tmp_path / name) for name in ("01", "02"))
     assert first["composite"] != second["composite"]
     assert first["truth"] == second["truth"]

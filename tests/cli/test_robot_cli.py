@@ -148,7 +148,6 @@ def test_a_program_that_is_killed_leaves_a_damped_robot(tmp_path):
     [
         (["--platform", "unitree-go2", "--sim-preset", "ideal"], "--sim-preset is for simulators; unitree-go2 is not"),
         (["--set", "interface=lo"], "--set is for real robots; mujoco is not"),
-        (["--repeat", "0"], "--repeat is 0; it must be 1 or more"),
     ],
 )
 def test_flags_of_another_platform_are_refused(arguments, message, capsys):
@@ -236,21 +235,6 @@ def test_a_recording_goes_into_logs_by_default(tmp_path, monkeypatch, capsys):
     assert str(log.relative_to(tmp_path)) in capsys.readouterr().out
     assert main(["record", "--duration", "1s", "--quiet", "--out", "on the floor.mcap"]) == 0
     assert "equipoise estimate 'on the floor.mcap' --robot unitree_a1\n" in capsys.readouterr().err
-
-
-def test_repetitions_are_compared(tmp_path, capsys):
-    assert main(["calibrate", "--method", "static", "--sim-preset", "realistic", "--quiet", "--repeat", "2", "--out",
-                 str(tmp_path / "runs")]) == 0  # fmt: skip
-    assert "2 calibrations" in capsys.readouterr().out
-    table = json.loads((tmp_path / "runs" / "repeatability.json").read_text(encoding="utf-8"))
-    assert table["repetitions"] == 2
-    assert table["parameters"]["mass"]["spread"] > 0
-    assert sorted(path.name for path in (tmp_path / "runs").iterdir()) == [
-        "01",
-        "02",
-        "repeatability.json",
-        "report.html",
-    ]
 
 
 def test_platforms_are_listed_with_their_settings(capsys):

@@ -14,7 +14,7 @@ from tilting import pendulum
 
 from equipoise import BayesianMethod, calibrate, load_robot, nominal_stance, simulate
 from equipoise.bayesian import lift_design, safe_lift
-from equipoise.bayesian.lift_design import LiftDesign, check_lift, offset_of
+from equipoise.bayesian.lift_design import LiftChecks, LiftDesign, offset_of
 from equipoise.bayesian.safe_lift import covariance_after_lift, initial_covariance, search_covariance
 from equipoise.bayesian.trials import BayesianTrials
 from equipoise.errors import MissingDependencyError, ReachError
@@ -257,9 +257,9 @@ def test_a_plan_excludes_lifts_that_could_tip_the_robot_over(narrow):
     com = composite_parameters(narrow, stance.joint_position).com
     for side in (1, -1):
         design = LiftDesign(BodyPosture(), "FL_RR", side)
-        check_lift(narrow, stance, com, design)
+        LiftChecks(narrow, stance, com).check(design)
         with pytest.raises(ReachError, match="the robot could tip over"):
-            check_lift(narrow, stance, com, design, np.diag([0.05, 0.05, 0.05]) ** 2)
+            LiftChecks(narrow, stance, com, np.diag([0.05, 0.05, 0.05]) ** 2).check(design)
 
 
 class EnoughError(Exception):

@@ -260,14 +260,3 @@ def test_the_base_found_includes_the_arm_that_was_held_and_the_model_has_both(ca
         configuration[model.joints[model.getJointId(name)].idx_q] = position
     locked = pin.buildReducedModel(model, [model.getJointId(name) for name in held], configuration)
     assert locked.inertias[1].isApprox(BASE.to_pinocchio(), 1e-9)
-
-
-def test_a_notebook_shows_the_result_and_runs_nothing_of_it(paper_result):
-    named = dataclasses.replace(paper_result, robot="<script>a1</script>", warnings=("a & b",))
-    shown = named._repr_html_()
-    assert "&lt;script&gt;a1" in shown
-    assert "<script" not in shown
-    assert "<b>a &amp; b</b>" in shown
-    x = named.composite.com_in_base.x
-    assert f"<td>CoM x [mm]</td><td>{1000 * x.value:.2f}</td>" in shown
-    assert shown.count("<tr>") == 1 + sum(one.value is not None for one in named.composite)

@@ -82,49 +82,24 @@ def estimate_run(
         findings = (*map(Change.finding, changes), *sensor_findings(posterior))
     nominal = nominal_inertia(robot, stance.joint_position)
     unknowns = posterior.unknowns
-    bodies = unknowns.robot_body, unknowns.base_body, unknowns.stance_effective_body
-    before, base_before, stance_effective_before = map(posterior.std_before, bodies)
     passed = all(check.passed for check in checks)
-
     difference = None if passed else half_difference(posterior)
 
-    def widened(body: Body, of: Callable[[FloatArray], InertialParameters]) -> Body:
+    def body(of: Callable[[FloatArray], InertialParameters], model: InertialParameters) -> Body:
+        """Return a body of the result, with wider intervals if a check failed."""
+        found = Body.complete(of(posterior.x), posterior.covariance_of(of), posterior.std_before(of), model)
         if difference is None:
-            return body
-        return body.doubted(np.abs(body_jacobian(unknowns, posterior.x, of) @ difference))
+            return found
+        return found.doubted(np.abs(body_jacobian(unknowns, posterior.x, of) @ difference))
 
     links = link_findings(unknowns, posterior.x, posterior.covariance) if settings.swings else {}
 
     return Calibration(
         **model_facts(robot, stance.joint_position),
         method=table["method"],
-        composite=widened(
-            Body.complete(
-                posterior.robot_body,
-                posterior.robot_covariance,
-                before,
-                nominal.composite,
-            ),
-            unknowns.robot_body,
-        ),
-        base=widened(
-            Body.complete(
-                unknowns.base_body(posterior.x),
-                posterior.covariance_of(unknowns.base_body),
-                base_before,
-                nominal.base,
-            ),
-            unknowns.base_body,
-        ),
-        stance_effective=widened(
-            Body.complete(
-                unknowns.stance_effective_body(posterior.x),
-                posterior.covariance_of(unknowns.stance_effective_body),
-                stance_effective_before,
-                nominal.stance_effective,
-            ),
-            unknowns.stance_effective_body,
-        ),
+        composite=body(unknowns.robot_body, nominal.composite),
+        base=body(unknowns.base_body, nominal.base),
+        stance_effective=body(unknowns.stance_effective_body, nominal.stance_effective),
         sensors=findings,
         checks=checks,
         excitations={},

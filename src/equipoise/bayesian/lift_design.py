@@ -143,23 +143,13 @@ def turned_feet(feet: FloatArray, com: FloatArray, turn: Axis, angle: float) -> 
     return (feet - com) @ np.array(pin.exp3(_AXES[turn] * angle)) + com
 
 
-def check_lift(
-    robot: RobotModel, stance: Stance, com: FloatArray, design: LiftDesign, com_covariance: FloatArray | None = None
-) -> None:
-    """Check that a lift is within reach, joint torque limits and the safe tilt.
+class LiftChecks:
+    """Checks of the lifts of one robot; results that do not depend on turn and swing are cached.
 
     Args:
         com_covariance: (3, 3) covariance of the CoM in the base frame, scaled to two standard deviations [m2]; default
             `search_covariance`.
-
-    Raises:
-        ReachError: the lift is not possible or not safe.
     """
-    LiftChecks(robot, stance, com, com_covariance).check(design)
-
-
-class LiftChecks:
-    """`check_lift` for many lifts of one robot; results that do not depend on turn and swing are cached."""
 
     def __init__(
         self, robot: RobotModel, stance: Stance, com: FloatArray, com_covariance: FloatArray | None = None
@@ -170,7 +160,7 @@ class LiftChecks:
         self._cache: dict[tuple[str, LiftDesign], FloatArray | ReachError] = {}
 
     def check(self, design: LiftDesign) -> None:
-        """Raise ReachError as `check_lift`."""
+        """Raise ReachError if a lift is not within reach, joint torque limits and the safe tilt."""
         passive = replace(design, turn=None, swing=None)
         standing = self._cached(self._standing_joints, passive)
         _, lifted = lift_feet(self._stance, self._com, design, self._settings.height)

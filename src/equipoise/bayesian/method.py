@@ -38,10 +38,6 @@ class BayesianMethod(BayesianSettings, Method):
     """
 
     name: ClassVar[str] = "bayesian"
-    summary: ClassVar[str] = (
-        "the robot lifts two diagonal feet in many postures, at rest and rotating its body, and measures how it tips; mass, "
-        "3-D centre of mass and inertia with intervals; sensors are calibrated too"
-    )
     estimates: ClassVar[tuple[str, ...]] = COMPONENTS
 
     def weighed(self, mass: float, std: float) -> BayesianMethod:
@@ -89,7 +85,7 @@ class BayesianMethod(BayesianSettings, Method):
     ) -> None:
         """Run the search, the planned trials and the excitation."""
         kind = BayesianRoutine if self.prior_run is None else ShortRoutine
-        kind(standing, standing.robot, stance, self, recordings, report).run()
+        kind(standing, stance, self, recordings, report).run()
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
         return rehearse(robot, stance, self, self.forecast(robot, stance))

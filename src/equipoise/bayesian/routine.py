@@ -73,16 +73,15 @@ class BayesianRoutine:
     def __init__(
         self,
         standing: StandingRobot,
-        robot: RobotModel,
         stance: Stance,
         settings: BayesianSettings,
         recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
     ) -> None:
-        self.standing, self.robot, self.stance, self.settings = standing, robot, stance, settings
-        self._recordings = recordings
-        self._report = report
-        self.trials = BayesianTrials(standing, stance, composite_parameters(robot, stance.joint_position).com)
+        self.standing, self.stance, self.settings = standing, stance, settings
+        self.robot = standing.robot  # the model of the user; that of `standing` follows the estimate
+        self._recordings, self._report = recordings, report
+        self.trials = BayesianTrials(standing, stance, composite_parameters(self.robot, stance.joint_position).com)
         self._obstacles: list[str] = []
         self._expected = 0
 
@@ -95,8 +94,7 @@ class BayesianRoutine:
         if self.settings.rotate_halfway:
             check_turn(self.standing)
         self._expected = round(self.settings.duration_for(self.stance) / Durations.of(self.stance).lift)
-        find_com_fast(self.trials, self._report_search)
-        self.trials.com_covariance = search_covariance(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
+        self._search()
         self._report_progress("planning the most informative lifts")
         candidates = self._candidates()
         plan = plan_for(candidates, self.stance, self.settings)
@@ -124,18 +122,23 @@ class BayesianRoutine:
             if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # stance motions alone are not sufficient
                 rest = plan
             self._visit(rest, 0 if rest is not plan else replan_at, len(rest.visits), done)
-        if len(done) < _FEWEST_LIFTS and self._obstacles:
-            raise MotionError(
-                f"only {len(done)} of the planned lifts were possible: {'; '.join(self._obstacles)}",
-                tuple(self._recordings),
-            )
+        self._refuse_few(done, _FEWEST_LIFTS)
         if self.settings.excitation:
             self._report_progress("excitation about all axes")
             excitation_all_axes(self.standing, self.stance, self.trials.com)
 
-    def _report_search(self, diagonal: str) -> None:
-        """Report a lift of the search."""
-        self._report_progress(f"search on {diagonal}")
+    def _refuse_few(self, done: Sequence[LiftDesign], fewest: int) -> None:
+        """Raise MotionError if fewer lifts than necessary were done because others were out of reach."""
+        if len(done) < fewest and self._obstacles:
+            raise MotionError(
+                f"only {len(done)} of the planned lifts were possible: {'; '.join(self._obstacles)}",
+                tuple(self._recordings),
+            )
+
+    def _search(self, calibrated: bool = False) -> None:
+        """Search the planar CoM; a payload that the search finds makes the height of the CoM uncertain."""
+        find_com_fast(self.trials, lambda diagonal: self._report_progress(f"search on {diagonal}"), calibrated)
+        self.trials.com_covariance = search_covariance(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
 
     def _visit(self, plan: Plan, first: int, last: int, done: list[LiftDesign]) -> None:
         durations = Durations.of(self.stance)

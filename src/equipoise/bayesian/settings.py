@@ -56,6 +56,10 @@ class BayesianSettings:
             improve the CoM's height and the inertia.
     """
 
+    summary: ClassVar[str] = (
+        "the robot lifts two diagonal feet in many postures, at rest and rotating its body, and measures how it tips; mass, "
+        "3-D centre of mass and inertia with intervals; sensors are calibrated too"
+    )
     estimate_only: ClassVar[tuple[str, ...]] = (
         "mass", "mass_std", "cable", "leg_prior", "surface", "priors", "prior_run",
     )  # fmt: skip

@@ -5,20 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.bayesian.lift_design import LiftDesign
-from equipoise.bayesian.newton_search import find_com_fast
 from equipoise.bayesian.plan import Durations, Plan
-from equipoise.bayesian.planning.candidates import Candidates, describe
+from equipoise.bayesian.planning.candidates import describe
 from equipoise.bayesian.planning.nominal import nominal_candidates
 from equipoise.bayesian.routine import BayesianRoutine
-from equipoise.bayesian.safe_lift import search_covariance
 from equipoise.bayesian.short_plan import information_before, opening_moves, plan_after_search
-from equipoise.conventions import FloatArray
-from equipoise.errors import EquipoiseError, MotionError
+from equipoise.errors import EquipoiseError
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.prior_runs.changes import Change, estimate_with_prior_run
 from equipoise.estimator.prior_runs.prior_run import PriorRun
 from equipoise.estimator.problem import Posterior
-from equipoise.robot.inertial import InertialParameters, composite_parameters
+from equipoise.robot.inertial import composite_parameters
 
 _MORE_TIME = 15.0  # [s] on an A1, if a parameter changed and no duration is given
 _FEWEST_LIFTS = 2
@@ -42,41 +39,28 @@ class ShortRoutine(BayesianRoutine):
             MotionError: a motion failed.
         """
         self._expected = round(self._budget / Durations.of(self.stance).lift)
-        self._begin_with(self._prior_run.base_body)
+        self.standing.robot = self.robot.with_base(self._prior_run.base_body.to_pinocchio())
+        self.trials.com = composite_parameters(self.standing.robot, self.stance.joint_position).com
         for posture in opening_moves(nominal_candidates(self.robot, self.settings.combined_priors), self._prior_run):
             self._do(describe(posture), lambda posture=posture: self.trials.take_posture(posture))
         early = self._posterior(lifts_needed=False)
         largest = _LARGEST_STD * self.stance.hip_height
         if early is not None and early.robot_covariance[1:3, 1:3].trace() < largest**2:
             self._use_estimate(early)
-        find_com_fast(self.trials, self._report_search, calibrated=True)
-        self.trials.com_covariance = search_covariance(self.stance, abs(self.standing.robot.mass / self.robot.mass - 1))
+        self._search(calibrated=True)
         posterior = self._posterior()
         self._use_estimate(posterior)
         plan, done = self._rest(posterior), list[LiftDesign]()
         self._expected = len(self._recordings) + len(plan.visits) + plan.lifts
         self._visit(plan, 0, len(plan.visits), done)
-        if len(done) < _FEWEST_LIFTS and self._obstacles:
-            raise MotionError(
-                f"only {len(done)} of the planned lifts were possible: {'; '.join(self._obstacles)}",
-                tuple(self._recordings),
-            )
-
-    def _begin_with(self, base: InertialParameters) -> None:
-        self.standing.robot = self.robot.with_base(base.to_pinocchio())
-        self.trials.com = composite_parameters(self.standing.robot, self.stance.joint_position).com
+        self._refuse_few(done, _FEWEST_LIFTS)
 
     def _posterior(self, lifts_needed: bool = True) -> Posterior | None:
         try:
             motions = read_motions(self.robot, self.stance, self._recordings)
+            priors, scale = self.settings.combined_priors, self.settings.scale
             posterior, self._changes = estimate_with_prior_run(
-                self.robot,
-                self.stance,
-                motions,
-                self.settings.combined_priors,
-                self.settings.scale,
-                self._prior_run,
-                lifts_needed,
+                self.robot, self.stance, motions, priors, scale, self._prior_run, lifts_needed
             )
         except (EquipoiseError, np.linalg.LinAlgError):
             return None
@@ -85,12 +69,11 @@ class ShortRoutine(BayesianRoutine):
     def _rest(self, posterior: Posterior | None) -> Plan:
         """Plan the remaining time."""
         candidates = self._candidates()
-        information = np.linalg.inv(posterior.covariance) if posterior is not None else self._before(candidates)
-        left, goals = self._budget - self._time(), self.settings.goals
-        return plan_after_search(candidates, left, goals, np.asarray(information, dtype=float))
-
-    def _before(self, candidates: Candidates) -> FloatArray:
-        return information_before(candidates, self._prior_run, {}, self.settings.scale)
+        if posterior is None:
+            information = information_before(candidates, self._prior_run, {}, self.settings.scale)
+        else:
+            information = np.asarray(np.linalg.inv(posterior.covariance), dtype=float)
+        return plan_after_search(candidates, self._budget - self._time(), self.settings.goals, information)
 
     @property
     def _budget(self) -> float:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import importlib
-import json as json_module
 import os
 import sys
-import traceback
 import warnings
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from inspect import signature
 from typing import Any
 
 from equipoise import _version
@@ -66,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"equipoise {_version.__version__}")
         return 0
     if arguments in ([], ["-h"], ["--help"]):
-        from equipoise.terminal.lists import print_verbs
+        from equipoise.cli.overview import print_verbs
 
         groups = {group: ", ".join(GROUPS[group]) for group in GROUPS}
         print_verbs({name: words for name, (_, words) in VERBS.items()} | groups)
@@ -79,6 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _failed("UsageError", "invalid flags; see stderr", code, arguments) if code else 0
         except EquipoiseError as error:
             if "--debug" in arguments:
+                import traceback
+
                 traceback.print_exc()
             print(f"error: {error}", file=sys.stderr)
             return _failed(type(error).__name__, str(error), error.exit_code, arguments, error.details)
@@ -100,7 +99,7 @@ def _run(arguments: Sequence[str]) -> int | None:
     if name not in VERBS and name in GROUPS:
         verbs = GROUPS[name]
         if not words or words[0] in ("-h", "--help"):
-            from equipoise.terminal.lists import print_group
+            from equipoise.cli.overview import print_group
 
             print_group(name, {verb: purpose for verb, (_, purpose) in verbs.items()})
             return 0 if words else 2
@@ -125,6 +124,8 @@ def _run(arguments: Sequence[str]) -> int | None:
 
 def _switches(verb: Callable[..., Any], words: Sequence[str]) -> dict[str, bool] | None:
     """Return the flags of a verb that has only switches, without loading the parser; None for other verbs or words."""
+    from inspect import signature
+
     parameters = signature(verb).parameters
     if any(parameter.default is not False for parameter in parameters.values()):
         return None
@@ -148,9 +149,11 @@ def _failed(
     kind: str, message: str, code: int, arguments: Sequence[str], details: Mapping[str, Any] | None = None
 ) -> int:
     """Print the error as an object with --json, and return the exit code."""
+    import json
+
     from equipoise.cli.arguments import chosen
 
     if "--json" in arguments or chosen(arguments, "--format", "") == "json":
         table = {"type": kind, "message": message, "exit_code": code, **(details or {})}
-        print(json_module.dumps({"schema": "equipoise.error/1", "error": table}))
+        print(json.dumps({"schema": "equipoise.error/1", "error": table}))
     return code

@@ -25,14 +25,12 @@ from equipoise.cli.view import viewer_of
 from equipoise.errors import SettingsError
 from equipoise.method.method import Method
 from equipoise.robot.catalog import load_robot
-from equipoise.user_file import write_file
 
 if TYPE_CHECKING:
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.result.calibration import Calibration
     from equipoise.robot.model import RobotModel
 
-_REPORT_HINT = "; to retry: equipoise report {} --out FILE"
 _DEFAULT_ROBOT = "unitree_a1"
 CHOSEN: dict[type, ChosenFlags] = {Method: METHOD_FLAGS, RunTarget: TARGET_FLAGS}
 
@@ -69,12 +67,12 @@ class ShownFlags(Output):
             require_rerun()
 
     @contextmanager
-    def viewing(self, folder: RunFolder, stays: bool = True) -> Generator[None]:
-        """Show a run while it is written; with `stays`, keep serving the viewer afterwards until Enter or Ctrl-C."""
+    def viewing(self, folder: RunFolder) -> Generator[None]:
+        """Show a run while it is written, and serve it to a browser afterwards until Enter or Ctrl-C."""
         if not self.view:
             yield
             return
-        with viewer_of(folder, self.browser, stays):
+        with viewer_of(folder, self.browser):
             yield
 
     def show(self, result: Calibration, folder: RunFolder) -> None:
@@ -83,7 +81,7 @@ class ShownFlags(Output):
 
         files = [folder.path / "calibration.json"]
         if self.report:
-            files += try_to_save(result, folder.path, _REPORT_HINT.format(folder.path))
+            files += try_to_save(result, folder.path, f"; to retry: equipoise report {folder.path} --out FILE")
         if self.json:
             print(result.to_json(), end="")
         else:
@@ -94,7 +92,6 @@ def calibrate(
     robot: RobotOrNone = None,
     *,
     dry_run: Flag = False,
-    repeat: Annotated[int, arg(metavar="N")] = 1,
     resume: Annotated[Path | None, arg(metavar="RUN", help_behavior_hint="")] = None,
     out: File = None,
     fail_unless: Required = None,
@@ -117,7 +114,6 @@ def calibrate(
 
     Args:
         dry_run: Print the whole plan (postures, joint ranges, torques, duration) and move nothing.
-        repeat: Number of calibrations; with more than one, the spread of the results is reported.
         resume: Resume the run in this folder after its last complete trial, with its own settings; no others are allowed.
         out: Run folder; default runs/ROBOT-TIME.
     """
@@ -127,8 +123,6 @@ def calibrate(
 
     del resume  # handled by `_resume`
     required = read_requirements(fail_unless)
-    if repeat < 1:
-        raise SettingsError(f"--repeat is {repeat}; it must be 1 or more")
     output.check()
     model = load_robot(robot or _DEFAULT_ROBOT, description)
     if not dry_run:
@@ -142,13 +136,10 @@ def calibrate(
     if not output.silent:
         _print_settings(robot, target, method, out)
         print(model.imu.message, file=sys.stderr)
-    if repeat > 1:
-        results = _repeated(model, target, out, method, repeat, output)
-    else:
-        with new_run(target, model, out, method) as run, output.viewing(run.folder):
-            results = [run(output.silent)]
-            output.show(results[0], run.folder)
-    return max(exit_code(required, verdicts(result.composite, result.checks)) for result in results)
+    with new_run(target, model, out, method) as run, output.viewing(run.folder):
+        result = run(output.silent)
+        output.show(result, run.folder)
+    return exit_code(required, verdicts(result.composite, result.checks))
 
 
 def _resume(
@@ -219,33 +210,3 @@ def _print_settings(robot: str | None, target: RunTarget, method: Method, out: P
         load = f", payload {target.payload}" if target.payload else ""
         where = f"simulated in {target.platform}, {target.world}{load}"
     print(f"{name}, {where}, method {method.name}, into {out}", file=sys.stderr)
-
-
-def _repeated(
-    model: RobotModel, target: RunTarget, out: Path, method: Method, count: int, output: ShownFlags
-) -> list[Calibration]:
-    """Run several calibrations of one robot and print their spread; each is a complete run that can be resumed."""
-    from equipoise.calibration.repeatability import repeatability, to_dict
-    from equipoise.cli.session import new_run
-    from equipoise.terminal.several_runs import print_repeatability
-
-    results: dict[str, Calibration] = {}
-    for number in range(count):
-        if not output.silent:
-            print(f"calibration {number + 1} of {count}", file=sys.stderr)
-        folder, last = out / f"{number + 1:02d}", number + 1 == count
-        repetition = new_run(target.again(number), model, folder, method, repetition=number)
-        with repetition as run, output.viewing(run.folder, stays=last):
-            results[folder.name] = run(output.silent)
-        if output.report:
-            try_to_save(results[folder.name], folder, _REPORT_HINT.format(folder))
-    repeated = repeatability(list(results.values()))
-    table = to_dict(repeated, count)
-    write_file(out / "repeatability.json", json_module.dumps(table, indent=2) + "\n")
-    page = try_to_save(results, out, _REPORT_HINT.format(out)) if output.report else []
-    if output.json:
-        print(json_module.dumps(table, indent=2))
-    else:
-        print_repeatability(model.name, repeated, count)
-        print(f"saved: {out}" + "".join(f"\nsee {file}" for file in page))
-    return [*results.values()]

@@ -17,7 +17,6 @@ from equipoise.user_file import write_file
 if TYPE_CHECKING:
     from equipoise.bayesian.method import BayesianMethod
     from equipoise.calibration.run_folder import RunFolder
-    from equipoise.estimator.prior_runs.two_runs import ScaleReadings
     from equipoise.robot.model import RobotModel
 
 
@@ -49,12 +48,14 @@ def compare(
     headers = read_header(before), read_header(after)
     from equipoise.calibration.payload_change import find_payload_change
     from equipoise.calibration.run_folder import RunFolder
+    from equipoise.estimator.prior_runs.two_runs import ScaleReadings
     from equipoise.method.combined import base_recordings
     from equipoise.terminal.several_runs import print_payload_change
 
     folders = RunFolder(before, headers[0]), RunFolder(after, headers[1])
     robot, methods = _shared_robot(*folders), (_bayesian(folders[0]), _bayesian(folders[1]))
-    scale = _scale(methods, mass or (None, None), scale_gain_std, scale_noise_std)
+    masses = mass or (methods[0].mass, methods[1].mass)
+    scale = ScaleReadings(masses, scale_gain_std, scale_noise_std)
     first, second = (base_recordings(folder.recordings()) for folder in folders)
     change = find_payload_change(robot, first, second, scale, methods[0].combined_priors)
     truths = [folder.truth() for folder in folders]
@@ -93,12 +94,3 @@ def _bayesian(folder: RunFolder) -> BayesianMethod:
             f"{BayesianMethod.name!r}"
         )
     return method
-
-
-def _scale(
-    methods: tuple[BayesianMethod, BayesianMethod], given: tuple[float | None, float | None], gain: float, noise: float
-) -> ScaleReadings:
-    from equipoise.estimator.prior_runs.two_runs import ScaleReadings
-
-    before, after = (mass if mass is not None else method.mass for method, mass in zip(methods, given, strict=True))
-    return ScaleReadings((before, after), gain, noise)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, cast
 
 from tyro.conf import arg
@@ -128,19 +128,19 @@ def owners(flag: str, estimate_only: bool = False) -> list[str]:
     name = flag.removeprefix("no_")
     return [
         method
-        for method, kind in _methods(settings_of).items()
+        for method, kind in _settings().items()
         if not isinstance(kind, EquipoiseError)
         and name in {setting.name for setting in flags_of(kind)}
         and (not estimate_only or name in kind.estimate_only)
     ]
 
 
-def _methods(find: Callable[[str], type[Any]]) -> dict[str, type[Any] | EquipoiseError]:
-    """Return the class that a function returns for each method, or the error of a method that cannot be used."""
+def _settings() -> dict[str, type[Any] | EquipoiseError]:
+    """Return the class of each method's settings, or the error of a method that cannot be used."""
     found: dict[str, type[Any] | EquipoiseError] = {}
     for name in METHODS:
         try:
-            found[name] = find(name)
+            found[name] = settings_of(name)
         except EquipoiseError as error:  # raised again if the method is requested by name
             found[name] = error
     return found
@@ -149,6 +149,6 @@ def _methods(find: Callable[[str], type[Any]]) -> dict[str, type[Any] | Equipois
 def _summaries() -> str:
     summaries = [
         f"{name}: cannot be used here, {kind}." if isinstance(kind, EquipoiseError) else f"{name}: {kind.summary}."
-        for name, kind in _methods(method_named).items()
+        for name, kind in _settings().items()
     ]
     return " ".join([*summaries, "For the flags of a method: --method NAME --help."])

@@ -1,9 +1,25 @@
-"""Verbs that list robots and platforms. This module starts fast: it imports no NumPy and no flag parser."""
+"""Lists of verbs, robots and platforms. This module starts fast: it imports no NumPy and no flag parser."""
 
 from __future__ import annotations
 
-import dataclasses
 import json as json_module
+from collections.abc import Mapping
+
+
+def print_verbs(verbs: Mapping[str, str]) -> None:
+    """Print a line for each verb."""
+    print("Measure a quadruped's mass, centre of mass and inertia with its own sensors.\n")
+    print("  equipoise calibrate                  example: a simulated Unitree A1")
+    print("  equipoise calibrate my_robot.urdf    your robot, simulated")
+    print("  equipoise platforms                  your robot: connection and settings\n")
+    print_group("", verbs)
+
+
+def print_group(group: str, verbs: Mapping[str, str]) -> None:
+    """Print the verbs of a group, a line each."""
+    for verb, words in verbs.items():
+        print(f"  {verb:<12}  {words}")
+    print(f"\n'{' '.join(filter(None, ('equipoise', group, 'VERB')))} --help' shows the flags.")
 
 
 def robots(*, json: bool = False) -> None:
@@ -33,11 +49,12 @@ def platforms(*, json: bool = False) -> None:
         json: Print one JSON object and nothing else on stdout.
     """
     from equipoise.drivers.platforms import describe_platforms
+    from equipoise.json_form import fields_to_json
     from equipoise.terminal.lists import print_platforms
 
     rows = describe_platforms()
     if json:
-        table = [dataclasses.asdict(row) for row in rows]
+        table = [fields_to_json(row) for row in rows]
         print(json_module.dumps({"schema": "equipoise.platforms/1", "platforms": table}, indent=2))
     else:
         print_platforms(rows)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _COMPARISON = "comparison.html"
 Runs = Annotated[
     Positional[tuple[Path, ...]],
-    arg(metavar="RUN", help="Run folders, the folder of a --repeat, or JSON results of 'estimate LOG --out'."),
+    arg(metavar="RUN", help="Run folders, or JSON results of 'estimate LOG --out'."),
 ]
 
 
@@ -34,28 +34,20 @@ def report(runs: Runs, *, out: File = None, output: Output) -> None:
     Args:
         out: File to write, in an existing folder; default report.html in the run folder, or comparison.html in this folder.
     """
-    paths = [run for given in runs for run in _runs(given)]
-    if not paths:
+    if not runs:
         raise SettingsError("no run is given; name a run folder, for example runs/unitree_a1-20260101-120000")
-    for path in paths:
+    for path in runs:
         if not path.is_file():
             read_header(path)
     from equipoise.report.page import REPORT, save_comparison, save_report
 
-    if len(paths) == 1:
-        page = paths[0].with_suffix(".html") if paths[0].is_file() else paths[0] / REPORT
-        file = save_report(_estimated(paths[0]), out or page)
+    if len(runs) == 1:
+        page = runs[0].with_suffix(".html") if runs[0].is_file() else runs[0] / REPORT
+        file = save_report(_estimated(runs[0]), out or page)
     else:
-        repeated = len(runs) == 1
-        file = save_comparison(_named(paths), out or (runs[0] / REPORT if repeated else Path(_COMPARISON)))
-    table = {"schema": "equipoise.report/1", "report": str(file), "runs": [str(path) for path in paths]}
+        file = save_comparison(_named(runs), out or Path(_COMPARISON))
+    table = {"schema": "equipoise.report/1", "report": str(file), "runs": [str(path) for path in runs]}
     output.write(table, lambda: None if output.quiet else print(f"saved: {file}"))
-
-
-def _runs(path: Path) -> list[Path]:
-    """Return the run itself, or the runs in the folder of a --repeat."""
-    inside = sorted(run.parent for run in path.glob("*/run.json")) if path.is_dir() else []
-    return [path] if (path / "run.json").exists() or not inside else inside
 
 
 def _estimated(path: Path) -> Calibration:
@@ -66,7 +58,7 @@ def _estimated(path: Path) -> Calibration:
     return Calibration.load(path) if path.is_file() else RunFolder.open(path).shown()
 
 
-def _named(paths: list[Path]) -> dict[str, Calibration]:
+def _named(paths: tuple[Path, ...]) -> dict[str, Calibration]:
     """Return results by the shortest distinct end of their paths; raises SettingsError for a duplicate."""
     parts = [path.resolve().parts for path in paths]
     for count in range(1, max(len(part) for part in parts) + 1):
@@ -88,18 +80,17 @@ def _result(path: Path) -> Calibration:
     return folder.result() if folder.complete else folder.estimate()
 
 
-def try_to_save(shown: Calibration | dict[str, Calibration], path: Path, remedy: str = "") -> list[Path]:
-    """Save the page of a result, or of several for comparison; print a warning if it cannot be written.
+def try_to_save(result: Calibration, path: Path, remedy: str = "") -> list[Path]:
+    """Save the page of a result; print a warning if it cannot be written.
 
     Args:
-        shown: result, or results by name.
         path: file or folder.
         remedy: text after the warning.
     """
     try:
-        from equipoise.report.page import save_comparison, save_report
+        from equipoise.report.page import save_report
 
-        return [save_comparison(shown, path) if isinstance(shown, dict) else save_report(shown, path)]
+        return [save_report(result, path)]
     except (OutputError, MissingDependencyError) as error:
         print(f"warning: {error}{remedy}", file=sys.stderr)
         return []

@@ -124,16 +124,11 @@ def run_path(robot: RobotModel, out: Path | None) -> Path:
 
 
 @contextmanager
-def new_run(target: RunTarget, robot: RobotModel, out: Path, method: Method, **facts: Any) -> Generator[Session]:
-    """Open a session in a new run folder.
-
-    Args:
-        out: run folder.
-        facts: provenance in addition to the time and the platform.
-    """
+def new_run(target: RunTarget, robot: RobotModel, out: Path, method: Method) -> Generator[Session]:
+    """Open a session in the new run folder `out`."""
     time = datetime.now(timezone.utc).isoformat(timespec="seconds")
     with Session(target, robot, method) as session:
-        session.folder = RunFolder.create(out, session.robot, method, {"time": time, **facts, **session.facts})
+        session.folder = RunFolder.create(out, session.robot, method, {"time": time, **session.facts})
         with _resume_hint(session.folder):
             yield session
 

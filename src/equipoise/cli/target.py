@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -44,11 +43,6 @@ class RunTarget:
     def facts(self) -> Mapping[str, Any]:
         """Return the provenance that is needed to resume a run."""
         raise NotImplementedError
-
-    def again(self, number: int) -> RunTarget:
-        """Return the target of a repetition: a simulated robot has the same errors and different noise."""
-        del number
-        return self
 
     @staticmethod
     def of(folder: RunFolder) -> RunTarget:
@@ -124,10 +118,6 @@ class SimulatedTarget(RunTarget):
     def facts(self) -> Mapping[str, Any]:
         facts = {name: getattr(self, name) for name in _FACTS}
         return {**facts, "effects": self.sizes, "disabled_effects": list(self.disable_effect)}
-
-    def again(self, number: int) -> SimulatedTarget:
-        seed = self.seed if self.noise_seed is None else self.noise_seed
-        return dataclasses.replace(self, noise_seed=seed + number) if number else self
 
     def simulate(self, robot: RobotModel) -> Simulation:
         """Return the simulation of a robot."""

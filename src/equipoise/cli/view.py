@@ -127,19 +127,18 @@ def _saved(path: str) -> str:
 
 
 @contextmanager
-def viewer_of(folder: RunFolder, browser: bool, stays: bool) -> Generator[None]:
-    """Show a run while it is written into a folder.
+def viewer_of(folder: RunFolder, browser: bool) -> Generator[None]:
+    """Show a run while it is written into a folder; a page is served after the run until Enter or Ctrl-C at a terminal.
 
     Args:
         browser: true to serve a page instead of opening a window.
-        stays: true to serve it after the run, until Enter or Ctrl-C at a terminal.
     """
     from equipoise.view.viewer import BROWSER, live_viewer
 
     target = _target(browser, folder.path / RECORDING)
     with live_viewer(folder.path, target) as process:
         yield
-        if target == BROWSER and stays and sys.stdin.isatty() and process.poll() is None:
+        if target == BROWSER and sys.stdin.isatty() and process.poll() is None:
             _wait_for_enter()
     if process.returncode == 0 and Path(target).suffix == ".rrd":
         print(_saved(target), file=sys.stderr)

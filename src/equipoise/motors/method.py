@@ -53,10 +53,6 @@ class Motors(MotorsSettings, Method):
     """
 
     name: ClassVar[str] = "motors"
-    summary: ClassVar[str] = (
-        "the robot lies on its belly and swings all legs in the air, or stands and swings one after the other; friction, "
-        "rotor inertia, relative torque gain and delay of each joint, with intervals"
-    )
     estimates: ClassVar[tuple[str, ...]] = ()
 
     def check(self, robot: RobotModel, stance: Stance) -> None:

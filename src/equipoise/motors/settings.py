@@ -22,6 +22,10 @@ class MotorsSettings:
         motor_stance: "belly" with all legs up, "three-feet" with one leg up, or "auto": belly if its legs can turn up.
     """
 
+    summary: ClassVar[str] = (
+        "the robot lies on its belly and swings all legs in the air, or stands and swings one after the other; friction, "
+        "rotor inertia, relative torque gain and delay of each joint, with intervals"
+    )
     estimate_only: ClassVar[tuple[str, ...]] = ()
 
     motor_time: float = 10.0

@@ -53,10 +53,6 @@ class PaperMethod(PaperSettings, Method):
     """
 
     name: ClassVar[str] = "paper"
-    summary: ClassVar[str] = (
-        "bisection determines the planar centre of mass (Algorithms 1 and 2), excitations determine moments of inertia "
-        "(equations 2 to 5)"
-    )
     estimates: ClassVar[tuple[str, ...]] = ("com_x", "com_y")
     # Twice the default step changes the estimates by less than a tenth of their errors (`make bench-speed`). A longer
     # step would make contacts softer.

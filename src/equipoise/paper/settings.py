@@ -110,6 +110,10 @@ class PaperSettings:
         excitation: step 2.
     """
 
+    summary: ClassVar[str] = (
+        "bisection determines the planar centre of mass (Algorithms 1 and 2), excitations determine moments of inertia "
+        "(equations 2 to 5)"
+    )
     estimate_only: ClassVar[tuple[str, ...]] = ("feet",)
 
     feet: Literal["measured", "commanded"] = "measured"

@@ -23,7 +23,6 @@ from equipoise.result.body import BODIES, Body
 from equipoise.result.findings import Check, JointFindings, Link, Motor, SensorFinding
 from equipoise.result.held_out import HeldOut
 from equipoise.result.mass_comparison import MassComparison
-from equipoise.result.notebook import notebook_table
 from equipoise.result.quantity import Quantity
 from equipoise.result.requirements import verdicts
 from equipoise.result.uncertainty import UncertaintySource
@@ -288,10 +287,6 @@ class Calibration:
             for index, axis in enumerate(AXES)
             if axis in self.moments and (moment := self.moments[axis].value) is not None
         }
-
-    def _repr_html_(self) -> str:
-        """Return the HTML table of the whole robot, with warnings."""
-        return notebook_table(self.robot, self.method, self.composite, self.warnings)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from equipoise.result.quantity import Quantity
@@ -34,16 +34,6 @@ class SensorFinding:
     def half_width(self) -> float:
         """Half width of the 95 % interval, in the unit of the value."""
         return NORMAL_95 * self.std
-
-
-_COULOMB_FRICTION = Quantity("coulomb_friction", "Nm")
-_VISCOUS_FRICTION = Quantity("viscous_friction", "Nm s/rad")
-_STRIBECK_FRICTION = Quantity("stribeck_friction", "Nm")
-_ARMATURE = Quantity("armature", "kg m2")
-_RELATIVE_GAIN = Quantity("relative_gain", "1")
-_DELAY = Quantity("delay", "s")
-_OFFSET = Quantity("offset", "rad")
-_TORQUE_GAIN = Quantity("torque gain", "1")
 
 
 Found = TypeVar("Found", bound="Part")
@@ -83,18 +73,13 @@ class Motor(Part):
             computed.
     """
 
-    coulomb_friction: Quantity = _COULOMB_FRICTION
-    viscous_friction: Quantity = _VISCOUS_FRICTION
-    stribeck_friction: Quantity = _STRIBECK_FRICTION
-    armature: Quantity = _ARMATURE
-    relative_gain: Quantity = _RELATIVE_GAIN
-    delay: Quantity = _DELAY
+    coulomb_friction: Quantity = field(default=Quantity("coulomb_friction", "Nm"))
+    viscous_friction: Quantity = field(default=Quantity("viscous_friction", "Nm s/rad"))
+    stribeck_friction: Quantity = field(default=Quantity("stribeck_friction", "Nm"))
+    armature: Quantity = field(default=Quantity("armature", "kg m2"))
+    relative_gain: Quantity = field(default=Quantity("relative_gain", "1"))
+    delay: Quantity = field(default=Quantity("delay", "s"))
     residual: float | None = None
-
-
-_MASS = Quantity("mass", "kg")
-_MOMENT_X, _MOMENT_Y, _MOMENT_Z = (Quantity(f"moment_{axis}", "kg m") for axis in "xyz")
-_LENGTH = Quantity("length", "m")
 
 
 @dataclass(frozen=True)
@@ -109,11 +94,11 @@ class Link(Part):
         length: distance, perpendicular to the joint's axis, to the next joint or to the foot centre [m].
     """
 
-    mass: Quantity = _MASS
-    moment_x: Quantity = _MOMENT_X
-    moment_y: Quantity = _MOMENT_Y
-    moment_z: Quantity = _MOMENT_Z
-    length: Quantity = _LENGTH
+    mass: Quantity = field(default=Quantity("mass", "kg"))
+    moment_x: Quantity = field(default=Quantity("moment_x", "kg m"))
+    moment_y: Quantity = field(default=Quantity("moment_y", "kg m"))
+    moment_z: Quantity = field(default=Quantity("moment_z", "kg m"))
+    length: Quantity = field(default=Quantity("length", "m"))
 
     @property
     def moment(self) -> tuple[Quantity, Quantity, Quantity]:
@@ -130,8 +115,8 @@ class JointFindings(Motor):
         torque_gain: ratio of true to reported torque, minus one.
     """
 
-    offset: Quantity = _OFFSET
-    torque_gain: Quantity = _TORQUE_GAIN
+    offset: Quantity = field(default=Quantity("offset", "rad"))
+    torque_gain: Quantity = field(default=Quantity("torque gain", "1"))
 
     @classmethod
     def of(cls, joint: str, errors: Mapping[str, SensorFinding], motor: Motor | None = None) -> JointFindings:

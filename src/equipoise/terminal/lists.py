@@ -1,8 +1,8 @@
-"""Lists of verbs, robots and platforms in the terminal."""
+"""Lists of robots and platforms in the terminal."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, cast
 
 from rich.console import Console
@@ -11,24 +11,6 @@ from rich.markup import escape
 from equipoise.drivers.platforms import PlatformRow
 from equipoise.robot.catalog import CatalogEntry
 from equipoise.terminal.rich_tables import show_table
-
-
-def print_verbs(verbs: Mapping[str, str]) -> None:
-    """Print a line for each verb."""
-    console = Console(highlight=False)
-    console.print("Measure a quadruped's mass, centre of mass and inertia with its own sensors.\n")
-    console.print("  equipoise calibrate                  example: a simulated Unitree A1")
-    console.print("  equipoise calibrate my_robot.urdf    your robot, simulated")
-    console.print("  equipoise platforms                  your robot: connection and settings\n")
-    print_group("", verbs)
-
-
-def print_group(group: str, verbs: Mapping[str, str]) -> None:
-    """Print the verbs of a group, a line each."""
-    console = Console(highlight=False)
-    for verb, words in verbs.items():
-        console.print(f"  [bold]{verb:<12}[/bold]  {words}")
-    console.print(f"\n'{' '.join(filter(None, ('equipoise', group, 'VERB')))} --help' shows the flags.")
 
 
 def print_robots(rows: Collection[CatalogEntry]) -> None:

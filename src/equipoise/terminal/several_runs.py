@@ -1,14 +1,12 @@
-"""Comparison of two runs, and spread of repeated calibrations, in the terminal."""
+"""Comparison of two runs in the terminal."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
 
-from equipoise.calibration.repeatability import Repeated
 from equipoise.figures.blocks import number
 from equipoise.figures.numbers import numbers_of, numbers_table
 from equipoise.result.legend import verdict_message
@@ -27,7 +25,6 @@ _CHANGES = {
     "no change": "no change: the interval contains zero and is narrow",
     "not identified": "not identified: the interval contains zero and is wide",
 }
-_TOO_MUCH = 2.0  # ratio of spread to std, for a few repetitions
 
 
 def print_payload_change(change: PayloadChange) -> None:
@@ -47,26 +44,3 @@ def print_payload_change(change: PayloadChange) -> None:
     show_table("Whole robot at its stance, after minus before", ["parameter", "|change", "|95 % +-", ""], rows)
     meanings = verdict_message(change.change, _CHANGES)
     console.print(f"CoM from the origin of the base link, inertia about the CoM. {meanings}")
-
-
-def print_repeatability(robot: str, repeated: Sequence[Repeated], count: int) -> None:
-    """Print the spread of repeated results, and their reported std."""
-    console = Console()
-    by_name = {one.quantity.name: one for one in repeated}
-    rows: list[list[str]] = []
-    for name, label, factor, form in ROWS:
-        if (one := by_name.get(name)) is not None:
-            finer = f".{int(form[1]) + 1}f"
-            mean, std = number(one.quantity.value, factor, form), number(one.quantity.std, factor, finer)
-            rows.append([label, mean, number(one.spread, factor, finer), std, number(one.ratio, 1, ".2f")])
-    heads = ["parameter", "|mean", "|spread (std)", "|reported std", "|spread / std"]
-    show_table(f"{robot}: {count} calibrations", heads, rows)
-    worst = [one for one in repeated if one.ratio is not None and one.ratio > _TOO_MUCH]
-    if worst:
-        names = ", ".join(one.quantity.name for one in worst)
-        console.print(f"{names}: the spread exceeds the reported std; something changes between the runs.")
-    else:
-        console.print(
-            "Intervals also cover errors that are the same in each run (joint offsets, scale error); repetition does not "
-            "show these."
-        )

@@ -58,7 +58,7 @@ class Candidates:
     """Possible lifts and stance motions, with the information of each.
 
     Attributes:
-        com_covariance: (3, 3) covariance of the CoM in the base frame, as for `check_lift` [m2].
+        com_covariance: (3, 3) covariance of the CoM in the base frame, as for `LiftChecks` [m2].
         swings: True if lifted feet may swing, which determines the leg masses.
         lifts: possible lifts.
         postures: postures of stance motions, from the first posture.
