@@ -541,6 +541,16 @@ def test_messages_lost_inside_the_robot_are_a_fault_once_they_get_lost(a1):
         link.close()
 
 
+def test_a_motor_in_the_cold_is_not_hot(a1):
+    link = open_connection(a1, UnitreeDdsSettings(interface="lo", domain=unused_domain()))
+    try:
+        message = Message(STATE)
+        message.record["motor_state"]["temperature"][:12] = 256 - 5  # the byte of -5
+        assert np.array_equal(link._examine(message.record, 5.0).motor_temperature, np.full(12, -5.0))
+    finally:
+        link.close()
+
+
 def test_a_robot_with_other_legs_is_refused(two_jointed):
     with pytest.raises(SettingsError, match="unitree-go2 has 12 joints, three per leg"):
         open_connection(two_jointed, UnitreeDdsSettings(interface="lo"))

@@ -139,33 +139,6 @@ def tilt_of(robot: RobotModel, recording: Recording, trial: CommandedLift) -> Ti
     return Tilt(about_line, abs(float(turned @ normal)), verdict, rise, rise >= 0.5 * trial.lift_height)
 
 
-def tilt_curve(robot: RobotModel, recording: Recording, diagonal: str, points: int) -> tuple[FloatArray, FloatArray]:
-    """Return the rotation about the support line over time, whose end is the result of `tilt_of`.
-
-    Args:
-        recording: recording with phases "rest", "unload" and "lower".
-        diagonal: diagonal that the robot stood on.
-        points: largest number of points.
-
-    Returns:
-        (n,) times since the rest [s], and (n,) rotations of the CoM about l, positive forward [rad].
-    """
-    rest = rest_of(robot, recording)
-    lifted = recording.phase(Phase.UNLOAD, until=Phase.LOWER)
-    imu, joints = lifted.imu, lifted.joints
-    turning = (imu.angular_velocity_in_imu - rest.gyro_bias) @ np.array(robot.imu_in_base.rotation).T
-    steps = (turning[1:] + turning[:-1]) / 2 * np.diff(imu.time)[:, None]
-    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-    before, height = _lean(robot, rest.joint_position, rest.up_in_base, diagonal)
-    shown = np.unique(np.linspace(0, len(joints.time) - 1, points).astype(int))
-    angles: list[float] = []
-    turned_until = np.minimum(np.searchsorted(imu.time, joints.time[shown]), len(turned) - 1)
-    for so_far, position in zip(turned[turned_until], joints.position[shown], strict=True):
-        up = rest.up_in_base - np.cross(so_far, rest.up_in_base)
-        angles.append((_lean(robot, position, up / np.linalg.norm(up), diagonal)[0] - before) / height)
-    return joints.time[shown] - joints.time[0], np.array(angles)
-
-
 def support_plane_of(robot: RobotModel, recording: Recording, diagonal: str, stance: FloatArray) -> SupportPlane:
     """Return the measured support plane of a lift trial, transferred to the nominal stance.
 
