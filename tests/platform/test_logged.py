@@ -100,21 +100,23 @@ def test_ctrl_c_while_the_log_is_written_loses_no_motion(platform, log, monkeypa
     assert len(caught.value.recording.joints.time) == 40
 
 
-def test_each_step_is_logged_as_a_motion_of_one_command(platform, log):
+def test_steps_are_logged_a_quarter_of_a_second_at_a_time(platform, log):
     here = platform.read().joint_position
     states = [platform.read()]
-    for step in range(30):
+    for step in range(300):
         states.append(platform.step(JointCommand(here + 1e-4 * step)))
-        assert len(logged(log)) == step + 1
+        assert len(logged(log)) == (0 if step < 124 else 1)
+    (play,) = logged(log)
+    assert len(play.recording.joints.time) == 250
     platform.play(wave(platform, 20))
-    *plays, motion = logged(log)
+    steps, motion = logged(log)
     assert len(motion.recording.joints.time) == 20
-    steps = Recording.concatenate([play.recording for play in plays])
-    assert np.array_equal(steps.commands.position, here + 1e-4 * np.arange(30)[:, None])
-    assert np.array_equal(steps.joints.position, [state.joint_position for state in states[:-1]])
+    assert len(steps.recording.joints.time) == 300
+    assert np.array_equal(steps.recording.commands.position, here + 1e-4 * np.arange(300)[:, None])
+    assert np.array_equal(steps.recording.joints.position, [state.joint_position for state in states[:-1]])
     platform.step(JointCommand(here))
     platform.close()
-    assert len(logged(log)) == 32
+    assert len(logged(log)) == 3
     assert isinstance(Recording.concatenate([play.recording for play in logged(log)]), Recording)  # no moment twice
 
 

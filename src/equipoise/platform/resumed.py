@@ -7,7 +7,6 @@ return to its last state. A real robot stands still meanwhile.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
 
 import numpy as np
 
@@ -25,37 +24,7 @@ _REJOINING_TIME = 2.0  # [s]
 _SAME_COMMAND = 1e-4  # [rad]
 
 
-class _Resumed(PlatformWrapper):
-    """Platform of a run that continues after stored motions."""
-
-    def __init__(self, live: Platform, content: LogContent, stored: Iterable[Play]) -> None:
-        super().__init__(live)
-        self._content, self._stored = content, deque(stored)
-
-    def _next_stored(self, trajectory: Trajectory) -> Play:
-        """Return the next stored motion; raise RecordingError if its commands are not those of a trajectory."""
-        stored = self._stored.popleft()
-        commands = stored.recording.commands
-        sent = trajectory.position[:0] if commands is None else commands.position
-        asked = trajectory.position[: len(sent)]
-        same = stored.commands == len(trajectory.position) and sent.shape == asked.shape
-        if not (same and np.abs(sent - asked).max(initial=0.0) <= _SAME_COMMAND):
-            raise RecordingError(
-                f"the commands of {self._described(stored)} differ from the recorded ones: the settings, or the version of "
-                "equipoise or of the simulator, have changed; resume with the original ones, or begin a new run"
-            )
-        return stored
-
-    def _described(self, play: Play) -> str:
-        """Return the name of a motion for messages."""
-        if play.trial is None:
-            return "standing up"
-        trial = next(begun.recording.trial for begun in self._content.plays if begun.trial == play.trial)
-        name = "motion" if trial is None else f"{trial.kind} {trial.about}".strip()
-        return f"trial {play.trial} ({name})"
-
-
-class RepeatedSimulation(_Resumed):
+class RepeatedSimulation(PlatformWrapper):
     """Simulated robot that repeats a run's motions, and then continues.
 
     Args:
@@ -68,23 +37,25 @@ class RepeatedSimulation(_Resumed):
     """
 
     def __init__(self, live: Platform, again: Platform, content: LogContent) -> None:
-        super().__init__(live, content, content.complete_plays)
-        self._again = again
+        super().__init__(live)
+        self._again, self._content = again, content
+        self._stored = deque(content.complete_plays)
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
         if not self._stored:
             return super().play(trajectory, stop)
-        stored = self._next_stored(trajectory)
+        stored = self._stored.popleft()
+        _check_commands(self._content, stored, trajectory)
         recording = self._again.play(trajectory, stop)
         if not recording.equals(stored.recording):
             raise RecordingError(
-                f"{self._described(stored)} differs from its recording: a simulation repeats exactly only with the "
+                f"{_described(self._content, stored)} differs from its recording: a simulation repeats exactly only with the "
                 "same versions of equipoise and MuJoCo on the same kind of machine; begin a new run"
             )
         return recording
 
 
-class ResumedRobot(_Resumed):
+class ResumedRobot(PlatformWrapper):
     """Real robot that stands up, skips the recorded motions of a run, and then continues.
 
     Before it continues, it moves smoothly to the beginning of the next motion, all feet on the floor.
@@ -98,14 +69,18 @@ class ResumedRobot(_Resumed):
     """
 
     def __init__(self, live: Platform, content: LogContent) -> None:
-        super().__init__(live, content, (play for play in content.complete_plays if play.trial is not None))
+        super().__init__(live)
+        self._content = content
+        self._stored = deque(play for play in content.complete_plays if play.trial is not None)
         self._skipped = False  # whether motions were skipped since the robot last moved
         self._sent: Trajectory | None = None  # the last command
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
         if self._stored and (self._skipped or any(event.name == TRIAL for event in trajectory.events)):
             self._skipped = True
-            return self._next_stored(trajectory).recording
+            stored = self._stored.popleft()
+            _check_commands(self._content, stored, trajectory)
+            return stored.recording
         if self._skipped:
             self._move(self._way_to(trajectory))
             self._skipped = False
@@ -129,3 +104,24 @@ class ResumedRobot(_Resumed):
             torque = (1 - share) * before + share * trajectory.torque[:1]
         position = (1 - share) * start.position + share * trajectory.position[:1]
         return Trajectory(position, torque=torque, events=(Event(0.0, PHASE, {"name": Phase.RESUME}),))
+
+
+def _check_commands(content: LogContent, stored: Play, trajectory: Trajectory) -> None:
+    commands = stored.recording.commands
+    sent = trajectory.position[:0] if commands is None else commands.position
+    asked = trajectory.position[: len(sent)]
+    same = stored.commands == len(trajectory.position) and sent.shape == asked.shape
+    if not (same and np.abs(sent - asked).max(initial=0.0) <= _SAME_COMMAND):
+        raise RecordingError(
+            f"the commands of {_described(content, stored)} differ from the recorded ones: the settings, or the version of "
+            "equipoise or of the simulator, have changed; resume with the original ones, or begin a new run"
+        )
+
+
+def _described(content: LogContent, play: Play) -> str:
+    """Return the name of a motion for messages."""
+    if play.trial is None:
+        return "standing up"
+    trial = next(begun.recording.trial for begun in content.plays if begun.trial == play.trial)
+    name = "motion" if trial is None else f"{trial.kind} {trial.about}".strip()
+    return f"trial {play.trial} ({name})"
