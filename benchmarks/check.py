@@ -1,7 +1,8 @@
 """Repeats random rows of all pages: `make bench-check`. Fails if one differs by more than the allowed standard deviations.
 
 Rows are repeated that have errors with standard deviations, of robots and programs that this machine has. Rounding of another
-processor may change a plan, and with it a row by some standard deviations.
+processor may change a plan, and with it a row by some standard deviations. A page without standard deviations is confirmed by
+rows whose numbers are all the same.
 
     python benchmarks/check.py --confirm accuracy robots --rows 8    # if equal, the pages become current: `provenance.py`
 """
@@ -9,6 +10,7 @@ processor may change a plan, and with it a row by some standard deviations.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import random
 import sys
@@ -23,22 +25,35 @@ EQUAL = 1e-4  # [std]; rows are kept with six digits
 MOST_TRIES = 5  # rows that may turn out to need something that this machine does not have, per repeated row
 
 
-def repeatable(page_name: str = "*") -> Iterator[tuple[Table, Row]]:
-    """Yield all rows with a standard deviation, of a page or of all pages, and their tables."""
-    for file in sorted(RESULTS.glob(f"{page_name}.jsonl")):
-        page: Page = import_module(file.stem).PAGE
-        by_name = {table.name: table for table in page.tables}
-        for row in page.read().values():
-            table = by_name.get(row["key"].split("/")[0])
-            if table is not None and not table.alone and "sd" in row:
-                yield table, row
+def repeatable() -> Iterator[tuple[Table, Row]]:
+    """Yield all rows with a standard deviation, and their tables."""
+    for file in sorted(RESULTS.glob("*.jsonl")):
+        yield from ((table, row) for table, row in rows_of(file.stem) if "sd" in row)
+
+
+def rows_of(page_name: str) -> Iterator[tuple[Table, Row]]:
+    """Yield the rows of a page that can be made beside each other, and their tables."""
+    page: Page = import_module(page_name).PAGE
+    by_name = {table.name: table for table in page.tables}
+    for row in page.read().values():
+        table = by_name.get(row["key"].split("/")[0])
+        if table is not None and not table.alone:
+            yield table, row
 
 
 def change(table: Table, row: Row) -> float | str | None:
-    """Return the largest change of a repeated row's errors [standard deviations], its error, or None if it was not tried."""
+    """Return the largest change of a repeated row, its error, or None if it was not tried.
+
+    Returns:
+        Change of its errors [standard deviations]; without standard deviations zero if all numbers are the same, or else
+        infinity.
+    """
     again = table.row(tuple(row["case"]), "")
     if again is None or "failed" in again:
         return None if again is None else again["failed"]
+    if "sd" not in row:
+        same = json.loads(json.dumps({**again, "commit": row["commit"]})) == row
+        return 0.0 if same else np.inf
     before, now, sd = (
         np.array([np.nan if value is None else value for value in of], dtype=float)
         for of in (row["error"], again["error"], row["sd"])
@@ -48,7 +63,8 @@ def change(table: Table, row: Row) -> float | str | None:
 
 def confirmed(name: str, count: int) -> bool:
     """Repeat random rows of a page; note it on the page if none differs by more than rounding."""
-    rows = list(repeatable(name))
+    rows = list(rows_of(name))
+    rows = [(table, row) for table, row in rows if "sd" in row] or rows
     chosen = random.sample(rows, min(count, len(rows)))
     with workers(os.cpu_count() or 1) as pool:
         found = list(pool.map(change, *zip(*chosen, strict=True))) if chosen else []
