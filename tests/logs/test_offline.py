@@ -257,7 +257,7 @@ def test_a_foreign_bag_from_the_command_line(bag, bayesian_run, tmp_path, capsys
     ):  # fmt: skip
         assert part in shown, part
     assert f"see {tmp_path / 'found.html'}" in shown
-    assert "3D view" in (tmp_path / "found.html").read_text(encoding="utf-8")
+    assert "Around the centre of mass" in (tmp_path / "found.html").read_text(encoding="utf-8")
     saved = json.loads(out.read_text())
     assert saved["provenance"]["log"] == str(bag)
     truth = bayesian_run.truth.composite
