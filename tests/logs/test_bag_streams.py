@@ -22,9 +22,9 @@ def message(stamp, names, position, velocity=()):
     return bytes(TYPES.serialize_cdr(made, JOINT_STATE))
 
 
-def gathered(batches):
+def gathered(batches, room=10_000):
     """Clock and joints of a topic of batches of (times, bodies)."""
-    topic = GatheredTopic("/joint_states", JOINT_STATE, known_types())
+    topic = GatheredTopic("/joint_states", JOINT_STATE, known_types(), room)
     for times, bodies in batches:
         for received, body in zip(times, bodies, strict=True):
             topic.take(received, body)
@@ -58,6 +58,14 @@ def test_messages_are_put_in_order_of_receipt(batches):
     clock, joints = gathered([(list(reversed(times)), list(reversed(bodies)))])
     np.testing.assert_array_equal(clock.received, np.arange(5000))
     np.testing.assert_array_equal(joints.position[:, 0], np.arange(5000))
+
+
+@pytest.mark.parametrize("room", [0, 3000])
+def test_a_topic_may_have_more_messages_than_the_bag_states(batches, room):
+    whole, cramped = gathered(batches)[1], gathered(batches, room)[1]
+    np.testing.assert_array_equal(whole.position, cramped.position)
+    np.testing.assert_array_equal(whole.velocity, cramped.velocity)
+    assert len(cramped.position) == 10_000
 
 
 def test_messages_that_alternate_keep_their_places(batches):

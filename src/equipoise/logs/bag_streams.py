@@ -6,12 +6,13 @@ of a long log would not fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.errors import RecordingError
 from equipoise.logs.cdr_arrays import Messages, read_messages
@@ -36,36 +37,33 @@ class GatheredTopic:
         topic: name of the topic.
         message_type: type of the messages.
         types: field definitions by type.
+        room: number of messages that the bag states.
 
     Attributes:
         frame: frame that the first message names.
     """
 
-    def __init__(self, topic: str, message_type: str, types: Mapping[str, Any]) -> None:
-        self.topic, self.type, self.frame, self._types = topic, message_type, "", types
+    def __init__(self, topic: str, message_type: str, types: Mapping[str, Any], room: int) -> None:
+        self.topic, self.type, self.frame, self._types, self._room = topic, message_type, "", types, room
         self._received: list[int] = []
-        self._bodies: list[bytes] = []  # of messages that are not converted yet
-        self._parts: list[tuple[NDArray[np.intp], Arrays]] = []  # converted messages: their indices and numbers
-        self._count = 0  # of converted messages
+        self._bodies: list[bytes] = []  # of messages that are not in the tables yet
+        self._tables: Arrays = {}
+        self._count = 0  # of messages in the tables
 
     def take(self, received: int, body: bytes) -> None:
         """Add a message, with its time of receipt [ns]."""
         self._received.append(received)
         self._bodies.append(body)
         if len(self._bodies) >= _BATCH:
-            self._convert()
+            self._read()
 
     def streams(self) -> tuple[Stamps, RawJoints | None, RawImu | None]:
         """Return all messages in order of receipt: clock, joints and IMU. The times of joints and IMU are still empty."""
-        self._convert()
-        keys = dict.fromkeys(key for _, arrays in self._parts for key in arrays)
-        names = tuple(dict.fromkeys(joint for _, joint in keys if joint))
-        shared = dict.fromkeys(["received", *(quantity for quantity, joint in keys if not joint)])
-        whole = {quantity: self._table(quantity) for quantity in shared}
-        for quantity in _OF_JOINTS:
-            columns = [self._table(quantity, name) for name in names]
-            if not all(np.isnan(column).all() for column in columns):
-                whole[quantity] = np.column_stack(columns)
+        self._read()
+        names = tuple(dict.fromkeys(joint for _, joint in self._tables if joint))
+        shared = {quantity for quantity, joint in self._tables if not joint}
+        whole = {quantity: self._tables.pop((quantity, ""))[: self._count] for quantity in shared}
+        whole |= {quantity: table for quantity in _OF_JOINTS if (table := self._stacked(quantity, names)) is not None}
         if (np.diff(whole["received"]) < 0).any():  # as a recorder with several threads writes them
             order = np.argsort(whole["received"], kind="stable")
             whole = {quantity: table[order] for quantity, table in whole.items()}
@@ -81,31 +79,43 @@ class GatheredTopic:
             imu = RawImu(empty, whole["gyroscope"], whole["accelerometer"], whole.get("orientation"))
         return clock, joints, imu
 
-    def _convert(self) -> None:
-        """Convert the messages that were taken last."""
-        received = np.array(self._received, dtype=np.int64)
+    def _read(self) -> None:
+        """Put the messages that were taken last into the tables."""
+        end = self._count + len(self._bodies)
+        if end > self._room:  # metadata may be older than the bag
+            self._room = 2 * end
+            self._tables = {key: self._table(key, table[: self._count]) for key, table in self._tables.items()}
+        for key, table in self._tables.items():
+            table[self._count : end] = _missing(key)
         for group in read_messages(self._types, self.type, self._bodies):
-            if not self._parts:
+            if not self._tables:
                 self.frame = group.texts.get("header.frame_id", "")
-            arrays = {("received", ""): received[group.rows], **_ARRAYS[self.type](self, group)}
-            copies = {key: np.array(values, dtype=_kind(key[0])) for key, values in arrays.items()}
-            self._parts.append((self._count + group.rows, copies))
-        self._count += len(self._bodies)
-        self._received, self._bodies = [], []
+            for key, values in _ARRAYS[self.type](self, group).items():
+                self._put(key, self._count + group.rows, values)
+        self._put(("received", ""), np.arange(self._count, end), np.array(self._received))
+        self._count, self._received, self._bodies = end, [], []
 
-    def _table(self, quantity: str, joint: str = "") -> NDArray[Any]:
-        """Return a quantity of all messages, NaN or zero where a message lacks it. Its parts are removed."""
-        parts = [(rows, arrays.pop((quantity, joint))) for rows, arrays in self._parts if (quantity, joint) in arrays]
-        shape = parts[0][1].shape[1:] if parts else ()
-        kind = _kind(quantity)
-        table = np.full((self._count, *shape), np.nan if kind is float else 0, dtype=kind)
-        for rows, values in parts:
-            table[rows] = values
+    def _put(self, key: tuple[str, str], rows: NDArray[np.intp], values: NDArray[Any]) -> None:
+        if key not in self._tables:
+            before = np.full((self._count + len(self._bodies), *values.shape[1:]), _missing(key))
+            self._tables[key] = self._table(key, before)
+        self._tables[key][rows] = values
+
+    def _table(self, key: tuple[str, str], rows: NDArray[Any]) -> NDArray[Any]:
+        """Return a table that begins with some rows; the rest takes no memory until it is written."""
+        table = np.empty((self._room, *rows.shape[1:]), np.int64 if key[0] in _WHOLE_NUMBERS else float)
+        table[: len(rows)] = rows
         return table
 
+    def _stacked(self, quantity: str, names: Sequence[str]) -> FloatArray | None:
+        """Return a quantity of all joints, NaN where a message lacks it; None if all do. Its columns are removed."""
+        missing = np.full(self._count, np.nan)
+        columns = [self._tables.pop((quantity, name), missing)[: self._count] for name in names]
+        return None if all(np.isnan(column).all() for column in columns) else np.column_stack(columns)
 
-def _kind(quantity: str) -> type[float] | type[np.int64]:
-    return np.int64 if quantity in _WHOLE_NUMBERS else float
+
+def _missing(key: tuple[str, str]) -> float:
+    return 0 if key[0] in _WHOLE_NUMBERS else np.nan
 
 
 def _joint_states(topic: GatheredTopic, of: Messages) -> Arrays:

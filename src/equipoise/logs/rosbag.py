@@ -77,7 +77,7 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
             kind, count = found.get(name, (info.msgtype or "", 0))
             found[name] = kind, count + info.msgcount
         joint_topic, imu_topic, command_topic = chosen = choose_topics(found, wanted, findings)
-        gathered = {topic: GatheredTopic(topic, found[topic][0], types) for topic in chosen if topic}
+        gathered = {topic: GatheredTopic(topic, found[topic][0], types, found[topic][1]) for topic in chosen if topic}
         for reader in readers:
             _gather(reader, gathered, types)
     if joint_topic is None or imu_topic is None:
