@@ -275,7 +275,7 @@ def nominal_spec(robot: RobotModel, stance: Stance) -> mujoco.MjSpec:
     sizes = dataclasses.replace(IDEAL, floor_friction=REALISTIC.floor_friction)
     errors = DrawnErrors.draw(sizes, len(robot.joint_names), 0)
     spec = mujoco_model._read(robot.source)
-    base = mujoco_model._floating_base(spec, robot)
+    base = mujoco_model._floating_base(spec)
     mujoco_model._strip(spec)
     mujoco_model._weld_locked_joints(spec, robot)
     add_contacts(spec, robot, stance, base, errors, LegErrors.of(robot, stance, errors), "default")
