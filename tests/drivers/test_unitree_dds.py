@@ -545,7 +545,7 @@ def test_a_motor_in_the_cold_is_not_hot(a1):
     link = open_connection(a1, UnitreeDdsSettings(interface="lo", domain=unused_domain()))
     try:
         message = Message(STATE)
-        message.record["motor_state"]["temperature"][:12] = 256 - 5  # the byte of -5
+        message.record["motor_state"]["temperature"].view(np.uint8)[:12] = 256 - 5  # the byte of -5
         assert np.array_equal(link._examine(message.record, 5.0).motor_temperature, np.full(12, -5.0))
     finally:
         link.close()

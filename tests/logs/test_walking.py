@@ -249,6 +249,10 @@ def test_a_walk_is_written_and_read():
     assert read_trial(trial.to_data()) == trial
     with pytest.raises(RecordingError, match="are not two or three legs"):
         read_trial({**trial.to_data(), "steps": [{"standing": ["RR", "FL"], "start": 0, "end": 1}]})
+    with pytest.raises(RecordingError, match="are not two or three legs"):
+        read_trial({**trial.to_data(), "steps": [{"standing": ["FL"], "start": 0, "end": 1}]})
+    with pytest.raises(RecordingError, match="a walk has steps on 2 feet"):
+        read_trial({**trial.to_data(), "steps": [{"standing": ["FL", "FR", "RL"], "start": 0, "end": 1}]})
 
 
 def swaying(bias=(0.0, 0.0, 0.0), seconds=20.0):

@@ -130,7 +130,8 @@ class Unknowns:
     def prior(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Return the prior mean and covariance of a block, in units of the table's prior."""
         within = slice(self[name].start - self.tabled.start, self[name].stop - self.tabled.start)
-        return self.tabled_prior.mean[within], self.tabled_prior.covariance[within, within]
+        tabled = self.tabled_prior
+        return tabled.mean[within], tabled.covariance[within, within]
 
     def with_prior(self, run_prior: PriorDistribution) -> Unknowns:
         """Return a copy with the prior from a prior run."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.estimator.equations.equation import Equation, MotionResidual, MotionSamples
+from equipoise.estimator.equations.imu_position import ExcitationSamples, imu_by_excitation
 from equipoise.estimator.equations.table import USUAL
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.equations.torque_balance import TorqueBalance
@@ -80,6 +81,15 @@ class Posterior:
     def residuals_of(self, equation: type[Equation[Any]]) -> tuple[MotionResidual, ...]:
         """Return the residuals of the motions of an equation; empty if there are none."""
         return self.normalized_residuals.get(equation, ())
+
+    @cached_property
+    def imu_by_excitation(self) -> tuple[FloatArray, FloatArray] | None:
+        """IMU position less the model's from the run's first excitation, and its std [m]; None if there is none."""
+        excitations = [excitation for motion in self.motions for excitation in motion.of(ExcitationSamples)]
+        if not excitations:
+            return None
+        unknowns, values = self.unknowns, self.unknowns.values(self.x)
+        return imu_by_excitation(unknowns.robot, unknowns.legs, excitations[0], values, unknowns.stance.scale)
 
     @cached_property
     def robot_body(self) -> InertialParameters:

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
+from equipoise.recording.cdr import record_type
+
 _HEAD = 4  # bytes before every message: its encoding
 _NUMBERS = {
     "bool": "u1", "byte": "u1", "octet": "u1", "char": "u1", "uint8": "u1", "int8": "i1", "uint16": "u2", "int16": "i2",
@@ -65,7 +67,7 @@ def read_messages(types: Mapping[str, Any], message_type: str, bodies: Sequence[
             alike = ~differing.any(axis=1) if differing.max(initial=0) else np.ones(len(rows), dtype=bool)
             chosen = data if alike.all() else np.ascontiguousarray(data[alike])
             records = chosen.view(walk.record(length))[:, 0]
-            numbers = {name: records[name] for name in walk.names}
+            numbers = {name: records[name] for name in walk.fields}
             groups.append(Messages(rows[alike], numbers, walk.texts))
             rows, data = rows[~alike], data[~alike]
     return groups
@@ -75,7 +77,7 @@ class _Walk:
     """Parser of one message that records the offsets of its fields.
 
     Attributes:
-        names: paths of the numbers.
+        fields: types and offsets of the numbers, by path.
         texts: texts by path.
         fixed: offsets of the bytes that a message must share to be alike.
     """
@@ -83,17 +85,15 @@ class _Walk:
     def __init__(self, types: Mapping[str, Any], body: bytes) -> None:
         self._types, self._body, self._position = types, body, _HEAD
         self._order = "<" if body[1] & 1 else ">"
-        self.names: list[str] = []
+        self.fields: dict[str, tuple[Any, int]] = {}
         self.texts: dict[str, str] = {}
         self.fixed: list[int] = [0, 1]
-        self._formats: list[Any] = []
-        self._offsets: list[int] = []
 
     def record(self, length: int) -> np.dtype[Any]:
         """Return the record type of messages of a length in bytes."""
         if self._position > length:
             raise ValueError("a message is shorter than its type requires")
-        return np.dtype({"names": self.names, "formats": self._formats, "offsets": self._offsets, "itemsize": length})
+        return record_type(self.fields, length)
 
     def mask(self, length: int) -> NDArray[np.uint8]:
         """Return (length,) bytes: all bits set where messages must agree, else none."""
@@ -121,7 +121,7 @@ class _Walk:
             if count:
                 self._number(detail[0], path, (count,))
             else:
-                self._note(path, np.dtype("f8"), (0,), self._position)
+                self.fields[path] = ("f8", (0,)), self._position
             return
         if count > len(self._body):
             raise ValueError(f"{path} cannot have {count} parts")
@@ -140,13 +140,8 @@ class _Walk:
     def _number(self, base: str, path: str, shape: tuple[int, ...]) -> None:
         number = np.dtype(self._order + _NUMBERS[base])
         self._align(number.itemsize)
-        self._note(path, number, shape, self._position)
+        self.fields[path] = (number, shape), self._position
         self._position += number.itemsize * int(np.prod(shape, dtype=int))
-
-    def _note(self, path: str, number: np.dtype[Any], shape: tuple[int, ...], offset: int) -> None:
-        self.names.append(path)
-        self._formats.append((number, shape))
-        self._offsets.append(offset)
 
     def _count(self) -> int:
         """Return a length, which messages of one group share."""

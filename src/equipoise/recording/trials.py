@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from itertools import combinations
 from typing import Any, ClassVar
 
 from equipoise.conventions import AXES, SWINGS, Axis, Swing
@@ -82,12 +83,8 @@ class CommandedLift(LiftTrial):
     tilt_threshold: float
 
 
-MEANWHILE = ("passive", *AXES, *(f"swing {direction}" for direction in SWINGS))
-"""Names of the motions of a robot on two feet."""
-
-
 def meanwhile(turn: Axis | None, swing: Swing | None) -> str:
-    """Return the name of the motion on two feet, one of MEANWHILE."""
+    """Return the name of the motion on two feet: of its swing or rotation, or "passive"."""
     return f"swing {swing}" if swing else turn or "passive"
 
 
@@ -115,7 +112,7 @@ class DesignedLift(CommandedLift):
 
     @property
     def meanwhile(self) -> str:
-        """Return the motion of the robot on two feet, one of MEANWHILE."""
+        """Return the name of the motion of the robot on two feet, as `meanwhile` does."""
         return meanwhile(self.turn, self.swing)
 
 
@@ -166,6 +163,9 @@ class StandTrial(RecordedTrial):
     complete_with: ClassVar[str] = Phase.REST
 
 
+_STANDING = (*PAIRS.values(), *combinations(LEG_NAMES, 3))
+
+
 @dataclass(frozen=True)
 class Step:
     """Time in which a walking robot stands on two feet or three.
@@ -180,8 +180,8 @@ class Step:
     end: float
 
     def __post_init__(self) -> None:
-        if not set(self.standing) < set(LEG_NAMES) or (len(self.standing) == 2 and self.pair not in PAIRS):
-            raise ValueError(f"{', '.join(self.standing)} are not two or three legs")
+        if self.standing not in _STANDING:
+            raise ValueError(f"{', '.join(self.standing)} are not two or three legs in the order {' '.join(LEG_NAMES)}")
 
     @property
     def pair(self) -> str:
@@ -199,12 +199,18 @@ class SteppingTrial(RecordedTrial):
     """Steps of a robot, found in a log.
 
     Attributes:
+        feet: number of feet that stand in a step.
         steps: times in which feet are up.
     """
 
     starts_with: ClassVar[str] = Phase.WALK
     complete_with: ClassVar[str] = Phase.END
+    feet: ClassVar[int]
     steps: tuple[Step, ...]
+
+    def __post_init__(self) -> None:
+        if any(len(step.standing) != self.feet for step in self.steps):
+            raise ValueError(f"a {self.kind} has steps on {self.feet} feet")
 
     @property
     def duration(self) -> float:
@@ -221,6 +227,7 @@ class WalkTrial(SteppingTrial):
     """
 
     kind: ClassVar[str] = "walk"
+    feet: ClassVar[int] = 2
     heading: float
 
 
@@ -229,6 +236,7 @@ class CrawlTrial(SteppingTrial):
     """Crawl: one foot is moved after the other."""
 
     kind: ClassVar[str] = "crawl"
+    feet: ClassVar[int] = 3
 
 
 @dataclass(frozen=True, kw_only=True)

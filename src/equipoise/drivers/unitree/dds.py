@@ -250,8 +250,7 @@ class UnitreeDdsConnection:
     def _examine(self, record: NDArray[Any], received: float) -> Health:
         """Return temperatures, battery, and messages lost inside the robot; zeros are empty fields of simulators."""
         motors, order = record["motor_state"], self._motor_of_joint
-        # A signed byte in Unitree's messages, unsigned in the type that is announced: see `cyclone.py`.
-        temperature, voltage = motors["temperature"][order].astype(np.int8).astype(float), float(record["power_v"])
+        temperature, voltage = motors["temperature"][order].astype(float), float(record["power_v"])
         lost, before = motors["lost"][order].astype(float), self._lost_before
         since, self._lost_before, self._examined = received - self._examined, lost, received
         losing = lost - before > _LOST * since / CONTROL_PERIOD  # infinite `since` the first time: none

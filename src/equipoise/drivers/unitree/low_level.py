@@ -22,9 +22,8 @@ _HEADER = b"\x00\x01\x00\x00"  # of the plain encoding, little endian
 _BEGINS = (0xFE, 0xEF)
 _LOW_LEVEL = 0xFF
 _PAD = bytes(128)
-_UNSIGNED = {name: fields.replace(" int8", " uint8") for name, fields in LOW_LEVEL.items()}  # as the DDS types: bytes
 LOW_CMD, LOW_STATE = (
-    layout_of(_UNSIGNED[f"unitree_go/{name}"], _UNSIGNED, align=True) for name in ("LowCmd", "LowState")
+    layout_of(LOW_LEVEL[f"unitree_go/{name}"], LOW_LEVEL, align=True) for name in ("LowCmd", "LowState")
 )
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.estimator.equations.imu_position import ExcitationSamples, imu_by_excitation
 from equipoise.estimator.problem import Posterior
 
 # Standard deviations. With a correct position in the file two of 58 development runs exceed it, and including the excitation
@@ -39,15 +38,12 @@ class ImuPositionCheck:
     @classmethod
     def of(cls, posterior: Posterior) -> ImuPositionCheck | None:
         """Evaluate a run's first excitation; return None if there is none."""
-        excitations = [excitation for motion in posterior.motions for excitation in motion.of(ExcitationSamples)]
-        if not excitations:
+        if posterior.imu_by_excitation is None:
             return None
-        unknowns = posterior.unknowns
-        values, scale = unknowns.values(posterior.x), unknowns.stance.scale
-        position, std = imu_by_excitation(unknowns.robot, unknowns.legs, excitations[0], values, scale)
+        (position, std), unknowns = posterior.imu_by_excitation, posterior.unknowns
         fixed = not unknowns.estimates("imu_position")
         both = std if fixed else np.hypot(std, posterior.std("imu_position"))
-        return cls(position, position - values["imu_position"], both, fixed)
+        return cls(position, position - unknowns.value(posterior.x, "imu_position"), both, fixed)
 
     @property
     def largest(self) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from dartpy import dynamics
 
@@ -43,24 +45,21 @@ def _frozen(skeleton: dynamics.Skeleton) -> InertialParameters:
     return InertialParameters(mass, com, about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com)))
 
 
-class DartTruthView:
-    """View of the simulated robot's true state, for evaluation and not for control."""
+def ground_truth_of(simulated: SimulatedDartRobot) -> Callable[[], GroundTruth]:
+    """Return a function for the true state of the simulated robot at the present moment, for evaluation only."""
+    up = -np.array(simulated.errors.gravity_direction)
+    radii = np.array([foot.getShape().getRadius() for foot in simulated.feet])
 
-    def __init__(self, simulated: SimulatedDartRobot) -> None:
-        self._simulated = simulated
-        self._up = -np.array(simulated.errors.gravity_direction)
-        self._radii = np.array([foot.getShape().getRadius() for foot in simulated.feet])
-
-    def look(self) -> GroundTruth:
-        """Return the present true state."""
-        simulated = self._simulated
+    def look() -> GroundTruth:
         feet = np.array([foot.getWorldTransform().translation() for foot in simulated.feet])
-        cosine = float(simulated.base.getTransform().rotation()[:, 2] @ self._up)
+        cosine = float(simulated.base.getTransform().rotation()[:, 2] @ up)
         return GroundTruth(
             float(simulated.world.getTime()),
             feet,
-            feet[:, 2] - self._radii,
+            feet[:, 2] - radii,
             np.array(simulated.skeleton.getCOM()),
-            self._up,
+            up,
             float(np.arccos(np.clip(cosine, -1, 1))),
         )
+
+    return look

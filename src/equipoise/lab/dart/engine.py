@@ -34,10 +34,10 @@ def build(
 
         from equipoise.lab.dart.dart_model import build_dart_robot  # noqa: PLC0415
         from equipoise.lab.dart.dart_platform import DartPlatform  # noqa: PLC0415
-        from equipoise.lab.dart.dart_truth import DartTruthView, dart_truth  # noqa: PLC0415
+        from equipoise.lab.dart.dart_truth import dart_truth, ground_truth_of  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingDependencyError("simulation in DART needs dartpy: pip install 'equipoise[dart]'") from error
     simulated = build_dart_robot(robot, stance, errors, payload, timestep)
     truth = dart_truth(robot, simulated, stance.joint_position)
     platform = DartPlatform(robot, simulated, stance, start)
-    return Simulation(platform, truth, dartpy.__version__, errors, DartTruthView(simulated).look)
+    return Simulation(platform, truth, dartpy.__version__, errors, ground_truth_of(simulated))

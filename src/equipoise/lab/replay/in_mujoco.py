@@ -7,6 +7,7 @@ measured by the accelerometer.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -15,6 +16,8 @@ from mujoco import rollout
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.errors import FallError
+from equipoise.estimator.measurements.lift_samples import LiftSamples
+from equipoise.estimator.measurements.tilt_invariant import SensedLift, integral
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import nominal_stance
@@ -85,7 +88,25 @@ class MujocoReplay:
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))  # contact stiffness depends on masses and gains
         self._data, self._rollout = mujoco.MjData(self._model), rollout.Rollout(nthread=0)
         self._feet = [self._model.geom(foot_name(leg)).id for leg in LEG_NAMES]
-        self.joint_names = robot.joint_names
+
+    def tilt_error(self, joint_names: Sequence[str], lift: LiftSamples, sensed: SensedLift) -> tuple[FloatArray, float]:
+        """Return (n,) measured minus simulated tilt in a lift [rad], and the largest joint position error [rad].
+
+        Args:
+            joint_names: names of the recorded joint columns.
+
+        Raises:
+            FallError: the simulation became unstable.
+        """
+        columns = [joint_names.index(name) for name in self._robot.joint_names]
+        motion = TwoFootMotion(
+            lift.stance_feet, lift.step, sensed.joint_position[:, columns], sensed.joint_velocity[:, columns],
+            sensed.up_in_base[0], sensed.angular_velocity_base_in_base[0],
+        )  # fmt: skip
+        angular_velocity, joint_error = self.play(motion)
+        difference = sensed.angular_velocity_base_in_base - angular_velocity
+        about_line = np.einsum("ni,ni->n", sensed.line_in_base, difference)
+        return np.asarray(integral(len(difference), lift.step) @ about_line, dtype=float), joint_error
 
     def play(self, motion: TwoFootMotion) -> tuple[FloatArray, float]:
         """Play a motion from its first sample to its last.

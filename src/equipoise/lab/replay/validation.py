@@ -9,7 +9,7 @@ Only the time on two feet is replayed: the unstable motion on two feet amplifies
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from equipoise.errors import MissingDependencyError, NotEstimatedError, Settings
 from equipoise.estimator.diagnostics.held_out import LiftPrediction
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.measurements.lift_samples import LiftSamples
-from equipoise.estimator.measurements.tilt_invariant import SensedLift, integral
+from equipoise.estimator.measurements.tilt_invariant import SensedLift
 from equipoise.estimator.posterior_evidence import PosteriorEvidence
 from equipoise.result.calibration import Calibration
 from equipoise.result.held_out import FOUND, MODEL
@@ -149,7 +149,7 @@ def validate(result: Calibration, against: Mapping[str, RobotModel | Calibration
     for prediction, lift, sensed in _sensed(evidence):
         errors: dict[str, FloatArray] = {}
         for name, replay in replays.items():
-            errors[name], joint_error = _played(robot.joint_names, replay, lift, sensed)
+            errors[name], joint_error = replay.tilt_error(robot.joint_names, lift, sensed)
             largest[name] = max(largest[name], joint_error)
         lifts.append(ReplayedLift(prediction, result.trials[prediction.motion].about, errors))
     return Validation(result.robot, tuple(lifts), largest)
@@ -162,27 +162,6 @@ def _replay(robot: RobotModel, base: InertialParameters | None) -> MujocoReplay:
     except ModuleNotFoundError as error:
         raise MissingDependencyError("the replay of lifts needs MuJoCo: pip install 'equipoise[simulation]'") from error
     return MujocoReplay(robot, base)
-
-
-def _played(
-    joint_names: Sequence[str], replay: MujocoReplay, lift: LiftSamples, sensed: SensedLift
-) -> tuple[FloatArray, float]:
-    """Return (n,) measured minus simulated tilt [rad], and the largest joint error [rad].
-
-    Args:
-        joint_names: names of the recorded joint columns.
-    """
-    from equipoise.lab.replay.in_mujoco import TwoFootMotion  # noqa: PLC0415 - estimation does not need an engine
-
-    columns = [joint_names.index(name) for name in replay.joint_names]
-    motion = TwoFootMotion(
-        lift.stance_feet, lift.step, sensed.joint_position[:, columns], sensed.joint_velocity[:, columns],
-        sensed.up_in_base[0], sensed.angular_velocity_base_in_base[0],
-    )  # fmt: skip
-    angular_velocity, joint_error = replay.play(motion)
-    difference = sensed.angular_velocity_base_in_base - angular_velocity
-    about_line = np.einsum("ni,ni->n", sensed.line_in_base, difference)
-    return np.asarray(integral(len(difference), lift.step) @ about_line, dtype=float), joint_error
 
 
 def _replays(robot: RobotModel, bodies: Mapping[str, RobotModel | Calibration]) -> dict[str, MujocoReplay]:
