@@ -224,13 +224,13 @@ def test_the_largest_three_differences_are_explained_and_others_named(bayesian):
 
 def test_negligible_and_insignificant_differences_keep_the_model_file(bayesian):
     small = moved(bayesian, mass=0.1, com_x=1.9e-3, Iyy=0.01)  # of 13 kg
-    assert run_contents(small).actions[0].startswith("Keep the model file. ")
+    assert run_contents(small).actions[0].startswith("The model file needs no change: ")
     wide = moved(bayesian, com_x=3e-3)
     stds = np.diag([*4 * [2e-3], *6 * [1e-2]]) ** 2
     wide = dataclasses.replace(
         wide, composite=Body.complete(wide.composite.parameters(), stds, None, wide.composite.model)
     )
-    assert run_contents(wide).actions[0].startswith("Keep the model file. ")
+    assert run_contents(wide).actions[0].startswith("The model file needs no change: ")
     just = moved(bayesian, com_x=2.2e-3)
     assert "2.2 +- " in run_contents(just).actions[1][0]
 

@@ -25,11 +25,13 @@ if TYPE_CHECKING:  # they take half a second to import
     from equipoise.robot.model import RobotModel
 
 DEFAULT_PLATFORM = "mujoco"
-Robot = Annotated[Positional[str], arg(metavar="ROBOT", help="Name (see 'equipoise robots'), or a URDF or MJCF file.")]
+Robot = Annotated[
+    Positional[str], arg(metavar="[ROBOT]", help="Name (see 'equipoise robots'), or a URDF or MJCF file.")
+]
 RobotOrNone = Annotated[
     Positional[str | None],
     arg(
-        metavar="ROBOT",
+        metavar="[ROBOT]",
         help="Name (see 'equipoise robots'), or a URDF or MJCF file.",
         help_behavior_hint="(default: unitree_a1)",
     ),
@@ -187,9 +189,10 @@ def open_run(path: Path, source: LogFlags, description: RobotDescription) -> Run
         RecordingError: the path is not a run folder.
     """
     if source != LogFlags() or description != RobotDescription():
+        is_run = (path / HEADER).is_file()
         raise SettingsError(
             "tables, topics, --joint-map, --columns, --rate, --from, --until and robot flags are for logs of other programs; "
-            "pass --robot too"
+            + (f"{str(path)!r} is a run, which has its own: leave them out" if is_run else "pass --robot too")
         )
     try:
         header = read_header(path)

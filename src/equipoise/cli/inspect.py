@@ -17,7 +17,7 @@ from equipoise.calibration.run_header import HEADER, RESULT, read_header
 from equipoise.cli import flags
 from equipoise.cli.arguments import chosen
 from equipoise.cli.calibrate import show_rehearsal
-from equipoise.cli.methods import DEFAULT_METHOD, METHOD_FLAGS, owners, refuse_flag_of
+from equipoise.cli.methods import DEFAULT_METHOD, DEFAULT_SHOWN, METHOD_FLAGS, owners, refuse_flag_of
 from equipoise.cli.operator_prompt import with_imu_pose
 from equipoise.cli.parsing import ChosenFlags
 from equipoise.cli.report import try_to_save
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 STATIC = "static"
 _METHODS_OF_LOGS = (
-    "'bayesian' needs motions and an IMU; 'static' one sample or some seconds of a standing robot with joint torques."
+    "For a log: 'bayesian' needs motions and an IMU; 'static' one sample of standing, with joint torques."
 )
 
 
@@ -142,12 +142,14 @@ def _given_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     name = _method_of(arguments)
     kind = settings_of(name)
     flags = [optional(flag) for flag in flags_of(kind) if flag.name in kind.estimate_only]
-    if not chosen(arguments, "--robot", ""):
+    if not _names_method(arguments):
         return spec_of(f"Settings of {name}; default as in the run.", flags, lambda values: values_of(kind, values))
-    choice = Annotated[Literal["bayesian", "static"], arg(help=_METHODS_OF_LOGS)]
+    choice = Annotated[Literal["bayesian", "static"], arg(help=_METHODS_OF_LOGS, help_behavior_hint=DEFAULT_SHOWN)]
     flags.append(StructFieldSpec("method", cast("Any", choice), name))
     return spec_of(
-        f"Settings of {name}.", flags, lambda values: {**values_of(kind, values), "method": values["method"]}
+        f"Settings of {name}; default as in the run, if it is a run.",
+        flags,
+        lambda values: {**values_of(kind, values), "method": values["method"]},
     )
 
 
@@ -162,16 +164,21 @@ CHOSEN: dict[Any, ChosenFlags] = {
 """Parameters of `plan`, `estimate` and `diagnose` whose flags depend on `--method`, `--parameters` and the run."""
 
 
+def _names_method(arguments: Sequence[str]) -> bool:
+    """Return true if `--method` is a flag: for logs, and in the help, which is of both. A run has its own method."""
+    return bool(chosen(arguments, "--robot", "")) or bool({"-h", "--help"} & {*arguments})
+
+
 def _method_of(arguments: Sequence[str]) -> str:
     """Return the method of the named run, or the default; opening the run reports its errors."""
-    if chosen(arguments, "--robot", ""):
-        return STATIC if chosen(arguments, "--method", DEFAULT_METHOD) == STATIC else DEFAULT_METHOD
-    for path in map(Path, arguments):
-        if (path / HEADER).is_file():
-            with suppress(RecordingError):
-                name = str(read_header(path)["settings"].get("method"))
-                return name if name in METHODS else DEFAULT_METHOD
-    return DEFAULT_METHOD
+    if not chosen(arguments, "--robot", ""):
+        for path in map(Path, arguments):
+            if (path / HEADER).is_file():
+                with suppress(RecordingError):
+                    name = str(read_header(path)["settings"].get("method"))
+                    return name if name in METHODS else DEFAULT_METHOD
+    static = _names_method(arguments) and chosen(arguments, "--method", DEFAULT_METHOD) == STATIC
+    return STATIC if static else DEFAULT_METHOD
 
 
 def _estimate_run(folder: RunFolder, given: Mapping[str, Any], output: EstimateOutput) -> Calibration:
@@ -233,6 +240,8 @@ def _estimate_log(
     else:
         print_log_report(estimated.report, output.verbose)
         output.show(result, files, output.out)
+        if output.out is None:
+            print("not saved: to save, view and export the result, add --out FILE")
     return result
 
 

@@ -18,6 +18,8 @@ from equipoise.method.method import Method
 from equipoise.method.table import METHODS, method_named, settings_of
 
 DEFAULT_METHOD = "bayesian"
+DEFAULT_SHOWN = f"(default: {DEFAULT_METHOD})"
+"""In help, where the method that the other flags belong to is the parser's default."""
 MOTORS = "motors"
 _BASE, _LEGS = "base", "legs"
 _ALL = {_BASE, _LEGS, MOTORS}
@@ -53,7 +55,7 @@ def method_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     name = requested_method(arguments)
     with_motors = name != MOTORS and MOTORS in requested_parameters(chosen(arguments, "--parameters", _BASE))
     summaries = _summaries() if {"-h", "--help"} & set(arguments) else ""
-    choice = Annotated[literal_type_from_choices([*METHODS]), arg(help=summaries)]
+    choice = Annotated[literal_type_from_choices([*METHODS]), arg(help=summaries, help_behavior_hint=DEFAULT_SHOWN)]
     parameters = Annotated[str, arg(help=_PARAMETERS, metavar="NAMES")]
     flags = [
         StructFieldSpec("method", cast("Any", choice), name),

@@ -93,6 +93,11 @@ def read_log(
         for one in paths:
             _refuse_unless_table(one)
     if not paths[0].is_dir() and f".{suffix_of(paths[0])}" in files.SUFFIXES:
+        if topics not in (None, Topics()):
+            raise SettingsError(
+                f"--joint-topic, --imu-topic and --command-topic are for bags, and {str(path)!r} is a table: name its columns "
+                "with --columns"
+            )
         reader = partial(reader, columns=columns, tables=paths[1:], standing=standing)  # pyright: ignore[reportCallIssue]
     return assemble(robot, _read(reader, paths[0], robot, topics or Topics()), joint_map, span, standing)
 

@@ -44,8 +44,8 @@ def action_blocks(result: Calibration, run: str) -> list[Block]:
     found = significant_differences(result)
     if not found:
         return [
-            "Keep the model file. No number of the whole robot differs from it significantly and by more than 1 % of the "
-            "mass, 2 mm (on an A1) or 5 % of the largest moment of inertia. A wide interval may hide a difference."
+            "The model file needs no change: no number of the whole robot differs from it significantly and by more than 1 % "
+            "of the mass, 2 mm (on an A1) or 5 % of the largest moment of inertia. A wide interval may hide a difference."
         ]
     others = f"; also {', '.join(called(one.name) for one in found[_MOST:])}" if found[_MOST:] else ""
     return [

@@ -38,6 +38,11 @@ class Scale:
         return cls(hip_height / _A1_HIP_HEIGHT, mass * GRAVITY * hip_height / _A1_TORQUE)
 
     @property
+    def hip_height(self) -> float:
+        """Height of the hip pitch axes above the floor [m]."""
+        return self.length * _A1_HIP_HEIGHT
+
+    @property
     def time(self) -> float:
         """Factor on times: the square root of that on lengths."""
         return float(np.sqrt(self.length))

@@ -45,7 +45,7 @@ def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = Fa
     if nudges and not verbose:
         console.print(f"Not shown: {nudges} stance motions that are too small to be used.")
     for message in report.limitations:
-        console.print(f"[yellow]not identifiable:[/] {escape(message)}")
+        console.print(f"[yellow]limitation:[/] {escape(message)}")
 
 
 def _print_joints(console: Console, report: LogReport, verbose: bool) -> None:

@@ -13,10 +13,11 @@ from rich.table import Table
 from equipoise.figures.blocks import BAR, LONG, Block, DataTable
 
 _WIDE = 5  # with more columns, units are on a separate line
+_UNLIMITED = 1000
 
 
 def print_table(console: Console, table: DataTable, without: Collection[str] = ()) -> None:
-    """Print a table without its columns of bars.
+    """Print a table without its columns of bars; one that does not fit is wider than the terminal, and nothing is cut.
 
     Args:
         without: heads of further columns to omit.
@@ -27,13 +28,19 @@ def print_table(console: Console, table: DataTable, without: Collection[str] = (
     for index in chosen:
         head = table.columns[index]
         words, right = escape(head.removeprefix("|").replace(" [", between)), head.startswith("|")
-        short = all(len(str(row[index])) <= LONG for row in table.rows)
-        drawn.add_column(words, justify="right" if right else "left", no_wrap=right or short, overflow="fold")
+        longest = max((len(str(row[index])) for row in table.rows), default=0)
+        least = longest if right or longest <= LONG else None  # wide, and not wrapped
+        drawn.add_column(
+            words, justify="right" if right else "left", no_wrap=least is not None, min_width=least, overflow="fold"
+        )
     for row in table.rows:
         drawn.add_row(*(escape(str(row[index])) for index in chosen))
     if table.title:
         console.print(f"[italic]{escape(table.title)}[/italic]")
-    console.print(drawn)
+    width = console.width
+    console.width = max(width, console.measure(drawn, options=console.options.update(width=_UNLIMITED)).minimum)
+    console.print(drawn, crop=False)
+    console.width = width
 
 
 def show_table(

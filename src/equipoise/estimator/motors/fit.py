@@ -1,6 +1,7 @@
-"""MAP estimate of the parameters of all motors, by weighted least squares with priors.
+"""MAP estimate of the parameters of all motors, by weighted least squares with priors (`solve.py`).
 
-Stribeck friction is included if the data require it (`stribeck.py`).
+Priors of legs and rotors are those of the table of unknowns. Stribeck friction is included if the data require it
+(`stribeck.py`).
 """
 
 from __future__ import annotations
@@ -17,22 +18,23 @@ from equipoise.errors import RecordingError
 from equipoise.estimator.motors.delay import NOMINAL_DELAY, motor_trial
 from equipoise.estimator.motors.equations import MotorSamples, motor_samples
 from equipoise.estimator.motors.stribeck import SPEEDS, is_significant
+from equipoise.estimator.solve import NormalEquations, solve
+from equipoise.estimator.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.scale import Scale
 from equipoise.robot.stance import Stance
 
-_ROUNDS = 6
-# Prior standard deviations; those of legs are as in `bayesian`.
-_MASS_COMMON, _MASS, _COM_COMMON, _COM = 0.10, 0.05, 4e-3, 2e-3  # of a link's mass; [m] on an A1
+_ROUNDS = 3  # of renewed noise
+_LEGS = Priors()  # of links and rotors
+# Other prior standard deviations.
 _GAIN = 0.05
 _COULOMB, _VISCOUS, _ARMATURE, _OFFSET = 2.0, 1.0, 0.1, 0.3  # [Nm], [Nm s/rad], [kg m2], [Nm] on an A1
 _STRIBECK = 1.0  # [Nm] on an A1
 _UNEVEN = 0.01  # of Coulomb friction: residual of a smoothed reversal, which dominates without noise
 # Differences between friction laws that fit sliding joints equally well, relative to Stribeck friction: at rest, in motion.
 _AT_REST, _IN_MOTION = 0.3, 0.03
-_SPIN = 1.5e-3  # [kg m2] on an A1: an armature of 0.01 over gear ratios of six to ten
 _LAG_SHARE = 0.1  # of a control period: prior of the time in it at which a command is read and a torque sampled
 _DELAY = 3e-3  # [s], if torques are not reported
 _INSTANT = 0.03  # of a control period: time between a board's own position sample and the reported one
@@ -79,6 +81,7 @@ class _SwingProblem:
         links: (n, nj, k) columns of the links' parameters.
         terms: (n, nj) columns of friction and armature, by name.
         prior: (u,) prior standard deviations.
+        start: (u,) prior means.
         x: (u,) best-fit parameters.
         covariance: (u, u) covariance of x for uncorrelated averages.
         residual: (n, nj) residual of the torques [Nm].
@@ -96,18 +99,25 @@ class _SwingProblem:
                 self.model += whole
                 own = [whole, *(body.mass * part[:, :, 1 + axis] for axis in range(3))]
                 columns += own
-                prior += [_MASS, *[_COM * scale.length] * 3]
+                prior += [_LEGS.leg_mass, *[_LEGS.link_com * scale.hip_height] * 3]
                 for axis, column in enumerate(own):
                     shared = (-1, 0) if axis == 0 else (kind, axis)  # the common error of masses is that of all links
                     of_kind[shared] = of_kind.get(shared, np.zeros_like(self.model)) + column
         columns += of_kind.values()
-        prior += [_MASS_COMMON if axis == 0 else _COM_COMMON * scale.length for _, axis in of_kind]
+        common = _LEGS.leg_mass_common, _LEGS.link_com_common * scale.hip_height
+        prior += [common[min(axis, 1)] for _, axis in of_kind]
         self.links, sizes = np.stack(columns, axis=-1), prior_stds(samples, scale)
         self.joints: int = samples.torque.shape[1]
         for name in ("gain", *self.terms, "offset"):
             prior += [sizes[name]] * self.joints
         self.prior = np.array([*prior, sizes["spin"], sizes["lag"]])
-        self._solve()
+        self.start = np.zeros(self.prior.size)
+        self.start[-1] = samples.period / 2
+        x, _ = solve(self, self.start, _ROUNDS)
+        information = self.normal_equations(x).information
+        self.covariance = np.asarray(np.linalg.inv(information), dtype=float)
+        self.x = self._nearest(information, x)
+        self.residual = self._residual(self.x)
 
     def of(self, name: str) -> slice:
         """Return the slice of a quantity of all joints."""
@@ -140,34 +150,38 @@ class _SwingProblem:
         design[:, :, -1] = samples.kp * samples.command_rate
         return kappa * moved + x[self.of("offset")] + design[:, :, -1] * x[-1], design
 
-    def _solve(self) -> None:
-        samples, start = self.samples, np.zeros(self.prior.size)
-        start[-1] = samples.period / 2
-        self.x, self.residual = start.copy(), samples.torque
-        for _ in range(_ROUNDS):
-            predicted, design = self.linearised(self.x)
-            weight = samples.slides / self.noise
-            rows = (design * weight[..., None]).reshape(-1, start.size)
-            left = ((samples.torque - predicted) * weight).reshape(-1)
-            normal = rows.T @ rows + np.diag(self.prior**-2)
-            self.covariance = np.asarray(np.linalg.inv(normal), dtype=float)
-            step = self.covariance @ (rows.T @ left + (start - self.x) / self.prior**2)
-            self.x = self._nearest(normal, self.x + step)
-            self.residual = samples.torque - self.linearised(self.x)[0]
+    def prepare(self, x: FloatArray) -> None:
+        """Set each joint's noise to its residual at x."""
+        self._weight = self.samples.slides / positive_size(self._residual(x), self.samples.slides)
 
-    def _nearest(self, normal: FloatArray, x: FloatArray) -> FloatArray:
+    def renew_noise(self, x: FloatArray) -> None:
+        """Do nothing: `prepare` renews the noise."""
+
+    def normal_equations(self, x: FloatArray, fix_scale: bool = False) -> NormalEquations:
+        """Return the normal equations at x; the masses have no common scale to fix."""
+        predicted, design = self.linearised(x)
+        left = (predicted - self.samples.torque) * self._weight
+        rows = (design * self._weight[..., None]).reshape(-1, x.size)
+        return NormalEquations.of(left.ravel(), rows) + NormalEquations.of(
+            (x - self.start) / self.prior, np.diag(1 / self.prior)
+        )
+
+    def _residual(self, x: FloatArray) -> FloatArray:
+        return self.samples.torque - self.linearised(x)[0]
+
+    def _nearest(self, information: FloatArray, x: FloatArray) -> FloatArray:
         """Return the most likely parameters with nonnegative friction and rotor inertia."""
         least = np.full(x.size, -np.inf)
         for name in self.terms:
             least[self.of(name)] = 0.0
         if (x >= least).all():
             return x
-        root = np.asarray(np.linalg.cholesky(normal).T, dtype=float)
+        root = np.asarray(np.linalg.cholesky(information).T, dtype=float)
         return lsq_linear(root, root @ x, (least, np.full(x.size, np.inf)), "bvls").x
 
 
 def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorFit:
-    """Fit the motors by Gauss-Newton, from the model file's legs; the noise is estimated from the residual."""
+    """Fit the motors, from the model file's legs; the noise is estimated from the residual."""
     problem = _SwingProblem(robot, samples, scale, None)
     if _needs_stribeck(problem, prior_stds(samples, scale)["stribeck"]):
         solved = [_SwingProblem(robot, samples, scale, speed) for speed in SPEEDS]
@@ -228,7 +242,7 @@ def prior_stds(samples: MotorSamples, scale: Scale) -> dict[str, float]:
     sizes = {
         "coulomb_friction": _COULOMB, "viscous_friction": _VISCOUS, "armature": _ARMATURE, "stribeck": _STRIBECK,
         "offset": _OFFSET,
-        "spin": _SPIN,
+        "spin": _LEGS.rotor_spin,
     }  # fmt: skip
     lag = _LAG_SHARE * samples.period if samples.reported else _DELAY
     return {"gain": _GAIN, **{name: own * scale.torque for name, own in sizes.items()}, "lag": lag}

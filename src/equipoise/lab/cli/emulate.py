@@ -24,7 +24,7 @@ Protocol = Annotated[
 ]
 
 
-def emulate(protocol: Protocol, *, options: object) -> None:
+def emulate(protocol: Protocol, *, options: Annotated[object, arg(name="emulator")]) -> None:
     """Run an emulator with the protocol of a real robot until Ctrl-C.
 
     Example: equipoise lab emulate unitree-dds --robot go2 --domain 5
