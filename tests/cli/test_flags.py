@@ -73,6 +73,8 @@ OWN = {
 }
 OTHERS = {"--mass-std": ["--mass", "12"], "--confirm-mass": ["--mass", "12"]}  # which a flag needs
 WEIGHED = {flag: ["--mass", "12"] for flag in ("--confirm-mass", "--mass-std")}  # the same of `weigh`
+OF_LOGS = {"--method": ["--robot", "unitree_a1"]}  # a run has a method
+NEEDED = {"payload": OTHERS | WEIGHED, **dict.fromkeys(("estimate", "diagnose"), OTHERS | OF_LOGS)}
 ALONE = ("--resume", "--method", "--parameters", "--methods", "--platform")  # not with others of their kind
 LINE = re.compile(r"^  (?:(-\w), )?(--[a-z][\w-]*)((?: \S+)*?)(?:  .*)?$", re.MULTILINE)
 
@@ -136,7 +138,7 @@ def test_every_flag_can_be_typed_as_its_help_shows_it(words, read, capsys):
     given = [word for word in words if word.startswith("--")]
     for flag, metavar in shown:
         for values in [] if given and flag in ALONE else values_of(flag, metavar):
-            others = (OTHERS | WEIGHED if words[0] == "payload" else OTHERS).get(flag, ())
+            others = NEEDED.get(words[0], OTHERS).get(flag, ())
             assert main([*words, *others, flag, *values]) == 0, (flag, values, capsys.readouterr().err)
             assert read
 

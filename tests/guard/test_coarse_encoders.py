@@ -1,16 +1,13 @@
 """Encoders of 10 to 13 bits read the same for long and are not frozen; one that is frozen among them is found."""
 
-import os
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from guarded import simulated
 
-from equipoise import BayesianMethod, Calibration, load_robot
+from equipoise import BayesianMethod, Guard, calibrate
 from equipoise.calibration.routine import perform
-from equipoise.cli import main
 from equipoise.errors import MotionError, RecordingError
 from equipoise.estimator.diagnostics.screening import screen_log
 from equipoise.guard.sample_filter import SampleFilter
@@ -18,9 +15,8 @@ from equipoise.platform.platform import RobotState
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import Recording
-from equipoise.simulation.simulation import simulate
 
-STEPS = [0.8e-3, 1.0e-3, 1.5e-3, 3.0e-3, 6.1e-3]  # [rad]: 13 to 10 bits
+STEPS = [0.8e-3, 1.5e-3, 6.1e-3]  # [rad]: 13 to 10 bits
 CALF = 2
 
 
@@ -31,12 +27,8 @@ def coarse(position, step):
 class Coarse(PlatformWrapper):
     """A simulated robot whose encoders have steps."""
 
-    def __init__(self, robot, step: float = 1.5e-3):
-        self._simulation, self._coarseness = simulate(robot, "realistic", seed=1), step
-        super().__init__(self._simulation.platform)
-
     def _sensed(self, state):
-        return replace(state, joint_position=coarse(state.joint_position, self._coarseness))
+        return replace(state, joint_position=coarse(state.joint_position, 1.5e-3))
 
     def read(self):
         return self._sensed(super().read())
@@ -58,11 +50,6 @@ class Kept(PlatformWrapper):
     def play(self, trajectory, stop=None):
         self.recordings.append(super().play(trajectory, stop))
         return self.recordings[-1]
-
-
-@pytest.fixture(scope="module")
-def a1():
-    return load_robot("unitree_a1")
 
 
 @pytest.fixture(scope="module")
@@ -110,10 +97,8 @@ def test_a_frozen_encoder_among_coarse_ones_is_named(a1, recording, step):
         screen_log(a1, frozen)
 
 
-@pytest.mark.realtime  # its platform is as a robot's: a robot process that is not heard for 0.3 s ends the run
-def test_a_robot_with_coarse_encoders_is_calibrated_behind_the_guard(tmp_path, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # the robot process imports this module
-    arguments = ["--platform", f"{__name__}:Coarse", "--set", "step=1.5e-3", "--duration", "30s", "--mass", "12.46"]
-    assert main(["calibrate", "unitree_a1", *arguments, "--yes", "--quiet", "--no-report",
-                 "--out", str(tmp_path / "run")]) == 0  # fmt: skip
-    assert all(check.passed for check in Calibration.load(tmp_path / "run" / "calibration.json").checks)
+def test_a_robot_with_coarse_encoders_is_calibrated_behind_the_guard(a1):
+    platform, *_ = simulated(a1, seed=1)
+    with Guard(Coarse(platform), a1) as guard:
+        result = calibrate(guard, a1, BayesianMethod(duration=30.0, mass=12.46))
+    assert all(check.passed for check in result.checks), result.checks

@@ -138,18 +138,18 @@ def estimate(
 
 
 def _given_flags(arguments: Sequence[str]) -> StructConstructorSpec:
-    """Return the flags of the run's method that may change in a new estimate; raises SettingsError."""
-    name = _method_of(arguments)
+    """Return `--method` and the flags of the method that may change in a new estimate; raises SettingsError."""
+    name, is_log = _method_of(arguments), bool(chosen(arguments, "--robot", ""))
+    if (wanted := chosen(arguments, "--method", name)) != name and not is_log:
+        raise SettingsError(f"--method {wanted} is for logs of other programs; the method of this run is {name}")
     kind = settings_of(name)
     flags = [optional(flag) for flag in flags_of(kind) if flag.name in kind.estimate_only]
-    if not _names_method(arguments):
-        return spec_of(f"Settings of {name}; default as in the run.", flags, lambda values: values_of(kind, values))
     choice = Annotated[Literal["bayesian", "static"], arg(help=_METHODS_OF_LOGS, help_behavior_hint=DEFAULT_SHOWN)]
     flags.append(StructFieldSpec("method", cast("Any", choice), name))
     return spec_of(
         f"Settings of {name}; default as in the run, if it is a run.",
         flags,
-        lambda values: {**values_of(kind, values), "method": values["method"]},
+        lambda values: {**values_of(kind, values), **({"method": values["method"]} if is_log else {})},
     )
 
 
@@ -164,11 +164,6 @@ CHOSEN: dict[Any, ChosenFlags] = {
 """Parameters of `plan`, `estimate` and `diagnose` whose flags depend on `--method`, `--parameters` and the run."""
 
 
-def _names_method(arguments: Sequence[str]) -> bool:
-    """Return true if `--method` is a flag: for logs, and in the help, which is of both. A run has its own method."""
-    return bool(chosen(arguments, "--robot", "")) or bool({"-h", "--help"} & {*arguments})
-
-
 def _method_of(arguments: Sequence[str]) -> str:
     """Return the method of the named run, or the default; opening the run reports its errors."""
     if not chosen(arguments, "--robot", ""):
@@ -177,8 +172,7 @@ def _method_of(arguments: Sequence[str]) -> str:
                 with suppress(RecordingError):
                     name = str(read_header(path)["settings"].get("method"))
                     return name if name in METHODS else DEFAULT_METHOD
-    static = _names_method(arguments) and chosen(arguments, "--method", DEFAULT_METHOD) == STATIC
-    return STATIC if static else DEFAULT_METHOD
+    return STATIC if chosen(arguments, "--method", DEFAULT_METHOD) == STATIC else DEFAULT_METHOD
 
 
 def _estimate_run(folder: RunFolder, given: Mapping[str, Any], output: EstimateOutput) -> Calibration:

@@ -25,11 +25,12 @@ def print_table(console: Console, table: DataTable, without: Collection[str] = (
     chosen = [index for index, head in enumerate(table.columns) if head not in {BAR, *without}]
     between = "\n[" if len(chosen) > _WIDE else " ["
     drawn = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_header=any(table.columns))
-    for index in chosen:
+    widths = {index: max((len(str(row[index])) for row in table.rows), default=0) for index in chosen}
+    one_is_long = any(width > LONG for width in widths.values())  # and wraps in place of the others
+    for index, width in widths.items():
         head = table.columns[index]
         words, right = escape(head.removeprefix("|").replace(" [", between)), head.startswith("|")
-        longest = max((len(str(row[index])) for row in table.rows), default=0)
-        least = longest if right or longest <= LONG else None  # wide, and not wrapped
+        least = width if right or (one_is_long and width <= LONG) else None
         drawn.add_column(
             words, justify="right" if right else "left", no_wrap=least is not None, min_width=least, overflow="fold"
         )

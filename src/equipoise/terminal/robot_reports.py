@@ -102,7 +102,7 @@ def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
         torque = f"{rehearsal.largest_torque[index]:.1f}{most}"
         joints.append([joint_name, f"{lower[index]:+.2f}", f"{upper[index]:+.2f}", allowed, torque])
     show_table("Joints", ["joint", "|from [rad]", "|to", "|limits [rad]", "|torque [Nm]"], joints, console)
-    console.print("Computed with the model, from the lying robot until it lies again. Nothing was moved.")
+    console.print("Computed with the model, from lying until it lies again. Nothing was moved.")
 
 
 def rehearsal_lines(rehearsal: Rehearsal, platform: str) -> list[str]:
