@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from equipoise import BayesianMethod, ExcitationSettings, calibrate, estimate, load_robot, nominal_stance, simulate
 from equipoise.calibration.routine import perform
 from equipoise.errors import MissingDependencyError, MotionError, RecordingError
+from equipoise.estimator.diagnostics import screening
 from equipoise.estimator.diagnostics.checks import shift_without
 from equipoise.estimator.motions import read_motions
 from equipoise.estimator.problem import estimate_posterior
@@ -239,6 +240,10 @@ def test_degrees_are_named(a1, run):
         estimate(a1, with_joints(run.recordings, np.degrees, ["position"]), SETTINGS)
     with pytest.raises(RecordingError, match=r"velocity of joint .* is 5\d times .*degrees per second\?"):
         estimate(a1, with_joints(run.recordings, np.degrees, ["velocity"]), SETTINGS)
+    with pytest.raises(
+        RecordingError, match=r"is 0\.01\d times .*are joint positions in degrees\?"
+    ):  # few, or wide limits
+        screening._check_velocity(with_joints(run.recordings, np.degrees, ["position"]))
 
 
 def test_a_velocity_with_the_wrong_sign_is_named(a1, run):

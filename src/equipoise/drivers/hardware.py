@@ -156,7 +156,7 @@ class HardwarePlatform(SteppedPlatform):
         self.overruns += late > _ON_TIME
         self.stalls += lost + (missed > 0)
         self._deadline += (1 + missed) * self.control_period
-        _wait_until(self._deadline - self._lead)
+        time.sleep(max(0.0, self._deadline - self._lead - time.monotonic()))  # busy waiting would gain nothing here
         self._worked = time.thread_time()
         return self._sense(0.0)
 

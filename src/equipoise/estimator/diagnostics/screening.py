@@ -177,6 +177,7 @@ def _check_velocity(recordings: Sequence[Recording]) -> None:
     if wrong.any():
         worst = int(np.argmax(np.where(wrong, np.abs(ratio - 1), 0.0)))
         hint = " (is it in degrees per second?)" if 45 < ratio[worst] < 70 else ""
+        hint = " (are joint positions in degrees?)" if 1 / 70 < ratio[worst] < 1 / 45 else hint
         hint = " (does one of them have the wrong sign?)" if ratio[worst] < -0.5 else hint
         raise RecordingError(
             f"the velocity of joint {recordings[0].joint_names[worst]!r} is {ratio[worst]:.2g} times the rate of its encoder; "
