@@ -104,6 +104,13 @@ def test_the_next_command_names_the_format_of_the_model(run, tmp_path, capsys):
     assert f"equipoise estimate '{tmp_path / 'my runs'}'\n" in printed
     print_calibration(result, [run / "report.html"])
     assert "export with" not in capsys.readouterr().out
+    mass = dataclasses.replace(result.base.mass, verdict="not identified")
+    print_calibration(
+        dataclasses.replace(result, base=dataclasses.replace(result.base, mass=mass)), [run / "report.html"], kept=run
+    )
+    printed = capsys.readouterr().out
+    assert "export with" not in printed
+    assert "not identified, and refused by export: base mass; calibrate longer" in printed
 
 
 def test_json_is_one_object(run, capsys):

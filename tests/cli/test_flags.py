@@ -144,6 +144,14 @@ def test_every_flag_can_be_typed_as_its_help_shows_it(words, read, capsys):
 
 
 @pytest.mark.parametrize("method", [*METHODS])
+def test_a_run_of_any_method_is_estimated_again_without_a_warning(method, a1, tmp_path, read, capsys):
+    with RunFolder.create(tmp_path / "run", a1, method_named(method)(), {}):
+        assert main(["estimate", str(tmp_path / "run")]) == 0
+    assert read
+    assert not capsys.readouterr().err
+
+
+@pytest.mark.parametrize("method", [*METHODS])
 def test_help_shows_every_setting_of_a_method(method, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
     shown = {flag for flag, _ in shown_flags(["calibrate", "--method", method], capsys)}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from foreign_logs import write_csv
 
-from equipoise import load_robot, nominal_stance, simulate
+from equipoise import BayesianMethod, RunFolder, load_robot, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import RecordingError
 from equipoise.lab.static.method import Static
@@ -110,6 +110,7 @@ def test_a_log_that_cannot_be_used_is_refused_with_the_remedy(a1, tmp_path):
     ).result.composite.mass.value
 
 
-def test_static_is_for_logs_and_not_for_runs(tmp_path, capsys):
-    assert main(["estimate", str(tmp_path), "--method", "static"]) == 2
-    assert "--method" in capsys.readouterr().err
+def test_static_is_for_logs_and_not_for_runs(a1, tmp_path, capsys):
+    with RunFolder.create(tmp_path / "run", a1, BayesianMethod(), {}):
+        assert main(["estimate", str(tmp_path / "run"), "--method", "static"]) == 2
+    assert "--method static is for logs of other programs; the method of this run is bayesian" in capsys.readouterr().err

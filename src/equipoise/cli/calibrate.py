@@ -107,7 +107,7 @@ def calibrate(
     and sample; after a fault it lowers the robot, or damps its joints if the robot
     no longer follows commands.
 
-    Example: equipoise calibrate a1 --payload 1.5,0.1,0,0.08 --seed 3 --out runs/a1
+    Example: equipoise calibrate unitree_a1 --payload 1.5,0.1,0,0.08 --seed 3 --out runs/a1
              equipoise calibrate go2 --sim-preset stress --disable-effect springs --enable-effect cable=0.5
              equipoise calibrate go2 --platform unitree-go2 --set interface=eth0
              equipoise calibrate --resume runs/go2

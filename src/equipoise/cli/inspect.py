@@ -145,7 +145,7 @@ def _given_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     kind = settings_of(name)
     flags = [optional(flag) for flag in flags_of(kind) if flag.name in kind.estimate_only]
     choice = Annotated[Literal["bayesian", "static"], arg(help=_METHODS_OF_LOGS, help_behavior_hint=DEFAULT_SHOWN)]
-    flags.append(StructFieldSpec("method", cast("Any", choice), name))
+    flags.append(StructFieldSpec("method", cast("Any", choice), name if is_log else DEFAULT_METHOD))
     return spec_of(
         f"Settings of {name}; default as in the run, if it is a run.",
         flags,
@@ -261,7 +261,7 @@ def diagnose(
 
     if source.robot is not None:
         result = estimate_from_log(log, source, description, given, output).result
-        run = "the file that 'equipoise estimate' writes with these arguments and --out FILE"
+        run = "the file that 'equipoise estimate' writes with these arguments and --out FILE; export it with --file MODEL"
     else:
         folder = flags.open_run(log, source, description)
         result, run = folder.estimate(folder.method().having(given)), typed(log)

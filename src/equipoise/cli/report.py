@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _COMPARISON = "comparison.html"
 Runs = Annotated[
     Positional[tuple[Path, ...]],
-    arg(metavar="RUN", help="Run folders, or JSON results of 'estimate LOG --out'."),
+    arg(metavar="RUN...", help="Run folders, or JSON results of 'estimate LOG --out'.", help_behavior_hint=""),
 ]
 
 

@@ -98,7 +98,11 @@ def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -
     steps = [f"see {file}" for file in files if file.suffix == ".html"]
     if kept is None:
         return steps
-    if result.trustworthy and all(quantity.value is not None for quantity in result.base):
+    missing = [quantity.name for quantity in result.base if quantity.verdict == "not identified"]
+    if missing:
+        scale = "calibrate longer (--duration), or estimate again with a scale (--mass KG --out FILE)"
+        steps.append(f"not identified, and refused by export: base {', '.join(missing)}; {scale}")
+    elif result.trustworthy and all(quantity.value is not None for quantity in result.base):
         alone = kept.is_file() and not (kept.parent / HEADER).exists()
         model = f" --file {typed(result.robot_model.source.path)}" if alone and result.robot_model is not None else ""
         steps.append(f"export with: equipoise export {typed(kept)} --to {result.model['format']}{model}")

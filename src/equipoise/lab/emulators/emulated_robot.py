@@ -63,7 +63,7 @@ class EmulatorSettings:
         duration: time until the emulator ends [s].
         wiring: wiring error from the start.
         wiring_of: part with the wiring error.
-        trace: true to log the motion of the base and the largest joint torque every 0.1 s, not only with a mode.
+        trace: log the motion of the base and the largest joint torque every 0.1 s, not only with a mode.
     """
 
     sim_preset: Noise = "realistic"
