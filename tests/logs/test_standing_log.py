@@ -113,4 +113,6 @@ def test_a_log_that_cannot_be_used_is_refused_with_the_remedy(a1, tmp_path):
 def test_static_is_for_logs_and_not_for_runs(a1, tmp_path, capsys):
     with RunFolder.create(tmp_path / "run", a1, BayesianMethod(), {}):
         assert main(["estimate", str(tmp_path / "run"), "--method", "static"]) == 2
-    assert "--method static is for logs of other programs; the method of this run is bayesian" in capsys.readouterr().err
+    assert (
+        "--method static is for logs of other programs; the method of this run is bayesian" in capsys.readouterr().err
+    )

@@ -261,7 +261,9 @@ def diagnose(
 
     if source.robot is not None:
         result = estimate_from_log(log, source, description, given, output).result
-        run = "the file that 'equipoise estimate' writes with these arguments and --out FILE; export it with --file MODEL"
+        run = (
+            "the file that 'equipoise estimate' writes with these arguments and --out FILE; export it with --file MODEL"
+        )
     else:
         folder = flags.open_run(log, source, description)
         result, run = folder.estimate(folder.method().having(given)), typed(log)
