@@ -106,7 +106,7 @@ def test_unidentified_links_are_reported(found, capsys):
     shown = capsys.readouterr().out
     assert "a1: links, 95 % +-" in shown
     assert "In brackets: not identified, posterior std above half of the prior std." in " ".join(shown.split())
-    assert max(map(len, shown.splitlines())) <= 80 + len(" (!)")  # which simulations alone have
+    assert max(map(len, shown.splitlines())) <= 80
 
 
 def test_links_of_a_run_whose_checks_fail_are_doubtful(found):

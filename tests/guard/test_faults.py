@@ -240,9 +240,8 @@ def test_degrees_are_named(a1, run):
         estimate(a1, with_joints(run.recordings, np.degrees, ["position"]), SETTINGS)
     with pytest.raises(RecordingError, match=r"velocity of joint .* is 5\d times .*degrees per second\?"):
         estimate(a1, with_joints(run.recordings, np.degrees, ["velocity"]), SETTINGS)
-    with pytest.raises(
-        RecordingError, match=r"is 0\.01\d times .*are joint positions in degrees\?"
-    ):  # few, or wide limits
+    # Wide limits do not show it.
+    with pytest.raises(RecordingError, match=r"is 0\.01\d times .*are joint positions in degrees\?"):
         screening._check_velocity(with_joints(run.recordings, np.degrees, ["position"]))
 
 
@@ -420,11 +419,26 @@ def test_feet_that_slip_are_named(a1):
     assert "The feet do not stay in place: they slip" in messages["stance motion residuals"]
 
 
-def test_thighs_that_are_longer_than_in_the_model_are_named(a1, a1_urdf, tmp_path):
+@pytest.mark.parametrize(
+    ("joint", "legs", "words"),
+    [
+        (
+            "calf_joint",
+            ["FL", "FR", "RL", "RR"],
+            "thighs or calves are longer or shorter than in the file, in all legs alike",
+        ),
+        ("foot_joint", ["FL"], "thighs or calves are longer or shorter than in the file"),
+    ],
+    ids=["all thighs", "one shank"],
+)
+def test_legs_that_are_longer_than_the_model_are_named(a1, a1_urdf, tmp_path, joint, legs, words):
     """Estimated with wide leg priors; a check fails with narrow ones."""
-    words = "thighs or calves are longer or shorter than in the file, in all legs alike"
-    text, changed = re.subn(r'(<joint name=".._calf_joint".*?<origin xyz="0 0 )-0.2"', r'\1-0.22"', a1_urdf, flags=re.S)
-    assert changed == 4
+    text = a1_urdf
+    for leg in legs:
+        text, changed = re.subn(
+            rf'(<joint name="{leg}_{joint}".*?<origin xyz="0 0 )-0.2"', r'\1-0.22"', text, flags=re.S
+        )
+        assert changed == 1, leg
     longer = ran(load_text(tmp_path, text), model=a1, settings=replace(SETTINGS, duration=95))
     assert f"the run contradicts the model file: {words}" in longer.result.assumptions
     messages = failed(estimate(a1, longer.recordings, replace(SETTINGS, leg_prior="narrow")))

@@ -17,7 +17,7 @@ _UNLIMITED = 1000
 
 
 def print_table(console: Console, table: DataTable, without: Collection[str] = ()) -> None:
-    """Print a table without its columns of bars; one that does not fit is wider than the terminal, and nothing is cut.
+    """Print a table without its columns of bars. Nothing is cut: a wide table has narrow gaps, or exceeds the terminal.
 
     Args:
         without: heads of further columns to omit.
@@ -38,10 +38,15 @@ def print_table(console: Console, table: DataTable, without: Collection[str] = (
         drawn.add_row(*(escape(str(row[index])) for index in chosen))
     if table.title:
         console.print(f"[italic]{escape(table.title)}[/italic]")
-    width = console.width
-    console.width = max(width, console.measure(drawn, options=console.options.update(width=_UNLIMITED)).minimum)
+    if _least_width(console, drawn) > console.width:
+        drawn.padding = 0
+    if (width := _least_width(console, drawn)) > console.width:
+        drawn.width = width
     console.print(drawn, crop=False)
-    console.width = width
+
+
+def _least_width(console: Console, drawn: Table) -> int:
+    return console.measure(drawn, options=console.options.update(width=_UNLIMITED)).minimum
 
 
 def show_table(
