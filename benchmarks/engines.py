@@ -58,8 +58,8 @@ CONTACTS = {
 }
 """Meaning and settings of Gazebo's contacts."""
 IN_GAZEBO = {
-    ("damped", "realistic", "bayesian"): 12,
-    ("Unitree", "realistic", "bayesian"): 12,
+    ("damped", "realistic", "bayesian"): 20,
+    ("Unitree", "realistic", "bayesian"): 20,
     ("Unitree, exact", "realistic", "bayesian"): 2,
     ("Unitree, differences", "realistic", "bayesian"): 2,
     ("Unitree", "realistic", "paper"): 50,

@@ -206,6 +206,15 @@ def test_an_encoder_at_rest_that_reads_the_same_is_not_frozen(a1, run):
     assert not failed(estimate(a1, coarse, SETTINGS))
 
 
+def test_velocities_of_joints_that_rest_fail_their_check(a1, run):
+    """Gazebo's solver pushes feet out of the floor at every step, and reports joints that rest as moving."""
+    moving = np.tile([0.0, 0.2, 0.4], 4)
+    found = estimate(a1, with_joints(run.recordings, lambda array: array + moving, ["velocity"]), SETTINGS)
+    (check,) = [check for check in found.checks if check.name == "joint velocities"]
+    assert not check.passed
+    assert re.search("velocity of joint '.._calf_joint' differ from its encoder by 1..% of the motion", check.message)
+
+
 @pytest.mark.parametrize(
     ("pairs", "named"),
     [
