@@ -15,12 +15,14 @@ from equipoise.errors import MotionError, RecordingError
 from equipoise.estimator.measurements.lift_samples import attitudes
 from equipoise.estimator.unknowns import Priors
 from equipoise.experiments.stand import stand_up
+from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import map_joints
 from equipoise.logs.offline import estimate_log
 from equipoise.logs.raw_log import Log, RawImu, RawJoints, RawLog, assemble
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial
 from equipoise.robot.inertial import COMPONENTS, components
+from equipoise.terminal.log_summary import print_log_report
 
 
 @pytest.fixture(scope="module")
@@ -266,6 +268,14 @@ def test_a_foreign_bag_from_the_command_line(bag, bayesian_run, tmp_path, capsys
     std = saved["composite"]["uncertainty"]["intervals"]["com_z"]["std"]
     assert std < 2.5e-3  # few lifts, at slow rates
     assert abs(found[2] - truth.com[2]) < 3 * std
+
+
+def test_steps_that_are_left_out_are_explained_once(found, capsys):
+    meaning = "Legs and IMU alone can mistake which feet are up"
+    for count in (0, 2):
+        findings = [LogFinding("contacts", "joint torques contradict 2 of 9 steps")] * count
+        print_log_report(replace(found.report, findings=findings))
+        assert capsys.readouterr().out.count(meaning) == min(count, 1)
 
 
 def test_json_is_one_object_with_the_logs_section(log, a1, tmp_path, capsys):

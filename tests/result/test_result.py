@@ -22,6 +22,7 @@ from equipoise import (
 from equipoise.errors import NotEstimatedError, OutputError, RecordingError
 from equipoise.json_form import from_json, to_json
 from equipoise.result.body import Body
+from equipoise.result.legend import left_out_message, lifts_message
 from equipoise.robot.inertial import RobotInertia, nominal_inertia
 
 SETTINGS = PaperMethod(com_search=ComSearchSettings(tolerance=0.02), excitation=ExcitationSettings(duration=1.0))
@@ -260,3 +261,22 @@ def test_the_base_found_includes_the_arm_that_was_held_and_the_model_has_both(ca
         configuration[model.joints[model.getJointId(name)].idx_q] = position
     locked = pin.buildReducedModel(model, [model.getJointId(name) for name in held], configuration)
     assert locked.inertias[1].isApprox(BASE.to_pinocchio(), 1e-9)
+
+
+# --- motions
+
+
+def test_motions_that_were_not_used_are_counted_with_their_reasons(calibration):
+    lift = next(trial for trial in calibration.trials if trial.kind == "lift")
+    short, far = (dataclasses.replace(lift, note=note) for note in ("up for only 0.1 s", "does not fit"))
+
+    def messages(*trials):
+        result = dataclasses.replace(calibration, trials=trials)
+        return lifts_message(result), left_out_message(result)
+
+    assert messages(lift, lift) == ("2 lifts", "")
+    assert messages(lift, short, far, short) == (
+        "1 of 4 lifts used", "Not used: 2 lifts (up for only 0.1 s), 1 lift (does not fit)."
+    )  # fmt: skip
+    others = [dataclasses.replace(lift, note=str(number)) for number in range(5)]
+    assert messages(lift, *others)[1].endswith("1 lift (2), 2 more, see the report's table of motions.")

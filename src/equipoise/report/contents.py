@@ -16,7 +16,7 @@ from equipoise.report.residuals import held_out_blocks, residual_figures
 from equipoise.report.sensor_figures import sensor_blocks
 from equipoise.report.trial_figures import search_figures, trial_table
 from equipoise.result.calibration import Calibration
-from equipoise.result.legend import frame_message
+from equipoise.result.legend import frame_message, lifts_message
 
 
 def run_contents(result: Calibration, run: str = "RUN") -> PageContents:
@@ -66,10 +66,13 @@ def _held_out_title(result: Calibration) -> str:
 
 
 def _subtitle(result: Calibration) -> str:
-    lifts = sum(trial.kind == "lift" for trial in result.trials)
+    lifts = any(trial.kind == "lift" for trial in result.trials)
     time = sum(trial.duration for trial in result.trials)
     passed = sum(check.passed for check in result.checks)
-    parts = [f"method {result.method}", f"{lifts} lifts in {time:.0f} s of robot time" if lifts else f"{time:.0f} s"]
+    parts = [
+        f"method {result.method}",
+        f"{lifts_message(result)} in {time:.0f} s of robot time" if lifts else f"{time:.0f} s",
+    ]
     parts += [f"{passed} of {len(result.checks)} checks passed"] if result.checks else []
     parts += [str(result.provenance["platform"])] if "platform" in result.provenance else []
     parts += [str(result.provenance["time"])[:16].replace("T", " ")] if "time" in result.provenance else []

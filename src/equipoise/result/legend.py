@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -17,6 +18,7 @@ _VERDICTS = {
     "not identified": "not identified: posterior std above half of the prior std",
     "doubtful": "doubtful: a check failed",
 }
+_REASONS = 3  # shown for motions that are not used
 
 
 def frame_message(result: Calibration) -> str:
@@ -65,3 +67,19 @@ def checks_message(result: Calibration) -> str:
     """Return the number of failed checks, in words."""
     failed = sum(not check.passed for check in result.checks)
     return "all checks passed" if not failed else f"{failed} of {len(result.checks)} checks failed"
+
+
+def lifts_message(result: Calibration) -> str:
+    """Return the number of lifts, and of those that were used if some were not."""
+    lifts = [trial for trial in result.trials if trial.kind == "lift"]
+    used = sum(trial.note is None for trial in lifts)
+    return f"{len(lifts)} lifts" if used == len(lifts) else f"{used} of {len(lifts)} lifts used"
+
+
+def left_out_message(result: Calibration) -> str:
+    """Return the motions that were not used, with the most frequent reasons; empty if all were used."""
+    reasons = Counter((trial.kind, trial.note) for trial in result.trials if trial.note is not None).most_common()
+    words = [f"{count} {kind}{'s' * (count > 1)} ({note})" for (kind, note), count in reasons[:_REASONS]]
+    if rest := sum(count for _, count in reasons[_REASONS:]):
+        words.append(f"{rest} more, see the report's table of motions")
+    return f"Not used: {', '.join(words)}." if words else ""

@@ -20,7 +20,7 @@ from equipoise.figures.parts import Parts, parts_of, parts_of_legs
 from equipoise.figures.uncertainty_budget import REMEDY, remedies, uncertainty_table
 from equipoise.method.rehearsal import Forecast
 from equipoise.result.calibration import Calibration
-from equipoise.result.legend import checks_message, doubt_message
+from equipoise.result.legend import checks_message, doubt_message, left_out_message, lifts_message
 from equipoise.result.shown import ROWS
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.audit import Audit
@@ -132,11 +132,13 @@ def _remarks(result: Calibration) -> Iterator[str]:
         yield f"Held-out prediction: {result.held_out.message()}."
     if significant := [finding.message for finding in result.sensors if finding.significant]:
         yield "Sensor errors to correct: " + "; ".join(significant) + "."
-    lifts = sum(trial.kind == "lift" for trial in result.trials)
+    kinds = {trial.kind for trial in result.trials}
     time = sum(trial.duration for trial in result.trials)
-    walked = not lifts and any(trial.kind in ("walk", "crawl") for trial in result.trials)
+    what = "Steps" if "lift" not in kinds and kinds & {"walk", "crawl"} else lifts_message(result)
     checks = f"; {checks_message(result)}" if result.has_intervals else ""
-    yield f"{'Steps' if walked else f'{lifts} lifts'} in {len(result.trials)} motions, {time:.0f} s of robot time{checks}."
+    yield f"{what} in {len(result.trials)} motions, {time:.0f} s of robot time{checks}."
+    if left_out := left_out_message(result):
+        yield left_out
     if missing := not_estimated(result):
         yield f"Not estimated by this method: {', '.join(missing)}."
 
