@@ -174,6 +174,25 @@ def test_a_dry_run_moves_nothing_and_prints_the_plan(tmp_path, monkeypatch, caps
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("flags", "first", "time", "around"),
+    [
+        ("--duration 60s", ["nominal stance"], 60, ""),
+        ("--duration 60s --start lying", ["lying", "nominal stance"], 72, ", with checks, standing up and lying down"),
+        ("--parameters motors", ["nominal stance", "lying", "legs up, middle"], 22, ""),
+    ],
+)
+def test_a_dry_run_begins_with_the_posture_of_the_start(flags, first, time, around, capsys):
+    assert main(["calibrate", *flags.split(), "--dry-run", "--json"]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert [posture["what"] for posture in table["postures"]][: len(first)] == first
+    assert table["duration"] == pytest.approx(time, abs=1)
+    assert main(["calibrate", *flags.split(), "--dry-run"]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f", about {time} s{around}. The robot {'is checked, stands up' if around else 'stands'}, " in printed
+    assert ("from lying until it lies again" in printed) == bool(around)
+
+
 def test_a_dry_run_counts_lifts_and_names_each_posture_once(a1, capsys):
     rehearsal = rehearse(a1, BayesianMethod(duration=60))
     lifts = BayesianMethod(duration=60).forecast(a1, nominal_stance(a1)).lifts

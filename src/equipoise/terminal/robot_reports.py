@@ -102,7 +102,8 @@ def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
         torque = f"{rehearsal.largest_torque[index]:.1f}{most}"
         joints.append([joint_name, f"{lower[index]:+.2f}", f"{upper[index]:+.2f}", allowed, torque])
     show_table("Joints", ["joint", "|from [rad]", "|to", "|limits [rad]", "|torque [Nm]"], joints, console)
-    console.print("Computed with the model, from lying until it lies again. Nothing was moved.")
+    around = ", from lying until it lies again" * _begins_lying(rehearsal)
+    console.print(f"Computed with the model{around}. Nothing was moved.")
 
 
 def rehearsal_lines(rehearsal: Rehearsal, platform: str) -> list[str]:
@@ -111,15 +112,21 @@ def rehearsal_lines(rehearsal: Rehearsal, platform: str) -> list[str]:
     joint = _hardest(robot, torque)
     share = torque[joint] / robot.effort_limit[joint]
     limit = f"{share:.0%} of its limit" if share > 0 else "which has no limit in the model file"
+    lying = _begins_lying(rehearsal)
+    start, around = ("is checked, stands up", ", with checks, standing up and lying down") if lying else ("stands", "")
     lines = [
-        f"{robot.name} on {platform}: method {rehearsal.method.name}, about {rehearsal.duration:.0f} s.",
-        f"The robot is checked, stands up, {rehearsal.doing}, and returns to its initial posture.",
+        f"{robot.name} on {platform}: method {rehearsal.method.name}, about {rehearsal.duration:.0f} s{around}.",
+        f"The robot {start}, {rehearsal.doing}, and returns to its initial posture.",
         f"Largest torque according to the model: {torque[joint]:.1f} Nm at {robot.joint_names[joint]}, {limit}.",
     ]
     lines += gain_lines(robot, platform)
     if share > _HEAVY:
         lines.append("This is close to the limit of the motor.")
     return lines
+
+
+def _begins_lying(rehearsal: Rehearsal) -> bool:
+    return rehearsal.postures[0].what == "lying"
 
 
 def _hardest(robot: RobotModel, torque: FloatArray) -> int:
