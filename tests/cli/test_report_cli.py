@@ -1,11 +1,14 @@
 """`equipoise report`, and the pages that other verbs write."""
 
+import dataclasses
 import json
 import shutil
 
 import pytest
 
 from equipoise.cli import main
+from equipoise.result.body import Body
+from equipoise.result.calibration import Calibration
 
 QUICK = ["calibrate", "--method", "static", "--quiet"]
 
@@ -120,6 +123,22 @@ def test_a_comparison_is_written_to_the_working_folder(run, copy, tmp_path, caps
     assert main(["report", str(run), str(copy), "--quiet"]) == 0
     assert capsys.readouterr().out == ""
     assert (tmp_path / "comparison.html").exists()
+    page = tmp_path / "comparison.html"
+    page.write_text("of other runs", encoding="utf-8")
+    assert "'comparison.html' exists; name a file with --out" in fails(capsys, 6, run, copy)
+    assert page.read_text(encoding="utf-8") == "of other runs"
+    assert main(["report", str(run), str(copy), "--out", "comparison.html", "--quiet"]) == 0
+    assert "2 runs compared" in page.read_text(encoding="utf-8")
+
+
+def test_runs_without_a_common_parameter_are_not_compared(run, tmp_path, capsys):
+    result = Calibration.load(run / "calibration.json")
+    nothing = Body.partial(result.nominal.composite)
+    motors = tmp_path / "motors.json"
+    dataclasses.replace(result, method="motors", composite=nothing).save(motors)
+    message = fails(capsys, 2, run, motors, "--out", tmp_path / "both.html")
+    assert "has no mass, CoM or inertia in common with the other runs: leave it out" in message
+    assert not (tmp_path / "both.html").exists()
 
 
 def test_the_page_of_a_json_result_is_in_its_folder(run, tmp_path, capsys):

@@ -32,7 +32,8 @@ def report(runs: Runs, *, out: File = None, output: Output) -> None:
              equipoise report runs/before runs/after --out before-after.html
 
     Args:
-        out: File to write, in an existing folder; default report.html in the run folder, or comparison.html in this folder.
+        out: File to write or replace, in an existing folder; default report.html in the run folder, or a new comparison.html
+            in this folder.
     """
     if not runs:
         raise SettingsError("no run is given; name a run folder, for example runs/unitree_a1-20260101-120000")
@@ -45,6 +46,8 @@ def report(runs: Runs, *, out: File = None, output: Output) -> None:
         page = runs[0].with_suffix(".html") if runs[0].is_file() else runs[0] / REPORT
         file = save_report(_estimated(runs[0]), out or page)
     else:
+        if out is None and Path(_COMPARISON).exists():  # it may compare other runs
+            raise OutputError(f"{_COMPARISON!r} exists; name a file with --out, which may be this one")
         file = save_comparison(_named(runs), out or Path(_COMPARISON))
     table = {"schema": "equipoise.report/1", "report": str(file), "runs": [str(path) for path in runs]}
     output.write(table, lambda: None if output.quiet else print(f"saved: {file}"))

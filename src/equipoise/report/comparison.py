@@ -22,11 +22,12 @@ def comparison_contents(results: dict[str, Calibration]) -> PageContents:
     """Return the contents of the comparison page.
 
     Raises:
-        SettingsError: fewer than two runs.
+        SettingsError: fewer than two runs, or a run that shares no parameter with the others.
     """
     if len(results) < 2:
         raise SettingsError(f"{len(results)} runs cannot be compared; give at least two")
     shown = {name: {one.label: one for one in numbers(result)} for name, result in results.items()}
+    _require_shared_parameters(shown, results)
     robots = list(dict.fromkeys(result.robot for result in results.values()))
     labels = list(dict.fromkeys(label for of_run in shown.values() for label in of_run))
     first, *others = results
@@ -45,6 +46,16 @@ def comparison_contents(results: dict[str, Calibration]) -> PageContents:
         sections,
         [(f"{name}: {kind.lower()}", message) for name, result in results.items() for kind, message in alerts(result)],
     )
+
+
+def _require_shared_parameters(shown: dict[str, dict[str, Number]], results: dict[str, Calibration]) -> None:
+    for name, of_run in shown.items():
+        others = [other for one, other in shown.items() if one != name]
+        if not any(of_run.keys() & other.keys() for other in others):
+            raise SettingsError(
+                f"{name!r} (method {results[name].method}) has no mass, CoM or inertia in common with the other runs: leave "
+                "it out. 'equipoise report RUN' writes the page of one run"
+            )
 
 
 def _side_by_side(labels: list[str], shown: dict[str, dict[str, Number]]) -> DataTable:
