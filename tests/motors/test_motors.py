@@ -22,6 +22,7 @@ from equipoise.recording.phases import Phase
 from equipoise.recording.trials import MotorTrial
 from equipoise.report.contents import run_contents
 from equipoise.robot.description import RobotDescription
+from equipoise.terminal.results import print_calibration
 
 
 @pytest.fixture(scope="module")
@@ -246,6 +247,21 @@ def test_a_report_of_motors_alone_begins_with_them(swung):
         scale = estimates["x"][0] / first.value
         assert estimates["error_x"]["array"][0] == pytest.approx(scale * first.half_width, rel=1e-3)
         assert truths["x"][0] == pytest.approx(scale * first.truth, rel=1e-3)
+
+
+def test_the_terminal_shows_estimates_truths_and_the_export(swung, tmp_path, capsys):
+    result = swung[0]
+    print_calibration(result, [], kept=tmp_path)
+    shown = capsys.readouterr().out
+    estimates, truths = shown.split("unitree_a1: motors, ground truth of the simulation")
+    assert "unitree_a1: motors, 95 % +-" in estimates
+    words = next(line for line in truths.splitlines() if "RR_calf_joint" in line).split()
+    assert float(words[1]) == pytest.approx(result.motors["RR_calf_joint"].coulomb_friction.truth, abs=1e-3)
+    assert "s of robot time; the method motors has no checks." in truths
+    assert f"export with: equipoise export {tmp_path} --to toml\n" in truths
+    unknown = result.with_truth_of_parts({})
+    print_calibration(unknown, [])
+    assert "ground truth" not in capsys.readouterr().out
 
 
 def test_a_result_round_trips(swung, tmp_path):

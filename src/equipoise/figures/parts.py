@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import floor, log10
 
-from equipoise.figures.blocks import DataTable
+from equipoise.figures.blocks import DataTable, number
 from equipoise.result.calibration import Calibration
 from equipoise.result.findings import Link, Part
 from equipoise.result.quantity import Quantity
@@ -73,6 +73,20 @@ class Parts:
         )
         return DataTable(title or words, heads, rows)
 
+    def truths(self, title: str) -> DataTable | None:
+        """Return a table of the ground truth, with the digits of the estimates; None if it is not known."""
+        if not any(quantity.truth is not None for one in self.columns for quantity in self.of(one.name)):
+            return None
+        columns = [
+            [
+                number(quantity.truth, one.factor, one.form + _digits(self.of(one.name), one))
+                for quantity in self.of(one.name)
+            ]
+            for one in self.columns
+        ]
+        heads = [self.each, *(f"|{one.label}" for one in self.columns)]
+        return DataTable(title, heads, [list(row) for row in zip(self.found, *columns, strict=True)])
+
 
 def parts_of(result: Calibration) -> list[Parts]:
     """Return motors and links, if the run estimated them."""
@@ -109,10 +123,15 @@ def _left_by_right(found: Mapping[str, Part], names: Sequence[str]) -> dict[str,
 
 
 def _cells(quantities: list[Quantity], shown: Shown) -> list[str]:
-    """Return the cells of a column, with the digits of its narrowest interval."""
-    half_widths = [quantity.half_width * shown.factor for quantity in quantities if quantity.half_width]
-    form = f".{_decimals(min(half_widths, default=1.0))}f"
+    """Return the cells of a column."""
+    form = _digits(quantities, shown)
     return [_cell(quantity, shown, form) for quantity in quantities]
+
+
+def _digits(quantities: list[Quantity], shown: Shown) -> str:
+    """Return the format of a column, with the digits of its narrowest interval."""
+    half_widths = [quantity.half_width * shown.factor for quantity in quantities if quantity.half_width]
+    return f".{_decimals(min(half_widths, default=1.0))}f"
 
 
 def _decimals(half: float) -> int:

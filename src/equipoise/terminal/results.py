@@ -77,10 +77,16 @@ def print_calibration(
     for check in result.checks:
         if not check.passed:
             console.print(f"[red]check failed:[/red] {escape(f'{check.name}: {check.message}')}")
-    if not result.motors or result.composite.com_in_base.x.value is not None:
+    motors_alone = bool(result.motors) and result.composite.com_in_base.x.value is None
+    if not motors_alone:
         _print_numbers(console, result)
     for parts in parts_of(result):
         _print_parts(console, f"{result.robot}: {parts.kind}, 95 % +-", parts)
+        if (truths := parts.truths(f"{result.robot}: {parts.kind}, ground truth of the simulation")) is not None:
+            print_table(console, truths)
+    if motors_alone:
+        time = sum(trial.duration for trial in result.trials)
+        console.print(f"{time:.0f} s of robot time; the method {result.method} has no checks.")
     for assumption in result.assumptions:
         console.print(escape(f"assumed: {assumption}"))
     for warning in () if result.checks else result.warnings:
@@ -106,6 +112,8 @@ def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -
         alone = kept.is_file() and not (kept.parent / HEADER).exists()
         model = f" --file {typed(result.robot_model.source.path)}" if alone and result.robot_model is not None else ""
         steps.append(f"export with: equipoise export {typed(kept)} --to {result.model['format']}{model}")
+    elif result.motors:
+        steps.append(f"export with: equipoise export {typed(kept)} --to toml")
     return [*steps, *([f"estimate again: equipoise estimate {typed(kept)}"] if (kept / RESULT) in files else [])]
 
 
