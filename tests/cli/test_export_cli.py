@@ -11,9 +11,11 @@ from exporting import assert_same, composite_in_equipoise, composite_in_pinocchi
 
 from equipoise import BayesianMethod, RunFolder, export
 from equipoise.cli import main
+from equipoise.exports.acceptance import LEFT_OUT, WEAK
 from equipoise.exports.formats import FORMATS
 from equipoise.result.body import Body
 from equipoise.robot.inertial import InertialParameters
+from equipoise.terminal.export_listing import merged
 from equipoise.terminal.results import print_calibration
 
 
@@ -197,13 +199,28 @@ def test_all_formats_go_into_a_folder_and_others_are_listed(run, tmp_path, capsy
     assert len([*tmp_path.iterdir()]) == len(FORMATS) - 2
     assert "mjcf: not written: the run's model is URDF" in printed
     assert "usd: not written: format usd edits your own stage" in printed
-    assert printed.count("weakly identified: joint_offset (FL_thigh_joint)") == 1
+    assert printed.count("weakly identified: ") == printed.count("joint_offset (FL_thigh_joint)") == 1
     assert (
         main(["export", str(run), "--all", "--parameters", "motors", "--json", "--out", str(tmp_path / "motors")]) == 0
     )
     table = json.loads(capsys.readouterr().out)
     assert table["files"]["toml"]["parts"] == ["motors"]
     assert not {"sdf", "joint-offsets"} & ({*table["files"]} | {*table["left_out"]})
+
+
+def test_formats_are_grouped_by_the_reason_for_which_they_are_not_written(a1, tmp_path, capsys):
+    doubtful = found(a1, verdicts={("composite", "Izz"): "not identified"})
+    doubtful.save(tmp_path / "calibration.json")
+    assert main(["export", str(tmp_path / "calibration.json"), "--all"]) == 0
+    names = "quadruped-pympc, unitree-guide, mit-cheetah, quad-sdk, yaml, json"
+    printed = capsys.readouterr().out
+    assert f"\n{names}: not written: not identified by this run: composite Izz; " in printed
+    assert printed.count("composite Izz") == 1
+
+
+def test_lists_of_parameters_in_notes_are_merged():
+    notes = [f"{WEAK}: a, b (x y)", "assumed: c, d", f"{WEAK}: b (x y), e", "assumed: c, d", f"{LEFT_OUT}: f"]
+    assert merged(notes) == [f"{WEAK}: a, b (x y), e", "assumed: c, d", f"{LEFT_OUT}: f"]
 
 
 def test_all_takes_no_flag_of_one_format_and_fails_where_nothing_can_be_written(run, a1, tmp_path, capsys):

@@ -21,6 +21,7 @@ NO_COM = (
     "cannot hold the composite's CoM, which is at (-0.00198, -0.00036, -0.01847) m in the frame of base link 'trunk'"
 )
 BOTH = f"written of the composite: mass [kg], {WHOLE}; written of the base: mass [kg], {WHOLE}"
+NO_BODY = "written: {}; no mass, CoM or inertia of a body"
 CONTENTS = {
     **dict.fromkeys(("urdf", "mjcf", "sdf", "usd", "xacro"), f"written of the base: mass [kg], {LINK}"),
     "quadruped-pympc": NO_COM.format("Quadruped-PyMPC's config.py"),
@@ -31,10 +32,8 @@ CONTENTS = {
     "isaaclab": "written of the base, as ranges: mass [kg], CoM [m] in the frame of that link; "
     "Isaac Lab's event terms cannot hold the base's inertia",
     **dict.fromkeys(("yaml", "json"), BOTH),
-    **dict.fromkeys(
-        ("toml", "joint-offsets", "c-header", "ros2", "unitree-yaml", "holosoma"),
-        "written of base and composite: no mass, CoM or inertia",
-    ),
+    **dict.fromkeys(("toml", "c-header", "ros2", "unitree-yaml"), NO_BODY.format("sensors and motors")),
+    **dict.fromkeys(("joint-offsets", "holosoma"), NO_BODY.format("sensors")),
 }
 
 
@@ -95,7 +94,7 @@ def test_a_payload_link_is_named(exported):
 
 
 def test_other_parts_alone_hold_no_body(exported):
-    assert exported("urdf", parameters="motors").contents == "written of base and composite: no mass, CoM or inertia"
+    assert exported("urdf", parameters="motors").contents == NO_BODY.format("motors")
 
 
 @pytest.mark.parametrize("name", [name for name, row in FORMATS.items() if row.file != "model" and name != "usd"])
@@ -109,9 +108,23 @@ def test_the_terminal_states_it_of_all_formats_at_once(a1, tmp_path, capsys):
     make_run(tmp_path / "run", a1)
     assert main(["export", str(tmp_path / "run"), "--all", "--parameters", "all"]) == 0
     printed = capsys.readouterr().out
-    written = [name for name in FORMATS if f"{name}: written of" in printed]
+    rows = [" ".join(row.split()) for row in printed.replace("\n" + 18 * " ", " ").splitlines()]
+    parts = {name: ", ".join(part for part in row.parts if part != "legs") for name, row in FORMATS.items()}
+    held = {
+        "quadruped-pympc": "composite without CoM",
+        "unitree-guide": "composite",
+        "mit-cheetah": "composite without CoM, base",
+        "quad-sdk": "composite without CoM",
+        "isaaclab": "base without inertia, sensors, motors",
+        **dict.fromkeys(("yaml", "json"), "composite, base, sensors, motors"),
+    }
+    written = [name for name in FORMATS if f"{name}: not written" not in printed]
     assert len(written) >= len(FORMATS) - 2
-    assert all(f"{name}: {CONTENTS[name]}; saved: " in printed for name in written)
+    for name in written:
+        assert any(row.startswith(f"{name} ") and row.endswith(f": {held.get(name, parts[name])}") for row in rows), (
+            name
+        )
+    assert f"saved in {tmp_path / 'run' / 'export'}\n" in printed
 
 
 def test_a_format_of_another_package_states_what_it_declares(result):

@@ -206,7 +206,10 @@ def test_the_command_writes_both_files(tmp_path, robot, capsys):
     policy.write_text(quadruped_urdf(extra=rotors(in_legs=True)))
     command = ("export", str(run), "--relative-to", str(policy))
     assert main([*command]) == 0
-    assert "json: written of the base: the robot's minus that of policy.urdf: mass +" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert printed.count("written of the base: the robot's minus that of policy.urdf: mass +") == 1
+    for row in ("json  relative.json: difference of the base", "ros2  relative_ros2.yaml: difference of the base"):
+        assert row in printed
     assert {path.name for path in (run / "export").iterdir()} == {"relative.json", "relative_ros2.yaml"}
     assert "leave out --all" in fails(capsys, 2, *command, "--all")
     assert "writes several files; leave out --to, --file" in fails(capsys, 2, *command, "--samples", "3")

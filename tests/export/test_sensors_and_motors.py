@@ -193,7 +193,8 @@ def test_by_default_files_that_hold_the_base_hold_it_alone(result, a1):
 def test_values_not_identified_are_left_out_with_a_note(result):
     out = export(result, "toml")
     assert out.notes == (
-        f"not identified, so left out (in lists: 0): joint_offset ({HIP}), relative_gain ({HIP} {THIGH})",
+        "not identified, so not written (0 where a format lists every joint): "
+        f"joint_offset ({HIP}), relative_gain ({HIP} {THIGH})",
         f"weakly identified: joint_offset ({THIGH})",
     )
     assert HIP not in tomllib.loads(out.text)["sensors"]["joint_offset"]["value"]
@@ -304,7 +305,9 @@ def test_names_cannot_inject_code(result, name):
 def test_the_command_line_names_the_omitted_values(a1, tmp_path, capsys):
     make_run(tmp_path / "run", a1)
     assert main(["export", str(tmp_path / "run"), "--to", "toml", "--parameters", "motors"]) == 0
-    assert "not identified, so left out (in lists: 0): relative_gain" in capsys.readouterr().out
+    assert (
+        "not identified, so not written (0 where a format lists every joint): relative_gain" in capsys.readouterr().out
+    )
     table = tomllib.loads((tmp_path / "run" / "export" / "motors.toml").read_text(encoding="utf-8"))
     assert set(table) & {"sensors", "motors"} == {"motors"}
     assert main(["export", str(tmp_path / "run"), "--to", "toml", "--parameters", "legs"]) == 8

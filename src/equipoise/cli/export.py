@@ -63,7 +63,8 @@ def export(
 
     Args:
         to: Format; --list shows all.
-        all: Write all formats that can hold the parameters into the folder --out, and list the others with the reason.
+        all: Write all formats that can hold the parameters into the folder --out, and list the others with the reason; exits
+            with 0 if one is written.
         out: File to write, in an existing folder; default export/ in the run folder. To overwrite your own file, name it here.
         file: Your file to edit: for urdf and mjcf instead of the run's model file; sdf and xacro write a new file without it.
         force: Also write doubtful parameters and those that are not identified, or the valid body nearest to the payload.
@@ -134,7 +135,9 @@ def _export_all(
     files = {name: {"path": str(paths[name]), **one.to_dict()} for name, one in written.items()}
     left_out = {name: str(error) for name, error in refused.items()}
     table = {"schema": "equipoise.exports/1", "files": files, "left_out": left_out}
-    output.write(table, lambda: None if output.quiet else print_exports(written, paths, refused))
+    output.write(
+        table, lambda: None if output.quiet else print_exports(written, paths, refused, relative_to is not None)
+    )
 
 
 def _reference(name: str | None, result: Calibration) -> RobotModel | None:

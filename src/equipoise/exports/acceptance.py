@@ -16,6 +16,9 @@ from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
 from equipoise.robot.model import RobotModel
 
+WEAK = "weakly identified"
+LEFT_OUT = "not identified, so not written (0 where a format lists every joint)"
+"""First words of notes that list parameters."""
 _REMEDY = {
     SENSORS: "calibrate with --method bayesian",
     MOTORS: "calibrate with --parameters base,motors",
@@ -50,7 +53,7 @@ def accept_bodies(result: Calibration, bodies: Sequence[str], force: bool) -> tu
     notes += _failed(result)
     weak = _with_verdict(result, bodies, "weak")
     notes += [f"assumed: {assumption}" for assumption in result.assumptions]
-    return (*notes, *([f"weakly identified: {', '.join(weak)}"] if weak else []))
+    return (*notes, *([f"{WEAK}: {', '.join(weak)}"] if weak else []))
 
 
 def accept_columns(
@@ -72,10 +75,10 @@ def accept_columns(
         return (), ()
     _refuse_doubtful(result, force)
     missing, weak = _names(found, _missing), _names(found, lambda quantity: quantity.verdict == "weak")
-    prefix = "FORCED: not identified" if force else "not identified, so left out (in lists: 0)"
+    prefix = "FORCED: not identified" if force else LEFT_OUT
     notes = [f"{prefix}: {missing}"] if missing else []
     notes += _failed(result)
-    notes += [f"weakly identified: {weak}"] if weak else []
+    notes += [f"{WEAK}: {weak}"] if weak else []
     written = found if force else [column.only(_identified) for column in found]
     return tuple(column for column in written if column.values), tuple(notes)
 

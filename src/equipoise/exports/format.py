@@ -61,7 +61,7 @@ class Format:
             subject: input of the writer.
         """
         if not bodies:
-            return "written of base and composite: no mass, CoM or inertia"
+            return f"written: {' and '.join(subject.parts)}; no mass, CoM or inertia of a body"
         # A format of the base alone is used with the model file, and has that file's axes.
         frame = "that link" if subject.payload_link or self.bodies == (BASE,) else f"base link {subject.base_link!r}"
         return "; ".join(self._contents_of(body, frame, subject) for body in bodies)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 
 from equipoise.errors import EquipoiseError
+from equipoise.exports.acceptance import LEFT_OUT, WEAK
 from equipoise.exports.formats import Export, Format
-from equipoise.terminal.rich_tables import show_table
+from equipoise.exports.parameters import BASE
+from equipoise.terminal.rich_tables import print_wrapped, show_table
 
 _SHORT = 40  # lines that fit on a screen
 _FILES = {"model": "model file", "given": "--file", "": ""}
@@ -22,41 +24,75 @@ def print_formats(available: Mapping[str, Format | EquipoiseError]) -> None:
     console = Console()
     rows = [[row.name, ",".join(row.holds), row.where, _FILES[row.file]] for row in formats]
     show_table("", ["--to", "writes", "for", "edits"], rows, console)
-    for row in available.values():
-        if isinstance(row, EquipoiseError):
-            console.print(f"[yellow]warning:[/yellow] {escape(str(row))}", soft_wrap=True)
+    _print_warnings(console, [str(row) for row in available.values() if isinstance(row, EquipoiseError)])
     linked = ", ".join(row.name for row in formats if row.payload)
-    console.print(
+    print_wrapped(
+        console,
         "base: base link with the links that are fixed or locked to it; composite: the whole robot frozen at its stance;\n"
         "sensors: joint offsets, IMU, clock; motors: friction, armature, gain, delay. Select with --parameters.\n"
         f"--add-payload-link writes the payload as a separate link; formats: {linked}.\n"
         "Next: equipoise export RUN --to FORMAT. Checks for each format: docs/reference/exports.md",
-        soft_wrap=True,
     )
 
 
 def print_exports(
-    written: Mapping[str, Export], paths: Mapping[str, Path], refused: Mapping[str, EquipoiseError]
+    written: Mapping[str, Export], paths: Mapping[str, Path], refused: Mapping[str, EquipoiseError], relative: bool
 ) -> None:
-    """Print warnings, each once, the contents and path of each file, and the reason for each format not written."""
+    """Print warnings, a table of the files, and the formats that were not written by reason; each sentence once.
+
+    Args:
+        relative: true for files of the difference from another model.
+    """
     console = Console()
-    for note in dict.fromkeys(note for one in written.values() for note in one.notes):
-        console.print(f"[yellow]warning:[/yellow] {escape(note)}", soft_wrap=True)
-    for name, path in paths.items():
-        console.print(escape(f"{name}: {written[name].contents}; saved: {path}"), soft_wrap=True, highlight=False)
+    _print_warnings(console, merged(note for one in written.values() for note in one.notes))
+    sentences = dict.fromkeys(one.contents for one in written.values()) if relative else {}
+    for sentence in sentences:
+        print_wrapped(console, escape(sentence), highlight=False)
+    rows = [
+        [name, f"{path.name}: {'difference of the base' if relative else _held(written[name])}"]
+        for name, path in paths.items()
+    ]
+    show_table("", ["--to", "file and contents"], rows, console)
+    console.print(f"saved in {escape(str(next(iter(paths.values())).parent))}", soft_wrap=True)
+    reasons: dict[str, list[str]] = {}
     for name, error in refused.items():
-        console.print(escape(f"{name}: not written: {error}"), soft_wrap=True, highlight=False)
+        reasons.setdefault(str(error), []).append(name)
+    for reason, names in reasons.items():
+        print_wrapped(console, escape(f"{', '.join(names)}: not written: {reason}"), highlight=False)
+
+
+def merged(notes: Iterable[str]) -> list[str]:
+    """Return notes of several files, each once, and those that list parameters as one list of a kind."""
+    found: dict[str, dict[str, None]] = {}
+    for note in notes:
+        kind, _, names = note.partition(": ")
+        if kind in (WEAK, LEFT_OUT):
+            found.setdefault(kind, {}).update(dict.fromkeys(names.split(", ")))
+        else:
+            found.setdefault(note, {})
+    return [f"{note}: {', '.join(names)}" if names else note for note, names in found.items()]
+
+
+def _held(one: Export) -> str:
+    """Return the bodies of a file, with what the format cannot hold of them, and its other parts."""
+    words = [*one.format.bodies, *(part for part in one.parts if part != BASE)]
+    lacking = dict(lack.split(maxsplit=1) for lack in one.format.lacks)
+    return ", ".join(f"{word} without {lacking[word]}" if word in lacking else word for word in words)
 
 
 def print_export(written: Export, path: Path) -> None:
     """Print the path of an export and its warnings; short generated texts are printed in full."""
     console = Console()
-    for note in written.notes:
-        console.print(f"[yellow]warning:[/yellow] {escape(note)}", soft_wrap=True)
+    _print_warnings(console, written.notes)
     lines = written.text.splitlines() if not written.format.file else []
     if 0 < len(lines) <= _SHORT:
         print(written.text, end="")
     else:
         for line in written.header[: len(written.header) - len(written.notes)]:
-            console.print(escape(line), soft_wrap=True, highlight=False)
+            print_wrapped(console, escape(line), highlight=False)
     console.print(f"saved: {escape(str(path))}", soft_wrap=True)
+
+
+def _print_warnings(console: Console, notes: Iterable[str]) -> None:
+    for note in notes:
+        print_wrapped(console, f"[yellow]warning:[/yellow] {escape(note)}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
+from typing import Any
 
 from rich import box
 from rich.console import Console
@@ -54,6 +55,11 @@ def show_table(
 ) -> None:
     """Print a table of strings."""
     print_table(console or Console(), DataTable(title, columns, rows))
+
+
+def print_wrapped(console: Console, text: str, **style: Any) -> None:
+    """Print markup, wrapped between words at a terminal and on one line elsewhere."""
+    console.print(text, soft_wrap=not console.is_terminal, **style)
 
 
 def print_saved(console: Console, files: Sequence[Path]) -> None:
