@@ -169,6 +169,20 @@ def test_a_file_that_is_missing(capsys):
     assert "does not exist" in fails(capsys, 3, "calibrate", "no/such/robot.urdf")
 
 
+def test_messages_wrap_at_a_terminal_alone(tmp_path, monkeypatch, capsys):
+    name = f"{tmp_path}/{'a-long-name-' * 8}"
+    whole = f"error: {name!r} does not exist; name the run folder of a calibration\n"
+    monkeypatch.setenv("COLUMNS", "30")
+    assert main(["estimate", name]) == 5
+    assert capsys.readouterr().err == whole
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert main(["estimate", name]) == 5
+    wrapped = capsys.readouterr().err
+    assert wrapped.split() == whole.split()
+    assert max(len(line) for line in wrapped.splitlines() if name not in line) <= 30
+    assert f"\n{name!r}\n" in wrapped  # which can be copied
+
+
 def test_an_unknown_name_lists_the_valid_names(capsys):
     assert "known names are unitree_a1, a1" in fails(capsys, 3, "calibrate", "rex")
 

@@ -79,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 import traceback
 
                 traceback.print_exc()
-            print(f"error: {error}", file=sys.stderr)
+            _print_message(f"error: {error}")
             return _failed(type(error).__name__, str(error), error.exit_code, arguments, error.details)
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
@@ -88,7 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - flushed when Python exits
             return 0
         except OSError as error:
-            print(f"error: cannot write: {error}", file=sys.stderr)
+            _print_message(f"error: cannot write: {error}")
             return OutputError.exit_code
     return int(code or 0)  # None from verbs that always succeed
 
@@ -137,12 +137,24 @@ def _switches(verb: Callable[..., Any], words: Sequence[str]) -> dict[str, bool]
 @contextmanager
 def _warnings_on_stderr(quiet: bool) -> Generator[None]:
     def show(message: Warning | str, category: type[Warning], *_: Any) -> None:
-        print(f"warning: {message}", file=sys.stderr)
+        _print_message(f"warning: {message}")
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore" if quiet else "default")
         warnings.showwarning = show  # pyright: ignore[reportAttributeAccessIssue]
         yield
+
+
+def _print_message(text: str) -> None:
+    """Print a message on stderr, its first line wrapped at a terminal; proposals that follow stay as they are."""
+    if sys.stderr.isatty():
+        import shutil
+        import textwrap
+
+        first, line, others = text.partition("\n")
+        width = shutil.get_terminal_size().columns
+        text = textwrap.fill(first, width, break_long_words=False, break_on_hyphens=False) + line + others
+    print(text, file=sys.stderr)
 
 
 def _failed(

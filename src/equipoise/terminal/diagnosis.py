@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from equipoise.estimator.diagnostics.causes import Cause, Diagnosis
 from equipoise.result.quantity import Quantity
-from equipoise.terminal.rich_tables import show_table
+from equipoise.terminal.rich_tables import print_wrapped, show_table
 
 _SHOWN_ABOVE = 1.0  # normal deviate; one of six causes without an error exceeds it
 _UNITS = {"rad": (math.degrees(1.0), "deg", "+.2f"), "m": (1000.0, "mm", "+.1f"), "kg": (1.0, "kg", "+.2f")}
@@ -42,7 +42,7 @@ def print_diagnosis(found: Diagnosis, failed: Sequence[str], run: str) -> None:
         console.print(f"{found.robot}: no cause is significant; more motions determine smaller ones")
     for cause in significant:
         values = ", ".join(map(_value, cause.values))
-        console.print(escape(f"{cause.name}: {values}: {cause.change}"), soft_wrap=True)
+        print_wrapped(console, escape(f"{cause.name}: {values}: {cause.change}"))
     if significant:
         console.print(escape(f"RUN is {run}"), soft_wrap=True)
     for name in (cause.name for cause in shown if cause.name in {name for name, *_ in found.inseparable}):
