@@ -60,7 +60,7 @@ def test_a_simulated_run_without_an_imu_frame_states_where_the_imu_is(plain, cap
     out, err = streams(capsys)
     assert ORIGIN in out
     assert ORIGIN in err
-    assert RunFolder.open(tmp_path / "run").result().model["imu"] == ORIGIN
+    assert RunFolder.open(tmp_path / "run").result().model["imu"] == ORIGIN.removeprefix("IMU: ")
 
 
 REFUSED = (

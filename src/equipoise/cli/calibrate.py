@@ -135,12 +135,13 @@ def calibrate(
         return 0
     confirm(target, model, method)
     out = run_path(model, out)
-    if not output.silent:
-        _print_settings(robot, target, method, out)
-        print(model.imu.message, file=sys.stderr)
-    with new_run(target, model, out, method) as run, output.viewing(run.folder):
-        result = run(output.silent)
-        output.show(result, run.folder)
+    with new_run(target, model, out, method) as run:
+        if not output.silent:  # settings that the simulation refuses are refused before
+            _print_settings(robot, target, method, out)
+            print(model.imu.message, file=sys.stderr)
+        with output.viewing(run.folder):
+            result = run(output.silent)
+            output.show(result, run.folder)
     return exit_code(required, verdicts(result.composite, result.checks))
 
 

@@ -27,7 +27,7 @@ def frame_message(result: Calibration) -> str:
         f"CoM from the origin of base link {result.model['base_link']!r}, x forward, z up; inertia about the CoM, in the "
         f"same axes{_standing(result)}."
     )
-    imu = f" {result.model['imu']}."
+    imu = f" IMU: {result.model['imu']}."
     if "response_test" in result.provenance:
         imu += f" {from_json(ResponseTest, result.provenance['response_test']).message}."
     return words + imu + " Of 20 intervals one is expected to miss the truth." * result.has_intervals

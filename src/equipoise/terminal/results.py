@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
 from equipoise.calibration.run_header import HEADER, RESULT
@@ -38,7 +38,6 @@ class TrialProgress:
         self._live = Progress(
             SpinnerColumn(),
             BarColumn(bar_width=14),
-            MofNCompleteColumn(),
             TextColumn("about"),
             TimeRemainingColumn(compact=True),
             TextColumn("left:"),
@@ -54,7 +53,8 @@ class TrialProgress:
         """Show the current motion."""
         self._live.update(self._task, description=progress.doing, completed=progress.done, total=progress.expected)
         if not self._quiet and not self._console.is_terminal:
-            print(f"[{progress.done + 1}/{progress.expected}] {progress.doing}", file=sys.stderr, flush=True)
+            count = f"{progress.done + 1} of about {progress.expected}"  # the plan changes with the first lifts
+            print(f"[{count}] {progress.doing}", file=sys.stderr, flush=True)
 
     def __enter__(self) -> TrialProgress:
         self._live.start()

@@ -102,9 +102,9 @@ def balance(
     sensors_corrected = False
     engine = ""
     for name in DIAGONALS if diagonal == "both" else (diagonal,):
-        if not output.silent:
-            print(f"balancing on {name} ...", file=sys.stderr, flush=True)
         with simulate(model, sim_preset, loaded, seed, **world) as simulation, _interruption_kept(out, name):
+            if not output.silent:
+                print(f"balancing on {name} ...", file=sys.stderr, flush=True)
             design = _design_model(model, stance, simulation, name, calibration, error)
             trials.append(_trial(simulation, model, stance, design, name, settings))
             sensors_corrected, engine = design.sensors.any, simulation.engine_version
