@@ -18,6 +18,7 @@ SHAPES = {
     "payload": ["payload", "unitree_a1"],
     **{f"lab {verb}": ["lab", verb] for verb in ("balance", "monte-carlo", "reproduce")},
     "lab validate": ["lab", "validate", "RUN"],
+    **{f"lab emulate {protocol}": ["lab", "emulate", protocol] for protocol in ("unitree-dds", "unitree-udp")},
     "estimate a log": ["estimate", "log.mcap", "--robot", "unitree_a1"],
     "compare": ["compare", "RUN", "RUN"],
     **{f"calibrate {way}": ["calibrate", *way.split()] for way in (
@@ -128,7 +129,7 @@ def values_of(flag, metavar):
     if flag in OWN:
         return [[OWN[flag]]]
     if metavar.startswith("{"):
-        return [[choice] for choice in metavar.strip("{}").split(",")]
+        return [[choice] for choice in metavar.strip("{},").split(",")]  # a long list goes on in the next line
     return [({"": ""} | NUMBERS | WORDS | FILES)[metavar].split()]
 
 
@@ -211,6 +212,29 @@ def test_flags_of_several_values_reach_the_description(words, read, flags, name,
 ])  # fmt: skip
 def test_wrong_values_raise_one_clear_error(capsys, flags, message):
     assert message in fails(capsys, 2, "audit", "unitree_a1", *flags.split())
+
+
+@pytest.mark.parametrize("protocol", ["unitree-dds", "unitree-udp", "ros2"])
+def test_help_of_an_emulator_is_that_of_other_verbs(protocol, read, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["lab", "emulate", protocol, "--help"]) == 0
+    shown = capsys.readouterr().out
+    assert "emulator.emulated" not in shown
+    assert not re.search(r"\{None\}|INT|FLOAT|--\w+ STR|default: (True|False|None|)\)", shown)
+    assert main(["lab", "emulate", protocol]) == 0
+    assert read["options"] == type(read["options"])()
+
+
+def test_flags_of_an_emulator_reach_its_settings(read):
+    robot = "--payload 1,0,0,0.1 --enable-effect cable --start lying --duration 2min"
+    assert main(["lab", "emulate", "unitree-udp", *robot.split(), "--tick", "2ms", "--loss", "0.1"]) == 2
+    assert main(["lab", "emulate", "unitree-udp", *robot.split(), "--tick", "0.002s", "--loss", "0.1"]) == 0
+    options = read["options"]
+    assert (options.tick, options.faults.loss, options.faults.reorder) == (0.002, 0.1, 0.0)
+    emulated = options.emulated
+    assert (emulated.payload, emulated.enable_effect, emulated.start, emulated.duration) == (
+        "1,0,0,0.1", ("cable",), "lying", 120.0
+    )  # fmt: skip
 
 
 def test_a_folder_may_have_a_number_as_its_name(folder, monkeypatch, read):

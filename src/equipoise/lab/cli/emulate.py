@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from types import ModuleType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 from tyro.conf import Positional, arg
-from tyro.constructors import StructConstructorSpec
+from tyro.constructors import StructConstructorSpec, StructFieldSpec
 
+from equipoise.cli.flags import PayloadGiven, PresetName, WithEffects, WithoutEffects
 from equipoise.cli.parsing import ChosenFlags
-from equipoise.cli.setting_flags import fields_of, spec_of
+from equipoise.cli.setting_flags import flags_of, spec_of, values_of
 
 EMULATORS = {
     "unitree-dds": ("unitree_dds", "UnitreeDdsOptions"),
     "unitree-udp": ("unitree_udp", "UnitreeUdpOptions"),
     "ros2": ("ros2", "Ros2Options"),
+}
+_OF_CALIBRATE = {
+    "sim_preset": PresetName,
+    "enable_effect": WithEffects,
+    "disable_effect": WithoutEffects,
+    "payload": PayloadGiven,
 }
 Protocol = Annotated[
     Positional[Literal["unitree-dds", "unitree-udp", "ros2"]],
@@ -40,7 +49,27 @@ def _options_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     """Return the flags of the emulator that the arguments name."""
     protocol = next((argument for argument in arguments if argument in EMULATORS), "unitree-dds")
     kind: Any = getattr(_module(protocol), EMULATORS[protocol][1])
-    return spec_of(kind.__doc__ or "", fields_of(kind), lambda values: kind(**values))
+    defaults = kind()
+    groups = {name: group for name, group in vars(defaults).items() if dataclasses.is_dataclass(group)}
+    own = [flag for flag in flags_of(kind) if flag.name not in groups]
+
+    def options(values: Mapping[str, Any]) -> Any:
+        made = {
+            name: dataclasses.replace(cast("Any", group), **values_of(type(group), values))
+            for name, group in groups.items()
+        }
+        return dataclasses.replace(defaults, **values_of(kind, values), **made)
+
+    return spec_of(kind.__doc__.splitlines()[0], [*own, *chain(*map(_flags_in, groups.values()))], options)
+
+
+def _flags_in(group: Any) -> Iterator[StructFieldSpec]:
+    """Yield the flags of a group of settings with its defaults, those of a simulated robot as in `calibrate`."""
+    usual = type(group)()
+    for flag in flags_of(type(group)):
+        value, kind = getattr(group, flag.name), _OF_CALIBRATE.get(flag.name, flag.type)
+        default = flag.default if value == getattr(usual, flag.name) else value
+        yield dataclasses.replace(flag, type=cast("Any", kind), default=default)
 
 
 CHOSEN: dict[type, ChosenFlags] = {object: (_options_flags, None)}

@@ -47,7 +47,7 @@ class WireSettings:
 
     Attributes:
         domain: number of the DDS domain, on "lo".
-        sport_mode: whether the robot's own controller holds the motors at the beginning.
+        sport_mode: the robot's own controller, which holds the motors at the beginning.
         first_tick: first count of its clock [ms], which wraps at 2^32.
         bare: zero ticks and checksums and no motion_switcher service, as in the public simulator.
     """
