@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from tilting import SAMPLES, contact_jacobian, moving_robot
 
 from equipoise.estimator.equations.torque_balance import TorqueSamples, sawtooth, torque_rows
+from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.unknowns import model_values
 from equipoise.platform.platform import Trajectory
 from equipoise.recording.recording import ImuStream, JointStream, Recording
@@ -40,7 +41,7 @@ def balance(robot, rows, torque, factors=None):
 @pytest.mark.parametrize("still", [True, False])
 def test_the_balance_holds_for_any_contact_forces(robot, still):
     samples = moving_robot(robot, 1, still)
-    rows = torque_rows(robot, samples, nothing_wrong(robot))
+    rows = torque_rows(LegChains(robot), samples, nothing_wrong(robot))
     assert rows.base.shape == (SAMPLES, 6 if len(robot.joint_names) == 12 else 2, 10)
     left = balance(robot, rows, samples.joint_torque)
     assert np.abs(left).max() < 1e-8
@@ -48,7 +49,7 @@ def test_the_balance_holds_for_any_contact_forces(robot, still):
 
 def test_the_balance_fails_for_wrong_torques_masses_and_links(robot):
     samples = moving_robot(robot, 2)
-    rows = torque_rows(robot, samples, nothing_wrong(robot))
+    rows = torque_rows(LegChains(robot), samples, nothing_wrong(robot))
     count = len(robot.joint_names)
     for joint in range(count):
         wrong = samples.joint_torque.copy()
@@ -60,7 +61,7 @@ def test_the_balance_fails_for_wrong_torques_masses_and_links(robot):
 
 def test_contact_forces_are_eliminated(robot):
     samples = moving_robot(robot, 3)
-    rows = torque_rows(robot, samples, nothing_wrong(robot))
+    rows = torque_rows(LegChains(robot), samples, nothing_wrong(robot))
     for index in range(SAMPLES):
         q = robot.configuration(samples.joint_position[index])
         jacobian = contact_jacobian(robot, q)
@@ -72,7 +73,7 @@ def test_contact_forces_are_eliminated(robot):
 @pytest.mark.parametrize("lifted", ["FL", "RR"])
 def test_the_balance_holds_on_three_feet(robot, lifted):
     samples = moving_robot(robot, 11, lifted=lifted)
-    rows = torque_rows(robot, samples, nothing_wrong(robot))
+    rows = torque_rows(LegChains(robot), samples, nothing_wrong(robot))
     assert np.abs(balance(robot, rows, samples.joint_torque)).max() < 1e-8
     own = robot.legs[lifted].joints
     swung = samples.joint_torque.copy()
@@ -84,7 +85,7 @@ def test_the_balance_holds_on_three_feet(robot, lifted):
 
 def test_samples_on_three_and_four_feet_can_be_joined(a1):
     both = TorqueSamples.joined([moving_robot(a1, 8), moving_robot(a1, 9, lifted="FR")])
-    assert np.abs(balance(a1, torque_rows(a1, both, nothing_wrong(a1)), both.joint_torque)).max() < 1e-8
+    assert np.abs(balance(a1, torque_rows(LegChains(a1), both, nothing_wrong(a1)), both.joint_torque)).max() < 1e-8
 
 
 def test_friction_and_armature_reduce_the_link_torque(robot):
@@ -94,7 +95,7 @@ def test_friction_and_armature_reduce_the_link_torque(robot):
     lost = coulomb_friction * np.tanh(samples.joint_velocity / 0.03)
     lost += viscous_friction * samples.joint_velocity + armature * samples.joint_acceleration
     reported = (samples.joint_torque + lost) / gain
-    rows = torque_rows(robot, replace(samples, joint_torque=reported), nothing_wrong(robot))
+    rows = torque_rows(LegChains(robot), replace(samples, joint_torque=reported), nothing_wrong(robot))
     at_link = gain * reported - coulomb_friction * samples.friction_direction
     at_link -= viscous_friction * samples.joint_velocity + armature * samples.joint_acceleration
     assert np.abs(balance(robot, rows, at_link)).max() < 1e-8
@@ -118,13 +119,15 @@ def test_known_sensor_biases_are_subtracted(request, name):
         angular_acceleration_in_imu=true.angular_acceleration_in_imu @ tilt,
         acceleration_in_imu=true.acceleration_in_imu @ tilt + biases["accelerometer_bias"],
     )
-    assert np.abs(balance(robot, torque_rows(robot, seen, biases), seen.joint_torque)).max() < 1e-8
-    assert np.abs(balance(robot, torque_rows(robot, seen, nothing_wrong(robot)), seen.joint_torque)).max() > 0.1
+    assert np.abs(balance(robot, torque_rows(LegChains(robot), seen, biases), seen.joint_torque)).max() < 1e-8
+    assert (
+        np.abs(balance(robot, torque_rows(LegChains(robot), seen, nothing_wrong(robot)), seen.joint_torque)).max() > 0.1
+    )
 
 
 def test_worn_feet_shift_the_contact_points(a1):
     samples = moving_robot(a1, 7)
-    worn = torque_rows(a1, samples, nothing_wrong(a1) | {"foot_radius": -0.5})
+    worn = torque_rows(LegChains(a1), samples, nothing_wrong(a1) | {"foot_radius": -0.5})
     assert np.abs(balance(a1, worn, samples.joint_torque)).max() > 0.05
 
 
@@ -183,7 +186,7 @@ def test_joined_samples_follow_each_other(a1):
     one, other = moving_robot(a1, 8), moving_robot(a1, 9)
     both = TorqueSamples.joined([one, other])
     np.testing.assert_array_equal(both.joint_torque, np.concatenate([one.joint_torque, other.joint_torque]))
-    rows = torque_rows(a1, both, nothing_wrong(a1))
+    rows = torque_rows(LegChains(a1), both, nothing_wrong(a1))
     assert np.abs(balance(a1, rows, both.joint_torque)).max() < 1e-8
 
 
@@ -209,7 +212,7 @@ def test_the_residual_of_a_rocking_robot_is_the_sawtooth(a1):
     left, allowed = {}, {}
     for period in (0.5e-3, 2e-3):
         samples = TorqueSamples.of_motion(rocking(a1, period), np.zeros(3), 1.0)
-        rows = torque_rows(a1, samples, nothing_wrong(a1))
+        rows = torque_rows(LegChains(a1), samples, nothing_wrong(a1))
         left[period] = np.linalg.norm(balance(a1, rows, samples.joint_torque), axis=1)
         allowed[period] = sawtooth(rows.torque, samples, a1.gains(nominal_stance(a1).hip_height)[0])
     assert left[0.5e-3].max() < 0.01

@@ -27,7 +27,7 @@ def gathered(batches, room=10_000):
     topic = GatheredTopic("/joint_states", JOINT_STATE, known_types(), room)
     for times, bodies in batches:
         for received, body in zip(times, bodies, strict=True):
-            topic.take(received, body)
+            topic.take([("/joint_states", JOINT_STATE, received, body)])
     clock, joints, _ = topic.streams()
     return clock, joints
 

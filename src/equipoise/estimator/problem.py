@@ -21,7 +21,6 @@ from equipoise.estimator.equations.imu_position import ExcitationSamples, imu_by
 from equipoise.estimator.equations.table import USUAL
 from equipoise.estimator.equations.tilt import TiltEquation
 from equipoise.estimator.equations.torque_balance import TorqueBalance
-from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.parameters import PriorDistribution, Unknowns
 from equipoise.estimator.solve import NormalEquations, descend, solve
 from equipoise.estimator.unknowns import Priors, Unknown
@@ -348,6 +347,6 @@ def _scale_reading(unknowns: Unknowns, x: FloatArray, total: float, derivative: 
 
 def total_mass(unknowns: Unknowns, x: FloatArray) -> tuple[float, FloatArray]:
     """Return the robot's mass [kg] and its (size,) derivative."""
-    of_links = LegChains(unknowns.robot).mass.ravel()
+    of_links = unknowns.legs.mass.ravel()
     masses = np.concatenate([np.eye(10)[0], of_links, np.zeros(3 * len(of_links))])
     return float(masses @ unknowns.inertial(x)), masses @ unknowns.inertial_jacobian(x)

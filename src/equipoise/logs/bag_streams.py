@@ -19,11 +19,14 @@ from equipoise.logs.cdr_arrays import Messages, read_messages
 from equipoise.logs.message_types import COMMANDS, IMU, JOINT_STATE, MOTOR_NAMES, STATES
 from equipoise.logs.raw_log import RawImu, RawJoints
 from equipoise.logs.stamps import Stamps
+from equipoise.recording.mcap_reader import Message
 from equipoise.recording.recording import read_only
 from equipoise.robot.model import LEG_NAMES
 
-Arrays = dict[tuple[str, str], NDArray[Any]]
-"""Numbers of n messages, (n,) or (n, k), by quantity and joint; the joint is empty for quantities of the whole robot."""
+Arrays = dict[str, NDArray[Any]]
+"""Numbers of n messages, (n,) or (n, k), by quantity."""
+Named = tuple[Sequence[str], Arrays]
+"""Names of joints, which are the columns of _OF_JOINTS, and the numbers of some messages."""
 
 _BATCH = 4096  # messages
 _OF_JOINTS = ("position", "velocity", "torque")
@@ -45,128 +48,128 @@ class GatheredTopic:
 
     def __init__(self, topic: str, message_type: str, types: Mapping[str, Any], room: int) -> None:
         self.topic, self.type, self.frame, self._types, self._room = topic, message_type, "", types, room
-        self._received: list[int] = []
-        self._bodies: list[bytes] = []  # of messages that are not in the tables yet
+        self._messages: list[Message] = []  # those that are not in the tables yet
+        self._names: list[str] = []  # columns of quantities of joints
         self._tables: Arrays = {}
         self._count = 0  # of messages in the tables
 
-    def take(self, received: int, body: bytes) -> None:
-        """Add a message, with its time of receipt [ns]."""
-        self._received.append(received)
-        self._bodies.append(body)
-        if len(self._bodies) >= _BATCH:
+    def take(self, messages: Sequence[Message]) -> None:
+        """Add messages, those of other topics and types excluded."""
+        self._messages += [message for message in messages if message[0] == self.topic and message[1] == self.type]
+        if len(self._messages) >= _BATCH:
             self._read()
 
     def streams(self) -> tuple[Stamps, RawJoints | None, RawImu | None]:
         """Return all messages in order of receipt: clock, joints and IMU. The times of joints and IMU are still empty."""
         self._read()
-        names = tuple(dict.fromkeys(joint for _, joint in self._tables if joint))
-        shared = {quantity for quantity, joint in self._tables if not joint}
-        whole = {quantity: self._tables.pop((quantity, ""))[: self._count] for quantity in shared}
-        whole |= {quantity: table for quantity in _OF_JOINTS if (table := self._stacked(quantity, names)) is not None}
+        tables = {name: read_only(table)[: self._count] for name, table in self._tables.items()}
+        whole = {name: table for name, table in tables.items() if name not in _OF_JOINTS or not np.isnan(table).all()}
         if (np.diff(whole["received"]) < 0).any():  # as a recorder with several threads writes them
             order = np.argsort(whole["received"], kind="stable")
-            whole = {quantity: table[order] for quantity, table in whole.items()}
-        for table in whole.values():
-            read_only(table)
+            whole = {quantity: read_only(table[order]) for quantity, table in whole.items()}
         none, empty = np.empty(0, dtype=np.int64), np.empty(0)
         clock = Stamps(self.topic, *(whole.get(quantity, none) for quantity in _WHOLE_NUMBERS))
         joints = imu = None
         if "position" in whole:
             velocity, torque, force = (whole.get(quantity) for quantity in ("velocity", "torque", "foot_force"))
-            joints = RawJoints(empty, names, whole["position"], velocity, torque, force)
+            joints = RawJoints(empty, tuple(self._names), whole["position"], velocity, torque, force)
         if "gyroscope" in whole:
             imu = RawImu(empty, whole["gyroscope"], whole["accelerometer"], whole.get("orientation"))
         return clock, joints, imu
 
     def _read(self) -> None:
         """Put the messages that were taken last into the tables."""
-        end = self._count + len(self._bodies)
-        if end > self._room:  # metadata may be older than the bag
-            self._room = 2 * end
-            self._tables = {key: self._table(key, table[: self._count]) for key, table in self._tables.items()}
-        for key, table in self._tables.items():
-            table[self._count : end] = _missing(key)
-        for group in read_messages(self._types, self.type, self._bodies):
+        messages, self._messages = self._messages, []
+        start, self._count = self._count, self._count + len(messages)
+        if self._count > self._room:  # metadata may be older than the bag
+            self._room = 2 * self._count
+            self._tables = {name: self._table(name, table[:start]) for name, table in self._tables.items()}
+        for quantity, table in self._tables.items():
+            table[start : self._count] = _missing(quantity)
+        for group in read_messages(self._types, self.type, [message[3] for message in messages]):
             if not self._tables:
                 self.frame = group.texts.get("header.frame_id", "")
-            for key, values in _ARRAYS[self.type](self, group).items():
-                self._put(key, self._count + group.rows, values)
-        self._put(("received", ""), np.arange(self._count, end), np.array(self._received))
-        self._count, self._received, self._bodies = end, [], []
+            names, arrays = _ARRAYS[self.type](self, group)
+            columns = self._columns(names)
+            for quantity, values in arrays.items():
+                self._put(quantity, start + group.rows, columns, values)
+        self._put("received", np.arange(start, self._count), [], np.array([message[2] for message in messages]))
 
-    def _put(self, key: tuple[str, str], rows: NDArray[np.intp], values: NDArray[Any]) -> None:
-        if key not in self._tables:
-            before = np.full((self._count + len(self._bodies), *values.shape[1:]), _missing(key))
-            self._tables[key] = self._table(key, before)
-        self._tables[key][rows] = values
+    def _columns(self, names: Sequence[str]) -> list[int]:
+        """Return the columns of joints; the tables are widened by those that are new."""
+        new = [name for name in dict.fromkeys(names) if name not in self._names]
+        self._names += new
+        for quantity in self._tables.keys() & _OF_JOINTS if new else ():
+            known, added = self._tables[quantity][: self._count], np.full((self._count, len(new)), np.nan)
+            self._tables[quantity] = self._table(quantity, np.hstack([known, added]))
+        return [self._names.index(name) for name in names]
 
-    def _table(self, key: tuple[str, str], rows: NDArray[Any]) -> NDArray[Any]:
+    def _put(self, quantity: str, rows: NDArray[np.intp], columns: Sequence[int], values: NDArray[Any]) -> None:
+        of_joints = quantity in _OF_JOINTS
+        if quantity not in self._tables:
+            shape = (len(self._names),) if of_joints else values.shape[1:]
+            self._tables[quantity] = self._table(quantity, np.full((self._count, *shape), _missing(quantity)))
+        all_columns = not of_joints or columns == [*range(len(self._names))]
+        self._tables[quantity][rows if all_columns else (rows[:, None], columns)] = values
+
+    def _table(self, quantity: str, rows: NDArray[Any]) -> NDArray[Any]:
         """Return a table that begins with some rows; the rest takes no memory until it is written."""
-        table = np.empty((self._room, *rows.shape[1:]), np.int64 if key[0] in _WHOLE_NUMBERS else float)
+        table = np.empty((self._room, *rows.shape[1:]), np.int64 if quantity in _WHOLE_NUMBERS else float)
         table[: len(rows)] = rows
         return table
 
-    def _stacked(self, quantity: str, names: Sequence[str]) -> FloatArray | None:
-        """Return a quantity of all joints, NaN where a message lacks it; None if all do. Its columns are removed."""
-        missing = np.full(self._count, np.nan)
-        columns = [self._tables.pop((quantity, name), missing)[: self._count] for name in names]
-        return None if all(np.isnan(column).all() for column in columns) else np.column_stack(columns)
+
+def _missing(quantity: str) -> float:
+    return 0 if quantity in _WHOLE_NUMBERS else np.nan
 
 
-def _missing(key: tuple[str, str]) -> float:
-    return 0 if key[0] in _WHOLE_NUMBERS else np.nan
-
-
-def _joint_states(topic: GatheredTopic, of: Messages) -> Arrays:
-    """Return columns by name; messages may name different joints, or the same in another order."""
+def _joint_states(topic: GatheredTopic, of: Messages) -> Named:
+    """Return quantities by name; messages may name different joints, or the same in another order."""
     del topic
     names = [text for path, text in of.texts.items() if path.startswith("name.")]
-    arrays: Arrays = {("header", ""): _stamps(of, "header.stamp")}
+    arrays: Arrays = {"header": _stamps(of, "header.stamp")}
     for quantity, field in zip(_OF_JOINTS, ("position", "velocity", "effort"), strict=True):
-        numbers = of.numbers[field]
-        if numbers.shape[1] == len(names):
-            arrays |= {(quantity, name): numbers[:, column] for column, name in enumerate(names)}
-    return arrays
+        if names and of.numbers[field].shape[1] == len(names):
+            arrays[quantity] = of.numbers[field]
+    return names, arrays
 
 
-def _imus(topic: GatheredTopic, of: Messages) -> Arrays:
+def _imus(topic: GatheredTopic, of: Messages) -> Named:
     del topic
     orientation = of.stacked("orientation.{}", "wxyz")
     orientation[of.numbers["orientation_covariance"][:, 0] == -1] = np.nan  # by the definition of the message
-    return {
-        ("header", ""): _stamps(of, "header.stamp"),
-        ("gyroscope", ""): of.stacked("angular_velocity.{}", "xyz"),
-        ("accelerometer", ""): of.stacked("linear_acceleration.{}", "xyz"),
-        ("orientation", ""): orientation,
+    return (), {
+        "header": _stamps(of, "header.stamp"),
+        "gyroscope": of.stacked("angular_velocity.{}", "xyz"),
+        "accelerometer": of.stacked("linear_acceleration.{}", "xyz"),
+        "orientation": orientation,
     }
 
 
-def _whole_states(topic: GatheredTopic, of: Messages) -> Arrays:
+def _whole_states(topic: GatheredTopic, of: Messages) -> Named:
     motors, torque, imu, foot_force = STATES[topic.type]
     if f"{motors}.0.q" not in of.numbers:
         raise RecordingError(
             f"the {topic.type} messages of {topic.topic} hold no motors: name the topic that has them with --joint-topic"
         )
-    arrays: Arrays = {("gyroscope", ""): of.numbers[f"{imu}.gyroscope"]}
-    arrays["accelerometer", ""] = of.numbers[f"{imu}.accelerometer"]
+    arrays: Arrays = {"gyroscope": of.numbers[f"{imu}.gyroscope"], "accelerometer": of.numbers[f"{imu}.accelerometer"]}
     for quantity, field in zip(_OF_JOINTS, ("q", "dq", torque), strict=True):
-        arrays |= _of_motors(quantity, of, f"{motors}.{{}}.{field}")
+        arrays[quantity] = _of_motors(of, f"{motors}.{{}}.{field}")
     if "stamp.sec" in of.numbers:  # as some recorders add them
-        arrays["header", ""] = _stamps(of, "stamp")
+        arrays["header"] = _stamps(of, "stamp")
     if "tick" in of.numbers:
-        arrays["ticks", ""] = of.numbers["tick"]
+        arrays["ticks"] = of.numbers["tick"]
     if foot_force in of.numbers:
-        arrays["foot_force", ""] = of.numbers[foot_force][:, [MOTOR_LEGS.index(leg) for leg in LEG_NAMES]]
-    return arrays
+        arrays["foot_force"] = of.numbers[foot_force][:, [MOTOR_LEGS.index(leg) for leg in LEG_NAMES]]
+    return MOTOR_NAMES, arrays
 
 
-def _commands(topic: GatheredTopic, of: Messages) -> Arrays:
-    return _of_motors("position", of, f"{COMMANDS[topic.type]}.{{}}.q")
+def _commands(topic: GatheredTopic, of: Messages) -> Named:
+    return MOTOR_NAMES, {"position": _of_motors(of, f"{COMMANDS[topic.type]}.{{}}.q")}
 
 
-def _of_motors(quantity: str, of: Messages, form: str) -> Arrays:
-    return {(quantity, name): of.numbers[form.format(index)] for index, name in enumerate(MOTOR_NAMES)}
+def _of_motors(of: Messages, form: str) -> FloatArray:
+    return of.stacked(form, range(len(MOTOR_NAMES)))
 
 
 def _stamps(of: Messages, path: str) -> NDArray[np.int64]:
@@ -175,7 +178,7 @@ def _stamps(of: Messages, path: str) -> NDArray[np.int64]:
     return np.asarray(seconds * 10**9 + rest, dtype=np.int64)
 
 
-_ARRAYS: Mapping[str, Callable[[GatheredTopic, Messages], Arrays]] = {
+_ARRAYS: Mapping[str, Callable[[GatheredTopic, Messages], Named]] = {
     JOINT_STATE: _joint_states,
     IMU: _imus,
     **dict.fromkeys(STATES, _whole_states),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -95,10 +94,9 @@ def _gather(reader: Reader, gathered: Mapping[str, GatheredTopic], types: dict[s
     own = _own_types(connections)
     # A ROS 1 bag also defines ROS's own types, differently from ROS 2; its messages are read as ROS 2 messages.
     types |= own if isinstance(reader, Ros2Reader) else {name: own[name] for name in own.keys() - types.keys()}
-    for topic, kind, received, body in chain.from_iterable(_chunks(reader, connections, types)):
-        of = gathered.get(topic)
-        if of is not None and of.type == kind:
-            of.take(received, body)
+    for messages in _chunks(reader, connections, types):
+        for topic in gathered.values():
+            topic.take(messages)
 
 
 def _chunks(reader: Reader, connections: Sequence[Connection], types: Mapping[str, Any]) -> Iterator[list[Message]]:

@@ -75,8 +75,7 @@ class MessageReader:
                 raise RecordingError(f"the recording {str(self.path)!r} cannot be read: it is not an MCAP file")
             self.position = len(magic) if magic == _MAGIC else 0
         while self.position and self.position + _RECORD.size <= size:
-            head = file.read(_RECORD.size)
-            opcode, length = _RECORD.unpack(head)
+            opcode, length = _RECORD.unpack(head := file.read(_RECORD.size))
             if self.position + len(head) + length > size:
                 break
             try:
@@ -95,16 +94,17 @@ class MessageReader:
 
     def _of_records(self, records: bytes) -> list[Message]:
         """Return the messages among records; note their schemas and channels."""
-        messages: list[Message] = []
-        position = 0
-        while position + _RECORD.size <= len(records):
+        messages, position = list[Message](), 0
+        size, head, of_message = len(records), _RECORD.size, int(Opcode.MESSAGE)  # looked up once, not for each message
+        while position + head <= size:
             opcode, length = _RECORD.unpack_from(records, position)
-            begin, position = position + _RECORD.size, position + _RECORD.size + length
-            if position > len(records):
+            begin, position = position + head, position + head + length
+            if position > size:
                 raise ValueError(f"a record of {length} bytes is longer than its chunk")
-            if opcode == Opcode.MESSAGE:
+            if opcode == of_message:
                 channel, time = _MESSAGE.unpack_from(records, begin)
-                messages.append((*self._topics[channel], time, records[begin + _MESSAGE.size : position]))
+                topic, kind = self._topics[channel]
+                messages.append((topic, kind, time, records[begin + _MESSAGE.size : position]))
             elif opcode == Opcode.SCHEMA:
                 schema = Schema.read(ReadDataStream(BytesIO(records[begin:position])))
                 self._types[schema.id] = schema.name

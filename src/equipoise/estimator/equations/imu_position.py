@@ -68,12 +68,11 @@ class ExcitationSamples:
     @classmethod
     def of(cls, excitation: Recording, gyro_bias: FloatArray, time_scale: float) -> ExcitationSamples:
         """Read the first minute of a recording of an excitation; `time_scale` is that of the robot, relative to an A1."""
-        joints, imu = excitation.joints, excitation.imu
-        used = imu.time <= imu.time[0] + _LONGEST * time_scale
-        time = imu.time[used]
+        used = excitation.between(-np.inf, excitation.imu.time[0] + _LONGEST * time_scale)
+        joints, imu, time = used.joints, used.imu, used.imu.time
         torque = np.zeros_like(joints.position) if joints.torque is None else joints.torque
         read = (at_times(time, joints.time, part) for part in (joints.position, joints.rates, torque))
-        return cls(time, imu.angular_velocity_in_imu[used] - gyro_bias, imu.acceleration_in_imu[used], *read)
+        return cls(time, imu.angular_velocity_in_imu - gyro_bias, imu.acceleration_in_imu, *read)
 
 
 def imu_by_excitation(
@@ -141,14 +140,14 @@ def _test_functions(time: FloatArray, time_scale: float) -> tuple[FloatArray, Fl
     since, whole = time - time[0], time[-1] - time[0]
     frequency = 2 * np.pi * np.arange(*_FREQUENCIES) / time_scale
     phase = np.array([0.0, np.pi / 2])[:, None, None]
-    value = rate_rate = np.zeros((2, len(frequency), len(time)))
+    weights, (value, rate_rate) = np.gradient(time), np.zeros((2, 2, len(frequency), len(time)))
     # The product with the window is a sum of three waves.
     for share, aside in ((0.5, 0.0), (-0.25, 1.0), (-0.25, -1.0)):
         at = (frequency + 2 * np.pi / whole * aside)[:, None]
-        wave = share * np.cos(at * since + phase)
-        value, rate_rate = value + wave, rate_rate - at**2 * wave
-    weights = np.gradient(time)
-    return (value * weights).reshape(-1, len(time)), (rate_rate * weights).reshape(-1, len(time))
+        wave = share * weights * np.cos(at * since + phase)
+        value += wave
+        rate_rate -= at**2 * wave
+    return value.reshape(-1, len(time)), rate_rate.reshape(-1, len(time))
 
 
 def _fit(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -151,8 +151,9 @@ class TorqueRows:
     acceleration_rows: FloatArray
 
 
-def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> TorqueRows:
+def torque_rows(legs: LegChains, samples: TorqueSamples, values: Values) -> TorqueRows:
     """Return the balance's rows of all samples, at given values of the other equations' parameters."""
+    robot = legs.robot
     rotation = mounting(np.array(robot.imu_in_base.rotation), values["imu_tilt"])
     arm = robot.imu_in_base.translation + values["imu_position"]
     angular_velocity_in_base = samples.angular_velocity_in_imu @ rotation.T
@@ -164,12 +165,12 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
         - np.cross(angular_acceleration_in_base, arm)
         - np.cross(angular_velocity_in_base, np.cross(angular_velocity_in_base, arm))
     )
-    readings = JointReadings.of(LegChains(robot), samples.joint_position, torque=samples.joint_torque)
+    readings = JointReadings.of(legs, samples.joint_position, torque=samples.joint_torque)
     position = readings.link_position(inputs_of(values, DRIVE_TRAIN, len(at_imu))).value.T
     velocity = np.hstack([np.zeros_like(at_imu), angular_velocity_in_base, samples.joint_velocity])
     acceleration = np.hstack([at_base, angular_acceleration_in_base, samples.joint_acceleration])
     regressor, twists = regressors_and_twists(robot, position, velocity, acceleration)
-    contact = _contact_jacobians(robot, position, twists, values["foot_radius"], samples.standing)
+    contact = _contact_jacobians(robot, legs.feet(position), twists, values["foot_radius"], samples.standing)
     full, _ = np.linalg.qr(np.swapaxes(contact, 1, 2), mode="complete")
     free = np.swapaxes(full[:, :, 12:], 1, 2)  # null space of the contact forces
     rows = free @ regressor
@@ -180,10 +181,10 @@ def columns_of_links(robot: RobotModel, rows: FloatArray) -> FloatArray:
     """Return (n, r, 4 links) `TorqueRows.links` from (n, r, 10 bodies) rows of the regressor."""
     joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
     bodies = [(slice(10 * (joint - 1), 10 * joint), robot.pinocchio.inertias[joint]) for joint in joints]
-    links = [rows[:, :, own] @ body.toDynamicParameters()[:, None] for own, body in bodies]
     flat = rows.reshape(-1, rows.shape[2])  # all samples at once: five times as fast as one by one
+    links = [flat[:, own] @ body.toDynamicParameters()[:, None] for own, body in bodies]
     moments = [flat[:, own] @ moment_parameters(body.lever) for own, body in bodies]
-    return np.concatenate([*links, *(part.reshape(*rows.shape[:2], -1) for part in moments)], axis=-1)
+    return np.hstack([*links, *moments]).reshape(*rows.shape[:2], -1)
 
 
 def regressors_and_twists(
@@ -208,10 +209,10 @@ def regressors_and_twists(
 
 
 def _contact_jacobians(
-    robot: RobotModel, position: FloatArray, twists: FloatArray, foot_radius: FloatArray, standing: NDArray[np.bool_]
+    robot: RobotModel, feet: FloatArray, twists: FloatArray, foot_radius: FloatArray, standing: NDArray[np.bool_]
 ) -> FloatArray:
     """Return (n, 12, 6 + nj) Jacobians of the contact points, FL FR RL RR; for a lifted leg, of its joints."""
-    legs, feet = list(robot.legs.values()), LegChains(robot).feet(position)
+    legs = list(robot.legs.values())
     radii = np.array([[leg.foot_radius] for leg in legs]) * (1 + foot_radius)
     # Spheres touch the floor along its normal, which differs from the specific force of an accelerating body.
     point = feet - radii * _floor_normals(feet, standing)[:, None]
@@ -225,7 +226,7 @@ def _contact_jacobians(
         own = np.zeros(contact.shape[2:])
         own[range(len(leg.joints)), [6 + joint for joint in leg.joints]] = 1.0
         contact[~standing[:, number], number] = own
-    return contact.reshape(len(position), 12, -1)
+    return contact.reshape(len(feet), 12, -1)
 
 
 def _floor_normals(feet: FloatArray, standing: NDArray[np.bool_]) -> FloatArray:
@@ -303,12 +304,10 @@ class TorqueBalance(Equation[TorqueSamples]):
     def prepare(self, x: FloatArray) -> None:
         """Build the whitened linear system in the inertial and actuator parameters.
 
-        A QR decomposition compresses the rows of a motion to as many as there are columns. It preserves squares and
-        products, so that the time and memory of an iteration do not grow with a motion's duration.
+        The rows of a motion are compressed to as many as there are columns, with the same squares and products, so that the
+        time and memory of an iteration do not grow with a motion's duration.
         """
-        systems: list[FloatArray] = []
-        owners: list[FloatArray] = []
-        self._rows = 0
+        systems, owners, self._rows = list[FloatArray](), list[FloatArray](), 0
         for first in range(0, len(self._owner), _SAMPLES_AT_ONCE):
             part = slice(first, first + _SAMPLES_AT_ONCE)
             whitened = self._whitened(x, part)
@@ -325,19 +324,19 @@ class TorqueBalance(Equation[TorqueSamples]):
     def _whitened(self, x: FloatArray, part: slice) -> FloatArray:
         """Return (n, r, columns + 1) rows of a part of the samples, with their targets in the last column."""
         unknowns, samples = self.unknowns, self._joined.part(part)
-        rows = torque_rows(unknowns.robot, samples, unknowns.values(x))
+        rows = torque_rows(unknowns.legs, samples, unknowns.values(x))
         scale = unknowns.torque_scale
         # The initial friction is large: otherwise the fit would assign friction to the motors' gains.
         friction = float(np.abs(unknowns.value(x, "coulomb_friction")[0]))
         friction = max(friction, 0.02 * scale) if friction else _INITIAL_FRICTION * scale
         direction = np.abs(samples.friction_direction)
         variance = friction**2 * ((1 - direction) ** 2 + _FRICTION_MODEL_ERROR**2) + (_TORQUE_FLOOR * scale) ** 2
-        noise: FloatArray = np.einsum("nrj,nj,nsj->nrs", rows.torque, variance, rows.torque)
+        noise = (rows.torque * variance[:, None]) @ np.swapaxes(rows.torque, 1, 2)
         stiffness, _ = unknowns.robot.gains(unknowns.stance.hip_height)
         noise += sawtooth(rows.torque, samples, stiffness)[:, None, None] ** 2 * np.eye(noise.shape[1])
         # Accelerometer noise acts through the mass: 0.01 m/s2 on the whole robot.
         weight = (0.01 * unknowns.robot.mass) ** 2 * np.array([1, 1, 1, 0.01, 0.01, 0.01])
-        noise += np.einsum("nrk,k,nsk->nrs", rows.acceleration_rows, weight, rows.acceleration_rows)
+        noise += (rows.acceleration_rows * weight) @ np.swapaxes(rows.acceleration_rows, 1, 2)
         level = self.normalized_residual * np.sqrt(self._correlation[part])
         whitening = whitening_of(noise) / level[:, None, None]
         terms = {
@@ -384,7 +383,12 @@ def _alike(rows: FloatArray) -> list[slice]:
 
 def _few_rows(system: FloatArray) -> FloatArray:
     """Compress (n, c) rows to at most c rows with the same squares and products."""
-    return np.asarray(np.linalg.qr(system, mode="r"), dtype=float) if len(system) > system.shape[1] else system
+    if len(system) <= system.shape[1]:
+        return system
+    size = np.maximum(np.linalg.norm(system, axis=0), np.finfo(float).tiny)
+    # A QR decomposition takes four times as long.
+    squares, directions = np.linalg.eigh(system.T @ system / np.outer(size, size))
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0))[:, None] * directions.T * size, dtype=float)
 
 
 def _summed(torque: FloatArray, signal: FloatArray) -> FloatArray:

@@ -111,6 +111,7 @@ class LegChains:
     """The four legs of a robot as arrays: leg FL FR RL RR first, then link from the hip down.
 
     Attributes:
+        robot: robot of the legs.
         joints: (4, k) indices of each leg's joints in the joint vector.
         by_kind: (nj, k) one where a joint is the first, second or further one of its leg, else zero.
         mass: (4, k) mass of each link and the bodies fixed to it, according to the model [kg].
@@ -123,7 +124,7 @@ class LegChains:
     """
 
     def __init__(self, robot: RobotModel) -> None:
-        self._robot, model, legs = robot, robot.pinocchio, list(robot.legs.values())
+        self.robot, model, legs = robot, robot.pinocchio, list(robot.legs.values())
         ids = [leg.joint_ids for leg in legs]
 
         def by_link(value: Callable[[int], object]) -> FloatArray:
@@ -153,7 +154,7 @@ class LegChains:
     @cached_property
     def level_directions(self) -> FloatArray:
         """Unit vectors (3, 2, 4, 1) across and along each leg, level in the nominal stance, in the lowest link's frame."""
-        position = nominal_stance(self._robot).joint_position
+        position = nominal_stance(self.robot).joint_position
         rotation = self.traced_posture(Traced(position[:, None])).rotation.value[:, :, -1, :, 0]
         up, across = rotation[2], self.axes[:, -1, :, 2].T  # the base is level
         across = across - up * (up * across).sum(axis=0)
@@ -163,12 +164,12 @@ class LegChains:
     @cached_property
     def middle_of_feet(self) -> FloatArray:
         """Mean (3, 1) of the feet's centres at the nominal stance, in the base frame [m]."""
-        return nominal_stance(self._robot).feet_in_base.mean(axis=0)[:, None]
+        return nominal_stance(self.robot).feet_in_base.mean(axis=0)[:, None]
 
     @cached_property
     def end_of_trunk(self) -> FloatArray:
         """Point (3, 1) of the base above the rear feet of the nominal stance, in the base frame [m]."""
-        return np.array([[nominal_stance(self._robot).feet_in_base[2:, 0].mean()], [0.0], [0.0]])
+        return np.array([[nominal_stance(self.robot).feet_in_base[2:, 0].mean()], [0.0], [0.0]])
 
     @property
     def links(self) -> int:
