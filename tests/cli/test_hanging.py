@@ -19,7 +19,8 @@ DOCTOR = ["doctor", "unitree_a1", "--platform", "unitree-go2", "--hanging"]
 
 def test_a_hanging_robot_is_damped_and_left_alone_in_turn(monkeypatch, capsys, a1):
     monkeypatch.setattr(sys, "stdin", io.StringIO("unitree_a1\n"))
-    monkeypatch.setattr(motor_boards.measure_hanging, "__defaults__", ((0.1, 1.5),))
+    monkeypatch.setattr(motor_boards, "_SILENCES", (0.1, 1.5))
+    monkeypatch.setattr(motor_boards, "_AS_FOUND", 0.5)
     domain = unused_domain()
     with running_emulator("unitree_dds", "--domain", domain, "--sim-preset", "ideal") as peer:
         for number in range(30):  # hops, so that its legs move
@@ -49,7 +50,9 @@ def test_a_hanging_robot_is_damped_and_left_alone_in_turn(monkeypatch, capsys, a
 
 def test_a_table_is_printed_and_garbage_is_counted(monkeypatch, capsys):
     monkeypatch.setattr(sys, "stdin", io.StringIO("unitree_a1\n"))
-    monkeypatch.setattr(motor_boards.measure_hanging, "__defaults__", ((0.1,),))
+    monkeypatch.setattr(motor_boards, "_SILENCES", (0.1,))
+    monkeypatch.setattr(motor_boards, "_AS_FOUND", 0.5)
+    monkeypatch.setattr(motor_boards, "_DAMPED", 1.0)
     domain = unused_domain()
     with running_emulator("unitree_dds", "--domain", domain, "--sim-preset", "ideal", "--no-sport-mode") as peer:
         peer.fault(damage=0.5)
