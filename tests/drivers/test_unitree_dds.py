@@ -1,21 +1,18 @@
-"""A Go2's link against a simulated robot in a process of its own, over DDS on loopback."""
+"""A Go2's link against simulated robots in processes of their own, over DDS on loopback."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
 import time
-from contextlib import closing, contextmanager
+from contextlib import closing
 
 import numpy as np
 import pytest
 from emulator_processes import logged_modes, unused_domain
-from scipy.interpolate import interp1d
 
 pytest.importorskip("cyclonedds")
 
-from equipoise import nominal_stance, simulate
+from dds_robots import PATIENCE, connected, excitation, hold, other_commander, running
+
+from equipoise import nominal_stance
 from equipoise.cli import main
 from equipoise.drivers.dds.domain import DdsDomain
 from equipoise.drivers.hardware import HardwarePlatform
@@ -25,224 +22,14 @@ from equipoise.drivers.unitree.dds_settings import UnitreeB2Settings, UnitreeDds
 from equipoise.drivers.unitree.dds_types import Request, Response
 from equipoise.drivers.unitree.low_level import STATE, Message
 from equipoise.errors import CommunicationError, MotionError, SettingsError
-from equipoise.platform.platform import JointCommand, Trajectory
+from equipoise.platform.platform import JointCommand
 
 pytestmark = pytest.mark.realtime
-PATIENCE = 60.0  # [s] for an emulator to start on a busy machine
-
-
-class Peer:
-    """A process with a simulated robot, and what it wrote."""
-
-    def __init__(self, process, path, domain, flags):
-        self.process, self.path, self.domain, self.flags = process, path, domain, flags
-
-    def fault(self, **fault):
-        """Give it a fault, as `equipoise.lab.emulators.faults` describes it."""
-        self.process.stdin.write(json.dumps(fault) + "\n")
-        self.process.stdin.flush()
-
-    def logged(self, key=None):
-        """All entries, or the values under a key."""
-        entries = [json.loads(line) for line in self.path.read_text().splitlines() if line.endswith("}")]
-        return entries if key is None else [entry[key] for entry in entries if key in entry]
-
-    def wait_for(self, patience=PATIENCE, **what):
-        """Wait for an entry."""
-        until = time.monotonic() + patience
-        while not any(what.items() <= entry.items() for entry in self.logged()):
-            assert self.process.poll() is None, self.path.read_text()
-            assert time.monotonic() < until, f"{what} was not logged: {self.path.read_text()}"
-            time.sleep(0.02)
-
-
-@contextmanager
-def running(tmp_path_factory, *flags, domain=None):
-    path, domain = tmp_path_factory.mktemp("emulator") / "log.jsonl", domain or unused_domain()
-    command = [
-        sys.executable,
-        "-m",
-        "equipoise.lab.emulators.unitree_dds",
-        "--domain",
-        str(domain),
-        "--sim-preset",
-        "ideal",
-    ]
-    with path.open("w") as log:
-        process = subprocess.Popen(
-            [*command, "--duration", "120", *flags], stdin=subprocess.PIPE, stdout=log, stderr=subprocess.STDOUT,
-            text=True,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        )  # fmt: skip
-    emulator = Peer(process, path, domain, flags)
-    try:
-        emulator.wait_for(ready=True)
-        yield emulator
-    finally:
-        process.send_signal(signal.SIGCONT)
-        process.terminate()
-        process.wait(timeout=10)
-        process.stdin.close()
-
-
-def settings(emulator, **others):
-    return UnitreeDdsSettings(interface="lo", domain=emulator.domain, **others)
-
-
-@contextmanager
-def connected(emulator, robot, **others):
-    with HardwarePlatform(open_connection(robot, settings(emulator, **others))) as platform:
-        yield platform
-
-
-@pytest.fixture(scope="module")
-def standing(tmp_path_factory):
-    """It stands, only this process holds its motors, and its clock is about to wrap around."""
-    with running(
-        tmp_path_factory, "--start", "standing", "--no-sport-mode", "--first-tick", str(2**32 - 2500)
-    ) as emulator:
-        yield emulator
-
-
-@pytest.fixture(scope="module")
-def linked(standing, a1):
-    with connected(standing, a1) as platform:
-        yield platform
 
 
 @pytest.fixture(scope="module")
 def target(a1):
     return nominal_stance(a1).joint_position
-
-
-def hold(platform, position, seconds=0.3, **others):
-    """Stand for a while by the robot's clock; the last state."""
-    state = platform.read()
-    end, patience = state.time + seconds, time.monotonic() + PATIENCE
-    while state.time < end:
-        assert time.monotonic() < patience
-        state = platform.step(JointCommand(position, **others))
-    return state
-
-
-def test_samples_of_the_standing_robot(linked, a1, target):
-    with simulate(a1, "ideal") as simulation:
-        direct = simulation.platform.read()
-    state = hold(linked, target)
-    assert np.allclose(state.joint_position, direct.joint_position, atol=0.01)
-    assert np.allclose(state.joint_velocity, 0, atol=0.05)
-    assert np.allclose(state.joint_torque, direct.joint_torque, atol=1.0)
-    assert np.abs(direct.joint_torque).max() > 3  # so that signs are seen
-    assert np.allclose(state.acceleration_in_imu, direct.acceleration_in_imu, atol=0.1)
-    assert np.linalg.norm(state.acceleration_in_imu) == pytest.approx(9.81, abs=0.1)
-    assert np.allclose(state.angular_velocity_in_imu, 0, atol=0.05)
-    later = hold(linked, target)
-    assert later.time > state.time
-    assert time.monotonic() > later.received > state.received
-    assert np.array_equal(state.health.motor_temperature, np.full(12, 40.0))
-    assert state.health.battery_voltage == pytest.approx(29.4)
-    assert state.health.battery_charge == pytest.approx(0.8)
-    assert state.health.fault is None
-
-
-def test_a_motion_is_the_one_of_the_direct_simulation(linked, a1):
-    motion = excitation(a1)
-    here = Trajectory(np.repeat(motion.position[:1], 200, axis=0))
-    with simulate(a1, "ideal") as simulation:
-        simulation.platform.play(here)
-        direct = simulation.platform.play(motion)
-    linked.play(here)
-    recording = linked.play(motion)
-    position, torque, turning, pushed = alike(recording, direct)
-    assert (position < 0.015, torque < 1.5, turning > 0.9, pushed > 0.9) == 4 * (True,), (
-        position,
-        torque,
-        turning,
-        pushed,
-    )
-    steps = np.diff(recording.joints.time) / 2e-3
-    assert np.allclose(steps, np.round(steps), atol=1e-3)  # by its clock, whatever arrived when
-    assert np.median(steps) == pytest.approx(1)
-
-
-def excitation(robot):
-    """Legs long and short in turn, so that the body rolls and pitches."""
-    at = np.arange(750) * 2e-3
-    wave = np.sin(2 * np.pi * at / 1.5) * np.sin(np.pi * at / 1.5) ** 2
-    position = np.repeat(nominal_stance(robot).joint_position[None], len(at), axis=0)
-    for leg, sign in (("FL", 1.0), ("RR", -0.3), ("FR", 0.3)):
-        _, thigh, calf = robot.legs[leg].joints
-        position[:, thigh] += 0.2 * sign * wave
-        position[:, calf] -= 0.4 * sign * wave
-    return Trajectory(position)
-
-
-def alike(linked, direct):
-    """Median differences of joint positions and torques, and correlations of the IMU's readings about and along x and y.
-
-    Moments are those when the commands were sent, and the link's delay later that fits best: 4 ms, more on a busy machine.
-    """
-    return min((alike_after(linked, direct, delay) for delay in np.arange(0, 0.05, 2e-3)), key=lambda found: found[0])
-
-
-def alike_after(linked, direct, delay):
-    at = linked.commands.time + delay
-    pairs = [
-        (interp1d(stream.time, getattr(stream, name), axis=0, fill_value="extrapolate")(at), getattr(other, name))
-        for stream, other, names in (
-            (linked.joints, direct.joints, ("position", "torque")),
-            (linked.imu, direct.imu, ("angular_velocity_in_imu", "acceleration_in_imu")),
-        )
-        for name in names
-    ]
-    apart = [float(np.median(np.abs(one - other))) for one, other in pairs[:2]]
-    correlation = [min(np.corrcoef(one[:, axis], other[:, axis])[0, 1] for axis in (0, 1)) for one, other in pairs[2:]]
-    return *apart, *correlation
-
-
-def test_gains_and_feed_forward_arrive(standing, linked, a1, target):
-    kp, kd = a1.gains(nominal_stance(a1).hip_height)
-    ones, order = np.ones(12), np.arange(12)
-    hold(linked, target, 0.1)
-    assert [standing.logged("kp")[-1], standing.logged("kd")[-1]] == pytest.approx([kp, kd], abs=1e-3)
-    for pushed in ({"torque": 0.05 * kp * ones}, {"velocity": 0.05 * kp / kd * ones}):  # as a target further on
-        before = hold(linked, target).joint_position
-        moved = hold(linked, target, **pushed).joint_position - before
-        assert 0.02 < moved.mean() < 0.15
-    hold(linked, target, 0.1, kp=80 + order, kd=2.5 * ones)
-    standing.wait_for(kp=85.5, kd=2.5)
-    hold(linked, target)
-
-
-def test_damaged_commands_are_ignored(standing, linked, target):
-    hold(linked, target, 0.1)
-    link = linked._connection
-    link._message.record["motor_cmd"]["q"][:12] += 0.5
-    data = link._message.encoded()
-    damaged = link._sample(data[:-1] + bytes([data[-1] ^ 1]))
-    for _ in range(30):
-        link._commands.send(damaged)
-        time.sleep(2e-3)
-    standing.wait_for(ignored="damaged")
-    assert np.allclose(linked.read().joint_position, target, atol=0.15)
-
-
-def test_a_silent_robot_is_noticed(standing, linked, target):
-    hold(linked, target, 0.1)
-    standing.process.send_signal(signal.SIGSTOP)
-    try:
-        with pytest.raises(CommunicationError, match=r"unitree-go2 on lo has been silent for 0\.\d s"):
-            hold(linked, target, 5)
-    finally:
-        standing.process.send_signal(signal.SIGCONT)
-    time.sleep(0.2)
-    assert hold(linked, target, 0.1).joint_position.shape == (12,)
-
-
-def test_commands_for_another_number_of_joints_are_refused(linked, target):
-    hold(linked, target, 0.1)
-    with pytest.raises(SettingsError, match="commands for 3 joints; unitree-go2 on lo has 12"):
-        linked.step(JointCommand(np.zeros(3)))
 
 
 def test_a_robot_that_is_not_there_is_noticed(a1):
@@ -307,41 +94,6 @@ def test_a_standing_robot_is_not_dropped_and_who_does_not_ask_is_ignored(tmp_pat
             assert emulator.logged("sport_mode") == ["ended"]
 
 
-COMMANDS = """
-import sys, time
-from equipoise.drivers.dds.domain import DdsDomain, raw
-from equipoise.drivers.unitree.dds import COMMAND_TOPIC
-from equipoise.drivers.unitree.dds_types import LowCmd
-from equipoise.drivers.unitree.low_level import COMMAND, Message
-sample, domain = raw(LowCmd), DdsDomain(int(sys.argv[1]), "lo")
-commands, message = domain.outbox(COMMAND_TOPIC, sample), Message(COMMAND)
-print("ready", flush=True)
-sys.stdin.readline()
-while True:
-    commands.send(sample(message.encoded()))
-    print("sent", flush=True)
-    time.sleep(2e-3)
-"""
-
-
-@contextmanager
-def other_commander(emulator):
-    """A program that sends commands as soon as it is asked; a function that asks, and its process."""
-    other = [sys.executable, "-c", COMMANDS, str(emulator.domain)]
-    with subprocess.Popen(other, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-
-        def command():
-            process.stdin.write("go\n")
-            process.stdin.flush()
-            assert process.stdout.readline() == "sent\n"
-
-        try:
-            assert process.stdout.readline() == "ready\n"
-            yield command, process
-        finally:
-            process.kill()
-
-
 def test_a_second_commander_is_refused_and_one_that_sends_nothing_is_not(tmp_path_factory, a1):
     with running(tmp_path_factory, "--no-sport-mode") as emulator, connected(emulator, a1) as platform:
         lying = JointCommand(platform.read().joint_position)
@@ -355,32 +107,6 @@ def test_a_second_commander_is_refused_and_one_that_sends_nothing_is_not(tmp_pat
         assert "end that program, on this computer or on the robot" in str(caught.value)
         assert caught.value.other_commander
         hold(platform, lying.position, 0.1)
-
-
-def keep_commanding(link, position, duration):
-    """Send and receive for a while [s]."""
-    until = time.monotonic() + duration
-    while time.monotonic() < until:
-        link.send(JointCommand(position))
-        link.receive()
-        time.sleep(2e-3)
-
-
-def test_a_commander_that_begins_in_mid_run_is_noticed_at_once_and_named(standing, linked, target):
-    hold(linked, target, 0.1)
-    link = linked._connection
-    with other_commander(standing) as (command, process):
-        keep_commanding(link, target, 0.2)
-        command()
-        begun = time.monotonic()
-        with pytest.raises(MotionError, match=f"process {process.pid} on .* sent .* commands on rt/lowcmd") as caught:
-            keep_commanding(link, target, 1.0)
-        assert caught.value.other_commander
-        noticed = time.monotonic() - begun
-    assert noticed < 0.05
-    time.sleep(0.1)
-    link._others.take()
-    assert hold(linked, target, 0.2).joint_position.shape == (12,)
 
 
 def test_two_robots_on_a_domain_are_refused_before_anything_is_sent(tmp_path_factory, a1):
@@ -441,62 +167,45 @@ def test_a_simulator_without_clock_checksum_and_services(tmp_path_factory, a1, t
     assert recording.joints.time[-1] < time.monotonic()
 
 
-@pytest.fixture(scope="module")
-def asked(request, tmp_path_factory):
-    """A robot of these flags, which several tests ask."""
-    with running(tmp_path_factory, *request.param) as emulator:
-        yield emulator
-
-
-@pytest.mark.parametrize(
-    ("asked", "given", "fine", "value"),
-    [
-        ([], [], True, "'normal' holds the motors; calibrate will have it release them"),
+ASKED = {  # by the robot's flags: what is set, whether all is fine, and what is reported
+    (): [
+        ([], True, "'normal' holds the motors; calibrate will have it release them"),
+        (["release_sport_mode=false"], False, "'normal' holds the motors, and calibrate will not have it release them"),
+    ],
+    ("--start", "standing"): [
+        ([], False, "'normal' holds the motors, and the robot does not lie: calibrate will fail"),
+        (["hanging=true"], True, "'normal' holds the motors; calibrate will have it release them"),
+    ],
+    ("--no-sport-mode",): [([], True, "none holds the motors; calibrate will command them at once")],
+    ("--bare",): [
         (
-            [],
-            ["release_sport_mode=false"],
-            False,
-            "'normal' holds the motors, and calibrate will not have it release them",
-        ),
-        (
-            ["--start", "standing"],
-            [],
-            False,
-            "'normal' holds the motors, and the robot does not lie: calibrate will fail",
-        ),
-        (
-            ["--start", "standing"],
-            ["hanging=true"],
-            True,
-            "'normal' holds the motors; calibrate will have it release them",
-        ),
-        (["--no-sport-mode"], [], True, "none holds the motors; calibrate will command them at once"),
-        (
-            ["--bare"],
             ["check_crc=false"],
             False,
             "was not found within 3 s; a simulator without it needs release_sport_mode=false",
         ),
-        (["--bare"], ["check_crc=false", "release_sport_mode=false"], None, "not known; calibrate will not request it"),
+        (["check_crc=false", "release_sport_mode=false"], None, "not known; calibrate will not request it"),
     ],
-    indirect=["asked"],
-)
-def test_the_doctor_reports_who_holds_the_motors_and_releases_none(asked, capsys, given, fine, value):
-    pairs = ["interface=lo", f"domain={asked.domain}", "silence=5", *given]
-    doctor = ["doctor", "--platform", "unitree-go2", "--duration", "0.5s", "--json"]
-    code = main([*doctor, *(f"--set={pair}" for pair in pairs)])
-    time.sleep(0.2)
-    assert {*asked.logged("request")} == (set() if "--bare" in asked.flags else {1001})
-    assert (asked.logged("asked"), asked.logged("sport_mode"), asked.logged("ignored")) == ([], [], [])
-    assert asked.logged("mode") == ["own stance"]
-    findings = {finding["name"]: finding for finding in json.loads(capsys.readouterr().out)["findings"]}
-    found = findings["robot's own controller"]
-    assert found["fine"] is fine
-    assert value in found["value"]
-    assert bool(found["advice"]) == (fine is False)
-    assert code in (
-        (1,) if fine is False else (0, 1)
-    )  # a busy machine's samples come late, and the doctor reports them
+}
+
+
+@pytest.mark.parametrize("flags", ASKED, ids=" ".join)
+def test_the_doctor_reports_who_holds_the_motors_and_releases_none(tmp_path_factory, capsys, flags):
+    with running(tmp_path_factory, *flags) as asked:
+        for given, fine, value in ASKED[flags]:
+            pairs = ["interface=lo", f"domain={asked.domain}", "silence=5", *given]
+            doctor = ["doctor", "--platform", "unitree-go2", "--duration", "0.5s", "--json"]
+            code = main([*doctor, *(f"--set={pair}" for pair in pairs)])
+            time.sleep(0.2)
+            assert {*asked.logged("request")} == (set() if "--bare" in flags else {1001})
+            assert (asked.logged("asked"), asked.logged("sport_mode"), asked.logged("ignored")) == ([], [], [])
+            assert asked.logged("mode") == ["own stance"]
+            findings = {finding["name"]: finding for finding in json.loads(capsys.readouterr().out)["findings"]}
+            found = findings["robot's own controller"]
+            assert found["fine"] is fine
+            assert value in found["value"]
+            assert bool(found["advice"]) == (fine is False)
+            # A busy machine's samples come late, and the doctor reports them.
+            assert code in ((1,) if fine is False else (0, 1))
 
 
 def test_a_service_that_receives_and_never_answers_is_named(monkeypatch):
