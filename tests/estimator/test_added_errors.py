@@ -1,5 +1,6 @@
 """Errors added to the recordings of a realistic run: they are estimated, and the body does not change."""
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -38,6 +39,18 @@ def posterior_of(a1, run, recordings, combined_priors):
     return estimate_posterior(a1, run.stance, evidence, combined_priors, (run.truth.composite.mass, 0.06))
 
 
+@pytest.fixture(scope="module")
+def plain_posterior(a1, bayesian_run):
+    """Return a function of priors that estimates from the unchanged recordings, once for each."""
+    return functools.cache(lambda priors: posterior_of(a1, bayesian_run, bayesian_run.recordings, priors))
+
+
+@pytest.fixture(scope="module")
+def plain_result(a1, bayesian_run):
+    """Return the method's result for the unchanged recordings."""
+    return estimated(a1, bayesian_run)
+
+
 def moved(found, plain):
     """Return the change of the body's ten parameters, in reported standard deviations."""
     return (components(found.robot_body) - components(plain.robot_body)) / np.sqrt(np.diag(found.robot_covariance))
@@ -60,12 +73,12 @@ def with_gyroscope(recordings, error):
 
 
 @pytest.mark.parametrize("combined_priors", [estimating(*GYRO), Priors()], ids=["all others fixed", "usual priors"])
-def test_gains_and_misalignment_of_the_gyroscope(a1, bayesian_run, combined_priors):
+def test_gains_and_misalignment_of_the_gyroscope(a1, bayesian_run, plain_posterior, combined_priors):
     gains, misalignment = np.array([0.012, -0.01, 0.008]), np.array([6e-3, -4e-3, -7e-3, 5e-3, 3e-3, -6e-3])
     error = np.diag(gains)
     error[~np.eye(3, dtype=bool)] = misalignment
     recordings = with_gyroscope(bayesian_run.recordings, error)
-    plain = posterior_of(a1, bayesian_run, bayesian_run.recordings, combined_priors)
+    plain = plain_posterior(combined_priors)
     found = posterior_of(a1, bayesian_run, recordings, combined_priors)
     for name, true in (("gyro_gain", gains), ("gyro_misalignment", misalignment)):
         off = (gained(found, plain, name) - true) / found.std(name)
@@ -99,11 +112,11 @@ def with_drive_train(recordings, give, play):
     [(estimating("compliance"), 0.85), (Priors(), 0.95)],
     ids=["all others fixed", "usual priors"],
 )
-def test_springs_of_the_drive_train(a1, bayesian_run, combined_priors, reduction):
+def test_springs_of_the_drive_train(a1, bayesian_run, plain_posterior, combined_priors, reduction):
     """An A1 has the same joints in every leg: hip, thigh and calf. Undetermined compliance does not change the body."""
     give = np.array([1 / 2500, 1 / 4000, 1 / 3000])
     recordings = with_drive_train(bayesian_run.recordings, give, np.zeros(3))
-    plain = posterior_of(a1, bayesian_run, bayesian_run.recordings, combined_priors)
+    plain = plain_posterior(combined_priors)
     found = posterior_of(a1, bayesian_run, recordings, combined_priors)
     assert np.abs((gained(found, plain, "compliance") - give) / found.std("compliance")).max() < 1.5
     prior = found.unknowns.scale[found.unknowns["compliance"]]
@@ -116,11 +129,11 @@ def test_springs_of_the_drive_train(a1, bayesian_run, combined_priors, reduction
 @pytest.mark.parametrize(
     "combined_priors", [estimating("compliance", "backlash"), Priors()], ids=["all others fixed", "usual priors"]
 )
-def test_backlash_of_the_drive_train(a1, bayesian_run, combined_priors):
+def test_backlash_of_the_drive_train(a1, bayesian_run, plain_posterior, combined_priors):
     """Backlash reverses abruptly at zero torque, but smoothly in the model: products of inertia are less accurate."""
     play = np.array([2e-3, 2e-3, 0.0])
     recordings = with_drive_train(bayesian_run.recordings, np.zeros(3), play)
-    plain = posterior_of(a1, bayesian_run, bayesian_run.recordings, combined_priors)
+    plain = plain_posterior(combined_priors)
     found = posterior_of(a1, bayesian_run, recordings, combined_priors)
     off = (gained(found, plain, "backlash") - play)[:2]
     assert np.abs(off / found.std("backlash")[:2]).max() < 1.5
@@ -143,18 +156,18 @@ def off(found, run):
 # The recordings stay, and the model is changed: the robot is the same, and its estimate must be within the intervals.
 
 
-def test_legs_that_are_heavier_and_lower_than_in_the_model(a1, bayesian_run):
+def test_legs_that_are_heavier_and_lower_than_in_the_model(a1, bayesian_run, plain_posterior):
     model, recordings = another_model(a1), bayesian_run.recordings
     for leg in model.legs.values():
         for joint in leg.joint_ids:
             link = model.pinocchio.inertias[joint]
             lever = np.array(link.lever) + (0.0 if joint == leg.joint_ids[0] else np.array([0.0, 0.0, 5e-3]))
             model.pinocchio.inertias[joint] = pin.Inertia(link.mass / 1.1, lever, link.inertia / 1.1)
-    plain, found = (posterior_of(robot, bayesian_run, recordings, Priors()) for robot in (a1, model))
+    plain, found = plain_posterior(Priors()), posterior_of(model, bayesian_run, recordings, Priors())
     assert np.abs(moved(found, plain)).max() < 1
     assert np.abs(off(found, bayesian_run)).max() < 3
     trusting = BayesianMethod(leg_prior="narrow").combined_priors
-    plain, held = (posterior_of(robot, bayesian_run, recordings, trusting) for robot in (a1, model))
+    plain, held = plain_posterior(trusting), posterior_of(model, bayesian_run, recordings, trusting)
     assert np.abs(moved(held, plain)).max() > 2.4
     assert np.abs(off(held, bayesian_run)).max() > 2
 
@@ -162,10 +175,10 @@ def test_legs_that_are_heavier_and_lower_than_in_the_model(a1, bayesian_run):
 @pytest.mark.parametrize(
     "combined_priors", [estimating("imu_position"), Priors()], ids=["all others fixed", "usual priors"]
 )
-def test_an_imu_with_a_position_error_in_the_model(a1, bayesian_run, combined_priors):
+def test_an_imu_with_a_position_error_in_the_model(a1, bayesian_run, plain_posterior, combined_priors):
     offset = np.array([3e-3, -3e-3, 2e-3])
     model, recordings = load_robot("unitree_a1", RobotDescription(imu_position=tuple(offset))), bayesian_run.recordings
-    plain, found = (posterior_of(robot, bayesian_run, recordings, combined_priors) for robot in (a1, model))
+    plain, found = plain_posterior(combined_priors), posterior_of(model, bayesian_run, recordings, combined_priors)
     missed = gained(found, plain, "imu_position") + offset
     assert np.abs(missed / found.std("imu_position")).max() < 1.5
     assert np.abs(moved(found, plain)).max() < 1.2
@@ -186,10 +199,10 @@ def with_longer_legs(robot, longer):
     return model
 
 
-def test_legs_that_are_shorter_than_in_the_model(a1, bayesian_run):
+def test_legs_that_are_shorter_than_in_the_model(a1, bayesian_run, plain_posterior):
     model, recordings = with_longer_legs(a1, 2e-3), bayesian_run.recordings
     for combined_priors in (estimating(*LENGTHS), Priors()):
-        plain, found = (posterior_of(robot, bayesian_run, recordings, combined_priors) for robot in (a1, model))
+        plain, found = plain_posterior(combined_priors), posterior_of(model, bayesian_run, recordings, combined_priors)
         longer = gained(found, plain, "link_length_common") + [
             part.mean() for part in gained(found, plain, "link_length").reshape(4, 2).T
         ]
@@ -206,11 +219,11 @@ def estimated(model, run, combined_priors=None):
     )
 
 
-def test_a_conflicting_imu_position_is_estimated_with_a_wide_prior(a1, bayesian_run):
+def test_a_conflicting_imu_position_is_estimated_with_a_wide_prior(bayesian_run, plain_result):
     """With the usual prior, 30 mm are split between position and inertia, and all residuals are small."""
     offset = np.array([0.02, -0.01, 0.03])
     model = load_robot("unitree_a1", RobotDescription(imu_position=tuple(offset)))
-    plain, found = estimated(a1, bayesian_run), estimated(model, bayesian_run)
+    plain, found = plain_result, estimated(model, bayesian_run)
     place = [next(one for one in found.sensors if one.name == f"IMU position {axis}") for axis in "xyz"]
     assert all(abs(one.value + off) < 3 * one.std for one, off in zip(place, offset, strict=True))
     assert max(one.std for one in place) < 1.2e-2
@@ -226,7 +239,7 @@ def test_a_conflicting_imu_position_is_estimated_with_a_wide_prior(a1, bayesian_
     assert np.abs(wrong).max() > 4
 
 
-def test_an_imu_position_hidden_by_its_prior_is_found(a1, bayesian_run, monkeypatch):
+def test_an_imu_position_hidden_by_its_prior_is_found(bayesian_run, monkeypatch):
     """With the usual prior, residuals raise the noise levels, which makes the position plausible."""
     model = load_robot("unitree_a1", RobotDescription(imu_position=(0.0, 0.0, 0.027)))
     found = estimated(model, bayesian_run)
@@ -245,13 +258,13 @@ def test_an_imu_position_hidden_by_its_prior_is_found(a1, bayesian_run, monkeypa
     np.testing.assert_allclose(abs(share), 2.7 * off_by_a_centimetre, rtol=0.3)
 
 
-def test_a_body_is_composed_with_the_estimated_hip_positions(a1, bayesian_run):
+def test_a_body_is_composed_with_the_estimated_hip_positions(a1, bayesian_run, plain_result):
     """Hips are off by 10 mm each way: with the file's positions Iyy and Izz would be 3 and 4 % too large."""
     model = another_model(a1)
     for leg in model.legs.values():
         place = model.pinocchio.jointPlacements[leg.joint_ids[0]]
         place.translation = place.translation + 0.01 * np.sign(place.translation) * [1, 0, 0]
-    found, right = estimated(model, bayesian_run), estimated(a1, bayesian_run)
+    found, right = estimated(model, bayesian_run), plain_result
     assert "the run contradicts the model file: hip positions differ from the file" in found.assumptions
     apart = found.composite.values / right.composite.values - 1
     assert np.abs(apart[4:7]).max() < 0.015

@@ -35,11 +35,19 @@ def log(trotted):
     return Log(trotted.recording, JointMap(()), {}, ())
 
 
-def test_a_payload_that_was_removed_since_the_prior_run(a1, log, trotted, bayesian_run):
-    weighed = replace(bayesian_run.settings, mass=bayesian_run.truth.composite.mass)
-    result = weighed.estimate(a1, bayesian_run.recordings, bayesian_run.stance)
-    earlier = PriorRun.of(result.evidence.posterior, result.settings)
-    method = BayesianMethod(prior_run=earlier, mass=trotted.truth.composite.mass)
+@pytest.fixture(scope="module")
+def weighed_result(a1, bayesian_run):
+    """Return the result of `bayesian_run` with the robot's true mass."""
+    settings = replace(bayesian_run.settings, mass=bayesian_run.truth.composite.mass)
+    return settings.estimate(a1, bayesian_run.recordings, bayesian_run.stance)
+
+
+def prior_run_of(result):
+    return PriorRun.of(result.evidence.posterior, result.settings)
+
+
+def test_a_payload_that_was_removed_since_the_prior_run(a1, log, trotted, bayesian_run, weighed_result):
+    method = BayesianMethod(prior_run=prior_run_of(weighed_result), mass=trotted.truth.composite.mass)
     found, _ = measure_payload_in_log(a1, log, method)
     change = found.change.with_truth(bayesian_run.truth, trotted.truth)
     assert found.answer == "removed"
@@ -55,12 +63,10 @@ def bare(a1):
 
 
 @pytest.mark.parametrize("weighed", [True, False])
-def test_a_bare_log_replaces_the_scale(a1, log, bare, trotted, bayesian_run, weighed):
+def test_a_bare_log_replaces_the_scale(a1, log, bare, trotted, bayesian_run, weighed_result, weighed):
     true = bayesian_run.truth.composite.mass
-    settings = replace(bayesian_run.settings, mass=true if weighed else None)
-    before = settings.estimate(a1, bayesian_run.recordings, bayesian_run.stance)
-    earlier = PriorRun.of(before.evidence.posterior, before.settings)
-    found, report = measure_payload_in_log(a1, log, BayesianMethod(prior_run=earlier), bare)
+    before = weighed_result if weighed else bayesian_run.result
+    found, report = measure_payload_in_log(a1, log, BayesianMethod(prior_run=prior_run_of(before)), bare)
     (finding,) = (one.message for one in report.findings if one.about == "bare log")
     assert "by the loads on its feet" in finding
     assert found.answer == "removed"
@@ -71,10 +77,8 @@ def test_a_bare_log_replaces_the_scale(a1, log, bare, trotted, bayesian_run, wei
     assert payload.mass.std < 0.06 + 1.5 * before.composite.mass.std / true
 
 
-def test_a_bare_log_that_cannot_replace_the_scale_is_refused(a1, log, bare, bayesian_run):
-    weighed = replace(bayesian_run.settings, mass=bayesian_run.truth.composite.mass)
-    result = weighed.estimate(a1, bayesian_run.recordings, bayesian_run.stance)
-    method = BayesianMethod(prior_run=PriorRun.of(result.evidence.posterior, result.settings))
+def test_a_bare_log_that_cannot_replace_the_scale_is_refused(a1, log, bare, weighed_result):
+    method = BayesianMethod(prior_run=prior_run_of(weighed_result))
     silent = replace(bare, recording=replace(bare.recording, joints=replace(bare.recording.joints, torque=None)))
     with pytest.raises(RecordingError, match="the bare log has no joint torques"):
         measure_payload_in_log(a1, log, method, silent)
@@ -90,8 +94,7 @@ def test_a_bare_log_that_cannot_replace_the_scale_is_refused(a1, log, bare, baye
 
 
 def test_a_robot_like_that_in_the_bare_log_carries_nothing(a1, bare, bayesian_run):
-    earlier = PriorRun.of(bayesian_run.result.evidence.posterior, bayesian_run.result.settings)
-    found, _ = measure_payload_in_log(a1, bare, BayesianMethod(prior_run=earlier), bare)
+    found, _ = measure_payload_in_log(a1, bare, BayesianMethod(prior_run=prior_run_of(bayesian_run.result)), bare)
     assert found.change.change.mass.lower < 0 < found.change.change.mass.upper
     assert found.answer in ("nothing", "unsure")
 

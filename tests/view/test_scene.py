@@ -74,7 +74,7 @@ def test_the_estimates_converge_to_the_result(converged, paper_run, recordings):
 
 
 def test_the_last_estimate_of_the_bayesian_method_is_its_result(a1, bayesian_run):
-    recordings = bayesian_run.recordings[:7]
+    recordings = bayesian_run.recordings[:5]
     coming = estimates(a1, bayesian_run.stance, bayesian_run.settings, recordings)
     newest, planes = list(iter(coming.__next__, None))[-1]
     result = estimate(a1, recordings, bayesian_run.settings)
