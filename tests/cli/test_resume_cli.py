@@ -95,10 +95,10 @@ def printed_as_text(table):
     return json.dumps(table, indent=2) + "\n"
 
 
-@pytest.mark.parametrize(("part", "how"), [(0.5, "belly"), (0.6, "three-feet")])
-def test_a_run_killed_during_motor_swings_has_the_same_result(tmp_path, part, how):
+@pytest.mark.parametrize(("part", "how", "time"), [(0.5, "belly", "3s"), (0.6, "three-feet", "5s")])
+def test_a_run_killed_during_motor_swings_has_the_same_result(tmp_path, part, how, time):
     """The robot lies with raised legs, or stands on three feet; the recordings of the base stay."""
-    whole, arguments = tmp_path / "whole", ["--parameters", "base,motors", "--method", "static", "--motor-time", "5s"]
+    whole, arguments = tmp_path / "whole", ["--parameters", "base,motors", "--method", "static", "--motor-time", time]
     arguments += ["--motor-stance", how, "--no-report"]
     assert main(["calibrate", *arguments, *ROBOT, "--quiet", "--out", str(whole)]) == 0
     copy = cut_at(part, whole, tmp_path / f"cut at {part}")
