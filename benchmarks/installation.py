@@ -24,6 +24,7 @@ import equipoise
 EXTRAS = (
     "", "desk", "simulation", "report", "logs", "parquet", "monte-carlo", "dask", "view", "dds", "dart", "robots"
 )  # fmt: skip
+HEADERS = "/cmeel.prefix/include/"
 MOST_SIZE, LEAST_SHOWN = 400, 1.0  # [MB] of a plain installation; of a package in the table
 FRESH = {"demo": 45.0, "test": 480.0}  # [s]
 
@@ -55,12 +56,14 @@ def closure(extras: Iterable[str] = ()) -> dict[str, set[str]]:
     return needed_by
 
 
-def megabytes(package: Distribution) -> float:
-    """Return the size of a package's files without bytecode."""
+def megabytes(package: Distribution, headers: bool = False) -> float:
+    """Return the size of a package's files without bytecode, or of those for C++ compilers, which no verb reads."""
     if package.name == "equipoise":  # an editable installation has its files elsewhere
         files = [file for file in Path(equipoise.__file__).parent.rglob("*") if file.is_file()]
     else:
         files = [Path(str(file.locate())) for file in package.files or ()]
+    if headers:
+        files = [file for file in files if HEADERS in str(file)]
     return sum(file.stat().st_size for file in files if file.suffix != ".pyc" and file.is_file()) / 1e6
 
 
@@ -71,7 +74,10 @@ def size(extra: str) -> Row:
     except PackageNotFoundError as error:
         raise NotTriedError(f"{error.name} is not installed here") from error
     added = set(packages) - (set(closure()) if extra else set())
-    return {"packages": {name: [megabytes(distribution(name)), sorted(packages[name])] for name in sorted(added)}}
+    return {
+        "packages": {name: [megabytes(distribution(name)), sorted(packages[name])] for name in sorted(added)},
+        "headers": sum(megabytes(distribution(name), headers=True) for name in added),
+    }
 
 
 def show_size(rows: list[Row]) -> Iterator[str]:
@@ -89,6 +95,7 @@ def show_size(rows: list[Row]) -> Iterator[str]:
     lines = [[name, f"{size:.0f}", ", ".join(users) or "-"] for name, (size, users) in plain if size >= LEAST_SHOWN]
     rest = sum(size for _, (size, _) in plain if size < LEAST_SHOWN)
     if plain:
+        without = total[""] - next(row["headers"] for row in rows if row["case"] == [""])
         head = ("package of `pip install equipoise`", "MB", "needed by")
         yield from markdown(
             head,
@@ -96,6 +103,7 @@ def show_size(rows: list[Row]) -> Iterator[str]:
                 *lines,
                 ["others", f"{rest:.0f}", ""],
                 [f"all (target: {MOST_SIZE})", figures(total[""], ".0f", MOST_SIZE), ""],
+                [f"all, without `{HEADERS[1:-1]}`", figures(without, ".0f", MOST_SIZE), "C++ compilers need that folder"],
             ],
         )
         yield ""
