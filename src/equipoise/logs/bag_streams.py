@@ -62,8 +62,8 @@ class GatheredTopic:
     def streams(self) -> tuple[Stamps, RawJoints | None, RawImu | None]:
         """Return all messages in order of receipt: clock, joints and IMU. The times of joints and IMU are still empty."""
         self._read()
-        tables = {name: read_only(table)[: self._count] for name, table in self._tables.items()}
-        whole = {name: table for name, table in tables.items() if name not in _OF_JOINTS or not np.isnan(table).all()}
+        tables: Arrays = {name: read_only(table)[: self._count] for name, table in self._tables.items()}
+        whole: Arrays = {key: part for key, part in tables.items() if key not in _OF_JOINTS or not np.isnan(part).all()}
         if (np.diff(whole["received"]) < 0).any():  # as a recorder with several threads writes them
             order = np.argsort(whole["received"], kind="stable")
             whole = {quantity: read_only(table[order]) for quantity, table in whole.items()}

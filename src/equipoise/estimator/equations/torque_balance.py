@@ -385,7 +385,7 @@ def _few_rows(system: FloatArray) -> FloatArray:
     """Compress (n, c) rows to at most c rows with the same squares and products."""
     if len(system) <= system.shape[1]:
         return system
-    size = np.maximum(np.linalg.norm(system, axis=0), np.finfo(float).tiny)
+    size = np.maximum(np.linalg.norm(system, axis=0), 1e-100)  # columns of zeros remain zero
     # A QR decomposition takes four times as long.
     squares, directions = np.linalg.eigh(system.T @ system / np.outer(size, size))
     return np.asarray(np.sqrt(np.maximum(squares, 0.0))[:, None] * directions.T * size, dtype=float)
