@@ -103,7 +103,9 @@ def test_robots_lists_the_catalogue(capsys):
     assert rows["unitree_a1"]["legs"] == "4 x 3"
     assert {"a1", "go1", "go2", "b1", "laikago", "anymal_b", "anymal_c", "hyq", "solo8", "solo12"} <= set(rows)
     assert main(["robots"]) == 0
-    assert "unitree_a1" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "unitree_a1" in printed
+    assert "unitree_a1, a1: two model files of the Unitree A1" in printed
 
 
 def test_audit_prints_the_ratio_of_composite_to_base(capsys):

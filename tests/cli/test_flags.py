@@ -250,6 +250,15 @@ def test_help_of_an_emulator_is_that_of_other_verbs(protocol, read, monkeypatch,
     assert read["options"] == type(read["options"])()
 
 
+@pytest.mark.parametrize("method", ["bayesian", "static"])
+def test_examples_of_estimate_suit_the_method_of_the_help(method, capsys):
+    assert main(["estimate", "log.jsonl", "--robot", "go2", "--method", method, "--help"]) == 0
+    example = capsys.readouterr().out.split("Example: ")[1]
+    (weighed,) = [line for line in example.splitlines() if "equipoise estimate" in line and "--mass" in line]
+    assert "--method bayesian --mass" in weighed
+    assert ("--mass-std" in example) == (method == "bayesian")
+
+
 def test_flags_of_an_emulator_reach_its_settings(read):
     robot = "--payload 1,0,0,0.1 --enable-effect cable --start lying --duration 2min"
     assert main(["lab", "emulate", "unitree-udp", *robot.split(), "--tick", "2ms", "--loss", "0.1"]) == 2

@@ -124,8 +124,8 @@ def estimate(
     segments are detected: lifts of two diagonal feet, stance motions, excitation,
     walking and crawling.
 
-    Example: equipoise estimate bags/wiggle --robot go2 --mass 16.2 --from 10s
-             equipoise estimate joints.csv imu.csv --robot go2
+    Example: equipoise estimate bags/wiggle --robot go2 --method bayesian --mass 16.2
+             equipoise estimate joints.csv imu.csv --robot go2 --from 10s
     """
     from equipoise.result.requirements import read_requirements, verdicts
 

@@ -23,6 +23,9 @@ def print_robots(rows: Collection[CatalogEntry]) -> None:
     ]  # fmt: skip
     console = Console(emoji=False)
     show_table("", heads, about, console)
+    console.print(
+        "unitree_a1, a1: two model files of the Unitree A1, with other masses and inertias; the paper's is built in."
+    )
     for install in dict.fromkeys(row.install for row in rows if row.install is not None):
         console.print(f"To install {', '.join(row.name for row in rows if row.install == install)}: {escape(install)}")
     console.print("Other robots: the path of a URDF or MJCF file, or robot_descriptions:NAME with that package.")
