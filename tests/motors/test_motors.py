@@ -253,7 +253,7 @@ def test_the_terminal_shows_estimates_truths_and_the_export(swung, tmp_path, cap
     result = swung[0]
     print_calibration(result, [], kept=tmp_path)
     shown = capsys.readouterr().out
-    estimates, truths = shown.split("unitree_a1: motors, ground truth of the simulation")
+    estimates, truths = shown.split("unitree_a1: motors, ground truth")
     assert "unitree_a1: motors, 95 % +-" in estimates
     words = next(line for line in truths.splitlines() if "RR_calf_joint" in line).split()
     assert float(words[1]) == pytest.approx(result.motors["RR_calf_joint"].coulomb_friction.truth, abs=1e-3)

@@ -63,29 +63,24 @@ class Parts:
         """Return one quantity of every part."""
         return [part.quantities[name] for part in self.found.values()]
 
-    def table(self, title: str = "") -> DataTable:
-        """Return a table with a row for each part."""
-        columns = [_cells(self.of(one.name), one) for one in self.columns]
+    @property
+    def has_truth(self) -> bool:
+        """True if the ground truth is known."""
+        return any(quantity.truth is not None for one in self.columns for quantity in self.of(one.name))
+
+    def table(self, title: str = "", truth: bool = False) -> DataTable:
+        """Return a table with a row for each part.
+
+        Args:
+            truth: true for the ground truth, with the digits of the estimates.
+        """
+        columns = [_cells(self.of(one.name), one, truth) for one in self.columns]
         rows = [list(row) for row in zip(self.found, *columns, strict=True)]
         heads = [self.each, *(f"|{one.label}" for one in self.columns)]
         words = " ".join(
             [f"Each {self.each} with the half width of its 95 % interval; left above right.", *self.legend]
         )
         return DataTable(title or words, heads, rows)
-
-    def truths(self, title: str) -> DataTable | None:
-        """Return a table of the ground truth, with the digits of the estimates; None if it is not known."""
-        if not any(quantity.truth is not None for one in self.columns for quantity in self.of(one.name)):
-            return None
-        columns = [
-            [
-                number(quantity.truth, one.factor, one.form + _digits(self.of(one.name), one))
-                for quantity in self.of(one.name)
-            ]
-            for one in self.columns
-        ]
-        heads = [self.each, *(f"|{one.label}" for one in self.columns)]
-        return DataTable(title, heads, [list(row) for row in zip(self.found, *columns, strict=True)])
 
 
 def parts_of(result: Calibration) -> list[Parts]:
@@ -122,16 +117,13 @@ def _left_by_right(found: Mapping[str, Part], names: Sequence[str]) -> dict[str,
     return {name: found[name] for pair in pairs for name in pair if name in found}
 
 
-def _cells(quantities: list[Quantity], shown: Shown) -> list[str]:
-    """Return the cells of a column."""
-    form = _digits(quantities, shown)
-    return [_cell(quantity, shown, form) for quantity in quantities]
-
-
-def _digits(quantities: list[Quantity], shown: Shown) -> str:
-    """Return the format of a column, with the digits of its narrowest interval."""
+def _cells(quantities: list[Quantity], shown: Shown, truth: bool) -> list[str]:
+    """Return the cells of a column, with the digits of its narrowest interval."""
     half_widths = [quantity.half_width * shown.factor for quantity in quantities if quantity.half_width]
-    return f".{_decimals(min(half_widths, default=1.0))}f"
+    form = f".{_decimals(min(half_widths, default=1.0))}f"
+    if truth:
+        return [number(quantity.truth, shown.factor, shown.form + form) for quantity in quantities]
+    return [_cell(quantity, shown, form) for quantity in quantities]
 
 
 def _decimals(half: float) -> int:

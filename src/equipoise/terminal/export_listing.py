@@ -45,8 +45,7 @@ def print_exports(
     """
     console = Console()
     _print_warnings(console, merged(note for one in written.values() for note in one.notes))
-    sentences = dict.fromkeys(one.contents for one in written.values()) if relative else {}
-    for sentence in sentences:
+    for sentence in dict.fromkeys(one.contents for one in written.values() if relative):
         print_wrapped(console, escape(sentence), highlight=False)
     rows = [
         [name, f"{path.name}: {'difference of the base' if relative else _held(written[name])}"]

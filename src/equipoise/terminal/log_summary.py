@@ -24,11 +24,10 @@ _COUNTED = {
     "crawl": "crawling step",
     "rest": "rest",
 }
-_MEANINGS = {
-    "contacts": "Legs and IMU alone can mistake which feet are up; the estimate uses the other steps only. If most steps of a "
-    "walk are left out, check order, sign and unit of the joint torques or foot forces.",
-}
-"""Meaning of findings for the result, by subject."""
+_CONTACTS = (
+    "Legs and IMU alone can mistake which feet are up; the estimate uses the other steps only. If most steps of a "
+    "walk are left out, check order, sign and unit of the joint torques or foot forces."
+)
 
 
 def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = False) -> None:
@@ -44,8 +43,8 @@ def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = Fa
     _print_joints(console, report, verbose)
     for finding in report.findings:
         console.print(f"[yellow]{escape(finding.about)}:[/] {escape(finding.message)}")
-    for about in dict.fromkeys(finding.about for finding in report.findings if finding.about in _MEANINGS):
-        console.print(_MEANINGS[about])
+    if any(finding.about == "contacts" for finding in report.findings):
+        console.print(_CONTACTS)
     rows = list(_rows(report.segments, verbose))
     show_table("Segments of the log", ["|from [s]", "|to [s]", "segment", "use"], rows, console)
     nudges = sum(segment.kind == "nudge" for segment in report.segments)

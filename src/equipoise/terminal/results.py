@@ -82,8 +82,8 @@ def print_calibration(
         _print_numbers(console, result)
     for parts in parts_of(result):
         _print_parts(console, f"{result.robot}: {parts.kind}, 95 % +-", parts)
-        if (truths := parts.truths(f"{result.robot}: {parts.kind}, ground truth of the simulation")) is not None:
-            print_table(console, truths)
+        if parts.has_truth:
+            print_table(console, parts.table(f"{result.robot}: {parts.kind}, ground truth", truth=True))
     if motors_alone:
         time = sum(trial.duration for trial in result.trials)
         console.print(f"{time:.0f} s of robot time; the method {result.method} has no checks.")

@@ -22,11 +22,8 @@ EMULATORS = {
     "ros2": ("ros2", "Ros2Options"),
 }
 _OF_CALIBRATE = {
-    "sim_preset": PresetName,
-    "enable_effect": WithEffects,
-    "disable_effect": WithoutEffects,
-    "payload": PayloadGiven,
-}
+    "sim_preset": PresetName, "enable_effect": WithEffects, "disable_effect": WithoutEffects, "payload": PayloadGiven
+}  # fmt: skip
 Protocol = Annotated[
     Positional[Literal["unitree-dds", "unitree-udp", "ros2"]],
     arg(metavar="PROTOCOL", help="unitree-dds (Go2, B2), unitree-udp (A1, Go1) or ros2, each with its own flags."),
