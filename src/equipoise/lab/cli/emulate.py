@@ -21,7 +21,7 @@ EMULATORS = {
     "unitree-udp": ("unitree_udp", "UnitreeUdpOptions"),
     "ros2": ("ros2", "Ros2Options"),
 }
-_OF_CALIBRATE = {
+_OF_CALIBRATE: dict[str, Any] = {
     "sim_preset": PresetName, "enable_effect": WithEffects, "disable_effect": WithoutEffects, "payload": PayloadGiven
 }  # fmt: skip
 Protocol = Annotated[
@@ -47,14 +47,12 @@ def _options_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     protocol = next((argument for argument in arguments if argument in EMULATORS), "unitree-dds")
     kind: Any = getattr(_module(protocol), EMULATORS[protocol][1])
     defaults = kind()
-    groups = {name: group for name, group in vars(defaults).items() if dataclasses.is_dataclass(group)}
+    settings = cast("dict[str, Any]", defaults.__dict__)
+    groups: dict[str, Any] = {name: settings[name] for name in settings if dataclasses.is_dataclass(settings[name])}
     own = [flag for flag in flags_of(kind) if flag.name not in groups]
 
     def options(values: Mapping[str, Any]) -> Any:
-        made = {
-            name: dataclasses.replace(cast("Any", group), **values_of(type(group), values))
-            for name, group in groups.items()
-        }
+        made = {name: dataclasses.replace(one, **values_of(one.__class__, values)) for name, one in groups.items()}
         return dataclasses.replace(defaults, **values_of(kind, values), **made)
 
     return spec_of(kind.__doc__.splitlines()[0], [*own, *chain(*map(_flags_in, groups.values()))], options)
@@ -62,11 +60,11 @@ def _options_flags(arguments: Sequence[str]) -> StructConstructorSpec:
 
 def _flags_in(group: Any) -> Iterator[StructFieldSpec]:
     """Yield the flags of a group of settings with its defaults, those of a simulated robot as in `calibrate`."""
-    usual = type(group)()
-    for flag in flags_of(type(group)):
-        value, kind = getattr(group, flag.name), _OF_CALIBRATE.get(flag.name, flag.type)
+    usual = group.__class__()
+    for flag in flags_of(group.__class__):
+        value, named = getattr(group, flag.name), cast("Any", flag)
         default = flag.default if value == getattr(usual, flag.name) else value
-        yield dataclasses.replace(flag, type=cast("Any", kind), default=default)
+        yield dataclasses.replace(flag, type=_OF_CALIBRATE.get(flag.name, named.type), default=default)
 
 
 CHOSEN: dict[type, ChosenFlags] = {object: (_options_flags, None)}
