@@ -26,7 +26,7 @@ from equipoise.recording.run_log_reader import read_log
 from equipoise.terminal.robot_reports import print_checkup, print_rehearsal
 
 EQUIPOISE = [sys.executable, "-m", "equipoise"]
-STATIC = ["--method", "static", "--quiet", "--yes"]
+STATIC = ["--method", "static", "--quiet", "--yes", "--no-report"]
 
 
 @contextmanager
