@@ -37,8 +37,8 @@ RUN_PAGES = (
 )  # fmt: skip
 SECONDS = ("audit", "plan", "robots", "platforms", "estimate", "compare")
 RUNS = {
-    "bare": "calibrate --seed 3 --duration 50s --quiet --mass 12.44",
-    "loaded": "calibrate --seed 3 --duration 50s --payload 1,0.05,0.02,0.08 --quiet --mass 13.44",
+    "bare": "calibrate --seed 3 --duration 50s --quiet --no-report --mass 12.44",
+    "loaded": "calibrate --seed 3 --duration 50s --payload 1,0.05,0.02,0.08 --quiet --no-report --mass 13.44",
 }
 """Commands that make the runs of the pages, by the run's name."""
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")

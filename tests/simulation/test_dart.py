@@ -176,8 +176,15 @@ def robots(tmp_path_factory, a1):
     }
 
 
-@pytest.mark.parametrize("start", ["standing", "lying"])
-@pytest.mark.parametrize("name", ["A1", "URDF, two joints a leg", "MJCF, arm, IMU rotated"])
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [
+        ("A1", "standing"),
+        ("A1", "lying"),
+        ("URDF, two joints a leg", "lying"),
+        ("MJCF, arm, IMU rotated", "standing"),
+    ],
+)
 def test_robots_rest_in_dart_as_in_mujoco(robots, name, start):
     states, seen = [], []
     for engine in ENGINES:
@@ -212,10 +219,10 @@ def moved(robot, motion, engine, **sizes):
         return simulation.platform.play(motion)
 
 
-@pytest.mark.parametrize("name", ["A1", "MJCF, arm, IMU rotated"])
-@pytest.mark.parametrize(
-    "sizes", [{}, {"viscous_friction": 0.3, "armature": 0.02, "torque_gain": 0.05, "leg_mass": 0.05}]
-)
+DRIVE_TRAIN = {"viscous_friction": 0.3, "armature": 0.02, "torque_gain": 0.05, "leg_mass": 0.05}
+
+
+@pytest.mark.parametrize(("name", "sizes"), [("A1", {}), ("A1", DRIVE_TRAIN), ("MJCF, arm, IMU rotated", DRIVE_TRAIN)])
 def test_sensors_of_a_rocking_robot_agree_with_mujoco(robots, name, sizes):
     motion = rocking(robots[name])
     one, other = (moved(robots[name], motion, engine, **sizes) for engine in ENGINES)
