@@ -1,5 +1,6 @@
 """Fixtures that many tests share."""
 
+import gc
 import signal
 import sys
 from pathlib import Path
@@ -26,6 +27,12 @@ from equipoise.user_cache import VARIABLE
 # No deadlines, because a loaded machine is slow at times; derandomized, so that a commit always passes or always fails.
 settings.register_profile("equipoise", deadline=None, derandomize=True)
 settings.load_profile("equipoise")
+
+
+def pytest_collection_finish():
+    """Exclude modules and collected tests from garbage collection: they live to the end, and it would visit them."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter):
