@@ -347,11 +347,20 @@ def test_the_scale_of_all_masses_is_fixed_while_noise_levels_are_estimated(a1, b
     assert weighed.normal_equations(x, fix_scale=True).cost == weighed.normal_equations(x).cost
 
 
+@pytest.fixture(scope="module")
+def scale(bayesian_run):
+    """Return the robot's mass on a scale, and its standard deviation."""
+    return bayesian_run.truth.composite.mass, 0.06
+
+
+@pytest.fixture(scope="module")
+def undisturbed(a1, bayesian_run, evidence, scale):
+    return estimate_posterior(a1, bayesian_run.stance, evidence, mass=scale)
+
+
 @pytest.mark.parametrize("size", [0.5, 2.0])
-def test_a_lift_that_was_disturbed_is_left_out(a1, bayesian_run, evidence, size):
+def test_a_lift_that_was_disturbed_is_left_out(a1, bayesian_run, evidence, scale, undisturbed, size):
     """An external force disturbs one lift of a weighed robot."""
-    scale = (bayesian_run.truth.composite.mass, 0.06)
-    plain = estimate_posterior(a1, bayesian_run.stance, evidence, mass=scale)
     number = max(index for index, motion in enumerate(evidence) if motion.lift is not None)
     motions = list(evidence)
     motions[number] = with_samples(motions[number], LiftSamples, pushed(motions[number].lift, size))
@@ -363,7 +372,7 @@ def test_a_lift_that_was_disturbed_is_left_out(a1, bayesian_run, evidence, size)
     ]
     assert evidence[number].index in left_out
     assert len(left_out) <= 2  # it draws the first round so far that another may seem wrong
-    moved = components(found.robot_body) - components(plain.robot_body)
+    moved = components(found.robot_body) - components(undisturbed.robot_body)
     assert np.abs(moved / np.sqrt(np.diag(found.robot_covariance))).max() < 1
     assert step_left(found) < 0.5
 
