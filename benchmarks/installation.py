@@ -103,7 +103,11 @@ def show_size(rows: list[Row]) -> Iterator[str]:
                 *lines,
                 ["others", f"{rest:.0f}", ""],
                 [f"all (target: {MOST_SIZE})", figures(total[""], ".0f", MOST_SIZE), ""],
-                [f"all, without `{HEADERS[1:-1]}`", figures(without, ".0f", MOST_SIZE), "C++ compilers need that folder"],
+                [
+                    f"all, without `{HEADERS[1:-1]}`",
+                    figures(without, ".0f", MOST_SIZE),
+                    "C++ compilers need that folder",
+                ],
             ],
         )
         yield ""

@@ -71,10 +71,17 @@ def reports_of_last_try(item, nextitem):
         skip(
             failed,
             item,
-            f"this machine is too busy for real time: {TRIES} tries failed, with stalls of {', '.join(stalls)}",
+            f"this machine is too busy for real time: {TRIES} tries failed, with stalls of {', '.join(stalls)}; "
+            f"NOT TRIED, or wrong: {last_line(failed[0])}",
         )
     reports[-1].user_properties.append(("stalls", stalls))
     return reports
+
+
+def last_line(report):
+    """Return the line in which a test failed, with the values: an error of the code is the same on every machine."""
+    crash = getattr(report.longrepr, "reprcrash", None)
+    return (str(report.longrepr) if crash is None else crash.message).partition("\n")[0]
 
 
 def skip(reports, item, reason):
