@@ -183,9 +183,9 @@ def show_velocities(rows: list[Row]) -> Iterator[str]:
     yield (
         "Velocity error: rms of reported joint velocities minus the slope of the positions, over the rms of the slope; knees "
         "of a squatting A1 without errors. The solver `quick` moves bodies to correct penetrations, but leaves that motion "
-        "out of the velocities of joints and gyroscope. Stiff contacts without damping do so at every step. No interval "
-        "allows for this: damp the feet, or use the solver `world`. Unitree's joint controller takes joint velocities from "
-        "differences of positions; its gyroscope is still Gazebo's."
+        "out of the velocities of joints and gyroscope. Stiff contacts without damping do so at every step. The check `joint "
+        "velocities` fails then: damp the feet, or use the solver `world`. Unitree's joint controller takes joint velocities "
+        "from differences of positions, which pass the check; its gyroscope is still Gazebo's."
     )
 
 
