@@ -186,6 +186,8 @@ def test_the_command_prints_the_payload(folders, scale, weighed, capsys):
     text = capsys.readouterr().out
     assert "unitree_a1: payload that was added" in text
     assert f"{weighed.payload.mass.value:.3f}" in text
+    shared = " ".join(text.split())
+    assert "its readings share an error of 0.5%, and each has one of 0.1% (standard deviations)" in shared
 
 
 def test_incomparable_runs_are_rejected(folders, tmp_path, capsys):

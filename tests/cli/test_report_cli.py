@@ -125,7 +125,7 @@ def test_a_comparison_is_written_to_the_working_folder(run, copy, tmp_path, caps
     assert (tmp_path / "comparison.html").exists()
     page = tmp_path / "comparison.html"
     page.write_text("of other runs", encoding="utf-8")
-    assert "'comparison.html' exists; name a file with --out" in fails(capsys, 6, run, copy)
+    assert "'comparison.html' exists; to replace it, pass --out comparison.html" in fails(capsys, 6, run, copy)
     assert page.read_text(encoding="utf-8") == "of other runs"
     assert main(["report", str(run), str(copy), "--out", "comparison.html", "--quiet"]) == 0
     assert "2 runs compared" in page.read_text(encoding="utf-8")

@@ -18,6 +18,7 @@ from equipoise import export
 from equipoise.cli import main
 from equipoise.errors import ModelError, NotEstimatedError, SettingsError
 from equipoise.exports.formats import FORMATS
+from equipoise.result.body import Body
 from equipoise.result.findings import Check
 
 if sys.version_info >= (3, 11):
@@ -233,6 +234,13 @@ def test_a_result_with_a_failed_check_is_refused_unless_forced(name, result):
     assert (
         "check failed: stance motion residuals: they slid" in export(doubtful, name, parameters=what, force=True).text
     )
+
+
+@pytest.mark.parametrize("name", ["urdf", "json"])
+def test_a_run_of_motors_alone_exports_them(result, name):
+    alone = dataclasses.replace(result, sensors=(), composite=Body.partial(result.nominal.composite))
+    assert export(alone, name).parts == ("motors",)
+    assert export(result, name).parts == ("base",)
 
 
 def test_a_run_without_motors_gives_the_shared_values(result):

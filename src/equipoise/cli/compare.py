@@ -61,7 +61,11 @@ def compare(
     truths = [folder.truth() for folder in folders]
     if truths[0] is not None and truths[1] is not None:
         change = change.with_truth(truths[0], truths[1])
-    change = replace(change, provenance={"before": str(before), "after": str(after), "masses": scale.masses})
+    provenance = {
+        "before": str(before), "after": str(after), "masses": scale.masses,
+        "scale_gain_std": scale_gain_std, "scale_noise_std": scale_noise_std,
+    }  # fmt: skip
+    change = replace(change, provenance=provenance)
     if out is not None:
         write_file(out, json_module.dumps(change.to_dict(), indent=2) + "\n")
     output.write(change.to_dict(), lambda: print_payload_change(change))

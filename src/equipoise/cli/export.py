@@ -24,7 +24,7 @@ _FOLDER = "export"
 _PARAMETERS = (
     "'base' (mass, centre of mass, inertia), 'sensors' (joint offsets, IMU, clock), 'motors' (friction, armature, gain, "
     "delay), 'legs' (masses and first moments of their links; with the base in a model file), several with commas, or 'all' "
-    "that the format holds. Default: base, or all if the format does not hold the base."
+    "that the format holds. Default: base, or all if the format or the run lacks the base."
 )
 Run = Annotated[
     Positional[Path | None],

@@ -46,9 +46,10 @@ def report(runs: Runs, *, out: File = None, output: Output) -> None:
         page = runs[0].with_suffix(".html") if runs[0].is_file() else runs[0] / REPORT
         file = save_report(_estimated(runs[0]), out or page)
     else:
+        results = _named(runs)
         if out is None and Path(_COMPARISON).exists():  # it may compare other runs
-            raise OutputError(f"{_COMPARISON!r} exists; name a file with --out, which may be this one")
-        file = save_comparison(_named(runs), out or Path(_COMPARISON))
+            raise OutputError(f"{_COMPARISON!r} exists; to replace it, pass --out {_COMPARISON}")
+        file = save_comparison(results, out or Path(_COMPARISON))
     table = {"schema": "equipoise.report/1", "report": str(file), "runs": [str(path) for path in runs]}
     output.write(table, lambda: None if output.quiet else print(f"saved: {file}"))
 

@@ -147,7 +147,7 @@ def export(
         seed: seed of all random draws.
         run: name of the run, for the file's header.
         parameters: parts to write: "base", "sensors", "motors", "legs", several separated by commas, or "all" that the
-            format holds and the run estimated. Default: the base, or all if the format does not hold the base.
+            format holds and the run estimated. Default: the base, or all if the format or the run lacks the base.
         relative_to: other model of the robot, of `relative.load_reference`; its base's difference is written (json, ros2).
 
     Raises:
@@ -249,10 +249,10 @@ def all_formats() -> dict[str, Format | EquipoiseError]:
 
 def _parts(row: Format, result: Calibration, parameters: str | None) -> tuple[str, ...]:
     """Return the requested parts in the format's order; raises SettingsError for one that it cannot hold."""
-    if parameters is None and BASE in row.parts:
+    available = tuple(part for part in row.parts if _has(result, part))
+    if parameters is None and BASE in row.parts and (BASE in available or not available):
         return (BASE,)
     if parameters in (None, "all"):
-        available = tuple(part for part in row.parts if _has(result, part))
         return available or row.parts  # the error then gives the reason
     words = _words(parameters)
     if lacking := words - set(row.parts):

@@ -44,3 +44,11 @@ def print_payload_change(change: PayloadChange) -> None:
     show_table("Whole robot at its stance, after minus before", ["parameter", "|change", "|95 % +-", ""], rows)
     meanings = verdict_message(change.change, _CHANGES)
     console.print(f"CoM from the origin of the base link, inertia about the CoM. {meanings}")
+    if any(quantity.missed for quantity in change.payload):
+        console.print("(!): the truth is outside the interval.")
+    if None not in change.provenance.get("masses", (None,)):
+        gain, noise = change.provenance["scale_gain_std"], change.provenance["scale_noise_std"]
+        console.print(
+            f"assumed: one scale weighed both runs; its readings share an error of {gain:.1%}, and each has one of "
+            f"{noise:.1%} (standard deviations): --scale-gain-std, --scale-noise-std"
+        )
