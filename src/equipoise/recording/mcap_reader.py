@@ -75,7 +75,8 @@ class MessageReader:
                 raise RecordingError(f"the recording {str(self.path)!r} cannot be read: it is not an MCAP file")
             self.position = len(magic) if magic == _MAGIC else 0
         while self.position and self.position + _RECORD.size <= size:
-            opcode, length = _RECORD.unpack(head := file.read(_RECORD.size))
+            head = file.read(_RECORD.size)
+            opcode, length = _RECORD.unpack(head)
             if self.position + len(head) + length > size:
                 break
             try:
@@ -94,12 +95,13 @@ class MessageReader:
 
     def _of_records(self, records: bytes) -> list[Message]:
         """Return the messages among records; note their schemas and channels."""
-        messages, position = list[Message](), 0
-        size, head, of_message = len(records), _RECORD.size, int(Opcode.MESSAGE)  # looked up once, not for each message
-        while position + head <= size:
+        messages: list[Message] = []
+        position, head = 0, _RECORD.size
+        of_message = int(Opcode.MESSAGE)  # looked up once, not for each message
+        while position + head <= len(records):
             opcode, length = _RECORD.unpack_from(records, position)
             begin, position = position + head, position + head + length
-            if position > size:
+            if position > len(records):
                 raise ValueError(f"a record of {length} bytes is longer than its chunk")
             if opcode == of_message:
                 channel, time = _MESSAGE.unpack_from(records, begin)

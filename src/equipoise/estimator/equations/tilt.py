@@ -103,7 +103,8 @@ class TiltEquation(MotionEquation[LiftSamples]):
         columns, lever_columns = self._by_unknowns(x, by_y), self._by_unknowns(x, by_levers)
         inertia, gains, by_inertia = levers[0], levers[1:] / levers[0], lever_columns[0]
         by_gains = (lever_columns[1:] - gains[..., None] * by_inertia) / inertia[:, None]
-        residuals, jacobians = list[FloatArray](), list[FloatArray]()
+        residuals: list[FloatArray] = []
+        jacobians: list[FloatArray] = []
         for index, (noise, trial) in enumerate(zip(self._noise, self.equation.trials, strict=True)):
             whitening = noise.whitening(gains[:, index])
             moved = _centred(y[trial]) / inertia[index]

@@ -307,7 +307,9 @@ class TorqueBalance(Equation[TorqueSamples]):
         The rows of a motion are compressed to as many as there are columns, with the same squares and products, so that the
         time and memory of an iteration do not grow with a motion's duration.
         """
-        systems, owners, self._rows = list[FloatArray](), list[FloatArray](), 0
+        systems: list[FloatArray] = []
+        owners: list[FloatArray] = []
+        self._rows = 0
         for first in range(0, len(self._owner), _SAMPLES_AT_ONCE):
             part = slice(first, first + _SAMPLES_AT_ONCE)
             whitened = self._whitened(x, part)
