@@ -15,7 +15,7 @@ from equipoise.json_form import to_json
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import RehearsedPosture, held_posture
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import lying_posture, nominal_stance
+from equipoise.robot.stance import lies, lying_posture, nominal_stance
 
 _AROUND = 12.0  # [s] on an A1: initial checks, standing up, lying down, damping
 
@@ -28,7 +28,7 @@ class Rehearsal:
         robot: model of the robot.
         method: method of the calibration.
         doing: description of the motions between standing up and lying down.
-        postures: postures in order; lying first.
+        postures: postures in order; lying first, if the robot begins so.
         duration: robot time [s].
     """
 
@@ -66,19 +66,24 @@ class Rehearsal:
         }
 
 
-def rehearse(robot: RobotModel, method: Method) -> Rehearsal:
+def rehearse(robot: RobotModel, method: Method, standing: bool = False) -> Rehearsal:
     """Rehearse a calibration without a robot.
+
+    Args:
+        standing: true if the robot stands at the start and the end; it lies then only if the method lets it lie.
 
     Raises:
         SettingsError: a setting does not suit the robot.
         ReachError: a posture is out of reach.
     """
     stance = nominal_stance(robot)
-    lying, _ = lying_posture(robot, stance)
+    position, _ = lying_posture(robot, stance)
+    lying = RehearsedPosture("lying", position, np.zeros_like(position))
+    nominal = held_posture(robot, "nominal stance", stance.feet_in_base, stance.joint_position)
     course = method.rehearse(robot, stance)
-    postures = (
-        RehearsedPosture("lying", lying, np.zeros_like(lying)),
-        held_posture(robot, "nominal stance", stance.feet_in_base, stance.joint_position),
-        *course.postures,
-    )
-    return Rehearsal(robot, method, course.doing, postures, course.duration + _AROUND * stance.scale.time)
+    if not standing:
+        postures = (lying, nominal, *course.postures)
+        return Rehearsal(robot, method, course.doing, postures, course.duration + _AROUND * stance.scale.time)
+    lies_down = any(lies(robot, stance, posture.joint_position) for posture in course.postures)
+    postures = (nominal, *([lying] if lies_down else []), *course.postures)
+    return Rehearsal(robot, method, course.doing, postures, course.duration)

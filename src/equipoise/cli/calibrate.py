@@ -27,7 +27,6 @@ from equipoise.method.method import Method
 from equipoise.robot.catalog import load_robot
 
 if TYPE_CHECKING:
-    from equipoise.calibration.rehearsal import Rehearsal
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.result.calibration import Calibration
     from equipoise.robot.model import RobotModel
@@ -199,8 +198,7 @@ def show_rehearsal(model: RobotModel, method: Method, platform: str, json: bool,
     from equipoise.drivers.platforms import for_platform
     from equipoise.terminal.robot_reports import print_rehearsal
 
-    rehearsal = rehearse(for_platform(platform, model), method)
-    rehearsal = _from_standing(rehearsal) if standing else rehearsal
+    rehearsal = rehearse(for_platform(platform, model), method, standing)
     if json:
         table = {"schema": "equipoise.rehearsal/1", "platform": platform, **rehearsal.to_dict()}
         table["imu"] = model.imu.to_dict()
@@ -208,17 +206,6 @@ def show_rehearsal(model: RobotModel, method: Method, platform: str, json: bool,
     else:
         print_rehearsal(rehearsal, platform)
         print(f"{model.imu.message}.")
-
-
-def _from_standing(rehearsal: Rehearsal) -> Rehearsal:
-    """Return the plan of a robot that stands at the start and the end; it lies only if the method lets it lie."""
-    from equipoise.robot.stance import lies, nominal_stance
-
-    robot, (lying, standing, *others) = rehearsal.robot, rehearsal.postures
-    stance = nominal_stance(robot)
-    lies_down = any(lies(robot, stance, posture.joint_position) for posture in others)
-    postures = (standing, *([lying] if lies_down else []), *others)
-    return dataclasses.replace(rehearsal, postures=postures, duration=rehearsal.method.rehearse(robot, stance).duration)
 
 
 def _print_settings(robot: str | None, target: RunTarget, method: Method, out: Path) -> None:
