@@ -49,7 +49,7 @@ def comparison_contents(results: dict[str, Calibration]) -> PageContents:
 
 
 def _require_shared_parameters(shown: dict[str, dict[str, Number]], results: dict[str, Calibration]) -> None:
-    for name, of_run in shown.items():
+    for name, of_run in sorted(shown.items(), key=lambda run: len(run[1])):  # a run of motors has none
         others = [other for one, other in shown.items() if one != name]
         if not any(of_run.keys() & other.keys() for other in others):
             raise SettingsError(
