@@ -251,7 +251,7 @@ def test_degrees_are_named(a1, run):
         estimate(a1, with_joints(run.recordings, np.degrees, ["velocity"]), SETTINGS)
     # Wide limits do not show it.
     with pytest.raises(RecordingError, match=r"is 0\.01\d times .*are joint positions in degrees\?"):
-        screening._check_velocity(with_joints(run.recordings, np.degrees, ["position"]))
+        screening._check_velocity(a1, screening._moves(with_joints(run.recordings, np.degrees, ["position"])))
 
 
 def test_a_velocity_with_the_wrong_sign_is_named(a1, run):

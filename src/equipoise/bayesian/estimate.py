@@ -24,7 +24,7 @@ from equipoise.estimator.diagnostics.prior_conflict import (
     conflicting_parameters,
     resolve_prior_conflicts,
 )
-from equipoise.estimator.diagnostics.screening import screen, velocity_check
+from equipoise.estimator.diagnostics.screening import screen
 from equipoise.estimator.diagnostics.sensor_findings import sensor_findings
 from equipoise.estimator.diagnostics.torque_mass import assumed_mass, compare_estimate
 from equipoise.estimator.equations.equation import Equation, MotionSamples
@@ -66,7 +66,7 @@ def estimate_run(
     """
     timings: dict[str, float] = {}
     with _timed(timings, "screen the sensors"):
-        screen(robot, base_recordings(recordings))
+        velocities = screen(robot, base_recordings(recordings))
     with _timed(timings, "read the recordings"):
         motions = read_motions(robot, stance, recordings)
     with _timed(timings, "estimate"):
@@ -75,7 +75,7 @@ def estimate_run(
         predictions = predict_held_out(posterior, settings.prior_run)
         predicted = held_out(predictions)
         masses = compare_estimate(posterior, settings.scale, settings.prior_run)
-        unsorted = [velocity_check(base_recordings(recordings)), *run_checks(posterior, predicted, masses)]
+        unsorted = [velocities, *run_checks(posterior, predicted, masses)]
         unsorted += [] if settings.prior_run is None else [prior_run_check(changes, settings.prior_run)]
         checks = tuple(sorted(unsorted, key=lambda check: check.passed))
         _refuse_worse_than_file(predicted, checks)

@@ -46,6 +46,9 @@ _TURNED = np.radians(12)  # more than the slope of a floor
 _RIGHT_ANGLE = np.radians(10)  # IMUs are mounted at right angles, within about this angle
 _FEWEST_RESTS = 4
 
+_Moves = tuple[FloatArray, FloatArray]
+"""Changes (n, nj) of the encoders over short blocks, and integrals of the reported velocities over them [rad]."""
+
 GYROSCOPE_MISTAKES: tuple[tuple[str, FloatArray], ...] = (
     ("is it in degrees per second?", np.full(3, np.pi / 180)),
     ("do all axes have the wrong sign?", -np.ones(3)),
@@ -66,24 +69,26 @@ RIGHT_ANGLE_TURNS = tuple(_right_angle_turns())
 """All 23 (3, 3) rotations by right angles except the identity: possible mountings of an IMU."""
 
 
-def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
-    """Raise for sensor data that no estimate can use.
+def screen(robot: RobotModel, recordings: Sequence[Recording]) -> Check:
+    """Raise for sensor data that no estimate can use; return the check of the joint velocities.
 
     Raises:
         RecordingError: a frozen encoder, degrees instead of radians, g instead of m/s2, a sensor with the wrong sign, swapped
             legs, torques that do not carry the robot.
         MotionError: the IMU is mounted rotated.
     """
+    moves = _moves(recordings)
+    velocities = _velocity_check(robot, moves)
     rests = [recording.phase(Phase.REST) for recording in recordings if recording.has_phase(Phase.REST)]
     if not rests:
-        return
+        return velocities
     position = np.array([rest.joints.position.mean(axis=0) for rest in rests])
     acceleration = np.array([rest.imu.acceleration_in_imu.mean(axis=0) for rest in rests])
     _check_gravity(acceleration)
     _check_radians(robot, position)
     for recording in recordings:
         _check_frozen(recording)
-    _check_velocity(recordings)
+    _check_velocity(robot, moves)
     _check_gyroscope(recordings)
     if len(rests) >= _FEWEST_RESTS:
         _check_floor(robot, position, acceleration)
@@ -92,6 +97,7 @@ def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
     if with_torque.any():
         measured = np.array([torque for torque in torques if torque is not None])
         _check_torques(robot, position[with_torque], measured, acceleration[with_torque])
+    return velocities
 
 
 def screen_log(robot: RobotModel, log: Recording) -> None:
@@ -107,7 +113,7 @@ def screen_log(robot: RobotModel, log: Recording) -> None:
     levels = [np.quantile(position, (0.05, 0.5, 0.95)) for position in log.joints.position.T]
     _check_radians(robot, np.column_stack(levels))
     _check_frozen(log)
-    _check_velocity([piece.recording for piece in split_at_gaps(log)])
+    _check_velocity(robot, _moves([piece.recording for piece in split_at_gaps(log)]))
 
 
 def _check_gravity(acceleration: FloatArray) -> None:
@@ -158,12 +164,12 @@ def _check_frozen(recording: Recording) -> None:
                 )
 
 
-def velocity_check(recordings: Sequence[Recording]) -> Check:
+def _velocity_check(robot: RobotModel, moves: _Moves | None) -> Check:
     """Test that integrals of reported velocities over short blocks follow the encoders, in motion and at rest.
 
     Some simulators push penetrating bodies apart without reporting that motion: joints that rest report a velocity.
     """
-    name, moves = "joint velocities", _moves(recordings)
+    name = "joint velocities"
     if moves is None:
         return Check(name, True, "not tested: the recordings contain no joint velocities")
     by_encoder, by_velocity = moves
@@ -172,7 +178,7 @@ def velocity_check(recordings: Sequence[Recording]) -> Check:
     worst = int(np.argmax(shares))
     passed = bool(shares[worst] < _VELOCITY_ERROR)
     message = (
-        f"integrals of the velocity of joint {recordings[0].joint_names[worst]!r} differ from its encoder by "
+        f"integrals of the velocity of joint {robot.joint_names[worst]!r} differ from its encoder by "
         f"{shares[worst]:.0%} of the motion (limit {_VELOCITY_ERROR:.0%})"
     )
     if not passed:
@@ -183,11 +189,8 @@ def velocity_check(recordings: Sequence[Recording]) -> Check:
     return Check(name, passed, message)
 
 
-def _moves(recordings: Sequence[Recording]) -> tuple[FloatArray, FloatArray] | None:
-    """Return (n, nj) changes of the encoders over short blocks, and the integrals of the reported velocities [rad].
-
-    None: no recording has velocities.
-    """
+def _moves(recordings: Sequence[Recording]) -> _Moves | None:
+    """Return the moves of all recordings; None if none has velocities."""
     moved: list[FloatArray] = []
     integrated: list[FloatArray] = []
     for recording in recordings:
@@ -202,9 +205,8 @@ def _moves(recordings: Sequence[Recording]) -> tuple[FloatArray, FloatArray] | N
     return (np.concatenate(moved), np.concatenate(integrated)) if moved else None
 
 
-def _check_velocity(recordings: Sequence[Recording]) -> None:
+def _check_velocity(robot: RobotModel, moves: _Moves | None) -> None:
     """Raise if velocities are not the encoders' rates in rad/s."""
-    moves = _moves(recordings)
     if moves is None:
         return
     by_encoder, by_velocity = moves
@@ -217,7 +219,7 @@ def _check_velocity(recordings: Sequence[Recording]) -> None:
         hint = " (are joint positions in degrees?)" if 1 / 70 < ratio[worst] < 1 / 45 else hint
         hint = " (does one of them have the wrong sign?)" if ratio[worst] < -0.5 else hint
         raise RecordingError(
-            f"the velocity of joint {recordings[0].joint_names[worst]!r} is {ratio[worst]:.2g} times the rate of its encoder; "
+            f"the velocity of joint {robot.joint_names[worst]!r} is {ratio[worst]:.2g} times the rate of its encoder; "
             f"it must be in rad/s{hint}"
         )
 
