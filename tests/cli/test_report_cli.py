@@ -137,7 +137,10 @@ def test_runs_without_a_common_parameter_are_not_compared(run, tmp_path, capsys)
     motors = tmp_path / "motors.json"
     dataclasses.replace(result, method="motors", composite=nothing).save(motors)
     message = fails(capsys, 2, run, motors, "--out", tmp_path / "both.html")
-    assert "'motors.json' (method motors) has no mass, CoM or inertia in common with the other runs: leave it out" in message
+    assert (
+        "'motors.json' (method motors) has no mass, CoM or inertia in common with the other runs: leave it out"
+        in message
+    )
     assert not (tmp_path / "both.html").exists()
 
 
