@@ -59,6 +59,16 @@ class Standing:
             time.sleep(2e-3)
         return states
 
+    def traced(self, begun, duration):
+        """Return the motion of the base since an entry of the log, for a duration by the clock of the emulator."""
+        until, first = time.monotonic() + PATIENCE, self.emulator.log.index(begun)
+        while time.monotonic() < until:
+            self.states(0.05)
+            since = self.emulator.log[first:]
+            if since[-1]["time"] - begun["time"] >= duration:
+                return [entry for entry in since if "tilt" in entry]
+        raise AssertionError(f"too little was traced: {self.emulator.log[-5:]}")
+
     def until(self, condition):
         """Return the first sample that meets a condition."""
         until = time.monotonic() + PATIENCE
@@ -129,10 +139,9 @@ def test_samples_are_replayed(standing):
 
 def test_a_push_tilts_the_robot_and_is_traced(standing):
     standing.states(0.3)
-    before = len(standing.emulator.log)
+    before = standing.emulator.log[-1]
     standing.emulator.fault(push=[0, 15, 0], **{"for": 0.3})
-    standing.states(0.8)
-    traced = [entry for entry in standing.emulator.log[before:] if "tilt" in entry]
+    traced = standing.traced(standing.emulator.wait_for("fault", "push", after=before), duration=0.8)
     assert max(entry["tilt"] for entry in traced) > 0.4
     assert traced[-1]["tilt"] < 0.3
     assert np.ptp([entry["height"] for entry in traced]) < 0.1
