@@ -207,10 +207,10 @@ def contact_jacobian(robot, q, down=None, lifted=None):
     return np.concatenate([(name != lifted) * one for name, one in zip(robot.legs, found, strict=True)])
 
 
-def moving_robot(robot, seed, still=False, lifted=None):
+def moving_robot(robot, seed, still=False, lifted=None, spread=0.2):
     """Return random samples of a moving robot with random contact forces, and the links' torques.
 
-    A lifted leg, given by name, has no contact force.
+    A lifted leg, given by name, has no contact force. Joint positions differ from the nominal stance by a spread [rad].
     """
     generator, joints = np.random.default_rng(seed), len(robot.joint_names)
     mounting, arm = np.array(robot.imu_in_base.rotation), np.array(robot.imu_in_base.translation)
@@ -219,7 +219,7 @@ def moving_robot(robot, seed, still=False, lifted=None):
     data = model.createData()
     rows = []
     for _ in range(SAMPLES):
-        position = nominal_stance(robot).joint_position + 0.2 * generator.standard_normal(joints)
+        position = nominal_stance(robot).joint_position + spread * generator.standard_normal(joints)
         size = 0.0 if still else 1.0
         velocity, acceleration = size * generator.standard_normal(joints), 10 * size * generator.standard_normal(joints)
         turning, turning_rate = size * generator.standard_normal(3), 8 * size * generator.standard_normal(3)

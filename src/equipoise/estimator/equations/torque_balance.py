@@ -4,8 +4,9 @@ With q the base's and the joints' coordinates, Y the inverse-dynamics regressor 
 
     Y(q, v, a) pi = S^T tau_link + J^T f,    tau_link = g tau - F_c tanh(v / v_0) - F_v v - A a.
 
-Rows of N with N J^T = 0 eliminate any contact forces: six rows for legs of three joints, two for legs of two. A leg in the
-air has no contact force; its joint torques, which only swing it, are eliminated instead.
+Rows of N with N J^T = 0 eliminate any contact forces: six rows for legs of three joints, four for legs of two. Some
+combinations of forces along the axes of such legs hardly act on the robot: they are not eliminated, but add noise. A leg in
+the air has no contact force; its joint torques, which only swing it, are eliminated instead.
 The base's acceleration is the accelerometer's, including gravity, so that no attitude is needed.
 """
 
@@ -19,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from equipoise.conventions import FloatArray
+from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.errors import RecordingError
 from equipoise.estimator.equations.equation import Equation, RunContext, whitening_of
 from equipoise.estimator.measurements.drive_train import DRIVE_TRAIN, JointReadings
@@ -45,6 +46,7 @@ _FRICTION_MODEL_ERROR = 1.0
 _INITIAL_FRICTION = 0.5  # [Nm] on an A1
 _TORQUE_FLOOR = 0.01  # [Nm] on an A1
 _SAMPLES_AT_ONCE = 1024
+_WEAK_FORCE = 1e-3  # of the strongest action of a contact force on the robot
 _TORQUE_CORRELATION = 10.0  # samples of a motion with the same error: friction errors last for a second
 
 
@@ -143,12 +145,14 @@ class TorqueRows:
         links: (n, r, 4 links) columns of a factor on each leg link, then of the offset of its first moment from the model's.
         torque: (n, r, nj) columns of each joint's link torque, to be subtracted.
         acceleration_rows: (n, r, 6) coefficients of the base's acceleration noise, times the robot's inertia.
+        force: (n, r) coefficients of the contact forces that were not eliminated.
     """
 
     base: FloatArray
     links: FloatArray
     torque: FloatArray
     acceleration_rows: FloatArray
+    force: FloatArray
 
 
 def torque_rows(legs: LegChains, samples: TorqueSamples, values: Values) -> TorqueRows:
@@ -171,10 +175,22 @@ def torque_rows(legs: LegChains, samples: TorqueSamples, values: Values) -> Torq
     acceleration = np.hstack([at_base, angular_acceleration_in_base, samples.joint_acceleration])
     regressor, twists = regressors_and_twists(robot, position, velocity, acceleration)
     contact = _contact_jacobians(robot, legs.feet(position), twists, values["foot_radius"], samples.standing)
-    full, _ = np.linalg.qr(np.swapaxes(contact, 1, 2), mode="complete")
-    free = np.swapaxes(full[:, :, 12:], 1, 2)  # null space of the contact forces
+    free, force = _without_forces(contact)
     rows = free @ regressor
-    return TorqueRows(rows[:, :, :10], columns_of_links(robot, rows), free[:, :, 6:], free[:, :, :6])
+    return TorqueRows(rows[:, :, :10], columns_of_links(robot, rows), free[:, :, 6:], free[:, :, :6], force)
+
+
+def _without_forces(contact: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (n, r, 6 + nj) orthonormal rows on which no or hardly any contact force acts, and the (n, r) `TorqueRows.force`.
+
+    All samples have as many rows, although the weak action of a force depends on the posture: exactly none in one posture,
+    a ten-thousandth in another. Rounding would otherwise choose the rows.
+    """
+    directions, sizes, _ = np.linalg.svd(np.swapaxes(contact, 1, 2))
+    strong = int((sizes > _WEAK_FORCE * sizes[:, :1]).sum(axis=1).min())
+    force = np.zeros((len(contact), directions.shape[2] - strong))
+    force[:, : sizes.shape[1] - strong] = sizes[:, strong:]
+    return np.swapaxes(directions[:, :, strong:], 1, 2), force
 
 
 def columns_of_links(robot: RobotModel, rows: FloatArray) -> FloatArray:
@@ -335,10 +351,12 @@ class TorqueBalance(Equation[TorqueSamples]):
         variance = friction**2 * ((1 - direction) ** 2 + _FRICTION_MODEL_ERROR**2) + (_TORQUE_FLOOR * scale) ** 2
         noise = (rows.torque * variance[:, None]) @ np.swapaxes(rows.torque, 1, 2)
         stiffness, _ = unknowns.robot.gains(unknowns.stance.hip_height)
-        noise += sawtooth(rows.torque, samples, stiffness)[:, None, None] ** 2 * np.eye(noise.shape[1])
+        weight = GRAVITY * unknowns.robot.mass  # an upper bound of what a contact force is
+        diagonal = sawtooth(rows.torque, samples, stiffness)[:, None] ** 2 + (weight * rows.force) ** 2
+        noise += diagonal[:, :, None] * np.eye(noise.shape[1])
         # Accelerometer noise acts through the mass: 0.01 m/s2 on the whole robot.
-        weight = (0.01 * unknowns.robot.mass) ** 2 * np.array([1, 1, 1, 0.01, 0.01, 0.01])
-        noise += (rows.acceleration_rows * weight) @ np.swapaxes(rows.acceleration_rows, 1, 2)
+        acceleration = (0.01 * unknowns.robot.mass) ** 2 * np.array([1, 1, 1, 0.01, 0.01, 0.01])
+        noise += (rows.acceleration_rows * acceleration) @ np.swapaxes(rows.acceleration_rows, 1, 2)
         level = self.normalized_residual * np.sqrt(self._correlation[part])
         whitening = whitening_of(noise) / level[:, None, None]
         terms = {
