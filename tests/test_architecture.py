@@ -48,8 +48,7 @@ ENGINES = {
         "simulation/mujoco_legs.py", "simulation/mujoco_loads.py", "lab/replay/in_mujoco.py",
     },
     "dartpy": {
-        "lab/dart/engine.py", "lab/dart/dart_platform.py", "lab/dart/dart_links.py", "lab/dart/dart_model.py",
-        "lab/dart/dart_truth.py",
+        "lab/dart/engine.py", "lab/dart/dart_platform.py", "lab/dart/dart_model.py", "lab/dart/dart_truth.py",
     },
 }  # fmt: skip
 ASSEMBLERS = {"simulation/simulation.py", "lab/dart/engine.py"}  # they import an engine when one is asked for

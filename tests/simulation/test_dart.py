@@ -123,7 +123,7 @@ MORE = {
 
 
 @pytest.mark.parametrize("name", [*SAME_IN_BOTH, *MORE])
-def test_dart_reads_the_robot_that_mujoco_reads(tmp_path, name):
+def test_dart_has_the_robot_that_mujoco_reads(tmp_path, name):
     text, description = {**SAME_IN_BOTH, **MORE}[name]
     assert_same_robot(load_text(tmp_path, text, description), PAYLOAD)
 

@@ -1,19 +1,18 @@
-"""Model of a simulated robot in DART: skeleton from the model file, feet, floor and errors."""
+"""Model of a simulated robot in DART: skeleton from the Pinocchio model, feet, floor and errors."""
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import dartpy
 import numpy as np
+import pinocchio as pin
 from dartpy import collision, constraint, dynamics, simulation
 from numpy.typing import NDArray
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.errors import ModelError
-from equipoise.lab.dart.dart_links import Axis, KinematicLink, moved_by, pose_of, read_links
-from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.links import link_names
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import BELLY_RATIO, Stance
 from equipoise.simulation.drawn_errors import DrawnErrors
@@ -58,9 +57,10 @@ class SimulatedDartRobot:
 def build_dart_robot(
     robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None, timestep: float | None = None
 ) -> SimulatedDartRobot:
-    """Build the DART world of a robot from its model file.
+    """Build the DART world of a robot.
 
-    Rigidly connected links become one body. Only the feet (spheres) and the belly (a box, for lying) touch the floor.
+    The skeleton has the joints, placements and inertias of the Pinocchio model. Only the feet (spheres) and the belly (a box,
+    for lying) touch the floor.
 
     Args:
         stance: stance whose hip height scales the gains.
@@ -68,15 +68,12 @@ def build_dart_robot(
         timestep: time step of the engine [s]; default: 0.5 ms, or less if damping requires it for stability.
 
     Raises:
-        ModelError: DART cannot make a model of the file.
+        ModelError: a link has no mass.
     """
-    try:
-        links = read_links(robot.source)
-    except ValueError as error:
-        raise ModelError(f"DART cannot make a model of {str(robot.source.path)!r}: {error}") from error
     legs = LegErrors.of(robot, stance, errors)
-    skeleton, places = _skeleton(robot, links, legs)
-    _set_inertias(robot, skeleton, links, places, errors, legs, payload)
+    skeleton = dynamics.Skeleton(robot.name)
+    bodies = _add_bodies(robot, skeleton, legs)
+    _set_inertias(robot, bodies, errors, legs, payload)
     dofs = np.array([skeleton.getJoint(name).getIndexInSkeleton(0) for name in robot.joint_names], dtype=np.intp)
     kp, kd = robot.gains(stance.hip_height)
     if timestep is None:
@@ -86,7 +83,7 @@ def build_dart_robot(
     for name in robot.joint_names:
         joint = skeleton.getJoint(name)
         joint.setDampingCoefficient(0, errors.sizes.armature / 2 / timestep)  # see DartPlatform
-    feet = _add_contacts(robot, stance, skeleton, places, legs, errors.floor_friction)
+    feet = _add_contacts(robot, stance, bodies, legs, errors.floor_friction)
     world = _world(skeleton, errors, timestep)
     count = len(robot.joint_names)
     return SimulatedDartRobot(
@@ -94,35 +91,25 @@ def build_dart_robot(
     )
 
 
-Places = dict[str, tuple[dynamics.BodyNode, FloatArray]]
-"""Body of each link, and the link's pose (4, 4) in that body."""
+def pose_of(rotation: FloatArray, translation: FloatArray) -> FloatArray:
+    """Return the (4, 4) pose of a rotation and a translation."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, translation
+    return pose
 
 
-def _skeleton(robot: RobotModel, links: list[KinematicLink], legs: LegErrors) -> tuple[dynamics.Skeleton, Places]:
-    """Build massless bodies connected by the leg joints, with all other joints locked."""
-    skeleton = dynamics.Skeleton(robot.name)
-    shifts, turns = _joint_shifts(robot, legs), dict(zip(robot.joint_names, legs.axis_turn, strict=True))
-    places: Places = {}
-    for link in links:
-        if link.parent is None:
-            body = skeleton.createFreeJointAndBodyNodePair()[1]
-            body.setName(link.name)
-            places[link.name] = body, np.eye(4)
-            continue
-        parent, pose = places[link.parent]
-        pose = pose @ link.placement
-        leg_axes = [axis for axis in link.axes if axis.name in robot.joint_names]
-        if leg_axes:
-            axis = leg_axes[0]
-            pose = pose_of(np.eye(3), shifts[axis.name]) @ pose
-            turned = np.array(dartpy.math.expMapRot(turns[axis.name])) @ axis.direction
-            axis = dataclasses.replace(axis, direction=turned)
-            places[link.name] = _add_body(skeleton, parent, pose, axis, link.name, robot), np.eye(4)
-            continue
-        for axis in link.axes:
-            pose = pose @ axis.moved(robot.locked_joints.get(axis.name, 0.0))
-        places[link.name] = parent, pose
-    return skeleton, places
+def _add_bodies(robot: RobotModel, skeleton: dynamics.Skeleton, legs: LegErrors) -> list[dynamics.BodyNode]:
+    """Add massless bodies: the base, and the body that each leg joint moves, in the order of Pinocchio's joints."""
+    model = robot.pinocchio
+    bodies = [skeleton.createFreeJointAndBodyNodePair()[1]]
+    shifts = _joint_shifts(robot, legs)
+    for index, name in enumerate(robot.joint_names):
+        joint_id = index + 2
+        placement = model.jointPlacements[joint_id]
+        pose = pose_of(np.array(placement.rotation), placement.translation + shifts[name])
+        parent = bodies[model.parents[joint_id] - 1]
+        bodies.append(_add_body(robot, skeleton, parent, index, pose, legs.axis_turn[index]))
+    return bodies
 
 
 def _joint_shifts(robot: RobotModel, legs: LegErrors) -> dict[str, FloatArray]:
@@ -135,18 +122,31 @@ def _joint_shifts(robot: RobotModel, legs: LegErrors) -> dict[str, FloatArray]:
 
 
 def _add_body(
-    skeleton: dynamics.Skeleton, parent: dynamics.BodyNode, pose: FloatArray, axis: Axis, name: str, robot: RobotModel
+    robot: RobotModel,
+    skeleton: dynamics.Skeleton,
+    parent: dynamics.BodyNode,
+    index: int,
+    pose: FloatArray,
+    axis_turn: FloatArray,
 ) -> dynamics.BodyNode:
-    hinge = axis.kind == "hinge"
-    create = skeleton.createRevoluteJointAndBodyNodePair if hinge else skeleton.createPrismaticJointAndBodyNodePair
-    joint, body = create(parent)
-    body.setName(name)
-    joint.setName(axis.name)
-    joint.setAxis(axis.direction)
-    at_anchor = pose_of(np.eye(3), axis.anchor)
-    joint.setTransformFromParentBodyNode(dartpy.math.Isometry3(pose @ at_anchor))
-    joint.setTransformFromChildBodyNode(dartpy.math.Isometry3(at_anchor))
-    index = robot.joint_names.index(axis.name)
+    """Add the body of a leg joint.
+
+    Args:
+        index: index of the joint in the joint vectors.
+        pose: (4, 4) pose of the joint in the parent body.
+        axis_turn: (3,) rotation vector of the joint's axis [rad].
+    """
+    neutral = robot.configuration(np.zeros(len(robot.joint_names)))
+    jacobian = pin.computeJointJacobian(robot.pinocchio, robot.create_data(), neutral, index + 2)
+    sliding, turning = np.split(jacobian[:, 6 + index], 2)
+    if turning.any():
+        joint, body = skeleton.createRevoluteJointAndBodyNodePair(parent)
+        joint.setAxis(np.array(dartpy.math.expMapRot(axis_turn)) @ turning)
+    else:
+        joint, body = skeleton.createPrismaticJointAndBodyNodePair(parent)
+        joint.setAxis(sliding)
+    joint.setName(robot.joint_names[index])
+    joint.setTransformFromParentBodyNode(dartpy.math.Isometry3(pose))
     joint.setPositionLowerLimit(0, float(robot.lower_limit[index]))
     joint.setPositionUpperLimit(0, float(robot.upper_limit[index]))
     joint.setLimitEnforcement(True)
@@ -154,66 +154,40 @@ def _add_body(
 
 
 def _set_inertias(
-    robot: RobotModel,
-    skeleton: dynamics.Skeleton,
-    links: list[KinematicLink],
-    places: Places,
-    errors: DrawnErrors,
-    legs: LegErrors,
-    payload: Payload | None,
+    robot: RobotModel, bodies: list[dynamics.BodyNode], errors: DrawnErrors, legs: LegErrors, payload: Payload | None
 ) -> None:
-    """Set the inertial parameters of all bodies from their links, with payload and leg errors."""
-    parts: dict[str, list[InertialParameters]] = {body.getName(): [] for body in skeleton.getBodyNodes()}
-    for link in links:
-        body, pose = places[link.name]
-        parts[body.getName()] += [moved_by(pose, part) for part in link.parts]
+    """Set the inertial parameters of all bodies, with payload and leg errors."""
+    base, *links = robot.pinocchio.inertias[1:]
     if payload is not None:
-        parts[skeleton.getRootBodyNode().getName()].append(payload.parameters)
-    changes = {
-        skeleton.getJoint(joint).getChildBodyNode().getName(): (float(mass), float(mass * inertia), shift)
-        for joint, mass, inertia, shift in zip(
-            robot.joint_names, errors.leg_mass_scale, errors.leg_inertia_scale, legs.com_shift, strict=True
-        )
-    }
-    for name, of_body in parts.items():
-        if not sum(part.mass for part in of_body) > 0:
-            raise ModelError(f"DART cannot make a model of {str(robot.source.path)!r}: link {name!r} has no mass")
-        skeleton.getBodyNode(name).setInertia(_joined(of_body, *changes.get(name, (1.0, 1.0, np.zeros(3)))))
-
-
-def _joined(
-    bodies: list[InertialParameters], mass_scale: float, inertia_scale: float, shift: FloatArray
-) -> dynamics.Inertia:
-    """Return the bodies as one (parallel axis theorem), with scaled mass and inertia and shifted CoM."""
-    masses = np.array([body.mass for body in bodies])
-    coms = np.array([body.com for body in bodies])
-    com = masses @ coms / masses.sum()
-    arms = coms - com
-    inertia = np.sum([body.inertia for body in bodies], axis=0)
-    inertia += np.einsum("b,bk,bk->", masses, arms, arms) * np.eye(3) - np.einsum("b,bi,bj->ij", masses, arms, arms)
-    return dynamics.Inertia(mass_scale * float(masses.sum()), com + shift, inertia_scale * inertia)
+        base = base + payload.parameters.to_pinocchio()
+    bodies[0].setInertia(dynamics.Inertia(base.mass, base.lever, base.inertia))
+    mass_scale = errors.leg_mass_scale
+    inertia_scale = mass_scale * errors.leg_inertia_scale
+    for index, (body, link) in enumerate(zip(bodies[1:], links, strict=True)):
+        if not link.mass > 0:
+            joint = robot.full_pinocchio.getJointId(robot.joint_names[index])
+            raise ModelError(
+                f"DART cannot make a model of {str(robot.source.path)!r}: link "
+                f"{link_names(robot.full_pinocchio)[joint]!r} has no mass"
+            )
+        com = link.lever + legs.com_shift[index]
+        body.setInertia(dynamics.Inertia(mass_scale[index] * link.mass, com, inertia_scale[index] * link.inertia))
 
 
 def _add_contacts(
-    robot: RobotModel,
-    stance: Stance,
-    skeleton: dynamics.Skeleton,
-    places: Places,
-    legs: LegErrors,
-    friction: float,
+    robot: RobotModel, stance: Stance, bodies: list[dynamics.BodyNode], legs: LegErrors, friction: float
 ) -> tuple[dynamics.ShapeNode, ...]:
     feet: list[dynamics.ShapeNode] = []
-    for leg, foot, worn in zip(robot.legs.values(), robot.feet.values(), legs.foot_radius, strict=True):
-        body, pose = places[foot.body]
-        centre = pose @ pose_of(np.eye(3), np.array(foot.position_in_body))
-        at = centre[:3, 3] + legs.end_shift[leg.joints[-1]]
-        feet.append(_add_shape(body, dynamics.SphereShape(foot.radius + worn), at, friction))
+    for leg, worn in zip(robot.legs.values(), legs.foot_radius, strict=True):
+        knee = leg.joints[-1]
+        at = robot.pinocchio.frames[leg.foot_frame_id].placement.translation + legs.end_shift[knee]
+        feet.append(_add_shape(bodies[knee + 1], dynamics.SphereShape(leg.foot_radius + worn), at, friction))
     hips_above_base = stance.hip_height - stance.base_height
     reach = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
     thickness = 0.02 * robot.leg_length
     belly = dynamics.BoxShape(2 * np.array([0.6 * reach[0], 0.4 * reach[1], thickness]))
     height = hips_above_base - BELLY_RATIO * robot.leg_length + thickness
-    _add_shape(skeleton.getRootBodyNode(), belly, np.array([0, 0, height]), friction)
+    _add_shape(bodies[0], belly, np.array([0, 0, height]), friction)
     return tuple(feet)
 
 

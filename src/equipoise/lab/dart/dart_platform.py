@@ -8,8 +8,7 @@ import dartpy
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.lab.dart.dart_links import pose_of
-from equipoise.lab.dart.dart_model import SimulatedDartRobot
+from equipoise.lab.dart.dart_model import SimulatedDartRobot, pose_of
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.simulation.simulated import SimulatedPlatform, Start
