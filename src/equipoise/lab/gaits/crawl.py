@@ -105,4 +105,4 @@ def crawl(platform: SimulatedPlatform, robot: RobotModel, duration: float, phase
     Raises:
         FallError: the simulation became unstable.
     """
-    return logged(platform, robot, Crawl(robot, phase), duration)
+    return logged(platform, robot, Crawl(robot, phase).command, duration)

@@ -115,4 +115,4 @@ def trot(platform: SimulatedPlatform, robot: RobotModel, duration: float, phase:
     Raises:
         FallError: the simulation became unstable.
     """
-    return logged(platform, robot, Trot(robot, platform.control_period, phase), duration)
+    return logged(platform, robot, Trot(robot, platform.control_period, phase).command, duration)
