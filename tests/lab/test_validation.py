@@ -74,16 +74,6 @@ def test_a_robot_tips_in_the_direction_in_which_its_com_is_shifted(a1):
     assert tilt(a1, ahead)[-1, 1] > tilt(a1)[-1, 1] + 0.01
 
 
-def test_joints_between_samples_are_interpolated_by_cubics():
-    time = 0.1 * np.arange(6)
-    cubic = np.polynomial.Polynomial([1.0, -2.0, 3.0, 4.0])
-    motion = TwoFootMotion((0, 3), 0.1, cubic(time)[:, None], cubic.deriv()(time)[:, None], np.ones(3), np.zeros(3))
-    between = np.linspace(0, 0.5, 23)
-    position, velocity = motion.joints_at(between)
-    np.testing.assert_allclose(position[:, 0], cubic(between), atol=1e-12)
-    np.testing.assert_allclose(velocity[:, 0], cubic.deriv()(between), atol=1e-11)
-
-
 def test_other_bodies_are_replayed_as_well(a1, bayesian_run):
     validation = validate(bayesian_run.result, {"again": bayesian_run.result, "file": a1})
     assert validation.error("again") == validation.error(FOUND)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from mujoco import rollout
+from scipy.interpolate import CubicHermiteSpline
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.errors import FallError
@@ -56,15 +57,6 @@ class TwoFootMotion:
     def time(self) -> FloatArray:
         """Times (n,) of the samples [s]."""
         return np.asarray(self.step * np.arange(len(self.joint_position)), dtype=float)
-
-    def joints_at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (k, nj) positions [rad] and velocities [rad/s] at (k,) times by cubic Hermite interpolation."""
-        before = np.minimum((time / self.step).astype(int), len(self.joint_position) - 2)
-        s = np.minimum(time / self.step - before, 1.0)[:, None]
-        (a, b), (u, v) = ((of[before], of[before + 1]) for of in (self.joint_position, self.step * self.joint_velocity))
-        position = a + s * u + s**2 * (3 * (b - a) - 2 * u - v) + s**3 * (2 * (a - b) + u + v)
-        change = u + 2 * s * (3 * (b - a) - 2 * u - v) + 3 * s**2 * (2 * (a - b) + u + v)
-        return position, change / self.step
 
 
 class MujocoReplay:
@@ -122,7 +114,9 @@ class MujocoReplay:
         model, data = self._model, self._data
         steps = int(np.ceil(motion.time[-1] / TIMESTEP))
         time: FloatArray = np.asarray(TIMESTEP * np.arange(steps + 1), dtype=float)
-        position, velocity = motion.joints_at(time)
+        joints = CubicHermiteSpline(motion.time, motion.joint_position, motion.joint_velocity)
+        sampled = np.minimum(time, motion.time[-1])
+        position, velocity = joints(sampled), joints(sampled, 1)
         # MuJoCo's damping acts on the velocity at the end of a step.
         control = position[:-1] + velocity[1:] * self._kd / self._kp
         initial = np.zeros(mujoco.mj_stateSize(model, _STATE))
