@@ -181,7 +181,7 @@ def show_study(rows: list[Row]) -> Iterator[str]:
 def stand(robot: RobotModel, simulation: Simulation, design: DesignModel, diagonal: str) -> Row:
     """Do one balance trial; return its result, its time [s], and the error of the controller's CoM across the line [mm]."""
     recorder = GroundTruthRecorder(simulation.ground_truth, 5)
-    run = balance(simulation.platform, robot, design.model, diagonal, None, design.sensors, recorder.watch)
+    run = balance(simulation.platform, robot, design.model, diagonal, corrections=design.sensors, watch=recorder.watch)
     verdict = evaluate(run, true_traces(run, recorder.ground_truths))
     error = error_along(nominal_stance(robot), diagonal, design.model, simulation.truth)
     return {"balanced": verdict.balanced, "time": verdict.time_balanced, "model_error": 1e3 * error}

@@ -36,7 +36,7 @@ def test_json_is_one_object_and_the_same_is_saved(tmp_path, capsys):
     trial = table["diagonals"]["FR_RL"]
     assert trial["model_error"] == pytest.approx(2e-3, abs=1e-9)
     assert trial["time_balanced"] == 1.0
-    assert table["settings"]["weights"]["tilt"] == 3000
+    assert table["settings"]["duration"] == 1.0
     assert table["provenance"]["com_error"] == 2e-3
     assert sorted(file.name for file in out.iterdir()) == ["balance-FR_RL.mcap", "balance.html", "balance.json"]
 

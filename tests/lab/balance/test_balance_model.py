@@ -8,7 +8,7 @@ import pytest
 from equipoise import nominal_stance
 from equipoise.errors import ReachError
 from equipoise.lab.balance.balance_model import linear_model, residual
-from equipoise.lab.balance.controller import BalanceLaw, BalanceWeights
+from equipoise.lab.balance.controller import BalanceLaw
 from equipoise.lab.balance.two_foot_posture import contact_jacobian, line_through, posture_over_line, stance_legs
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS
@@ -132,7 +132,7 @@ def closed_loop(model, law, delay, offset, seconds):
 
 @pytest.mark.parametrize("delay", [0, 1, 2])
 def test_the_controller_balances_the_linear_robot_with_a_lean_per_millimetre_of_offset(case, delay):
-    law = BalanceLaw(case.model, PERIOD, delay, BalanceWeights(), 1.0)
+    law = BalanceLaw(case.model, PERIOD, delay, 1.0)
     shape = closed_loop(case.model, law, delay, 1e-3, 6.0)[:, : len(case.model.mass)]
     assert np.abs(shape[-1] - shape[-500]).max() < 1e-4  # at rest
     assert case.model.stiffness[0] @ shape[-1] == pytest.approx(1e-3 * case.model.of_offset[0], rel=1e-3)

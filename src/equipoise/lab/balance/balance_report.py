@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from equipoise.errors import OutputError
-from equipoise.json_form import fields_to_json, to_json
-from equipoise.lab.balance.balance_routine import BalanceSettings
+from equipoise.json_form import fields_to_json
 from equipoise.lab.balance.evaluation import BalanceTraces, Verdict
 from equipoise.lab.balance.run import BalanceRun
 from equipoise.recording.run_log import save_recording
@@ -55,14 +54,14 @@ class BalanceReport:
     Attributes:
         robot: name of the robot.
         sensors_corrected: true if sensor errors were corrected.
-        settings: settings of the trials.
+        duration: requested time on two feet [s].
         trials: trials in order.
         provenance: version, and in simulation seed, noise and payload.
     """
 
     robot: str
     sensors_corrected: bool
-    settings: BalanceSettings
+    duration: float
     trials: tuple[BalanceTrial, ...]
     provenance: Mapping[str, Any]
 
@@ -79,7 +78,7 @@ class BalanceReport:
             "balanced": self.balanced,
             "sensor_errors_taken_off": self.sensors_corrected,
             "diagonals": {trial.run.diagonal: trial.to_dict() for trial in self.trials},
-            "settings": to_json(self.settings),
+            "settings": {"duration": self.duration},
             "provenance": dict(self.provenance),
         }
 

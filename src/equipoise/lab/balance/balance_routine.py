@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError, SettingsError
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.lab.balance.balance_model import LinearModel, linear_model
-from equipoise.lab.balance.controller import BalanceLaw, BalanceWeights
+from equipoise.lab.balance.controller import BalanceLaw
 from equipoise.lab.balance.observer import FootholdGeometry, SensorCorrections, StateEstimator
 from equipoise.lab.balance.run import BalanceRun, Ending, TrialSamples
 from equipoise.lab.balance.two_foot_posture import Posture, posture_over_line
@@ -31,44 +30,13 @@ _TOUCHING = 0.1  # of the lift height: a foot below it, according to the encoder
 _CROUCH = 0.5  # of the hip height
 _LONGEST = 3600.0  # [s]
 _TOUCHED_TIME = 0.04  # [s]: shorter contacts may be errors of the estimated height
-
-
-@dataclass(frozen=True)
-class BalanceSettings:
-    """Settings of a balance trial.
-
-    Attributes:
-        duration: time on two feet [s].
-        swing_height: height of the lifted feet as a fraction of the hip height.
-        delay: time from a sample to the effect of its command [s].
-        armature: rotor inertia at each joint of an A1, seen at the output [kg m2].
-        tilt_limit: tilt at which the robot counts as falling and its feet come down [rad].
-        rest_time, move_time, unload_time, lift_time, lower_time: durations of the phases [s].
-        catch_time, recover_time: times after a fall: until the robot rests on a third foot, and back to four feet [s].
-        engage_time: time from the lift's start until the controller acts [s]; its model is wrong while feet touch.
-        weights: weights of the controller.
-    """
-
-    duration: float = 10.0
-    swing_height: float = 0.19
-    delay: float = 4e-3
-    armature: float = 0.01
-    tilt_limit: float = 0.35
-    rest_time: float = 0.5
-    move_time: float = 1.0
-    unload_time: float = 0.6
-    lift_time: float = 0.08
-    lower_time: float = 0.3
-    catch_time: float = 0.5
-    recover_time: float = 1.0
-    engage_time: float = 0.02
-    weights: BalanceWeights = field(default_factory=BalanceWeights)
-
-    def __post_init__(self) -> None:
-        if not 0 < self.duration <= _LONGEST:
-            raise SettingsError(f"the duration is {self.duration:g} s; pass for example 10s, at most one hour")
-        if not (np.isfinite(self.delay) and 0 <= self.delay <= 0.05):
-            raise SettingsError(f"the delay is {self.delay:g} s; it must be between 0 and 0.05 s")
+_SWING_HEIGHT = 0.19  # of the hip height: height of the lifted feet
+_DELAY = 4e-3  # [s] from a sample to the effect of its command
+_ARMATURE = 0.01  # [kg m2], rotor inertia at each joint of an A1, seen at the output
+_TILT_LIMIT = 0.35  # [rad], tilt at which the robot counts as falling and its feet come down
+_REST_TIME, _MOVE_TIME, _UNLOAD_TIME, _LIFT_TIME, _LOWER_TIME = 0.5, 1.0, 0.6, 0.08, 0.3  # [s], durations of the phases
+_CATCH_TIME, _RECOVER_TIME = 0.5, 1.0  # [s] after a fall: until the robot rests on a third foot, and back to four feet
+_ENGAGE_TIME = 0.02  # [s] from the lift's start until the controller acts; its model is wrong while feet touch
 
 
 def balance(
@@ -76,7 +44,7 @@ def balance(
     robot: RobotModel,
     design_model: RobotModel,
     diagonal: str,
-    settings: BalanceSettings | None = None,
+    duration: float = 10.0,
     corrections: SensorCorrections | None = None,
     watch: Callable[[], object] | None = None,
 ) -> BalanceRun:
@@ -87,11 +55,12 @@ def balance(
         robot: model of the robot from its file, which determines the joint gains.
         design_model: model of the same robot that the controller is designed on.
         diagonal: diagonal to stand on, "FL_RR" or "FR_RL".
+        duration: time on two feet [s].
         corrections: sensor errors to subtract; default: none.
         watch: function that is called after every control period; its result is not used.
 
     Raises:
-        SettingsError: the diagonal is unknown, or the platform's joints are not the robot's.
+        SettingsError: the diagonal is unknown, the duration is out of range, or the platform's joints are not the robot's.
         ReachError: a posture is out of reach.
         FallError: the robot does not stand on four feet at the beginning.
         MotionError: a measurement is not finite.
@@ -99,10 +68,11 @@ def balance(
     """
     if diagonal not in DIAGONALS:
         raise SettingsError(f"diagonal is {diagonal!r}; it must be {' or '.join(DIAGONALS)}")
-    settings = settings or BalanceSettings()
+    if not 0 < duration <= _LONGEST:
+        raise SettingsError(f"the duration is {duration:g} s; pass for example 10s, at most one hour")
     standing, feet_at_end = stand_up(platform, design_model, nominal_stance(robot))
     trial = _Trial(
-        platform, robot, design_model, diagonal, settings, standing.target.joint_position, standing.target.torque, watch
+        platform, robot, design_model, diagonal, duration, standing.target.joint_position, standing.target.torque, watch
     )
     try:
         estimator, geometry = trial.rest(corrections or SensorCorrections.none(robot))
@@ -121,10 +91,10 @@ def balance(
         trial.put_feet_back()
     else:
         trial.catch_fall()
-        trial.put_feet_back(settings.recover_time)
+        trial.put_feet_back(_RECOVER_TIME)
     move_to(standing, feet_at_end)
     return BalanceRun(
-        diagonal, settings.duration, lift_off, ending,
+        diagonal, duration, lift_off, ending,
         trial.samples.recording(platform.joint_names), trial.samples.estimates(lift_off), model.unstable_pole,
     )  # fmt: skip
 
@@ -138,18 +108,18 @@ class _Trial:
         robot: RobotModel,
         design_model: RobotModel,
         diagonal: str,
-        settings: BalanceSettings,
+        duration: float,
         home: FloatArray,
         home_torque: FloatArray,
         watch: Callable[[], object] | None,
     ) -> None:
         self.platform, self.robot, self.design_model = platform, robot, design_model
-        self.diagonal, self.settings = diagonal, settings
+        self.diagonal, self.duration = diagonal, duration
         self.home, self.home_torque = home, home_torque
         self.samples = TrialSamples()
         self._watch = watch
         hip_height = self._hip_height = nominal_stance(robot).hip_height
-        self.swing_height = settings.swing_height * hip_height
+        self.swing_height = _SWING_HEIGHT * hip_height
         self._scale = Scale.of(design_model.mass, hip_height).torque
         kp, kd = robot.gains(hip_height)
         self._gains = (kp, kd)
@@ -160,7 +130,7 @@ class _Trial:
     def rest(self, corrections: SensorCorrections) -> tuple[StateEstimator, FootholdGeometry]:
         """Stand still, and measure the vertical and the footholds."""
         self._begin(Phase.REST)
-        states = [self._send(self.home, self.home_torque) for _ in range(self._periods(self.settings.rest_time))]
+        states = [self._send(self.home, self.home_torque) for _ in range(self._periods(_REST_TIME))]
         estimator = StateEstimator(self.robot, corrections, states, self.platform.control_period)
         return estimator, FootholdGeometry(self.design_model, self.diagonal, estimator)
 
@@ -178,9 +148,9 @@ class _Trial:
         """Move the body over the support line on four feet, then unload the two feet that will be lifted."""
         on_four = static_torques(self.design_model, standing.joint_position, LEG_NAMES)
         self._begin(Phase.MOVE)
-        self._glide(estimator.command_for(standing.joint_position), on_four, self.settings.move_time, estimator)
+        self._glide(estimator.command_for(standing.joint_position), on_four, _MOVE_TIME, estimator)
         self._begin(Phase.UNLOAD)
-        self._glide(self._target, standing.torque, self.settings.unload_time, estimator)
+        self._glide(self._target, standing.torque, _UNLOAD_TIME, estimator)
 
     def lift_and_balance(
         self, estimator: StateEstimator, geometry: FootholdGeometry, postures: list[Posture]
@@ -190,16 +160,15 @@ class _Trial:
         Returns:
             start of the lift [s], reason of its end, and linear model of the controller.
         """
-        settings, period = self.settings, self.platform.control_period
-        armature = settings.armature * self._scale
+        period = self.platform.control_period
+        armature = _ARMATURE * self._scale
         model = linear_model(self.design_model, postures[-1], self.diagonal, self._gains, armature)
-        delay = round(settings.delay / period)
-        law = BalanceLaw(model, period, delay, settings.weights, self._scale)
-        path = _lift_path(postures, self._periods(settings.lift_time))
+        law = BalanceLaw(model, period, round(_DELAY / period), self._scale)
+        path = _lift_path(postures, self._periods(_LIFT_TIME))
         law.begin(estimator.joint_position - path[0][0], estimator.lean)
         lift_off, touched = self._state.time, 0.0
         self._begin(Phase.LIFT)
-        for step in range(self._periods(settings.lift_time + settings.duration)):
+        for step in range(self._periods(_LIFT_TIME + self.duration)):
             if step == len(path):
                 self._begin(Phase.BALANCE)
             time = step * period
@@ -208,13 +177,13 @@ class _Trial:
                 estimator.joint_position - position,
                 estimator.lean,
                 estimator.angular_velocity_in_base,
-                active=time >= settings.engage_time,
+                active=time >= _ENGAGE_TIME,
             )
             com_ahead, clearance = geometry.com_and_clearance(estimator)
             self.samples.add_estimate(self._state.time, estimator.up, com_ahead, clearance)
-            down = time > settings.lift_time and clearance < _TOUCHING * self.swing_height
+            down = time > _LIFT_TIME and clearance < _TOUCHING * self.swing_height
             touched = touched + period if down else 0.0
-            if estimator.up[2] < np.cos(settings.tilt_limit):
+            if estimator.up[2] < np.cos(_TILT_LIMIT):
                 return lift_off, "tilted", model
             if touched > _TOUCHED_TIME:
                 return lift_off, "touched", model
@@ -222,12 +191,12 @@ class _Trial:
             estimator.update(self._send(estimator.command_for(target), torque))
         return lift_off, "balanced", model
 
-    def put_feet_back(self, duration: float | None = None) -> None:
+    def put_feet_back(self, duration: float = _LOWER_TIME) -> None:
         """Move the joints to the stance on four feet and hold them."""
         self._state = self.platform.read()
         self._begin(Phase.LOWER)
-        self._glide(self.home, self.home_torque, duration or self.settings.lower_time)
-        self._glide(self.home, self.home_torque, self.settings.rest_time)
+        self._glide(self.home, self.home_torque, duration)
+        self._glide(self.home, self.home_torque, _REST_TIME)
 
     def catch_fall(self) -> None:
         """Retract all legs at once, so that the robot lands on its belly between the feet."""
@@ -236,7 +205,7 @@ class _Trial:
         feet = foot_positions(self.robot, self.home) + np.array([0.0, 0.0, _CROUCH * self._hip_height])
         self._target = inverse_kinematics_best_effort(self.robot, feet, self.home)
         self._torque = np.zeros_like(self._torque)
-        self._glide(self._target, self._torque, self.settings.catch_time)
+        self._glide(self._target, self._torque, _CATCH_TIME)
 
     def _begin(self, phase: str) -> None:
         self.samples.phase(phase, self._state.time)

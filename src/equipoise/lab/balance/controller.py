@@ -5,37 +5,22 @@ Its output is an offset of the joint position targets. The controller is designe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg import block_diag, solve_discrete_are
 
 from equipoise.conventions import FloatArray
 from equipoise.lab.balance.balance_model import LinearModel
 
-
-@dataclass(frozen=True)
-class BalanceWeights:
-    """Costs and noise for a robot with the A1's m g h; torques of other robots scale with theirs.
-
-    Attributes:
-        joint: cost of a joint's distance from the reference [1/rad2].
-        tilt: cost of the base's rotation [1/rad2]; a larger value makes the robot lean less and bend its legs more.
-        speed: cost of speeds relative to positions, the base's rotation weighted as a joint [s2].
-        effort: cost of an offset of a joint target [1/rad2].
-        encoder, lean, gyro: standard deviation of measurement noise [rad], [rad], [rad/s].
-        joint_torque, line_torque: standard deviation of disturbances per period, at a joint and about the line [Nm].
-    """
-
-    joint: float = 30.0
-    tilt: float = 3000.0
-    speed: float = 0.002
-    effort: float = 100.0
-    encoder: float = 0.5e-3
-    lean: float = 3e-3
-    gyro: float = 4e-3
-    joint_torque: float = 0.22
-    line_torque: float = 0.13
+# Costs and noise for a robot with the A1's m g h; torques of other robots scale with theirs.
+_JOINT = 30.0  # cost of a joint's distance from the reference [1/rad2]
+_TILT = 3000.0  # cost of the base's rotation [1/rad2]; with a larger one the robot leans less and bends its legs more
+_SPEED = 0.002  # cost of speeds relative to positions, the base's rotation weighted as a joint [s2]
+_EFFORT = 100.0  # cost of an offset of a joint target [1/rad2]
+_ENCODER, _LEAN, _GYRO = 0.5e-3, 3e-3, 4e-3  # standard deviation of measurement noise [rad], [rad], [rad/s]
+_JOINT_TORQUE, _LINE_TORQUE = (
+    0.22,
+    0.13,
+)  # standard deviation of disturbances per period, at a joint, about the line [Nm]
 
 
 class BalanceLaw:
@@ -48,18 +33,11 @@ class BalanceLaw:
         scale: torque scale: the robot's m g h over an A1's.
     """
 
-    def __init__(
-        self,
-        model: LinearModel,
-        period: float,
-        delay: int,
-        weights: BalanceWeights,
-        scale: float,
-    ) -> None:
+    def __init__(self, model: LinearModel, period: float, delay: int, scale: float) -> None:
         self._a, self._b, _ = model.discrete(period)
-        self._feedback = _regulator(self._a, self._b, *_costs(model, weights), delay)
+        self._feedback = _regulator(self._a, self._b, *_costs(model), delay)
         self._measurement = _measurements(model)
-        self._gain = _filter_gain(model, self._measurement, period, weights, scale)
+        self._gain = _filter_gain(model, self._measurement, period, scale)
         inputs = self._b.shape[1]
         self._inputs = [np.zeros(inputs)] * delay
         self._predicted = np.zeros(len(self._a))
@@ -100,13 +78,13 @@ class BalanceLaw:
         return command
 
 
-def _costs(model: LinearModel, weights: BalanceWeights) -> tuple[FloatArray, FloatArray]:
+def _costs(model: LinearModel) -> tuple[FloatArray, FloatArray]:
     """Return the cost matrices of the state (z, zd) and of the input."""
     joints = model.of_joints.T @ model.of_joints
     base = model.of_base.T @ model.of_base
-    position = weights.joint * joints + weights.tilt * base
-    speed = weights.speed * weights.joint * (joints + base)
-    return block_diag(position, speed), weights.effort * np.eye(len(model.of_joints))
+    position = _JOINT * joints + _TILT * base
+    speed = _SPEED * _JOINT * (joints + base)
+    return block_diag(position, speed), _EFFORT * np.eye(len(model.of_joints))
 
 
 def _regulator(a: FloatArray, b: FloatArray, state_cost: FloatArray, effort: FloatArray, delay: int) -> FloatArray:
@@ -139,16 +117,16 @@ def _measurements(model: LinearModel) -> FloatArray:
     )
 
 
-def _filter_gain(model: LinearModel, c: FloatArray, period: float, weights: BalanceWeights, scale: float) -> FloatArray:
+def _filter_gain(model: LinearModel, c: FloatArray, period: float, scale: float) -> FloatArray:
     """Compute the steady Kalman gain of the state."""
     a, b, _ = model.discrete(period)
     size = len(model.mass)
     # A joint torque tau acts like a target offset tau / kp; a torque about the line acts on the first motion.
     inverse = np.linalg.inv(model.mass)
     line = np.concatenate([0.5 * period**2 * inverse[:, 0], period * inverse[:, 0]])
-    inputs = np.column_stack([b * (weights.joint_torque * scale / model.kp), line * (weights.line_torque * scale)])
+    inputs = np.column_stack([b * (_JOINT_TORQUE * scale / model.kp), line * (_LINE_TORQUE * scale)])
     disturbance = inputs @ inputs.T + 1e-14 * np.eye(2 * size)
     joints = len(model.of_joints)
-    noise = np.diag(np.repeat([weights.encoder, weights.lean, weights.gyro], [joints, 2, 3]) ** 2)
+    noise = np.diag(np.repeat([_ENCODER, _LEAN, _GYRO], [joints, 2, 3]) ** 2)
     covariance = solve_discrete_are(a.T, c.T, disturbance, noise)
     return np.asarray(np.linalg.solve(c @ covariance @ c.T + noise, c @ covariance).T, dtype=float)

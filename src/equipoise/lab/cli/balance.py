@@ -18,7 +18,6 @@ from equipoise.cli.setting_flags import seconds
 from equipoise.errors import FallError, MotionError, OutputError, SettingsError
 from equipoise.lab.balance import model_error
 from equipoise.lab.balance.balance_report import BalanceReport, BalanceTrial
-from equipoise.lab.balance.balance_routine import BalanceSettings
 from equipoise.lab.balance.balance_routine import balance as run
 from equipoise.lab.balance.evaluation import evaluate, true_traces
 from equipoise.lab.balance.model_error import DesignModel, error_along
@@ -85,7 +84,7 @@ def balance(
     """
     if com is not None and com_error is not None:
         raise SettingsError("--com and --com-error both set the controller's model; pass one of them")
-    settings = BalanceSettings(seconds(duration, "duration") or 0.0)
+    time = seconds(duration, "duration") or 0.0
     error = None if com_error is None else metres(com_error)
     model = load_robot(robot, description)
     stance = nominal_stance(model)
@@ -106,14 +105,14 @@ def balance(
             if not output.silent:
                 print(f"balancing on {name} ...", file=sys.stderr, flush=True)
             design = _design_model(model, stance, simulation, name, calibration, error)
-            trials.append(_trial(simulation, model, stance, design, name, settings))
+            trials.append(_trial(simulation, model, stance, design, name, time))
             sensors_corrected, engine = design.sensors.any, simulation.engine_version
     provenance = {
         "time": now.isoformat(timespec="seconds"), "equipoise": _version.__version__, "platform": "mujoco", "mujoco": engine,
         "sim_preset": sim_preset, **world, "payload": payload, "seed": seed, "com": None if com is None else str(com),
         "com_error": error,
     }  # fmt: skip
-    done = BalanceReport(model.name, sensors_corrected, settings, tuple(trials), provenance)
+    done = BalanceReport(model.name, sensors_corrected, time, tuple(trials), provenance)
     files = done.save(out)
     if report:
         from equipoise.lab.pages.balance_page import balance_page
@@ -126,7 +125,7 @@ def balance(
         print_balance(done, files)
     if check and not done.balanced:
         fallen = ", ".join(trial.run.diagonal for trial in trials if not trial.verdict.balanced)
-        print(f"the robot did not balance for {settings.duration:g} s on {fallen}", file=sys.stderr)
+        print(f"the robot did not balance for {time:g} s on {fallen}", file=sys.stderr)
         return FallError.exit_code
     return 0
 
@@ -171,10 +170,10 @@ def _trial(
     stance: Stance,
     design: DesignModel,
     diagonal: str,
-    settings: BalanceSettings,
+    duration: float,
 ) -> BalanceTrial:
     recorder = GroundTruthRecorder(simulation.ground_truth, _WATCHED_PERIODS)
-    done = run(simulation.platform, robot, design.model, diagonal, settings, design.sensors, recorder.watch)
+    done = run(simulation.platform, robot, design.model, diagonal, duration, design.sensors, recorder.watch)
     off = error_along(stance, diagonal, design.model, simulation.truth)
     traces = true_traces(done, recorder.ground_truths)
     return BalanceTrial(done, evaluate(done, traces), traces, off, design.source)
