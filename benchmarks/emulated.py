@@ -24,13 +24,13 @@ GO2 = {"interface": "lo", "domain": GO2_DOMAIN}
 
 
 @contextmanager
-def emulator(module: str, *flags: object) -> Generator[None]:
+def emulator(protocol: str, *flags: object) -> Generator[None]:
     """Run an emulator with the A1's model and its flags; it is ready when the block begins.
 
     Raises:
         NotTriedError: the emulator ends at its start, for example because a package is missing.
     """
-    command = [sys.executable, "-m", f"equipoise.lab.emulators.{module}", "--robot", ROBOT, *map(str, flags)]
+    command = [sys.executable, "-m", "equipoise", "lab", "emulate", protocol, "--robot", ROBOT, *map(str, flags)]
     with tempfile.NamedTemporaryFile() as log:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
         try:
@@ -47,7 +47,7 @@ def emulator(module: str, *flags: object) -> Generator[None]:
 def standing_go2() -> AbstractContextManager[None]:
     """Run an emulated Go2 without errors that stands."""
     flags = ("--domain", GO2_DOMAIN, "--sim-preset", "ideal", "--start", "standing", "--no-sport-mode")
-    return emulator("unitree_dds", *flags)
+    return emulator("unitree-dds", *flags)
 
 
 def oscillate(platform: Platform, seconds: float) -> None:

@@ -276,7 +276,7 @@ def commanded(computer: str, protocol: str) -> Row:
     """Command our emulator with the manufacturer's SDK."""
     flags = ["--protocol", protocol, "--address", A1_ADDRESS, "--sim-preset", "ideal"]
     with subprocess.Popen(
-        [sys.executable, "-m", "equipoise.lab.emulators.unitree_udp", *flags], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "equipoise", "lab", "emulate", "unitree-udp", *flags], stdout=subprocess.PIPE, text=True
     ) as robot:
         while '"ready"' not in robot.stdout.readline():
             pass

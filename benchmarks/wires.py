@@ -66,7 +66,7 @@ class Wire:
 
 def udp(protocol: str) -> Wire:
     settings = {"address": ADDRESS, "port": PORT, "local_port": OURS}
-    return Wire(f"unitree-{protocol}", "unitree_udp", ("--protocol", protocol, "--port", str(PORT), *FAULTS), settings)
+    return Wire(f"unitree-{protocol}", "unitree-udp", ("--protocol", protocol, "--port", str(PORT), *FAULTS), settings)
 
 
 def ros2(*flags: str, **settings: object) -> Wire:
@@ -75,7 +75,7 @@ def ros2(*flags: str, **settings: object) -> Wire:
 
 WIRES = {
     "none: the same robot in this process": None,
-    "Go2, DDS": Wire("unitree-go2", "unitree_dds", ("--domain", str(GO2_DOMAIN)), GO2),
+    "Go2, DDS": Wire("unitree-go2", "unitree-dds", ("--domain", str(GO2_DOMAIN)), GO2),
     "A1, UDP": udp("a1"),
     "Go1, UDP": udp("go1"),
     "ROS 2, 100 Nm/rad, stiffness given": ros2("--stiffness", "100", stiffness=100.0),

@@ -51,7 +51,10 @@ def running(tmp_path_factory, *flags, domain=None):
     command = [
         sys.executable,
         "-m",
-        "equipoise.lab.emulators.unitree_dds",
+        "equipoise",
+        "lab",
+        "emulate",
+        "unitree-dds",
         "--domain",
         str(domain),
         "--sim-preset",

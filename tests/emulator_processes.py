@@ -13,11 +13,11 @@ PATIENCE = 60.0  # [s] for a process that starts on a busy machine
 
 
 class EmulatorProcess:
-    """A running emulator, of a module or a program, and its log so far."""
+    """A running emulator, of a protocol or a program, and its log so far."""
 
-    def __init__(self, module, *flags, python=sys.executable, code=None):
+    def __init__(self, protocol, *flags, python=sys.executable, code=None):
         self.log, self.flags = [], flags
-        program = ["-m", f"equipoise.lab.emulators.{module}"] if code is None else ["-c", code]
+        program = ["-m", "equipoise", "lab", "emulate", protocol] if code is None else ["-c", code]
         self._process = subprocess.Popen(
             [python, *program, *map(str, flags)],
             stdin=subprocess.PIPE,
@@ -76,9 +76,9 @@ def logged_modes(log):
 
 
 @contextmanager
-def running_emulator(module, *flags, **others):
+def running_emulator(protocol, *flags, **others):
     """Run an emulator that is ready."""
-    emulator = EmulatorProcess(module, *flags, **others)
+    emulator = EmulatorProcess(protocol, *flags, **others)
     try:
         emulator.wait_for("ready")
         yield emulator

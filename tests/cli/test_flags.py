@@ -244,7 +244,7 @@ def test_help_of_an_emulator_is_that_of_other_verbs(protocol, read, monkeypatch,
     monkeypatch.setenv("COLUMNS", "80")
     assert main(["lab", "emulate", protocol, "--help"]) == 0
     shown = capsys.readouterr().out
-    assert "emulator.emulated" not in shown
+    assert "emulator." not in shown
     assert not re.search(r"\{None\}|INT|FLOAT|--\w+ STR|default: (True|False|None|)\)", shown)
     assert main(["lab", "emulate", protocol]) == 0
     assert read["options"] == type(read["options"])()
@@ -264,9 +264,8 @@ def test_flags_of_an_emulator_reach_its_settings(read):
     assert main(["lab", "emulate", "unitree-udp", *robot.split(), "--tick", "2ms", "--loss", "0.1"]) == 2
     assert main(["lab", "emulate", "unitree-udp", *robot.split(), "--tick", "0.002s", "--loss", "0.1"]) == 0
     options = read["options"]
-    assert (options.tick, options.faults.loss, options.faults.reorder) == (0.002, 0.1, 0.0)
-    emulated = options.emulated
-    assert (emulated.payload, emulated.enable_effect, emulated.start, emulated.duration) == (
+    assert (options.tick, options.loss, options.reorder) == (0.002, 0.1, 0.0)
+    assert (options.payload, options.enable_effect, options.start, options.duration) == (
         "1,0,0,0.1", ("cable",), "lying", 120.0
     )  # fmt: skip
 

@@ -22,7 +22,7 @@ def test_a_hanging_robot_is_damped_and_left_alone_in_turn(monkeypatch, capsys, a
     monkeypatch.setattr(motor_boards, "_SILENCES", (0.1, 1.5))
     monkeypatch.setattr(motor_boards, "_AS_FOUND", 0.5)
     domain = unused_domain()
-    with running_emulator("unitree_dds", "--domain", domain, "--sim-preset", "ideal") as peer:
+    with running_emulator("unitree-dds", "--domain", domain, "--sim-preset", "ideal") as peer:
         for number in range(30):  # hops, so that its legs move
             peer.fault(push=[0, 0, 2 * 9.81 * a1.mass], after=0.4 * number, **{"for": 0.12})
         code = main([*DOCTOR, "--set", "interface=lo", "--set", f"domain={domain}", "--json"])
@@ -54,7 +54,7 @@ def test_a_table_is_printed_and_garbage_is_counted(monkeypatch, capsys):
     monkeypatch.setattr(motor_boards, "_AS_FOUND", 0.5)
     monkeypatch.setattr(motor_boards, "_DAMPED", 1.0)
     domain = unused_domain()
-    with running_emulator("unitree_dds", "--domain", domain, "--sim-preset", "ideal", "--no-sport-mode") as peer:
+    with running_emulator("unitree-dds", "--domain", domain, "--sim-preset", "ideal", "--no-sport-mode") as peer:
         peer.fault(damage=0.5)
         assert main([*DOCTOR, "--set", "interface=lo", "--set", f"domain={domain}"]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip().startswith("damped")]

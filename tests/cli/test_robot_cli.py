@@ -33,7 +33,7 @@ STATIC = ["--method", "static", "--quiet", "--yes", "--no-report"]
 def robot(*flags, protocol="go1"):
     """Yield an emulated Go1 or A1, and the flags for it."""
     port = free_port()
-    with running_emulator("unitree_udp", "--protocol", protocol, "--port", port, *flags) as peer:
+    with running_emulator("unitree-udp", "--protocol", protocol, "--port", port, *flags) as peer:
         found = [f"robot=127.0.0.1,port={port}", f"local_port={free_port()}", "silence=5"]
         pairs = [pair for part in found for pair in part.split(",")]
         yield peer, ["--platform", f"unitree-{protocol}", *(flag for pair in pairs for flag in ("--set", _named(pair)))]

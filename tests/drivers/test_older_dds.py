@@ -47,8 +47,8 @@ CRASHES_OTHERS = """
 import sys
 from cyclonedds.idl import types
 types.byte = types.uint8
-from equipoise.lab.emulators.unitree_dds import main
-main()
+from equipoise.cli import main
+main(["lab", "emulate", "unitree-dds", *sys.argv[1:]])
 """
 as_robots_run = pytest.mark.parametrize("older", ["0.10.2"], indirect=True)
 COMES = """
@@ -91,7 +91,7 @@ def test_a_calibration_of_a_go2_begins_and_is_interrupted(older, tmp_path):
     """With requests to its own controller, commands from the robot process, and the ending."""
     _, python = older
     domain = unused_domain()
-    with running_emulator("unitree_dds", "--domain", domain, python=python) as emulator:
+    with running_emulator("unitree-dds", "--domain", domain, python=python) as emulator:
         emulator.wait_for("mode", "own stance")
         command = [python, "-m", "equipoise", "calibrate", *flags(domain, *STATIC, "--out", str(tmp_path / "run"))]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
@@ -113,7 +113,7 @@ def test_a_mixed_pair_is_refused_by_name_unless_it_is_accepted(older, tmp_path):
             unused_domain(),
             run(ours, "-c", "import importlib.metadata as m; print(m.version('cyclonedds'))")[1],
         )
-        with running_emulator("unitree_dds", "--domain", domain, python=theirs) as emulator:
+        with running_emulator("unitree-dds", "--domain", domain, python=theirs) as emulator:
             code, output = run(
                 ours, "-m", "equipoise", "calibrate", *flags(domain, *STATIC, "--out", str(tmp_path / own))
             )

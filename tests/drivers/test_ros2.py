@@ -18,7 +18,7 @@ from equipoise.drivers.ros2 import driver as ros2
 from equipoise.drivers.ros2.driver import open_connection
 from equipoise.drivers.ros2.ros2_settings import Ros2Settings
 from equipoise.errors import CommunicationError, SettingsError
-from equipoise.lab.emulators.ros2 import Interpolation
+from equipoise.lab.emulators.ros2 import interpolated
 from equipoise.platform.platform import JointCommand, Trajectory
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.statics import static_torques
@@ -36,7 +36,10 @@ class Peer:
         command = [
             sys.executable,
             "-m",
-            "equipoise.lab.emulators.ros2",
+            "equipoise",
+            "lab",
+            "emulate",
+            "ros2",
             "--domain",
             str(DOMAIN),
             "--sim-preset",
@@ -316,13 +319,12 @@ def test_a_controllers_order_holds_each_joint_once(a1, twice):
 
 
 def test_the_emulators_trajectory_controller_goes_straight_through_the_points():
-    line = Interpolation(10.0, np.zeros(2), np.array([1.0, 2.0]), np.array([[1.0, 2.0], [1.0, 0.0]]))
-    assert line.at(10.0).tolist() == [0, 0]
-    assert line.at(10.25).tolist() == [0.25, 0.5]
-    assert line.at(11.5).tolist() == [1, 1]
-    assert line.at(99.0).tolist() == [1, 0]
-    at_once = Interpolation(10.0, np.zeros(1), np.array([0.0]), np.array([[3.0]]))
-    assert at_once.at(10.0).tolist() == [3]
+    line = np.array([10.0, 11.0, 12.0]), np.array([[0.0, 0.0], [1.0, 2.0], [1.0, 0.0]])
+    assert interpolated(10.0, *line).tolist() == [0, 0]
+    assert interpolated(10.25, *line).tolist() == [0.25, 0.5]
+    assert interpolated(11.5, *line).tolist() == [1, 1]
+    assert interpolated(99.0, *line).tolist() == [1, 0]
+    assert interpolated(10.0, np.array([10.0, 10.0]), np.array([[0.0], [3.0]])).tolist() == [3]
 
 
 def test_a_robot_that_falls_silent_shows_by_the_age_of_its_samples(emulator, connect):

@@ -89,7 +89,7 @@ def test_a_stack_fills_in_empty_settings_only():
 
 @pytest.mark.parametrize("name", STACKS)
 def test_the_simulated_stack_has_the_topics_that_the_driver_sends_to(name):
-    settings, simulated = Ros2Settings(stack=name), emulator.ControllerFlags(stack=name).as_stack()
+    settings, simulated = Ros2Settings(stack=name), emulator.Ros2Options(stack=name).as_stack()
     assert settings.imu_topic == simulated.imu_topic
     assert settings.commands_to == (simulated.impedance_topic or simulated.trajectory_topic)
     assert settings.stiffness == simulated.stiffness
@@ -167,13 +167,8 @@ def test_gains_that_are_never_taken_end_the_first_motion(a1):
 
 
 def test_a_trajectory_controllers_integral_grows_to_its_limit(a1):
-    wire = emulator.Ros2Wire(
-        a1.joint_names,
-        emulator.ControllerFlags(stack="champ", domain=unused_domain()).as_stack(),
-        (100.0, 1.0),
-        np.ones(12),
-        lambda **_: None,
-    )
+    wire = emulator.Ros2Wire(a1, emulator.Ros2Options(stack="champ", domain=unused_domain()), lambda **_: None)
+    wire._target = np.ones(12)
     try:
         with simulate(a1, "ideal") as simulation:
             state = simulation.platform.read()

@@ -28,7 +28,7 @@ from equipoise.drivers.unitree.udp import open_connection
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.errors import CommunicationError, SettingsError
 from equipoise.lab.emulators.udp_packets import StatePacket, read_command
-from equipoise.lab.emulators.unitree_udp import FaultyNetwork, NetworkFaults
+from equipoise.lab.emulators.unitree_udp import FaultyNetwork, UnitreeUdpOptions
 from equipoise.platform.platform import JointCommand, Trajectory
 
 ROBOTS = [(protocol, form) for protocol, forms in FORMS.items() for form in forms]
@@ -41,7 +41,7 @@ def connected(robot, protocol, *flags, silence=5.0, form=None):
     """A platform on a simulated robot of its own, without sensor errors, and the robot's process."""
     port, form = free_port(), form or next(iter(FORMS[protocol]))
     flags = ("--protocol", protocol, "--form", form, "--port", port, "--sim-preset", "ideal", *flags)
-    with running_emulator("unitree_udp", *flags) as emulator:
+    with running_emulator("unitree-udp", *flags) as emulator:
         settings = UnitreeUdpSettings(protocol, "127.0.0.1", port, local_port=free_port(), silence=silence)
         with HardwarePlatform(open_connection(robot, settings)) as platform:
             platform.read()
@@ -723,7 +723,7 @@ def test_a_robot_whose_clock_does_not_advance_may_be_set_to_have_none(raw):
 
 @given(st.integers(0, 1000), st.sampled_from([0.0, 0.1, 1.0]), st.sampled_from([0.0, 0.2, 1.0]))
 def test_a_network_that_mixes_up_and_repeats_loses_nothing(seed, duplicate, reorder):
-    network = FaultyNetwork(NetworkFaults(duplicate=duplicate, reorder=reorder, network_seed=seed), 0)
+    network = FaultyNetwork(UnitreeUdpOptions(duplicate=duplicate, reorder=reorder, network_seed=seed), 0)
     sent = [bytes([index]) for index in range(100)]
     arrived = [packet for packet in sent for packet in network.carry(packet)]
     assert set(sent[:-4]) <= set(arrived) <= set(sent)
@@ -737,7 +737,7 @@ def test_a_network_that_mixes_up_and_repeats_loses_nothing(seed, duplicate, reor
 
 
 def test_shares_of_packets_are_lost_doubled_and_overtaken():
-    faults = NetworkFaults(loss=0.1, duplicate=0.2, reorder=0.3)
+    faults = UnitreeUdpOptions(loss=0.1, duplicate=0.2, reorder=0.3)
     network, sent = FaultyNetwork(faults, 0), [index.to_bytes(2, "big") for index in range(5000)]
     arrived = [packet for packet in sent for packet in network.carry(packet)]
     assert len(set(arrived)) == pytest.approx(0.9 * 5000, rel=0.03)
@@ -750,7 +750,7 @@ def test_shares_of_packets_are_lost_doubled_and_overtaken():
 
 def test_a_share_is_a_share():
     with pytest.raises(SettingsError, match=r"loss is 1\.5; it must be from 0 to 1"):
-        NetworkFaults(loss=1.5)
+        UnitreeUdpOptions(loss=1.5)
 
 
 @pytest.mark.parametrize("jump", [-3600.0, 3600.0])

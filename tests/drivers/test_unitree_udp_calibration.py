@@ -26,7 +26,7 @@ def test_a_calibration_over_a_bad_network_has_the_same_result_as_one_without_net
         direct = calibrate(simulation.platform, a1, STATIC).with_truth(simulation.truth)
     recordings, port = [], free_port()
     robot = ("--protocol", "go1", "--port", port, "--payload", PAYLOAD, "--seed", SEED, "--sim-preset", "ideal")
-    with running_emulator("unitree_udp", *robot, *FAULTS) as emulator:
+    with running_emulator("unitree-udp", *robot, *FAULTS) as emulator:
         link = open_connection(a1, UnitreeUdpSettings("go1", "127.0.0.1", port, local_port=free_port(), silence=1.0))
         platform = HardwarePlatform(link)
         with Guard(platform, a1, BUSY) as guard:

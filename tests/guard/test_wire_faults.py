@@ -45,8 +45,8 @@ def emulated_a1(*flags, dds=False, start="standing"):
         port, local = free_port(), free_port()
         flags = ("--protocol", "a1", "--port", port, *flags)
         name, settings = "unitree-a1", {"address": "127.0.0.1", "port": port, "local_port": local}
-    module = "unitree_dds" if dds else "unitree_udp"
-    with running_emulator(module, "--robot", "unitree_a1", "--start", start, "--trace", *flags) as emulator:
+    protocol = "unitree-dds" if dds else "unitree-udp"
+    with running_emulator(protocol, "--robot", "unitree_a1", "--start", start, "--trace", *flags) as emulator:
         yield emulator, name, settings
 
 

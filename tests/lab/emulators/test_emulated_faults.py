@@ -27,7 +27,7 @@ def over_dds():
     open_dds = importlib.import_module("equipoise.drivers.unitree.dds").open_connection
     domain = unused_domain()
     flags = "--domain", domain, "--sim-preset", "ideal", "--start", "standing", "--no-sport-mode", "--trace"
-    with running_emulator("unitree_dds", *flags) as emulator:
+    with running_emulator("unitree-dds", *flags) as emulator:
         settings = UnitreeDdsSettings(interface="lo", domain=domain, silence=5.0, release_sport_mode=False)
         yield emulator, lambda robot: open_dds(robot, settings)
 
@@ -36,7 +36,7 @@ def over_dds():
 def over_udp():
     port = free_port()
     flags = "--protocol", "go1", "--port", port, "--sim-preset", "ideal", "--start", "standing", "--trace"
-    with running_emulator("unitree_udp", *flags) as emulator:
+    with running_emulator("unitree-udp", *flags) as emulator:
         settings = UnitreeUdpSettings(
             protocol="go1", address="127.0.0.1", port=port, local_port=free_port(), silence=5.0
         )

@@ -54,6 +54,7 @@ class EmulatorSettings:
     """Simulated robot of an emulator, with the flags of `calibrate`.
 
     Attributes:
+        robot: quadruped to emulate: a name, or a URDF or MJCF file.
         sim_preset: preset of effects.
         enable_effect: additional effects or other sizes, for example springs=3000,cable.
         disable_effect: effects to disable, for example springs,cable.
@@ -66,6 +67,7 @@ class EmulatorSettings:
         trace: log the motion of the base and the largest joint torque every 0.1 s, not only with a mode.
     """
 
+    robot: str = "unitree_a1"
     sim_preset: Noise = "realistic"
     enable_effect: tuple[str, ...] = ()
     disable_effect: tuple[str, ...] = ()

@@ -1,7 +1,7 @@
 """Emulator of a robot with ROS 2 topics: joint state broadcaster, IMU broadcaster and controllers.
 
-    python -m equipoise.lab.emulators.ros2 --robot unitree_a1 --domain 1 --stiffness 100 --imu-rate 200 --permute 3
-    python -m equipoise.lab.emulators.ros2 --domain 1 --stack quadruped_ros2_control --start lying
+    equipoise lab emulate ros2 --robot unitree_a1 --domain 1 --stiffness 100 --imu-rate 200 --permute 3
+    equipoise lab emulate ros2 --domain 1 --stack quadruped_ros2_control --start lying
 
 ROS is not needed: the process publishes and subscribes as the controllers do. Like them it has no watchdog and holds the last
 command.
@@ -11,13 +11,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
-from tyro.conf import OmitArgPrefixes
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.dds.domain import DdsDomain
@@ -33,10 +31,10 @@ from equipoise.drivers.ros2.ros_messages import (
     dds_topic,
 )
 from equipoise.errors import SettingsError
-from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatorSettings
+from equipoise.lab.emulators.emulated_robot import EmulatorSettings
 from equipoise.lab.emulators.faults import ActiveFaults
 from equipoise.platform.platform import JointCommand, RobotState
-from equipoise.robot.catalog import load_robot
+from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
 _STIFF = 10.0  # default stiffness over the model's kp
@@ -56,8 +54,8 @@ STACKS: dict[str, dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class ControllerFlags:
-    """Topics and controllers of the robot.
+class Ros2Options(EmulatorSettings):
+    """Emulate a robot with ROS 2 topics; log one JSON object per line.
 
     Attributes:
         stack: software to emulate: "champ", "unitree-go2-ros2" or "quadruped_ros2_control"; sets the defaults of the other
@@ -112,34 +110,10 @@ class ControllerFlags:
             if not getattr(self, name) >= 0:
                 raise SettingsError(f"{name} is {getattr(self, name)}; it must be zero or more")
 
-    def as_stack(self) -> ControllerFlags:
+    def as_stack(self) -> Ros2Options:
         """Return the settings with the stack's values in place of defaults."""
-        plain, stack = ControllerFlags(), STACKS.get(self.stack, {})
+        plain, stack = Ros2Options(), STACKS.get(self.stack, {})
         return replace(self, **{name: v for name, v in stack.items() if getattr(self, name) == getattr(plain, name)})
-
-
-class Interpolation:
-    """Linear interpolation of a trajectory, as in the joint trajectory controller.
-
-    Args:
-        begin: robot time of its arrival [s].
-        start: (nj,) joint positions at the beginning [rad].
-        times: (n,) increasing times of its points since its arrival [s].
-        positions: (n, nj) joint positions at its points [rad].
-    """
-
-    def __init__(self, begin: float, start: FloatArray, times: FloatArray, positions: FloatArray) -> None:
-        self._times = np.concatenate([[begin], begin + times])
-        self._positions = np.vstack([start, positions])
-
-    def at(self, now: float) -> FloatArray:
-        """Return the (nj,) targets at a robot time [rad]: after the last point, those of the last point."""
-        after = int(np.searchsorted(self._times, now, side="right"))
-        if after >= len(self._times):
-            return self._positions[-1]
-        before, next_ = self._times[after - 1 : after + 1]
-        part = (now - before) / (next_ - before)
-        return (1 - part) * self._positions[after - 1] + part * self._positions[after]
 
 
 class Impedance:
@@ -147,7 +121,7 @@ class Impedance:
 
     Args:
         domain: domain of the topics.
-        controllers: topics and states of the controllers.
+        options: topics and states of the controllers.
         controlled: names of joints in the controllers' order.
         order: (nj,) index of each of the model's joints in `controlled`.
         hold: initial values by interface; empty: none.
@@ -156,15 +130,15 @@ class Impedance:
     def __init__(
         self,
         domain: DdsDomain,
-        controllers: ControllerFlags,
+        options: Ros2Options,
         controlled: list[str],
         order: NDArray[np.intp],
         hold: dict[str, FloatArray],
     ) -> None:
-        pattern, self._idle, self._order = controllers.impedance_topic, controllers.idle, order
+        pattern, self._idle, self._order = options.impedance_topic, options.idle, order
         self._by_interface = "{interface}" in pattern
         self._values = {name: hold.get(name, np.zeros(len(controlled))) for name in _INTERFACES}
-        loaded = [name for name in _INTERFACES if name not in controllers.unloaded]
+        loaded = [name for name in _INTERFACES if name not in options.unloaded]
         self._inboxes = {
             name: domain.inbox(dds_topic(pattern.replace(mark, name)), Float64MultiArray)
             for mark, names in (("{interface}", loaded), ("{joint}", controlled))
@@ -203,47 +177,40 @@ class Ros2Wire:
     """Robot side: broadcasters and controllers of a controller manager.
 
     Args:
-        joint_names: names of the joints, in the model's order.
-        controllers: topics and controllers.
-        gains: kp and kd of the position control, the same for all joints.
-        hold: (nj,) joint positions that are held before the first command [rad]; None: limp joints.
+        robot: model of the simulated robot.
+        options: topics and controllers.
         log: function that logs an entry.
     """
 
-    def __init__(
-        self,
-        joint_names: tuple[str, ...],
-        controllers: ControllerFlags,
-        gains: tuple[float, float],
-        hold: FloatArray | None,
-        log: Callable[..., None],
-    ) -> None:
-        self._names, self._controllers, self._log = joint_names, controllers, log
-        self._kp, self._kd = (np.full(len(joint_names), gain) for gain in gains)
-        published = list(joint_names + controllers.extra_joints)
-        controlled = list(joint_names)
-        if controllers.permute:
-            draw = np.random.default_rng(controllers.permute)
+    def __init__(self, robot: RobotModel, options: Ros2Options, log: Callable[..., None]) -> None:
+        self._names, self._log = robot.joint_names, log
+        self._options = options = options.as_stack()
+        gains = _gains(robot, options)
+        self._kp, self._kd = (np.full(len(self._names), gain) for gain in gains)
+        self._target = nominal_stance(robot).joint_position if options.start == "standing" else None
+        published = list(self._names + options.extra_joints)
+        controlled = list(self._names)
+        if options.permute:
+            draw = np.random.default_rng(options.permute)
             draw.shuffle(published)
             draw.shuffle(controlled)
         self._published, self._controlled = published, controlled
-        self._day = time.time_ns() if controllers.clock == "day" else 0
+        self._day = time.time_ns() if options.clock == "day" else 0
         self._state: RobotState | None = None
-        self._target = hold
-        self._interpolation: Interpolation | None = None
+        self._trajectory: tuple[FloatArray, FloatArray] | None = None  # times and positions of its points
         self.received = self.refused = 0
-        domain = self._domain = DdsDomain(controllers.domain, controllers.interface)
-        self._integral_torque, self._integrated_at = np.zeros(len(joint_names)), 0.0
+        domain = self._domain = DdsDomain(options.domain, options.interface)
+        self._integral_torque, self._integrated_at = np.zeros(len(self._names)), 0.0
         self._impedance: Impedance | None = None
-        if controllers.impedance_topic:
-            held = {} if hold is None else {"position": hold, "kp": self._kp, "kd": self._kd}
-            order = np.array([controlled.index(name) for name in joint_names])
-            self._impedance = Impedance(domain, controllers, controlled, order, held)
+        if options.impedance_topic:
+            held = {} if self._target is None else {"position": self._target, "kp": self._kp, "kd": self._kd}
+            order = np.array([controlled.index(name) for name in self._names])
+            self._impedance = Impedance(domain, options, controlled, order, held)
         else:
-            self._arrays = domain.inbox(dds_topic(controllers.array_topic), Float64MultiArray)
-            self._trajectories = domain.inbox(dds_topic(controllers.trajectory_topic), JointTrajectory)
-        self._joint_box = domain.outbox(dds_topic(controllers.joint_state_topic), JointState)
-        self._imu_box = domain.outbox(dds_topic(controllers.imu_topic), Imu)
+            self._arrays = domain.inbox(dds_topic(options.array_topic), Float64MultiArray)
+            self._trajectories = domain.inbox(dds_topic(options.trajectory_topic), JointTrajectory)
+        self._joint_box = domain.outbox(dds_topic(options.joint_state_topic), JointState)
+        self._imu_box = domain.outbox(dds_topic(options.imu_topic), Imu)
         log(published=published, controlled=controlled, kp=gains[0], kd=gains[1])
 
     def commands(self) -> list[JointCommand]:
@@ -255,16 +222,16 @@ class Ros2Wire:
             self._take_array(array)
         for _, trajectory in self._trajectories.take():
             self._take_trajectory(trajectory)
-        if self._interpolation is not None and self._state is not None:
-            self._target = self._interpolation.at(self._state.time)
+        if self._trajectory is not None and self._state is not None:
+            self._target = interpolated(self._state.time, *self._trajectory)
         return [] if self._target is None else [self._towards(self._target)]
 
     def publish(self, state: RobotState, faults: ActiveFaults) -> None:
         del faults  # messages have neither keys nor checksums
         before, self._state = (-1.0 if self._state is None else self._state.time), state
-        if _due(before, state.time, self._controllers.joint_rate):
+        if _due(before, state.time, self._options.joint_rate):
             self._joint_box.send(self._joint_state(state))
-        if _due(before, state.time, self._controllers.imu_rate):
+        if _due(before, state.time, self._options.imu_rate):
             self._imu_box.send(self._imu(state))
 
     def close(self) -> None:
@@ -280,17 +247,17 @@ class Ros2Wire:
         return whether
 
     def _towards(self, target: FloatArray) -> JointCommand:
-        if self._controllers.integral and self._state is not None:
+        if self._options.integral and self._state is not None:
             step, self._integrated_at = self._state.time - self._integrated_at, self._state.time
-            torque = self._integral_torque + self._controllers.integral * step * (target - self._state.joint_position)
-            limit = self._controllers.most_integral
+            torque = self._integral_torque + self._options.integral * step * (target - self._state.joint_position)
+            limit = self._options.most_integral
             self._integral_torque = np.clip(torque, -limit, limit)
         return JointCommand(target, torque=self._integral_torque, kp=self._kp, kd=self._kd)
 
     def _take_array(self, message: Any) -> None:
         if not self._accept(len(message.data) == len(self._controlled)):
             return
-        self._interpolation = None
+        self._trajectory = None
         self._target = self._in_model_order(self._controlled, message.data)
 
     def _take_trajectory(self, message: Any) -> None:
@@ -299,18 +266,18 @@ class Ros2Wire:
         if not self._accept(all_joints and bool(message.points)) or self._state is None:
             return
         starts = [point.time_from_start for point in message.points]
-        times = np.array([start.sec + 1e-9 * start.nanosec for start in starts])
+        times = self._state.time + np.array([0.0, *(start.sec + 1e-9 * start.nanosec for start in starts)])
         positions = [self._in_model_order(message.joint_names, point.positions) for point in message.points]
-        desired = self._target if self._controllers.interpolate_from_desired_state else None
+        desired = self._target if self._options.interpolate_from_desired_state else None
         start = self._state.joint_position if desired is None else desired
-        self._interpolation = Interpolation(self._state.time, start, times, np.array(positions))
+        self._trajectory = times, np.array([start, *positions])
 
     def _in_model_order(self, names: list[str], values: list[float]) -> FloatArray:
         return np.array([values[names.index(name)] for name in self._names])
 
     def _joint_state(self, state: RobotState) -> Any:
-        velocity = None if "velocity" in self._controllers.unreported else state.joint_velocity
-        torque = None if "effort" in self._controllers.unreported else state.joint_torque
+        velocity = None if "velocity" in self._options.unreported else state.joint_velocity
+        torque = None if "effort" in self._options.unreported else state.joint_torque
         return JointState(
             self._header(state, ""),
             self._published,
@@ -342,37 +309,19 @@ def _due(before: float, now: float, rate: float) -> bool:
     return np.floor(now * rate + 1e-6) > np.floor(before * rate + 1e-6)
 
 
-@dataclass(frozen=True)
-class Ros2Options:
-    """Emulate a robot with ROS 2 topics; log one JSON object per line.
+def interpolated(now: float, times: FloatArray, positions: FloatArray) -> FloatArray:
+    """Return the (nj,) targets of a trajectory at a robot time [rad]: after the last point, those of the last point.
 
-    Attributes:
-        robot: quadruped to emulate: a name, or a URDF or MJCF file.
-        emulated: settings of the simulated robot.
-        controllers: topics and controllers.
+    Args:
+        times: (n,) increasing robot times of its points [s].
+        positions: (n, nj) joint positions at its points [rad].
     """
-
-    robot: str = "unitree_a1"
-    emulated: OmitArgPrefixes[EmulatorSettings] = field(default_factory=EmulatorSettings)
-    controllers: OmitArgPrefixes[ControllerFlags] = field(default_factory=ControllerFlags)
+    joints = range(positions.shape[1])
+    return np.array([np.interp(now, times, positions[:, joint]) for joint in joints])
 
 
-def serve(options: Ros2Options) -> None:
-    """Run until the end of the emulator's duration or Ctrl-C."""
-    robot = load_robot(options.robot)
-    emulated = EmulatedRobot(robot, options.emulated)
-    stance, controllers = nominal_stance(robot), options.controllers.as_stack()
-    kp, kd = robot.gains(stance.hip_height)
-    stiffness = controllers.stiffness or (kp if controllers.impedance_topic else _STIFF * kp)
-    gains = stiffness, controllers.damping or kd * float(np.sqrt(stiffness / kp))  # the same damping ratio
-    hold = stance.joint_position if options.emulated.start == "standing" else None
-    emulated.serve(Ros2Wire(robot.joint_names, controllers, gains, hold, emulated.log))
-
-
-def main() -> None:
-    """Run with the flags of the command line."""
-    serve(tyro.cli(Ros2Options))
-
-
-if __name__ == "__main__":
-    main()
+def _gains(robot: RobotModel, options: Ros2Options) -> tuple[float, float]:
+    """Return kp and kd of the position control, the same for all joints."""
+    kp, kd = robot.gains(nominal_stance(robot).hip_height)
+    stiffness = options.stiffness or (kp if options.impedance_topic else _STIFF * kp)
+    return stiffness, options.damping or kd * float(np.sqrt(stiffness / kp))  # the same damping ratio

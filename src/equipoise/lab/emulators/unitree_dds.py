@@ -1,6 +1,6 @@
 """Emulator of a Go2 or B2 with their DDS messages, on this computer only.
 
-    python -m equipoise.lab.emulators.unitree_dds --robot unitree_a1 --domain 1
+    equipoise lab emulate unitree-dds --robot unitree_a1 --domain 1
 
 It works with any quadruped with three joints per leg, and lies by default. As on the real robots, its own controller
 ("normal") holds the motors until the motion_switcher service releases them. Earlier commands are ignored; a real robot's
@@ -10,15 +10,12 @@ controller would act against them.
 from __future__ import annotations
 
 import json
-import signal
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
-from tyro.conf import OmitArgPrefixes
 
 from equipoise.drivers.dds.domain import LOOPBACK, DdsDomain, raw
 from equipoise.drivers.unitree.dds import COMMAND_TOPIC, CONTROL_PERIOD, STATE_TOPIC
@@ -27,10 +24,9 @@ from equipoise.drivers.unitree.low_level import COMMAND, STATE, STOP_POSITION, S
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, keys_of
 from equipoise.drivers.unitree.sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
-from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatorSettings
+from equipoise.lab.emulators.emulated_robot import EmulatorSettings
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
 from equipoise.platform.platform import JointCommand, RobotState
-from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
 
 _SPORT_MODE = "normal"
@@ -42,8 +38,8 @@ _VOLTAGE, _CURRENT = 29.4, 2.1  # [V], [A]
 
 
 @dataclass(frozen=True)
-class WireSettings:
-    """Protocol settings of the simulated robot.
+class UnitreeDdsOptions(EmulatorSettings):
+    """Emulate a Go2 or B2 on DDS; log one JSON object per line.
 
     Attributes:
         domain: number of the DDS domain, on "lo".
@@ -52,6 +48,7 @@ class WireSettings:
         bare: zero ticks and checksums and no motion_switcher service, as in the public simulator.
     """
 
+    start: Literal["standing", "lying"] = "lying"
     domain: int = 1
     sport_mode: bool = True
     first_tick: int = 1_000_000
@@ -63,34 +60,34 @@ class UnitreeDdsWire:
 
     Args:
         robot: model of the simulated robot.
-        settings: settings of the protocol.
+        options: settings of the protocol.
         log: function that logs an entry.
     """
 
-    def __init__(self, robot: RobotModel, settings: WireSettings, log: Callable[..., None]) -> None:
-        self._settings, self._log = settings, log
+    def __init__(self, robot: RobotModel, options: UnitreeDdsOptions, log: Callable[..., None]) -> None:
+        self._options, self._log = options, log
         self._joint_of_motor = joints_of_motors(robot, "the protocol")
         self._motor_of_joint = np.argsort(self._joint_of_motor)
         self._message, self._faulty = Message(STATE), FaultySamples(CONTROL_PERIOD)
-        self._mode = _SPORT_MODE if settings.sport_mode and not settings.bare else ""
+        self._mode = _SPORT_MODE if options.sport_mode and not options.bare else ""
         self._release_time: float | None = None
         self._now = 0.0
         self._position = np.zeros(MOTORS)
         self._gains = np.nan, np.nan
         self.received = self.damaged = self.fought = 0
-        self._domain = DdsDomain(settings.domain, LOOPBACK)
+        self._domain = DdsDomain(options.domain, LOOPBACK)
         self._state_type = raw(LowState)
         self._commands = self._domain.inbox(COMMAND_TOPIC, raw(LowCmd))
         self._states = self._domain.outbox(STATE_TOPIC, self._state_type)
-        if not settings.bare:
+        if not options.bare:
             self._requests = self._domain.inbox(REQUESTS, Request)
             self._responses = self._domain.outbox(RESPONSES, Response)
 
     def commands(self) -> list[JointCommand]:
         """Return the commands as in `Wire`, and a limp command when the robot's own controller ends."""
-        commands = [] if self._settings.bare else self._serve()
+        commands = [] if self._options.bare else self._serve()
         for _, sample in self._commands.take():
-            record = read_message(COMMAND, sample.data, check=not self._settings.bare)
+            record = read_message(COMMAND, sample.data, check=not self._options.bare)
             if record is None:
                 self._note("damaged")
             elif self._mode:
@@ -104,7 +101,7 @@ class UnitreeDdsWire:
         self._now, self._position = state.time, state.joint_position
         self._fill(state, faults)
         data = self._message.encoded()
-        if self._settings.bare:
+        if self._options.bare:
             data = data[:-4] + bytes(4)
         for sample in self._faulty.sent(data, faults):
             self._states.send(self._state_type(sample))
@@ -168,8 +165,8 @@ class UnitreeDdsWire:
             round(100 * faults.charge),
         )
         record["wireless_remote"][KEYS_AT] = tuple(keys_of(faults.press).to_bytes(2, "little"))
-        if not self._settings.bare:
-            record["tick"] = (self._settings.first_tick + round(state.time * 1000)) % 2**32
+        if not self._options.bare:
+            record["tick"] = (self._options.first_tick + round(state.time * 1000)) % 2**32
 
     def _note(self, what: str) -> None:
         """Count an ignored message, and log the first."""
@@ -177,35 +174,3 @@ class UnitreeDdsWire:
         setattr(self, what, count)
         if count == 1:
             self._log(ignored=what)
-
-
-@dataclass(frozen=True)
-class UnitreeDdsOptions:
-    """Emulate a Go2 or B2 on DDS; log one JSON object per line.
-
-    Attributes:
-        robot: quadruped to emulate: a name, or a URDF or MJCF file.
-        emulated: settings of the simulated robot.
-        wire: settings of the protocol.
-    """
-
-    robot: str = "unitree_a1"
-    emulated: OmitArgPrefixes[EmulatorSettings] = field(default_factory=lambda: EmulatorSettings(start="lying"))
-    wire: OmitArgPrefixes[WireSettings] = field(default_factory=WireSettings)
-
-
-def serve(options: UnitreeDdsOptions) -> None:
-    """Run until Ctrl-C or SIGTERM."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a background process may ignore Ctrl-C
-    robot = load_robot(options.robot)
-    emulated = EmulatedRobot(robot, options.emulated)
-    emulated.serve(UnitreeDdsWire(robot, options.wire, emulated.log))
-
-
-def main() -> None:
-    """Run with the flags of the command line."""
-    serve(tyro.cli(UnitreeDdsOptions))
-
-
-if __name__ == "__main__":
-    main()

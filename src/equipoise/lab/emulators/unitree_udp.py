@@ -1,6 +1,6 @@
 """Emulator of an A1 or Go1 with their UDP packets, over a network that loses, repeats and reorders them.
 
-    python -m equipoise.lab.emulators.unitree_udp --protocol go1 --robot unitree_a1 --loss 0.02 --reorder 0.02
+    equipoise lab emulate unitree-udp --protocol go1 --robot unitree_a1 --loss 0.02 --reorder 0.02
 
 It works with any quadruped with three joints per leg, with one packet format. As the real robots do, it answers the first
 address that sends a valid command in that format. It sends nothing before, and ignores other packets.
@@ -8,18 +8,15 @@ address that sends a valid command in that format. It sends nothing before, and 
 
 from __future__ import annotations
 
-import signal
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-import tyro
-from tyro.conf import OmitArgPrefixes
 
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
-from equipoise.drivers.unitree.packet_formats import PacketFormat, forms_of
+from equipoise.drivers.unitree.packet_formats import forms_of
 from equipoise.drivers.unitree.packets import (
     POSITION_STOP,
     VELOCITY_STOP,
@@ -30,11 +27,10 @@ from equipoise.drivers.unitree.udp import CONTROL_PERIOD
 from equipoise.drivers.unitree.udp_settings import Protocol
 from equipoise.drivers.unitree.udp_socket import Address
 from equipoise.errors import SettingsError
-from equipoise.lab.emulators.emulated_robot import EmulatedRobot, EmulatorSettings
+from equipoise.lab.emulators.emulated_robot import EmulatorSettings
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
 from equipoise.lab.emulators.udp_packets import StatePacket, read_command
 from equipoise.platform.platform import JointCommand, RobotState
-from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
 
 _VOLTAGE = 24.96  # [V] of a Go1's battery
@@ -44,16 +40,28 @@ _RAMP_STEP = 0.25  # [s] between log lines of gains
 
 
 @dataclass(frozen=True)
-class NetworkFaults:
-    """Faults of the network, in both directions.
+class UnitreeUdpOptions(EmulatorSettings):
+    """Emulate an A1 or Go1 on UDP; log one JSON object per line.
 
     Attributes:
-        loss: share of lost packets.
+        protocol: robot of the protocol.
+        address: address of its socket.
+        port: port of its socket.
+        form: packet format; default: the most likely one.
+        first_tick: first count of its clock, which wraps at 2^32.
+        tick: time step of its clock [s]; 0 stops the clock.
+        loss: share of packets that the network loses, in both directions.
         duplicate: share of packets that arrive twice.
         reorder: share of packets that others overtake.
-        network_seed: seed of the faults.
+        network_seed: seed of the network's faults.
     """
 
+    protocol: Protocol = "a1"
+    address: str = "127.0.0.1"
+    port: int = 8007
+    form: str | None = None
+    first_tick: int = 0
+    tick: float = 1e-3
     loss: float = 0.0
     duplicate: float = 0.0
     reorder: float = 0.0
@@ -68,18 +76,18 @@ class NetworkFaults:
 class FaultyNetwork:
     """Network in one direction."""
 
-    def __init__(self, faults: NetworkFaults, direction: int) -> None:
-        self._faults = faults
-        self._draw = np.random.default_rng([faults.network_seed, direction])
+    def __init__(self, options: UnitreeUdpOptions, direction: int) -> None:
+        self._options = options
+        self._draw = np.random.default_rng([options.network_seed, direction])
         self._late: list[tuple[int, bytes]] = []
         self._passed = 0
 
     def carry(self, packet: bytes) -> list[bytes]:
         """Return the packets that arrive when one is sent: none, one or several, some of them sent before."""
         lost, doubled, overtaken = self._draw.random(3) < (
-            self._faults.loss,
-            self._faults.duplicate,
-            self._faults.reorder,
+            self._options.loss,
+            self._options.duplicate,
+            self._options.reorder,
         )
         self._passed += 1
         due = [late for until, late in self._late if until <= self._passed]
@@ -97,27 +105,17 @@ class UnitreeUdpWire:
 
     Args:
         robot: model of the simulated robot.
-        packets: packet format.
-        local: address and port of its socket.
-        faults: faults of the network.
-        clock: first count and step [s] of its clock, which wraps at 2^32; a step of 0 stops the clock.
+        options: settings of the protocol and of the network.
         log: function that logs an entry.
     """
 
-    def __init__(
-        self,
-        robot: RobotModel,
-        packets: PacketFormat,
-        local: Address,
-        faults: NetworkFaults,
-        clock: tuple[int, float],
-        log: Callable[..., None],
-    ) -> None:
+    def __init__(self, robot: RobotModel, options: UnitreeUdpOptions, log: Callable[..., None]) -> None:
+        self._options, self._log = options, log
         self._joint_of_motor = joints_of_motors(robot, "the protocol")
         self._motor_of_joint = np.argsort(self._joint_of_motor)
-        self._packets, self._packet, self._faulty = packets, StatePacket(packets), FaultySamples(CONTROL_PERIOD)
-        self._inward, self._outward = FaultyNetwork(faults, 0), FaultyNetwork(faults, 1)
-        (self._first_tick, self._tick), self._log = clock, log
+        self._packets = next(iter(forms_of(options.protocol, options.form).values()))
+        self._packet, self._faulty = StatePacket(self._packets), FaultySamples(CONTROL_PERIOD)
+        self._inward, self._outward = FaultyNetwork(options, 0), FaultyNetwork(options, 1)
         self._client: Address | None = None
         self._gains: tuple[float, float] | None = None
         self._gains_logged = -np.inf
@@ -125,7 +123,7 @@ class UnitreeUdpWire:
         self.received = self.damaged = self.sent = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._socket.bind(local)
+        self._socket.bind((options.address, options.port))
 
     def commands(self) -> list[JointCommand]:
         """Return the commands as in `Wire`. Packets without torque before the first other packet only request samples."""
@@ -192,7 +190,7 @@ class UnitreeUdpWire:
 
     def _from_joints(self, state: RobotState, faults: ActiveFaults) -> SensorReadings:
         order = self._joint_of_motor
-        velocity, torque = state.joint_velocity, state.joint_torque
+        velocity, torque, tick = state.joint_velocity, state.joint_torque, self._options.tick
         if velocity is None or torque is None:
             raise SettingsError("the simulated robot must measure joint velocities and torques")
         return SensorReadings(
@@ -202,7 +200,7 @@ class UnitreeUdpWire:
             np.full(MOTORS, faults.temperature),
             state.angular_velocity_in_imu,
             state.acceleration_in_imu,
-            self._first_tick + (round(state.time / self._tick) if self._tick else 0),
+            self._options.first_tick + (round(state.time / tick) if tick else 0),
             faults.charge,
             _VOLTAGE,
             keys_of(faults.press),
@@ -211,51 +209,3 @@ class UnitreeUdpWire:
 
 def _requests_samples(motors: JointCommand) -> bool:
     return not any(getattr(motors, name).any() for name in ("kp", "kd", "torque"))
-
-
-@dataclass(frozen=True)
-class UnitreeUdpOptions:
-    """Emulate an A1 or Go1 on UDP; log one JSON object per line.
-
-    Attributes:
-        protocol: robot of the protocol.
-        robot: quadruped to emulate: a name, or a URDF or MJCF file.
-        address: address of its socket.
-        port: port of its socket.
-        form: packet format; default: the most likely one.
-        first_tick: first count of its clock.
-        tick: time step of its clock [s].
-        emulated: settings of the simulated robot.
-        faults: faults of the network.
-    """
-
-    protocol: Protocol = "a1"
-    robot: str = "unitree_a1"
-    address: str = "127.0.0.1"
-    port: int = 8007
-    form: str | None = None
-    first_tick: int = 0
-    tick: float = 1e-3
-    emulated: OmitArgPrefixes[EmulatorSettings] = field(default_factory=EmulatorSettings)
-    faults: OmitArgPrefixes[NetworkFaults] = field(default_factory=NetworkFaults)
-
-
-def serve(options: UnitreeUdpOptions) -> None:
-    """Run until Ctrl-C or SIGTERM."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a background process may ignore Ctrl-C
-    packets = next(iter(forms_of(options.protocol, options.form).values()))
-    robot = load_robot(options.robot)
-    emulated = EmulatedRobot(robot, options.emulated)
-    local = (options.address, options.port)
-    clock = (options.first_tick, options.tick)
-    wire = UnitreeUdpWire(robot, packets, local, options.faults, clock, emulated.log)
-    emulated.serve(wire)
-
-
-def main() -> None:
-    """Run with the flags of the command line."""
-    serve(tyro.cli(UnitreeUdpOptions))
-
-
-if __name__ == "__main__":
-    main()
