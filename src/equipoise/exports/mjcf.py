@@ -6,7 +6,7 @@ from equipoise.errors import ModelError
 from equipoise.exports.model_file import joint_element
 from equipoise.exports.model_writer import ModelFormat, write_model
 from equipoise.exports.subject import PAYLOAD, Subject, Written, number, numbers
-from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines
+from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, empty_element
 from equipoise.robot.cleaning.mjcf_poses import ORIENTATIONS
 from equipoise.robot.inertial import InertialParameters
 
@@ -54,7 +54,7 @@ def _inertial_edits(
 ) -> list[Edit]:
     inertial = body.first("inertial")
     if inertial is None:
-        return [document.put(body, [*comment_lines(header), inertial_line(parameters)])]
+        return [document.put(body, [*comment_lines(header), empty_element("inertial", _attributes(parameters))])]
     return [
         document.comment(inertial, header),
         *document.unset(inertial, "diaginertia", *ORIENTATIONS),
@@ -63,14 +63,9 @@ def _inertial_edits(
 
 
 def _attributes(body: InertialParameters) -> dict[str, str]:
+    """Return the attributes of an <inertial> element in its body's axes."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
     return {"pos": numbers(body.com), "mass": number(body.mass), "fullinertia": numbers((xx, yy, zz, xy, xz, yz))}
-
-
-def inertial_line(body: InertialParameters) -> str:
-    """Return an <inertial> element in its body's axes."""
-    words = [f'{key}="{value}"' for key, value in _attributes(body).items()]
-    return f"<inertial {' '.join(words)}/>"
 
 
 def _joint_edits(document: Document, subject: Subject, header: tuple[str, ...]) -> list[Edit]:
@@ -89,7 +84,12 @@ def _joint_edits(document: Document, subject: Subject, header: tuple[str, ...]) 
 
 def _payload_edits(document: Document, base: str, body: InertialParameters, header: tuple[str, ...]) -> list[Edit]:
     del base
-    lines = [*comment_lines(header), f'<body name="{PAYLOAD}">', f"  {inertial_line(body)}", "</body>"]
+    lines = [
+        *comment_lines(header),
+        f'<body name="{PAYLOAD}">',
+        f"  {empty_element('inertial', _attributes(body))}",
+        "</body>",
+    ]
     return [document.put(_base_body(document), lines, last=True)]
 
 

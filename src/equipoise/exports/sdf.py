@@ -5,12 +5,18 @@ Gazebo's reader joins all links fixed to a URDF's base into one link, so the lin
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import TypeAlias
+
 from equipoise.errors import ModelError
 from equipoise.exports.model_file import payload
 from equipoise.exports.model_writer import refuse_second_payload
 from equipoise.exports.subject import PAYLOAD, Subject, Written, number, numbers, products
 from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, escaped
 from equipoise.robot.inertial import InertialParameters
+
+Content: TypeAlias = "str | Mapping[str, Content]"
+"""Text of an element, or its children by tag."""
 
 
 def write(subject: Subject) -> Written:
@@ -25,7 +31,7 @@ def write(subject: Subject) -> Written:
         element = _payload_lines(subject, subject.in_file(body))
     else:
         about, body = subject.words_in_file, subject.base_in_file
-        element = inertial_lines(body)
+        element = _lines("inertial", _inertial(body))
     header = subject.header(about, *notes)
     lines = [*comment_lines(header), *element]
     if subject.file is None:
@@ -38,21 +44,32 @@ def write(subject: Subject) -> Written:
     return Written(document.edited(edit), about, notes)
 
 
-def inertial_lines(body: InertialParameters) -> list[str]:
-    """Return an <inertial> element in its link's axes."""
-    return [
-        "<inertial>",
-        f"  <pose>{_pose(body)}</pose>",
-        f"  <mass>{number(body.mass)}</mass>",
-        "  <inertia>",
-        *(f"    <{key}>{number(value)}</{key}>" for key, value in products(body.inertia).items()),
-        "  </inertia>",
-        "</inertial>",
-    ]
+def _inertial(body: InertialParameters) -> Content:
+    """Return the content of an <inertial> element in its link's axes."""
+    moments = {key: number(value) for key, value in products(body.inertia).items()}
+    return {"pose": f"{numbers(body.com)} 0 0 0", "mass": number(body.mass), "inertia": moments}
 
 
-def _pose(body: InertialParameters) -> str:
-    return f"{numbers(body.com)} 0 0 0"
+def _lines(tag: str, content: Content) -> list[str]:
+    """Return an element."""
+    if isinstance(content, str):
+        return [f"<{tag}>{content}</{tag}>"]
+    inner = [line for key, value in content.items() for line in _lines(key, value)]
+    return [f"<{tag}>", *(f"  {line}" for line in inner), f"</{tag}>"]
+
+
+def _edits(document: Document, element: Element, content: Content) -> list[Edit]:
+    """Return edits that give an element this content; its other children do not change."""
+    if isinstance(content, str):
+        return [document.fill(element, content)]
+    edits, missing = list[Edit](), list[str]()
+    for tag, value in content.items():
+        child = element.first(tag)
+        if child is None:
+            missing += _lines(tag, value)
+        else:
+            edits += _edits(document, child, value)
+    return [*edits, document.put(element, missing)] if missing else edits
 
 
 def _payload_lines(subject: Subject, body: InertialParameters) -> list[str]:
@@ -60,7 +77,7 @@ def _payload_lines(subject: Subject, body: InertialParameters) -> list[str]:
     return [
         f'<link name="{PAYLOAD}">',
         f'  <pose relative_to="{base}">0 0 0 0 0 0</pose>',
-        *(f"  {line}" for line in inertial_lines(body)),
+        *(f"  {line}" for line in _lines("inertial", _inertial(body))),
         "</link>",
         f'<joint name="{PAYLOAD}_joint" type="fixed">',
         f"  <parent>{base}</parent>",
@@ -86,35 +103,10 @@ def _inertial_edits(document: Document, link: Element, body: InertialParameters,
     _refuse_fixed_links(document, link)
     inertial = link.first("inertial")
     if inertial is None:
-        return [document.put(link, [*comment_lines(header), *inertial_lines(body)])]
-    edits, missing = [document.comment(inertial, header)], list[str]()
-    pose, mass, inertia = (inertial.first(tag) for tag in ("pose", "mass", "inertia"))
-    if pose is None:
-        missing.append(f"<pose>{_pose(body)}</pose>")
-    else:
-        edits += [document.fill(pose, _pose(body)), *document.unset(pose, "degrees", "rotation_format", "relative_to")]
-    if mass is None:
-        missing.append(f"<mass>{number(body.mass)}</mass>")
-    else:
-        edits.append(document.fill(mass, number(body.mass)))
-    moments = {key: number(value) for key, value in products(body.inertia).items()}
-    if inertia is None:
-        missing.append("<inertia>" + "".join(f"<{key}>{text}</{key}>" for key, text in moments.items()) + "</inertia>")
-    else:
-        edits += _moment_edits(document, inertia, moments)
-    return [*edits, document.put(inertial, missing)] if missing else edits
-
-
-def _moment_edits(document: Document, inertia: Element, moments: dict[str, str]) -> list[Edit]:
-    edits: list[Edit] = []
-    missing: list[str] = []
-    for key, text in moments.items():
-        element = inertia.first(key)
-        if element is None:
-            missing.append(f"<{key}>{text}</{key}>")
-        else:
-            edits.append(document.fill(element, text))
-    return [*edits, document.put(inertia, missing)] if missing else edits
+        return [document.put(link, [*comment_lines(header), *_lines("inertial", _inertial(body))])]
+    pose = inertial.first("pose")
+    frame = [] if pose is None else document.unset(pose, "degrees", "rotation_format", "relative_to")
+    return [document.comment(inertial, header), *frame, *_edits(document, inertial, _inertial(body))]
 
 
 def _refuse_fixed_links(document: Document, link: Element) -> None:

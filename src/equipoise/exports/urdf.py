@@ -6,7 +6,7 @@ from equipoise.errors import ModelError
 from equipoise.exports.model_file import joint_element
 from equipoise.exports.model_writer import ModelFormat, write_model
 from equipoise.exports.subject import PAYLOAD, Subject, Written, number, numbers, products
-from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, escaped
+from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, empty_element, escaped
 from equipoise.robot.inertial import InertialParameters
 
 _DYNAMICS = {"damping": "viscous_friction", "friction": "coulomb_friction"}
@@ -30,22 +30,15 @@ def _link(document: Document, name: str, base: str) -> Element:
 
 def _inertial_edits(document: Document, link: Element, body: InertialParameters, header: tuple[str, ...]) -> list[Edit]:
     inertial = link.first("inertial")
-    lines = inertial_lines(body)
     if inertial is None:
-        return [document.put(link, [*comment_lines(header), *lines])]
-    parts = {tag: inertial.first(tag) for tag in ("origin", "mass", "inertia")}
-    edits = [document.comment(inertial, header)]
-    values = {
-        "origin": {"xyz": numbers(body.com), "rpy": "0 0 0"},
-        "mass": {"value": number(body.mass)},
-        "inertia": {key: number(value) for key, value in products(body.inertia).items()},
-    }
-    missing: list[str] = []
-    for tag, element in parts.items():
+        return [document.put(link, [*comment_lines(header), *_inertial_lines(body)])]
+    edits, missing = [document.comment(inertial, header)], list[str]()
+    for tag, attributes in _inertial(body).items():
+        element = inertial.first(tag)
         if element is None:
-            missing.append(next(line.strip() for line in lines if line.strip().startswith(f"<{tag} ")))
+            missing.append(empty_element(tag, attributes))
             continue
-        pairs = {key: value for key, value in values[tag].items() if key != "rpy" or key in element.attributes}
+        pairs = {key: value for key, value in attributes.items() if key != "rpy" or key in element.attributes}
         edits += [document.set(element, key, value) for key, value in pairs.items()]
     return [*edits, document.put(inertial, missing)] if missing else edits
 
@@ -67,27 +60,29 @@ def _joint_edits(document: Document, subject: Subject, header: tuple[str, ...]) 
 def _dynamics_edits(document: Document, joint: Element, values: dict[str, float]) -> list[Edit]:
     if (dynamics := joint.first("dynamics")) is not None:
         return [document.set(dynamics, key, number(value)) for key, value in values.items()]
-    words = " ".join(f'{key}="{number(value)}"' for key, value in values.items())
-    return [document.put(joint, [f"<dynamics {words}/>"], last=True)]
+    attributes = {key: number(value) for key, value in values.items()}
+    return [document.put(joint, [empty_element("dynamics", attributes)], last=True)]
 
 
-def inertial_lines(body: InertialParameters) -> list[str]:
-    """Return an <inertial> element in its frame's axes."""
-    moments = " ".join(f'{key}="{number(value)}"' for key, value in products(body.inertia).items())
-    return [
-        "<inertial>",
-        f'  <origin xyz="{numbers(body.com)}" rpy="0 0 0"/>',
-        f'  <mass value="{number(body.mass)}"/>',
-        f"  <inertia {moments}/>",
-        "</inertial>",
-    ]
+def _inertial(body: InertialParameters) -> dict[str, dict[str, str]]:
+    """Return the elements of an <inertial> in its frame's axes, with their attributes."""
+    return {
+        "origin": {"xyz": numbers(body.com), "rpy": "0 0 0"},
+        "mass": {"value": number(body.mass)},
+        "inertia": {key: number(value) for key, value in products(body.inertia).items()},
+    }
+
+
+def _inertial_lines(body: InertialParameters) -> list[str]:
+    inner = [f"  {empty_element(tag, attributes)}" for tag, attributes in _inertial(body).items()]
+    return ["<inertial>", *inner, "</inertial>"]
 
 
 def _payload_edits(document: Document, base_link: str, body: InertialParameters, header: tuple[str, ...]) -> list[Edit]:
     lines = [
         *comment_lines(header),
         f'<link name="{PAYLOAD}">',
-        *(f"  {line}" for line in inertial_lines(body)),
+        *(f"  {line}" for line in _inertial_lines(body)),
         "</link>",
         f'<joint name="{PAYLOAD}_joint" type="fixed">',
         '  <origin xyz="0 0 0" rpy="0 0 0"/>',

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -154,6 +154,12 @@ def comment_lines(lines: Iterable[str]) -> list[str]:
     """Return a comment, line by line."""
     first, *others = (comment_text(line) for line in lines)
     return [f"<!-- {first}", *(f"     {line}" for line in others), "-->"]
+
+
+def empty_element(tag: str, attributes: Mapping[str, str]) -> str:
+    """Return an element without content; values must not need escapes in XML."""
+    words = [f'{name}="{value}"' for name, value in attributes.items()]
+    return f"<{' '.join([tag, *words])}/>"
 
 
 def escaped(name: str) -> str:
