@@ -19,7 +19,14 @@ import equipoise
 from equipoise import export
 from equipoise.errors import ModelError, NotEstimatedError, SettingsError
 from equipoise.exports.formats import FORMATS
-from equipoise.exports.randomisation import ENTRIES, _components, pseudo_inertias, spread
+from equipoise.exports.randomisation import (
+    ENTRIES,
+    components_of,
+    drawn_bases,
+    entries_between,
+    entry_ranges,
+    pseudo_inertias,
+)
 from equipoise.result.body import Body
 from equipoise.result.findings import Check
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, base_parameters, components
@@ -359,12 +366,12 @@ def stretched(pseudo, entries):
     upper = np.exp(alpha) * np.array(
         [[np.exp(d1), s12, s13, t1], [0, np.exp(d2), s23, t2], [0, 0, np.exp(d3), t3], [0, 0, 0, 1]]
     )
-    return _components((upper @ pseudo @ upper.T)[None])[0]
+    return components_of((upper @ pseudo @ upper.T)[None])[0]
 
 
 def draw(result, scale=1.0, **options):
     covariance = scale * result.composite.covariance
-    return spread(result.base.parameters(), result.composite.parameters(), covariance, seed=2, **options)
+    return drawn_bases(result.base.parameters(), result.composite.parameters(), covariance, seed=2, **options)
 
 
 def test_zero_entries_give_the_body_itself(base):
@@ -373,15 +380,15 @@ def test_zero_entries_give_the_body_itself(base):
 
 def test_entries_and_bodies_are_the_same(result, base):
     drawn = draw(result, draws=50)
-    again = [stretched(pseudo_of(base), entries) for entries in drawn.entries]
-    np.testing.assert_allclose(again, drawn.bodies, rtol=1e-9, atol=1e-12)
+    again = [stretched(pseudo_of(base), entries) for entries in entries_between(drawn, pseudo_of(base))]
+    np.testing.assert_allclose(again, components_of(drawn), rtol=1e-9, atol=1e-12)
 
 
 def test_robots_with_drawn_bases_have_the_covariance_of_the_composite(result, base, composite):
     drawn = draw(result, 0.01, draws=4000)  # small enough that every body can exist
     legs = composite.vector - base.vector
     robots = np.array(
-        [components(InertialParameters.from_vector(body_from(row).vector + legs)) for row in drawn.bodies]
+        [components(InertialParameters.from_vector(body_from(row).vector + legs)) for row in components_of(drawn)]
     )
     covariance = 0.01 * result.composite.covariance
     std = np.sqrt(np.diag(covariance))
@@ -396,26 +403,26 @@ def body_from(row):
 
 def test_drawn_bodies_are_physical_for_any_covariance(result, base):
     drawn = draw(result, 100.0, draws=300)
-    for row in drawn.bodies:
+    for row in components_of(drawn):
         assert np.linalg.eigvalsh(pseudo_of(body_from(row))).min() > 0
         assert body_from(row).physical_defect() is None
 
 
 def test_nothing_is_drawn_from_a_huge_covariance(base, composite):
     with pytest.raises(NotEstimatedError, match="less than 1% of the bodies"):
-        spread(base, composite, np.diag([0.0] * 7 + [10.0] * 3), seed=0, draws=300)
+        drawn_bases(base, composite, np.diag([0.0] * 7 + [10.0] * 3), seed=0, draws=300)
 
 
 def test_nothing_is_drawn_around_a_plate(base, composite):
     plate = InertialParameters(1.0, np.zeros(3), np.diag([0.01, 0.01, 0.02]))
     with pytest.raises(NotEstimatedError, match="as flat as a plate"):
-        spread(plate, composite, np.eye(10), seed=0)
+        drawn_bases(plate, composite, np.eye(10), seed=0)
 
 
-def test_entries_drawn_independently_stay_within_the_posterior(result):
-    drawn = draw(result)
-    half = np.array([high for _, high in drawn.entry_ranges().values()])
-    precision = np.linalg.inv(np.cov(drawn.entries.T))
+def test_entries_drawn_independently_stay_within_the_posterior(result, base):
+    entries = entries_between(draw(result), pseudo_of(base))
+    half = np.array([high for _, high in entry_ranges(entries).values()])
+    precision = np.linalg.inv(np.cov(entries.T))
     boxed = np.random.default_rng(0).uniform(-half, half, (2000, 10))
     inside = np.einsum("ni,ij,nj->n", boxed, precision, boxed) < chi2.ppf(0.95, 10)
     assert inside.mean() > 0.7

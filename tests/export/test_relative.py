@@ -13,7 +13,7 @@ from robots import FOUR_LEGS, HIPS, load_text, quadruped_mjcf, quadruped_urdf
 from equipoise import RobotDescription, export
 from equipoise.cli import main
 from equipoise.errors import ModelError, SettingsError
-from equipoise.exports.randomisation import ENTRIES, pseudo_inertias, spread
+from equipoise.exports.randomisation import ENTRIES, components_of, drawn_bases, pseudo_inertias
 from equipoise.exports.relative import load_reference
 from equipoise.result.body import Body
 from equipoise.robot.inertial import COMPONENTS, InertialParameters
@@ -117,8 +117,8 @@ def test_intervals_are_those_of_bodies_drawn_from_the_posterior(result, tmp_path
     result = dataclasses.replace(result, composite=small)  # hardly any drawn body is not physical
     table = relative(result, tmp_path, quadruped_urdf(extra=rotors(in_legs=False)))
     base, composite = InertialParameters.from_vector(result.base_for_model_legs), result.composite
-    drawn = spread(base, composite.parameters(), composite.covariance, seed=5)
-    np.testing.assert_allclose(column(table, "base", COMPONENTS, "std"), drawn.bodies.std(axis=0), rtol=0.05)
+    drawn = drawn_bases(base, composite.parameters(), composite.covariance, seed=5)
+    np.testing.assert_allclose(column(table, "base", COMPONENTS, "std"), components_of(drawn).std(axis=0), rtol=0.05)
     order = table["covariance"]["order"]
     std = np.sqrt(np.diag(table["covariance"]["values"]))
     np.testing.assert_allclose(column(table, "base", order, "std"), std, rtol=1e-9)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 from equipoise.errors import NotEstimatedError
+from equipoise.exports import randomisation
 from equipoise.exports.parameters import BASE
-from equipoise.exports.randomisation import Spread, spread
-from equipoise.exports.subject import Subject, Written, axes_change, number
+from equipoise.exports.subject import FloatArray, Subject, Written, axes_change, number
 from equipoise.robot.inertial import COMPONENTS
 
 _DRAWN = "# Drawn through the pseudo-inertia: all bodies in these ranges, and all SAMPLES, are physical."
@@ -62,8 +62,9 @@ def _together(subject: Subject, of_base: Callable[[Subject], Written], offsets: 
 
 
 def _mjlab_base(subject: Subject) -> Written:
-    drawn = _spread(subject)
-    ranges = {f"{name}_range": pair for name, pair in drawn.entry_ranges().items()}
+    drawn = _drawn(subject)
+    entries = randomisation.entries_between(drawn, randomisation.pseudo_inertias(subject.base_in_file.vector[None])[0])
+    ranges = {f"{name}_range": pair for name, pair in randomisation.entry_ranges(entries).items()}
     return subject.text(
         _about(subject),
         [
@@ -78,8 +79,8 @@ def _mjlab_base(subject: Subject) -> Written:
 
 
 def _isaaclab_base(subject: Subject) -> Written:
-    drawn = _spread(subject)
-    ranges, body = drawn.body_ranges(), subject.base_in_file
+    drawn = _drawn(subject)
+    ranges, body = randomisation.body_ranges(randomisation.components_of(drawn)), subject.base_in_file
     low, high = (bound / body.mass for bound in ranges["mass"])
     shifts = {
         axis: tuple(bound - found for bound in ranges[f"com_{axis}"])
@@ -100,13 +101,14 @@ def _isaaclab_base(subject: Subject) -> Written:
     )
 
 
-def _spread(subject: Subject) -> Spread:
+def _drawn(subject: Subject) -> FloatArray:
+    """Return (n, 4, 4) pseudo-inertias of bodies drawn from the posterior, in the axes of the model file."""
     covariance = subject.result.composite.covariance
     if covariance is None:
         raise NotEstimatedError("this calibration has no covariance; calibrate with --method bayesian")
     turn = axes_change(subject.file_placement)
     composite = subject.in_file(subject.composite)
-    return spread(subject.base_in_file, composite, turn @ covariance @ turn.T, subject.seed)
+    return randomisation.drawn_bases(subject.base_in_file, composite, turn @ covariance @ turn.T, subject.seed)
 
 
 def _about(subject: Subject) -> str:
@@ -116,20 +118,26 @@ def _about(subject: Subject) -> str:
     )
 
 
-def _tail(subject: Subject, drawn: Spread) -> list[str]:
-    lines = _dictionary("QUANTILES", drawn.body_ranges())
+def _tail(subject: Subject, drawn: FloatArray) -> list[str]:
+    bodies = randomisation.components_of(drawn)
+    lines = _dictionary("QUANTILES", randomisation.body_ranges(bodies))
     lines.insert(0, "# 2.5 and 97.5 % of the drawn bodies: kg, m, kg m2")
     lines += [f"BASE_LINK = {subject.file_link!r}", f"SEED = {subject.seed}"]
     if subject.samples:
         lines += [f"# Drawn bodies, correlated as the estimate is: {', '.join(COMPONENTS)}", "SAMPLES = ["]
-        lines += [f"    ({', '.join(map(number, row))})," for row in drawn.bodies[: subject.samples]]
+        lines += [f"    ({', '.join(map(number, row))})," for row in bodies[: subject.samples]]
         lines.append("]")
     return lines
 
 
-def _dictionary(name: str, ranges: dict[str, tuple[float, ...]] | dict[str, tuple[float, float]]) -> list[str]:
-    rows = [f'    "{key}": ({", ".join(map(number, pair))}),' for key, pair in ranges.items()]
-    return [f"{name} = {{", *rows, "}"]
+def _dictionary(name: str, values: Mapping[str, float | Sequence[float]], comment: str = "") -> list[str]:
+    """Return a dictionary of numbers or of tuples of numbers, with a comment on its first line."""
+    rows = [f"    {key!a}: {_python(value)}," for key, value in values.items()]
+    return [f"{name} = {{{comment}", *rows, "}"]
+
+
+def _python(value: float | Sequence[float]) -> str:
+    return f"({', '.join(map(number, value))})" if isinstance(value, Sequence) else number(value)
 
 
 def _joints(subject: Subject, offsets: str, code: str) -> Written:
@@ -137,30 +145,21 @@ def _joints(subject: Subject, offsets: str, code: str) -> Written:
     lines = [
         f"JOINTS = ({''.join(f'{joint!a}, ' for joint in subject.joints).rstrip()})",
         "# 95 % interval of encoder reading minus joint position [rad]",
-        *_ranges(offsets, subject, "joint_offset"),
+        *_dictionary(offsets, _intervals(subject, "joint_offset")),
         "# 95 % interval of the delay from command to torque [s]",
-        *_ranges("DELAY", subject, "delay"),
-        *_values("ARMATURE", subject.column("armature"), "kg m2"),
-        *_values("FRICTION", subject.column("coulomb_friction"), "Nm"),
-        *_values("VISCOUS", subject.column("viscous_friction"), "Nm s/rad"),
-        *_values(
-            "RELATIVE_GAIN", subject.column("relative_gain"), "true over reported torque, over their mean, minus one"
-        ),
+        *_dictionary("DELAY", _intervals(subject, "delay")),
+        *_dictionary("ARMATURE", subject.column("armature"), "  # kg m2"),
+        *_dictionary("FRICTION", subject.column("coulomb_friction"), "  # Nm"),
+        *_dictionary("VISCOUS", subject.column("viscous_friction"), "  # Nm s/rad"),
+        "# true over reported torque, over their mean, minus one",
+        *_dictionary("RELATIVE_GAIN", subject.column("relative_gain")),
         *code.rstrip("\n").split("\n"),
     ]
     return subject.text(about, lines)
 
 
-def _ranges(name: str, subject: Subject, found: str) -> list[str]:
-    intervals = {
-        key: quantity.interval
-        for column in subject.columns
-        if column.name == found
-        for key, quantity in column.values.items()
-    }
-    rows = [f"    {key!a}: ({number(ends[0])}, {number(ends[1])})," for key, ends in intervals.items() if ends]
-    return [f"{name} = {{", *rows, "}"]
-
-
-def _values(name: str, values: dict[str, float], unit: str) -> list[str]:
-    return [f"{name} = {{  # {unit}", *(f"    {key!a}: {number(value)}," for key, value in values.items()), "}"]
+def _intervals(subject: Subject, name: str) -> dict[str, tuple[float, float]]:
+    """Return the 95 % intervals of a column, by joint."""
+    columns = [column for column in subject.columns if column.name == name]
+    found = {key: quantity.interval for column in columns for key, quantity in column.values.items()}
+    return {key: ends for key, ends in found.items() if ends}

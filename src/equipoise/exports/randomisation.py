@@ -17,9 +17,8 @@ with J0 of the estimated body. J is positive definite for any entries.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import NotEstimatedError
@@ -32,43 +31,33 @@ DRAWS = 10_000
 _FEWEST = 0.01  # of the draws must be physical; otherwise the run identified hardly anything
 QUANTILES = (0.025, 0.975)
 _STEP = 1e-6
-_PRODUCTS = [0, 1, 1, 2, 2, 2], [0, 0, 1, 0, 1, 2]  # xx xy yy xz yz zz, Pinocchio's order
+_UNITS = np.array([pin.PseudoInertia.FromDynamicParameters(unit).toMatrix() for unit in np.eye(10)])
 
 
-@dataclass(frozen=True, eq=False)
-class Spread:
-    """Bodies drawn around an estimated one.
+def entry_ranges(entries: FloatArray) -> dict[str, tuple[float, float]]:
+    """Return the 95 % range of each entry of U given the others: 1.96 / sqrt of its precision.
 
-    Attributes:
-        entries: (n, 10) entries of U, in the order of ENTRIES.
-        bodies: (n, 10) parameters of the same bodies in the order of COMPONENTS.
-        pseudo: (n, 4, 4) pseudo-inertias of the same bodies.
+    It suits consumers that draw each entry independently. The entries are correlated: a box of the marginal ranges
+    would hold bodies whose CoM is several times farther off than the posterior allows.
+
+    Args:
+        entries: (n, 10) entries of U of drawn bodies.
     """
-
-    entries: FloatArray
-    bodies: FloatArray
-    pseudo: FloatArray
-
-    def entry_ranges(self) -> dict[str, tuple[float, float]]:
-        """Return the 95 % range of each entry of U given the others: 1.96 / sqrt of its precision.
-
-        It suits consumers that draw each entry independently. The entries are correlated: a box of the marginal ranges
-        would hold bodies whose CoM is several times farther off than the posterior allows.
-        """
-        precision = np.linalg.inv(np.cov(self.entries.T))
-        half_width = NORMAL_95 / np.sqrt(np.diag(precision))
-        return {name: (-float(value), float(value)) for name, value in zip(ENTRIES, half_width, strict=True)}
-
-    def body_ranges(self) -> dict[str, tuple[float, float]]:
-        """Return 95 % ranges of mass [kg], CoM [m] and inertia about the CoM [kg m2]."""
-        low, high = np.quantile(self.bodies, QUANTILES, axis=0)
-        return {name: (float(a), float(b)) for name, a, b in zip(COMPONENTS, low, high, strict=True)}
+    precision = np.linalg.inv(np.cov(entries.T))
+    half_width = NORMAL_95 / np.sqrt(np.diag(precision))
+    return {name: (-float(value), float(value)) for name, value in zip(ENTRIES, half_width, strict=True)}
 
 
-def spread(
+def body_ranges(bodies: FloatArray) -> dict[str, tuple[float, float]]:
+    """Return 95 % ranges of mass [kg], CoM [m] and inertia about the CoM [kg m2] of (n, 10) bodies."""
+    low, high = np.quantile(bodies, QUANTILES, axis=0)
+    return {name: (float(a), float(b)) for name, a, b in zip(COMPONENTS, low, high, strict=True)}
+
+
+def drawn_bases(
     base: InertialParameters, composite: InertialParameters, covariance: FloatArray, seed: int, draws: int = DRAWS
-) -> Spread:
-    """Draw bodies for the base.
+) -> FloatArray:
+    """Return (draws, 4, 4) pseudo-inertias of bodies drawn for the base.
 
     Args:
         base: parameters of the base for the model's legs.
@@ -97,22 +86,15 @@ def spread(
                 f"less than {_FEWEST:.0%} of the bodies drawn from this run's posterior are physical; calibrate longer "
                 "(--duration)"
             )
-    kept = kept[:draws]
-    return Spread(entries_between(kept, pseudo), _components(kept), kept)
+    return kept[:draws]
 
 
 def pseudo_inertias(vectors: FloatArray) -> FloatArray:
     """Return (n, 4, 4) J of (n, 10) inertial parameters about the origin, in Pinocchio's order."""
-    pseudo = np.zeros((len(vectors), 4, 4))
-    pseudo[:, _PRODUCTS[0], _PRODUCTS[1]] = pseudo[:, _PRODUCTS[1], _PRODUCTS[0]] = -vectors[:, 4:]
-    half_trace = vectors[:, [4, 6, 9]].sum(axis=1) / 2
-    pseudo[:, [0, 1, 2], [0, 1, 2]] += half_trace[:, None]
-    pseudo[:, :3, 3] = pseudo[:, 3, :3] = vectors[:, 1:4]
-    pseudo[:, 3, 3] = vectors[:, 0]
-    return pseudo
+    return np.asarray(np.tensordot(vectors, _UNITS, 1), dtype=float)
 
 
-def _components(pseudo: FloatArray) -> FloatArray:
+def components_of(pseudo: FloatArray) -> FloatArray:
     """Return (n, 10) parameters in the order of COMPONENTS."""
     mass = pseudo[:, 3, 3]
     com = pseudo[:, :3, 3] / mass[:, None]

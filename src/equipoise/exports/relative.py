@@ -23,8 +23,8 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelWarning, NotEstimatedError, SettingsError
+from equipoise.exports import randomisation
 from equipoise.exports.model_file import feet_shift
-from equipoise.exports.randomisation import ENTRIES, QUANTILES, entries_between, pseudo_inertias, spread, vector_slope
 from equipoise.exports.subject import Subject, Written, axes_change, seen_from
 from equipoise.exports.tables import provenance, yaml_lines
 from equipoise.result.calibration import Calibration
@@ -171,7 +171,7 @@ def _base_rows(bodies: tuple[InertialParameters, ...], in_composite: FloatArray)
         bodies, in_composite: as from `_measured`.
     """
     model, run, composite = bodies
-    slope, back = vector_slope(composite), np.linalg.inv(vector_slope(run))
+    slope, back = randomisation.vector_slope(composite), np.linalg.inv(randomisation.vector_slope(run))
     covariance = slope @ in_composite @ slope.T
     stds = np.sqrt(np.concatenate([np.diag(covariance), np.diag(back @ covariance @ back.T)[1:]]))
     values = np.array([np.concatenate([body.vector, components(body)[1:]]) for body in (model, run)])
@@ -190,17 +190,22 @@ def _compared(subject: Subject) -> tuple[dict[str, Rows], FloatArray, tuple[str,
     of_base, covariance = _base_rows(bodies, in_composite)
     model, run, composite = bodies
     rows = {"base": of_base}
-    pair = pseudo_inertias(np.array([model.vector, run.vector]))
+    pair = randomisation.pseudo_inertias(np.array([model.vector, run.vector]))
     if not np.linalg.eigvalsh(pair[0])[0] > 0:
         raise NotEstimatedError(
             f"the base of {_name(_reference(subject))} has no log-Cholesky parameters: it is as flat as a plate; correct its "
             "inertia"
         )
-    drawn = spread(run, composite, in_composite, subject.seed).pseudo
+    drawn = randomisation.drawn_bases(run, composite, in_composite, subject.seed)
     for kind, origin in (("log_cholesky", np.eye(4)), ("stretch", pair[0])):
-        entries = entries_between(drawn, origin)
-        ends = np.quantile(entries, QUANTILES, axis=0)
-        rows[kind] = _table(dict.fromkeys(ENTRIES, "1"), entries_between(pair, origin), entries.std(axis=0), ends)
+        entries = randomisation.entries_between(drawn, origin)
+        ends = np.quantile(entries, randomisation.QUANTILES, axis=0)
+        rows[kind] = _table(
+            dict.fromkeys(randomisation.ENTRIES, "1"),
+            randomisation.entries_between(pair, origin),
+            entries.std(axis=0),
+            ends,
+        )
     return rows, covariance, notes
 
 
