@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import dartpy
 import numpy as np
 
@@ -20,16 +18,8 @@ _STICTION = 10.0  # stiffness of a sticking joint over its position gain
 _FASTEST = 1e6  # limit of the squared norm of the generalised velocity
 
 
-@dataclass(frozen=True, eq=False)
-class _State:
-    """State of engine and friction, complete for the next steps."""
-
-    positions: FloatArray
-    velocities: FloatArray
-    late_rotor_torque: FloatArray
-    strain: FloatArray
-    contacts: int
-    time: float
+_State = tuple[FloatArray, FloatArray, FloatArray, FloatArray, int, float]
+"""Positions, velocities, late rotor torque, strain, contacts and time: all that the next steps depend on."""
 
 
 class DartPlatform(SimulatedPlatform):
@@ -130,16 +120,14 @@ class DartPlatform(SimulatedPlatform):
         return raw[0]
 
     def _state(self) -> _State:
-        skeleton = self._skeleton
-        present = skeleton.getPositions(), skeleton.getVelocities()
-        return _State(*present, self._late_rotor_torque, self._strain, self._contacts, self._world.getTime())
+        moving = self._skeleton.getPositions(), self._skeleton.getVelocities()
+        return (*moving, self._late_rotor_torque, self._strain, self._contacts, self._world.getTime())
 
     def _restore(self, state: _State) -> None:
-        self._skeleton.setPositions(state.positions)
-        self._skeleton.setVelocities(state.velocities)
-        self._late_rotor_torque, self._strain = state.late_rotor_torque, state.strain
-        self._contacts = state.contacts
-        self._world.setTime(state.time)
+        positions, velocities, self._late_rotor_torque, self._strain, self._contacts, time = state
+        self._skeleton.setPositions(positions)
+        self._skeleton.setVelocities(velocities)
+        self._world.setTime(time)
 
     def _step(self, control: FloatArray, raw: FloatArray) -> None:
         """Run engine steps, and fill in the sensor values of their initial states."""
