@@ -10,7 +10,8 @@ from robots import load_text
 from equipoise.calibration.run_folder import RunFolder
 from equipoise.cli import main
 from equipoise.errors import NotEstimatedError, SettingsError
-from equipoise.lab.replay.in_mujoco import MujocoReplay, TwoFootMotion
+from equipoise.estimator.measurements.tilt_invariant import SensedLift
+from equipoise.lab.replay.in_mujoco import MujocoReplay
 from equipoise.lab.replay.validation import validate
 from equipoise.result.body import Body
 from equipoise.result.held_out import FOUND, MODEL
@@ -26,12 +27,13 @@ def motion(robot):
     for leg in ("FR", "RL"):
         position[:, robot.legs[leg].joints] *= 1.2
     up = np.array([0.03, 0.02, 1.0]) / np.linalg.norm([0.03, 0.02, 1.0])
-    return TwoFootMotion((0, 3), STEP, position, np.zeros_like(position), up, np.array([0.0, 0.05, 0.0]))
+    turning = np.tile([0.0, 0.05, 0.0], (SAMPLES, 1))
+    return SensedLift(position, np.zeros_like(position), np.tile(up, (SAMPLES, 1)), turning, np.zeros((SAMPLES, 3)))
 
 
 def tilt(robot, base=None):
     """Return the (n, 3) approximate rotation of the base [rad]."""
-    return STEP * np.cumsum(MujocoReplay(robot, base).play(motion(robot))[0], axis=0)
+    return STEP * np.cumsum(MujocoReplay(robot, base).play((0, 3), STEP, motion(robot))[0], axis=0)
 
 
 @pytest.fixture(scope="module")

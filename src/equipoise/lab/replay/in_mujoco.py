@@ -8,7 +8,7 @@ measured by the accelerometer.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -32,31 +32,6 @@ from equipoise.simulation.mujoco_model import TIMESTEP, SimulatedRobot, build_si
 _STIFFER, _DAMPED_MORE = 1000.0, 30.0
 _PRESSED = 3e-6  # [m], penetration of standing feet
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
-
-
-@dataclass(frozen=True, eq=False)
-class TwoFootMotion:
-    """Joint motion over time, and initial state of the base.
-
-    Attributes:
-        stance_feet: indices of the left and the right standing foot among FL FR RL RR.
-        step: time between samples [s].
-        joint_position, joint_velocity: (n, nj) joint positions [rad] and velocities [rad/s], in the model's order.
-        up_in_base: (3,) direction against gravity at the first sample.
-        angular_velocity_base_in_base: (3,) angular velocity of the base at the first sample [rad/s].
-    """
-
-    stance_feet: tuple[int, int]
-    step: float
-    joint_position: FloatArray
-    joint_velocity: FloatArray
-    up_in_base: FloatArray
-    angular_velocity_base_in_base: FloatArray
-
-    @property
-    def time(self) -> FloatArray:
-        """Times (n,) of the samples [s]."""
-        return np.asarray(self.step * np.arange(len(self.joint_position)), dtype=float)
 
 
 class MujocoReplay:
@@ -91,17 +66,21 @@ class MujocoReplay:
             FallError: the simulation became unstable.
         """
         columns = [joint_names.index(name) for name in self._robot.joint_names]
-        motion = TwoFootMotion(
-            lift.stance_feet, lift.step, sensed.joint_position[:, columns], sensed.joint_velocity[:, columns],
-            sensed.up_in_base[0], sensed.angular_velocity_base_in_base[0],
-        )  # fmt: skip
-        angular_velocity, joint_error = self.play(motion)
+        motion = replace(
+            sensed, joint_position=sensed.joint_position[:, columns], joint_velocity=sensed.joint_velocity[:, columns]
+        )
+        angular_velocity, joint_error = self.play(lift.stance_feet, lift.step, motion)
         difference = sensed.angular_velocity_base_in_base - angular_velocity
         about_line = np.einsum("ni,ni->n", sensed.line_in_base, difference)
         return np.asarray(integral(len(difference), lift.step) @ about_line, dtype=float), joint_error
 
-    def play(self, motion: TwoFootMotion) -> tuple[FloatArray, float]:
+    def play(self, stance_feet: tuple[int, int], step: float, motion: SensedLift) -> tuple[FloatArray, float]:
         """Play a motion from its first sample to its last.
+
+        Args:
+            stance_feet: indices of the left and the right standing foot among FL FR RL RR.
+            step: time between samples [s].
+            motion: joint motion in the model's order, and state of the base at the first sample.
 
         Returns:
             (n, 3) angular velocity of the base in base axes at the motion's samples [rad/s], and the largest joint position
@@ -110,12 +89,13 @@ class MujocoReplay:
         Raises:
             FallError: the simulation became unstable.
         """
-        self._begin(motion)
+        self._begin(stance_feet, motion)
         model, data = self._model, self._data
-        steps = int(np.ceil(motion.time[-1] / TIMESTEP))
+        measured: FloatArray = np.asarray(step * np.arange(len(motion.joint_position)), dtype=float)
+        steps = int(np.ceil(measured[-1] / TIMESTEP))
         time: FloatArray = np.asarray(TIMESTEP * np.arange(steps + 1), dtype=float)
-        joints = CubicHermiteSpline(motion.time, motion.joint_position, motion.joint_velocity)
-        sampled = np.minimum(time, motion.time[-1])
+        joints = CubicHermiteSpline(measured, motion.joint_position, motion.joint_velocity)
+        sampled = np.minimum(time, measured[-1])
         position, velocity = joints(sampled), joints(sampled, 1)
         # MuJoCo's damping acts on the velocity at the end of a step.
         control = position[:-1] + velocity[1:] * self._kd / self._kp
@@ -128,25 +108,26 @@ class MujocoReplay:
         if not (np.diff(path[:, 0]) > 0).all():  # the engine restarts at time zero when it diverges
             raise FallError(f"the replay of {self._robot.name!r} became unstable; check its inertias")
         speeds = path[:, 1 + int(model.nq) :][:, 3:6]
-        turning = np.column_stack([np.interp(motion.time, time, speeds[:, axis]) for axis in range(3)])
+        turning = np.column_stack([np.interp(measured, time, speeds[:, axis]) for axis in range(3)])
         missed = np.abs(path[:, 1 + self._simulated.qpos] - position).max()
         return turning, float(missed)
 
-    def _begin(self, motion: TwoFootMotion) -> None:
+    def _begin(self, stance_feet: tuple[int, int], motion: SensedLift) -> None:
         """Set the initial state, with two rolling feet on the floor."""
-        model, data, feet = self._model, self._data, [self._feet[foot] for foot in motion.stance_feet]
+        model, data, feet = self._model, self._data, [self._feet[foot] for foot in stance_feet]
         mujoco.mj_resetData(model, data)
         data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
         data.qpos[self._simulated.qpos] = motion.joint_position[0]
         mujoco.mj_kinematics(model, data)
         left, right = np.array(data.geom_xpos[feet])
-        base_to_floor = _onto_the_floor((left - right) / np.linalg.norm(left - right), motion.up_in_base)
+        up = motion.up_in_base[0]
+        base_to_floor = _onto_the_floor((left - right) / np.linalg.norm(left - right), up)
         mujoco.mju_mat2Quat(data.qpos[3:7], base_to_floor.reshape(9).copy())
-        model.opt.gravity[:] = -GRAVITY * base_to_floor @ motion.up_in_base
+        model.opt.gravity[:] = -GRAVITY * base_to_floor @ up
         mujoco.mj_kinematics(model, data)
         contacts = np.array(data.geom_xpos[feet]) - model.geom_size[feet, :1] * [0, 0, 1]
         data.qpos[2] -= contacts[:, 2].min() + _PRESSED
-        data.qvel[3:6] = motion.angular_velocity_base_in_base
+        data.qvel[3:6] = motion.angular_velocity_base_in_base[0]
         data.qvel[self._simulated.dof] = motion.joint_velocity[0]
         mujoco.mj_forward(model, data)
         data.qvel[:3] = -np.mean([self._velocity(foot) for foot in feet], axis=0)
