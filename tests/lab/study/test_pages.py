@@ -7,7 +7,7 @@ from browser import open_browser
 from equipoise.lab.pages.markdown import markdown
 from equipoise.lab.pages.reproduction_page import reproduction_page
 from equipoise.lab.pages.study_page import study_page
-from equipoise.lab.study.reproduction import Proportion, Reproduction, TableRow
+from equipoise.lab.study.reproduction import Reproduction
 from equipoise.lab.study.rows import table_of
 from equipoise.lab.study.study import SOURCES, Study
 from equipoise.lab.study.study_statistics import Slope, summarize
@@ -29,7 +29,8 @@ def rows():
         size, (x, y) = rng.uniform(0, 1e-2), rng.normal(size=2)
         found.append({
             "trial": trial, "method": "bayesian", "status": "ok", "message": "", **truths, **sizes, "payload_mass": 0.0,
-            "size_joint_offset": size, "estimated_com_x": 1.0 + 0.3 * size * x, "estimated_com_y": 1.0 + 0.3 * size * y,
+            "size_joint_offset": size, "joint_zero_rms": size, "foot_error_rms": 0.3 * size,
+            "estimated_com_x": 1.0 + 0.3 * size * x, "estimated_com_y": 1.0 + 0.3 * size * y,
             "std_com_x": 1.5e-3, "std_com_y": 1.5e-3, "robot_time": 100.0, "cpu_time": 1.0,
         })  # fmt: skip
     return table_of(found)
@@ -39,13 +40,12 @@ def rows():
 def pages(rows):
     slopes = [Slope("bayesian", "size_joint_offset", 0.3, 0.02)]
     errors = np.abs(np.random.default_rng(3).normal(2e-3, 1e-3, COUNT))
-    proportion = Proportion(errors, 2 * errors, errors + 1e-3, 1.0, 0.5, 1e-3)
     halvings = np.outer(np.ones(COUNT), [0.03, 0.015, 0.008, 0.004])
     table = (
-        TableRow("truth", "", (0.1, 0.3, 0.4, 1e-3, 2e-3)),
-        TableRow("paper", "ideal", (0.1, None, 0.4, 2e-3, 2e-3)),
+        ("truth", "", (0.1, 0.3, 0.4, 1e-3, 2e-3)),
+        ("paper", "ideal", (0.1, None, 0.4, 2e-3, 2e-3)),
     )
-    done = Reproduction(table, tuple(summarize(rows)), halvings, errors, proportion)
+    done = Reproduction(table, tuple(summarize(rows)), halvings, errors, rows)
     return {
         "study": study_page(Study(vary_effects=True), rows, summarize(rows), slopes),
         "reproduction": reproduction_page(done),

@@ -17,10 +17,10 @@ from equipoise.lab.study.reproduction import (
     PAPER_TRUTH,
     QUANTITIES,
     TRUTH,
-    Proportion,
     Reproduction,
 )
-from equipoise.lab.study.study_statistics import WITHIN
+from equipoise.lab.study.rows import Table, column
+from equipoise.lab.study.study_statistics import WITHIN, lines_in_squares, planar_errors
 from equipoise.lab.study.summary import rate_text
 from equipoise.report.page import REPORT, save_page
 from equipoise.user_file import write_file
@@ -43,7 +43,9 @@ def _iteration_statistics(done: Reproduction) -> tuple[FloatArray, FloatArray, F
 
 def reproduction_page(done: Reproduction) -> PageContents:
     """Return tables and figures."""
-    proportion = done.proportion
+    rows = done.joint_errors_alone
+    floor, per_foot_error = _proportion(rows, "foot_error_rms")
+    _, per_joint_error = _proportion(rows, "joint_zero_rms")
     sections = [
         Section("table", "Table I", [_TABLE, _table(done)]),
         Section("iterations", "Fig. 3: error of the CoM by iteration of the search", [
@@ -54,13 +56,13 @@ def reproduction_page(done: Reproduction) -> PageContents:
         ]),
         Section("monte-carlo", "Monte Carlo: calibrations within 5 mm", [_MONTE_CARLO, _methods(done)]),
         Section("proportional", "Error against joint and end-effector error", [
-            f"{len(proportion.com_error)} robots without a payload, with joint offsets as the only error, whose size is "
+            f"{rows.num_rows} robots without a payload, with joint offsets as the only error, whose size is "
             "drawn from 0 to 10 mrad. "
-            f"The RMS planar CoM error grows by {proportion.per_joint_error:.2f} mm per mrad of joint error (rms over "
-            f"joints), which is {proportion.per_foot_error:.2f} mm per mm of planar foot error (rms over feet). Without "
-            f"joint errors it is {1000 * proportion.floor:.2f} mm; the two add in squares. Tolerance of the search: 1 mm.",
-            _joints(proportion),
-            _feet(proportion),
+            f"The RMS planar CoM error grows by {per_joint_error:.2f} mm per mrad of joint error (rms over "
+            f"joints), which is {per_foot_error:.2f} mm per mm of planar foot error (rms over feet). Without "
+            f"joint errors it is {1000 * floor:.2f} mm; the two add in squares. Tolerance of the search: 1 mm.",
+            _proportional(rows, "joint_zero_rms", "Joint error", "mrad", "joint error, rms over joints"),
+            _proportional(rows, "foot_error_rms", "Foot error", "mm", "planar foot error, rms over feet"),
         ]),
     ]  # fmt: skip
     lead = "`equipoise lab reproduce`, in simulation, on the built-in Unitree A1. Everything is seeded."
@@ -85,9 +87,9 @@ def _table(done: Reproduction) -> DataTable:
         ["the paper: estimated", "", *_cells(PAPER_ESTIMATE, PAPER_TRUTH)],
     ]
     truth: Sequence[float | None] | None = None
-    for row in done.table:
-        truth = row.values if row.method == TRUTH else truth
-        rows.append([row.method, row.preset, *_cells(row.values, None if row.method == TRUTH else truth)])
+    for method, preset, values in done.table:
+        truth = values if method == TRUTH else truth
+        rows.append([method, preset, *_cells(values, None if method == TRUTH else truth)])
     return DataTable("", ["", "noise", "|I_x", "|I_y", "|I_z", "|p_x", "|p_y"], rows)
 
 
@@ -149,15 +151,14 @@ def _iterations(done: Reproduction) -> Figure:
     return Figure("Fig. 3: CoM error by iteration", caption, data, layout, height=440)
 
 
-def _joints(one: Proportion) -> Figure:
-    data = line_in_squares(1000 * one.joint_error, 1000 * one.com_error, 1000 * one.floor, one.per_joint_error)
-    caption = f"{one.per_joint_error:.2f} mm per mrad. Method paper, joint offsets only."
-    layout = axes("joint error, rms over joints [mrad]", "planar CoM error [mm]")
-    return Figure("Joint error", caption, data, layout)
+def _proportion(rows: Table, size: str) -> tuple[float, float]:
+    """Return the CoM error without joint errors [m], and the slope of the error over a column of sizes."""
+    floor, slopes = lines_in_squares(column(rows, size)[:, None], planar_errors(rows))
+    return floor, float(slopes[0])
 
 
-def _feet(one: Proportion) -> Figure:
-    data = line_in_squares(1000 * one.foot_error, 1000 * one.com_error, 1000 * one.floor, one.per_foot_error)
-    caption = f"{one.per_foot_error:.2f} mm per mm. Method paper, joint offsets only."
-    layout = axes("planar foot error, rms over feet [mm]", "planar CoM error [mm]")
-    return Figure("Foot error", caption, data, layout)
+def _proportional(rows: Table, size: str, title: str, unit: str, label: str) -> Figure:
+    floor, slope = _proportion(rows, size)
+    data = line_in_squares(1000 * column(rows, size), 1000 * planar_errors(rows), 1000 * floor, slope)
+    caption = f"{slope:.2f} mm per {unit}. Method paper, joint offsets only."
+    return Figure(title, caption, data, axes(f"{label} [{unit}]", "planar CoM error [mm]"))

@@ -12,10 +12,10 @@ import numpy as np
 from equipoise.bayesian.method import BayesianMethod
 from equipoise.calibration.routine import calibrate
 from equipoise.conventions import AXES, FloatArray
-from equipoise.lab.study.rows import SUCCEEDED, Table, column, having
+from equipoise.lab.study.rows import SUCCEEDED, Table, having
 from equipoise.lab.study.runner import StudyProgress, run_study
 from equipoise.lab.study.study import Study
-from equipoise.lab.study.study_statistics import MethodSummary, lines_in_squares, planar_errors, summarize
+from equipoise.lab.study.study_statistics import MethodSummary, planar_errors, summarize
 from equipoise.method.method import Method
 from equipoise.paper.method import PaperMethod
 from equipoise.paper.settings import ComSearchSettings
@@ -34,40 +34,10 @@ TRUTH = "truth"
 SEED = 4
 
 
-@dataclass(frozen=True)
-class TableRow:
-    """Row of the reproduced Table I.
+TableRow = tuple[str, str, tuple[float | None, ...]]
+"""Row of the reproduced Table I: method or "truth", preset of the simulated robot, and values of QUANTITIES or None.
 
-    Attributes:
-        method: name of the method, or "truth".
-        preset: preset of the simulated robot; its leg masses differ from the model's unless it is "ideal".
-        values: values of QUANTITIES; None if the method does not estimate them.
-    """
-
-    method: str
-    preset: str
-    values: tuple[float | None, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Proportion:
-    """CoM error against foot errors from joint offsets, without other errors.
-
-    Attributes:
-        foot_error: (n,) rms planar displacement of the feet due to the joint offsets [m].
-        joint_error: (n,) rms of the joint offsets [rad].
-        com_error: (n,) planar error of the CoM [m].
-        per_foot_error: slope of the CoM error over the feet's error [m/m].
-        per_joint_error: slope of the CoM error over the joint offsets [m/rad].
-        floor: CoM error without joint errors [m].
-    """
-
-    foot_error: FloatArray
-    joint_error: FloatArray
-    com_error: FloatArray
-    per_foot_error: float
-    per_joint_error: float
-    floor: float
+Unless the preset is "ideal", its leg masses differ from the model's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +49,14 @@ class Reproduction:
         summaries: summaries of the methods.
         iterations: (n trials, k) norm of the planar CoM error after each halving [m]; nan for trials that failed.
         bayesian_errors: planar CoM errors of the Bayesian method [m]; nan for trials that failed.
-        proportion: proportion of the CoM error to joint and end-effector error.
+        joint_errors_alone: rows of successful trials whose only errors are joint offsets.
     """
 
     table: tuple[TableRow, ...]
     summaries: tuple[MethodSummary, ...]
     iterations: FloatArray
     bayesian_errors: FloatArray
-    proportion: Proportion
+    joint_errors_alone: Table
 
 
 def reproduce(
@@ -123,7 +93,7 @@ def reproduce(
         (*summarize(rows), *summarize(bayesian_rows)),
         _iterations(rows),
         planar_errors(bayesian_rows),
-        _proportion(proportional),
+        having(proportional, "status", SUCCEEDED),
     )
 
 
@@ -138,11 +108,11 @@ def _table() -> tuple[TableRow, ...]:
             if index == 0:
                 effective, com = simulation.truth.stance_effective.inertia, simulation.truth.composite.com
                 truth = (*(float(effective[i, i]) for i in range(3)), float(com[0]), float(com[1]))
-                rows.append(TableRow(TRUTH, noise, truth))
+                rows.append((TRUTH, noise, truth))
             estimates = [one.value for one in result.stance_effective.inertia.moments]
             moments = [result.excitations[axis].moment for axis in AXES] if None in estimates else estimates
             com = result.composite.com_in_base
-            rows.append(TableRow(method.name, noise, (*moments, com.x.value, com.y.value)))
+            rows.append((method.name, noise, (*moments, com.x.value, com.y.value)))
     return tuple(rows)
 
 
@@ -159,12 +129,3 @@ def _iterations(rows: Table) -> FloatArray:
             path = np.column_stack([row["iteration_x"], row["iteration_y"]]) - [row["true_com_x"], row["true_com_y"]]
             norms[index] = np.hypot(*path[np.minimum(np.arange(length), len(path) - 1)].T)
     return norms
-
-
-def _proportion(rows: Table) -> Proportion:
-    succeeded = having(rows, "status", SUCCEEDED)
-    foot, joint = (column(succeeded, name) for name in ("foot_error_rms", "joint_zero_rms"))
-    error = planar_errors(succeeded)
-    floor, per_foot = lines_in_squares(foot[:, None], error)
-    _, per_joint = lines_in_squares(joint[:, None], error)
-    return Proportion(foot, joint, error, float(per_foot[0]), float(per_joint[0]), floor)
