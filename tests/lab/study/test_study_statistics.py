@@ -6,11 +6,12 @@ import math
 import numpy as np
 import pytest
 
+from equipoise.json_form import to_json
 from equipoise.lab.pages.study_page import method_blocks
 from equipoise.lab.study import study_statistics as statistics
 from equipoise.lab.study.rows import table_of
 from equipoise.lab.study.study import SOURCES, Study
-from equipoise.lab.study.study_statistics import Rate, to_dict
+from equipoise.lab.study.study_statistics import Rate
 from equipoise.lab.study.summary import summary_table
 from equipoise.robot.inertial import COMPONENTS
 
@@ -63,12 +64,12 @@ def test_bias_rms_and_percentile():
     assert summary.error("planar CoM").percentile_95 == found.percentile_95
     assert summary.error("com_z") is None
     assert summary.robot_time == 30.0
-    assert (summary.trials, summary.failures, summary.within.count) == (41, {}, 41)
+    assert (summary.trials, summary.failures, summary.within_5_mm.count) == (41, {}, 41)
 
 
 def test_the_planar_error_is_the_distance():
     (summary,) = summarize([row(0, 3e-3, -3.9e-3), row(1, 3e-3, 4.1e-3)])
-    assert summary.within == Rate(1, 2)
+    assert summary.within_5_mm == Rate(1, 2)
     assert summary.error("planar CoM").bias == pytest.approx((np.hypot(3, 3.9) + np.hypot(3, 4.1)) / 2)
 
 
@@ -107,7 +108,7 @@ def test_wilsons_interval():
 def test_failures_are_not_within_5_mm_and_are_the_largest_errors():
     rows = [row(trial, 1e-3) for trial in range(95)] + [failed(trial) for trial in range(95, 100)]
     (summary,) = summarize(rows)
-    assert summary.within == Rate(95, 100)
+    assert summary.within_5_mm == Rate(95, 100)
     assert summary.failures == {"MotionError": 5}
     assert summary.error("com_x").percentile_95 == pytest.approx(1.0)  # one in twenty
     assert summary.error("com_x").bias == pytest.approx(1.0)
@@ -118,7 +119,7 @@ def test_failures_are_not_within_5_mm_and_are_the_largest_errors():
 
 def test_a_summary_of_failures_only():
     (summary,) = summarize([failed(0), failed(1, "ValueError", message="Traceback\n  line\nValueError: no")])
-    assert (summary.within, summary.errors) == (Rate(0, 2), ())
+    assert (summary.within_5_mm, summary.errors) == (Rate(0, 2), ())
     assert summary.reasons == {"MotionError": "trial 0: tipped", "ValueError": "trial 1: ValueError: no"}
     page = str(method_blocks(summary))
     assert "nan" not in page
@@ -128,14 +129,14 @@ def test_a_summary_of_failures_only():
 def test_methods_have_separate_summaries_and_json_has_no_infinities():
     rows = [row(0), row(1), failed(0, method="static"), row(1, 0.02, method="static")]
     summaries = summarize(rows)
-    assert [(summary.method, summary.within) for summary in summaries] == [
+    assert [(summary.method, summary.within_5_mm) for summary in summaries] == [
         ("paper", Rate(2, 2)),
         ("static", Rate(0, 2)),
     ]
     table = summary_table(Study(), summaries, [])
     text = json.dumps(table, allow_nan=False)
     assert json.loads(text)["methods"][1]["errors"][0]["percentile_95"] is None
-    assert to_dict(summaries)[0]["within_5_mm"]["interval_95"][1] == 1.0
+    assert to_json(summaries)[0]["within_5_mm"]["interval_95"][1] == 1.0
     assert "more than 5 % failed" in str(method_blocks(summaries[1]))
 
 

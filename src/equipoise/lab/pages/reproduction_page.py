@@ -120,7 +120,7 @@ def _methods(done: Reproduction) -> DataTable:
         error = summary.error("planar CoM")
         sizes = ["", ""] if error is None else [f"{error.rms:.2f} mm", f"{error.percentile_95:.2f} mm"]
         failed = str(sum(summary.failures.values()))
-        rows.append([summary.method, str(summary.trials), rate_text(summary.within), *sizes, failed])
+        rows.append([summary.method, str(summary.trials), rate_text(summary.within_5_mm), *sizes, failed])
     heads = ["method", "|trials", "|within 5 mm (95 % interval)", "|RMS", "|95th percentile", "|failed"]
     return DataTable("", heads, rows)
 

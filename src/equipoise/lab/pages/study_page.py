@@ -46,7 +46,7 @@ def method_blocks(summary: MethodSummary) -> list[Block]:
     times = {"robot time": f"{summary.robot_time:.0f} s", "CPU time": f"{summary.cpu_time:.2f} s"}
     medians = ", ".join(f"{name} {time}" for name, time in times.items() if "nan" not in time)
     text = (
-        f"{summary.method}: {summary.trials} trials, within 5 mm {rate_text(summary.within)}, "
+        f"{summary.method}: {summary.trials} trials, within 5 mm {rate_text(summary.within_5_mm)}, "
         f"failed: {failures_text(summary)}{f'; medians: {medians}' if medians else ''}"
     )
     reasons = tuple(f"{kind}, the first in {reason}" for kind, reason in summary.reasons.items())
@@ -126,7 +126,7 @@ def _distribution(rows: Table, summaries: Sequence[MethodSummary]) -> Figure:
         if finite.size:
             largest = max(largest, float(np.quantile(finite, 0.98)))
             share = 100 * np.arange(len(finite) + 1) / summary.trials
-            label = f"{summary.method}: {rate_text(summary.within)} within 5 mm"
+            label = f"{summary.method}: {rate_text(summary.within_5_mm)} within 5 mm"
             series = methods.index(summary.method)
             data.append(line([0, *finite], share, plain(label), series, line={"shape": "hv"}))
     layout = axes(

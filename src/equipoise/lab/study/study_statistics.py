@@ -5,9 +5,7 @@ A failed calibration counts everywhere: it is not within 5 mm, and its error is 
 
 from __future__ import annotations
 
-import dataclasses
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,6 +52,10 @@ class Rate:
         half_width = z / (1 + z**2 / n) * np.sqrt(self.value * (1 - self.value) / n + z**2 / (4 * n**2))
         return max(0.0, float(middle - half_width)), min(1.0, float(middle + half_width))
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {"count": self.count, "of": self.of, "rate": self.value, "interval_95": list(self.interval)}
+
 
 @dataclass(frozen=True)
 class ErrorStatistics:
@@ -86,7 +88,7 @@ class MethodSummary:
         trials: number of trials.
         failures: number of failures, by kind.
         reasons: message of the first failure of each kind.
-        within: calibrations within 5 mm of the true planar CoM; failures count as outside.
+        within_5_mm: calibrations within 5 mm of the true planar CoM; failures count as outside.
         errors: statistics of the errors, by quantity.
         robot_time, cpu_time: medians over successful calibrations [s].
     """
@@ -95,7 +97,7 @@ class MethodSummary:
     trials: int
     failures: dict[str, int]
     reasons: dict[str, str]
-    within: Rate
+    within_5_mm: Rate
     errors: tuple[ErrorStatistics, ...]
     robot_time: float
     cpu_time: float
@@ -249,25 +251,3 @@ def lines_in_squares(sizes: FloatArray, errors: FloatArray) -> tuple[float, Floa
     expected = np.maximum(design @ nnls(design, squares)[0], 1e-3)
     shares = np.sqrt(nnls(design / expected[:, None], squares / expected)[0] * scale)
     return float(shares[-1]), shares[:-1] / units
-
-
-def to_dict(summaries: Sequence[MethodSummary]) -> list[dict[str, Any]]:
-    """Return the JSON form, rates with their 95 % intervals."""
-
-    def rate(value: Rate) -> dict[str, Any]:
-        return {"count": value.count, "of": value.of, "rate": value.value, "interval_95": list(value.interval)}
-
-    return [
-        {
-            **dataclasses.asdict(summary),
-            "within_5_mm": rate(summary.within),
-            "errors": [
-                {
-                    **dataclasses.asdict(error),
-                    "coverage": {str(level): rate(covered) for level, covered in error.coverage.items()},
-                }
-                for error in summary.errors
-            ],
-        }
-        for summary in summaries
-    ]

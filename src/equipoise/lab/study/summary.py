@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from equipoise.json_form import to_json
 from equipoise.lab.study.study import Study
-from equipoise.lab.study.study_statistics import ErrorStatistics, MethodSummary, Rate, Slope, to_dict
+from equipoise.lab.study.study_statistics import ErrorStatistics, MethodSummary, Rate, Slope
 from equipoise.simulation.effects import EffectSizes
 from equipoise.user_file import write_file
 
@@ -53,8 +54,8 @@ def summary_table(study: Study, summaries: Sequence[MethodSummary], slopes: Sequ
     table = {
         "schema": SCHEMA,
         "study": study.to_dict(),
-        "methods": to_dict(summaries),
-        "slopes": [vars(slope) for slope in slopes],
+        "methods": to_json(summaries),
+        "slopes": to_json(slopes),
     }
     return _without_infinities(table)
 
