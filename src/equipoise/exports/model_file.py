@@ -13,18 +13,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 from equipoise.errors import MissingDependencyError, ModelError, ModelWarning, SettingsError
 from equipoise.exports.subject import PAYLOAD, FloatArray, Subject, UsersFile, seen_from
 from equipoise.exports.xml_edit import Document, Element, escaped
 from equipoise.result.calibration import Calibration
 from equipoise.robot.catalog import find_in_menagerie
-from equipoise.robot.cleaning.urdf import NEGLIGIBLE_MASS_FRACTION
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, composite_parameters
 from equipoise.robot.kinematics import foot_positions
-from equipoise.robot.links import link_names
+from equipoise.robot.links import FileLink, file_links, link_names
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import parse_model_source
 from equipoise.user_file import read_bytes
@@ -117,28 +115,19 @@ def composite_of(subject: Subject, robot: RobotModel) -> InertialParameters:
     return composite_parameters(robot, stance)
 
 
-def edited_link(robot: RobotModel, joint: int = 1) -> tuple[str, pin.SE3, FloatArray]:
+def edited_link(robot: RobotModel, joint: int = 1) -> tuple[FileLink, FloatArray]:
     """Return the link whose inertial is edited: a joint's own, or, if that has no mass, the heaviest link fixed to it.
 
     Args:
         joint: Pinocchio's id of the joint in the full model; 1 is the base.
 
     Returns:
-        name of the link; placement of its frame in the joint's; (10,) inertial parameters of the link alone in the joint's
-        frame, Pinocchio's order, about its origin.
+        the link; (10,) inertial parameters of the link alone in the joint's frame, Pinocchio's order, about its origin.
     """
-    model = robot.full_pinocchio
-    names = {frame.parentFrame: str(frame.name) for frame in model.frames if frame.type == pin.FrameType.BODY}
-    own = np.array(model.inertias[joint].toDynamicParameters())
-    fixed: list[tuple[str, pin.SE3, FloatArray]] = []
-    for index, frame in enumerate(model.frames):
-        if frame.parentJoint == joint and frame.type == pin.FrameType.FIXED_JOINT and frame.inertia.mass > 0:
-            vector = np.array(frame.placement.act(frame.inertia).toDynamicParameters())
-            fixed.append((names.get(index, str(frame.name)), frame.placement, vector))
-            own -= vector
-    if own[0] > NEGLIGIBLE_MASS_FRACTION * robot.mass or not fixed:
-        return robot.base_link if joint == 1 else link_names(model)[joint], pin.SE3.Identity(), own
-    return max(fixed, key=lambda link: link[2][0])
+    links = {link.name: link for link in file_links(robot.full_pinocchio) if link.joint == joint}
+    own = links.get(link_names(robot.full_pinocchio).get(joint, ""))
+    link = own or max(links.values(), key=lambda link: link.inertia.mass)
+    return link, np.array(link.placement.act(link.inertia).toDynamicParameters())
 
 
 def new_inertial(subject: Subject, robot: RobotModel) -> tuple[str, InertialParameters, tuple[str, ...], FloatArray]:
@@ -147,12 +136,12 @@ def new_inertial(subject: Subject, robot: RobotModel) -> tuple[str, InertialPara
     Raises:
         NotEstimatedError: as `Subject.nearest_body` does.
     """
-    link, placement, vector = edited_link(robot)
+    link, vector = edited_link(robot)
     before, leg_notes = composite_of(subject, robot).vector, _other_legs(subject, robot)
-    what = f"link {link!r} of {robot.source.path.name}, minus the other links,"
+    what = f"link {link.name!r} of {robot.source.path.name}, minus the other links,"
     remedy = "legs and links that are fixed or locked exceed the estimate, see 'equipoise audit'"
     body, notes = subject.nearest_body(vector + subject.composite.vector - before, what, remedy)
-    return link, seen_from(body, placement), (*leg_notes, *notes), before + body.vector - vector
+    return link.name, seen_from(body, link.placement), (*leg_notes, *notes), before + body.vector - vector
 
 
 def _other_legs(subject: Subject, robot: RobotModel) -> tuple[str, ...]:

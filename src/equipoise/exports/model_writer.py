@@ -142,12 +142,12 @@ def _leg_links(subject: Subject, robot: RobotModel) -> Iterator[tuple[str, Inert
         for joint in map(model.getJointId, leg.joint_names):
             if (name := names.get(joint, "")) not in estimated:
                 raise ModelError(f"{robot.source.path.name} has a leg link {name!r}, which is not in the run")
-            edited, placement, own = edited_link(robot, joint)
+            edited, own = edited_link(robot, joint)
             total, body = model.inertias[joint], estimated[name]
             mass = float(body.mass.value or total.mass)
             moment = np.array([one.value for one in body.moment], dtype=float)
             wanted = InertialParameters(mass, moment / mass, mass / total.mass * np.array(total.inertia))
-            what = f"link {edited!r} of {robot.source.path.name}"
+            what = f"link {edited.name!r} of {robot.source.path.name}"
             vector = own + wanted.vector - np.array(total.toDynamicParameters())
             nearest, _ = subject.nearest_body(vector, what, "links that are fixed to it exceed the estimate")
-            yield edited, seen_from(nearest, placement)
+            yield edited.name, seen_from(nearest, edited.placement)
