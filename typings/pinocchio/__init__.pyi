@@ -139,6 +139,7 @@ class Model:
     nv: int
     njoints: int
     names: _StdVec[str]
+    subtrees: _StdVec[_StdVec[int]]
     parents: _StdVec[int]
     joints: _StdVec[JointModel]
     jointPlacements: _StdVec[SE3]

@@ -256,10 +256,8 @@ def _legs_difference(subject: Subject) -> FloatArray:
 def _counted(robot: RobotModel) -> dict[str, dict[str, float]]:
     """Return the masses [kg] of the links that a file counts in the base and in the legs, by name."""
     full = robot.full_pinocchio
-    of_legs: set[int] = set()
-    for joint, name in enumerate(full.names):
-        if str(name) in robot.joint_names or int(full.parents[joint]) in of_legs:
-            of_legs.add(joint)
+    hips = [full.getJointId(leg.joint_names[0]) for leg in robot.legs.values()]
+    of_legs = {int(joint) for hip in hips for joint in full.subtrees[hip]}
     links: dict[str, dict[str, float]] = {"base": {}, "legs": {}}
     for link in file_links(full):
         links["legs" if link.joint in of_legs else "base"][link.name] = float(link.inertia.mass)

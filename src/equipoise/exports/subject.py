@@ -250,9 +250,7 @@ def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameter
     Args:
         placement: placement of that frame in the body's frame.
     """
-    rotation = np.array(placement.rotation)
-    com = rotation.T @ (body.com - np.array(placement.translation))
-    return InertialParameters(body.mass, com, rotation.T @ body.inertia @ rotation)
+    return InertialParameters.from_pinocchio(placement.inverse().act(body.to_pinocchio()))
 
 
 def axes_change(placement: pin.SE3) -> FloatArray:

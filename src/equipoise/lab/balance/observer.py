@@ -148,6 +148,4 @@ class FootholdGeometry:
 
 def leveling(up: FloatArray) -> FloatArray:
     """Return the (3, 3) smallest rotation that turns a unit vector to the vertical."""
-    x, y, z = up
-    cross = np.array(pin.skew(np.array([y, -x, 0.0])))
-    return np.eye(3) + cross + cross @ cross / (1 + z)
+    return np.array(pin.Quaternion.FromTwoVectors(up, np.array([0.0, 0.0, 1.0])).matrix())
