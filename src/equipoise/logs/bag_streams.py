@@ -17,7 +17,7 @@ from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.errors import RecordingError
 from equipoise.logs.cdr_arrays import Messages, read_messages
 from equipoise.logs.message_types import COMMANDS, IMU, JOINT_STATE, MOTOR_NAMES, STATES
-from equipoise.logs.raw_log import RawImu, RawJoints
+from equipoise.logs.raw_log import RawImu, RawJoints, any_numbers
 from equipoise.logs.stamps import Stamps
 from equipoise.recording.mcap_reader import Message
 from equipoise.recording.recording import read_only
@@ -29,6 +29,7 @@ Named = tuple[Sequence[str], Arrays]
 """Names of joints, which are the columns of _OF_JOINTS, and the numbers of some messages."""
 
 _BATCH = 4096  # messages
+_PERIOD = 10_000_000  # [ns] of thinned topics: commands only help to detect encoders that are frozen for a longer time
 _OF_JOINTS = ("position", "velocity", "torque")
 _WHOLE_NUMBERS = ("received", "header", "ticks")
 
@@ -44,10 +45,12 @@ class GatheredTopic:
 
     Attributes:
         frame: frame that the first message names.
+        thinned: True to keep one message per period only.
     """
 
     def __init__(self, topic: str, message_type: str, types: Mapping[str, Any], room: int) -> None:
         self.topic, self.type, self.frame, self._types, self._room = topic, message_type, "", types, room
+        self.thinned = False
         self._messages: list[Message] = []  # those that are not in the tables yet
         self._names: list[str] = []  # columns of quantities of joints
         self._tables: Arrays = {}
@@ -80,6 +83,8 @@ class GatheredTopic:
     def _read(self) -> None:
         """Put the messages that were taken last into the tables."""
         messages, self._messages = self._messages, []
+        if self.thinned:
+            messages = [*{message[2] // _PERIOD: message for message in messages}.values()]
         start, self._count = self._count, self._count + len(messages)
         if self._count > self._room:  # metadata may be older than the bag
             self._room = 2 * self._count
@@ -134,16 +139,13 @@ def _joint_states(topic: GatheredTopic, of: Messages) -> Named:
     return names, arrays
 
 
-def _imus(topic: GatheredTopic, of: Messages) -> Named:
-    del topic
-    orientation = of.stacked("orientation.{}", "wxyz")
-    orientation[of.numbers["orientation_covariance"][:, 0] == -1] = np.nan  # by the definition of the message
-    return (), {
-        "header": _stamps(of, "header.stamp"),
-        "gyroscope": of.stacked("angular_velocity.{}", "xyz"),
-        "accelerometer": of.stacked("linear_acceleration.{}", "xyz"),
-        "orientation": orientation,
-    }
+def _imus(_: GatheredTopic, of: Messages) -> Named:
+    turning, force = (of.stacked(f"{name}.{{}}", "xyz") for name in ("angular_velocity", "linear_acceleration"))
+    arrays: Arrays = {"header": _stamps(of, "header.stamp"), "gyroscope": turning, "accelerometer": force}
+    if not any_numbers(turning):
+        arrays["orientation"] = of.stacked("orientation.{}", "wxyz")
+        arrays["orientation"][of.numbers["orientation_covariance"][:, 0] == -1] = np.nan  # by the message's definition
+    return (), arrays
 
 
 def _whole_states(topic: GatheredTopic, of: Messages) -> Named:

@@ -227,14 +227,14 @@ def _measured(
             LogFinding("joints", f"joint {what} are not numbers in {bad.mean():.0%} of the samples: not used")
         )
         return None
-    if not _any_numbers(chosen):
+    if not any_numbers(chosen):
         findings.append(LogFinding("joints", f"joint {what} are zero throughout: treated as not measured"))
         return None
     return chosen
 
 
 def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings: list[LogFinding]) -> ImuStream:
-    if raw.acceleration_in_imu is None or not _any_numbers(raw.acceleration_in_imu):
+    if raw.acceleration_in_imu is None or not any_numbers(raw.acceleration_in_imu):
         raise RecordingError(
             "the log has no accelerometer. A fused orientation gives the vertical, not the specific force while the body "
             "tips, which a lift needs: log the raw accelerometer, with gravity, or the position of the base by motion capture"
@@ -261,7 +261,7 @@ def _level_imu(robot: RobotModel, joints: JointStream) -> ImuStream:
 def _angular_velocity(raw: RawImu, acceleration_in_imu: FloatArray, findings: list[LogFinding]) -> FloatArray:
     """Return the gyroscope's angular velocity, or that of the orientation."""
     gyroscope = raw.angular_velocity_in_imu
-    if gyroscope is not None and _any_numbers(gyroscope):
+    if gyroscope is not None and any_numbers(gyroscope):
         return gyroscope
     if raw.quat_wxyz is None:
         if gyroscope is None:
@@ -275,7 +275,7 @@ def _angular_velocity(raw: RawImu, acceleration_in_imu: FloatArray, findings: li
     return angular_velocity_of(raw.time, raw.quat_wxyz, acceleration_in_imu)
 
 
-def _any_numbers(values: FloatArray) -> bool:
+def any_numbers(values: FloatArray) -> bool:
     """Return whether there is a finite number other than zero."""
     return bool((np.isfinite(values) & (values != 0)).any())
 

@@ -77,6 +77,8 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
             found[name] = kind, count + info.msgcount
         joint_topic, imu_topic, command_topic = chosen = choose_topics(found, wanted, findings)
         gathered = {topic: GatheredTopic(topic, found[topic][0], types, found[topic][1]) for topic in chosen if topic}
+        if command_topic is not None and command_topic != joint_topic:
+            gathered[command_topic].thinned = True
         for reader in readers:
             _gather(reader, gathered, types)
     if joint_topic is None or imu_topic is None:
