@@ -48,12 +48,8 @@ class FootPaths:
         Args:
             track: samples with the gyroscope's bias removed.
         """
-        part = track.indices(rest.end, end)
-        time, position, angular_velocity_in_base = (
-            track.time[part],
-            track.joint_position[part],
-            track.angular_velocity_in_base[part],
-        )
+        part = track.part(track.indices(rest.end, end))
+        time, position, angular_velocity_in_base = part.time, part.joint_position, part.angular_velocity_in_base
         if len(time) < 2:
             none = np.zeros((len(time), 4))
             return cls(time, np.zeros((len(time), 4, 3)), none, none, np.zeros(len(time)))

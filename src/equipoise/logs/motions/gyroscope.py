@@ -30,8 +30,8 @@ Unexplained = Callable[[float, FloatArray], float]
 _STANCE_MOTION, _STEPS = "stance motion", "steps"
 
 # [s] by which clocks may differ: with more, rests and motions no longer coincide. One step resembles the next, so that the
-# offsets around the right one are compared, too.
-_FARTHEST, _FARTHEST_OF_STEPS = 0.5, 2.0
+# offsets around the right one are compared, too. The gyroscope is read in the motion and around it.
+_FARTHEST, _FARTHEST_OF_STEPS, _AROUND = 0.5, 2.0, 3.0
 _AS_GOOD = 1.5  # times the residual at the best offset
 _APART = 0.1  # [s] between distinct offsets
 _COARSE, _FINE = 0.01, 0.0025  # [s]
@@ -81,12 +81,12 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
         seen, motion = next((part for part in walked if part is not None), None), _STEPS
     if seen is None:
         return None
-    gyroscope = recording.imu.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T
-    angle = Integral(recording.imu.time, gyroscope)
+    imu = recording.between(seen.edges.min() - _AROUND, seen.edges.max() + _AROUND).imu
+    angle = Integral(imu.time, imu.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T)
 
     def unexplained(offset: float, correction: FloatArray) -> float:
         edges = seen.edges - offset
-        inside = (edges[0] >= recording.imu.time[0]) & (edges[1] <= recording.imu.time[-1])
+        inside = (edges[0] >= imu.time[0]) & (edges[1] <= imu.time[-1])
         return seen.unexplained(angle.means_between(*edges) @ correction.T, inside)
 
     offset, left = _best_offset(unexplained, np.eye(3), _FARTHEST if motion == _STANCE_MOTION else _FARTHEST_OF_STEPS)
@@ -188,7 +188,8 @@ def _moving_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Se
             break
     if sum(map(len, turning)) * STEP < _ENOUGH:
         return None
-    return _Seen(np.hstack(steps), np.concatenate(turning))
+    every = 1 + sum(map(len, turning)) // _PLENTY
+    return _Seen(np.hstack(steps)[:, ::every], np.concatenate(turning)[::every])
 
 
 def angular_velocity_by_legs(legs: LegChains, stance: Stance, track: Track) -> tuple[FloatArray, NDArray[np.bool_]]:
