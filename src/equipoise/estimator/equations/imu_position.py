@@ -97,14 +97,14 @@ def imu_by_excitation(
     base = _base(legs, excitation, values, turning, rotation) + rotation @ robot.imu_in_base.translation
     force = np.einsum("tij,tj->ti", rotation, acceleration) - GRAVITY * _UP
 
-    by_turn = np.zeros((len(time), 3, 6))  # horizontal vectors proportional to the rotation
-    by_turn[:, 0, :3] = by_turn[:, 1, 3:] = turned - turned.mean(axis=0)
-    test, test_rate_rate = _test_functions(time, scale.time)
+    test, test_rate_rate = tests = _test_functions(time, scale.time)
+    by_turn = np.zeros((2, len(test), 3, 6))  # horizontal vectors proportional to the rotation
+    by_turn[:, :, 0, :3] = by_turn[:, :, 1, 3:] = tests @ (turned - turned.mean(axis=0))
     unexplained = test @ force - test_rate_rate @ base
     columns = [
         np.tensordot(test_rate_rate, rotation, 1),
-        _ATTITUDE_ERROR * GRAVITY * np.tensordot(test, by_turn, 1),
-        _BASE_SHIFT * scale.length * np.tensordot(test_rate_rate, by_turn, 1),
+        _ATTITUDE_ERROR * GRAVITY * by_turn[0],
+        _BASE_SHIFT * scale.length * by_turn[1],
     ]
     position, std = _fit(np.concatenate(columns, axis=-1).reshape(unexplained.size, -1), unexplained.ravel())
     return position, np.hypot(std, _LEG_LENGTH_ERROR * scale.length)
@@ -135,19 +135,19 @@ def _feet(
     return motion.foot, motion.foot_angular_velocity
 
 
-def _test_functions(time: FloatArray, time_scale: float) -> tuple[FloatArray, FloatArray]:
-    """Return (m, n) weights of integrals over samples, with Hann-windowed waves and with their second derivatives."""
+def _test_functions(time: FloatArray, time_scale: float) -> FloatArray:
+    """Return (2, m, n) weights of integrals over samples, with Hann-windowed waves and with their second derivatives."""
     since, whole = time - time[0], time[-1] - time[0]
     frequency = 2 * np.pi * np.arange(*_FREQUENCIES) / time_scale
-    phase = np.array([0.0, np.pi / 2])[:, None, None]
-    weights, (value, rate_rate) = np.gradient(time), np.zeros((2, 2, len(frequency), len(time)))
-    # The product with the window is a sum of three waves.
+    weights, tests = np.gradient(time), np.zeros((2, 2, len(frequency), len(time)))
+    # The product with the window is a sum of three waves. One phase at a time, to save memory.
     for share, aside in ((0.5, 0.0), (-0.25, 1.0), (-0.25, -1.0)):
         at = (frequency + 2 * np.pi / whole * aside)[:, None]
-        wave = share * weights * np.cos(at * since + phase)
-        value += wave
-        rate_rate -= at**2 * wave
-    return value.reshape(-1, len(time)), rate_rate.reshape(-1, len(time))
+        for number, phase in enumerate((0.0, np.pi / 2)):
+            wave = share * weights * np.cos(at * since + phase)
+            tests[0, number] += wave
+            tests[1, number] -= at**2 * wave
+    return tests.reshape(2, -1, len(time))
 
 
 def _fit(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
