@@ -194,9 +194,14 @@ def test_a_dry_run_begins_with_the_posture_of_the_start(flags, first, time, arou
 
 
 def test_a_dry_run_counts_lifts_and_names_each_posture_once(a1, capsys):
-    rehearsal = rehearse(a1, BayesianMethod(duration=60))
-    lifts = BayesianMethod(duration=60).forecast(a1, nominal_stance(a1)).lifts
-    assert sum(p.times for p in rehearsal.postures if "two feet up" in p.what) == lifts
+    rehearsal = rehearse(a1, BayesianMethod(duration=60), standing=True)
+    plan = BayesianMethod(duration=60).forecast(a1, nominal_stance(a1))
+    lifts = [posture for posture in rehearsal.postures if "two feet up" in posture.what]
+    assert [lift.what.partition(":")[0] for lift in lifts[:4]] == ["search, nominal"] * 4
+    assert sum(lift.times for lift in lifts) == plan.lifts + 4
+    assert f"lifts two diagonal feet {plan.lifts + 4} times" in rehearsal.doing
+    assert rehearsal.duration == plan.robot_time
+    assert plan.trials()[-1][0] == "excitation about all axes"
     print_rehearsal(rehearsal, "mujoco")
     assert capsys.readouterr().out.count("excitation about yaw") == 1
 

@@ -35,6 +35,8 @@ _MASS_STD = 0.005  # std as a fraction: the plan assumes a mass from a scale, or
 _LIFT_TIME, _POSTURE_TIME, _REPLANT_TIME = 2.6, 2.1, 1.5
 FEW_LIFTS = 10
 """Number of possible lifts below which each is repeated: motors too weak for most, or a robot too uncertain."""
+SEARCH = "search, nominal"
+"""Name of the search in plans and dry runs."""
 _END_TIME = 2.0  # [s] to return to the stance, on an A1
 _TURN_TIME = 11.0  # [s] to lie down, stand up and rest, on an A1, without the operator's time to turn it
 
@@ -57,14 +59,15 @@ class Plan:
 
     Attributes:
         visits: postures with their lifts, in order.
-        robot_time: expected robot time of search, if it is still to come, visits and return to the stance [s].
+        robot_time: expected robot time of search, if it is still to come, visits, return to the stance and excitation [s].
         std: (10,) predicted posterior standard deviations of the whole robot, in the order of COMPONENTS.
         prior_std: (10,) standard deviations of these before any motion, from the priors and an assumed scale reading.
         body: (10,) assumed parameters of the whole robot, in the order of COMPONENTS.
         left_out: postures and lifts that the robot cannot do, with reasons.
         rotate_after: number of visits after which the robot is turned to face the other way; None: not turned.
         before_search: number of visits before the search.
-        search: description of the search's lifts on each diagonal.
+        search: number of the search's lifts on each diagonal.
+        excitation: True if an excitation about all axes follows the lifts.
         std_without_prior_run: (10,) `std` without the prior run, in the same duration; None: no prior run.
         links: leg links by name, with predicted standard deviations; empty unless lifted feet may swing.
     """
@@ -77,7 +80,8 @@ class Plan:
     left_out: tuple[str, ...] = ()
     rotate_after: int | None = None
     before_search: int = 0
-    search: str = "passive x 2"
+    search: int = 2
+    excitation: bool = False
     std_without_prior_run: FloatArray | None = None
     links: Mapping[str, Link] = field(default_factory=dict[str, Link])
 
@@ -89,9 +93,11 @@ class Plan:
     def trials(self) -> list[tuple[str, dict[str, str]]]:
         """Return the postures in order, each with descriptions of its lifts by diagonal."""
         rows = [(describe(visit.posture), {name: visit.lifts_on(name) for name in DIAGONALS}) for visit in self.visits]
-        rows.insert(self.before_search, ("search, nominal", dict.fromkeys(DIAGONALS, self.search)))
+        rows.insert(self.before_search, (SEARCH, dict.fromkeys(DIAGONALS, f"passive x {self.search}")))
         if self.rotate_after is not None:
             rows.insert(1 + self.rotate_after, ("turned by 180 deg", dict.fromkeys(DIAGONALS, "")))
+        if self.excitation:
+            rows.append(("excitation about all axes", dict.fromkeys(DIAGONALS, "")))
         return rows
 
     def to_dict(self) -> dict[str, Any]:
@@ -163,7 +169,7 @@ def make_plan(
         used: completed lifts; they are repeated only if few lifts are possible.
         searched: True if the search is done and part of `known`.
         turn: True if the robot is turned half-way; trials before it may be repeated after it.
-        reserved: part of the budget for other motions [s].
+        reserved: part of the budget for the excitation that follows, if any [s].
         after: (size, size) information from later motions, which does not affect the selection; default none.
 
     Raises:
@@ -179,8 +185,7 @@ def make_plan(
     body = components(unknowns.robot_body(x))
     weights = to_body / goals.vector(body, candidates.predictor.stance)[:, None]
     information = prior.copy() if known is None else known.copy()
-    budget = budget - reserved
-    left = budget - durations.end - turn * durations.turn
+    left = budget - reserved - durations.end - turn * durations.turn
     if not searched:
         left -= durations.search
         for index, lift in enumerate(candidates.lifts):
@@ -206,7 +211,7 @@ def make_plan(
         least = durations.search + durations.posture + durations.replant + durations.lift + durations.end
         least += turn * (least - durations.search - durations.end + durations.turn)
         raise SettingsError(
-            f"a duration of {budget + reserved:.0f} s allows no lift after the search; give {math.ceil(least + reserved)} s "
+            f"a duration of {budget:.0f} s allows no lift after the search; give {math.ceil(least + reserved)} s "
             "or more, or a duration in minutes, such as 2min"
         )
     everything = np.asarray(np.linalg.inv(information if after is None else information + after), dtype=float)
@@ -216,7 +221,7 @@ def make_plan(
     return Plan(
         sum(visits, ()), total, np.sqrt(np.diag(covariance)), np.sqrt(np.diag(before)), body,
         tuple(candidates.left_out), len(visits[0]) if turn else None,
-        links=link_findings(unknowns, x, everything) if candidates.swings else {},
+        links=link_findings(unknowns, x, everything) if candidates.swings else {}, excitation=reserved > 0,
     )  # fmt: skip
 
 

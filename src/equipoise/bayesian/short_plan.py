@@ -60,9 +60,7 @@ def short_plan(robot: RobotModel, stance: Stance, settings: BayesianSettings, pr
             f"a duration of {budget:.0f} s allows {plan.lifts} lifts after the search; give {math.ceil(least)} s or more"
         )
     visits = (*map(Visit, opening), *plan.visits)
-    return replace(
-        plan, visits=visits, robot_time=plan.robot_time + spent, before_search=len(opening), search="passive"
-    )
+    return replace(plan, visits=visits, robot_time=plan.robot_time + spent, before_search=len(opening), search=1)
 
 
 def plan_after_search(candidates: Candidates, left: float, goals: Goals, information: FloatArray) -> Plan:

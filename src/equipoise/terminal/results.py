@@ -174,7 +174,7 @@ def print_plan(robot: str, plan: Forecast) -> None:
     """Print the planned motions and the predicted accuracy."""
     console = Console()
     trials = [[posture, *(lifts[diagonal] or "-" for diagonal in DIAGONALS)] for posture, lifts in plan.trials()]
-    show_table(f"{robot}: {plan.robot_time:.0f} s of robot time", ["posture", *DIAGONALS], trials)
+    show_table(f"{robot}: about {plan.robot_time:.0f} s of robot time", ["posture", *DIAGONALS], trials)
     columns = [plan.std] if plan.std_without_prior_run is None else [plan.std, plan.std_without_prior_run]
     rows = [
         [label, *(number(value, factor, form) for value in (model, *(NORMAL_95 * one for one in stds)))]
