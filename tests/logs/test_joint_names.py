@@ -108,6 +108,23 @@ def test_unrelated_names_are_listed_in_the_error(a1):
         assert part in str(raised.value)
 
 
+@pytest.mark.parametrize("others", [(), ("arm_1",)])
+def test_a_joint_without_a_column_is_named_alone(a1, others):
+    names = [name for name in a1.joint_names if name != "FR_calf_joint"]
+    with pytest.raises(RecordingError) as refused:
+        map_joints(a1, [*names, *others])
+    message = str(refused.value)
+    if others:
+        assert "no name in the log resembles FR_calf_joint." in message
+        assert (
+            "other joints: 'arm_1'. Map them in a TOML file (--joint-map), with lines as FR_calf_joint = 'arm_1'"
+            in message
+        )
+    else:
+        assert "no columns of the joints FR_calf_joint, and none that could be theirs: record all 12 joints" in message
+        assert "--joint-map" not in message
+
+
 def test_the_users_joint_map_takes_precedence(a1):
     logged = names(lambda leg, place: f"{leg}_{UNITREE[place]}_joint")
     logged[logged.index("FL_calf_joint")] = "spare"

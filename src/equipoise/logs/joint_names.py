@@ -253,13 +253,20 @@ def _unmapped(
     robot: RobotModel, log_joints: Sequence[str], found: Mapping[str, JointMatch], missing: Sequence[str],
     problems: Sequence[str],
 ) -> RecordingError:  # fmt: skip
-    used = {match.column for match in found.values()}
-    free = [name for column, name in enumerate(log_joints) if column not in used]
-    reason = "; ".join(problems) or f"no name in the log resembles {', '.join(missing)}"
+    names = {_key(name) for name in log_joints}
+    lacking = [joint for joint in missing if _key(joint) not in names] or missing  # legs are matched as a whole
+    used, known = {match.column for match in found.values()}, {_key(joint) for joint in robot.joint_names}
+    free = [name for column, name in enumerate(log_joints) if column not in used and _key(name) not in known]
+    reason = "; ".join(problems) or f"no name in the log resembles {', '.join(lacking)}"
     matched = ", ".join(f"{match.robot_joint} = {match.log_joint}" for match in found.values()) or "none"
+    if not free and not problems:
+        return RecordingError(
+            f"the log has no columns of the joints {', '.join(lacking)}, and none that could be theirs: record all "
+            f"{len(robot.joint_names)} joints of {robot.name}. The log's joints: {_listed(log_joints)}"
+        )
     return RecordingError(
         f"the log's joints cannot be identified: {reason}. Found so far: {matched}. The log's other joints: "
-        f"{_listed(free)}. Map them in a TOML file (--joint-map), with lines as {missing[0]} = "
+        f"{_listed(free)}. Map them in a TOML file (--joint-map), with lines as {lacking[0]} = "
         f"{(free or ['...'])[0]!r}"
     )
 
