@@ -64,9 +64,9 @@ def test_a_calibration_succeeds_without_its_page(tmp_path):
     ]
 
 
-@pytest.mark.parametrize("verb", ["monte-carlo", "reproduce", "balance", "validate"])
+@pytest.mark.parametrize("verb", ["monte-carlo", "reproduce", "balance", "validate", "emulate"])
 def test_verbs_of_the_lab_have_help_without_their_packages(verb):
-    assert lean("lab", verb, "--help", lacking=("pyarrow", "dask", "distributed")).returncode == 0
+    assert lean("lab", verb, "--help", lacking=("pyarrow", "dask", "distributed", "cyclonedds")).returncode == 0
 
 
 def test_plans_and_dry_runs_need_no_optional_package():

@@ -1,6 +1,7 @@
 """ROS 2 stacks that take gains, and known stacks by name: against a simulated robot in a process of its own."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -175,7 +176,7 @@ def test_a_trajectory_controllers_integral_grows_to_its_limit(a1):
             error = 1.0 - state.joint_position
             wire.commands()
             for moment, expected in ((1.0, 0.2 * error), (1e6, 2.5 * np.sign(error))):
-                wire.publish(emulator.replace(state, time=moment), 0)
+                wire.publish(replace(state, time=moment), 0)
                 [command] = wire.commands()
                 np.testing.assert_allclose(command.torque, expected, atol=1e-9)
     finally:

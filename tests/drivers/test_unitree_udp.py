@@ -27,8 +27,9 @@ from equipoise.drivers.unitree.packets import DAMAGES, SensorReadings
 from equipoise.drivers.unitree.udp import open_connection
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.errors import CommunicationError, SettingsError
+from equipoise.lab.emulators.options import UnitreeUdpOptions
 from equipoise.lab.emulators.udp_packets import StatePacket, read_command
-from equipoise.lab.emulators.unitree_udp import FaultyNetwork, UnitreeUdpOptions
+from equipoise.lab.emulators.unitree_udp import FaultyNetwork
 from equipoise.platform.platform import JointCommand, Trajectory
 
 ROBOTS = [(protocol, form) for protocol, forms in FORMS.items() for form in forms]

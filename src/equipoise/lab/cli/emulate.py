@@ -38,19 +38,16 @@ def emulate(protocol: Protocol, *, options: Annotated[object, arg(name="emulator
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a background process may ignore Ctrl-C
     robot = load_robot(settings.robot)
     emulated = EmulatedRobot(robot, settings)
-    emulated.serve(_of(protocol, "Wire")(robot, settings, emulated.log))
-
-
-def _of(protocol: str, role: str) -> Any:
-    """Return the class of an emulator's "Options" or "Wire"."""
     module = importlib.import_module(f"equipoise.lab.emulators.{protocol.replace('-', '_')}")
-    return getattr(module, EMULATORS[protocol] + role)
+    emulated.serve(getattr(module, f"{EMULATORS[protocol]}Wire")(robot, settings, emulated.log))
 
 
 def _options_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     """Return the flags of the emulator that the arguments name, those of a simulated robot as in `calibrate`."""
+    from equipoise.lab.emulators import options
+
     protocol = next((argument for argument in arguments if argument in EMULATORS), "unitree-dds")
-    kind = _of(protocol, "Options")
+    kind: Any = getattr(options, f"{EMULATORS[protocol]}Options")
     flags = (
         dataclasses.replace(flag, type=_OF_CALIBRATE.get(flag.name, cast("Any", flag).type)) for flag in flags_of(kind)
     )

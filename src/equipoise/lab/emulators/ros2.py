@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,90 +29,14 @@ from equipoise.drivers.ros2.ros_messages import (
     Vector3,
     dds_topic,
 )
-from equipoise.errors import SettingsError
-from equipoise.lab.emulators.emulated_robot import EmulatorSettings
 from equipoise.lab.emulators.faults import ActiveFaults
+from equipoise.lab.emulators.options import Ros2Options
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
 _STIFF = 10.0  # default stiffness over the model's kp
 _INTERFACES = ("position", "velocity", "effort", "kp", "kd")
-_TRAJECTORIES_TO_TORQUES: dict[str, Any] = {
-    "trajectory_topic": "/joint_group_effort_controller/joint_trajectory",
-    "stiffness": 100.0, "damping": 1.0, "integral": 0.2, "most_integral": 2.5, "joint_rate": 250.0,
-}  # fmt: skip
-STACKS: dict[str, dict[str, Any]] = {
-    "champ": {**_TRAJECTORIES_TO_TORQUES, "imu_rate": 50.0},
-    "unitree-go2-ros2": {**_TRAJECTORIES_TO_TORQUES, "imu_rate": 100.0},
-    "quadruped_ros2_control": {
-        "impedance_topic": "/{interface}_controller/commands", "imu_topic": "/imu_sensor_broadcaster/imu",
-    },
-}  # fmt: skip
-"""Settings of public simulations, from their files; the last one uses the controllers of docs/hardware/ros2.md instead."""
-
-
-@dataclass(frozen=True)
-class Ros2Options(EmulatorSettings):
-    """Emulate a robot with ROS 2 topics; log one JSON object per line.
-
-    Attributes:
-        stack: software to emulate: "champ", "unitree-go2-ros2" or "quadruped_ros2_control"; sets the defaults of the other
-            settings.
-        interface: network interface.
-        domain: number of the domain, its ROS_DOMAIN_ID.
-        joint_state_topic: topic of the joint states.
-        imu_topic: topic of the IMU.
-        array_topic: topic of the forwarding controller.
-        trajectory_topic: topic of the joint trajectory controller.
-        impedance_topic: topics of impedance controllers, with "{interface}" or "{joint}" as a placeholder. Joints are then
-            limp until gains arrive, and other topics are ignored. Empty: position control.
-        idle: command interfaces with inactive controllers.
-        unloaded: command interfaces without a controller.
-        stiffness: stiffness of the joints' position control [Nm/rad]; 0: ten times the model's kp.
-        damping: damping of the joints' position control [Nm s/rad]; 0: the model's damping ratio.
-        integral: integral gain of the joint trajectory controller [Nm/(rad s)].
-        most_integral: largest torque of the integral gain [Nm].
-        joint_rate: rate of JointState messages [Hz]; at most the simulation's 500.
-        imu_rate: rate of Imu messages [Hz]; at most the simulation's 500.
-        permute: seed of the orders of joints in messages and controllers; 0: the model's order.
-        extra_joints: names of additional published joints, at zero.
-        unreported: quantities that the joints do not report: "velocity", "effort", or both.
-        clock: clock of the stamps: time since the start of the simulation, or this computer's time of day.
-        interpolate_from_desired_state: the joint trajectory controller's parameter of this name.
-    """
-
-    stack: Literal["", "champ", "unitree-go2-ros2", "quadruped_ros2_control"] = ""
-    interface: str = "lo"
-    domain: int = 1
-    joint_state_topic: str = "/joint_states"
-    imu_topic: str = "/imu/data"
-    array_topic: str = "/forward_position_controller/commands"
-    trajectory_topic: str = "/joint_trajectory_controller/joint_trajectory"
-    impedance_topic: str = ""
-    idle: tuple[str, ...] = ()
-    unloaded: tuple[str, ...] = ()
-    stiffness: float = 0.0
-    damping: float = 0.0
-    integral: float = 0.0
-    most_integral: float = 0.0
-    joint_rate: float = 500.0
-    imu_rate: float = 500.0
-    permute: int = 0
-    extra_joints: tuple[str, ...] = ()
-    unreported: tuple[Literal["velocity", "effort"], ...] = ()
-    clock: Literal["simulation", "day"] = "simulation"
-    interpolate_from_desired_state: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("stiffness", "damping", "integral", "most_integral", "joint_rate", "imu_rate"):
-            if not getattr(self, name) >= 0:
-                raise SettingsError(f"{name} is {getattr(self, name)}; it must be zero or more")
-
-    def as_stack(self) -> Ros2Options:
-        """Return the settings with the stack's values in place of defaults."""
-        plain, stack = Ros2Options(), STACKS.get(self.stack, {})
-        return replace(self, **{name: v for name, v in stack.items() if getattr(self, name) == getattr(plain, name)})
 
 
 class Impedance:

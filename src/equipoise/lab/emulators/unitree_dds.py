@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +23,8 @@ from equipoise.drivers.unitree.low_level import COMMAND, STATE, STOP_POSITION, S
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.remote_control import KEYS_AT, keys_of
 from equipoise.drivers.unitree.sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
-from equipoise.lab.emulators.emulated_robot import EmulatorSettings
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
+from equipoise.lab.emulators.options import UnitreeDdsOptions
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
 
@@ -35,24 +34,6 @@ _NO_SUCH_FUNCTION = 3203  # status code
 _ANOTHER_GAIN = 0.1  # relative change of gains that is logged
 _IMU_TEMPERATURE = 60  # [deg C]
 _VOLTAGE, _CURRENT = 29.4, 2.1  # [V], [A]
-
-
-@dataclass(frozen=True)
-class UnitreeDdsOptions(EmulatorSettings):
-    """Emulate a Go2 or B2 on DDS; log one JSON object per line.
-
-    Attributes:
-        domain: number of the DDS domain, on "lo".
-        sport_mode: the robot's own controller, which holds the motors at the beginning.
-        first_tick: first count of its clock [ms], which wraps at 2^32.
-        bare: zero ticks and checksums and no motion_switcher service, as in the public simulator.
-    """
-
-    start: Literal["standing", "lying"] = "lying"
-    domain: int = 1
-    sport_mode: bool = True
-    first_tick: int = 1_000_000
-    bare: bool = False
 
 
 class UnitreeDdsWire:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,11 +23,10 @@ from equipoise.drivers.unitree.packets import (
 )
 from equipoise.drivers.unitree.remote_control import keys_of
 from equipoise.drivers.unitree.udp import CONTROL_PERIOD
-from equipoise.drivers.unitree.udp_settings import Protocol
 from equipoise.drivers.unitree.udp_socket import Address
 from equipoise.errors import SettingsError
-from equipoise.lab.emulators.emulated_robot import EmulatorSettings
 from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
+from equipoise.lab.emulators.options import UnitreeUdpOptions
 from equipoise.lab.emulators.udp_packets import StatePacket, read_command
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
@@ -37,40 +35,6 @@ _VOLTAGE = 24.96  # [V] of a Go1's battery
 _LARGEST = 2048  # [bytes] of a datagram
 _MOST_OVERTAKING = 4  # largest number of packets that overtake another
 _RAMP_STEP = 0.25  # [s] between log lines of gains
-
-
-@dataclass(frozen=True)
-class UnitreeUdpOptions(EmulatorSettings):
-    """Emulate an A1 or Go1 on UDP; log one JSON object per line.
-
-    Attributes:
-        protocol: robot of the protocol.
-        address: address of its socket.
-        port: port of its socket.
-        form: packet format; default: the most likely one.
-        first_tick: first count of its clock, which wraps at 2^32.
-        tick: time step of its clock [s]; 0 stops the clock.
-        loss: share of packets that the network loses, in both directions.
-        duplicate: share of packets that arrive twice.
-        reorder: share of packets that others overtake.
-        network_seed: seed of the network's faults.
-    """
-
-    protocol: Protocol = "a1"
-    address: str = "127.0.0.1"
-    port: int = 8007
-    form: str | None = None
-    first_tick: int = 0
-    tick: float = 1e-3
-    loss: float = 0.0
-    duplicate: float = 0.0
-    reorder: float = 0.0
-    network_seed: int = 0
-
-    def __post_init__(self) -> None:
-        for name in ("loss", "duplicate", "reorder"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise SettingsError(f"{name} is {getattr(self, name)}; it must be from 0 to 1")
 
 
 class FaultyNetwork:
