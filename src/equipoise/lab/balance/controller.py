@@ -17,10 +17,8 @@ _TILT = 3000.0  # cost of the base's rotation [1/rad2]; with a larger one the ro
 _SPEED = 0.002  # cost of speeds relative to positions, the base's rotation weighted as a joint [s2]
 _EFFORT = 100.0  # cost of an offset of a joint target [1/rad2]
 _ENCODER, _LEAN, _GYRO = 0.5e-3, 3e-3, 4e-3  # standard deviation of measurement noise [rad], [rad], [rad/s]
-_JOINT_TORQUE, _LINE_TORQUE = (
-    0.22,
-    0.13,
-)  # standard deviation of disturbances per period, at a joint, about the line [Nm]
+# Standard deviations of disturbances per period, at a joint and about the line [Nm].
+_JOINT_TORQUE, _LINE_TORQUE = 0.22, 0.13
 
 
 class BalanceLaw:
