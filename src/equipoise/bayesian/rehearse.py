@@ -51,6 +51,7 @@ def _lift_postures(
         _, lifted = lift_feet(stance, com, lift, lift_settings(stance).height)
         lift_name = f"{name}: two feet up, on {lift.diagonal}"
         ends = (0.0,) if lift.passive else (lift.amplitude(stance), -lift.amplitude(stance))
+        # The other end of an oscillation counts as the same lift.
         for times, amount in zip((1, 0), ends, strict=False):
             feet = lift.feet(lifted, com, amount)
             yield held_posture(robot, lift_name, feet, stance.joint_position, DIAGONALS[lift.diagonal], times)

@@ -5,8 +5,8 @@ With q the base's and the joints' coordinates, Y the inverse-dynamics regressor 
     Y(q, v, a) pi = S^T tau_link + J^T f,    tau_link = g tau - F_c tanh(v / v_0) - F_v v - A a.
 
 Rows of N with N J^T = 0 eliminate any contact forces: six rows for legs of three joints, four for legs of two. Some
-combinations of forces along the axes of such legs hardly act on the robot: they are not eliminated, but add noise. A leg in
-the air has no contact force; its joint torques, which only swing it, are eliminated instead.
+combinations of forces along the joint axes of such legs hardly act on the robot: they are not eliminated, but add noise. A
+leg in the air has no contact force; its joint torques, which only swing it, are eliminated instead.
 The base's acceleration is the accelerometer's, including gravity, so that no attitude is needed.
 """
 
@@ -138,12 +138,12 @@ class TorqueSamples:
 
 @dataclass(frozen=True, eq=False)
 class TorqueRows:
-    """Rows of the balance, linear in the parameters: base pi + links s + torque - gain . g' + ... = 0.
+    """Rows of the balance, linear in the parameters: base pi + links s - torque tau_link = 0.
 
     Attributes:
         base: (n, r, 10) columns of the base's parameters, in Pinocchio's order about the base's origin.
         links: (n, r, 4 links) columns of a factor on each leg link, then of the offset of its first moment from the model's.
-        torque: (n, r, nj) columns of each joint's link torque, to be subtracted.
+        torque: (n, r, nj) columns of each joint's link torque tau_link.
         acceleration_rows: (n, r, 6) coefficients of the base's acceleration noise, times the robot's inertia.
         force: (n, r) coefficients of the contact forces that were not eliminated.
     """
@@ -183,8 +183,8 @@ def torque_rows(legs: LegChains, samples: TorqueSamples, values: Values) -> Torq
 def _without_forces(contact: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (n, r, 6 + nj) orthonormal rows on which no or hardly any contact force acts, and the (n, r) `TorqueRows.force`.
 
-    All samples have as many rows, although the weak action of a force depends on the posture: exactly none in one posture,
-    a ten-thousandth in another. Rounding would otherwise choose the rows.
+    All samples of one call have as many rows, although the weak action of a force depends on the posture: exactly none in
+    one posture, a ten-thousandth in another. Rounding would otherwise choose the rows.
     """
     directions, sizes, _ = np.linalg.svd(np.swapaxes(contact, 1, 2))
     strong = int((sizes > _WEAK_FORCE * sizes[:, :1]).sum(axis=1).min())
