@@ -73,14 +73,14 @@ def _mjlab_base(subject: Subject) -> Written:
             "#   EventTermCfg(mode='startup', func=dr.pseudo_inertia,",
             f"#     params={{'asset_cfg': SceneEntityCfg('robot', body_names=({subject.file_link!r},)), **PSEUDO_INERTIA}})",
             *_dictionary("PSEUDO_INERTIA", ranges),
-            *_tail(subject, drawn),
+            *_tail(subject, randomisation.components_of(drawn)),
         ],
     )
 
 
 def _isaaclab_base(subject: Subject) -> Written:
-    drawn = _drawn(subject)
-    ranges, body = randomisation.body_ranges(randomisation.components_of(drawn)), subject.base_in_file
+    bodies = randomisation.components_of(_drawn(subject))
+    ranges, body = randomisation.body_ranges(bodies), subject.base_in_file
     low, high = (bound / body.mass for bound in ranges["mass"])
     shifts = {
         axis: tuple(bound - found for bound in ranges[f"com_{axis}"])
@@ -96,7 +96,7 @@ def _isaaclab_base(subject: Subject) -> Written:
             f'MASS = {{"mass_distribution_params": ({number(low)}, {number(high)}), "operation": "scale"}}',
             *_dictionary("COM_RANGE", shifts),
             'COM = {"com_range": COM_RANGE}',
-            *_tail(subject, drawn),
+            *_tail(subject, bodies),
         ],
     )
 
@@ -118,8 +118,8 @@ def _about(subject: Subject) -> str:
     )
 
 
-def _tail(subject: Subject, drawn: FloatArray) -> list[str]:
-    bodies = randomisation.components_of(drawn)
+def _tail(subject: Subject, bodies: FloatArray) -> list[str]:
+    """Return the last lines, from (n, 10) drawn bodies in the order of COMPONENTS."""
     lines = _dictionary("QUANTILES", randomisation.body_ranges(bodies))
     lines.insert(0, "# 2.5 and 97.5 % of the drawn bodies: kg, m, kg m2")
     lines += [f"BASE_LINK = {subject.file_link!r}", f"SEED = {subject.seed}"]

@@ -68,8 +68,7 @@ def balance(
     """
     if diagonal not in DIAGONALS:
         raise SettingsError(f"diagonal is {diagonal!r}; it must be {' or '.join(DIAGONALS)}")
-    if not 0 < duration <= _LONGEST:
-        raise SettingsError(f"the duration is {duration:g} s; pass for example 10s, at most one hour")
+    check_duration(duration)
     standing, feet_at_end = stand_up(platform, design_model, nominal_stance(robot))
     trial = _Trial(
         platform, robot, design_model, diagonal, duration, standing.target.joint_position, standing.target.torque, watch
@@ -97,6 +96,12 @@ def balance(
         diagonal, duration, lift_off, ending,
         trial.samples.recording(platform.joint_names), trial.samples.estimates(lift_off), model.unstable_pole,
     )  # fmt: skip
+
+
+def check_duration(duration: float) -> None:
+    """Raise SettingsError for a time on two feet [s] that is out of range."""
+    if not 0 < duration <= _LONGEST:
+        raise SettingsError(f"the duration is {duration:g} s; pass for example 10s, at most one hour")
 
 
 class _Trial:

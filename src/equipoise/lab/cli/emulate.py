@@ -54,4 +54,4 @@ def _options_flags(arguments: Sequence[str]) -> StructConstructorSpec:
     return spec_of(kind.__doc__.splitlines()[0], flags, functools.partial(settings_from, kind))
 
 
-CHOSEN: dict[Any, ChosenFlags] = {object: (_options_flags, None)}
+CHOSEN: dict[type, ChosenFlags] = {object: (_options_flags, None)}

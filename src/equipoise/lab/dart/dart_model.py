@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import dartpy
 import numpy as np
-import pinocchio as pin
 from dartpy import collision, constraint, dynamics, simulation
 from numpy.typing import NDArray
 
@@ -15,6 +14,7 @@ from equipoise.errors import ModelError
 from equipoise.robot.links import link_names
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import BELLY_RATIO, Stance
+from equipoise.robot.tree import joint_axis
 from equipoise.simulation.drawn_errors import DrawnErrors
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.payload import Payload
@@ -129,22 +129,15 @@ def _add_body(
     pose: FloatArray,
     axis_turn: FloatArray,
 ) -> dynamics.BodyNode:
-    """Add the body of a leg joint.
+    """Add the body of a leg joint, which is revolute: others are refused when a model file is read.
 
     Args:
         index: index of the joint in the joint vectors.
         pose: (4, 4) pose of the joint in the parent body.
         axis_turn: (3,) rotation vector of the joint's axis [rad].
     """
-    neutral = robot.configuration(np.zeros(len(robot.joint_names)))
-    jacobian = pin.computeJointJacobian(robot.pinocchio, robot.create_data(), neutral, index + 2)
-    sliding, turning = np.split(jacobian[:, 6 + index], 2)
-    if turning.any():
-        joint, body = skeleton.createRevoluteJointAndBodyNodePair(parent)
-        joint.setAxis(np.array(dartpy.math.expMapRot(axis_turn)) @ turning)
-    else:
-        joint, body = skeleton.createPrismaticJointAndBodyNodePair(parent)
-        joint.setAxis(sliding)
+    joint, body = skeleton.createRevoluteJointAndBodyNodePair(parent)
+    joint.setAxis(np.array(dartpy.math.expMapRot(axis_turn)) @ joint_axis(robot.pinocchio, index + 2))
     joint.setName(robot.joint_names[index])
     joint.setTransformFromParentBodyNode(dartpy.math.Isometry3(pose))
     joint.setPositionLowerLimit(0, float(robot.lower_limit[index]))

@@ -44,8 +44,8 @@ def _iteration_statistics(done: Reproduction) -> tuple[FloatArray, FloatArray, F
 def reproduction_page(done: Reproduction) -> PageContents:
     """Return tables and figures."""
     rows = done.joint_errors_alone
-    floor, per_foot_error = _proportion(rows, "foot_error_rms")
-    _, per_joint_error = _proportion(rows, "joint_zero_rms")
+    by_foot, by_joint = _proportion(rows, "foot_error_rms"), _proportion(rows, "joint_zero_rms")
+    (floor, per_foot_error), (_, per_joint_error) = by_foot, by_joint
     sections = [
         Section("table", "Table I", [_TABLE, _table(done)]),
         Section("iterations", "Fig. 3: error of the CoM by iteration of the search", [
@@ -61,8 +61,8 @@ def reproduction_page(done: Reproduction) -> PageContents:
             f"The RMS planar CoM error grows by {per_joint_error:.2f} mm per mrad of joint error (rms over "
             f"joints), which is {per_foot_error:.2f} mm per mm of planar foot error (rms over feet). Without "
             f"joint errors it is {1000 * floor:.2f} mm; the two add in squares. Tolerance of the search: 1 mm.",
-            _proportional(rows, "joint_zero_rms", "Joint error", "mrad", "joint error, rms over joints"),
-            _proportional(rows, "foot_error_rms", "Foot error", "mm", "planar foot error, rms over feet"),
+            _proportional(rows, "joint_zero_rms", by_joint, "Joint error", "mrad", "joint error, rms over joints"),
+            _proportional(rows, "foot_error_rms", by_foot, "Foot error", "mm", "planar foot error, rms over feet"),
         ]),
     ]  # fmt: skip
     lead = "`equipoise lab reproduce`, in simulation, on the built-in Unitree A1. Everything is seeded."
@@ -157,8 +157,8 @@ def _proportion(rows: Table, size: str) -> tuple[float, float]:
     return floor, float(slopes[0])
 
 
-def _proportional(rows: Table, size: str, title: str, unit: str, label: str) -> Figure:
-    floor, slope = _proportion(rows, size)
+def _proportional(rows: Table, size: str, proportion: tuple[float, float], title: str, unit: str, label: str) -> Figure:
+    floor, slope = proportion
     data = line_in_squares(1000 * column(rows, size), 1000 * planar_errors(rows), 1000 * floor, slope)
     caption = f"{slope:.2f} mm per {unit}. Method paper, joint offsets only."
     return Figure(title, caption, data, axes(f"{label} [{unit}]", "planar CoM error [mm]"))
