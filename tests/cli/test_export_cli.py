@@ -11,7 +11,7 @@ from exporting import assert_same, composite_in_equipoise, composite_in_pinocchi
 
 from equipoise import BayesianMethod, RunFolder, export
 from equipoise.cli import main
-from equipoise.exports.acceptance import LEFT_OUT, WEAK
+from equipoise.exports.acceptance import ParameterNote
 from equipoise.exports.formats import FORMATS
 from equipoise.result.body import Body
 from equipoise.robot.inertial import InertialParameters
@@ -219,8 +219,9 @@ def test_formats_are_grouped_by_the_reason_for_which_they_are_not_written(a1, tm
 
 
 def test_lists_of_parameters_in_notes_are_merged():
-    notes = [f"{WEAK}: a, b (x y)", "assumed: c, d", f"{WEAK}: b (x y), e", "assumed: c, d", f"{LEFT_OUT}: f"]
-    assert merged(notes) == [f"{WEAK}: a, b (x y), e", "assumed: c, d", f"{LEFT_OUT}: f"]
+    of_one, of_another = ParameterNote("weak", ["a", "b (x, y)"]), ParameterNote("weak", ["b (x, y)", "e"])
+    notes = [of_one, "assumed: c, d", of_another, "assumed: c, d", ParameterNote("left out", ["f"]), "weak: g"]
+    assert merged(notes) == ["weak: a, b (x, y), e", "assumed: c, d", "left out: f", "weak: g"]
 
 
 def test_all_takes_no_flag_of_one_format_and_fails_where_nothing_can_be_written(run, a1, tmp_path, capsys):

@@ -53,6 +53,7 @@ def test_a_proposed_frame_is_stated_by_verbs_that_use_no_imu(with_bno, capsys, v
     assert main([verb[0], with_bno, *verb[1:], "--json"]) == 0
     table = json.loads(capsys.readouterr().out)["imu"]
     assert (table["frame"], table["assumed"], table["proposed"]) == (None, True, ["bno085"])
+    assert table["message"].startswith("at the origin of base link 'trunk' (assumed: ")
 
 
 def test_a_simulated_run_without_an_imu_frame_states_where_the_imu_is(plain, capsys, tmp_path):

@@ -35,7 +35,7 @@ def test_a_frame_named_imu_is_taken_and_stated(imu_of):
     np.testing.assert_allclose(imu.placement.translation, [0.1, 0, 0.02])
     assert (imu.frame, imu.is_assumed, imu.others, imu.proposed) == ("imu_link", False, (), ())
     assert imu.message == (
-        "IMU: frame 'imu_link', at 100.0 0.0 20.0 mm in the base frame, turned by roll 180.0, pitch 0.0, yaw 0.0 deg"
+        "frame 'imu_link', at 100.0 0.0 20.0 mm in the base frame, turned by roll 180.0, pitch 0.0, yaw 0.0 deg"
     )
 
 
@@ -43,20 +43,18 @@ def test_a_frame_of_no_other_device_is_preferred_and_the_others_are_named(imu_of
     imu = imu_of(frame("camera_imu_optical_frame") + frame("imu_link", "0 0 0.05") + frame("rear_imu"))
     assert (imu.frame, imu.others) == ("imu_link", ("rear_imu", "camera_imu_optical_frame"))
     assert imu.message == (
-        "IMU: frame 'imu_link', at 0.0 0.0 50.0 mm in the base frame; also named like an IMU: "
+        "frame 'imu_link', at 0.0 0.0 50.0 mm in the base frame; also named like an IMU: "
         "rear_imu, camera_imu_optical_frame (--imu-frame NAME takes one)"
     )
     described = imu_of(frame("imu_link") + frame("rear_imu", "-0.1 0 0"), RobotDescription(imu_frame="rear_imu"))
-    assert described.message == (
-        "IMU: frame 'rear_imu' (described by imu_frame), at -100.0 0.0 0.0 mm in the base frame"
-    )
+    assert described.message == ("frame 'rear_imu' (described by imu_frame), at -100.0 0.0 0.0 mm in the base frame")
 
 
 def test_without_a_frame_the_origin_of_the_base_is_assumed(imu_of):
     imu = imu_of("")
     assert imu.is_assumed
     np.testing.assert_array_equal(imu.placement.homogeneous, np.eye(4))
-    assert imu.message == ("IMU: at the origin of base link 'trunk' (assumed: no frame of the model looks like an IMU)")
+    assert imu.message == ("at the origin of base link 'trunk' (assumed: no frame of the model looks like an IMU)")
 
 
 @pytest.mark.parametrize(
@@ -79,7 +77,7 @@ def test_a_frame_that_is_named_otherwise_is_proposed_and_not_taken(imu_of, extra
     if proposed:
         names = " or ".join(map(repr, proposed))
         assert imu.message == (
-            "IMU: at the origin of base link 'trunk' (assumed: no frame of the model is named imu, and "
+            "at the origin of base link 'trunk' (assumed: no frame of the model is named imu, and "
             f"{names} may be the IMU's: --imu-frame {proposed[0]})"
         )
 
@@ -89,11 +87,11 @@ def test_a_described_frame_or_place_is_not_an_assumption(imu_of):
     assert not taken.is_assumed
     np.testing.assert_allclose(taken.placement.translation, [0.1, 0, 0.02])
     origin = imu_of("", RobotDescription(imu_position=(0.0, 0.0, 0.0)))
-    assert origin.message == "IMU: described by imu_position, at 0.0 0.0 0.0 mm in the base frame"
+    assert origin.message == "described by imu_position, at 0.0 0.0 0.0 mm in the base frame"
     assert not imu_of("", RobotDescription(imu_frame="trunk")).is_assumed
     both = imu_of(frame("imu"), RobotDescription(imu_rpy=(0.0, 0.0, 1.5707963)))
     assert both.message == (
-        "IMU: frame 'imu', imu_rpy as described, at 100.0 0.0 20.0 mm in the base frame, "
+        "frame 'imu', imu_rpy as described, at 100.0 0.0 20.0 mm in the base frame, "
         "turned by roll 0.0, pitch 0.0, yaw 90.0 deg"
     )
     turned = imu_of("", RobotDescription(imu_rpy=(0.0, 0.0, 1.5707963)))

@@ -137,7 +137,7 @@ def calibrate(
     with new_run(target, model, out, method) as run:
         if not output.silent:  # settings that the simulation refuses are refused before
             _print_settings(robot, target, method, out)
-            print(model.imu.message, file=sys.stderr)
+            print(model.imu.line, file=sys.stderr)
         with output.viewing(run.folder):
             result = run(output.silent)
             output.show(result, run.folder)
@@ -205,7 +205,7 @@ def show_rehearsal(model: RobotModel, method: Method, platform: str, json: bool,
         print(json_module.dumps(table, indent=2))
     else:
         print_rehearsal(rehearsal, platform)
-        print(f"{model.imu.message}.")
+        print(model.imu.line)
 
 
 def _print_settings(robot: str | None, target: RunTarget, method: Method, out: Path) -> None:

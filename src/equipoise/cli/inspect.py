@@ -67,7 +67,7 @@ def plan(
         print(json_module.dumps(table, indent=2))
     else:
         print_plan(model.name, result)
-        print(f"{model.imu.message}.")
+        print(model.imu.line)
         if isinstance(method, CombinedMethod):
             after = method.motors.rehearse(model, nominal_stance(model))
             print(f"Then the robot {after.doing}: {after.duration:.0f} s more.")

@@ -98,7 +98,7 @@ def payload(
         )
     model = with_imu_pose(load_robot(robot, description), target.simulated)
     if not output.silent:
-        print(model.imu.message, file=sys.stderr)
+        print(model.imu.line, file=sys.stderr)
     check(model, method)
     confirm(target, model, method)
     out = run_path(model, out)

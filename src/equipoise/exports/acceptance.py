@@ -16,9 +16,8 @@ from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
 from equipoise.robot.model import RobotModel
 
-WEAK = "weakly identified"
-LEFT_OUT = "not identified, so not written (0 where a format lists every joint)"
-"""First words of notes that list parameters."""
+_WEAK = "weakly identified"
+_LEFT_OUT = "not identified, so not written (0 where a format lists every joint)"
 _REMEDY = {
     SENSORS: "calibrate with --method bayesian",
     MOTORS: "calibrate with --parameters base,motors",
@@ -27,6 +26,24 @@ _REMEDY = {
 _AROUND = 0.1  # of the leg length: how far beyond links and feet a CoM may lie, to the sides and below
 _ABOVE = 1.0  # of the leg length: payloads are carried on the back, in stacks
 _GYRATIONS = 3.0  # radii of gyration of the model's robot: the bound without a model file
+
+
+class ParameterNote(str):
+    """Note that lists parameters.
+
+    Attributes:
+        kind: property that they share, in words.
+        names: names of the parameters.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+
+    def __new__(cls, kind: str, names: Iterable[str]) -> ParameterNote:
+        names = tuple(names)
+        note = super().__new__(cls, f"{kind}: {', '.join(names)}")
+        note.kind, note.names = kind, names
+        return note
 
 
 def accept_bodies(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str, ...]:
@@ -53,7 +70,7 @@ def accept_bodies(result: Calibration, bodies: Sequence[str], force: bool) -> tu
     notes += _failed(result)
     weak = _with_verdict(result, bodies, "weak")
     notes += [f"assumed: {assumption}" for assumption in result.assumptions]
-    return (*notes, *([f"{WEAK}: {', '.join(weak)}"] if weak else []))
+    return (*notes, *([ParameterNote(_WEAK, weak)] if weak else []))
 
 
 def accept_columns(
@@ -75,10 +92,9 @@ def accept_columns(
         return (), ()
     _refuse_doubtful(result, force)
     missing, weak = _names(found, _missing), _names(found, lambda quantity: quantity.verdict == "weak")
-    prefix = "FORCED: not identified" if force else LEFT_OUT
-    notes = [f"{prefix}: {missing}"] if missing else []
+    notes = [ParameterNote("FORCED: not identified" if force else _LEFT_OUT, missing)] if missing else []
     notes += _failed(result)
-    notes += [f"{WEAK}: {weak}"] if weak else []
+    notes += [ParameterNote(_WEAK, weak)] if weak else []
     written = found if force else [column.only(_identified) for column in found]
     return tuple(column for column in written if column.values), tuple(notes)
 
@@ -116,8 +132,8 @@ def _columns(result: Calibration, part: str, force: bool) -> tuple[Column, ...]:
         raise NotEstimatedError(f"this run did not estimate {part}; {_REMEDY[part]}")
     if not force and not any(column.only(_identified).values for column in columns):
         raise NotEstimatedError(
-            f"not identified by this run: {_names(columns, _missing)}; calibrate longer (--duration), or write them "
-            "anyway with --force"
+            f"not identified by this run: {', '.join(_names(columns, _missing))}; calibrate longer (--duration), or write "
+            "them anyway with --force"
         )
     return columns
 
@@ -150,14 +166,14 @@ def _identified(quantity: Quantity) -> bool:
     return not _missing(quantity)
 
 
-def _names(columns: Iterable[Column], wanted: Callable[[Quantity], bool]) -> str:
+def _names(columns: Iterable[Column], wanted: Callable[[Quantity], bool]) -> list[str]:
     """Return the names of the wanted values, column by column."""
     chosen = ((column, column.only(wanted).values) for column in columns)
-    return ", ".join(
+    return [
         f"{column.name} ({'all' if len(some) == len(column.values) else ' '.join(some)})"
         for column, some in chosen
         if some
-    )
+    ]
 
 
 def _bounds(subject: Subject) -> tuple[FloatArray, FloatArray, str]:

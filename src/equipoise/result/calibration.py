@@ -378,7 +378,7 @@ def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]
             "sha256": robot.source.sha256,
             "base_link": robot.base_link,
             "forward": robot.source.forward,
-            "imu": robot.imu.message.removeprefix("IMU: "),
+            "imu": robot.imu.message,
         },
         "robot_model": robot,
         "provenance": library_versions(),

@@ -11,6 +11,7 @@ from equipoise.experiments.response_test import ResponseTest
 from equipoise.json_form import from_json
 from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
+from equipoise.robot.imu import imu_line
 from equipoise.robot.stance import stance_at
 
 _VERDICTS = {
@@ -27,7 +28,7 @@ def frame_message(result: Calibration) -> str:
         f"CoM from the origin of base link {result.model['base_link']!r}, x forward, z up; inertia about the CoM, in the "
         f"same axes{_standing(result)}."
     )
-    imu = f" IMU: {result.model['imu']}."
+    imu = f" {imu_line(result.model['imu'])}"
     if "response_test" in result.provenance:
         imu += f" {from_json(ResponseTest, result.provenance['response_test']).message}."
     return words + imu + " Of 20 intervals one is expected to miss the truth." * result.has_intervals

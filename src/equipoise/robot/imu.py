@@ -62,9 +62,14 @@ class ImuPose:
         if self.is_assumed:
             turned = ", turned as described" if "imu_rpy" in self.described else ""
             flag = f": --imu-frame {self.proposed[0]}" if self.proposed else ""
-            return f"IMU: at the origin of base link {self.base_link!r}{turned} (assumed: {self.reason}{flag})"
+            return f"at the origin of base link {self.base_link!r}{turned} (assumed: {self.reason}{flag})"
         more = f"; also named like an IMU: {', '.join(self.others)} (--imu-frame NAME takes one)" if self.others else ""
-        return f"IMU: {self._source}, at {_millimetres(self.placement)} mm in the base frame{_turned(self.placement)}{more}"
+        return f"{self._source}, at {_millimetres(self.placement)} mm in the base frame{_turned(self.placement)}{more}"
+
+    @property
+    def line(self) -> str:
+        """Line that is printed about the IMU."""
+        return imu_line(self.message)
 
     @property
     def reason(self) -> str:
@@ -94,6 +99,11 @@ class ImuPose:
             "rpy_in_base": [float(angle) for angle in pin.rpy.matrixToRpy(self.placement.rotation)],
             "message": self.message,
         }
+
+
+def imu_line(message: str) -> str:
+    """Return the line that is printed about an IMU of this position and source."""
+    return f"IMU: {message}."
 
 
 def find_imu(model: pin.Model, description: RobotDescription, sensors: Sequence[str], base_link: str) -> ImuPose:

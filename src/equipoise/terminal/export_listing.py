@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from equipoise.errors import EquipoiseError
-from equipoise.exports.acceptance import LEFT_OUT, WEAK
+from equipoise.exports.acceptance import ParameterNote
 from equipoise.exports.formats import Export, Format
 from equipoise.exports.parameters import BASE
 from equipoise.terminal.rich_tables import print_wrapped, show_table
@@ -64,12 +64,9 @@ def merged(notes: Iterable[str]) -> list[str]:
     """Return notes of several files, each once, and those that list parameters as one list of a kind."""
     found: dict[str, dict[str, None]] = {}
     for note in notes:
-        kind, _, names = note.partition(": ")
-        if kind in (WEAK, LEFT_OUT):
-            found.setdefault(kind, {}).update(dict.fromkeys(names.split(", ")))
-        else:
-            found.setdefault(note, {})
-    return [f"{note}: {', '.join(names)}" if names else note for note, names in found.items()]
+        kind, names = (note.kind, note.names) if isinstance(note, ParameterNote) else (note, ())
+        found.setdefault(kind, {}).update(dict.fromkeys(names))
+    return [ParameterNote(kind, names) if names else kind for kind, names in found.items()]
 
 
 def _held(one: Export) -> str:

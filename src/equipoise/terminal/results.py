@@ -218,7 +218,7 @@ def print_audit(result: Audit) -> None:
         )
     if result.ratio_message is not None:
         console.print(escape(f"A single-rigid-body controller needs the composite: {result.ratio_message}."))
-    console.print(escape(f"{result.imu.message}."))
+    console.print(escape(result.imu.line))
     colours = {"error": "red", "warning": "yellow", "note": "cyan"}
     for finding in result.findings:
         about = f"{finding.body}: " if finding.body else ""

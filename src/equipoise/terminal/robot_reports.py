@@ -41,7 +41,7 @@ def print_checkup(
     for finding in findings:
         if finding.advice:
             console.print(f"{finding.name}: {escape(finding.advice)}")
-    console.print(escape(f"{robot.imu.message}."))
+    console.print(escape(robot.imu.line))
     for line in gain_lines(robot, platform):
         console.print(line)
     failed = any(finding.fine is False for finding in findings)
