@@ -1,13 +1,17 @@
 """Answers of a payload measurement from intervals."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from equipoise.calibration.payload_change import PayloadChange
 from equipoise.calibration.payload_measurement import _answer, _message
 from equipoise.result.body import Body
-from equipoise.terminal.several_runs import print_payload_change
+from equipoise.robot.inertial import InertialParameters
+from equipoise.terminal.several_runs import print_payload_change, print_payload_truth
 
+TRUTH = InertialParameters(0.6, np.zeros(3), 1e-3 * np.eye(3))
 SIZES = np.repeat([0.125, 2e-3, 5e-3], [1, 3, 6])  # of an A1
 
 
@@ -64,3 +68,13 @@ def test_the_message_has_the_answer(a1, delta, words):
 def test_two_runs_distinguish_no_change_from_an_uncertain_one(delta, words, capsys):
     print_payload_change(delta)
     assert words in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_ground_truth_of_a_simulated_payload_is_printed(capsys):
+    change = found(0.43, 0.1)
+    print_payload_truth(change)
+    assert capsys.readouterr().out == ""
+    print_payload_truth(dataclasses.replace(change, payload=change.payload.with_truth(TRUTH)))
+    printed = capsys.readouterr().out
+    assert ["mass", "[kg]", "0.430", "0.100", "0.600", "-0.170", "(!)"] in map(str.split, printed.splitlines())
+    assert printed.endswith("(!): the truth is outside the interval.\n")

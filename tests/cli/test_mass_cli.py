@@ -63,6 +63,8 @@ def test_a_payload_measurement_is_refused_and_confirmed_alike(tmp_path, capsys, 
         earlier,
         "--noise-seed",
         "104",
+        "--payload",
+        "0.3,0.05,0,0.08",
         *quick,
         "--mass",
         "11.5",
@@ -75,5 +77,7 @@ def test_a_payload_measurement_is_refused_and_confirmed_alike(tmp_path, capsys, 
     assert f"with the torque constants of {earlier} (-" in error
     assert "%, limit 5%)" in error
     assert main([*again, "--confirm-mass"]) == 0
-    assert "Doubtful: the given mass is 11.5 kg, and the joint torques carry 12." in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "Doubtful: the given mass is 11.5 kg, and the joint torques carry 12." in printed
+    assert "Payload and ground truth" in printed
     assert main(["payload", "unitree_a1", "--prior-run", earlier, *quick, "--confirm-mass"]) == 2  # confirms no mass

@@ -167,10 +167,13 @@ def _with_truth(measurement: PayloadMeasurement, prior_run: PriorRun) -> Payload
 
 
 def _print(measurement: PayloadMeasurement, saved: Path | None) -> None:
+    from equipoise.terminal.several_runs import print_payload_truth
+
     for failed in (check for check in measurement.result.checks if not check.passed):
         print(f"check failed: {failed.name}: {failed.message}")
     for warning in measurement.change.warnings:
         print(f"changed: {warning}")
     print(measurement.message)
+    print_payload_truth(measurement.change)
     if saved is not None:
         print(f"saved: {saved}")

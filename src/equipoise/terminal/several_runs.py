@@ -27,6 +27,16 @@ _CHANGES = {
 }
 
 
+def print_payload_truth(change: PayloadChange) -> None:
+    """Print mass and CoM of the payload with their ground truth, if both runs are simulated."""
+    shown = [one for one in numbers_of(change.payload)[:4] if one.quantity.truth is not None]
+    if shown:
+        table = numbers_table(shown, "Payload and ground truth")
+        print_table(Console(), table, without=["verdict", "|model", "|change"])
+    if missed := verdict_message((one.quantity for one in shown), {}):
+        print(missed)
+
+
 def print_payload_change(change: PayloadChange) -> None:
     """Print the payload with intervals, and the change of the whole robot."""
     console = Console()
