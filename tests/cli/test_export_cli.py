@@ -143,6 +143,19 @@ def test_without_a_format_the_table_is_shown(arguments, run, capsys):
     assert [row["name"] for row in table["formats"]] == list(FORMATS)
 
 
+def test_a_list_for_a_run_has_what_it_estimated_and_why_other_formats_cannot_be_written(run, tmp_path, capsys):
+    assert main(["export", str(run), "--list"]) == 0
+    printed = capsys.readouterr().out
+    rows = [line.split() for line in printed.splitlines()]
+    assert ["urdf", "base,", "motors", "your", "URDF", "model", "file"] in rows  # no legs: not estimated by this run
+    assert "\nusd: not written: format usd edits your own stage" in printed
+    assert main(["export", str(run), "--list", "--json"]) == 0
+    found = {row["name"]: row for row in json.loads(capsys.readouterr().out)["formats"]}
+    assert found["urdf"]["of_run"] == ["base", "motors"]
+    assert "edits your own stage" in found["usd"]["not_written"]
+    assert "does not exist" in fails(capsys, 5, "export", str(tmp_path / "no"), "--list")
+
+
 def test_the_users_file_is_overwritten_only_by_name(run, a1, tmp_path, capsys):
     copy = tmp_path / "a1"
     shutil.copytree(run, copy)

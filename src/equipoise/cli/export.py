@@ -72,21 +72,21 @@ def export(
         samples: For mjlab and isaaclab: number of sampled bodies to list.
         seed: Seed of the samples.
         relative_to: Model that a policy was trained on: write the base's difference from it, as json and ros2 or --to one.
-        list: List the formats.
+        list: List the formats; with RUN, the parameters of that run in each, and the reasons why others cannot be written.
     """
+    if run is not None and not run.is_file():
+        read_header(run)
     if run is None or list or not (all or to or relative_to is not None):
         if (all or to or relative_to is not None) and not list:
             flags = f"--to {to}" if to else "--all" if all else f"--relative-to {relative_to}"
             raise SettingsError(f"no run is given: equipoise export RUN {flags}")
-        _show_formats(output.json)
+        _show_formats(run, force, output.json)
         if run is not None and not list:
             print(
                 f"nothing was written; name a format, for example: equipoise export {typed(run)} --to urdf",
                 file=sys.stderr,
             )
         return
-    if not run.is_file():
-        read_header(run)
     if all or to is None:
         if to or file or add_payload_link or samples:
             flag = "--all writes every format" if all else "--relative-to writes several files"
@@ -158,18 +158,22 @@ def _file_name(run: Path, written: Export) -> str:
     return name.with_stem(f"{name.stem}_{run.stem}").name if run.is_file() and run.name != RESULT else name.name
 
 
-def _show_formats(json: bool) -> None:
-    from equipoise.exports.formats import Format, all_formats
+def _show_formats(run: Path | None, force: bool, json: bool) -> None:
+    from equipoise.exports.formats import Export, Format, all_formats, export_all
     from equipoise.terminal.export_listing import print_formats
 
     formats = all_formats()
+    of_run = {} if run is None else export_all(_result(run), force=force, run=str(run), parameters="all")
     if not json:
-        print_formats(formats)
+        print_formats(formats, of_run)
         return
+    found = {name: {"of_run": one.parts} if isinstance(one, Export) else {"not_written": str(one)}
+             for name, one in of_run.items()}  # fmt: skip
     rows = [
         {"name": row.name, "bodies": row.bodies, "lacks": row.lacks, "parts": row.parts, "where": row.where, "file": row.file,
          "payload_link": row.payload,
-         "page": row.page if "/" in row.page or not row.page else f"docs/reference/exports.md#{row.page}"}
+         "page": row.page if "/" in row.page or not row.page else f"docs/reference/exports.md#{row.page}",
+         **found.get(name, {})}
         if isinstance(row, Format) else {"name": name, "cannot_be_used": str(row)}
         for name, row in formats.items()
     ]  # fmt: skip

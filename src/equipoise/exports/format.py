@@ -49,9 +49,8 @@ class Format:
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """Words for the parts that the format holds: the body or "both", and "sensors", "motors" and "legs"."""
-        bodies = self.bodies if len(self.bodies) < 2 else ("both",)
-        return (*bodies, *(part for part in self.parts if part != BASE))
+        """Names of the bodies and other parts that the format holds."""
+        return (*self.bodies, *(part for part in self.parts if part != BASE))
 
     def contents(self, bodies: tuple[str, ...], subject: Subject) -> str:
         """Return the sentence that states which of mass, CoM and inertia is written, and what the consumer cannot hold.

@@ -81,7 +81,7 @@ class Export:
     """Content of an exported file.
 
     Attributes:
-        format: row of the format in the table.
+        format: row of the format in the table, with the bodies and parts that were written.
         content: bytes of the file.
         file_name: default name of the file; it contains the parts if they are not the default ones.
         header: first lines of the file: body, quantities, frame, run and stance.
@@ -187,7 +187,7 @@ def export(
         name = name.with_stem(f"{name.stem}_payload")
     header = subject.header(written.about, *written.notes)
     return Export(
-        replace(row, bodies=bodies),
+        replace(row, bodies=bodies, parts=parts),
         written.content,
         name.name,
         header,

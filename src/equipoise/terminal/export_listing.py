@@ -11,25 +11,34 @@ from rich.markup import escape
 from equipoise.errors import EquipoiseError
 from equipoise.exports.acceptance import ParameterNote
 from equipoise.exports.formats import Export, Format
-from equipoise.exports.parameters import BASE
 from equipoise.terminal.rich_tables import print_wrapped, show_table
 
 _SHORT = 40  # lines that fit on a screen
 _FILES = {"model": "model file", "given": "--file", "": ""}
 
 
-def print_formats(available: Mapping[str, Format | EquipoiseError]) -> None:
-    """Print the table of formats, and a warning for each that cannot be used."""
+def print_formats(
+    available: Mapping[str, Format | EquipoiseError], of_run: Mapping[str, Export | EquipoiseError]
+) -> None:
+    """Print the table of formats, and a warning for each that cannot be used.
+
+    Args:
+        of_run: a run in each format, or the reason why it cannot be written; empty without a run.
+    """
     formats = [row for row in available.values() if isinstance(row, Format)]
+    refused = {row.name: one for row in formats if isinstance(one := of_run.get(row.name), EquipoiseError)}
     console = Console()
-    rows = [[row.name, ",".join(row.holds), row.where, _FILES[row.file]] for row in formats]
+    shown = [one.format for one in of_run.values() if isinstance(one, Export)] if of_run else formats
+    rows = [[row.name, _held(row), row.where, _FILES[row.file]] for row in shown]
     show_table("", ["--to", "writes", "for", "edits"], rows, console)
+    _print_refused(console, refused)
     _print_warnings(console, [str(row) for row in available.values() if isinstance(row, EquipoiseError)])
     linked = ", ".join(row.name for row in formats if row.payload)
     print_wrapped(
         console,
         "base: base link with the links that are fixed or locked to it; composite: the whole robot frozen at its stance;\n"
-        "sensors: joint offsets, IMU, clock; motors: friction, armature, gain, delay. Select with --parameters.\n"
+        "sensors: joint offsets, IMU, clock; motors: friction, armature, gain, delay;\n"
+        "legs: masses and first moments of their links. Select with --parameters.\n"
         f"--add-payload-link writes the payload as a separate link; formats: {linked}.\n"
         "Next: equipoise export RUN --to FORMAT. Checks for each format: docs/reference/exports.md",
     )
@@ -48,11 +57,15 @@ def print_exports(
     for sentence in dict.fromkeys(one.contents for one in written.values() if relative):
         print_wrapped(console, escape(sentence), highlight=False)
     rows = [
-        [name, f"{path.name}: {'difference of the base' if relative else _held(written[name])}"]
+        [name, f"{path.name}: {'difference of the base' if relative else _held(written[name].format)}"]
         for name, path in paths.items()
     ]
     show_table("", ["--to", "file and contents"], rows, console)
     console.print(f"saved in {escape(str(next(iter(paths.values())).parent))}", soft_wrap=True)
+    _print_refused(console, refused)
+
+
+def _print_refused(console: Console, refused: Mapping[str, EquipoiseError]) -> None:
     reasons: dict[str, list[str]] = {}
     for name, error in refused.items():
         reasons.setdefault(str(error), []).append(name)
@@ -69,11 +82,10 @@ def merged(notes: Iterable[str]) -> list[str]:
     return [ParameterNote(kind, names) if names else kind for kind, names in found.items()]
 
 
-def _held(one: Export) -> str:
-    """Return the bodies of a file, with what the format cannot hold of them, and its other parts."""
-    words = [*one.format.bodies, *(part for part in one.parts if part != BASE)]
-    lacking = dict(lack.split(maxsplit=1) for lack in one.format.lacks)
-    return ", ".join(f"{word} without {lacking[word]}" if word in lacking else word for word in words)
+def _held(row: Format) -> str:
+    """Return the bodies of a format, with what it cannot hold of them, and its other parts."""
+    lacking = dict(lack.split(maxsplit=1) for lack in row.lacks)
+    return ", ".join(f"{word} without {lacking[word]}" if word in lacking else word for word in row.holds)
 
 
 def print_export(written: Export, path: Path) -> None:
