@@ -185,6 +185,13 @@ def test_messages_wrap_at_a_terminal_alone(tmp_path, monkeypatch, capsys):
     assert wrapped.split() == whole.split()
     assert max(len(line) for line in wrapped.splitlines() if name not in line) <= 30
     assert f"\n{name!r}\n" in wrapped  # which can be copied
+    assert (
+        main(
+            ["calibrate", "--method", "static", "--sim-preset", "ideal", "--no-report", "--out", str(tmp_path / "run")]
+        )
+        == 0
+    )
+    assert capsys.readouterr().err.startswith("unitree_a1 (default; for\nanother: equipoise calibrate\nROBOT), ")
 
 
 def test_an_unknown_name_lists_the_valid_names(capsys):

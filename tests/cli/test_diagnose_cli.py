@@ -41,7 +41,7 @@ def test_a_run_is_diagnosed_with_the_commands_that_correct_it(run, capsys):
     (line,) = (line for line in printed.splitlines() if line.startswith("payload: "))
     assert line.startswith("payload: mass +")
     assert "set the inertial of link 'trunk' in the model file" in line
-    assert f"RUN is {run}" in printed
+    assert line.endswith(f"(equipoise export {run} --to urdf)")
     assert "ruled out: " in printed
     assert "failed checks" not in printed
 
@@ -67,7 +67,8 @@ def test_scripts_get_all_causes_and_commands_that_work(run, capsys):
 def test_a_faulty_joint_is_named_from_a_log(log, capsys):
     assert main(["diagnose", str(log), "--robot", "unitree_a1"]) == 1
     printed = capsys.readouterr().out
-    assert "RUN is the file that 'equipoise estimate' writes with these arguments and --out FILE" in printed
+    assert "(equipoise export FILE --to joint-offsets --force)" in printed
+    assert "To write FILE, use 'equipoise estimate' with --out FILE" in printed
     assert "RL_calf_joint offset: offset +" in printed
 
 

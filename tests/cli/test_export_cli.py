@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import shutil
 
 import numpy as np
@@ -123,6 +124,12 @@ def test_json_is_one_object(run, capsys):
     assert table["path"] == str(run / "export" / "base_payload.sdf")
     assert "equipoise_payload" in table["about"][0]
     assert table["notes"] == []
+
+
+def test_the_path_of_a_file_is_printed_as_the_run_was_named(run, monkeypatch, capsys):
+    monkeypatch.chdir(run.parent)
+    assert main(["export", run.name, "--to", "yaml"]) == 0
+    assert f"\nsaved: {os.path.join(run.name, 'export', 'inertia.yaml')}\n" in capsys.readouterr().out
 
 
 def test_quiet_prints_nothing(run, capsys):

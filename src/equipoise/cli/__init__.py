@@ -79,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 import traceback
 
                 traceback.print_exc()
-            _print_message(f"error: {error}")
+            print_message(f"error: {error}")
             return _failed(type(error).__name__, str(error), error.exit_code, arguments, error.details)
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
@@ -88,7 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - flushed when Python exits
             return 0
         except OSError as error:
-            _print_message(f"error: cannot write: {error}")
+            print_message(f"error: cannot write: {error}")
             return OutputError.exit_code
     return int(code or 0)  # None from verbs that always succeed
 
@@ -137,7 +137,7 @@ def _switches(verb: Callable[..., Any], words: Sequence[str]) -> dict[str, bool]
 @contextmanager
 def _warnings_on_stderr(quiet: bool) -> Generator[None]:
     def show(message: Warning | str, category: type[Warning], *_: Any) -> None:
-        _print_message(f"warning: {message}")
+        print_message(f"warning: {message}")
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore" if quiet else "default")
@@ -145,7 +145,7 @@ def _warnings_on_stderr(quiet: bool) -> Generator[None]:
         yield
 
 
-def _print_message(text: str) -> None:
+def print_message(text: str) -> None:
     """Print a message on stderr, its first line wrapped at a terminal; proposals that follow stay as they are."""
     if sys.stderr.isatty():
         import shutil

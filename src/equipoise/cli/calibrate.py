@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from equipoise.calibration.run_header import read_header
+from equipoise.cli import print_message
 from equipoise.cli.arguments import chosen
 from equipoise.cli.flags import Described, File, Flag, Output, Required, RobotOrNone, Verbose, exit_code
 from equipoise.cli.methods import METHOD_FLAGS
@@ -137,7 +138,7 @@ def calibrate(
     with new_run(target, model, out, method) as run:
         if not output.silent:  # settings that the simulation refuses are refused before
             _print_settings(robot, target, method, out)
-            print(model.imu.line, file=sys.stderr)
+            print_message(model.imu.line)
         with output.viewing(run.folder):
             result = run(output.silent)
             output.show(result, run.folder)
@@ -215,4 +216,4 @@ def _print_settings(robot: str | None, target: RunTarget, method: Method, out: P
     if isinstance(target, SimulatedTarget):
         load = f", payload {target.payload}" if target.payload else ""
         where = f"simulated in {target.platform}, {target.world}{load}"
-    print(f"{name}, {where}, method {method.name}, into {out}", file=sys.stderr)
+    print_message(f"{name}, {where}, method {method.name}, into {out}")

@@ -260,10 +260,7 @@ def diagnose(
     from equipoise.terminal.diagnosis import print_diagnosis
 
     if source.robot is not None:
-        result = estimate_from_log(log, source, description, given, output).result
-        run = (
-            "the file that 'equipoise estimate' writes with these arguments and --out FILE; export it with --file MODEL"
-        )
+        result, run = estimate_from_log(log, source, description, given, output).result, None
     else:
         folder = flags.open_run(log, source, description)
         result, run = folder.estimate(folder.method().having(given)), typed(log)

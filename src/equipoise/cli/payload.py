@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_module
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import arg
 from tyro.constructors import StructConstructorSpec
 
+from equipoise.cli import print_message
 from equipoise.cli.flags import Described, File, LogFormat, Output, Required, Robot, exit_code
 from equipoise.cli.methods import DEFAULT_METHOD, method_from
 from equipoise.cli.operator_prompt import with_imu_pose
@@ -98,7 +98,7 @@ def payload(
         )
     model = with_imu_pose(load_robot(robot, description), target.simulated)
     if not output.silent:
-        print(model.imu.line, file=sys.stderr)
+        print_message(model.imu.line)
     check(model, method)
     confirm(target, model, method)
     out = run_path(model, out)

@@ -105,9 +105,8 @@ class Export:
 
     def save(self, path: str | Path) -> Path:
         """Write the file, whole or not at all, into an existing folder; raises OutputError."""
-        path = Path(path)
-        write_file(path, self.content)
-        return path.resolve()
+        write_file(Path(path), self.content)
+        return Path(path)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form, without the content."""

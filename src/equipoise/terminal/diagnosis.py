@@ -20,12 +20,12 @@ _FRACTION = (100.0, "%", "+.1f")
 _NAMES = {"com_x": "CoM x of the robot", "com_y": "CoM y of the robot"}
 
 
-def print_diagnosis(found: Diagnosis, failed: Sequence[str], run: str) -> None:
+def print_diagnosis(found: Diagnosis, failed: Sequence[str], run: str | None) -> None:
     """Print the causes of a lean with their sizes, and what to change.
 
     Args:
         failed: names of the failed checks.
-        run: the run or file that RUN stands for.
+        run: run to export, for the commands of the changes; None for a log, whose result is not saved.
     """
     console = Console(emoji=False)
     significant, possible, out = (
@@ -42,9 +42,9 @@ def print_diagnosis(found: Diagnosis, failed: Sequence[str], run: str) -> None:
         console.print(f"{found.robot}: no cause is significant; more motions determine smaller ones")
     for cause in significant:
         values = ", ".join(map(_value, cause.values))
-        print_wrapped(console, escape(f"{cause.name}: {values}: {cause.change}"))
-    if significant:
-        console.print(escape(f"RUN is {run}"), soft_wrap=True)
+        print_wrapped(console, escape(f"{cause.name}: {values}: {cause.change.replace('RUN', run or 'FILE')}"))
+    if significant and run is None:
+        print_wrapped(console, "To write FILE, use 'equipoise estimate' with --out FILE; export it with --file MODEL.")
     for name in (cause.name for cause in shown if cause.name in {name for name, *_ in found.inseparable}):
         others = ", ".join(f"{other} ({value:.2f})" for one, other, value in found.inseparable if one == name)
         console.print(escape(f"{name} is not separated by these data from (correlation): {others}"))
