@@ -173,7 +173,7 @@ def test_the_terminal_shows_truth_and_stages_when_asked(bayesian_run, capsys):
         "identified",
         "estimate: ",
         "with its fixed links",
-        "weak: posterior std above one tenth",
+        "weak: posterior std above one tenth of the model file's prior std",
     ):
         assert words in shown
 

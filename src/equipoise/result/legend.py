@@ -15,8 +15,8 @@ from equipoise.robot.imu import imu_line
 from equipoise.robot.stance import stance_at
 
 _VERDICTS = {
-    "weak": "weak: posterior std above one tenth of the prior std",
-    "not identified": "not identified: posterior std above half of the prior std",
+    "weak": "weak: posterior std above one tenth of the model file's prior std",
+    "not identified": "not identified: posterior std above half of the model file's prior std",
     "doubtful": "doubtful: a check failed",
 }
 _REASONS = 3  # shown for motions that are not used
