@@ -249,6 +249,24 @@ def test_a_gyroscope_with_a_wrong_unit_or_sign_is_named(a1, trotted, factor, mes
         estimated(a1, trotted, replace(trotted.log, imu=turned))
 
 
+def test_degrees_per_second_are_named_where_steps_are_found_by_chance(a1, stance):
+    """The wrong vertical of this walk has three long steps; the offset that moved them out of the log was taken."""
+    with simulate(a1, "realistic", seed=9) as simulation:
+        walk = trot(simulation.platform, a1, 6.0)
+    assert compare_gyroscope(a1, stance, walk).agrees
+    turned = replace(walk.imu, angular_velocity_in_imu=np.degrees(walk.imu.angular_velocity_in_imu))
+    message = r'\(is it in degrees per second\?\)\. For a table in deg/s, write units.gyro = "deg/s" into a file'
+    with pytest.raises(RecordingError, match=message):
+        compare_gyroscope(a1, stance, replace(walk, imu=turned))
+
+
+def test_offsets_that_leave_few_steps_are_not_compared():
+    turning = np.random.default_rng(0).standard_normal((100, 3))
+    seen = gyroscope._Seen(np.zeros((2, 100)), turning)
+    assert seen.unexplained(turning, np.arange(100) < 51) == pytest.approx(0.0)
+    assert seen.unexplained(turning, np.arange(100) < 49) == 1.0
+
+
 def test_the_command_reads_a_walk(a1, trotted, tmp_path, capsys):
     file = write_csv(tmp_path / "trot.csv", columns_of(trotted.log))
     assert main(["estimate", str(file), "--robot", "unitree_a1", "--mass", "13.6"]) == 0

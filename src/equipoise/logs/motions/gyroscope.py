@@ -34,10 +34,12 @@ _STANCE_MOTION, _STEPS = "stance motion", "steps"
 _FARTHEST, _FARTHEST_OF_STEPS, _AROUND = 0.5, 2.0, 3.0
 _AS_GOOD = 1.5  # times the residual at the best offset
 _APART = 0.1  # [s] between distinct offsets
+_SHARED = 0.5  # of the steps that an offset leaves within the IMU's samples: it is not compared by fewer
 _COARSE, _FINE = 0.01, 0.0025  # [s]
 _SLIP = 0.02  # [m/s] on an A1, rms over the feet: standing feet that roll stay below
 _SLOWEST = 0.05  # [rad/s]: slower motion is not compared
 _ENOUGH = 1.0  # [s] of such motion
+_COMPARABLE = 0.5  # of the steps by the best correction: those that others find by chance are fewer
 # Numbers of steps: in one batch, sufficient, and too few.
 _PIECE, _PLENTY, _FEWEST = 30_000, 12_000, 8
 _WRONG = 0.4  # of the variance unexplained: 0.03 to 0.07 without a mistake
@@ -110,8 +112,10 @@ class _Seen:
     arms: FloatArray | None = None
 
     def unexplained(self, angular_velocity: FloatArray, inside: NDArray[np.bool_]) -> float:
-        """Return the fraction of its variance that (n, 3) angular velocities leave."""
+        """Return the fraction of its variance that (n, 3) angular velocities leave; all of it if few steps are inside."""
         sensed = angular_velocity if self.arms is None else cross(angular_velocity, self.arms)
+        if inside.mean() < _SHARED:
+            return 1.0
         difference, reference = (sensed - self.turning)[inside], self.turning[inside]
         spread = ((reference - reference.mean(axis=0)) ** 2).sum()
         return float(((difference - difference.mean(axis=0)) ** 2).sum() / max(spread, 1e-12))
@@ -131,7 +135,8 @@ def _walked(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
     up = np.median(track.acceleration_in_base, axis=0)
     up = up / max(float(np.linalg.norm(up)), 1e-9)
     turns = [turn for turn in (np.eye(3), *RIGHT_ANGLE_TURNS) if (turn @ up)[2] > _UPRIGHT]
-    # With a gyroscope of wrong sign or unit, or a turned IMU, no steps are found: try the corrections of each mistake.
+    # With a gyroscope of wrong sign or unit, or a turned IMU, few steps are found: try the corrections of each mistake.
+    tried: list[tuple[Track, list[Step]]] = []
     for turn, factor in (
         *((turn, np.eye(3)) for turn in turns),
         *((np.eye(3), np.diag(of)) for _, of in GYROSCOPE_MISTAKES),
@@ -142,8 +147,10 @@ def _walked(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
             acceleration_in_base=track.acceleration_in_base @ turn.T,
         )
         bias = gyro_bias_of_walks([(cured.time, cured.angular_velocity_in_base, cured.acceleration_in_base)])
-        steps, _ = find_steps(legs, stance, cured.without_bias(bias))
-        if sum(step.end - step.start for step in steps) > _ENOUGH * stance.scale.time:
+        tried.append((cured, find_steps(legs, stance, cured.without_bias(bias))[0]))
+    fewest = _COMPARABLE * max(len(steps) for _, steps in tried)
+    for cured, steps in tried:
+        if len(steps) >= fewest and sum(step.end - step.start for step in steps) > _ENOUGH * stance.scale.time:
             return _seen_in(legs, cured, steps)
     return None
 
@@ -240,13 +247,12 @@ def _best_offset(unexplained: Unexplained, correction: FloatArray, farthest: flo
 
 def _name_mistake(robot: RobotModel, unexplained: Unexplained, limit: float, motion: str) -> None:
     cured, what = min((_best_offset(unexplained, np.diag(factor))[1], what) for what, factor in GYROSCOPE_MISTAKES)
-    turned = [(_best_offset(unexplained, turn)[1], index) for index, turn in enumerate(RIGHT_ANGLE_TURNS)]
-    by_turn, index = min(turned)
+    by_turn, index = min((_best_offset(unexplained, turn)[1], index) for index, turn in enumerate(RIGHT_ANGLE_TURNS))
     if by_turn < min(limit, cured):
         seen = f"in {motion} the gyroscope differs from the base's rotation by the legs"
         raise imu_mounting_error(robot, RIGHT_ANGLE_TURNS[index], seen)
     if cured < limit:
         raise RecordingError(
             f"in {motion} the gyroscope differs from the base's rotation by the legs: it must be in rad/s, in the axes of the "
-            f"IMU's frame ({what})"
+            f'IMU\'s frame ({what}). For a table in deg/s, write units.gyro = "deg/s" into a file for --columns'
         )
