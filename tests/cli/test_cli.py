@@ -177,10 +177,10 @@ def test_messages_wrap_at_a_terminal_alone(tmp_path, monkeypatch, capsys):
     name = f"{tmp_path}/{'a-long-name-' * 8}"
     whole = f"error: {name!r} does not exist; name the run folder of a calibration\n"
     monkeypatch.setenv("COLUMNS", "30")
-    assert main(["estimate", name]) == 5
+    assert main(["compare", name, name]) == 5
     assert capsys.readouterr().err == whole
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    assert main(["estimate", name]) == 5
+    assert main(["compare", name, name]) == 5
     wrapped = capsys.readouterr().err
     assert wrapped.split() == whole.split()
     assert max(len(line) for line in wrapped.splitlines() if name not in line) <= 30

@@ -7,15 +7,18 @@ from commands import fails
 from robots import quadruped_mjcf
 
 RUN = "name the run folder of a calibration"
+RUN_OR_LOG = f"{RUN}, or pass --robot ROBOT for a log of another program"
 RESULT = f"{RUN}, or its calibration.json"
 VERBS = [
     (["export", "FILE", "--to", "urdf"], RESULT),
     (["export", "FILE", "--all"], RESULT),
     (["report", "FILE"], RESULT),
     (["lab", "balance", "--com", "FILE"], RESULT),
-    (["view", "FILE"], RUN),
-    (["estimate", "FILE"], RUN),
-    (["lab", "validate", "FILE"], RUN),
+    (["view", "FILE"], RUN_OR_LOG),
+    (["estimate", "FILE"], RUN_OR_LOG),
+    (["estimate", "--json", "FILE"], RUN_OR_LOG),
+    (["diagnose", "FILE"], RUN_OR_LOG),
+    (["lab", "validate", "FILE"], RUN_OR_LOG),
     (["compare", "FILE", "FILE"], RUN),
     (["payload", "unitree_a1", "--prior-run", "FILE"], RUN),
     (["calibrate", "--prior-run", "FILE"], RUN),
@@ -54,6 +57,7 @@ def test_errors_name_the_kind_of_file_and_the_needed_kind(verb, needed, name, ki
         f"error: {name!r} {kind}; {RUN}",
         f"error: --prior-run {name}: it {kind}; {RUN}",
     )
+    assert needed != RUN_OR_LOG or message.endswith(RUN_OR_LOG)
     if needed == RESULT and name.endswith((".urdf", ".xml")):
         assert message.endswith(RESULT)
 
@@ -62,7 +66,7 @@ def test_errors_name_the_kind_of_file_and_the_needed_kind(verb, needed, name, ki
 def test_a_result_is_not_a_run(tmp_path, capsys):
     (tmp_path / "result.json").write_text('{"schema": "equipoise.calibration/1"}', encoding="utf-8")
     message = fails(capsys, 5, "estimate", "result.json")
-    assert message == f"error: 'result.json' is the result of a calibration; {RUN}"
+    assert message == f"error: 'result.json' is the result of a calibration; {RUN_OR_LOG}"
 
 
 @pytest.mark.usefixtures("folder")
@@ -70,10 +74,7 @@ def test_a_log_of_another_program_is_recognized(tmp_path, capsys):
     (tmp_path / "log.csv").write_text("time", encoding="utf-8")
     for verb in (["estimate"], ["view"], ["lab", "validate"]):
         message = fails(capsys, 5, *verb, "log.csv")
-        assert (
-            message
-            == f"error: 'log.csv' is a .csv file; {RUN}; for a log of another program, name its robot with --robot"
-        )
+        assert message == f"error: 'log.csv' is a .csv file; {RUN_OR_LOG}"
 
 
 @pytest.mark.usefixtures("folder")

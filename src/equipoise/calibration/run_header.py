@@ -12,15 +12,16 @@ SCHEMA = "equipoise.run/1"
 HEADER = "run.json"
 RESULT = "calibration.json"
 REMEDY = "copy it again from an intact run folder"
+NEEDED = "name the run folder of a calibration"
 
 
-def read_header(path: Path) -> dict[str, Any]:
-    """Return the header of a run folder; raises RecordingError if it is not one."""
+def read_header(path: Path, needed: str = NEEDED) -> dict[str, Any]:
+    """Return the header of a run folder; raises RecordingError, with what is needed, if it is not one."""
     if path.is_file() and (path.parent / HEADER).is_file():
         raise RecordingError(f"{str(path)!r} is a file in a run folder; give the folder, {str(path.parent)!r}")
     if not (path / HEADER).exists():
         without = f" without {HEADER}" if path.is_dir() else ""
-        raise RecordingError(f"{str(path)!r} {kind_of(path)}{without}; name the run folder of a calibration")
+        raise RecordingError(f"{str(path)!r} {kind_of(path)}{without}; {needed}")
     header = read_json(path / HEADER, f"{str(path)!r} is not a run folder of a calibration")
     if (schema := header.get("schema")) is None:
         raise damaged(path, f"its {HEADER} lacks 'schema'")

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path
 
-from equipoise.calibration.run_header import read_header
+from equipoise.calibration.run_header import NEEDED, read_header
 from equipoise.robot.catalog import find_model, read_model_file
 
 _ROBOT_FIRST = ("audit", "calibrate", "doctor", "plan", "record", "payload", "lab balance", "lab monte-carlo")
-_RUN_FIRST = ("compare", "diagnose", "estimate", "export", "report", "view", "lab validate")
+NEEDED_OR_LOG = f"{NEEDED}, or pass --robot ROBOT for a log of another program"
+_RUN_OR_LOG_FIRST = ("diagnose", "estimate", "view", "lab validate")
+_RUN_FIRST = (*_RUN_OR_LOG_FIRST, "compare", "export", "report")
 
 
 def chosen(words: Sequence[str], flag: str, default: str) -> str:
@@ -43,4 +45,4 @@ def refuse_missing(verb: str, words: Sequence[str]) -> None:
         read_model_file(find_model(name)[0])
     for path in map(Path, first if verb in _RUN_FIRST and not robot else ()):
         if not path.exists():
-            read_header(path)
+            read_header(path, NEEDED_OR_LOG if verb in _RUN_OR_LOG_FIRST else NEEDED)

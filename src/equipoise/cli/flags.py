@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from equipoise.calibration.run_header import HEADER, read_header
+from equipoise.cli.arguments import NEEDED_OR_LOG
 from equipoise.cli.setting_flags import seconds
 from equipoise.drivers.platforms import find_platform, given_settings, open_platform
 from equipoise.errors import RecordingError, SettingsError
@@ -194,14 +195,7 @@ def open_run(path: Path, source: LogFlags, description: RobotDescription) -> Run
             "tables, topics, --joint-map, --columns, --rate, --from, --until and robot flags are for logs of other programs; "
             + (f"{str(path)!r} is a run, which has its own: leave them out" if is_run else "pass --robot too")
         )
-    try:
-        header = read_header(path)
-    except RecordingError as error:
-        from equipoise.logs.reader import is_log
-
-        is_foreign = is_log(path) and "expected" not in error.details  # not a file with an equipoise schema
-        hint = "; for a log of another program, name its robot with --robot" if is_foreign else ""
-        raise RecordingError(f"{error}{hint}") from error
+    header = read_header(path, NEEDED_OR_LOG)
     from equipoise.calibration.run_folder import RunFolder
 
     return RunFolder(path, header)
