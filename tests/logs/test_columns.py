@@ -210,7 +210,9 @@ def test_a_proposal_states_reasons_units_and_unused_columns(a1, leaning, tmp_pat
 
 
 def test_names_without_meaning_are_refused_with_the_columns_and_the_mapping_to_write(a1, leaning, tmp_path):
-    with pytest.raises(RecordingError, match=r"but nothing for time, .*, position.JOINT: write these lines") as raised:
+    with pytest.raises(
+        RecordingError, match=r"but nothing for time, .*, position.JOINT: complete these lines"
+    ) as raised:
         read_log(without_words(tmp_path / "log", a1, leaning[0]), a1)
     for line in (
         '# missing: time = "..."',
@@ -223,6 +225,21 @@ def test_names_without_meaning_are_refused_with_the_columns_and_the_mapping_to_w
     for kind, array in (("position", "b"), ("velocity", "c"), ("torque", "d")):
         written |= {f"{kind}.{joint}": f"{array}[{k}]" for k, joint in enumerate(a1.joint_names)}
     same(read_log(tmp_path / "log.npz", a1, columns=Columns(written)).recording, leaning[0])
+
+
+def test_a_proposal_is_completed_by_its_missing_lines(a1, leaning, tmp_path):
+    """A table of units took the lines that follow it."""
+    log = leaning[0]
+    turning = replace(log.imu, angular_velocity_in_imu=np.degrees(log.imu.angular_velocity_in_imu))
+    columns = columns_of(replace(log, imu=turning))
+    path = write_csv(
+        tmp_path / "log.csv", {{"time": "a", "gyro.x": "b"}.get(name, name): columns[name] for name in columns}
+    )
+    proposal = proposal_for(path, a1, Columns(units={"gyro": "deg/s"}))
+    for name, theirs in (("time", "a"), ("gyro.x", "b")):
+        assert f'# missing: {name} = "..."' in proposal
+        proposal = proposal.replace(f'# missing: {name} = "..."', f'{name} = "{theirs}"')
+    same(read_log(path, a1, columns=Columns.from_text(proposal, "the proposal")).recording, log, rtol=1e-6)
 
 
 def proposal_for(path, robot, columns=None):

@@ -64,7 +64,8 @@ class ColumnProposal:
     def error(self) -> RecordingError:
         """Return the error of a table that cannot be read without this map."""
         remedy = "Check this proposal, save it as columns.toml, and add --columns columns.toml"
-        return RecordingError(f"{self.what}. {remedy}:\n\n{self.text}", self, details={"columns": self.text})
+        rest = "columns with documented names need no line"
+        return RecordingError(f"{self.what}. {remedy}; {rest}:\n\n{self.text}", self, details={"columns": self.text})
 
 
 @dataclass(frozen=True)
@@ -197,7 +198,7 @@ class Columns:
         return (*absent, *([] if self.joints("position") else ["position.JOINT"]))
 
     def to_toml(self, notes: Mapping[str, str] | None = None) -> str:
-        """Return TOML as `from_toml` reads it; columns with documented names are left out.
+        """Return TOML as `from_toml` reads it, to which lines may be added; columns with documented names are left out.
 
         Args:
             notes: remarks by kind, written above its columns.
@@ -208,8 +209,7 @@ class Columns:
             lines += [f"# {kind}: {notes[kind]}"] if kind in notes else []
             of_kind = {ours: theirs for ours, theirs in self.names.items() if ours.split(".")[0] == kind}
             lines += [f"{_key(ours)} = {_quoted(theirs)}" for ours, theirs in of_kind.items() if ours != theirs]
-        if self.units:
-            lines += ["", "[units]", *(f"{kind} = {_quoted(unit)}" for kind, unit in self.units.items())]
+        lines += [f"units.{kind} = {_quoted(unit)}" for kind, unit in self.units.items()]
         return "\n".join(lines) + "\n"
 
 

@@ -189,7 +189,7 @@ def _interpolated(at: FloatArray, time: FloatArray, table: FloatArray) -> FloatA
 def _missing_columns(file: TableFile, missing: Sequence[str], nameless: Sequence[str], proposal: str) -> RecordingError:
     return ColumnProposal(
         f"{file.title} has no {', '.join(missing)}. The names of its columns suggest the mapping below"
-        + (f", but nothing for {', '.join(nameless)}: write these lines yourself" if nameless else "")
+        + (f", but nothing for {', '.join(nameless)}: complete these lines and remove '# missing:'" if nameless else "")
         + ("; --rate HERTZ stands in for a time where samples are evenly spaced" if TIME in nameless else ""),
         proposal,
         file.names,
