@@ -28,6 +28,8 @@ KNOWN_WRONG = {
         ("warning", "hatch"),
     },
     "hyq": {("warning", "trunk_imu")},
+    "solo8": {("warning", "")},  # placeholders of 1000 in place of limits
+    "solo12": {("warning", "")},
     "mini_cheetah": {
         ("warning", ""),  # no limits of torque and speed
         ("error", "thigh_fr, thigh_fl, thigh_hr, thigh_hl"),
@@ -278,25 +280,27 @@ LIMIT = 'effort="30" velocity="20"'
 def test_joints_without_torque_or_speed_limits_are_named(tmp_path):
     text = quadruped_urdf().replace(LIMIT, 'effort="0" velocity="20"', 1).replace(LIMIT, 'effort="30"', 1)
     assert [str(finding) for finding in suspicions(audit(load_text(tmp_path, text)))] == [
-        "warning: no torque limit of FL_0: the guard cannot detect excessive torques; give it as effort [Nm] of their <limit>",
-        "warning: no speed limit of FL_1: the guard cannot detect excessive speeds or jumps of targets; give it as "
+        "warning: no plausible torque limit of FL_0: the guard cannot detect excessive torques; give it as effort [Nm] of "
+        "their <limit>",
+        "warning: no plausible speed limit of FL_1: the guard cannot detect excessive speeds or jumps of targets; give it as "
         "velocity [rad/s] of their <limit>",
     ]
 
 
-def test_a_file_without_limits_has_one_finding_per_kind(tmp_path):
-    report = audit(load_text(tmp_path, quadruped_urdf().replace(LIMIT, "")))
+@pytest.mark.parametrize("limit", ["", 'effort="1000" velocity="1000"'], ids=["none", "placeholders"])
+def test_a_file_without_limits_has_one_finding_per_kind(tmp_path, limit):
+    report = audit(load_text(tmp_path, quadruped_urdf().replace(LIMIT, limit)))
     torque, speed = (finding.text for finding in suspicions(report))
-    assert torque.startswith("no torque limit of any leg joint: ")
-    assert speed.startswith("no speed limit of any leg joint: ")
+    assert torque.startswith("no plausible torque limit of any leg joint: ")
+    assert speed.startswith("no plausible speed limit of any leg joint: ")
 
 
 def test_mjcf_needs_torque_limits_but_no_speed_limits(tmp_path):
     text = quadruped_mjcf()
     (finding,) = suspicions(audit(load_text(tmp_path, text)))
     assert finding.text == (
-        "no torque limit of any leg joint: the guard cannot detect excessive torques; give it as forcerange [Nm] of "
-        "their actuators"
+        "no plausible torque limit of any leg joint: the guard cannot detect excessive torques; give it as forcerange "
+        "[Nm] of their actuators"
     )
     limited = re.sub(r'(<joint name="[FR][LR]_. *")', r'\1 actuatorfrcrange="-30 30"', text)
     assert suspicions(audit(load_text(tmp_path, limited))) == []

@@ -265,7 +265,7 @@ def _limits(robot: RobotModel) -> Iterator[ModelFinding]:
 
 
 def _missing_limits(robot: RobotModel) -> Iterator[ModelFinding]:
-    """Yield leg joints without torque or speed limits for the guard. MJCF has no speed limits."""
+    """Yield leg joints without plausible torque or speed limits for the guard. MJCF has no speed limits."""
     urdf = robot.source.format == "urdf"
     place = "effort [Nm] of their <limit>" if urdf else "forcerange [Nm] of their actuators"
     limits = [("torque", robot.effort_limit, "excessive torques", place)]
@@ -276,7 +276,7 @@ def _missing_limits(robot: RobotModel) -> Iterator[ModelFinding]:
         joints = [name for name, most in zip(robot.joint_names, limit, strict=True) if not math.isfinite(most)]
         if joints:
             which = "any leg joint" if len(joints) == len(robot.joint_names) else ", ".join(joints)
-            text = f"no {what} limit of {which}: the guard cannot detect {unseen}; give it as {place}"
+            text = f"no plausible {what} limit of {which}: the guard cannot detect {unseen}; give it as {place}"
             yield ModelFinding("warning", "", text)
 
 

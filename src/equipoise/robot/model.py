@@ -67,8 +67,8 @@ class RobotModel:
         locked_joints: positions of joints that do not belong to legs, by name [rad].
         legs: legs by name, in the order FL FR RL RR.
         lower_limit, upper_limit: (nj,) position limits [rad].
-        velocity_limit: (nj,) velocity limits [rad/s]; infinite if the model gives none.
-        effort_limit: (nj,) torque limits [Nm]; infinite if the model gives none.
+        velocity_limit: (nj,) velocity limits [rad/s]; infinite if the model gives no plausible one.
+        effort_limit: (nj,) torque limits [Nm]; infinite if the model gives no plausible one.
     """
 
     name: str
@@ -279,15 +279,19 @@ def _refuse_far_imu(robot: RobotModel, hips: FloatArray) -> None:
 
 
 def _velocity_and_effort_limits(model: pin.Model, source: ModelSource) -> tuple[FloatArray, FloatArray]:
-    """Return (nj,) limits of the velocities [rad/s] and torques [Nm]; infinite if the model gives none."""
+    """Return (nj,) limits of the velocities [rad/s] and torques [Nm]; infinite if the model gives no plausible one."""
     velocity = np.array(model.velocityLimit[6:])
     effort = np.array(
         [source.effort_limits.get(name, model.effortLimit[6 + i]) for i, name in enumerate(_joint_names(model))]
     )
-    for limit in (velocity, effort):
-        limit[~(limit > 0)] = np.inf
+    weight = pin.computeTotalMass(model) * np.linalg.norm(model.gravity.linear)
+    for limit, most in ((velocity, _FASTEST), (effort, _LONGEST_LEVER * weight)):
+        limit[~((limit > 0) & (limit < most))] = np.inf
     return velocity, effort
 
 
+# Files without known limits give placeholders, as 1000: faster, or stronger than for the weight at this lever, is no motor.
+_FASTEST = 200.0  # [rad/s]; the fastest of the catalogue's motors has 52
+_LONGEST_LEVER = 3.0  # [m]; the longest of the catalogue's robots is 0.27
 _BASE_AT_ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])  # position, then quaternion xyzw
 _BASE_AT_ORIGIN.setflags(write=False)
