@@ -15,14 +15,15 @@ from equipoise import BayesianMethod, RunFolder, calibrate, load_robot, simulate
 from equipoise.logs.offline import estimate_log
 from equipoise.logs.reader import read_log
 
-robot, recordings = load_robot("unitree_a1"), []
 if len(sys.argv) > 1:
-    recordings = RunFolder.open(sys.argv[1]).recordings()
+    run = RunFolder.open(sys.argv[1])
+    robot, recordings = run.robot(), run.recordings()
 else:
+    robot, recordings = load_robot("unitree_a1"), []
     with simulate(robot, preset="realistic", seed=3) as simulation:
         calibrate(simulation.platform, robot, keep=recordings.append)
 
-file = Path("a1_log.csv")
+file = Path(f"{robot.name}_log.csv")
 with file.open("w", newline="") as stream:
     writer = csv.writer(stream)
     signals = [f"{signal}.{joint}" for signal in ("position", "velocity", "torque") for joint in robot.joint_names]

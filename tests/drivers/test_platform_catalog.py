@@ -19,6 +19,7 @@ from equipoise.drivers.platforms import (
 )
 from equipoise.errors import SettingsError
 from equipoise.platform.engines import ENGINES
+from equipoise.robot.catalog import load_robot
 from equipoise.terminal.robot_reports import gain_lines
 
 
@@ -145,6 +146,12 @@ def test_a_platform_without_a_driver_changes_nothing(a1):
     robot = for_platform("ros2", without_speeds(a1))
     assert robot.gains(0.3) == a1.gains(0.3)
     assert np.isinf(robot.velocity_limit).all()
+
+
+@pytest.mark.filterwarnings("ignore::equipoise.errors.ModelWarning")
+def test_a_robot_with_other_joints_than_the_platform_is_refused():
+    with pytest.raises(SettingsError, match=r"unitree-go2 has 12 joints, three per leg; 'solo8' has 8"):
+        for_platform("unitree-go2", load_robot("solo8"))
 
 
 def test_the_gains_of_a_run_are_named_as_the_makers(a1):

@@ -749,9 +749,16 @@ def test_shares_of_packets_are_lost_doubled_and_overtaken():
     assert [packet for packet in sent for packet in again.carry(packet)] == arrived
 
 
-def test_a_share_is_a_share():
-    with pytest.raises(SettingsError, match=r"loss is 1\.5; it must be from 0 to 1"):
-        UnitreeUdpOptions(loss=1.5)
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"loss": 1.5}, r"loss is 1\.5; it must be from 0 to 1"),
+        ({"port": 99999}, "port is 99999; it must be from 1 to 65535"),
+    ],
+)
+def test_settings_of_an_emulator_have_ranges(setting, message):
+    with pytest.raises(SettingsError, match=message):
+        UnitreeUdpOptions(**setting)
 
 
 @pytest.mark.parametrize("jump", [-3600.0, 3600.0])

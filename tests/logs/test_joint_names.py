@@ -154,6 +154,8 @@ def test_a_map_in_a_file(tmp_path):
     file.write_text("FL_hip_joint = 1.5\n", encoding="utf-8")
     with pytest.raises(SettingsError, match="'FL_hip_joint' is something else"):
         read_joint_map(file)
+    file.write_text("joints = 3\n", encoding="utf-8")
+    assert read_joint_map(file) == {"joints": 3}, "the map of a joint with this name"
     file.write_text("FL_hip_joint\n", encoding="utf-8")
     with pytest.raises(SettingsError, match="cannot be read"):
         read_joint_map(file)

@@ -129,6 +129,9 @@ def for_platform(name: str, robot: RobotModel) -> RobotModel:
 
     The maker's gains are used unless the robot configuration has kp or kd. Joints without a speed limit, as in MJCF files,
     get that of their motors.
+
+    Raises:
+        SettingsError: the platform does not exist, or its robots have other joints.
     """
     driver = find_platform(name)
     if not isinstance(driver, Driver):
@@ -137,7 +140,9 @@ def for_platform(name: str, robot: RobotModel) -> RobotModel:
     if driver.makers_gains is not None and description.kp is None and description.kd is None:
         kp, kd = driver.makers_gains
         description = dataclasses.replace(description, kp=kp, kd=kd)
-    if driver.motor_speeds is not None and robot.leg_joints.shape[1] == len(driver.motor_speeds):
+    if driver.motor_speeds is not None:
+        if robot.leg_joints.shape[1] != len(driver.motor_speeds):
+            raise SettingsError(f"{name} has 12 joints, three per leg; {robot.name!r} has {len(robot.joint_names)}")
         motors = dict(zip(robot.leg_joints.ravel().tolist(), 4 * driver.motor_speeds, strict=True))
         for joint, speed in motors.items():
             speeds[joint] = speed if math.isinf(speeds[joint]) else speeds[joint]

@@ -142,7 +142,8 @@ def read_joint_map(path: Path) -> dict[str, str | int]:
         table = toml_table(read_text(path))
     except (OSError, ValueError) as error:
         raise SettingsError(f"the joint map {str(path)!r} cannot be read: {error}") from error
-    table = cast("dict[str, Any]", table.get("joints", table))
+    section = table.get("joints")
+    table = cast("dict[str, Any]", section) if isinstance(section, dict) else table
     wrong = [key for key, value in table.items() if isinstance(value, bool) or not isinstance(value, (str, int))]
     if wrong or not table:
         raise SettingsError(

@@ -60,7 +60,8 @@ def balance(
         watch: function that is called after every control period; its result is not used.
 
     Raises:
-        SettingsError: the diagonal is unknown, the duration is out of range, or the platform's joints are not the robot's.
+        SettingsError: the diagonal is unknown, the duration is out of range, the platform's joints are not the robot's, or
+            its legs have fewer than three joints.
         ReachError: a posture is out of reach.
         FallError: the robot does not stand on four feet at the beginning.
         MotionError: a measurement is not finite.
@@ -68,7 +69,7 @@ def balance(
     """
     if diagonal not in DIAGONALS:
         raise SettingsError(f"diagonal is {diagonal!r}; it must be {' or '.join(DIAGONALS)}")
-    check_duration(duration)
+    check_request(robot, duration)
     standing, feet_at_end = stand_up(platform, design_model, nominal_stance(robot))
     trial = _Trial(
         platform, robot, design_model, diagonal, duration, standing.target.joint_position, standing.target.torque, watch
@@ -98,8 +99,13 @@ def balance(
     )  # fmt: skip
 
 
-def check_duration(duration: float) -> None:
-    """Raise SettingsError for a time on two feet [s] that is out of range."""
+def check_request(robot: RobotModel, duration: float) -> None:
+    """Raise SettingsError for legs that cannot balance, or a time on two feet [s] that is out of range."""
+    if robot.leg_joints.shape[1] < 3:
+        raise SettingsError(
+            f"{robot.name!r} cannot balance on two feet: with fewer than three joints per leg it cannot move its body across "
+            "the line between them while they stay in place"
+        )
     if not 0 < duration <= _LONGEST:
         raise SettingsError(f"the duration is {duration:g} s; pass for example 10s, at most one hour")
 

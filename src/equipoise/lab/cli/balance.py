@@ -19,7 +19,7 @@ from equipoise.errors import FallError, MotionError, OutputError, SettingsError
 from equipoise.lab.balance import model_error
 from equipoise.lab.balance.balance_report import BalanceReport, BalanceTrial
 from equipoise.lab.balance.balance_routine import balance as run
-from equipoise.lab.balance.balance_routine import check_duration
+from equipoise.lab.balance.balance_routine import check_request
 from equipoise.lab.balance.evaluation import evaluate, true_traces
 from equipoise.lab.balance.model_error import DesignModel, error_along
 from equipoise.lab.terminal import print_balance
@@ -86,9 +86,9 @@ def balance(
     if com is not None and com_error is not None:
         raise SettingsError("--com and --com-error both set the controller's model; pass one of them")
     time = seconds(duration, "duration") or 0.0
-    check_duration(time)  # before the simulation is made
     error = None if com_error is None else metres(com_error)
     model = load_robot(robot, description)
+    check_request(model, time)  # before the simulation is made
     stance = nominal_stance(model)
     calibration = None if com is None else Calibration.load(com / "calibration.json" if com.is_dir() else com)
     loaded = Payload.parse(payload) if payload is not None else None

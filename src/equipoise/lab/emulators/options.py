@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from equipoise.drivers.platform_settings import check_range
 from equipoise.drivers.unitree.udp_settings import Protocol
-from equipoise.errors import SettingsError
 from equipoise.lab.emulators.emulated_robot import EmulatorSettings
 
 _TRAJECTORIES_TO_TORQUES: dict[str, Any] = {
@@ -40,6 +41,9 @@ class UnitreeDdsOptions(EmulatorSettings):
     first_tick: int = 1_000_000
     bare: bool = False
 
+    def __post_init__(self) -> None:
+        check_range(self, "domain", 0, 232)
+
 
 @dataclass(frozen=True)
 class UnitreeUdpOptions(EmulatorSettings):
@@ -70,9 +74,9 @@ class UnitreeUdpOptions(EmulatorSettings):
     network_seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("loss", "duplicate", "reorder"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise SettingsError(f"{name} is {getattr(self, name)}; it must be from 0 to 1")
+        check_range(self, "port", 1, 65535)
+        for name in ("tick", "loss", "duplicate", "reorder"):
+            check_range(self, name, 0, 1)
 
 
 @dataclass(frozen=True)
@@ -128,9 +132,11 @@ class Ros2Options(EmulatorSettings):
     interpolate_from_desired_state: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("stiffness", "damping", "integral", "most_integral", "joint_rate", "imu_rate"):
-            if not getattr(self, name) >= 0:
-                raise SettingsError(f"{name} is {getattr(self, name)}; it must be zero or more")
+        check_range(self, "domain", 0, 232)
+        for name in ("stiffness", "damping", "integral", "most_integral"):
+            check_range(self, name, 0, math.inf)
+        for name in ("joint_rate", "imu_rate"):
+            check_range(self, name, 1, 500)
 
     def as_stack(self) -> Ros2Options:
         """Return the settings with the stack's values in place of defaults."""
