@@ -96,6 +96,16 @@ def test_on_a_robot_no_pose_is_assumed(plain, capsys, arguments):
     )
 
 
+def test_a_dry_run_names_the_flags_that_the_run_needs(plain, capsys):
+    assert main(["calibrate", plain, "--platform", "ros2", "--method", "static", "--dry-run"]) == 0
+    out, err = streams(capsys)
+    assert "Nothing was moved." in out
+    assert err.endswith(
+        "before the run: the pose of the IMU is not known: no frame of the model looks like an IMU. Give --imu-frame NAME "
+        "(frames of the base: trunk), or, if the IMU is at the origin of the base, --imu-position 0 0 0"
+    )
+
+
 def test_a_log_has_no_assumed_pose_either(plain, capsys, tmp_path):
     log = tmp_path / "log.csv"
     log.write_text("time\n0\n")

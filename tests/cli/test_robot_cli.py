@@ -23,6 +23,7 @@ from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.packet_formats import FORMS
 from equipoise.lab.static.method import Static
 from equipoise.recording.run_log_reader import read_log
+from equipoise.robot.catalog import load_robot
 from equipoise.terminal.robot_reports import print_checkup, print_rehearsal
 
 EQUIPOISE = [sys.executable, "-m", "equipoise"]
@@ -199,11 +200,26 @@ def test_a_dry_run_counts_lifts_and_names_each_posture_once(a1, capsys):
     lifts = [posture for posture in rehearsal.postures if "two feet up" in posture.what]
     assert [lift.what.partition(":")[0] for lift in lifts[:4]] == ["search, nominal"] * 4
     assert sum(lift.times for lift in lifts) == plan.lifts + 4
-    assert f"lifts two diagonal feet {plan.lifts + 4} times" in rehearsal.doing
+    assert f"lifts two diagonal feet {plan.lifts + 4} times" in rehearsal.course.doing
     assert rehearsal.duration == plan.robot_time
     assert plan.trials()[-1][0] == "excitation about all axes"
     print_rehearsal(rehearsal, "mujoco")
-    assert capsys.readouterr().out.count("excitation about yaw") == 1
+    printed = " ".join(capsys.readouterr().out.split())
+    assert printed.count("excitation about yaw") == 1
+    assert "The run plans again from what it measures, so its postures may differ from these." in printed
+    assert f"for its mass of {a1.mass:.1f} kg at rest: a payload and motion add torque." in printed
+
+
+@pytest.mark.filterwarnings("ignore::equipoise.errors.ModelWarning")
+def test_a_crouch_of_a_run_is_not_listed_as_lying():
+    rehearsal = rehearse(load_robot("solo8"), BayesianMethod(duration=120), standing=True)
+    assert any("crouch +0.35" in posture.what for posture in rehearsal.postures)
+    assert "lying" not in [posture.what for posture in rehearsal.postures]
+
+
+def test_a_run_that_is_rotated_halfway_lies_down(a1):
+    rehearsal = rehearse(a1, BayesianMethod(duration=60, rotate_halfway=True), standing=True)
+    assert [posture.what for posture in rehearsal.postures][:2] == ["nominal stance", "lying"]
 
 
 @pytest.mark.parametrize(

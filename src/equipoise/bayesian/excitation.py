@@ -25,7 +25,8 @@ from equipoise.robot.stance import Stance
 # Each axis has its own frequency, so that its angular velocity has a distinct dominant sinusoid.
 # The direction of friction then changes often during the motion.
 _ALL_AXES_FREQUENCIES = (2.3, 1.9, 1.5)  # [Hz] of roll, pitch and yaw on an A1
-_ALL_AXES_AMPLITUDE = 0.04  # [rad]
+ALL_AXES_SETTINGS = ExcitationSettings(amplitude=0.04)
+"""Settings of the excitation about all axes at once; each axis has its own frequency."""
 _ALL_AXES_PERIODS = 8  # of the slowest
 _KNOTS_PER_PERIOD = 12
 
@@ -39,15 +40,14 @@ def excitation_all_axes(standing: StandingRobot, stance: Stance, com: FloatArray
         com: (3,) current estimate of the CoM in the base frame [m].
     """
     robot = standing.robot
-    settings = ExcitationSettings(amplitude=_ALL_AXES_AMPLITUDE)
-    axes: list[Axis] = [axis for axis in AXES if why_unreachable(robot, stance, axis, settings) is None]
+    axes: list[Axis] = [axis for axis in AXES if why_unreachable(robot, stance, axis, ALL_AXES_SETTINGS) is None]
     if not axes:
         return
     frequencies: dict[Axis, float] = {
         axis: f / stance.scale.time for axis, f in zip(AXES, _ALL_AXES_FREQUENCIES, strict=True) if axis in axes
     }
     amplitudes = {
-        axis: amplitude_for(robot, stance, axis, replace(settings, frequency=frequency)) / np.sqrt(len(axes))
+        axis: amplitude_for(robot, stance, axis, replace(ALL_AXES_SETTINGS, frequency=frequency)) / np.sqrt(len(axes))
         for axis, frequency in frequencies.items()
     }
     slowest = min(frequencies.values())

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from equipoise.bayesian.excitation import ALL_AXES_SETTINGS
 from equipoise.bayesian.lift_design import LiftDesign, lift_feet, lift_settings
 from equipoise.bayesian.plan import SEARCH, Plan
 from equipoise.bayesian.planning.candidates import describe
 from equipoise.bayesian.settings import BayesianSettings
 from equipoise.conventions import FloatArray
-from equipoise.experiments.excitation_settings import ExcitationSettings
 from equipoise.experiments.posture import feet_in_posture
 from equipoise.method.rehearsal import Course, RehearsedPosture, excitation_postures, held_posture
 from equipoise.robot.inertial import composite_parameters
@@ -22,13 +22,13 @@ def rehearse(robot: RobotModel, stance: Stance, settings: BayesianSettings, plan
     """Return the description, duration and postures of a run with this plan."""
     postures, lifts = _planned_postures(robot, stance, plan), plan.lifts + plan.search * len(DIAGONALS)
     if plan.excitation:
-        postures += excitation_postures(robot, stance, ExcitationSettings())
+        postures += excitation_postures(robot, stance, ALL_AXES_SETTINGS)
     doing = (
         f"moves its body through {len(plan.visits)} postures with all feet on the floor, lifts two diagonal feet {lifts} times"
         f"{', is turned by hand half-way, joints damped' if settings.rotate_halfway else ''}"
-        f"{', oscillates its body about all axes' if plan.excitation else ''}"
+        f"{', oscillates its body about every axis within reach' if plan.excitation else ''}"
     )
-    return Course(doing, plan.robot_time, tuple(postures))
+    return Course(doing, plan.robot_time, tuple(postures), lies=settings.rotate_halfway, replans=True)
 
 
 def _planned_postures(robot: RobotModel, stance: Stance, plan: Plan) -> list[RehearsedPosture]:

@@ -1,6 +1,6 @@
-"""Rehearsal of a calibration from the model alone: postures, joint ranges and torques.
+"""Rehearsal of a calibration from the model alone: postures, joint ranges and static torques.
 
-A robot with an unmodelled payload needs more torque than predicted here.
+Motion and an unmodelled payload add to the torques predicted here.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.json_form import to_json
 from equipoise.method.method import Method
-from equipoise.method.rehearsal import RehearsedPosture, held_posture
+from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import lies, lying_posture, nominal_stance
+from equipoise.robot.stance import lying_posture, nominal_stance
 
 _AROUND = 12.0  # [s] on an A1: initial checks, standing up, lying down, damping
 
@@ -27,14 +27,14 @@ class Rehearsal:
     Attributes:
         robot: model of the robot.
         method: method of the calibration.
-        doing: description of the motions between standing up and lying down.
+        course: motions between standing up and lying down.
         postures: postures in order; lying first, if the robot begins so.
         duration: robot time [s].
     """
 
     robot: RobotModel
     method: Method
-    doing: str
+    course: Course
     postures: tuple[RehearsedPosture, ...]
     duration: float
 
@@ -46,7 +46,7 @@ class Rehearsal:
 
     @property
     def largest_torque(self) -> FloatArray:
-        """Largest absolute joint torques (nj,) [Nm]."""
+        """Largest absolute static joint torques (nj,) [Nm]."""
         return np.abs([posture.torque for posture in self.postures]).max(axis=0)
 
     def to_dict(self) -> dict[str, Any]:
@@ -58,6 +58,7 @@ class Rehearsal:
             "robot": self.robot.name,
             "method": self.method.name,
             "duration": self.duration,
+            "replans": self.course.replans,
             "joints": {
                 name: {"from": low, "to": high, "torque": torque, "torque_limit": limit if np.isfinite(limit) else None}
                 for name, low, high, torque, limit in rows
@@ -83,7 +84,6 @@ def rehearse(robot: RobotModel, method: Method, standing: bool = False) -> Rehea
     course = method.rehearse(robot, stance)
     if not standing:
         postures = (lying, nominal, *course.postures)
-        return Rehearsal(robot, method, course.doing, postures, course.duration + _AROUND * stance.scale.time)
-    lies_down = any(lies(robot, stance, posture.joint_position) for posture in course.postures)
-    postures = (nominal, *([lying] if lies_down else []), *course.postures)
-    return Rehearsal(robot, method, course.doing, postures, course.duration)
+        return Rehearsal(robot, method, course, postures, course.duration + _AROUND * stance.scale.time)
+    postures = (nominal, *([lying] if course.lies else []), *course.postures)
+    return Rehearsal(robot, method, course, postures, course.duration)

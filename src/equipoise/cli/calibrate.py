@@ -18,7 +18,7 @@ from equipoise.cli import print_message
 from equipoise.cli.arguments import chosen
 from equipoise.cli.flags import Described, File, Flag, Output, Required, RobotOrNone, Verbose, exit_code
 from equipoise.cli.methods import METHOD_FLAGS
-from equipoise.cli.operator_prompt import with_imu_pose
+from equipoise.cli.operator_prompt import imu_pose_missing, with_imu_pose
 from equipoise.cli.parsing import ChosenFlags, Verb
 from equipoise.cli.report import try_to_save
 from equipoise.cli.target import TARGET_FLAGS, RunTarget, SimulatedTarget
@@ -132,6 +132,8 @@ def calibrate(
     if dry_run:
         standing = isinstance(target, SimulatedTarget) and target.start == "standing"
         show_rehearsal(model, method, target.platform, output.json, standing)
+        if (reason := imu_pose_missing(model, target.simulated)) is not None:
+            print_message(f"before the run: {reason}")
         return 0
     confirm(target, model, method)
     out = run_path(model, out)

@@ -115,12 +115,18 @@ def with_imu_pose(model: RobotModel, simulated: bool = False) -> RobotModel:
     Raises:
         SettingsError: the pose is unknown and there is no terminal, or the answer is not a frame of the base.
     """
-    imu = model.imu
-    if imu.is_assumed and (imu.proposed or not simulated):
+    if (reason := imu_pose_missing(model, simulated)) is not None:
         if not sys.stdin.isatty():
-            raise SettingsError(f"the pose of the IMU is not known: {imu.reason}. {_flags(model)}")
+            raise SettingsError(reason)
         return _described(model, _answer(model))
     return model
+
+
+def imu_pose_missing(model: RobotModel, simulated: bool) -> str | None:
+    """Return why a run needs the pose of the IMU, and the flags that give it; None if the model's pose suffices."""
+    if not model.imu.is_assumed or (simulated and not model.imu.proposed):
+        return None
+    return f"the pose of the IMU is not known: {model.imu.reason}. {_flags(model)}"
 
 
 def _flags(model: RobotModel) -> str:

@@ -87,8 +87,13 @@ class CombinedMethod(Method):
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
         first, second = self.base.rehearse(robot, stance), self.motors.rehearse(robot, stance)
-        doing, duration = f"{first.doing}, {second.doing}", first.duration + second.duration
-        return Course(doing, duration, (*first.postures, *second.postures))
+        return Course(
+            f"{first.doing}, {second.doing}",
+            first.duration + second.duration,
+            (*first.postures, *second.postures),
+            first.lies or second.lies,
+            first.replans or second.replans,
+        )
 
     def forecast(self, robot: RobotModel, stance: Stance, swings: Sequence[Recording] = ()) -> Forecast | None:
         """Return the base method's forecast, with predicted swings if it uses them."""

@@ -43,11 +43,15 @@ class Course:
         doing: description of the motions, for "the robot stands up, ... and ends where it began".
         duration: robot time [s].
         postures: postures in order, without the nominal stance.
+        lies: whether the robot lies down in between.
+        replans: whether the run plans its postures again from what it measures.
     """
 
     doing: str
     duration: float
     postures: tuple[RehearsedPosture, ...] = ()
+    lies: bool = False
+    replans: bool = False
 
 
 class Forecast(Protocol):

@@ -117,7 +117,7 @@ class Motors(MotorsSettings, Method):
                 f"lies down on its belly, turns its legs up, swings all joints for {self.motor_time:.0f} s, stands up"
             )
             postures = _swung("legs up", robot, up.joint_position, up.swing, ())
-            return Course(doing, swing_time(robot, stance, self.motor_time), postures)
+            return Course(doing, swing_time(robot, stance, self.motor_time), postures, lies=True)
         each, ups = self.motor_time / len(LEG_NAMES), legs_in_turn(robot, stance)
         doing = (
             f"moves its body over three feet, lifts the fourth and swings that leg for {each:.1f} s, each leg in turn"

@@ -93,7 +93,7 @@ def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
         share = f"{largest[joint] / limit[joint]:.0%}" if limited else f"{largest[joint]:.1f} Nm, no limit,"
         torque = f"{share} at {robot.joint_names[joint]}" if largest[joint] > 0 else "-"
         postures.append([name, str(sum(posture.times for posture in same)), torque])
-    show_table("Postures", ["posture", "|times", "largest torque, of the limit"], postures, console)
+    show_table("Postures", ["posture", "|times", "largest static torque, of the limit"], postures, console)
     joints: list[list[str]] = []
     lower, upper = rehearsal.joint_range
     for index, joint_name in enumerate(robot.joint_names):
@@ -101,9 +101,14 @@ def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
         most = f" of {limit[index]:.1f}" if np.isfinite(limit[index]) else ", no limit"
         torque = f"{rehearsal.largest_torque[index]:.1f}{most}"
         joints.append([joint_name, f"{lower[index]:+.2f}", f"{upper[index]:+.2f}", allowed, torque])
-    show_table("Joints", ["joint", "|from [rad]", "|to", "|limits [rad]", "|torque [Nm]"], joints, console)
+    show_table("Joints", ["joint", "|from [rad]", "|to", "|limits [rad]", "|static torque [Nm]"], joints, console)
     around = ", from lying until it lies again" * _begins_lying(rehearsal)
-    console.print(f"Computed with the model{around}. Nothing was moved.")
+    if rehearsal.course.replans:
+        console.print("The run plans again from what it measures, so its postures may differ from these.")
+    console.print(
+        f"Computed with the model{around}, for its mass of {robot.mass:.1f} kg at rest: a payload and motion add torque. "
+        "Nothing was moved."
+    )
 
 
 def rehearsal_lines(rehearsal: Rehearsal, platform: str) -> list[str]:
@@ -116,8 +121,8 @@ def rehearsal_lines(rehearsal: Rehearsal, platform: str) -> list[str]:
     start, around = ("is checked, stands up", ", with checks, standing up and lying down") if lying else ("stands", "")
     lines = [
         f"{robot.name} on {platform}: method {rehearsal.method.name}, about {rehearsal.duration:.0f} s{around}.",
-        f"The robot {start}, {rehearsal.doing}, and returns to its initial posture.",
-        f"Largest torque according to the model: {torque[joint]:.1f} Nm at {robot.joint_names[joint]}, {limit}.",
+        f"The robot {start}, {rehearsal.course.doing}, and returns to its initial posture.",
+        f"Largest static torque according to the model: {torque[joint]:.1f} Nm at {robot.joint_names[joint]}, {limit}.",
     ]
     lines += gain_lines(robot, platform)
     if share > _HEAVY:
