@@ -189,6 +189,7 @@ def test_a_replan_without_time_is_empty(candidates):
 def test_the_plan_is_json(plans):
     table = json.loads(json.dumps(plans[60.0].to_dict()))
     assert table["lifts"] == plans[60.0].lifts == sum(len(visit["lifts"]) for visit in table["visits"])
+    assert (table["search_lifts"], table["excitation"]) == (2 * plans[60.0].search, plans[60.0].excitation)
     assert list(table["predicted_std"]) == list(COMPONENTS)
     assert table["predicted_std"] == name_components(plans[60.0].std)
 

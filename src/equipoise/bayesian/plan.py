@@ -106,6 +106,9 @@ class Plan:
         return {
             "robot_time": self.robot_time,
             "lifts": self.lifts,
+            "search_lifts": self.search * len(DIAGONALS),
+            "before_search": self.before_search,
+            "excitation": self.excitation,
             "rotate_after": self.rotate_after,
             "visits": [
                 {
