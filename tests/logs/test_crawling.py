@@ -10,7 +10,7 @@ from foreign_logs import estimated
 from equipoise import nominal_stance, simulate
 from equipoise.errors import RecordingError
 from equipoise.lab.gaits.crawl import ORDER, SHIFT, STANDING, SWING, crawl
-from equipoise.logs.motions.loads import FootForces, FootLoads
+from equipoise.logs.motions.loads import FootLoads
 from equipoise.logs.motions.segments import find_segments
 from equipoise.logs.motions.track import Track
 from equipoise.recording.trials import CrawlTrial, Step, read_trial
@@ -103,7 +103,7 @@ OFFSET, COUNTS = np.array([40.0, -15.0, 3.0, 120.0]), np.array([1.5, 2.2, 1.8, 3
 def sensed(a1, log):
     """Readings of foot force sensors, in whole counts."""
     force = feet_and_forces(a1, log.joints.position, log.joints.torque)[1][:, :, 2]
-    return FootForces(log.joints.time, np.round(OFFSET + COUNTS * force))
+    return FootLoads("foot forces", log.joints.time, np.round(OFFSET + COUNTS * force))
 
 
 def confirmed(a1, stance, log, forces):
@@ -122,17 +122,17 @@ def test_a_foot_that_carries_all_the_time_is_not_up(a1, stance, crawled, found):
     """Only the foot sensor reads so."""
     _, dragged, *_ = steps_of(found.report.segments)
     forces = sensed(a1, crawled.log)
-    wrong = forces.force.copy()
+    wrong = forces.load.copy()
     leg = LEG_NAMES.index(dragged.lifted)
     wrong[(forces.time > dragged.start - 0.2) & (forces.time < dragged.end + 0.2), leg] = OFFSET[leg] + 50 * COUNTS[leg]
-    steps, message = confirmed(a1, stance, crawled.log, FootForces(forces.time, wrong))
+    steps, message = confirmed(a1, stance, crawled.log, FootLoads("foot forces", forces.time, wrong))
     assert [step.lifted for step in steps] == [ORDER[0], *ORDER[2:], ORDER[0]]
     assert "foot forces contradict 1 of 5 steps found by legs and IMU: a lifted foot carries load" in message
 
 
 def test_sensors_of_other_feet_are_named_and_not_used(a1, stance, crawled):
     forces = sensed(a1, crawled.log)
-    swapped = FootForces(forces.time, forces.force[:, [1, 0, 3, 2]])
+    swapped = FootLoads("foot forces", forces.time, forces.load[:, [1, 0, 3, 2]])
     steps, message = confirmed(a1, stance, crawled.log, swapped)
     assert "foot forces contradict most of 5 steps found by legs and IMU, and are not used" in message
     assert len(steps) == STEPS
@@ -169,7 +169,7 @@ def test_a_long_rest_is_not_the_unloaded_reading(rest):
         steps.append(on_three(LEG_NAMES[lifted], start + 0.05, start + 0.45))
     none = np.zeros((len(time), 3))
     track = Track(time, step, np.zeros((len(time), 12)), none, none, None, 0.0, 0.0)
-    loads = FootLoads.by_sensors(track, FootForces(time, force), steps)
+    loads = FootLoads.by_sensors(track, FootLoads("foot forces", time, force), steps)
     assert not any(loads.contradicts(one) for one in steps)
 
 

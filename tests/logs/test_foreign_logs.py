@@ -322,7 +322,7 @@ def test_foot_forces_of_states_are_read_in_the_order_of_the_legs(a1, log, tmp_pa
     of_motors = np.column_stack([1000 * leg + np.arange(COUNT) for leg in range(4)])
     bag = Bag(tmp_path / "bag", "mcap" if written == "low_states" else "ros1")
     forces = read_log(getattr(bag, written)(a1, log, foot_force=of_motors).write(), a1).foot_forces
-    np.testing.assert_array_equal(forces.force, of_motors[:, [1, 0, 3, 2]])  # FR FL RR RL
+    np.testing.assert_array_equal(forces.load, of_motors[:, [1, 0, 3, 2]])  # FR FL RR RL
     np.testing.assert_allclose(np.diff(forces.time), 1 / RATE, rtol=1e-2)
     silent = Bag(tmp_path / "silent", "mcap" if written == "low_states" else "ros1")
     assert read_log(getattr(silent, written)(a1, log).write(), a1).foot_forces is None
@@ -396,7 +396,7 @@ def test_foot_forces_of_a_table_may_have_gaps(a1, log, tmp_path):
     forces["foot_force.RL"] = np.where(np.arange(COUNT) % 3, forces["foot_force.RL"], np.nan)
     read = read_log(write_csv(tmp_path / "log.csv", {**columns, **forces}), a1)
     known = np.arange(COUNT) % 3 > 0
-    np.testing.assert_array_equal(read.foot_forces.force, np.column_stack([*forces.values()])[known])
+    np.testing.assert_array_equal(read.foot_forces.load, np.column_stack([*forces.values()])[known])
     np.testing.assert_allclose(read.foot_forces.time, read.recording.joints.time[known], atol=1e-9)
     same(read.recording, log)
     assert read_log(write_csv(tmp_path / "none.csv", columns), a1).foot_forces is None

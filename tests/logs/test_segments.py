@@ -17,7 +17,7 @@ from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.oscillation import find_oscillation
 from equipoise.logs.motions.rests import find_rests
 from equipoise.logs.motions.segments import find_segments, usable
-from equipoise.logs.motions.track import Integral, Track
+from equipoise.logs.motions.track import Track, means
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.recording.runs import true_runs
@@ -341,7 +341,7 @@ def test_feet_rise_with_the_rotation_of_the_gyroscope(a1, stance, legs):
     recording = moving(a1, stance, lambda part: stance.feet_in_base, turning=(0.2, 0, 0))
     track = Track.of(a1, recording, 1.0)
     rest, *_ = find_rests(a1, stance, track)
-    paths = FootPaths.after(legs, track, rest, 2.4)
+    paths = FootPaths.after(legs, track.part(track.indices(rest.end, 2.4)), rest)
     left, right = paths.rise_above(("FR", "RR"))[-1, 0], stance.feet_in_base[0, 1] - stance.feet_in_base[1, 1]
     assert left == pytest.approx(0.1 * right, rel=0.1)
     assert paths.turned[-1] == pytest.approx(0.1, rel=0.05)
@@ -414,7 +414,7 @@ def test_means_do_not_depend_on_rates(a1, bayesian_run):
 def test_means_of_straight_lines_are_exact():
     time = np.cumsum(np.random.default_rng(0).uniform(0.001, 0.01, 400))
     edges = np.arange(time[0], time[-1], 0.02)
-    found = Integral(time, np.column_stack([np.full(400, 3.0), 2 * time])).means(edges)
+    found = means(time, np.column_stack([np.full(400, 3.0), 2 * time]), edges)
     np.testing.assert_allclose(found[:, 0], 3.0)
     np.testing.assert_allclose(found[:, 1], edges[1:] + edges[:-1], atol=2e-3)
 
@@ -430,10 +430,10 @@ def test_an_oscillation_is_found_where_it_is_steady():
     turning = np.column_stack(
         [0.3 * np.sin(2 * np.pi * 1.7 * time), 0.01 * np.cos(time), 0.2 * np.sin(2 * np.pi * 2.4 * time)]
     )
-    found = find_oscillation(time, envelope[:, None] * turning, 1.0)
-    assert found.frequencies == pytest.approx({"roll": 1.7, "yaw": 2.4}, abs=0.15)
-    assert 1.0 < found.start < 2.2
-    assert 5.8 < found.end < 7.0
+    start, end, frequencies = find_oscillation(time, envelope[:, None] * turning, 1.0)
+    assert frequencies == pytest.approx({"roll": 1.7, "yaw": 2.4}, abs=0.15)
+    assert 1.0 < start < 2.2
+    assert 5.8 < end < 7.0
     noise = np.random.default_rng(0).standard_normal((800, 3))
     assert find_oscillation(time, noise, 1.0) is None
     assert find_oscillation(time, np.zeros((800, 3)), 1.0) is None

@@ -16,7 +16,7 @@ from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.errors import RecordingError
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import JointMap, map_joints
-from equipoise.logs.motions.loads import FootForces
+from equipoise.logs.motions.loads import FootLoads
 from equipoise.logs.orientation import angular_velocity_of
 from equipoise.logs.repeats import repeated_rows
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording, read_only
@@ -103,7 +103,7 @@ class Log:
     joint_map: JointMap
     about: Mapping[str, str]
     findings: tuple[LogFinding, ...]
-    foot_forces: FootForces | None = None
+    foot_forces: FootLoads | None = None
 
 
 def assemble(
@@ -174,7 +174,7 @@ def _joint_stream(
     )
 
 
-def _foot_forces(raw: RawJoints, origin: float) -> FootForces | None:
+def _foot_forces(raw: RawJoints, origin: float) -> FootLoads | None:
     """Return the readings of the foot force sensors; None without them, or if they never change."""
     if raw.foot_force is None:
         return None
@@ -183,7 +183,7 @@ def _foot_forces(raw: RawJoints, origin: float) -> FootForces | None:
     force = np.asarray(raw.foot_force[kept], dtype=float)
     if len(force) < 2 or not np.ptp(force, axis=0).any():
         return None
-    return FootForces(raw.time[kept] - origin, force)
+    return FootLoads("foot forces", raw.time[kept] - origin, force)
 
 
 def _taken(values: FloatArray, rows: NDArray[np.intp], columns: NDArray[np.intp] | None = None) -> FloatArray:

@@ -42,17 +42,13 @@ class FootPaths:
     turned: FloatArray
 
     @classmethod
-    def after(cls, legs: LegChains, track: Track, rest: LoggedRest, end: float) -> FootPaths:
-        """Compute the paths from a rest's end to a time [s].
+    def after(cls, legs: LegChains, track: Track, rest: LoggedRest) -> FootPaths:
+        """Compute the paths after a rest.
 
         Args:
-            track: samples with the gyroscope's bias removed.
+            track: samples from the rest's end on, two at least, with the gyroscope's bias removed.
         """
-        part = track.part(track.indices(rest.end, end))
-        time, position, angular_velocity_in_base = part.time, part.joint_position, part.angular_velocity_in_base
-        if len(time) < 2:
-            none = np.zeros((len(time), 4))
-            return cls(time, np.zeros((len(time), 4, 3)), none, none, np.zeros(len(time)))
+        time, position, angular_velocity_in_base = track.time, track.joint_position, track.angular_velocity_in_base
         attitude = attitudes(time, angular_velocity_in_base)
         to_rest = attitude.as_matrix()
         up = attitude.inv().apply(rest.up)

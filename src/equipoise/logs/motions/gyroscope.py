@@ -17,8 +17,8 @@ from equipoise.errors import RecordingError
 from equipoise.estimator.diagnostics.screening import GYROSCOPE_MISTAKES, RIGHT_ANGLE_TURNS, imu_mounting_error
 from equipoise.estimator.measurements.leg_motion import LegChains, cross, cross_matrix
 from equipoise.estimator.measurements.walking import CONTEXT, gyro_bias_of_walks
-from equipoise.logs.motions.track import STEP, Integral, Track, at_once
-from equipoise.logs.motions.walking_feet import find_steps
+from equipoise.logs.motions.track import STEP, Track, at_once, integral
+from equipoise.logs.motions.walking_feet import WalkingFeet
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import Step
@@ -84,12 +84,12 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
     if seen is None:
         return None
     imu = recording.between(seen.edges.min() - _AROUND, seen.edges.max() + _AROUND).imu
-    angle = Integral(imu.time, imu.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T)
+    angle = integral(imu.time, imu.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T)
 
     def unexplained(offset: float, correction: FloatArray) -> float:
-        edges = seen.edges - offset
-        inside = (edges[0] >= imu.time[0]) & (edges[1] <= imu.time[-1])
-        return seen.unexplained(angle.means_between(*edges) @ correction.T, inside)
+        begin, end = seen.edges - offset
+        inside = (begin >= imu.time[0]) & (end <= imu.time[-1])
+        return seen.unexplained((angle(end) - angle(begin)) / (end - begin)[:, None] @ correction.T, inside)
 
     offset, left = _best_offset(unexplained, np.eye(3), _FARTHEST if motion == _STANCE_MOTION else _FARTHEST_OF_STEPS)
     if left > _DOUBTFUL:
@@ -137,17 +137,14 @@ def _walked(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
     turns = [turn for turn in (np.eye(3), *RIGHT_ANGLE_TURNS) if (turn @ up)[2] > _UPRIGHT]
     # With a gyroscope of wrong sign or unit, or a turned IMU, few steps are found: try the corrections of each mistake.
     tried: list[tuple[Track, list[Step]]] = []
-    for turn, factor in (
-        *((turn, np.eye(3)) for turn in turns),
-        *((np.eye(3), np.diag(of)) for _, of in GYROSCOPE_MISTAKES),
-    ):
-        cured = replace(
-            track,
-            angular_velocity_in_base=track.angular_velocity_in_base @ (factor @ turn).T,
-            acceleration_in_base=track.acceleration_in_base @ turn.T,
-        )
-        bias = gyro_bias_of_walks([(cured.time, cured.angular_velocity_in_base, cured.acceleration_in_base)])
-        tried.append((cured, find_steps(legs, stance, cured.without_bias(bias))[0]))
+    mistakes = [(np.diag(factor), np.eye(3)) for _, factor in GYROSCOPE_MISTAKES]
+    for of_gyroscope, of_accelerometer in [*((turn, turn) for turn in turns), *mistakes]:
+        turning = track.angular_velocity_in_base @ of_gyroscope.T
+        force = track.acceleration_in_base @ of_accelerometer.T
+        cured = replace(track, angular_velocity_in_base=turning, acceleration_in_base=force)
+        bias = gyro_bias_of_walks([(track.time, turning, force)])
+        walking = WalkingFeet.of(legs, stance, cured.without_bias(bias))
+        tried.append((cured, [] if walking is None else walking.on_two()))
     fewest = _COMPARABLE * max(len(steps) for _, steps in tried)
     for cured, steps in tried:
         if len(steps) >= fewest and sum(step.end - step.start for step in steps) > _ENOUGH * stance.scale.time:

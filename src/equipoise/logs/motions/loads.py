@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.logs.finding import LogFinding
-from equipoise.logs.motions.track import Integral, Track
+from equipoise.logs.motions.track import Track, means
 from equipoise.recording.runs import true_runs
 from equipoise.recording.trials import Step
 from equipoise.robot.kinematics import feet_and_forces
@@ -31,26 +31,13 @@ _LOOKED_AT = 1000  # samples of a walk that its mean is of, at most
 
 
 @dataclass(frozen=True, eq=False)
-class FootForces:
-    """Readings of the foot force sensors.
-
-    Attributes:
-        time: (n,) times, on the joints' clock [s].
-        force: (n, 4) readings of the feet FL FR RL RR, in any unit and with any offset; more is more load.
-    """
-
-    time: FloatArray
-    force: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class FootLoads:
-    """Loads of the feet, relative to the mean load of a foot.
+    """Loads of the feet, relative to the mean load of a foot; or readings of a log's sensors, in any unit with any offset.
 
     Attributes:
         source: name of the sensors.
-        time: (n,) times [s].
-        load: (n, 4) loads of the feet FL FR RL RR; not a number where a sensor is not plausible.
+        time: (n,) times, on the joints' clock [s].
+        load: (n, 4) loads of the feet FL FR RL RR, more is more; not a number where a sensor is not plausible.
     """
 
     source: str
@@ -58,21 +45,21 @@ class FootLoads:
     load: FloatArray
 
     @classmethod
-    def by_sensors(cls, track: Track, sensed: FootForces, steps: Sequence[Step]) -> FootLoads:
+    def by_sensors(cls, track: Track, sensed: FootLoads, steps: Sequence[Step]) -> FootLoads:
         """Return loads by foot force sensors, relative to each one's mean from the first step to the last.
 
         Args:
             steps: times on two feet and three.
         """
         edges = np.append(track.time - track.step / 2, track.time[-1] + track.step / 2)
-        force = Integral(sensed.time, sensed.force).means(edges)
+        force = means(sensed.time, sensed.load, edges)
         in_steps = np.concatenate(
             [np.arange(*track.indices(step.start, step.end).indices(len(force))) for step in steps]
         )
         force = force - np.quantile(force[in_steps], _UNLOADED, axis=0)  # a robot that rests for long has no foot up
         usual = force[_walking(track, steps)].mean(axis=0)
         usual = np.where(usual > _DEAD * np.median(usual), usual, np.nan)
-        return cls("foot forces", track.time, force / usual)
+        return cls(sensed.source, track.time, force / usual)
 
     @classmethod
     def by_torques(cls, robot: RobotModel, track: Track, steps: Sequence[Step]) -> FootLoads | None:
@@ -123,7 +110,7 @@ class Contacts:
         foot_forces: readings of its foot force sensors, if it has any.
     """
 
-    def __init__(self, robot: RobotModel, foot_forces: FootForces | None) -> None:
+    def __init__(self, robot: RobotModel, foot_forces: FootLoads | None) -> None:
         self._robot, self._foot_forces = robot, foot_forces
         self._seen, self._contradicted = Counter[str](), Counter[str]()
         self._doubted = 0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from equipoise.conventions import AXES, Axis, FloatArray
@@ -19,28 +17,12 @@ _LEAST = 0.03  # [rad/s] rms
 _BINS = 2  # on either side of a peak: as wide as a Hann window makes a sinusoid's
 
 
-@dataclass(frozen=True)
-class Oscillation:
-    """A steady part of a motion.
+def find_oscillation(
+    time: FloatArray, angular_velocity_in_base: FloatArray, time_scale: float
+) -> tuple[float, float, dict[Axis, float]] | None:
+    """Return start and end [s] of the longest steady part, and its frequencies by the axes that a sinusoid dominates [Hz].
 
-    Attributes:
-        start, end: times at which it begins and ends [s].
-        frequencies: frequencies by base axis about which a sinusoid dominates [Hz].
-    """
-
-    start: float
-    end: float
-    frequencies: dict[Axis, float]
-
-    @property
-    def words(self) -> str:
-        """Return a short description."""
-        axes = [f"{axis} {frequency:.1f} Hz" for axis, frequency in self.frequencies.items()]
-        return ", ".join([*axes, f"{self.end - self.start:.1f} s"])
-
-
-def find_oscillation(time: FloatArray, angular_velocity_in_base: FloatArray, time_scale: float) -> Oscillation | None:
-    """Return the longest steady part, if a sinusoid dominates it about one axis at least.
+    None if a sinusoid dominates no axis.
 
     Args:
         time: (n,) evenly spaced times [s].
@@ -59,9 +41,7 @@ def find_oscillation(time: FloatArray, angular_velocity_in_base: FloatArray, tim
     if (last - first) * step < _SHORTEST * time_scale:
         return None
     found = _dominant(angular_velocity_in_base[first:last], step)
-    if not found:
-        return None
-    return Oscillation(float(time[first]), float(time[last - 1]), found)
+    return (float(time[first]), float(time[last - 1]), found) if found else None
 
 
 def _dominant(angular_velocity_in_base: FloatArray, step: float) -> dict[Axis, float]:

@@ -77,17 +77,8 @@ def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[LoggedRe
         if reason_unused is None and torque is not None:
             reason_unused = why_not_carried(robot, position, torque)
         start, end = float(track.time[first] - track.step / 2), float(track.time[last - 1] + track.step / 2)
-        rests.append(
-            LoggedRest(
-                start,
-                end,
-                position,
-                up,
-                track.angular_velocity_in_base[part].mean(axis=0),
-                folded,
-                reason_unused,
-            )
-        )
+        turning = track.angular_velocity_in_base[part].mean(axis=0)
+        rests.append(LoggedRest(start, end, position, up, turning, folded, reason_unused))
     return rests
 
 

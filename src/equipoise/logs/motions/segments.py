@@ -16,15 +16,15 @@ from typing import Literal
 
 import numpy as np
 
-from equipoise.conventions import FloatArray
+from equipoise.conventions import Axis, FloatArray
 from equipoise.estimator.diagnostics.screening import screen
 from equipoise.estimator.measurements.leg_motion import LegChains
 from equipoise.estimator.measurements.walking import CONTEXT, MARGIN, gyro_bias_of_walks
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.motions.diagonal_stances import SHORTEST_STANCE, diagonal_stances, why_no_lift
 from equipoise.logs.motions.foot_paths import FootPaths
-from equipoise.logs.motions.loads import Contacts, FootForces
-from equipoise.logs.motions.oscillation import Oscillation, find_oscillation
+from equipoise.logs.motions.loads import Contacts, FootLoads
+from equipoise.logs.motions.oscillation import find_oscillation
 from equipoise.logs.motions.rests import LoggedRest, find_rests, why_not_carried
 from equipoise.logs.motions.track import Track
 from equipoise.logs.motions.walking_feet import SHORTEST_ON_THREE, WalkingFeet, crawls, walks
@@ -101,7 +101,7 @@ def find_segments(
     robot: RobotModel,
     stance: Stance,
     recording: Recording,
-    foot_forces: FootForces | None = None,
+    foot_forces: FootLoads | None = None,
     findings: list[LogFinding] | None = None,
 ) -> list[LogSegment]:
     """Return all segments of a recording, in order of time.
@@ -139,9 +139,7 @@ def _gyro_bias(stance: Stance, tracks: Sequence[Track], rests: Sequence[LoggedRe
     if rests:
         return np.asarray(np.median([rest.angular_velocity_in_base for rest in rests], axis=0), dtype=float)
     long = [track for track in tracks if len(track.time) * track.step > 2 * CONTEXT * stance.scale.time]
-    return gyro_bias_of_walks(
-        [(track.time, track.angular_velocity_in_base, track.acceleration_in_base) for track in long]
-    )
+    return gyro_bias_of_walks([(one.time, one.angular_velocity_in_base, one.acceleration_in_base) for one in long])
 
 
 def usable(segments: Sequence[LogSegment]) -> list[Recording]:
@@ -224,9 +222,8 @@ class _PieceReader:
         reason_unused = self._why_no_crawl(steps)
         what = f"crawl, {len(steps)} times on three feet" if reason_unused is None else "crawl, its steps on three feet"
         trial = CrawlTrial(steps=tuple(steps), found_at=start)
-        return LogSegment(
-            start, end, "crawl", what, reason_unused, None if reason_unused else self._of_walk(start, end, trial)
-        )
+        recording = None if reason_unused else self._of_walk(start, end, trial)
+        return LogSegment(start, end, "crawl", what, reason_unused, recording)
 
     def _why_no_crawl(self, steps: Sequence[Step]) -> str | None:
         """Return why times on three feet determine nothing, or None."""
@@ -246,9 +243,8 @@ class _PieceReader:
     def _between_rests(self) -> list[LogSegment]:
         start, end = self.recording.joints.time[0], self.recording.joints.time[-1]
         if not self.rests:
-            return [
-                LogSegment(start, end, "motion", "motion", "no rest in it: the robot never stands still on four feet")
-            ]
+            reason_unused = "no rest in it: the robot never stands still on four feet"
+            return [LogSegment(start, end, "motion", "motion", reason_unused)]
         found: list[LogSegment] = []
         if self.rests[0].start > start + self.track.step:
             found.append(LogSegment(start, self.rests[0].start, "motion", "motion", "no rest before it"))
@@ -276,9 +272,10 @@ class _PieceReader:
         rest = self.rests[index]
         if not rest.standing:
             return [LogSegment(rest.end, until, "motion", "motion", "no rest on four feet before it")]
-        paths = FootPaths.after(self.legs, self.track, rest, until)
-        if len(paths.time) < 2:
+        moving = self.track.part(self.track.indices(rest.end, until))
+        if len(moving.time) < 2:
             return []
+        paths = FootPaths.after(self.legs, moving, rest)
         lift = self._lift(index, paths, until)
         if lift is not None:
             return [lift]
@@ -296,10 +293,8 @@ class _PieceReader:
             return None
         first = stances[0]
         reason_unused = why_no_lift(paths, stances, rest, self.stance)
-        specific_force = np.linalg.norm(
-            self.track.acceleration_in_base[self.track.indices(first.start, first.end)], axis=1
-        )
-        if reason_unused is None and specific_force.size and specific_force.min() < _FALLING:
+        force = self.track.acceleration_in_base[self.track.indices(first.start, first.end)]
+        if reason_unused is None and np.linalg.norm(force, axis=1).min(initial=np.inf) < _FALLING:
             reason_unused = "it jumps: no foot is on the floor for a moment"
         if reason_unused is not None:
             return LogSegment(rest.end, until, "steps", f"steps, the first on {first.pair}", reason_unused)
@@ -307,7 +302,8 @@ class _PieceReader:
         begin, leaves = self._before(index)
         phases = [(Phase.REST, begin), (Phase.UNLOAD, leaves), (Phase.LOWER, first.end)]
         landed = min(first.end + _LANDED * scale.time, until)
-        whole = self.recording if index not in self._weighed else _without_torques(self.recording)
+        joints = self.recording.joints if index not in self._weighed else replace(self.recording.joints, torque=None)
+        whole = replace(self.recording, joints=joints)
         self._weighed.add(index)
         recording = marked(whole, phases, begin, landed, LiftTrial(diagonal=first.pair, found_at=begin))
         return LogSegment(rest.end, until, "lift", what, None, recording)
@@ -352,18 +348,16 @@ class _PieceReader:
 
     def _excitation(self, start: float, end: float) -> LogSegment | None:
         """Return the segment of an oscillation on four feet; None if there is none."""
-        part = self.track.indices(start, end)
-        found = find_oscillation(
-            self.track.time[part], self.track.angular_velocity_in_base[part], self.stance.scale.time
-        )
+        part = self.track.part(self.track.indices(start, end))
+        found = find_oscillation(part.time, part.angular_velocity_in_base, self.stance.scale.time)
         if found is None:
             return None
-        what = f"excitation, {found.words}"
+        axes = [f"{axis} {frequency:.1f} Hz" for axis, frequency in found[2].items()]
+        what = ", ".join(["excitation", *axes, f"{found[1] - found[0]:.1f} s"])
         if self.recording.joints.torque is None:
-            return LogSegment(
-                start, end, "excitation", what, "no joint torques: an excitation determines nothing without them"
-            )
-        return LogSegment(start, end, "excitation", what, None, self._excitation_recording(start, end, found))
+            reason_unused = "no joint torques: an excitation determines nothing without them"
+            return LogSegment(start, end, "excitation", what, reason_unused)
+        return LogSegment(start, end, "excitation", what, None, self._excitation_recording(start, end, *found))
 
     def _weighable(self, start: float, end: float, after: LoggedRest | None) -> LogSegment | None:
         """Return the segment of any other motion on four feet that is long enough for its torques to be informative.
@@ -373,12 +367,14 @@ class _PieceReader:
         short = end - start < _SHORTEST_EXCITATION * self.stance.scale.time
         if self.recording.joints.torque is None or short or after is None or not after.standing:
             return None
-        recording = self._excitation_recording(start, end, Oscillation(start, end, {}))
+        recording = self._excitation_recording(start, end, start, end, {})
         return LogSegment(start, end, "excitation", f"motion on four feet, {end - start:.1f} s", None, recording)
 
-    def _excitation_recording(self, start: float, end: float, steady: Oscillation) -> Recording:
-        phases = [(Phase.RAMP, start), (Phase.EXCITATION, steady.start), (Phase.END, steady.end)]
-        trial = ExcitationTrial(frequencies=steady.frequencies, found_at=start)
+    def _excitation_recording(
+        self, start: float, end: float, steady_from: float, steady_to: float, frequencies: dict[Axis, float]
+    ) -> Recording:
+        phases = [(Phase.RAMP, start), (Phase.EXCITATION, steady_from), (Phase.END, steady_to)]
+        trial = ExcitationTrial(frequencies=frequencies, found_at=start)
         return marked(self.recording, phases, start, end, trial)
 
     def _not_standing(
@@ -424,10 +420,6 @@ class _PieceReader:
 def _moved(rest: LoggedRest, after: LoggedRest) -> float:
     """Return the largest change of a joint's position [rad]."""
     return float(np.abs(after.joint_position - rest.joint_position).max())
-
-
-def _without_torques(recording: Recording) -> Recording:
-    return replace(recording, joints=replace(recording.joints, torque=None))
 
 
 def marked(

@@ -5,7 +5,9 @@ Joints and IMU may have different rates and uneven samples: a mean over a step i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -51,18 +53,17 @@ class Track:
             time_scale: factor on times, of the robot's scale; one on an A1.
         """
         joints, imu, step = recording.joints, recording.imu, STEP * time_scale
-        start = max(joints.time[0], imu.time[0]) if joints.time.size and imu.time.size else 0.0
-        end = min(joints.time[-1], imu.time[-1]) if joints.time.size and imu.time.size else 0.0
+        start, end = max(joints.time[0], imu.time[0]), min(joints.time[-1], imu.time[-1])
         count = max(1, int((end - start) / step + 1e-9) + 1)
         edges: FloatArray = np.asarray(start + step * np.arange(count), dtype=float)
         to_base = np.array(robot.imu_in_base.rotation).T
         return cls(
             (edges[1:] + edges[:-1]) / 2,
             step,
-            _means(joints.time, joints.position, edges),
-            _means(imu.time, imu.angular_velocity_in_imu, edges) @ to_base,
-            _means(imu.time, imu.acceleration_in_imu, edges) @ to_base,
-            None if joints.torque is None else _means(joints.time, joints.torque, edges),
+            means(joints.time, joints.position, edges),
+            means(imu.time, imu.angular_velocity_in_imu, edges) @ to_base,
+            means(imu.time, imu.acceleration_in_imu, edges) @ to_base,
+            None if joints.torque is None else means(joints.time, joints.torque, edges),
             _noise_of_means(imu.time, imu.angular_velocity_in_imu, step),
             _noise_of_means(joints.time, joints.position, step),
         )
@@ -73,15 +74,8 @@ class Track:
 
     def part(self, steps: slice) -> Track:
         """Return some of the steps."""
-        torque = None if self.joint_torque is None else self.joint_torque[steps]
-        return replace(
-            self,
-            time=self.time[steps],
-            joint_position=self.joint_position[steps],
-            angular_velocity_in_base=self.angular_velocity_in_base[steps],
-            acceleration_in_base=self.acceleration_in_base[steps],
-            joint_torque=torque,
-        )
+        values: dict[str, Any] = vars(self)
+        return replace(self, **{name: each[steps] for name, each in values.items() if isinstance(each, np.ndarray)})
 
     def indices(self, start: float, end: float) -> slice:
         """Return the steps whose middles are within start <= time < end [s]."""
@@ -94,32 +88,24 @@ def at_once(count: int) -> list[slice]:
     return [slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE)]
 
 
-class Integral:
-    """Integral of (m, k) linearly interpolated samples, for means over any steps."""
+def integral(time: FloatArray, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Return a function that returns the (n, k) integrals of (m, k) linearly interpolated samples up to n times."""
+    # Contiguous, as `interp` would make them each time.
+    integrals, half_steps = np.zeros(values.T.shape), np.diff(time) / 2
+    np.cumsum((values[1:] + values[:-1]).T * half_steps, axis=1, out=integrals[:, 1:])
 
-    def __init__(self, time: FloatArray, values: FloatArray) -> None:
-        self._time = time
-        # Contiguous, as `interp` would make them each time.
-        integrals, half_steps = np.zeros(values.T.shape), np.diff(time) / 2
-        np.cumsum((values[1:] + values[:-1]).T * half_steps, axis=1, out=integrals[:, 1:])
-        self._columns = list(integrals)
-
-    def means(self, edges: FloatArray) -> FloatArray:
-        """Return (n - 1, k) means between n edges, which should not be closer together than the samples."""
-        return np.diff(self._at(edges), axis=0) / np.diff(edges)[:, None]
-
-    def means_between(self, begin: FloatArray, end: FloatArray) -> FloatArray:
-        """Return (n, k) means over n steps from (n,) times to (n,) times."""
-        return (self._at(end) - self._at(begin)) / (end - begin)[:, None]
-
-    def _at(self, time: FloatArray) -> FloatArray:
-        columns: list[FloatArray] = [np.interp(time, self._time, column) for column in self._columns]
+    def at(when: FloatArray) -> FloatArray:
+        columns: list[FloatArray] = [np.interp(when, time, column) for column in integrals]
         return np.column_stack(columns)
 
+    return at
 
-def _means(time: FloatArray, values: FloatArray, edges: FloatArray) -> FloatArray:
-    """Return `Integral.means`, column by column to save memory."""
-    return np.hstack([Integral(time, column[:, None]).means(edges) for column in values.T])
+
+def means(time: FloatArray, values: FloatArray, edges: FloatArray) -> FloatArray:
+    """Return (n - 1, k) means of (m, k) samples between n edges, which should not be closer together than the samples."""
+    # Column by column, to save memory.
+    parts = [np.diff(integral(time, column[:, None])(edges), axis=0) for column in values.T]
+    return np.hstack(parts) / np.diff(edges)[:, None]
 
 
 def _noise_of_means(time: FloatArray, values: FloatArray, step: float) -> float:

@@ -39,16 +39,6 @@ SHORTEST_ON_THREE = 0.25
 """[s] on an A1: longer than a foot is up in a trot, even one that lands late."""
 
 
-def find_steps(legs: LegChains, stance: Stance, track: Track) -> tuple[list[Step], FloatArray]:
-    """Return all times on two feet in order, and the (n,) angle by which the robot has turned to its left so far [rad].
-
-    Args:
-        track: samples with the gyroscope's bias removed.
-    """
-    walking = WalkingFeet.of(legs, stance, track)
-    return ([], np.zeros(len(track.time))) if walking is None else (walking.on_two(), walking.turned)
-
-
 @dataclass(frozen=True, eq=False)
 class WalkingFeet:
     """Positions and velocities of the feet, in n steps of a track.
@@ -89,8 +79,8 @@ class WalkingFeet:
         found: list[Step] = []
         for standing in PAIRS.values():
             feet = [LEG_NAMES.index(leg) for leg in standing]
-            spans = [span for span in self._standing(feet, _SHORTEST) if not self._stand_too(feet, *span)]
-            found += [Step(standing, start, end) for start, end in spans]
+            spans = self._standing(feet, _SHORTEST, self.carried)
+            found += [Step(standing, *span) for span in spans if not self._stand_too(feet, *span)]
         return sorted(found, key=lambda step: step.start)
 
     def on_three(self) -> list[Step]:
@@ -103,7 +93,7 @@ class WalkingFeet:
         for lifted in range(4):
             standing = [foot for foot in range(4) if foot != lifted]
             hips = self.stance.hip_height + nominal - self.height[:, standing].mean(axis=1)
-            where = hips > LOWEST * self.stance.hip_height
+            where = self.carried & (hips > LOWEST * self.stance.hip_height)
             where &= _above_plane(self.foot[:, lifted], self.foot[:, standing]) > _CLEAR * self.stance.scale.length
             legs = tuple(LEG_NAMES[foot] for foot in standing)
             found += [Step(legs, start, end) for start, end in self._standing(standing, SHORTEST_ON_THREE, where)]
@@ -128,25 +118,21 @@ class WalkingFeet:
         ]
         return bool(np.max(raised) < _CLEAR * self.stance.scale.length)
 
-    def _standing(
-        self, feet: list[int], shortest: float, where: NDArray[np.bool_] | None = None
-    ) -> list[tuple[float, float]]:
+    def _standing(self, feet: list[int], shortest: float, where: NDArray[np.bool_]) -> list[tuple[float, float]]:
         """Return the times [s] in which some feet stand, by index, and the others are off the floor.
 
         Args:
             shortest: shortest duration that counts, on an A1 [s].
-            where: (n,) whether the times are considered; None: all are.
+            where: (n,) whether the times are considered.
         """
         scale, height, time = self.stance.scale, self.height, self.time
         lifted = [foot for foot in range(4) if foot not in feet]
         lowest = height[:, lifted].min(axis=1) - height[:, feet].mean(axis=1)
-        standing = self.carried & (lowest > _CLEAR * scale.length)
+        standing = where & (lowest > _CLEAR * scale.length)
         for one, other in combinations(feet, 2):
             slip = np.linalg.norm(self.velocity[:, one] - self.velocity[:, other], axis=1)
             standing &= slip < _SLIP * scale.length / scale.time
             standing &= np.abs(height[:, one] - height[:, other]) < _UNEVEN * scale.length
-        if where is not None:
-            standing &= where
         spans = [(float(time[first]), float(time[last - 1])) for first, last in true_runs(standing)]
         return [(start, end) for start, end in spans if end - start >= shortest * scale.time]
 
