@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,6 +14,7 @@ from equipoise.errors import MotionError, RecordingError
 from equipoise.estimator.diagnostics.screening import in_order_of_legs, screen_log
 from equipoise.estimator.measurements.scale_reading import check_mass_of
 from equipoise.estimator.unknowns import Priors
+from equipoise.json_form import to_json
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import LogSegment, find_segments, usable
@@ -34,7 +34,8 @@ _WALKING_TILT, _MARKER_POSITION = 0.01, 0.01  # [rad], [m]
 _STANDS = 0.05  # [rad] by which a joint of a standing robot moves at most
 _UPSIDE_DOWN = 0.7  # cosine of the largest angle between the measured vertical and straight down
 _OTHER_ORDERS = (("FR", "FL", "RR", "RL"), ("RL", "RR", "FL", "FR"), ("RR", "RL", "FR", "FL"))
-_SLOW_JOINTS, _SLOW_IMU = 80.0, 80.0  # [Hz] on an A1
+_SLOW = 80.0  # [Hz] on an A1
+_OF_SEGMENT = ("start", "end", "kind", "what", "used", "reason_unused")  # in the JSON form
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +59,8 @@ class LogReport:
         return {
             "about": dict(self.log.about),
             **self.log.joint_map.to_dict(),
-            "segments": [_segment_to_dict(segment) for segment in self.segments],
-            "findings": [dataclasses.asdict(finding) for finding in self.findings],
+            "segments": [{name: getattr(segment, name) for name in _OF_SEGMENT} for segment in self.segments],
+            "findings": to_json(self.findings),
             "limitations": list(self.limitations),
         }
 
@@ -120,7 +121,7 @@ def estimate_segments(
     if most_walks is not None:
         report = replace(report, segments=tuple(_with_fewer_walks(report.segments, most_walks)))
     recordings = usable(report.segments)
-    method = _with_wide_mounting_prior(method, recordings, recordings[0].imu.pose_noise is not None)
+    method = _with_wide_mounting_prior(method, recordings)
     try:
         result = method.estimate(robot, recordings, nominal_stance(robot), lifts_needed=False)
     except RecordingError as error:
@@ -157,9 +158,7 @@ def estimate_standing_log(robot: RobotModel, log: Log, method: Method) -> LogEst
     return LogEstimate(result, LogReport(log, (segment,), log.findings))
 
 
-def _with_wide_mounting_prior(
-    method: BayesianMethod, recordings: Sequence[Recording], from_pose: bool
-) -> BayesianMethod:
+def _with_wide_mounting_prior(method: BayesianMethod, recordings: Sequence[Recording]) -> BayesianMethod:
     """Return the method with prior stds of the IMU's mounting that cover real robots, unless the user set them.
 
     Stance motions determine the tilt whatever the prior is; after a walk alone the intervals depend on the prior. The markers
@@ -167,6 +166,7 @@ def _with_wide_mounting_prior(
     """
     if method.prior_run is not None:
         return method
+    from_pose = recordings[0].imu.pose_noise is not None
     wide: dict[str, float] = {"imu_position": _MARKER_POSITION} if from_pose else {}
     if from_pose or not any(isinstance(one.trial, PostureTrial) for one in recordings):
         wide["imu_tilt"] = _WALKING_TILT
@@ -203,7 +203,8 @@ def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findi
 def _check_legs(robot: RobotModel, stance: Stance, recording: Recording) -> None:
     """Raise RecordingError if the gyroscope agrees with the legs once these are in another order."""
     for order in _OTHER_ORDERS:
-        if _agrees(robot, stance, _reordered(robot, recording, order)):
+        position = in_order_of_legs(robot, recording.joints.position, order)
+        if _agrees(robot, stance, replace(recording, joints=replace(recording.joints, position=position))):
             raise RecordingError(
                 f"the joints were read in the order of legs {' '.join(LEG_NAMES)}; the gyroscope agrees with the legs only in "
                 f"the order {' '.join(order)}: name the joints in a file for --joint-map or --columns"
@@ -215,12 +216,6 @@ def _agrees(robot: RobotModel, stance: Stance, recording: Recording) -> bool:
         compared = compare_gyroscope(robot, stance, recording)
         return compared is not None and compared.agrees
     return False
-
-
-def _reordered(robot: RobotModel, recording: Recording, legs: Sequence[str]) -> Recording:
-    """Return a recording whose joints are read as those of legs in another order."""
-    position = in_order_of_legs(robot, recording.joints.position, legs)
-    return replace(recording, joints=replace(recording.joints, position=position))
 
 
 def _check_upright(robot: RobotModel, recording: Recording) -> None:
@@ -235,17 +230,10 @@ def _check_upright(robot: RobotModel, recording: Recording) -> None:
 
 
 def _rates(recording: Recording, stance: Stance) -> list[LogFinding]:
-    slow = [
-        (name, rate(stream.time), least / stance.scale.time)
-        for name, stream, least in (("joint", recording.joints, _SLOW_JOINTS), ("IMU", recording.imu, _SLOW_IMU))
-        if rate(stream.time) < least / stance.scale.time
-    ]
-    return [
-        LogFinding(
-            "rates", f"{name} samples come at {found:.0f} Hz; a lift lasts half a second and needs {wanted:.0f} Hz"
-        )
-        for name, found, wanted in slow
-    ]
+    wanted = _SLOW / stance.scale.time
+    rates = [("joint", rate(recording.joints.time)), ("IMU", rate(recording.imu.time))]
+    message = "{} samples come at {:.0f} Hz; a lift lasts half a second and needs {:.0f} Hz"
+    return [LogFinding("rates", message.format(name, found, wanted)) for name, found in rates if found < wanted]
 
 
 def _with_fewer_walks(segments: Sequence[LogSegment], most: int) -> Sequence[LogSegment]:
@@ -263,17 +251,12 @@ def _with_fewer_walks(segments: Sequence[LogSegment], most: int) -> Sequence[Log
 def _judged(segments: Sequence[LogSegment], result: Calibration) -> tuple[LogSegment, ...]:
     """Return the segments with the estimate's notes: trials are in the order of their recordings."""
     notes = iter([trial.note for trial in result.trials])
-    judged: list[LogSegment] = []
-    for segment in segments:
-        note = next(notes) if segment.recording is not None else None
-        judged.append(segment if note is None else replace(segment, reason_unused=note))
-    return tuple(judged)
+    return tuple(one if one.recording is None else replace(one, reason_unused=next(notes)) for one in segments)
 
 
 def _limitations(result: Calibration, report: LogReport, method: BayesianMethod) -> list[str]:
     """Return messages on what the log does not determine, causes first."""
-    used = [segment for segment in report.segments if segment.used and segment.recording is not None]
-    trials = [segment.recording.trial for segment in used if segment.recording is not None]
+    trials = [one.recording.trial for one in report.segments if one.used and one.recording is not None]
     diagonals = {trial.diagonal for trial in trials if isinstance(trial, LiftTrial)}
     crawls = any(isinstance(trial, CrawlTrial) for trial in trials)
     pairs = {step.pair for trial in trials if isinstance(trial, WalkTrial) for step in trial.steps}
@@ -329,10 +312,3 @@ def _nothing_usable(report: LogReport) -> RecordingError:
         report,
         details={"log": report.to_dict()},
     )
-
-
-def _segment_to_dict(segment: LogSegment) -> Mapping[str, Any]:
-    return {
-        "start": segment.start, "end": segment.end, "kind": segment.kind, "what": segment.what, "used": segment.used,
-        "reason_unused": segment.reason_unused,
-    }  # fmt: skip
